@@ -1,4 +1,5 @@
-"""How far do areas and the mean of a forecast scatter by chance alone? Runs with other seeds, by number of particles.
+"""How far do areas and the mean of a forecast scatter by chance alone? Runs with other seeds, by
+number of particles.
 
 The scatter of n runs errs by 1 / sqrt(2 (n - 1)) of itself.
 
@@ -57,12 +58,18 @@ SMALLEST = (500, 1_000)
 
 
 def main() -> None:
-    """Print a row for each case and number of particles: mean areas, and scatter of areas and of the mean position."""
+    """Print a row for each case and number of particles: mean areas, and scatter of areas and of
+    the mean position.
+    """
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("seeds", nargs="?", type=int, default=100)
     seeds = smallest.parse(parser, seeds=2).seeds
-    print(f"{seeds} seeds: scatter (one standard deviation) known to {100 / np.sqrt(2 * (seeds - 1)):.0f} % of itself")
-    print(f"{'case':<24}{'particles':>10}  areas 50, 75, 95 % [nmi2]    scatter [%]          mean position [m]")
+    print(
+        f"{seeds} seeds: scatter (one standard deviation) known to {100 / np.sqrt(2 * (seeds - 1)):.0f} % of itself"
+    )
+    print(
+        f"{'case':<24}{'particles':>10}  areas 50, 75, 95 % [nmi2]    scatter [%]          mean position [m]"
+    )
     for text in CASES:
         path = Path(tempfile.mkdtemp()) / "case.toml"
         path.write_text(text, encoding="utf-8")

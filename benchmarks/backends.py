@@ -2,12 +2,14 @@
 
     python benchmarks/backends.py [vulkan ...] [--particles 4000] [--only TEXT] [--out FOLDER]
 
-Each command that moves particles runs on the CPU and on each backend in a process of its own; results that FOLDER holds already are not made again. The
-table in Markdown: whether it ran, seconds on both, how far particles are apart [m] (median, 99 %, most), how many have another status,
-and the largest differences of POS or another probability, and of an area, in `summary.json` or its like. Rows that end in `=` compare a backend
-with itself: the same run twice, and cut into three shards; there every file must be the same to the bit. Without
-data (DRIFT_DATA) the cases that need them are left out, with a word. What resamples draws other particles where a
-rounding decides: particles of such runs can't be told apart one by one, and their areas scatter.
+Each command that moves particles runs on the CPU and on each backend in a process of its own;
+results that FOLDER holds already are not made again. The table in Markdown: whether it ran, seconds
+on both, how far particles are apart [m] (median, 99 %, most), how many have another status, and the
+largest differences of POS or another probability, and of an area, in `summary.json` or its like.
+Rows that end in `=` compare a backend with itself: the same run twice, and cut into three shards;
+there every file must be the same to the bit. Without data (DRIFT_DATA) the cases that need them are
+left out, with a word. What resamples draws other particles where a rounding decides: particles of
+such runs can't be told apart one by one, and their areas scatter.
 """
 
 import argparse
@@ -59,19 +61,31 @@ def commands(particles: int) -> dict[str, list[str]]:
 
 
 def tried(arguments: list[str], backend: str, out: Path) -> tuple[str, float]:
-    """Run a command unless its results are there; return what went wrong, "" if nothing did, and seconds."""
+    """Run a command unless its results are there; return what went wrong, "" if nothing did, and
+    seconds.
+    """
     told = out.with_suffix(".json")
     if told.exists():
         kept = json.loads(told.read_text())
         return kept["wrong"], kept["seconds"]
-    command = [sys.executable, "-m", "drift", *arguments, "--out", str(out), "--overwrite", "--quiet"]
+    command = [
+        sys.executable,
+        "-m",
+        "drift",
+        *arguments,
+        "--out",
+        str(out),
+        "--overwrite",
+        "--quiet",
+    ]
     if arguments[0] not in ("compare", "sensor") or backend != "cpu":
         command += ["--backend", backend]
     begin = time.perf_counter()
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     seconds = time.perf_counter() - begin
     lines = done.stderr.strip().splitlines() or ["failed"]
-    whole = done.returncode == 0 or "missed [expect]" in done.stderr  # so few particles miss what a case expects
+    # so few particles miss what a case expects
+    whole = done.returncode == 0 or "missed [expect]" in done.stderr
     wrong = "" if whole else lines[-1]
     told.write_text(json.dumps({"wrong": wrong, "seconds": seconds}))
     return wrong, seconds
@@ -105,7 +119,11 @@ def particles_apart(one: Path, other: Path) -> str:
     with xr.open_dataset(one / "particles.nc") as a, xr.open_dataset(other / "particles.nc") as b:
         if a.sizes != b.sizes:
             return "| other particles | "
-        places = [np.radians(each[name].values.astype(float)) for each in (a, b) for name in ("lon", "lat")]
+        places = [
+            np.radians(each[name].values.astype(float))
+            for each in (a, b)
+            for name in ("lon", "lat")
+        ]
         apart = sphere.distance(*places)
         apart = apart[np.isfinite(apart)]
         other_status = int((a.status.values != b.status.values).sum()) if "status" in a else 0
@@ -116,14 +134,20 @@ def particles_apart(one: Path, other: Path) -> str:
 
 
 def figures_apart(one: Path, other: Path) -> str:
-    """Return the largest difference of a probability, and relative one of an area, with their paths."""
+    """Return the largest difference of a probability, and relative one of an area, with their
+    paths.
+    """
     a, b = told(one), told(other)
     cells = []
     for words, relative in ((PROBABILITIES, False), (("area",), True)):
         rows = [
-            (abs(a[key] - b[key]) / (max(abs(a[key]), abs(b[key]), 1e-30) if relative else 1.0), key)
+            (
+                abs(a[key] - b[key]) / (max(abs(a[key]), abs(b[key]), 1e-30) if relative else 1.0),
+                key,
+            )
             for key in a.keys() & b.keys()
-            if any(word in key.lower() for word in words) and not any(word in key for word in ("ess", "effective"))
+            if any(word in key.lower() for word in words)
+            and not any(word in key for word in ("ess", "effective"))
         ]
         rows = [row for row in rows if np.isfinite(row[0])]
         cells.append("| {:.1e} {}".format(*max(rows)) if rows else "| ")
@@ -141,7 +165,9 @@ def same_bits(one: Path, other: Path) -> str:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("backends", nargs="*", default=["vulkan"])
     parser.add_argument("--particles", type=int, default=4000)
     parser.add_argument("--only", default="", help="only commands whose name has this text")
@@ -164,7 +190,9 @@ def main() -> None:
         for backend in given.backends:
             out = own / f"on {backend}"  # the processor against itself, too
             wrong, seconds = tried(arguments, backend, out)
-            row = f"| {name} | {backend} | {wrong[:80] or 'yes'} | {seconds:.1f} | {cpu_seconds:.1f} "
+            row = (
+                f"| {name} | {backend} | {wrong[:80] or 'yes'} | {seconds:.1f} | {cpu_seconds:.1f} "
+            )
             if not wrong:
                 row += f"{particles_apart(own / 'cpu', out)} {figures_apart(own / 'cpu', out)} |"
             print(row, flush=True)

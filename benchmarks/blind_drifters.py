@@ -1,12 +1,14 @@
-"""Do areas hold what they say of drifters drawn from the case's own law beside a coast, where many run aground?
+"""Do areas hold what they say of drifters drawn from the case's own law beside a coast, where many
+run aground?
 
     python benchmarks/blind_drifters.py [DRIFTERS] [--particles N] [--law NAME] [--seed N]
 
-Drifters are simulated here in float64 NumPy (steps of two minutes, errors from their exact transition, land by
-shapely), which shares no code with the program. `drift verify` forecasts each once, from its begin. A line for each law
-and lead says how many drifters were aground, how many particles, and which share of the drifters each area held, with
-the difference in standard errors of independent trials. Of 80 differences, one beyond 3 is expected in 5 runs.
-DRIFTERS: 400; 60 takes a minute and tells only gross errors.
+Drifters are simulated here in float64 NumPy (steps of two minutes, errors from their exact
+transition, land by shapely), which shares no code with the program. `drift verify` forecasts each
+once, from its begin. A line for each law and lead says how many drifters were aground, how many
+particles, and which share of the drifters each area held, with the difference in standard errors of
+independent trials. Of 80 differences, one beyond 3 is expected in 5 runs. DRIFTERS: 400; 60 takes a
+minute and tells only gross errors.
 """
 
 import argparse
@@ -32,17 +34,38 @@ LON, LAT = -40.0, 40.0  # where all begin
 
 STRAIGHT = [[(-48, 40.2), (-32, 40.2), (-32, 44), (-48, 44)]]
 HEADLAND = [  # a coast that turns, and an island before it
-    [(-48, 40.3), (-39.9, 40.3), (-39.85, 39.95), (-39.6, 39.9), (-39.5, 40.3), (-32, 40.3), (-32, 44), (-48, 44)],
+    [
+        (-48, 40.3),
+        (-39.9, 40.3),
+        (-39.85, 39.95),
+        (-39.6, 39.9),
+        (-39.5, 40.3),
+        (-32, 40.3),
+        (-32, 44),
+        (-48, 44),
+    ],
     [(-40.1, 40.1), (-39.98, 40.06), (-39.96, 40.16), (-40.08, 40.2)],
 ]
 BAY = [  # open to the west
-    [(-39.9, 40.1), (-39.5, 40.15), (-39.45, 39.9), (-39.9, 39.92), (-39.9, 39.5), (-32, 39.5), (-32, 44), (-39.9, 44)],
+    [
+        (-39.9, 40.1),
+        (-39.5, 40.15),
+        (-39.45, 39.9),
+        (-39.9, 39.92),
+        (-39.9, 39.5),
+        (-32, 39.5),
+        (-32, 44),
+        (-39.9, 44),
+    ],
 ]
 
 
 @dataclass(frozen=True)
 class Law:
-    """A law of drift and a coast; SI. current, wind: functions of the time since the begin [s], east and north [m/s]."""
+    """A law of drift and a coast;
+
+    SI. current, wind: functions of the time since the begin [s], east and north [m/s].
+    """
 
     land: list[list[tuple[float, float]]]  # rings [deg]
     current: Callable[[float], tuple[float, float]]
@@ -97,13 +120,21 @@ def simulated(law: Law, count: int, rng: np.random.Generator) -> list[Track]:
         blown = wind_keep * wind_error
         blown = blown + law.wind_std * math.sqrt(1 - wind_keep**2) * rng.standard_normal((2, count))
         wind = np.array(law.wind)[:, None] + (wind_error + blown) / 2
-        velocity = np.array(law.current(time + STEP / 2))[:, None] + (error + new) / 2 + bias + law.windage * wind
+        velocity = (
+            np.array(law.current(time + STEP / 2))[:, None]
+            + (error + new) / 2
+            + bias
+            + law.windage * wind
+        )
         error, wind_error = new, blown
         walk = math.sqrt(2 * law.diffusivity * STEP) * rng.standard_normal((2, count))
-        # What has lain its time goes on once its drift leads off the shore, which is straight there: southward.
+        # What has lain its time goes on once its drift leads off the shore, which is straight
+        # there: southward.
         lies = free_from > 0
         leaves = lies & (free_from <= time) & (velocity[1] < 0)
-        place = np.where(leaves, moved(place, np.array([np.zeros(count), np.full(count, -law.offing)])), place)
+        place = np.where(
+            leaves, moved(place, np.array([np.zeros(count), np.full(count, -law.offing)])), place
+        )
         free_from = np.where(leaves, 0.0, free_from)
         goes = ~lies | leaves
         target = np.where(goes, moved(place, velocity * STEP + walk), place)
@@ -112,7 +143,11 @@ def simulated(law: Law, count: int, rng: np.random.Generator) -> list[Track]:
             target[1] = np.where(hit, law.land[0][0][1] - 1e-6, target[1])
         else:
             target[:, hit] = shore(land, place[:, hit], target[:, hit])
-            wait = rng.exponential(law.half_life / math.log(2), count) if law.half_life else np.full(count, np.inf)
+            wait = (
+                rng.exponential(law.half_life / math.log(2), count)
+                if law.half_life
+                else np.full(count, np.inf)
+            )
             free_from = np.where(hit, time + STEP + wait, free_from)
         place = target
         if (k + 1) * STEP % FIX == 0:
@@ -143,17 +178,23 @@ def case(law: Law, folder: Path, particles_seed: int) -> drift.Case:
     """Return the case of a law, which is written to a folder."""
     rings = [[[*ring, ring[0]]] for ring in law.land]
     features = [
-        {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": ring}} for ring in rings
+        {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": ring}}
+        for ring in rings
     ]
     (folder / "land.geojson").write_text(
-        str({"type": "FeatureCollection", "features": features}).replace("'", '"').replace("(", "[").replace(")", "]")
+        str({"type": "FeatureCollection", "features": features})
+        .replace("'", '"')
+        .replace("(", "[")
+        .replace(")", "]")
     )
     steady = law.current(0.0) == law.current(7 * 3600.0)
     rows = [
         f'{{ time = "{np.datetime64(BEGIN + t, "s")}Z", east = {law.current(t)[0]}, north = {law.current(t)[1]} }}'
         for t in range(0, (HOURS + 1) * 3600, HOURS * 3600 if steady else 3600)
     ]
-    refloats = f'half_life = "{law.half_life} s"\noffing = "{law.offing} m"\n' if law.half_life else ""
+    refloats = (
+        f'half_life = "{law.half_life} s"\noffing = "{law.offing} m"\n' if law.half_life else ""
+    )
     (folder / "case.toml").write_text(
         f'start = "{np.datetime64(BEGIN, "s")}Z"\nduration = "48 h"\nseed = {particles_seed}\n'
         f'[coast]\nsource = "land.geojson"\nbehaviour = "{law.behaviour}"\n{refloats}'
@@ -173,7 +214,9 @@ def verified(law: Law, count: int, particles: int, seed: int) -> Verification:
     tracks = simulated(law, count, np.random.default_rng(seed))
     with tempfile.TemporaryDirectory() as folder:
         made = case(law, Path(folder), seed + 1)
-        return drift.verify(made, tracks, every=HOURS * 3600.0, hours=48, error=10.0, particles=particles)
+        return drift.verify(
+            made, tracks, every=HOURS * 3600.0, hours=48, error=10.0, particles=particles
+        )
 
 
 def differences(found: Verification) -> Iterator[tuple[int, float, float, float]]:
@@ -181,7 +224,12 @@ def differences(found: Verification) -> Iterator[tuple[int, float, float, float]
     for number, lead in enumerate(found.leads):
         for share in SHARES:
             held = float((found.containment[:, number] <= share).mean())
-            yield int(lead), share, held, (held - share) / math.sqrt(share * (1 - share) / found.skill.size)
+            yield (
+                int(lead),
+                share,
+                held,
+                (held - share) / math.sqrt(share * (1 - share) / found.skill.size),
+            )
 
 
 def main() -> None:
@@ -199,7 +247,11 @@ def main() -> None:
         rows = list(differences(found))
         for lead in LEADS:
             column = int(np.searchsorted(found.hours, lead))
-            told = [f"{share:.0%} held {held:.1%} ({z:+.1f})" for hours, share, held, z in rows if hours == lead]
+            told = [
+                f"{share:.0%} held {held:.1%} ({z:+.1f})"
+                for hours, share, held, z in rows
+                if hours == lead
+            ]
             ashore = f"aground {found.aground[:, column].mean():.0%}, particles {found.ashore[:, column].mean():.0%}"
             print(f"  after {lead:2} h: {ashore}; {', '.join(told)}", flush=True)
         beyond += sum(abs(z) > 3 for *_, z in rows)

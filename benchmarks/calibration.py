@@ -1,13 +1,16 @@
-"""Are the washup forecasts of a spill as sure as they may be? Simulation-based calibration on the Gulf coast.
+"""Are the washup forecasts of a spill as sure as they may be? Simulation-based calibration on the
+Gulf coast.
 
     python benchmarks/calibration.py [TRUTHS] [--worlds N] [--picture FILE.png] [--wrong FACTOR]
 
-Truths are spills drawn from the prior of the case gulf_containers (100 objects, more of them reported), each drifted as one
-world of its own with another seed. After 0, 1, 5 and 20 finds each is forecast, and where the truth lies among the
-simulated spills of the forecast, its rank, must be uniform (Cook, Gelman and Rubin 2006, doi:10.1198/106186006X136976;
-Talts et al. 2018, arXiv:1804.06788): the number of all that come ashore by the end, and the number on stretches with a mean
-of at least 1 (counts: randomised ranks). Beside it the same forecast without worlds, every unknown drawn for each object
-alone. --wrong: the forecaster believes in reporting rates that are too high by a factor.
+Truths are spills drawn from the prior of the case gulf_containers (100 objects, more of them
+reported), each drifted as one world of its own with another seed. After 0, 1, 5 and 20 finds each
+is forecast, and where the truth lies among the simulated spills of the forecast, its rank, must be
+uniform (Cook, Gelman and Rubin 2006, doi:10.1198/106186006X136976; Talts et al. 2018,
+arXiv:1804.06788): the number of all that come ashore by the end, and the number on stretches with a
+mean of at least 1 (counts: randomised ranks). Beside it the same forecast without worlds, every
+unknown drawn for each object alone. --wrong: the forecaster believes in reporting rates that are
+too high by a factor.
 """
 
 import argparse
@@ -62,7 +65,9 @@ def bank(seed: int, worlds: int) -> Bank:
     with SnapshotStore.of_run(
         case.period, begin.ensemble, moments, len(outputs), worlds=True, more=book.note
     ) as snapshots:
-        known = evidence.build_evidence(case.period, case.spill, segments, where.coast, begin.worlds)
+        known = evidence.build_evidence(
+            case.period, case.spill, segments, where.coast, begin.worlds
+        )
         spool.PART = 2**40  # all worlds in one part
         (fates,) = renewal.kept(case.period, case.spill, snapshots, segments, known).parts()
     begin.scene.forcing.close()
@@ -103,8 +108,18 @@ def rank(truth: float, sample: np.ndarray, weight: np.ndarray, rng: np.random.Ge
     return float(below + rng.random() * equal)
 
 
-def ranks(made: Bank, truth: Truth, known: finds.Known, count: int, end: int, rng: np.random.Generator, seed: int):
-    """Return (total, stretches, without worlds total, stretches; effective worlds) after a number of finds; None too few."""
+def ranks(
+    made: Bank,
+    truth: Truth,
+    known: finds.Known,
+    count: int,
+    end: int,
+    rng: np.random.Generator,
+    seed: int,
+):
+    """Return (total, stretches, without worlds total, stretches; effective worlds) after a number
+    of finds; None too few.
+    """
     order = np.argsort(truth.found)[:count]
     if count and not np.isfinite(truth.found[order[-1]]):
         return None
@@ -160,8 +175,12 @@ def main() -> None:
     end = made.case.period.duration
     rng = np.random.default_rng(5)
     spills = truths(true, rng, end)
-    known = evidence.build_evidence(made.case.period, made.case.spill, made.segments, made.coast, made.worlds)
-    known = replace(known, reporting=replace(known.reporting, rate=known.reporting.rate * given.wrong))
+    known = evidence.build_evidence(
+        made.case.period, made.case.spill, made.segments, made.coast, made.worlds
+    )
+    known = replace(
+        known, reporting=replace(known.reporting, rate=known.reporting.rate * given.wrong)
+    )
     print(f"drifted in {time.perf_counter() - begin:.0f} s", flush=True)
     shown: dict[str, list[float]] = {}
     for count in FINDS:
@@ -179,7 +198,8 @@ def main() -> None:
                     shown.setdefault(name, []).extend(values[name])
         told = f"effective worlds: median {np.median(sizes):.0f}, least {min(sizes):.0f}; {time.perf_counter() - begin:.0f} s"
         print(line(f"{count} finds", total, stretch), told, flush=True)
-        # A run would draw worlds anew for the others; which they are depends on what was found alone, so ranks stay uniform.
+        # A run would draw worlds anew for the others; which they are depends on what was found
+        # alone, so ranks stay uniform.
         enough = [k for k, size in enumerate(sizes) if size >= renewal.FEWEST]
         total, stretch = [total[k] for k in enough], [stretch[k] for k in enough]
         told = (
@@ -188,14 +208,20 @@ def main() -> None:
             else f"{count} finds: no spill of which {renewal.FEWEST:.0f} worlds count"
         )
         print(told, flush=True)
-        shown[f"{count} finds, total"], shown[f"{count} finds, stretches"] = total, [r for one in stretch for r in one]
+        shown[f"{count} finds, total"], shown[f"{count} finds, stretches"] = (
+            total,
+            [r for one in stretch for r in one],
+        )
     print(line("without worlds", shown["total alone"], [[r] for r in shown["stretch alone"]]))
     if given.picture:
         draw(shown, given.picture, given.truths)
 
 
 def line(name: str, total: list[float], stretch: list[list[float]]) -> str:
-    """Return how uniform ranks are: Kolmogorov's p for totals; for stretches shares with errors by spill."""
+    """Return how uniform ranks are:
+
+    Kolmogorov's p for totals; for stretches shares with errors by spill.
+    """
     inside = np.array([np.mean([0.1 < r < 0.9 for r in one]) for one in stretch if one])
     mean = np.array([np.mean(one) for one in stretch if one])
     p = stats.kstest(total, "uniform").pvalue
@@ -220,13 +246,20 @@ def draw(shown: dict[str, list[float]], path: Path | io.BytesIO, number: int) ->
         values = np.array(shown[name])
         bins = 10
         dark = "alone" in name
-        ax.hist(values, np.linspace(0, 1, bins + 1), color="#8b2e16" if dark else "#27496d", edgecolor="white")
+        ax.hist(
+            values,
+            np.linspace(0, 1, bins + 1),
+            color="#8b2e16" if dark else "#27496d",
+            edgecolor="white",
+        )
         level = values.size / bins
         if "total" in name:
             low, high = stats.binom.ppf([0.005, 0.995], values.size, 1 / bins)
             ax.axhspan(low, high, color="#999999", alpha=0.35, zorder=0)
         ax.axhline(level, color="#333333", linewidth=0.8)
-        ax.set_title(f"{words.get(name, name)} ({values.size:,})".replace("1 finds", "1 find"), fontsize=9)
+        ax.set_title(
+            f"{words.get(name, name)} ({values.size:,})".replace("1 finds", "1 find"), fontsize=9
+        )
         ax.set_yticks([])
     figure.supxlabel("rank of the truth in the forecast", fontsize=9)
     figure.suptitle(

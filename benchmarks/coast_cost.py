@@ -1,10 +1,12 @@
-"""What the coast costs a step: the same particles with and without it, on the Norwegian coast and in open sea.
+"""What the coast costs a step: the same particles with and without it, on the Norwegian coast and
+in open sea.
 
     DRIFT_DATA=... python benchmarks/coast_cost.py [PARTICLES]
 
-A raft case on NorKyst and AROME with errors and diffusion, GSHHG at full resolution. Every round moves the same particles
-over the same hour with the coast and without; those that go ashore are set afloat again between rounds. The best of
-the rounds counts, and so does the best of the rounds without.
+A raft case on NorKyst and AROME with errors and diffusion, GSHHG at full resolution. Every round
+moves the same particles over the same hour with the coast and without; those that go ashore are set
+afloat again between rounds. The best of the rounds counts, and so does the best of the rounds
+without.
 """
 
 import argparse
@@ -55,7 +57,9 @@ ROUNDS, STEPS = 1 if smallest.ASKED else 7, 6
 
 
 def measure(area: str, coast: str, particles: int) -> tuple[float, float, float, float]:
-    """Return ns per particle-step with and without the coast; shares ashore after the steps, and what the coast adds to the step of each that still moves."""
+    """Return ns per particle-step with and without the coast; shares ashore after the steps, and
+    what the coast adds to the step of each that still moves.
+    """
     with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
         file.write(CASE.format(particles=particles, area=area, coast=coast))
         file.flush()
@@ -89,7 +93,12 @@ def measure(area: str, coast: str, particles: int) -> tuple[float, float, float,
             if coastal:
                 ashore = float((run.ensemble.status.to_numpy() == 1).mean())
     run.scene.forcing.close()
-    return best[True], best[False], ashore, (best[True] / moving[True]) / (best[False] / moving[False]) - 1
+    return (
+        best[True],
+        best[False],
+        ashore,
+        (best[True] / moving[True]) / (best[False] / moving[False]) - 1,
+    )
 
 
 def main() -> None:

@@ -2,9 +2,10 @@
 
     python benchmarks/cold_start.py [CASE] [--json FILE]
 
-Phases: import, taichi, read (forcing, coast), start (prior, choice of the step), drift, products, write. Kernels compile
-where they are first called: what start, drift and products lose from the first to the second run is compilation, what read
-loses is the decoding of GSHHG. Last is the processor time of all processes, which tells more where others use the machine too.
+Phases: import, taichi, read (forcing, coast), start (prior, choice of the step), drift, products,
+write. Kernels compile where they are first called: what start, drift and products lose from the
+first to the second run is compilation, what read loses is the decoding of GSHHG. Last is the
+processor time of all processes, which tells more where others use the machine too.
 """
 
 import argparse
@@ -40,7 +41,9 @@ def timed(case: str, place: Path, number: int) -> dict[str, float]:
         "MPLCONFIGDIR": str(place / "mpl"),
     }
     command = [sys.executable, "-c", PROGRAM, case, str(place / f"out{number}")]
-    done = subprocess.run(command, env={**os.environ, **caches}, check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        command, env={**os.environ, **caches}, check=True, capture_output=True, text=True
+    )
     phases: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     return phases
 

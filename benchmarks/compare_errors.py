@@ -1,6 +1,8 @@
-"""Are the standard errors of `drift compare` right? Two cases with 200 seeds: their mean against the spread.
+"""Are the standard errors of `drift compare` right? Two cases with 200 seeds: their mean against
+the spread.
 
-A spread of n values of a normal law errs by 1 / sqrt(2 (n - 1)) of itself: a ratio within two of these of 1 is right.
+A spread of n values of a normal law errs by 1 / sqrt(2 (n - 1)) of itself: a ratio within two of
+these of 1 is right.
 
     python benchmarks/compare_errors.py [SEEDS]
 """

@@ -1,10 +1,12 @@
-"""How long each kernel takes to compile, the first time on a machine: every variant in a fresh process with an empty cache.
+"""How long each kernel takes to compile, the first time on a machine: every variant in a fresh
+process with an empty cache.
 
     python benchmarks/compile_times.py [--runs 1] [--only TEXT] [--backend cpu] [--json FILE]
 
-The time is that of the first launch on a handful of particles, after another kernel has started the compiler itself; the least of
-the runs counts, of the clock and of the processor's own, which other work on the machine does not stretch as much. Kernels that
-take less than a quarter of a second are left out.
+The time is that of the first launch on a handful of particles, after another kernel has started the
+compiler itself; the least of the runs counts, of the clock and of the processor's own, which other
+work on the machine does not stretch as much. Kernels that take less than a quarter of a second are
+left out.
 """
 
 import argparse
@@ -64,7 +66,9 @@ def ensemble() -> record.Ensemble:
     return record.empty(1, (0, N), COLUMNS)
 
 
-def move(physics: kernel.Physics, coastal: bool, ranges: Ranges = ALL, **place: object) -> Callable[[], object]:
+def move(
+    physics: kernel.Physics, coastal: bool, ranges: Ranges = ALL, **place: object
+) -> Callable[[], object]:
     """Return a job that moves particles over one step."""
     tiles = Tiles([Grid(-1, -1, 1, 1, 3, 3)] * 3)
     for tile in range(3):
@@ -72,7 +76,9 @@ def move(physics: kernel.Physics, coastal: bool, ranges: Ranges = ALL, **place: 
     tiles.blend([(0.0, 0.1)] * 3)
     where = kernel.Surroundings(DOMAIN, coast() if coastal else None, **place)
     own = ensemble()
-    return lambda: kernel.advance(own, (0, N, 0), tiles, ranges, physics, kernel.Step(0, 0, 600, 1), where)
+    return lambda: kernel.advance(
+        own, (0, N, 0), tiles, ranges, physics, kernel.Step(0, 0, 600, 1), where
+    )
 
 
 def inside() -> Callable[[], object]:
@@ -85,7 +91,9 @@ def inside() -> Callable[[], object]:
 def drawn(name: str, *numbers: float) -> Callable[[], object]:
     """Return a job that draws positions in water."""
     device, own, tries = coast(), ensemble(), runtime.upload(np.zeros(2, np.int64))
-    return lambda: getattr(draws, name)(True, 0, N, 0, own.lon, own.lat, tries, *KEY, *numbers, device.pack)
+    return lambda: getattr(draws, name)(
+        True, 0, N, 0, own.lon, own.lat, tries, *KEY, *numbers, device.pack
+    )
 
 
 def trackline() -> Callable[[], object]:
@@ -108,10 +116,25 @@ def objects() -> Callable[[], object]:
 def exposed(kind: int, steers: bool) -> Callable[[], object]:
     """Return a job that exposes what drifts, or what steers, to a sensor's track."""
     own, exposure, passed = ensemble(), runtime.empty(N), runtime.empty(N)
-    time_, place, ones = np.array([0, 300, 600], np.float32), np.zeros(6, np.int32), np.ones(8, np.float32)
+    time_, place, ones = (
+        np.array([0, 300, 600], np.float32),
+        np.zeros(6, np.int32),
+        np.ones(8, np.float32),
+    )
     track = sweep.Track(time_, place, ones[:6], ones, np.ones(2, np.int32), np.ones(2, np.int32))
     table = np.array([0, 1, 100, 0.5, 100, 100, 0, 100], np.float32)
-    args = own, paths(own, steers), kind, track, table, np.ones(1, np.float32), exposure, True, np.ones(1), passed
+    args = (
+        own,
+        paths(own, steers),
+        kind,
+        track,
+        table,
+        np.ones(1, np.float32),
+        exposure,
+        True,
+        np.ones(1),
+        passed,
+    )
     return lambda: sweep.expose(*args)
 
 
@@ -129,14 +152,22 @@ def fail() -> Callable[[], object]:
     """Return a job that takes a sortie's miss into weights."""
     one, columns = np.ones(2, np.float32) / 2, [runtime.empty(2 * N) for _ in range(2)]
     return lambda: sweep.fail(
-        runtime.upload(np.zeros(N, np.int32)), sweep.HAZARD, columns[0], one, one, columns[1], runtime.empty(N)
+        runtime.upload(np.zeros(N, np.int32)),
+        sweep.HAZARD,
+        columns[0],
+        one,
+        one,
+        columns[1],
+        runtime.empty(N),
     )
 
 
 def swarm() -> rectangles.Swarm:
     """Return tracks of a handful of particles on a plane."""
     zeros = np.zeros((3, N))
-    return rectangles.swarm(np.array([0.0, 60.0, 120.0]), zeros, zeros, zeros + 1, np.zeros(N, np.int32))
+    return rectangles.swarm(
+        np.array([0.0, 60.0, 120.0]), zeros, zeros, zeros + 1, np.zeros(N, np.int32)
+    )
 
 
 ONE = np.ones(1)
@@ -150,7 +181,9 @@ def spread(gain: bool) -> Callable[[], object]:
     """Return a job of the bound: effort over cells."""
     cell = np.zeros((1, N), np.int32)
     one, curve = np.ones((1, N)), (np.array([3.0, 2.0, 1.0]),) * 3
-    field = allocate.Field(cell, 1, one, one, cell[0], one[0], np.ones((1, 1)), np.ones(1), curve, 0.1)
+    field = allocate.Field(
+        cell, 1, one, one, cell[0], one[0], np.ones((1, 1)), np.ones(1), curve, 0.1
+    )
     return field.gain if gain else lambda: field.spend(np.ones((1, 1)))
 
 
@@ -161,7 +194,10 @@ def steered(name: str) -> Callable[[], object]:
     period = Period(np.datetime64("2026-03-05T00:00:00"), np.datetime64("2026-03-06T00:00:00"), 1)
     plan = itinerary_tables.plan([Itinerary((Ways(points, period.start, k=10.0),))], period)
     own = record.empty(1, (0, N), steering.COLUMNS)
-    columns, tries = {key: own.columns[key] for key in steer.COLUMNS}, runtime.upload(np.zeros(2, np.int64))
+    columns, tries = (
+        {key: own.columns[key] for key in steer.COLUMNS},
+        runtime.upload(np.zeros(2, np.int64)),
+    )
     step, begin = kernel.Step(0, 0, 600, 1), (runtime.copy(own.lon), runtime.copy(own.lat))
     fixed = columns, own.batch([0]), plan, 1, DOMAIN, coast()
     jobs = {
@@ -175,9 +211,23 @@ def steered(name: str) -> Callable[[], object]:
 def observed(kind: int, besides: int, steering: bool) -> Callable[[], object]:
     """Return a job that asks a sensor that stands still of what drifts, or of what steers."""
     own, stayed, told = ensemble(), runtime.empty(N), runtime.empty(N)
-    shape = observe.Shape(kind, 0, 0, 1.0, 0.0, 9.0, 9.0, (0, 0, 9, 9), np.array([0, 0, 9, 9], np.float32))
+    shape = observe.Shape(
+        kind, 0, 0, 1.0, 0.0, 9.0, 9.0, (0, 0, 9, 9), np.array([0, 0, 9, 9], np.float32)
+    )
     places, window = (own.lon, own.lat), observe.Window(0, 0, 0, 600)
-    args = own, paths(own, steering), places, places, window, 0.0, shape, besides, (0.0, 1.0), stayed, told
+    args = (
+        own,
+        paths(own, steering),
+        places,
+        places,
+        window,
+        0.0,
+        shape,
+        besides,
+        (0.0, 1.0),
+        stayed,
+        told,
+    )
     return lambda: observe.observe_along(*args)
 
 
@@ -203,7 +253,9 @@ VARIANTS: dict[str, Callable[[], Callable[[], object]]] = {
     "advance, refloat, no diffusion": lambda: move(ERRORS, True, bias=True, beach=BEACH),
     "advance, refloat": lambda: move(WALK, True, bias=True, beach=BEACH),
     "advance, spill": lambda: move(WALK, True, bias=True, beach=BEACH, sinks=True),
-    "advance, spill, backward": lambda: move(WALK, True, bias=True, beach=BEACH, sinks=True, divergence=True),
+    "advance, spill, backward": lambda: move(
+        WALK, True, bias=True, beach=BEACH, sinks=True, divergence=True
+    ),
     "bridge": inside,
     "coast, crossings": lambda: crossing("crossings"),
     "coast, meets": lambda: crossing("meets"),
@@ -229,16 +281,24 @@ VARIANTS: dict[str, Callable[[], Callable[[], object]]] = {
     "observe, line": lambda: observed(observe.LINE, observe.WHETHER, False),
     "observe, line, when": lambda: observed(observe.LINE, observe.WHEN, False),
     "observe, stays in a disc": lambda: observed(observe.IN_DISC, observe.WHETHER, False),
-    "planner, legs by inverse cube": lambda: lambda: sweeps.gains(swarm(), None, [PATH], 90 * ONE, ONE, TWO, TWO),
-    "planner, legs by a curve": lambda: lambda: sweeps.gains(swarm(), CURVE, [PATH], 90 * ONE, ONE, TWO, TWO),
-    "planner, one path by a curve": lambda: lambda: sweeps.found(swarm(), CURVE, PATH, 90 * ONE, ONE),
+    "planner, legs by inverse cube": lambda: (
+        lambda: sweeps.gains(swarm(), None, [PATH], 90 * ONE, ONE, TWO, TWO)
+    ),
+    "planner, legs by a curve": lambda: (
+        lambda: sweeps.gains(swarm(), CURVE, [PATH], 90 * ONE, ONE, TWO, TWO)
+    ),
+    "planner, one path by a curve": lambda: (
+        lambda: sweeps.found(swarm(), CURVE, PATH, 90 * ONE, ONE)
+    ),
     "planner, rectangles swept": lambda: (
         lambda: rectangles.gains(swarm(), False, BOXED, np.ones((1, 1)), ONE, 0.1, CURVE, TWO, TWO)
     ),
     "planner, rectangles at random": lambda: (
         lambda: rectangles.gains(swarm(), True, BOXED, np.ones((1, 1)), ONE, 0.1, CURVE, TWO, TWO)
     ),
-    "planner, one rectangle": lambda: lambda: rectangles.found(swarm(), False, BOXED, np.ones((1, 1)), ONE, 0.1, CURVE),
+    "planner, one rectangle": lambda: (
+        lambda: rectangles.found(swarm(), False, BOXED, np.ones((1, 1)), ONE, 0.1, CURVE)
+    ),
     "planner, bound: spend": lambda: spread(False),
     "planner, bound: gain": lambda: spread(True),
 }
@@ -247,7 +307,9 @@ SMALLEST = "coast, wet"
 
 
 def timed(name: str, backend: str) -> tuple[float, float]:
-    """Return the time [s] of the first launch of a variant, here: by the clock, and of the processor."""
+    """Return the time [s] of the first launch of a variant, here: by the clock, and of the
+    processor.
+    """
     runtime.start(backend)
     from kernels.maths import sphere as first
 

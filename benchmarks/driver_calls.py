@@ -3,10 +3,10 @@
     python benchmarks/driver_calls.py cpu [CASE] [--particles N]
     python benchmarks/driver_calls.py stub [CASE] [--particles N]
 
-cpu: the case runs truly, and what goes through Taichi and kernels/runtime/runtime.py is counted. stub: the
-case runs on a stub of CUDA's driver (tests/backends/cuda_stub.c, made by a C compiler), which logs
-every call and computes nothing: particles stay at 0 N 0 E. So the case runs without a coast there,
-and prints figures that depend on neither.
+cpu: the case runs truly, and what goes through Taichi and kernels/runtime/runtime.py is counted.
+stub: the case runs on a stub of CUDA's driver (tests/backends/cuda_stub.c, made by a C compiler),
+which logs every call and computes nothing: particles stay at 0 N 0 E. So the case runs without a
+coast there, and prints figures that depend on neither.
 
 It prints a table in Markdown. Figures are medians of a part's calls, and a part is counted without
 the parts inside it: a step begins with the interpolation of the forcing, which has its own row.
@@ -93,16 +93,24 @@ def observe(meter: Meter) -> None:
     meter.part(Scene, "advance", _advanced)
     meter.part(simulate, "_moment", lambda e, *_: f"an output, {e.n:,}")
     meter.part(SortieExposure, "expose", lambda _, e, *__, **___: f"a sortie over a step, {e.n:,}")
-    meter.part(SearchFilter, "take_effect", lambda own, *_: f"the end of a sortie, {own.ensemble.n:,}")
+    meter.part(
+        SearchFilter, "take_effect", lambda own, *_: f"the end of a sortie, {own.ensemble.n:,}"
+    )
 
 
 def _advanced(_: Scene, ensemble: Any, *_of_step: Any, keep: bool = False, count: int = 1) -> str:
     """Return what is said of steps that are made in one go."""
-    return f"{STEPS[keep]}, {ensemble.n:,}" if count == 1 else f"{count} steps in one go, {ensemble.n:,}"
+    return (
+        f"{STEPS[keep]}, {ensemble.n:,}"
+        if count == 1
+        else f"{count} steps in one go, {ensemble.n:,}"
+    )
 
 
 def through_taichi() -> Counts:
-    """Count what goes through Taichi and kernels/runtime/runtime.py from now on, in what is returned."""
+    """Count what goes through Taichi and kernels/runtime/runtime.py from now on, in what is
+    returned.
+    """
     counts = Counter[str]()
 
     def count(owner: Any, method: str, what: str, size: Callable[..., int] = lambda *_: 0) -> None:

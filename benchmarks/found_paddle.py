@@ -1,15 +1,19 @@
-"""A found paddle that would leave 21 of 50,000 particles, guided and by brute force; prints one table.
+"""A found paddle that would leave 21 of 50,000 particles, guided and by brute force; prints one
+table.
 
-    python benchmarks/found_paddle.py [--pairs 10000000] [--particles 50000] [--seed 1] [--threads N] [--open] [--keep brute.npz]
+    python benchmarks/found_paddle.py [--pairs 10000000] [--particles 50000] [--seed 1] [--threads
+    N] [--open] [--keep brute.npz]
 
-The case is the kayaker off Portsall of ../shared/data/faults/kayak.toml without its sorties and its belief: errors of the current
-of 0.3 m/s over 6 h, a paddle found after 22 h and known to 0.2 nmi. The brute force (tests/oracles/finds.py) moves as many
-pairs of object and paddle as are asked for in float64 NumPy, with GSHHG in shapely's tree, and shares no code with the program.
-Compared are the evidence of each scenario, its probability, and the mean and covariance of where the object is: in standard
-errors of their difference. Exits 1 where one is beyond 4, or where fewer than 5 % of the particles are effective.
+The case is the kayaker off Portsall of ../shared/data/faults/kayak.toml without its sorties and its
+belief: errors of the current of 0.3 m/s over 6 h, a paddle found after 22 h and known to 0.2 nmi.
+The brute force (tests/oracles/finds.py) moves as many pairs of object and paddle as are asked for
+in float64 NumPy, with GSHHG in shapely's tree, and shares no code with the program. Compared are
+the evidence of each scenario, its probability, and the mean and covariance of where the object is:
+in standard errors of their difference. Exits 1 where one is beyond 4, or where fewer than 5 % of
+the particles are effective.
 
---open: without a coast. --keep: a file that takes what the brute force has found, and goes on from it. 10,000,000 pairs
-take some 10 minutes on one core.
+--open: without a coast. --keep: a file that takes what the brute force has found, and goes on from
+it. 10,000,000 pairs take some 10 minutes on one core.
 """
 
 import argparse
@@ -46,7 +50,13 @@ def flow(rows, turned):
     for when, speed, direction in rows:
         seconds = (np.datetime64(f"2026-11-{when}") - START) / np.timedelta64(1, "s")
         angle = np.radians(direction + turned)
-        found.append((float(seconds), speed * oracle.KNOT * np.sin(angle), speed * oracle.KNOT * np.cos(angle)))
+        found.append(
+            (
+                float(seconds),
+                speed * oracle.KNOT * np.sin(angle),
+                speed * oracle.KNOT * np.cos(angle),
+            )
+        )
     return finds.interpolated(found)
 
 
@@ -66,15 +76,26 @@ def brute(pairs, coastal, keep, seed):
     sums, held = finds.Sums(), {}
     if keep and keep.exists():
         held = dict(np.load(keep))
-        sums.pairs, sums.weight, sums.places = int(held["pairs"]), [held["weight"]], [held["places"]]
+        sums.pairs, sums.weight, sums.places = (
+            int(held["pairs"]),
+            [held["weight"]],
+            [held["places"]],
+        )
     own, rows = setup(coastal), [leeway(kind) for kind, _ in NAMES.values()]
     for first in range(int(held.get("done", 0)), pairs, BATCH):
         rng = np.random.default_rng([seed, first])
         finds.add_pairs(sums, rng, min(BATCH, pairs - first), own, rows)
-        sums.weight, sums.places = [np.concatenate(sums.weight)], [np.concatenate(sums.places, axis=2)]
+        sums.weight, sums.places = (
+            [np.concatenate(sums.weight)],
+            [np.concatenate(sums.places, axis=2)],
+        )
         if keep:
             np.savez(
-                keep, done=min(first + BATCH, pairs), pairs=sums.pairs, weight=sums.weight[0], places=sums.places[0]
+                keep,
+                done=min(first + BATCH, pairs),
+                pairs=sums.pairs,
+                weight=sums.weight[0],
+                places=sums.places[0],
             )
     return sums
 
@@ -84,9 +105,15 @@ def leeway(kind):
     import csv
 
     path = Path(__file__).parents[1] / "drift" / "data" / "leeway.csv"
-    rows = csv.DictReader(line for line in path.read_text().splitlines() if not line.startswith("#"))
+    rows = csv.DictReader(
+        line for line in path.read_text().splitlines() if not line.startswith("#")
+    )
     row = next(row for row in rows if row["name"] == kind)
-    return {key: float(value) for key, value in row.items() if key.split("_")[0] in ("down", "right", "left")}
+    return {
+        key: float(value)
+        for key, value in row.items()
+        if key.split("_")[0] in ("down", "right", "left")
+    }
 
 
 def ours(particles, seed, coastal, threads):
@@ -125,7 +152,10 @@ def main():
         own = slice(bounds[number], bounds[number + 1])
         exact = finds.told(sums.weight[0], *sums.places[0][number], sums.pairs)
         mine = finds.told(
-            brief.probability[-1, own], brief.lon[-1, own], brief.lat[-1, own], bounds[number + 1] - bounds[number]
+            brief.probability[-1, own],
+            brief.lon[-1, own],
+            brief.lat[-1, own],
+            bounds[number + 1] - bounds[number],
         )
         evidences.append((weight * exact.evidence, weight * exact.evidence_error, mine.effective))
         unit = np.array([np.cos(exact.mean[1] * oracle.DEG), 1.0]) * oracle.DEG * oracle.R
@@ -151,9 +181,19 @@ def main():
     )  # fmt: skip
     update = updates.all[-1]
     rows.append(
-        ("all", f'probability of "{next(iter(NAMES))}"', share, update.posterior[0], error, np.nan, update.ess_after)
+        (
+            "all",
+            f'probability of "{next(iter(NAMES))}"',
+            share,
+            update.posterior[0],
+            error,
+            np.nan,
+            update.ess_after,
+        )
     )
-    table = Table(title=f"{asked.particles:,} particles ({seconds:.0f} s), {asked.pairs:,} pairs ({taken:.0f} s)")
+    table = Table(
+        title=f"{asked.particles:,} particles ({seconds:.0f} s), {asked.pairs:,} pairs ({taken:.0f} s)"
+    )
     for column in (
         "scenario",
         "what",
@@ -167,7 +207,9 @@ def main():
     for name, what, a, b, error, left, right in rows:
         off = (b - a) / error
         worst = max(worst, abs(off))
-        table.add_row(name, what, f"{a:.5g}", f"{b:.5g}", f"{off:+.2f}", f"{left:.0f}", f"{right:.0f}")
+        table.add_row(
+            name, what, f"{a:.5g}", f"{b:.5g}", f"{off:+.2f}", f"{left:.0f}", f"{right:.0f}"
+        )
     Console(width=140).print(table)
     few = update.ess_after < 0.05 * asked.particles
     return int(worst > 4 or few)

@@ -1,8 +1,10 @@
-"""What thousands of mutated cases do to us: they run, they are refused in lines, or something else, which must not be.
+"""What thousands of mutated cases do to us: they run, they are refused in lines, or something else,
+which must not be.
 
-A case that uses everything, and those that ship without data, are changed in one to three places: keys taken out, renamed or doubled,
-values of other kinds, extreme numbers, other units, other times and places, bytes of the text. Each is loaded; what loads is
-checked, and of what can be checked the first --runs are run with few particles and their results read back.
+A case that uses everything, and those that ship without data, are changed in one to three places:
+keys taken out, renamed or doubled, values of other kinds, extreme numbers, other units, other times
+and places, bytes of the text. Each is loaded; what loads is checked, and of what can be checked the
+first --runs are run with few particles and their results read back.
 
 python benchmarks/fuzz_cases.py [--cases 3000] [--runs 300] [--seed 0]
 """
@@ -158,7 +160,10 @@ def changed(data: dict[str, Any], rng: random.Random) -> list[str]:
         holder = data
         for key in place[:-1]:
             holder = holder[key]
-        last, kind = place[-1], rng.choice(("odd", "odd", "odd", "out", "rename", "double", "swap", "scale"))
+        last, kind = (
+            place[-1],
+            rng.choice(("odd", "odd", "odd", "out", "rename", "double", "swap", "scale")),
+        )
         done.append(f"{kind} {'.'.join(map(str, place))}")
         if kind == "odd":
             holder[last] = rng.choice(ODD)
@@ -191,7 +196,11 @@ def mutated(number: int) -> tuple[str, str]:
     text = written(data)
     if rng.random() < 0.08:
         at = rng.randrange(len(text))
-        text = text[:at] + rng.choice(("", "\x00", '"', "]", "=", "\n", "é")) + text[at + rng.randrange(4) :]
+        text = (
+            text[:at]
+            + rng.choice(("", "\x00", '"', "]", "=", "\n", "é"))
+            + text[at + rng.randrange(4) :]
+        )
         done.append("bytes")
     return ", ".join(done)[:60], text
 
@@ -203,18 +212,32 @@ def written(data: dict[str, Any]) -> str:
         if isinstance(value, bool):
             return "true" if value else "false"
         if isinstance(value, dict):
-            return "{ " + ", ".join(f"{one(str(k))} = {one(v)}" for k, v in value.items() if v is not None) + " }"
+            return (
+                "{ "
+                + ", ".join(f"{one(str(k))} = {one(v)}" for k, v in value.items() if v is not None)
+                + " }"
+            )
         if isinstance(value, list):
             return "[" + ", ".join(one(v) for v in value if v is not None) + "]"
         if isinstance(value, str):
-            return '"' + "".join(c if c.isprintable() and c not in '"\\' else f"\\u{ord(c):04x}" for c in value) + '"'
+            return (
+                '"'
+                + "".join(
+                    c if c.isprintable() and c not in '"\\' else f"\\u{ord(c):04x}" for c in value
+                )
+                + '"'
+            )
         return repr(value) if not hasattr(value, "isoformat") else value.isoformat()
 
-    return "\n".join(f"{one(str(key))} = {one(value)}" for key, value in data.items() if value is not None)
+    return "\n".join(
+        f"{one(str(key))} = {one(value)}" for key, value in data.items() if value is not None
+    )
 
 
 def tried(text: str, folder: Path, run: bool) -> str:
-    """Load a case, check it and, if so wanted, run it and read back what it wrote; return what came of that."""
+    """Load a case, check it and, if so wanted, run it and read back what it wrote; return what came
+    of that.
+    """
     import drift
     from drift.apps.check import check
 

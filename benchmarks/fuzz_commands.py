@@ -1,8 +1,10 @@
-"""What odd inputs and numbers at their limits do to the commands other than run: success, an error in lines, or something else.
+"""What odd inputs and numbers at their limits do to the commands other than run: success, an error
+in lines, or something else.
 
-`track`, `experiment`, `bridge`, `fit-bridge`, `compare`, `verify`, `fit-errors` and `sensor` are started as on the command line, in one process,
-with a file or two of their options changed: keys of a case, cells of a table, numbers of options. Each writes over the results of the trial
-before: after it the folder holds the new results whole, or the old ones ("mixture": 0).
+`track`, `experiment`, `bridge`, `fit-bridge`, `compare`, `verify`, `fit-errors` and `sensor` are
+started as on the command line, in one process, with a file or two of their options changed: keys of
+a case, cells of a table, numbers of options. Each writes over the results of the trial before:
+after it the folder holds the new results whole, or the old ones ("mixture": 0).
 
 python benchmarks/fuzz_commands.py [--trials-each 100] [--seed 0]
 """
@@ -115,7 +117,9 @@ CELLS = (
 
 def shipped(name: str) -> dict[str, Any]:
     """Return a tracking case that ships, made small."""
-    data = tomllib.loads(resources.files("cases").joinpath(f"tracking/{name}.toml").read_text(encoding="utf-8"))
+    data = tomllib.loads(
+        resources.files("cases").joinpath(f"tracking/{name}.toml").read_text(encoding="utf-8")
+    )
     data["particles"] = 300
     if name == "lost_contact":
         return data | {"show": ["45 min"]}
@@ -137,7 +141,9 @@ def table(rng: random.Random) -> list[list[str]]:
 
 def seen() -> list[list[str]]:
     """Return the detections of a tracking case that ships."""
-    text = resources.files("cases").joinpath("tracking/lost_contact.csv").read_text(encoding="utf-8")
+    text = (
+        resources.files("cases").joinpath("tracking/lost_contact.csv").read_text(encoding="utf-8")
+    )
     return [line.split(",") for line in text.splitlines()]
 
 
@@ -150,7 +156,8 @@ def with_sonar() -> dict[str, Any]:
 
 
 COLUMNS = "current_east=u,current_north=v,wind_east=wu,wind_north=wv"
-# A command: its case, its words after it, options with good values, whether it writes a folder, a table of rows it reads.
+# A command: its case, its words after it, options with good values, whether it writes a folder, a
+# table of rows it reads.
 COMMANDS: dict[str, tuple[Any, list[str], dict[str, str], bool, Any]] = {
     "track": (lambda: shipped("lost_contact"), [], {"--seed": "3"}, True, seen),
     "experiment": (lambda: shipped("triangulation"), [], {"--runs": "2", "--seed": "3"}, True, None),
@@ -179,25 +186,37 @@ COMMANDS: dict[str, tuple[Any, list[str], dict[str, str], bool, Any]] = {
 
 
 def words(number: int, folder: Path) -> tuple[str, list[str]]:
-    """Write the files of a trial into a folder; return what was changed, and the words of the command line."""
+    """Write the files of a trial into a folder; return what was changed, and the words of the
+    command line.
+    """
     rng = random.Random(number)
     name = list(COMMANDS)[number % len(COMMANDS)]
     made, after, options, writes, rows = COMMANDS[name]
-    kinds = ["option"] * bool(options) + ["case", "case"] * (made is not None) + ["table", "table"] * (rows is not None)
+    kinds = (
+        ["option"] * bool(options)
+        + ["case", "case"] * (made is not None)
+        + ["table", "table"] * (rows is not None)
+    )
     kind, done = rng.choice(kinds), ""
     given = [name.strip()]
     if made is not None:
         data = copy.deepcopy(made())
         if kind == "case":
             done = ", ".join(fuzz_cases.changed(data, rng))
-        (folder / "case.toml").write_text(fuzz_cases.written(bounded(data)), encoding="utf-8", errors="surrogatepass")
+        (folder / "case.toml").write_text(
+            fuzz_cases.written(bounded(data)), encoding="utf-8", errors="surrogatepass"
+        )
         given.append(str(folder / "case.toml"))
     if rows is not None:
         cells = rows() if rows is seen else rows(rng)
         if kind == "table":
             done = change_table(cells, rng)
         path = folder / ("lost_contact.csv" if rows is seen else "table.csv")
-        path.write_text("\n".join(",".join(row) for row in cells) + "\n", encoding="utf-8", errors="surrogatepass")
+        path.write_text(
+            "\n".join(",".join(row) for row in cells) + "\n",
+            encoding="utf-8",
+            errors="surrogatepass",
+        )
     given += [str(folder / word) if word == "table.csv" else word for word in after]
     chosen = [option for option in options if rng.random() < 0.5]
     odd = rng.choice(list(options)) if kind == "option" else ""
@@ -214,7 +233,9 @@ def words(number: int, folder: Path) -> tuple[str, list[str]]:
 
 
 def bounded(data: dict[str, Any]) -> dict[str, Any]:
-    """Return tables in which no number of particles or runs keeps a trial from its end; other numbers stay odd."""
+    """Return tables in which no number of particles or runs keeps a trial from its end; other
+    numbers stay odd.
+    """
     for holder, key in ((data, "particles"), (data.get("experiment"), "runs")):
         if (
             isinstance(holder, dict)
@@ -227,7 +248,9 @@ def bounded(data: dict[str, Any]) -> dict[str, Any]:
 
 def change_table(rows: list[list[str]], rng: random.Random) -> str:
     """Change cells, rows or columns of a table in place; return what was done."""
-    kind = rng.choice(("cell", "cell", "cell", "cells", "column", "head", "out", "double", "short", "same"))
+    kind = rng.choice(
+        ("cell", "cell", "cell", "cells", "column", "head", "out", "double", "short", "same")
+    )
     row, column = rng.randrange(1, len(rows)), rng.randrange(len(rows[0]))
     value = rng.choice(CELLS)
     if kind in ("cell", "cells"):
@@ -286,7 +309,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trials-each", type=int, default=100, help="of each command")
     parser.add_argument("--seed", type=int, default=0, help="of the first")
-    parser.add_argument("--told", action="store_true", help="print every trial, not only what must not be")
+    parser.add_argument(
+        "--told", action="store_true", help="print every trial, not only what must not be"
+    )
     parser.add_argument("--trials", help=argparse.SUPPRESS)
     given = smallest.parse(parser, trials_each=1)
     if given.trials is not None:
@@ -296,7 +321,9 @@ def main() -> None:
                 watched.trial(number, name, lambda line=line: tried(line, Path(folder)))
         return
     count = given.trials_each * len(COMMANDS)
-    sys.exit(watched.table(watched.run(__file__, range(given.seed, given.seed + count), told=given.told)))
+    sys.exit(
+        watched.table(watched.run(__file__, range(given.seed, given.seed + count), told=given.told))
+    )
 
 
 if __name__ == "__main__":

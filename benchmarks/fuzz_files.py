@@ -1,9 +1,12 @@
-"""What damaged forcing files do to us: one line, the true values, other values, or something else, which must not be.
+"""What damaged forcing files do to us: one line, the true values, other values, or something else,
+which must not be.
 
-netCDF-3 and -4 files of regular, packed, projected, staggered and triangular grids, some with checksums (Fletcher-32), GRIB files of
-both editions, and Zarr stores of both formats are damaged: bytes changed, cut off, blanked, doubled. Each is opened as `drift info` does
-and all its slices are read. "other values" is what damage does that nothing in the file can show: its digest in summary.json tells.
-"other values, checksums": 0. The error for a Zarr store names the damaged file in it, or the array: "no place": 0.
+netCDF-3 and -4 files of regular, packed, projected, staggered and triangular grids, some with
+checksums (Fletcher-32), GRIB files of both editions, and Zarr stores of both formats are damaged:
+bytes changed, cut off, blanked, doubled. Each is opened as `drift info` does and all its slices are
+read. "other values" is what damage does that nothing in the file can show: its digest in
+summary.json tells. "other values, checksums": 0. The error for a Zarr store names the damaged file
+in it, or the array: "no place": 0.
 
 python benchmarks/fuzz_files.py [--netcdf 500] [--grib 200] [--zarr 250] [--seed 0]
 """
@@ -37,7 +40,9 @@ watched.NEVER = (*watched.NEVER, SUMMED, PLACELESS)
 def checked(path: Path) -> Path:
     """Write a netCDF-4 file all of whose variables carry checksums."""
     with xr.open_dataset(writers.regular(path.with_suffix(".plain")), decode_times=False) as data:
-        data.to_netcdf(path, encoding={str(n): {"fletcher32": True} for n in data.variables if data[n].ndim})
+        data.to_netcdf(
+            path, encoding={str(n): {"fletcher32": True} for n in data.variables if data[n].ndim}
+        )
     return path
 
 
@@ -51,7 +56,9 @@ def classic(path: Path) -> Path:
 def deflated(path: Path) -> Path:
     """Write a compressed netCDF-4 file."""
     with xr.open_dataset(writers.regular(path.with_suffix(".plain")), decode_times=False) as data:
-        data.to_netcdf(path, encoding={str(n): {"zlib": True} for n in data.variables if data[n].ndim > 1})
+        data.to_netcdf(
+            path, encoding={str(n): {"zlib": True} for n in data.variables if data[n].ndim > 1}
+        )
     return path
 
 
@@ -63,15 +70,22 @@ NETCDF = {
 
 def grib(path: Path, edition: int) -> Path:
     """Write 10 m winds along a Lambert grid's axes and on a regular grid, of two times."""
-    parts = test_grib.pair(test_grib.LAMBERT if edition == 2 else test_grib.REGULAR, edition=edition)
+    parts = test_grib.pair(
+        test_grib.LAMBERT if edition == 2 else test_grib.REGULAR, edition=edition
+    )
     return test_grib.written(
         path,
-        parts + test_grib.pair(test_grib.LAMBERT if edition == 2 else test_grib.REGULAR, edition=edition, hour=3.0),
+        parts
+        + test_grib.pair(
+            test_grib.LAMBERT if edition == 2 else test_grib.REGULAR, edition=edition, hour=3.0
+        ),
     )
 
 
 def zarr_store(path: Path, edition: int) -> Path:
-    """Write the regular grid as a Zarr store, each slice a chunk, with metadata of arrays apart and together."""
+    """Write the regular grid as a Zarr store, each slice a chunk, with metadata of arrays apart and
+    together.
+    """
     with xr.open_dataset(writers.regular(path.with_suffix(".plain")), decode_times=False) as data:
         data.chunk(time=1).to_zarr(path, zarr_format=edition, consolidated=edition == 2)
     return path
@@ -124,7 +138,9 @@ def zarr_trials(numbers: list[int]) -> None:
             path = folder / f"{number}.zarr"
             shutil.copytree(whole, path)
             victim, kind = damaged_store(path, rng)
-            watched.trial(number, f"zarr{edition} {kind} {victim}", partial(read_store, path, values))
+            watched.trial(
+                number, f"zarr{edition} {kind} {victim}", partial(read_store, path, values)
+            )
             shutil.rmtree(path)
 
 
@@ -149,7 +165,9 @@ def read_store(path: Path, values: list[np.ndarray]) -> str:
             return PLACELESS
         raise
     same = len(seen) == len(values)
-    same = same and all(np.array_equal(a, b, equal_nan=True) for a, b in zip(seen, values, strict=True))
+    same = same and all(
+        np.array_equal(a, b, equal_nan=True) for a, b in zip(seen, values, strict=True)
+    )
     return "true values" if same else "other values"
 
 

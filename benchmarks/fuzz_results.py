@@ -1,8 +1,10 @@
-"""What `drift export` makes of damaged or strange results: one line, or files that can be read; nothing else may be.
+"""What `drift export` makes of damaged or strange results: one line, or files that can be read;
+nothing else may be.
 
-A plan at sea, a plan of patrols and an origin are made once. Of each trial one of their files is damaged (JSON, CSV and
-XML in their structure and values, netCDF in its variables, all of them in their bytes), its manifest is written again, as
-somebody would who means it, and the folder is exported in one of the formats. What is written is read back.
+A plan at sea, a plan of patrols and an origin are made once. Of each trial one of their files is
+damaged (JSON, CSV and XML in their structure and values, netCDF in its variables, all of them in
+their bytes), its manifest is written again, as somebody would who means it, and the folder is
+exported in one of the formats. What is written is read back.
 
 python benchmarks/fuzz_results.py [--trials-of 2000] [--seed 0]
 """
@@ -87,7 +89,13 @@ def _bytes(path: Path, rng: random.Random) -> str:
 
 def _places(value: Any) -> Iterator[tuple[Any, Any]]:
     """Yield every (container, key) of a JSON value."""
-    keys = value.keys() if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
+    keys = (
+        value.keys()
+        if isinstance(value, dict)
+        else range(len(value))
+        if isinstance(value, list)
+        else ()
+    )
     for key in list(keys):
         yield value, key
         yield from _places(value[key])
@@ -135,7 +143,9 @@ def _xml(path: Path, rng: random.Random) -> str:
 def _netcdf(path: Path, rng: random.Random) -> str:
     data = xr.load_dataset(path)
     name = str(rng.choice(list(data.variables)))
-    how = rng.choice(("drop", "text", "huge", "nan", "inf", "rename", "flat", "attribute", "none", "integers"))
+    how = rng.choice(
+        ("drop", "text", "huge", "nan", "inf", "rename", "flat", "attribute", "none", "integers")
+    )
     if how == "drop" or (how == "flat" and name in data.sizes):
         data = data.drop_vars(name)
     elif how == "attribute":
@@ -160,9 +170,11 @@ def _netcdf(path: Path, rng: random.Random) -> str:
 
 
 def tried(whole: Path, folder: Path, rng: random.Random) -> tuple[str, str]:
-    """Export a result of which one file is damaged; return what was damaged, and "written" if that could be done.
+    """Export a result of which one file is damaged; return what was damaged, and "written" if that
+    could be done.
 
-    Raises UserError where it is rejected, and ValueError or ET.ParseError where what was written cannot be read.
+    Raises UserError where it is rejected, and ValueError or ET.ParseError where what was written
+    cannot be read.
     """
     copy = folder / "result"
     shutil.copytree(whole, copy)
@@ -183,13 +195,20 @@ def exported(copy: Path, folder: Path, form: str) -> str:
     for path in exporter.export(copy, form, folder / "out"):
         if path.suffix in (".kml", ".gpx", ".rtz"):
             root = ET.parse(path).getroot()
-            told = [(float(e.get("lon")), float(e.get("lat"))) for e in root.iter() if "lat" in e.attrib]
+            told = [
+                (float(e.get("lon")), float(e.get("lat"))) for e in root.iter() if "lat" in e.attrib
+            ]
             for text in root.iter("{http://www.opengis.net/kml/2.2}coordinates"):
-                told += [tuple(map(float, point.split(",")[:2])) for point in (text.text or "").split()]
+                told += [
+                    tuple(map(float, point.split(",")[:2])) for point in (text.text or "").split()
+                ]
             if not all(abs(lon) <= 180 and abs(lat) <= 90 for lon, lat in told):
                 raise ValueError(f"{path.name} has a position beyond the Earth")
         elif path.suffix == ".geojson":
-            json.loads(path.read_text(), parse_constant=lambda word: (_ for _ in ()).throw(ValueError(word)))
+            json.loads(
+                path.read_text(),
+                parse_constant=lambda word: (_ for _ in ()).throw(ValueError(word)),
+            )
     return "written"
 
 
@@ -202,7 +221,9 @@ def trials(numbers: list[int], made: Path) -> None:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             how, copy = tried(whole, folder, rng)
-            watched.trial(number, f"{form} {how}", lambda c=copy, f=folder, k=form: exported(Path(c), f, k))
+            watched.trial(
+                number, f"{form} {how}", lambda c=copy, f=folder, k=form: exported(Path(c), f, k)
+            )
 
 
 def main() -> None:
@@ -218,7 +239,9 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as name:
         results(Path(name))
-        bad = watched.table(watched.run(__file__, range(given.seed, given.seed + given.count), ["--made", name]))
+        bad = watched.table(
+            watched.run(__file__, range(given.seed, given.seed + given.count), ["--made", name])
+        )
     sys.exit(bad)
 
 

@@ -83,7 +83,11 @@ class Term(NamedTuple):
         """Return domain, coast and what else a step computes."""
         beach = kernel.Beach(stay=21_600.0, offing=50.0) if self.everything else kernel.Beach()
         return kernel.Surroundings(
-            throughput.domain(), coast if self.coast else None, beach, bias=self.everything, sinks=self.everything
+            throughput.domain(),
+            coast if self.coast else None,
+            beach,
+            bias=self.everything,
+            sinks=self.everything,
         )
 
     @property
@@ -99,7 +103,13 @@ TERMS = (
     Term("+ errors", physics=throughput.ERRORS),
     Term("+ diffusion", physics=FULL),
     Term("+ coast (open sea)", physics=FULL, coast=True),
-    Term("everything (+ jibes, bias, refloating, sinking)", True, FULL._replace(jibe_rate=1e-5), True, True),
+    Term(
+        "everything (+ jibes, bias, refloating, sinking)",
+        True,
+        FULL._replace(jibe_rate=1e-5),
+        True,
+        True,
+    ),
     Term("RK4, current, wind and leeway", forcing=FAR),
     Term("RK4, current, wind and leeway", forcing=SORTED),
 )
@@ -169,7 +179,13 @@ def measure_terms(sizes: list[int], rounds: int, finer: int) -> Iterator[dict[st
                 ensemble = throughput.ensemble_at(lon, lat)
                 own = kernel.batch.batch_of((0, n), (0,), (0,))
                 move = kernel.mover(
-                    ensemble, own, tiles, term.ranges, (term.physics,), term.surroundings(device), direction=1
+                    ensemble,
+                    own,
+                    tiles,
+                    term.ranges,
+                    (term.physics,),
+                    term.surroundings(device),
+                    direction=1,
                 )
                 yield {"term": number, "n": n, "ns": timed(move, n, rounds)}
                 del ensemble, move
@@ -184,9 +200,16 @@ def copied() -> float:
     if runtime.backend() == "cpu":  # a copy of its own takes one core
         held, target = values.to_numpy(), np.empty(COPIED // 4, np.float32)
         pool = ThreadPoolExecutor(runtime.threads())
-        width = cut.step
-        job = lambda: list(pool.map(lambda a: np.copyto(target[a : a + width], held[a : a + width]), cut))  # noqa: E731
+        job = partial(_copied_in_parts, pool, target, held, cut)
     return 2 * COPIED / throughput.best(lambda _: (job(), runtime.wait()), 5)
+
+
+def _copied_in_parts(
+    pool: ThreadPoolExecutor, target: np.ndarray, held: np.ndarray, cut: range
+) -> None:
+    """Copy an array, each part by a thread of its own."""
+    width = cut.step
+    list(pool.map(lambda a: np.copyto(target[a : a + width], held[a : a + width]), cut))
 
 
 def inside(backend: str, given: argparse.Namespace) -> None:
@@ -231,7 +254,11 @@ def table_of_terms(found: dict[str, dict[str, Any]]) -> Iterator[str]:
         names += [f"{backend}: ns, least (median)", "M/s", "of bandwidth"]
         names += ["times cpu"] if "cpu" in found and backend != "cpu" else []
     yield head(names, 2)
-    times = {(backend, each["term"], each["n"]): each["ns"] for backend, one in found.items() for each in one["rows"]}
+    times = {
+        (backend, each["term"], each["n"]): each["ns"]
+        for backend, one in found.items()
+        for each in one["rows"]
+    }
     for number, n in sorted({key[1:] for key in times}):
         term = TERMS[number]
         state, forcing = traffic.columns(term.features).bytes, traffic.gathered(term.features)
@@ -259,7 +286,10 @@ def whole_run(case: str, backend: str, n: int) -> dict[str, float]:
         done = subprocess.run(command, capture_output=True, text=True, cwd=scratch)
         whole = time.perf_counter() - begin
         if not (out / "summary.json").exists():
-            print(f"{backend}: {(done.stderr.strip().splitlines() or ['failed'])[-1]}", file=sys.stderr)
+            print(
+                f"{backend}: {(done.stderr.strip().splitlines() or ['failed'])[-1]}",
+                file=sys.stderr,
+            )
             return {}
         phases: dict[str, float] = json.loads((out / "summary.json").read_text())["wall_time_s"]
     return phases | {"the whole command": whole}
@@ -270,7 +300,9 @@ def table_of_runs(found: dict[str, dict[str, float]]) -> Iterator[str]:
     yield head(["phase", *(f"{backend} s" for backend in found)])
     phases = dict.fromkeys(phase for one in found.values() for phase in one)
     for phase in phases:
-        yield row([phase, *(f"{one[phase]:.2f}" if phase in one else NONE for one in found.values())])
+        yield row(
+            [phase, *(f"{one[phase]:.2f}" if phase in one else NONE for one in found.values())]
+        )
 
 
 def measure(given: argparse.Namespace) -> None:
@@ -323,20 +355,33 @@ def compiled(folder: Path) -> dict[int, tuple[ptx.Cost | None, instructions.Way]
     driver = cuda_stub.compiled(folder)
     environment = cuda_stub.environment(driver, folder)
     environment["PYTHONPATH"] += f":{ROOT / 'benchmarks'}"
-    subprocess.run([sys.executable, __file__, "--ptx"], env=environment, check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(
+        [sys.executable, __file__, "--ptx"], env=environment, check=True, stdout=subprocess.DEVNULL
+    )
     program = ptx.find_ptxas()
     found = {}
     for number, term in enumerate(TERMS):
         path = folder / f"term.{number}.ptx"
         if path.exists():
-            cost = ptx.measure(path, 90, program)[0] if program else None  # the later ones are for few particles
-            found[number] = cost, instructions.shortest(path.read_text(), traffic.stages(term.features))
+            # the later ones are for few particles
+            cost = ptx.measure(path, 90, program)[0] if program else None
+            found[number] = (
+                cost,
+                instructions.shortest(path.read_text(), traffic.stages(term.features)),
+            )
     return found
 
 
 def host_time() -> tuple[float, int]:
     """Return what a step takes of the host [s], and its launches, on the stub: forcing and drift."""
-    command = [sys.executable, str(ROOT / "benchmarks" / "driver_calls.py"), "stub", CASE, "--particles", f"{STUBBED}"]
+    command = [
+        sys.executable,
+        str(ROOT / "benchmarks" / "driver_calls.py"),
+        "stub",
+        CASE,
+        "--particles",
+        f"{STUBBED}",
+    ]
     told = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in told.splitlines()]
     parts = {cells[0]: cells[1:] for cells in rows}
@@ -351,10 +396,16 @@ def paper(card: Card) -> None:
         found = compiled(Path(scratch))
     host, launches = host_time()
     print(f"Estimates for {card.name}, which is not here. They rest on:\n")
-    print(f"- memory: {card.bandwidth / 1e12:.4g} TB/s; the columns that kernels.step.advance reads and writes, and")
+    print(
+        f"- memory: {card.bandwidth / 1e12:.4g} TB/s; the columns that kernels.step.advance reads and writes, and"
+    )
     print("  forcing in cache, one look-up a quantity from memory, or every stage's")
-    print(f"- issue: {card.issued / 1e12:.3g} x 10^12 instructions a second, the most it can issue; PTX of sm_90")
-    print(f"- host: {1e6 * host:,.0f} us a step of this machine, {launches} launches, on a stub of CUDA's driver,")
+    print(
+        f"- issue: {card.issued / 1e12:.3g} x 10^12 instructions a second, the most it can issue; PTX of sm_90"
+    )
+    print(
+        f"- host: {1e6 * host:,.0f} us a step of this machine, {launches} launches, on a stub of CUDA's driver,"
+    )
     print("  which leaves out what the true driver takes\n")
     names = ["step", "state B", "forcing B", "registers", "occupancy", "instructions", "loads"]
     names += ["G/s: memory, cached", "one look-up", "every stage", "issue"]
@@ -372,8 +423,12 @@ def paper(card: Card) -> None:
         cells = [term.name, state, forcing, *ptxas, way.instructions, way.loads]
         print(row([*cells, *(three(each / 1e9) for each in (*by_memory, issue))]))
     sizes = [10**k for k in range(5, 9)]
-    print("\nBounds in 10^9 particle-steps a second, by the number of particles: the least of memory (forcing")
-    print("that is not in cache: every stage's look-ups), issue and host. Aims: above 5 for RK4 with wind and")
+    print(
+        "\nBounds in 10^9 particle-steps a second, by the number of particles: the least of memory (forcing"
+    )
+    print(
+        "that is not in cache: every stage's look-ups), issue and host. Aims: above 5 for RK4 with wind and"
+    )
     print("leeway, above 2 for everything.\n")
     print(head(["step", "forcing", *(f"{n:,}" for n in sizes)], 2))
     for names, bound in bounds.items():
@@ -390,11 +445,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("backends", nargs="*", default=["cpu"], help="cpu, cuda, vulkan, metal")
     parser.add_argument("--most", type=float, default=1e7, help="particles")
-    parser.add_argument("--whole", type=float, help="particles of the whole runs; the least of --most and 1e6")
+    parser.add_argument(
+        "--whole", type=float, help="particles of the whole runs; the least of --most and 1e6"
+    )
     parser.add_argument("--case", default=CASE, help="of the whole runs")
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--finer", type=int, default=FINER, help="how much finer the forcing is that no cache holds")
-    parser.add_argument("--paper", nargs="?", const="H100", metavar="CARD", help="estimate, for a card of cards.py")
+    parser.add_argument(
+        "--finer", type=int, default=FINER, help="how much finer the forcing is that no cache holds"
+    )
+    parser.add_argument(
+        "--paper", nargs="?", const="H100", metavar="CARD", help="estimate, for a card of cards.py"
+    )
     parser.add_argument("--smallest", action="store_true", help="tiny sizes: does it run?")
     parser.add_argument("--inside", metavar="BACKEND", help=argparse.SUPPRESS)
     parser.add_argument("--ptx", action="store_true", help=argparse.SUPPRESS)
@@ -408,7 +469,9 @@ def main() -> None:
     elif given.paper:
         card = cards.known(given.paper)
         if card is None:
-            sys.exit(f"no card {given.paper!r}; known: {', '.join(each.name for each in cards.CARDS)}")
+            sys.exit(
+                f"no card {given.paper!r}; known: {', '.join(each.name for each in cards.CARDS)}"
+            )
         if cuda_stub.why_not():
             sys.exit(cuda_stub.why_not())
         paper(card)

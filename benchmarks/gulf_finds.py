@@ -1,8 +1,10 @@
-"""What each find says: the case gulf_containers after none, one, two ... of its finds, on the same worlds.
+"""What each find says: the case gulf_containers after none, one, two ... of its finds, on the same
+worlds.
 
     python benchmarks/gulf_finds.py
 
-Prints the table of docs/spill.md. The finds are those of one simulated spill, of which 238 objects came ashore.
+Prints the table of docs/spill.md. The finds are those of one simulated spill, of which 238 objects
+came ashore.
 """
 
 import argparse
@@ -23,7 +25,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--worlds", type=int, default=2000)
     given = smallest.parse(parser, worlds=50)
-    with flow.kept(run_options.open_job(drift.load("gulf_containers", {"spill.worlds": str(given.worlds)}))) as result:
+    with flow.kept(
+        run_options.open_job(drift.load("gulf_containers", {"spill.worlds": str(given.worlds)}))
+    ) as result:
         assert result.aftermath is not None
         _tell(result.aftermath)
 
@@ -47,7 +51,9 @@ def _tell(after: Aftermath) -> None:
         )
         drawn = realise(after.fates, told, 1, 1)
         kinds = [kind.name for kind in after.spill.kinds]
-        data = washup.build_washup(drawn, after.segments, told.weight, np.array([end]), after.period.start, kinds)
+        data = washup.build_washup(
+            drawn, after.segments, told.weight, np.array([end]), after.period.start, kinds
+        )
         k = fates.index("ashore")
         low, _, high = data["total_number"].values[:, k, -1]
         worst = washup.worst(data, 1)[0]

@@ -1,13 +1,15 @@
 """Legs that a planner would draw by hand, for plans to be compared with.
 
-Each unit flies one sortie, one unit after the other, on what the units before it leave. Two families:
+Each unit flies one sortie, one unit after the other, on what the units before it leave. Two
+families:
 
-drawn: the patterns of the IAMSAR Manual, Vol. II, chapter 5 (expanding square, sector, parallel track, creeping line), laid out at
-the mean position or at the densest spot, on the ground or in a frame that drifts with the objects there. Of the few sizes and
-spacings that a planner would try, the one that finds most of few particles is flown, of those that keep units apart as the plan must.
+drawn: the patterns of the IAMSAR Manual, Vol. II, chapter 5 (expanding square, sector, parallel
+track, creeping line), laid out at the mean position or at the densest spot, on the ground or in a
+frame that drifts with the objects there. Of the few sizes and spacings that a planner would try,
+the one that finds most of few particles is flown, of those that keep units apart as the plan must.
 
-chased: legs from one densest spot of what is left to the next (chase), to and fro against the drift there (against), or with a
-tiny expanding square at each (squares).
+chased: legs from one densest spot of what is left to the next (chase), to and fro against the drift
+there (against), or with a tiny expanding square at each (squares).
 
 All are laid out on the tracks that they are given; what they find may be scored on others.
 """
@@ -73,7 +75,8 @@ def fly(tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, manner: str) -> l
     left = np.outer(few.weight, weights)
     flights: list[Flight] = []
     for u, unit in enumerate(units):
-        if unit.law.kind == "random" or unit.daylight:  # it has no legs; its legs would have to wait for the day
+        # it has no legs; its legs would have to wait for the day
+        if unit.law.kind == "random" or unit.daylight:
             continue
         can = availability.of_unit(unit, spec, (plane.lon, plane.lat))
         crew = rectangle.crew(unit, can, plane, float(tracks.time[0]), factor[u])
@@ -94,7 +97,9 @@ def fly(tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, manner: str) -> l
 
 
 def _clear(nodes: np.ndarray, flights: Sequence[Flight], separation: float) -> bool:
-    """Return whether what legs enclose keeps a distance [m] from what others enclose that are flown at the same time."""
+    """Return whether what legs enclose keeps a distance [m] from what others enclose that are flown
+    at the same time.
+    """
     if separation <= 0:
         return True
     hull = shapely.MultiPoint(nodes[:, 1:3]).convex_hull
@@ -114,7 +119,9 @@ def find(
     spec: PlanSpec,
     survival: Sequence[Survival | None],
 ) -> np.ndarray:
-    """Return what flights find of each particle of tracks (m,), which need not be those that they were laid out on."""
+    """Return what flights find of each particle of tracks (m,), which need not be those that they
+    were laid out on.
+    """
     if not flights:
         return np.zeros(tracks.m)
     swarm = optimiser._swarm(tracks, spec, survival, flights[0].crew.plane)
@@ -174,16 +181,23 @@ def _drawn(crew: Crew, cloud: Cloud, mass: np.ndarray, kind: str) -> Iterator[np
                     turned = points @ np.array([way, [way[1], -way[0]]])
                     begun = max(_arrival(crew, datum + turned[0]), 0.0)
                     shift = frame * (begun - start)
-                    nodes = _timed(datum + shift + turned, frame, begun, min(begun + search, _end(crew)), speed)
+                    nodes = _timed(
+                        datum + shift + turned, frame, begun, min(begun + search, _end(crew)), speed
+                    )
                     if len(nodes) > 1:
                         yield nodes
 
 
-def _timed(points: np.ndarray, frame: np.ndarray, start: float, end: float, speed: float) -> np.ndarray:
-    """Return nodes of legs through points (n, 2) of a frame that moves [m/s] from a start on, cut off at an end."""
+def _timed(
+    points: np.ndarray, frame: np.ndarray, start: float, end: float, speed: float
+) -> np.ndarray:
+    """Return nodes of legs through points (n, 2) of a frame that moves [m/s] from a start on, cut
+    off at an end.
+    """
     legs = np.diff(points, axis=0)
     along, rest = legs @ frame, speed**2 - float(frame @ frame)
-    took = (along + np.sqrt(along**2 + (legs**2).sum(axis=1) * rest)) / rest  # |leg + frame t| = speed t
+    # |leg + frame t| = speed t
+    took = (along + np.sqrt(along**2 + (legs**2).sum(axis=1) * rest)) / rest
     time = start + np.concatenate([[0.0], np.cumsum(took)])
     ground = points + frame * (time - start)[:, None]
     keep = int(np.searchsorted(time, end))
@@ -205,13 +219,17 @@ def _squares(track: float, width: float) -> Iterator[np.ndarray]:
 
 
 def _sectors(track: float, width: float) -> Iterator[np.ndarray]:
-    """Yield sector searches: three equilateral triangles through the datum, flown again turned by 30 degrees."""
+    """Yield sector searches: three equilateral triangles through the datum, flown again turned by
+    30 degrees.
+    """
     for times in SECTORS:
         radius = track / 9 / times
         points = [np.zeros(2)]
         for number in range(3 * times):
             out = math.radians(240 * (number % 3) + 30 * (number // 3))
-            points += [radius * np.array([math.cos(a), math.sin(a)]) for a in (out, out + math.pi / 3)]
+            points += [
+                radius * np.array([math.cos(a), math.sin(a)]) for a in (out, out + math.pi / 3)
+            ]
             points.append(np.zeros(2))
         yield np.array(points)
 
@@ -274,7 +292,10 @@ def _chased(crew: Crew, cloud: Cloud, mass: np.ndarray, manner: str) -> np.ndarr
         if manner == "against":
             legs += [-6 * width * turn, np.array([-turn[1], turn[0]]) * width, 3 * width * turn]
         elif manner == "squares":
-            sizes, ways = (0.3, 0.3, 0.6, 0.6, 0.9, 0.9), ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 0), (0, 1))
+            sizes, ways = (
+                (0.3, 0.3, 0.6, 0.6, 0.9, 0.9),
+                ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 0), (0, 1)),
+            )
             legs += [r * width * np.array(d) for r, d in zip(sizes, ways, strict=True)]
         for leg in legs:
             long = float(np.hypot(*leg))
@@ -283,7 +304,9 @@ def _chased(crew: Crew, cloud: Cloud, mass: np.ndarray, manner: str) -> np.ndarr
                 continue
             spot, now = spot + leg * share, now + long * share / speed
             nodes.append((now, *spot, 1.0))
-            hope[np.hypot(*(cloud.at(min(now, cloud.time[-1]))[0] - spot[:, None])) < 0.7 * width] *= 0.4
+            hope[
+                np.hypot(*(cloud.at(min(now, cloud.time[-1]))[0] - spot[:, None])) < 0.7 * width
+            ] *= 0.4
         if nodes[-1][0] < now + 1e-9 and len(legs) == 1 and float(np.hypot(*legs[0])) < 1.0:
             now += 60.0  # it is there already
         hope[best] *= 0.5

@@ -1,10 +1,12 @@
-"""Does any particle end inland? A large, long run on a real coast; every position of every output is tested.
+"""Does any particle end inland? A large, long run on a real coast; every position of every output
+is tested.
 
     DRIFT_DATA=... python benchmarks/inland.py [PARTICLES] [HOURS]
     python benchmarks/inland.py medsearch_transit [PARTICLES]
 
-A raft case on NorKyst and AROME, released all over the coastal sea, GSHHG at full resolution, errors and diffusion on; or a shipped
-case in which all steer, at times inside its steps, whose positions Shapely tests as well.
+A raft case on NorKyst and AROME, released all over the coastal sea, GSHHG at full resolution,
+errors and diffusion on; or a shipped case in which all steer, at times inside its steps, whose
+positions Shapely tests as well.
 """
 
 import argparse
@@ -53,7 +55,9 @@ def measure(name: str, particles: int = 1_000_000, hours: int = 60) -> None:
     """Run, test every position against the exact coast and by Shapely, and print the account."""
     if name:
         # Outputs at 438 minutes lie inside steps of an hour.
-        case = drift.vary(drift.load(name), {"particles": particles, "output": {"every": "438 min"}})
+        case = drift.vary(
+            drift.load(name), {"particles": particles, "output": {"every": "438 min"}}
+        )
     else:
         smallest.data()
         with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
@@ -70,16 +74,26 @@ def measure(name: str, particles: int = 1_000_000, hours: int = 60) -> None:
     shapely.prepare(coast.polygons)
     begin, inland, tested, within = time.perf_counter(), 0, 0, 0
     for moment in simulate.run(run.ensemble, run.scene, run.clock, outputs):
-        inland, tested = inland + int(shoreline.is_land(coast, moment.lon, moment.lat).sum()), tested + moment.lon.size
-        if name:  # what steers stays off the shore; what has come ashore lies on it, where Shapely's rounding decides
+        inland, tested = (
+            inland + int(shoreline.is_land(coast, moment.lon, moment.lat).sum()),
+            tested + moment.lon.size,
+        )
+        # what steers stays off the shore; what has come ashore lies on it, where Shapely's rounding
+        # decides
+        if name:
             lon, lat = (np.asarray(x, float) * 360 / 2**32 for x in (moment.lon, moment.lat))
             within += _within(
-                coast.polygons, land, sphere.near_degrees(lon, (where.box.west + where.box.east) / 2), lat
+                coast.polygons,
+                land,
+                sphere.near_degrees(lon, (where.box.west + where.box.east) / 2),
+                lat,
             )
     run.scene.forcing.close()
     account = np.bincount(moment.status, record.probability(run.ensemble), len(Status))
     told = ", ".join(
-        f"{status.name.lower().replace('_', ' ')} {account[status]:.1%}" for status in Status if account[status] > 0
+        f"{status.name.lower().replace('_', ' ')} {account[status]:.1%}"
+        for status in Status
+        if account[status] > 0
     )
     shapely_too = f" ({within} by Shapely)" if name else ""
     print(f"{case.particles:,} particles, {(case.end - case.start) / np.timedelta64(1, 'h'):g} h, step {run.clock.step} s, {time.perf_counter() - begin:.0f} s: "
@@ -88,7 +102,9 @@ def measure(name: str, particles: int = 1_000_000, hours: int = 60) -> None:
 
 
 def _within(polygons: Any, tree: Any, lon: Any, lat: Any) -> int:
-    """Return how many of points [deg] lie in one of the polygons, which are prepared; tree: of them."""
+    """Return how many of points [deg] lie in one of the polygons, which are prepared; tree: of
+    them.
+    """
     point, polygon = tree.query(shapely.points(lon, lat))
     order = np.argsort(polygon, kind="stable")
     point, polygon = point[order], polygon[order]

@@ -1,11 +1,11 @@
 """Instructions of PTX that a thread issues for one particle, counted without a card.
 
-It cuts the first loop over particles of a kernel's PTX into blocks, and takes the shortest way once round its
-outer loop: through the block that takes the particle's columns, through the loop over the stages of the
-scheme, which counts once a stage, and through a block that stores whole numbers, as the end of a
-step does. On that way the particle is far from the
-shore, and no function of the library takes its slow branch. PTX is not what a card runs: ptxas
-merges and splits instructions, so the figure is rough.
+It cuts the first loop over particles of a kernel's PTX into blocks, and takes the shortest way once
+round its outer loop: through the block that takes the particle's columns, through the loop over the
+stages of the scheme, which counts once a stage, and through a block that stores whole numbers, as
+the end of a step does. On that way the particle is far from the shore, and no function of the
+library takes its slow branch. PTX is not what a card runs: ptxas merges and splits instructions, so
+the figure is rough.
 """
 
 import heapq
@@ -39,7 +39,9 @@ class Block:
 
 def first_loop(text: str) -> str:
     """Return the first entry of a file of PTX that is a loop."""
-    return next(entry for entry in re.split(r"(?=\.visible \.entry )", text)[1:] if "range_for(" in entry)
+    return next(
+        entry for entry in re.split(r"(?=\.visible \.entry )", text)[1:] if "range_for(" in entry
+    )
 
 
 def blocks(entry: str) -> dict[str, Block]:
@@ -67,7 +69,9 @@ def blocks(entry: str) -> dict[str, Block]:
 def _direct(found: dict[str, Block], block: Block) -> Block:
     """Return a block that is followed by where the jumps that stand alone after it lead."""
     lone = lambda name: len(found[name].lines) == 1 and found[name].lines[0].startswith("bra.uni")  # noqa: E731
-    return Block(block.lines, [found[name].after[0] if lone(name) else name for name in block.after])
+    return Block(
+        block.lines, [found[name].after[0] if lone(name) else name for name in block.after]
+    )
 
 
 def _leaves(block: Block) -> bool:
@@ -75,8 +79,12 @@ def _leaves(block: Block) -> bool:
     return bool(re.match(r"bra\.uni|ret|exit", last))
 
 
-def _nearest(graph: dict[str, Block], weights: dict[str, int], start: str) -> tuple[dict[str, int], dict[str, str]]:
-    """Return what it takes to reach each block from the end of `start` (Dijkstra 1959), and by which."""
+def _nearest(
+    graph: dict[str, Block], weights: dict[str, int], start: str
+) -> tuple[dict[str, int], dict[str, str]]:
+    """Return what it takes to reach each block from the end of `start` (Dijkstra 1959), and by
+    which.
+    """
     reached, by = {}, {}
     queue = [(weights[name], name, start) for name in graph[start].after if name != start]
     heapq.heapify(queue)
@@ -103,7 +111,9 @@ def shortest(text: str, stages: int) -> Way:
     graph = blocks(first_loop(text))
     order = list(graph)
     turned = [name for name in order if name in graph[name].after]
-    loops = [name for name in turned if graph[name].count("ld.f32") or graph[name].count("ld.global.f32")]
+    loops = [
+        name for name in turned if graph[name].count("ld.f32") or graph[name].count("ld.global.f32")
+    ]
     heads = re.findall(r"(\$\w+):[^\n]*This Loop Header: Depth=1", text)
     heads = [head for head in heads if head in graph]
     if len(heads) != 1 or not loops:
@@ -113,17 +123,25 @@ def shortest(text: str, stages: int) -> Way:
     weights = {name: repeats[name] * len(graph[name].lines) for name in graph}
     ends = [name for name in order if name != stage and graph[name].count("st.u32") >= STORES]
     way = _through(graph, weights, (heads[0], stage), ends)
-    # The shortest way of all skips the block that takes the particle's columns: that is mostly loads.
+    # The shortest way of all skips the block that takes the particle's columns: that is mostly
+    # loads.
     aside = [name for name in order[order.index(heads[0]) : order.index(stage)] if name not in way]
     taken = [name for name in aside if graph[name].count("ld")]
     if taken:
         gather = max(taken, key=lambda name: graph[name].count("ld") ** 2 / len(graph[name].lines))
         way = _through(graph, weights, (heads[0], gather, stage), ends)
-    return Way(sum(weights[name] for name in way), sum(repeats[name] * graph[name].count("ld") for name in way))
+    return Way(
+        sum(weights[name] for name in way),
+        sum(repeats[name] * graph[name].count("ld") for name in way),
+    )
 
 
-def _through(graph: dict[str, Block], weights: dict[str, int], first: tuple[str, ...], ends: list[str]) -> list[str]:
-    """Return the blocks of the shortest way through some blocks and one of the ends, back to the first."""
+def _through(
+    graph: dict[str, Block], weights: dict[str, int], first: tuple[str, ...], ends: list[str]
+) -> list[str]:
+    """Return the blocks of the shortest way through some blocks and one of the ends, back to the
+    first.
+    """
     ways = []
     for end in ends:
         way: list[str] = []

@@ -1,8 +1,10 @@
-"""Is a folder of results ever a mixture of two runs? Runs with --overwrite are killed (SIGKILL) at random moments.
+"""Is a folder of results ever a mixture of two runs? Runs with --overwrite are killed (SIGKILL) at
+random moments.
 
-Most are a stand-in that publishes files of the size of a real run's; most of its kills fall into the publication. A few are the
-real command. After each kill the folder is read as a reader does, and what is in it is held against what the old run left
-and what the new one would have written, without our code. Then a run that is left alone must leave no hidden folder.
+Most are a stand-in that publishes files of the size of a real run's; most of its kills fall into
+the publication. A few are the real command. After each kill the folder is read as a reader does,
+and what is in it is held against what the old run left and what the new one would have written,
+without our code. Then a run that is left alone must leave no hidden folder.
 
     python benchmarks/kill_overwrite.py [--kills 50] [--real 6] [--seed 1]
 
@@ -23,11 +25,25 @@ from pathlib import Path
 
 import smallest
 
-SIZES = {"forecast.nc": 6_000_000, "particles.nc": 900_000, "map.png": 700_000, "snapshots.png": 1_500_000,
-         "contours.geojson": 400_000, "track.csv": 4_000, "ashore.csv": 60_000, "summary.json": 30_000}  # [bytes]  # fmt: skip
+# [bytes]
+SIZES = {
+    "forecast.nc": 6_000_000,
+    "particles.nc": 900_000,
+    "map.png": 700_000,
+    "snapshots.png": 1_500_000,
+    "contours.geojson": 400_000,
+    "track.csv": 4_000,
+    "ashore.csv": 60_000,
+    "summary.json": 30_000,
+}
 OUTCOMES = ("old whole", "new whole", "mixture", "lost")
 # When it is killed: the file whose appearance counts, the longest time after it [s], how often
-MOMENTS = (("", 1.0, 1), ("new/summary.json", 0.3, 2), ("journal.json", 0.01, 4), ("old/manifest.json", 0.003, 4))
+MOMENTS = (
+    ("", 1.0, 1),
+    ("new/summary.json", 0.3, 2),
+    ("journal.json", 0.01, 4),
+    ("old/manifest.json", 0.003, 4),
+)
 REAL = 5.0 if smallest.ASKED else 30.0  # [s] of a real run
 RUN_ID = re.compile(rb"[0-9a-f]{10}-s\d+")
 
@@ -36,7 +52,10 @@ def files(seed: int) -> dict[str, bytes]:
     """Return what the stand-in writes: every file is full of its run's name."""
     run = f"{hashlib.sha256(b'%d' % seed).hexdigest()[:10]}-s{seed} ".encode()
     sizes = {**SIZES, f"only_{seed}.csv": 50_000}
-    return {name: (f"{name} ".encode() + run * (size // len(run) + 1))[:size] for name, size in sizes.items()}
+    return {
+        name: (f"{name} ".encode() + run * (size // len(run) + 1))[:size]
+        for name, size in sizes.items()
+    }
 
 
 def stand_in(folder: Path, seed: int) -> None:
@@ -55,13 +74,24 @@ def command(folder: Path, seed: int, real: bool) -> list[str]:
     """Return the words that start a run."""
     if real:
         name = str(smallest.CASE) if smallest.ASKED else "overdue_boat"
-        case = ["-m", "drift", "run", name, "--set", "particles=2000", "--set", "output.every='12 h'"]
+        case = [
+            "-m",
+            "drift",
+            "run",
+            name,
+            "--set",
+            "particles=2000",
+            "--set",
+            "output.every='12 h'",
+        ]
         return [sys.executable, *case, "--overwrite", "--seed", str(seed), "--out", str(folder)]
     return [sys.executable, __file__, "--publish", str(folder), "--seed", str(seed)]
 
 
 def kill(words: list[str], folder: Path, mark: str, delay: float) -> None:
-    """Start a run and kill it a time [s] after a file that its hidden folder holds has appeared; at once after no mark."""
+    """Start a run and kill it a time [s] after a file that its hidden folder holds has appeared; at
+    once after no mark.
+    """
     with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
         while mark and running.poll() is None and not list(folder.glob(f".drift-partial-*/{mark}")):
             time.sleep(2e-4)  # [s] else it takes a core from the run
@@ -72,7 +102,11 @@ def kill(words: list[str], folder: Path, mark: str, delay: float) -> None:
 def contents(folder: Path) -> dict[str, bytes]:
     """Return the files of runs in a folder, but for manifests."""
     names = {"notes.txt", "link.csv", "manifest.json"}
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file() and path.name not in names}
+    return {
+        path.name: path.read_bytes()
+        for path in folder.iterdir()
+        if path.is_file() and path.name not in names
+    }
 
 
 def judged(folder: Path, old: dict[str, bytes], seed: int, real: bool) -> str:
@@ -94,7 +128,9 @@ def judged(folder: Path, old: dict[str, bytes], seed: int, real: bool) -> str:
     # A table without a row names no run; in a picture a number may follow that begins with a digit.
     runs = [run for data in found.values() for run in RUN_ID.findall(data)]
     ours = re.compile(rb"[0-9a-f]{10}-s%d" % seed)
-    return "new whole" if set(found) == set(old) and runs and all(map(ours.match, runs)) else "mixture"
+    return (
+        "new whole" if set(found) == set(old) and runs and all(map(ours.match, runs)) else "mixture"
+    )
 
 
 def trial(folder: Path, kills: int, real: bool, dice: random.Random) -> Counter[str]:
@@ -108,7 +144,12 @@ def trial(folder: Path, kills: int, real: bool, dice: random.Random) -> Counter[
     for number in range(kills):
         old, seed = contents(folder), number + 2
         mark, longest, _ = dice.choices(MOMENTS, [often for *_, often in MOMENTS])[0]
-        kill(command(folder, seed, real), folder, mark, dice.uniform(0, longest if mark or not real else REAL))
+        kill(
+            command(folder, seed, real),
+            folder,
+            mark,
+            dice.uniform(0, longest if mark or not real else REAL),
+        )
         during = len(list(folder.glob(".drift-partial-*/journal.json")))
         outcome = judged(folder, old, seed, real)
         mine = (folder / "notes.txt").read_text() == "mine" and (folder / "link.csv").is_symlink()
@@ -116,13 +157,17 @@ def trial(folder: Path, kills: int, real: bool, dice: random.Random) -> Counter[
         found["in the middle of the renames"] += during
         found["the user's things changed"] += not (mine and (folder / "map.png.d").is_dir())
     subprocess.run(command(folder, kills + 2, real), stdout=subprocess.DEVNULL, check=True)
-    found["hidden folders after the next run"] += len([*folder.glob(".drift-*"), *folder.parent.glob(".drift-*")])
+    found["hidden folders after the next run"] += len(
+        [*folder.glob(".drift-*"), *folder.parent.glob(".drift-*")]
+    )
     return found
 
 
 def main() -> None:
     """Print a table of outcomes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--real", type=int, default=6, help="of them with the real command")
     parser.add_argument("--seed", type=int, default=1)
@@ -134,10 +179,17 @@ def main() -> None:
     dice = random.Random(given.seed)
     rows = {}
     with tempfile.TemporaryDirectory() as ground:
-        for name, kills, real in (("stand-in", given.kills - given.real, False), ("drift run", given.real, True)):
+        for name, kills, real in (
+            ("stand-in", given.kills - given.real, False),
+            ("drift run", given.real, True),
+        ):
             if kills > 0:
                 rows[name] = trial(Path(ground) / name.replace(" ", "-"), kills, real, dice)
-    others = ("in the middle of the renames", "the user's things changed", "hidden folders after the next run")
+    others = (
+        "in the middle of the renames",
+        "the user's things changed",
+        "hidden folders after the next run",
+    )
     print(f"{'':36}" + "".join(f"{name:>12}" for name in rows))
     for row in (*OUTCOMES, *others):
         print(f"{row:36}" + "".join(f"{found[row]:12}" for found in rows.values()))

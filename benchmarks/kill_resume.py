@@ -1,9 +1,12 @@
 """Does a run that is killed again and again end with the files of one that was left in peace?
 
-    python benchmarks/kill_resume.py [CASE] [--set KEY=VALUE ..] [--shards 8] [--kills 10] [--seed 1]
+    python benchmarks/kill_resume.py [CASE] [--set KEY=VALUE ..] [--shards 8] [--kills 10] [--seed
+    1]
 
-The case is run once in one piece. Then the same in shards is killed (SIGKILL) at random moments, each time after up to as long as the run
-in one piece took, and begun again, over its results where these stand; the last time it is let end. Prints what each left behind, and what differs in the files.
+The case is run once in one piece. Then the same in shards is killed (SIGKILL) at random moments,
+each time after up to as long as the run in one piece took, and begun again, over its results where
+these stand; the last time it is let end. Prints what each left behind, and what differs in the
+files.
 """
 
 import argparse
@@ -27,7 +30,9 @@ def main() -> None:
     options.add_argument("--shards", type=int, default=8)
     options.add_argument("--kills", type=int, default=10)
     options.add_argument("--seed", type=int, default=1)
-    given = smallest.parse(options, case=str(smallest.CASE), set=["particles=9000"], shards=3, kills=1)
+    given = smallest.parse(
+        options, case=str(smallest.CASE), set=["particles=9000"], shards=3, kills=1
+    )
     draw = random.Random(given.seed)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -53,7 +58,8 @@ def main() -> None:
         print(f"in one piece: {whole:.1f} s")
         for kill in range(given.kills):
             process = subprocess.Popen(
-                command("killed", "--shards", str(given.shards), "--overwrite"), stderr=subprocess.DEVNULL
+                command("killed", "--shards", str(given.shards), "--overwrite"),
+                stderr=subprocess.DEVNULL,
             )
             wait = draw.uniform(0, whole)
             try:

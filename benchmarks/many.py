@@ -1,10 +1,12 @@
-"""How many small forecasts a second does one process make? In a loop of runs, and by drift.run_many; and what does a map cost?
+"""How many small forecasts a second does one process make? In a loop of runs, and by
+drift.run_many; and what does a map cost?
 
     python benchmarks/many.py [--forecasts 40] [--particles 4000] [--case CASE]
 
-Without CASE: 24 h of a raft in a made-up 3-hourly current and wind on regular grids off Norway, with errors and diffusion, in
-the open sea without a coast and along the Norwegian one. Forecasts differ in start, place and seed. `a second` is by the clock;
-`own` is what the main thread reckoned for a forecast, `all` what all threads did, Taichi's and those of the maps among them: they tell
+Without CASE: 24 h of a raft in a made-up 3-hourly current and wind on regular grids off Norway,
+with errors and diffusion, in the open sea without a coast and along the Norwegian one. Forecasts
+differ in start, place and seed. `a second` is by the clock; `own` is what the main thread reckoned
+for a forecast, `all` what all threads did, Taichi's and those of the maps among them: they tell
 more where other programs share the machine.
 """
 
@@ -60,9 +62,16 @@ def write(folder: Path) -> None:
         ("wind", 9.0, ("eastward_wind", "northward_wind")),
     ):
         phase = [0.4 * k + 0.9 * x - 1.3 * y for k in range(when.size)]
-        parts = {"u": [size * np.cos(p) for p in phase], "v": [0.8 * size * np.sin(p + 0.5) for p in phase]}
+        parts = {
+            "u": [size * np.cos(p) for p in phase],
+            "v": [0.8 * size * np.sin(p + 0.5) for p in phase],
+        }
         data = {
-            part: (("time", "lat", "lon"), np.array(values, np.float32), {"standard_name": key, "units": "m s-1"})
+            part: (
+                ("time", "lat", "lon"),
+                np.array(values, np.float32),
+                {"standard_name": key, "units": "m s-1"},
+            )
             for (part, values), key in zip(parts.items(), keys, strict=True)
         }
         xr.Dataset(data, {"time": when, "lat": lat, "lon": lon}).to_netcdf(folder / f"{name}.nc")
@@ -133,7 +142,9 @@ def main() -> None:
             cases = {}
             for place, (lon, lat, coast) in PLACES.items():
                 cases[place] = folder / f"{len(cases)}.toml"
-                text = CASE.format(particles=given.particles, folder=folder, lon=lon, lat=lat, coast=coast)
+                text = CASE.format(
+                    particles=given.particles, folder=folder, lon=lon, lat=lat, coast=coast
+                )
                 cases[place].write_text(text)
         print(
             "[ms] of the main thread by phase; open_for: files and coast, prepare: all of the start, begin: of the maps what needs the device"
@@ -145,7 +156,12 @@ def main() -> None:
             list(drift.run_many(some[:1], maps="last"))
             told(f"{place}: drift.run in a loop", map(drift.run, some[:few]), few, spent)
             for title, maps in (("no map", False), ("one map", "last"), ("all maps", True)):
-                told(f"{place}: run_many, {title}", drift.run_many(some, maps=maps), given.forecasts, spent)  # type: ignore[arg-type]
+                told(
+                    f"{place}: run_many, {title}",
+                    drift.run_many(some, maps=maps),
+                    given.forecasts,
+                    spent,
+                )  # type: ignore[arg-type]
 
 
 if __name__ == "__main__":

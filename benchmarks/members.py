@@ -1,7 +1,8 @@
 """What an ensemble of currents costs beside one member: memory, drift time, and reading told apart.
 
 Eddying currents, hourly, on 0.05 degrees: a file of one member, and one of many. CPU time of the
-whole process less that of the thread that reads ahead; "reading" is that thread's. Each run is a process of its own, for its memory.
+whole process less that of the thread that reads ahead; "reading" is that thread's. Each run is a
+process of its own, for its memory.
 
     python benchmarks/members.py [MEMBERS] [PARTICLES]
 """
@@ -53,17 +54,26 @@ def write(path: Path, members: int) -> None:
     data = np.empty((2, members, HOURS.size, LAT.size, LON.size), np.float32)
     for member in range(members):
         rng = np.random.default_rng(member)
-        kx, ky, phase = rng.normal(0, 3, WAVES), rng.normal(0, 3, WAVES), rng.uniform(0, 2 * np.pi, WAVES)
+        kx, ky, phase = (
+            rng.normal(0, 3, WAVES),
+            rng.normal(0, 3, WAVES),
+            rng.uniform(0, 2 * np.pi, WAVES),
+        )
         rate, size = rng.normal(0, 0.1, WAVES), rng.normal(0, 0.15, WAVES)
         for hour in HOURS:
-            angle = kx[:, None, None] * x + ky[:, None, None] * y + (phase + rate * hour)[:, None, None]
+            angle = (
+                kx[:, None, None] * x + ky[:, None, None] * y + (phase + rate * hour)[:, None, None]
+            )
             data[0, member, hour], data[1, member, hour] = (
                 np.tensordot(size, wave, 1) for wave in (np.cos(angle), np.sin(angle + 1))
             )
     dims = ("number", "time", "lat", "lon")
     names = ("eastward_sea_water_velocity", "northward_sea_water_velocity")
     xr.Dataset(
-        {name: (dims, own, {"units": "m s-1", "standard_name": name}) for name, own in zip(names, data, strict=True)},
+        {
+            name: (dims, own, {"units": "m s-1", "standard_name": name})
+            for name, own in zip(names, data, strict=True)
+        },
         coords={
             "time": ("time", HOURS, {"units": "hours since 2026-01-01"}),
             "lat": ("lat", LAT, {"units": "degrees_north"}),
@@ -90,7 +100,9 @@ def measure(path: str) -> None:
     begin = run_setup.prepare(case, run_setup.open_for(case))
     read, begun = spent, time.process_time()
     with closing(begin.scene.forcing):
-        for _ in simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([case.period.duration])):
+        for _ in simulate.run(
+            begin.ensemble, begin.scene, begin.clock, np.array([case.period.duration])
+        ):
             pass
     reading = spent - read
     told = {"drift": time.process_time() - begun - reading, "reading": reading}
@@ -113,12 +125,19 @@ def main() -> None:
         for many in (1, members):
             write(Path(folder) / f"{many}.nc", many)
             case = Path(folder) / f"{many}.toml"
-            case.write_text(CASE.format(file=f"{many}.nc", particles=particles, several=str(many > 1).lower()))
+            case.write_text(
+                CASE.format(file=f"{many}.nc", particles=particles, several=str(many > 1).lower())
+            )
             told = subprocess.run(
-                [sys.executable, __file__, "--measure", str(case)], check=True, capture_output=True, text=True
+                [sys.executable, __file__, "--measure", str(case)],
+                check=True,
+                capture_output=True,
+                text=True,
             ).stdout
             rows.append(json.loads(told.splitlines()[-1]))
-    print(f"{particles:,} particles, 24 h in steps of 30 min, hourly currents of {LON.size * LAT.size:,} nodes")
+    print(
+        f"{particles:,} particles, 24 h in steps of 30 min, hourly currents of {LON.size * LAT.size:,} nodes"
+    )
     print(f"{'members':>8} {'drift [CPU s]':>14} {'reading [CPU s]':>16} {'memory [MiB]':>13}")
     for many, row in zip((1, members), rows, strict=True):
         print(f"{many:>8} {row['drift']:>14.2f} {row['reading']:>16.2f} {row['memory']:>13.0f}")

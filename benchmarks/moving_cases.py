@@ -1,10 +1,13 @@
-"""Random cases of targets that drift, spread, converge and mix, for a plan and its bound to be tried on.
+"""Random cases of targets that drift, spread, converge and mix, for a plan and its bound to be
+tried on.
 
-A field of currents on a grid of 0.02 degrees in the open Atlantic, of one of these kinds: plain (all drift as one), strait (from far and wide towards
-one gap, and through it), front (converging on a line, along which they are sheared), saddle (strain and a vortex). Errors of the current are
-Ornstein-Uhlenbeck of 0.03 to 0.7 m/s a component over 2 to 14 h, and a bias that lasts. One to three stories of 0.2 to 8 nmi, one in three with a failed search. Two
-to four units, boats and aircraft together, sweep widths that differ by story and are unsure by up to 60 %, laws of all kinds, one to three
-rounds, 6 to 72 h. Half of the cases plan for finding alive.
+A field of currents on a grid of 0.02 degrees in the open Atlantic, of one of these kinds: plain
+(all drift as one), strait (from far and wide towards one gap, and through it), front (converging on
+a line, along which they are sheared), saddle (strain and a vortex). Errors of the current are
+Ornstein-Uhlenbeck of 0.03 to 0.7 m/s a component over 2 to 14 h, and a bias that lasts. One to
+three stories of 0.2 to 8 nmi, one in three with a failed search. Two to four units, boats and
+aircraft together, sweep widths that differ by story and are unsure by up to 60 %, laws of all
+kinds, one to three rounds, 6 to 72 h. Half of the cases plan for finding alive.
 """
 
 import tempfile
@@ -49,8 +52,14 @@ def current(kind: str, rng: np.random.Generator, hours: float) -> xr.Dataset:
     v = north + slow * np.sin(turn) + aside * np.cos(turn)
     time = START + np.array([-6, round(hours) + 90]) * np.timedelta64(3600, "s")
     held = {
-        "x_sea_water_velocity": (("time", "lat", "lon"), np.stack([np.clip(u, -1.5, 1.5)] * 2).astype("f4")),
-        "y_sea_water_velocity": (("time", "lat", "lon"), np.stack([np.clip(v, -1.5, 1.5)] * 2).astype("f4")),
+        "x_sea_water_velocity": (
+            ("time", "lat", "lon"),
+            np.stack([np.clip(u, -1.5, 1.5)] * 2).astype("f4"),
+        ),
+        "y_sea_water_velocity": (
+            ("time", "lat", "lon"),
+            np.stack([np.clip(v, -1.5, 1.5)] * 2).astype("f4"),
+        ),
     }
     names = {
         "x_sea_water_velocity": "eastward_sea_water_velocity",
@@ -64,7 +73,9 @@ def current(kind: str, rng: np.random.Generator, hours: float) -> xr.Dataset:
 
 
 def case(number: int, particles: int) -> tuple[Case, xr.Dataset, str, float]:
-    """Return a random case, its currents, what it is like, and the bound that its effort is to be scaled to."""
+    """Return a random case, its currents, what it is like, and the bound that its effort is to be
+    scaled to.
+    """
     rng = np.random.Generator(np.random.Philox(key=20_000 + number))
     kind = KINDS[number % len(KINDS)]
     tenfold = number % 5 == 4  # spreads tenfold or more: small at first, large errors
@@ -95,7 +106,9 @@ def case(number: int, particles: int) -> tuple[Case, xr.Dataset, str, float]:
     for s in range(stories):
         east, north = rng.uniform(-8, 8, 2) * near * (stories > 1)
         # IAMSAR's error is the radius of half of the probability: 1.18 standard deviations.
-        error = 1.18 * (rng.uniform(0.2, 0.5) if tenfold else np.exp(rng.uniform(np.log(0.3), np.log(8.0))))
+        error = 1.18 * (
+            rng.uniform(0.2, 0.5) if tenfold else np.exp(rng.uniform(np.log(0.3), np.log(8.0)))
+        )
         lines.append(
             f'[[scenario]]\nname = "story {s}"\nweight = {rng.uniform(0.3, 1):.3f}\nobject = {{ windage = "0 %" }}\n'
             f'position = {{ at = [{LON + east / 60 / np.cos(np.radians(LAT)):.5f}, {LAT + north / 60:.5f}], error = "{error:.3f} nmi" }}'
@@ -144,7 +157,9 @@ def case(number: int, particles: int) -> tuple[Case, xr.Dataset, str, float]:
 
 
 def scaled(units: tuple[Unit, ...], factor: float) -> tuple[Unit, ...]:
-    """Return units whose sweep width times endurance is so many times as large, each by the root of it."""
+    """Return units whose sweep width times endurance is so many times as large, each by the root of
+    it.
+    """
     root = float(np.sqrt(factor))
     return tuple(
         replace(

@@ -1,15 +1,17 @@
-"""Do the tests notice? Small faults are put into the code, one at a time, and the tests that concern them are run.
+"""Do the tests notice? Small faults are put into the code, one at a time, and the tests that
+concern them are run.
 
     python benchmarks/mutants.py [--only TEXT] [--workers 1] [--done FILE] [--again] [--trust]
 
-The faults are those of mutants.toml: a file, what stands there, what stands there instead, and the tests that should
-notice. Each is put into a copy of the checkout. It is killed when a test fails or does not end in time: first those
-of the default suite are run, then, where all of them pass, those of the thorough stage. It survives when all pass.
-Text that does not stand exactly once in its file is stale: mend mutants.toml. First all tests must pass without a
-fault (--trust: they are taken to).
+The faults are those of mutants.toml: a file, what stands there, what stands there instead, and the
+tests that should notice. Each is put into a copy of the checkout. It is killed when a test fails or
+does not end in time: first those of the default suite are run, then, where all of them pass, those
+of the thorough stage. It survives when all pass. Text that does not stand exactly once in its file
+is stale: mend mutants.toml. First all tests must pass without a fault (--trust: they are taken to).
 
-Results are kept in mutants.json beside this file (--done: elsewhere), so that a run can go on later; a fault that has
-changed there, or whose tests are others now, is tried again. docs/faults.md is made from it.
+Results are kept in mutants.json beside this file (--done: elsewhere), so that a run can go on
+later; a fault that has changed there, or whose tests are others now, is tried again. docs/faults.md
+is made from it.
 """
 
 import argparse
@@ -43,18 +45,28 @@ PARTS = (
     "CHANGELOG.md",
 )
 LIMIT = 900  # [s] for the tests of one fault
-STAGES = {"default": "", "thorough": "thorough"}  # pytest's markers of the stages, in the order in which they are tried
+# pytest's markers of the stages, in the order in which they are tried
+STAGES = {"default": "", "thorough": "thorough"}
 PASSED, FAILED, NONE_CHOSEN = 0, 1, 5  # pytest's exit statuses
 SETTLED = ("killed", "survived")
 
 
 def known() -> list[dict[str, Any]]:
     """Return the faults; stop at one whose text is stale."""
-    mutants: list[dict[str, Any]] = tomllib.loads((HERE / "mutants.toml").read_text(encoding="utf-8"))["mutant"]
-    stale = [m for m in mutants if (HERE.parent / m["file"]).read_text(encoding="utf-8").count(m["find"]) != 1]
+    mutants: list[dict[str, Any]] = tomllib.loads(
+        (HERE / "mutants.toml").read_text(encoding="utf-8")
+    )["mutant"]
+    stale = [
+        m
+        for m in mutants
+        if (HERE.parent / m["file"]).read_text(encoding="utf-8").count(m["find"]) != 1
+    ]
     if stale:
         sys.exit(
-            "\n".join(f"stale: {m['file']}: {m['what']}: its text does not stand there exactly once" for m in stale)
+            "\n".join(
+                f"stale: {m['file']}: {m['what']}: its text does not stand there exactly once"
+                for m in stale
+            )
         )
     return mutants
 
@@ -78,16 +90,32 @@ def key(mutant: dict[str, Any]) -> str:
 
 
 def passes(tests: list[str], marker: str, copy: Path, data: str) -> tuple[int, str]:
-    """Return pytest's exit status for tests on a copy of the checkout, and the first test that failed.
+    """Return pytest's exit status for tests on a copy of the checkout, and the first test that
+    failed.
 
     marker: of tests that the default suite leaves out; "" for the default suite.
     """
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider"]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-x",
+        "-q",
+        "--no-header",
+        "--tb=no",
+        "-p",
+        "no:cacheprovider",
+    ]
     chosen = ["-m", marker] if marker else []
     done = subprocess.run(
         [*command, *chosen, *(f"tests/{name}" for name in tests)],
         cwd=copy,
-        env={**os.environ, "PYTHONPATH": str(copy), "DRIFT_DATA": data, "PYTHONDONTWRITEBYTECODE": "1"},
+        env={
+            **os.environ,
+            "PYTHONPATH": str(copy),
+            "DRIFT_DATA": data,
+            "PYTHONDONTWRITEBYTECODE": "1",
+        },
         capture_output=True,
         text=True,
         timeout=LIMIT,
@@ -101,14 +129,22 @@ def tried(mutant: dict[str, Any], copy: Path, data: str) -> dict[str, Any]:
     file = copy / mutant["file"]
     whole = file.read_text(encoding="utf-8")
     file.write_text(whole.replace(mutant["find"], mutant["replace"]), encoding="utf-8")
-    row = {"file": mutant["file"], "what": mutant["what"], "verdict": "survived", "stage": "", "noticed": ""}
+    row = {
+        "file": mutant["file"],
+        "what": mutant["what"],
+        "verdict": "survived",
+        "stage": "",
+        "noticed": "",
+    }
     stages = {mutant["marker"]: mutant["marker"]} if "marker" in mutant else STAGES
     begin = time.perf_counter()
     try:
         for stage, marker in stages.items():
             code, noticed = passes(mutant["tests"], marker, copy, data)
             if code not in (PASSED, NONE_CHOSEN):
-                row.update(verdict="killed" if code == FAILED else "broken", stage=stage, noticed=noticed)
+                row.update(
+                    verdict="killed" if code == FAILED else "broken", stage=stage, noticed=noticed
+                )
                 break
     except subprocess.TimeoutExpired:
         row.update(verdict="killed", stage=stage, noticed="did not end")
@@ -122,9 +158,15 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--only", default="", help="of those whose file or words hold this text")
     options.add_argument("--workers", type=int, default=1)
-    options.add_argument("--done", type=Path, default=HERE / "mutants.json", help="results: read first, and added to")
+    options.add_argument(
+        "--done", type=Path, default=HERE / "mutants.json", help="results: read first, and added to"
+    )
     options.add_argument("--again", action="store_true", help="try those again that survived")
-    options.add_argument("--trust", action="store_true", help="do not see first whether all tests pass without a fault")
+    options.add_argument(
+        "--trust",
+        action="store_true",
+        help="do not see first whether all tests pass without a fault",
+    )
     given = smallest.parse(options, only="geo/")
     results: dict[str, Any] = {}
     if given.done.exists():
@@ -146,7 +188,9 @@ def main() -> None:
             for part in PARTS:
                 source = HERE.parent / part
                 if source.is_dir():
-                    shutil.copytree(source, copy / part, ignore=shutil.ignore_patterns("__pycache__"))
+                    shutil.copytree(
+                        source, copy / part, ignore=shutil.ignore_patterns("__pycache__")
+                    )
                 elif source.exists():
                     shutil.copy(source, copy / part)
             copies.put(copy)
@@ -168,7 +212,9 @@ def main() -> None:
 
         if not given.trust:
             copy = copies.get()
-            for name, marker in sorted({(name, m.get("marker", "")) for m in waiting for name in m["tests"]}):
+            for name, marker in sorted(
+                {(name, m.get("marker", "")) for m in waiting for name in m["tests"]}
+            ):
                 code, noticed = passes([name], marker, copy, data)
                 if code not in (PASSED, NONE_CHOSEN):
                     sys.exit(f"tests/{name} fails without any fault: {noticed}")
@@ -180,7 +226,9 @@ def main() -> None:
             print(f"{row['verdict']}: {row['file']}: {row['what']}" + (f" ({why})" if why else ""))
     stages = Counter(row["stage"] for row, _ in rows if row["verdict"] == "killed")
     killed = ", ".join(f"{stage} {count / len(rows):.1%}" for stage, count in stages.items())
-    print(f"{len(rows)} faults: {stages.total()} killed, {stages.total() / len(rows):.1%} (by stage: {killed})")
+    print(
+        f"{len(rows)} faults: {stages.total()} killed, {stages.total() / len(rows):.1%} (by stage: {killed})"
+    )
 
 
 if __name__ == "__main__":

@@ -1,10 +1,12 @@
-"""Tracks of OpenDrift's Leeway model on the NorKyst and AROME files, errors and jibing off: an oracle for a test.
+"""Tracks of OpenDrift's Leeway model on the NorKyst and AROME files, errors and jibing off: an
+oracle for a test.
 
 Run it in an environment of OpenDrift's own (it is no dependency of ours):
 
     python benchmarks/opendrift_norkyst.py FOLDER_OF_NORKYST tests/data/opendrift_norkyst.csv
 
-Half of the objects drift on the right line, half on the left one; Euler steps of 60 s keep its own error small.
+Half of the objects drift on the right line, half on the left one; Euler steps of 60 s keep its own
+error small.
 """
 
 import argparse
@@ -39,7 +41,9 @@ def main() -> None:
     rng = np.random.default_rng(20151116)
     # Open water west of the coast, away from the edges of both files.
     lon, lat = rng.uniform(3.4, 4.2, 100), rng.uniform(60.0, 61.0, 100)
-    number = list(model.leewayprop.values()).index(next(p for p in model.leewayprop.values() if p["OBJKEY"] == OBJECT))
+    number = list(model.leewayprop.values()).index(
+        next(p for p in model.leewayprop.values() if p["OBJKEY"] == OBJECT)
+    )
     model.seed_elements(lon=lon, lat=lat, time=START, object_type=number + 1)
     p, e = list(model.leewayprop.values())[number], model.elements_scheduled
     right = np.arange(lon.size) % 2 == 0

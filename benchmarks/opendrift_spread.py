@@ -1,12 +1,15 @@
-"""Our spread after a day beside that of OpenDrift's Leeway, jibing and all errors on, six classes on NorKyst and AROME.
+"""Our spread after a day beside that of OpenDrift's Leeway, jibing and all errors on, six classes
+on NorKyst and AROME.
 
     python benchmarks/opendrift_spread.py [FOLDER_OF_NORKYST [ENDS.csv]] [--opendrift PYTHON]
 
-Without ENDS.csv the tests' are taken, 500 objects of each class. With the interpreter of an environment that holds OpenDrift, ENDS.csv is
-made first (benchmarks/opendrift_ends.py, which says what of OpenDrift was patched). One table for each way of jibing: the distance of the means in metres, as a share of the way and in
-standard errors; how much longer our axes of the covariance are and by how much they are turned, with standard errors by
-bootstrap; the energy distance with the 95 % quantile of its law under equality, by permutation. Of the same law are two
-samples whose energy distance lies under that quantile, 19 times of 20.
+Without ENDS.csv the tests' are taken, 500 objects of each class. With the interpreter of an
+environment that holds OpenDrift, ENDS.csv is made first (benchmarks/opendrift_ends.py, which says
+what of OpenDrift was patched). One table for each way of jibing: the distance of the means in
+metres, as a share of the way and in standard errors; how much longer our axes of the covariance are
+and by how much they are turned, with standard errors by bootstrap; the energy distance with the 95
+% quantile of its law under equality, by permutation. Of the same law are two samples whose energy
+distance lies under that quantile, 19 times of 20.
 """
 
 import argparse
@@ -53,7 +56,9 @@ ENDS = Path(__file__).parents[1] / "tests" / "data" / "opendrift_spread.csv"
 
 
 def ours(folder: str, each: int, seed: int = 1) -> dict[str, np.ndarray]:
-    """Return end positions of each class east and north of the start [m], shape (each, 2), of a case as a user writes it."""
+    """Return end positions of each class east and north of the start [m], shape (each, 2), of a
+    case as a user writes it.
+    """
     text = CASE.format(folder=Path(folder).resolve(), particles=each * len(CLASSES), seed=seed)
     text += "".join(SCENARIO.format(name=name, lon=LON, lat=LAT, jibe=JIBE) for name in CLASSES)
     with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
@@ -67,24 +72,32 @@ def ours(folder: str, each: int, seed: int = 1) -> dict[str, np.ndarray]:
 
 
 def plane(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
-    """Return metres east and north of the start, along great circles, shape (n, 2), of positions [rad]."""
+    """Return metres east and north of the start, along great circles, shape (n, 2), of positions
+    [rad].
+    """
     return np.column_stack(sphere.offset(np.radians(LON), np.radians(LAT), lon, lat))
 
 
 def axes(xy: np.ndarray) -> tuple[float, float, float]:
-    """Return the standard deviations along the major and the minor axis [m] and the major one's angle from east [degrees]."""
+    """Return the standard deviations along the major and the minor axis [m] and the major one's
+    angle from east [degrees].
+    """
     variance, vectors = np.linalg.eigh(np.cov(xy.T))
     return *np.sqrt(variance[::-1]), np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])) % 180  # type: ignore[return-value]
 
 
 def against(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return by how much a's axes are longer than b's, as shares, and turned against them [degrees]."""
+    """Return by how much a's axes are longer than b's, as shares, and turned against them
+    [degrees].
+    """
     (p, q, angle), (r, s, other) = axes(a), axes(b)
     return np.array([p / r - 1, q / s - 1, (angle - other + 90) % 180 - 90])
 
 
 def energy(a: np.ndarray, b: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
-    """Return the energy distance [m] of two samples (Szekely and Rizzo 2013) and its 95 % quantile under equality."""
+    """Return the energy distance [m] of two samples (Szekely and Rizzo 2013) and its 95 % quantile
+    under equality.
+    """
     apart = cdist(np.concatenate([a, b]), np.concatenate([a, b]))
     label = np.concatenate([np.full(len(a), 1 / len(a)), np.full(len(b), -1 / len(b))])
     labels = np.column_stack([label, *(rng.permutation(label) for _ in range(PERMUTATIONS))])
@@ -106,8 +119,11 @@ def main() -> None:
         script = Path(__file__).with_name("opendrift_ends.py")
         subprocess.run([given.opendrift, str(script), given.folder, given.ends], check=True)
     runtime.start()
-    rows = np.genfromtxt(given.ends, delimiter=",", names=True, skip_header=1, dtype=None, encoding="utf-8")
-    how = rows["jibing"] if "jibing" in rows.dtype.names else np.full(len(rows), "line")  # as the tests' are
+    rows = np.genfromtxt(
+        given.ends, delimiter=",", names=True, skip_header=1, dtype=None, encoding="utf-8"
+    )
+    # as the tests' are
+    how = rows["jibing"] if "jibing" in rows.dtype.names else np.full(len(rows), "line")
     lonlat = plane(np.radians(rows["lon"]), np.radians(rows["lat"]))
     mine = ours(given.folder, int((rows["class"] == CLASSES[0]).sum() / len(np.unique(how))))
     rng = np.random.default_rng(1)
@@ -119,7 +135,9 @@ def main() -> None:
         for name in CLASSES:
             a, b = mine[name], lonlat[(how == jibing) & (rows["class"] == name)]
             apart = a.mean(axis=0) - b.mean(axis=0)
-            sigma = np.sqrt(apart @ np.linalg.solve(np.cov(a.T) / len(a) + np.cov(b.T) / len(b), apart))
+            sigma = np.sqrt(
+                apart @ np.linalg.solve(np.cov(a.T) / len(a) + np.cov(b.T) / len(b), apart)
+            )
             way, (major, minor, _) = np.hypot(*b.mean(axis=0)), axes(b)
             turns = [
                 against(a[rng.integers(len(a), size=len(a))], b[rng.integers(len(b), size=len(b))])
@@ -130,7 +148,9 @@ def main() -> None:
             print(
                 f"{name:18}{way / 1000:7.1f}{np.hypot(*apart):9.0f} m{np.hypot(*apart) / way:7.2%}{sigma:6.1f}"
                 f"{major / 1000:7.1f}{minor / 1000:6.1f}"
-                + "".join(f"{x:+8.1%} +-{e:6.1%}" for x, e in zip(found[:2], error[:2], strict=True))
+                + "".join(
+                    f"{x:+8.1%} +-{e:6.1%}" for x, e in zip(found[:2], error[:2], strict=True)
+                )
                 + f"{found[2]:+7.1f} +-{error[2]:5.1f}{distance:9.1f} ({null:.1f})"
             )
 

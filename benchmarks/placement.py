@@ -1,9 +1,11 @@
 """Where two ships tow their arrays in random seas with convergence zones; prints one table.
 
-    python benchmarks/placement.py [--cases 3] [--first 1] [--particles 100000] [--hours 24] [--threads 2]
+    python benchmarks/placement.py [--cases 3] [--first 1] [--particles 100000] [--hours 24]
+    [--threads 2]
 
-Seconds are those of placing, without the bound. The share is that of one ship on one leg against 13 x 13 begins and 24 courses, the best
-40 of which on 600 particles are valued on those on which the plan was made: above 1, no way of the grid hears as much.
+Seconds are those of placing, without the bound. The share is that of one ship on one leg against 13
+x 13 begins and 24 courses, the best 40 of which on 600 particles are valued on those on which the
+plan was made: above 1, no way of the grid hears as much.
 """
 
 import argparse
@@ -29,7 +31,8 @@ from kernels.runtime import runtime
 NMI, KNOT = 1852.0, 1852.0 / 3600
 BEGIN = 1.78e9
 MIDDLE = math.radians(-150), math.radians(38)
-BEGINS, COURSES = (4, 6) if smallest.ASKED else (13, 24)  # of the grid of brute force: a side, and a turn
+# of the grid of brute force: a side, and a turn
+BEGINS, COURSES = (4, 6) if smallest.ASKED else (13, 24)
 
 
 def case(seed: int, m: int, hours: float) -> tuple[Tracks, list[Tow]]:
@@ -52,10 +55,18 @@ def case(seed: int, m: int, hours: float) -> tuple[Tracks, list[Tow]]:
     water = spreading.losses(200 * NMI, transition=8000.0, absorption=0.01, zones=(first, second))
     wind = noise.of_table([[b, 72 + 3 * math.sin(math.radians(b))] for b in range(0, 360, 30)])
     levels = Levels(np.zeros(1), np.full((groups, 1), rng.uniform(138, 146), np.float32))
-    array = Sensor("towed", Sonar(levels, water, wind, line_array.of_line(24, 15.0, 50.0), 8.0, 6.0, 1 / 3600))
+    array = Sensor(
+        "towed", Sonar(levels, water, wind, line_array.of_line(24, 15.0, 50.0), 8.0, 6.0, 1 / 3600)
+    )
     half, (east, north) = rng.uniform(60, 120), rng.uniform(-80, 80, 2)
     ships = [
-        Tow(f"ship {k}", array, _box(east + 40 * k, north, half), 5 * KNOT, np.datetime64(int(BEGIN), "s"))
+        Tow(
+            f"ship {k}",
+            array,
+            _box(east + 40 * k, north, half),
+            5 * KNOT,
+            np.datetime64(int(BEGIN), "s"),
+        )
         for k in range(2)
     ]
     return tracks, ships
@@ -72,31 +83,52 @@ def _box(east: float, north: float, half: float) -> Area:
 
 def brute(sea: Sea, tracks: Tracks) -> float:
     """Return what the best of a grid of straight ways hears of the particles of the last stage."""
-    last = placement._sampled(planning_tracks.coarser(tracks, placement.BINS), placement.STAGES[-1][0])
+    last = placement._sampled(
+        planning_tracks.coarser(tracks, placement.BINS), placement.STAGES[-1][0]
+    )
     few = planning_tracks.sample(last, 600)
     west, south, east, north = sea.begins.shape.bounds
-    share = np.linspace(1e-3, 1 - 1e-3, BEGINS)  # what lies on the edge of the area counts as outside
+    # what lies on the edge of the area counts as outside
+    share = np.linspace(1e-3, 1 - 1e-3, BEGINS)
     x, y, course = (
         v.ravel()
         for v in np.meshgrid(
-            west + (east - west) * share, south + (north - south) * share, np.arange(COURSES) * 2 * math.pi / COURSES
+            west + (east - west) * share,
+            south + (north - south) * share,
+            np.arange(COURSES) * 2 * math.pi / COURSES,
         )
     )
     every = Ways(*sphere.destination(*sea.middle, x, y), course, course, np.ones(course.size))
     every = every.take(np.flatnonzero(ways.possible(sea, every, last.time)))
     rough = placement.worth(heard.hearer(sea, few), every, few.weight[:, None], placement.COARSE)
     best = every.take(np.argsort(-rough)[:40])
-    return float(placement.worth(heard.hearer(sea, last), best, last.weight[:, None], placement.FINE).max())
+    return float(
+        placement.worth(heard.hearer(sea, last), best, last.weight[:, None], placement.FINE).max()
+    )
 
 
 def main() -> None:
     """Print the table."""
     asked = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    for name, value in (("cases", 3), ("first", 1), ("particles", 100_000), ("hours", 24), ("threads", 2)):
+    for name, value in (
+        ("cases", 3),
+        ("first", 1),
+        ("particles", 100_000),
+        ("hours", 24),
+        ("threads", 2),
+    ):
         asked.add_argument(f"--{name}", type=int, default=value)
     given = smallest.parse(asked, cases=1, particles=500, hours=6)
     runtime.start("cpu", given.threads)
-    table = Table("case", "wall s", "processor s", "hears", "of the bound's particles", "bound", "share of brute force")
+    table = Table(
+        "case",
+        "wall s",
+        "processor s",
+        "hears",
+        "of the bound's particles",
+        "bound",
+        "share of brute force",
+    )
     for seed in range(given.first, given.first + given.cases):
         tracks, ships = case(seed, given.particles, given.hours)
         seas = [ways.sea(ship, BEGIN, float(tracks.time[-1])) for ship in ships]

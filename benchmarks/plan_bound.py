@@ -1,17 +1,22 @@
 """What plans find as a share of their bound, over random cases with motion; prints one table.
 
-    python benchmarks/plan_bound.py [--cases 20] [--first 0] [--particles 40000] [--threads N] [--moving | --steered] [--file FILE] [--hand]
+    python benchmarks/plan_bound.py [--cases 20] [--first 0] [--particles 40000] [--threads N]
+    [--moving | --steered] [--file FILE] [--hand]
 
-Objects: 1 to 4 normal clouds of 3 to 12 nmi, up to 40 nmi apart, drifting with up to 1.5 kn, the speed of each particle off by up to
-0.5 kn, 12 h. Units: 1 to 4, boats of 12 to 25 kn, helicopters and aircraft of 70 to 180 kn, sweep widths of 0.3 to 2 nmi, 1.5 to 8 h of search, from bases up to
+Objects: 1 to 4 normal clouds of 3 to 12 nmi, up to 40 nmi apart, drifting with up to 1.5 kn, the
+speed of each particle off by up to 0.5 kn, 12 h. Units: 1 to 4, boats of 12 to 25 kn, helicopters
+and aircraft of 70 to 180 kn, sweep widths of 0.3 to 2 nmi, 1.5 to 8 h of search, from bases up to
 60 nmi away, ready within 3 h. Three in four cases sweep by inverse cube, one by any law.
 
---moving: whole cases (benchmarks/moving_cases.py), planned and executed as `drift plan` does. Their effort is scaled so that the bound lies between 0.3 and 0.9: a bound
-near 1 cannot be beaten. A case that the file (plan_moving.jsonl) holds already is not run again. --steered: the same for targets that steer (benchmarks/steered_cases.py); --hand: with legs
-laid by hand alone, which takes a fraction of the time.
+--moving: whole cases (benchmarks/moving_cases.py), planned and executed as `drift plan` does. Their
+effort is scaled so that the bound lies between 0.3 and 0.9: a bound near 1 cannot be beaten. A case
+that the file (plan_moving.jsonl) holds already is not run again. --steered: the same for targets
+that steer (benchmarks/steered_cases.py); --hand: with legs laid by hand alone, which takes a
+fraction of the time.
 
-Beside the plan, legs by hand are scored on the same particles (hand_patterns.py): patterns of the manuals, and legs that chase the densest spot.
-plan_hand.py compares plans with them on others. Exits 1 if anything finds more than the bound.
+Beside the plan, legs by hand are scored on the same particles (hand_patterns.py): patterns of the
+manuals, and legs that chase the densest spot. plan_hand.py compares plans with them on others.
+Exits 1 if anything finds more than the bound.
 """
 
 import argparse
@@ -61,7 +66,11 @@ def case(number: int, particles: int) -> tuple[Tracks, list[Unit], PlanSpec]:
     share = rng.dirichlet(np.full(clouds, 2.0))
     of = rng.choice(clouds, particles, p=share)
     centre, spread = rng.uniform(-20, 20, (clouds, 2)), rng.uniform(3, 12, (clouds, 2))
-    turn, drift, off = rng.uniform(0, np.pi, clouds), rng.uniform(-1, 1, (clouds, 2)), rng.uniform(0, 0.5, clouds)
+    turn, drift, off = (
+        rng.uniform(0, np.pi, clouds),
+        rng.uniform(-1, 1, (clouds, 2)),
+        rng.uniform(0, 0.5, clouds),
+    )
     a = rng.standard_normal((particles, 2)) * spread[of]
     c, s = np.cos(turn[of]), np.sin(turn[of])
     place = centre[of] + np.stack([a[:, 0] * c - a[:, 1] * s, a[:, 0] * s + a[:, 1] * c], axis=1)
@@ -112,21 +121,32 @@ def units_of(rng: np.random.Generator, number: int) -> list[Unit]:
 
 
 def by_hand(
-    tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, manner: str, survival: Sequence[Survival | None]
+    tracks: Tracks,
+    units: Sequence[Unit],
+    spec: PlanSpec,
+    manner: str,
+    survival: Sequence[Survival | None],
 ) -> float:
-    """Return what units find in one sortie laid out by hand, on the particles that it is laid out on."""
+    """Return what units find in one sortie laid out by hand, on the particles that it is laid out
+    on.
+    """
     flights = hand_patterns.fly(tracks, units, spec, manner)
     return float(tracks.weight @ hand_patterns.find(flights, tracks, units, spec, survival))
 
 
 def aimed(case: Case, tracks: Tracks, goal: float) -> Case:
-    """Return a case whose units' effort is scaled so that the bound on few of its particles is about as large as told."""
+    """Return a case whose units' effort is scaled so that the bound on few of its particles is
+    about as large as told.
+    """
     few = record.sample(tracks, min(tracks.m, FEW))
     low, high = LEAST, MOST
     survival = [scenario.survival for scenario in case.scenarios]
     for _ in range(HALVINGS):
         middle = np.sqrt(low * high)
-        units = [replace(unit, endurance=unit.endurance * case.plan.rounds) for unit in scaled(case.units, middle)]
+        units = [
+            replace(unit, endurance=unit.endurance * case.plan.rounds)
+            for unit in scaled(case.units, middle)
+        ]
         if bound.bound(few, units, case.plan, survival).value > goal:
             high = middle
         else:
@@ -137,7 +157,9 @@ def aimed(case: Case, tracks: Tracks, goal: float) -> Case:
 def move(number: int, options: argparse.Namespace) -> dict[str, object]:
     """Return what a random case that moves comes to: planned, executed, bounded, searched by hand."""
     made, data, told, goal = (steered if options.steered else moving)(number, options.particles)
-    job = open_job(made, Options(datasets={} if data is None else {"field": data}, threads=options.threads))
+    job = open_job(
+        made, Options(datasets={} if data is None else {"field": data}, threads=options.threads)
+    )
     tracks = follow.follow(made, job.where)
     made = aimed(made, tracks, goal)
     survival = [scenario.survival for scenario in made.scenarios]
@@ -159,15 +181,23 @@ def move(number: int, options: argparse.Namespace) -> dict[str, object]:
 
 
 def beaten(one: dict[str, Any]) -> list[str]:
-    """Return what finds more than the bound: on the same particles, or by two standard errors on others."""
-    over = [name for name, value in {**one["hands"], "the plan": one["seen"]}.items() if value > one["limit"]]
+    """Return what finds more than the bound: on the same particles, or by two standard errors on
+    others.
+    """
+    over = [
+        name
+        for name, value in {**one["hands"], "the plan": one["seen"]}.items()
+        if value > one["limit"]
+    ]
     return over + ["the plan executed"] * (one["executed"] > one["limit"] + 2 * one["error"])
 
 
 def resumed(
     compute: Callable[[int, argparse.Namespace], dict[str, Any]], options: argparse.Namespace
 ) -> list[dict[str, Any]]:
-    """Return the results that the file holds, after computing those of options that it lacks and appending them to it."""
+    """Return the results that the file holds, after computing those of options that it lacks and
+    appending them to it.
+    """
     path = Path(options.file)
     done = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     known = {one["case"] for one in done}
@@ -186,14 +216,21 @@ def resumed(
 
 
 def moved(options: argparse.Namespace) -> int:
-    """Try cases that move and that the file does not hold yet; print what all in it come to; return how many bounds were beaten."""
-    options.file = options.file or f"plan_{'steered' if options.steered else 'moving'}{'_hand' * options.hand}.jsonl"
+    """Try cases that move and that the file does not hold yet; print what all in it come to; return
+    how many bounds were beaten.
+    """
+    options.file = (
+        options.file
+        or f"plan_{'steered' if options.steered else 'moving'}{'_hand' * options.hand}.jsonl"
+    )
     done = resumed(move, options)
     ran = sorted((one for one in done if "limit" in one), key=lambda one: int(one["case"]))
     if not ran:
         print(f"none ran, {len(done)} refused")
         return 1
-    table = Table("case", "what", "bound", "seen", "executed", *MANNERS, "beaten by", "plan s", "bound s")
+    table = Table(
+        "case", "what", "bound", "seen", "executed", *MANNERS, "beaten by", "plan s", "bound s"
+    )
     for one in ran:
         table.add_row(
             str(one["case"]), one["told"], f"{one['limit']:.3f}", f"{one['seen']:.3f}", f"{one['executed']:.3f}",
@@ -224,7 +261,9 @@ def main() -> None:
     parser.add_argument("--moving", action="store_true")
     parser.add_argument("--steered", action="store_true")
     parser.add_argument("--hand", action="store_true")
-    parser.add_argument("--file", help="of results; by default one for each kind of case, in this folder")
+    parser.add_argument(
+        "--file", help="of results; by default one for each kind of case, in this folder"
+    )
     options = smallest.parse(parser, cases=1, particles=1000)
     runtime.start("cpu", options.threads)
     if smallest.ASKED:
@@ -240,11 +279,15 @@ def main() -> None:
 
 def small(options: argparse.Namespace, folder: str, **kind: bool) -> argparse.Namespace:
     """Return options for another kind of case, with its file in a folder."""
-    return argparse.Namespace(**vars(options) | kind | {"file": str(Path(folder) / f"{min(kind)}.jsonl")})
+    return argparse.Namespace(
+        **vars(options) | kind | {"file": str(Path(folder) / f"{min(kind)}.jsonl")}
+    )
 
 
 def still(options: argparse.Namespace) -> int:
-    """Try cases of which all particles are given; print what they come to; return how many bounds were beaten."""
+    """Try cases of which all particles are given; print what they come to; return how many bounds
+    were beaten.
+    """
     table = Table("case", "units", "hours", "POS", "bound", "share", *MANNERS, "plan s", "bound s")
     shares, over = [], 0
     for number in range(options.first, options.first + options.cases):

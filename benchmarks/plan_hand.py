@@ -1,12 +1,16 @@
-"""Plans against what a planner would draw by hand, on particles that neither has seen; prints one table.
+"""Plans against what a planner would draw by hand, on particles that neither has seen; prints one
+table.
 
-    python benchmarks/plan_hand.py [--set moving | steered | normal] [--cases 20] [--first 0] [--particles 8000] [--threads N] [--file FILE]
+    python benchmarks/plan_hand.py [--set moving | steered | normal] [--cases 20] [--first 0]
+    [--particles 8000] [--threads N] [--file FILE]
 
-Cases are those of moving_cases.py, steered_cases.py and plan_bound.py (normal), with the effort that plan_bound.py gives them. Half of the
-particles are those on which the plan of one round is made and on which legs are laid out by hand (hand_patterns.py): expanding square, sector,
-parallel track, creeping line, in the best of a few sizes, on the ground or drifting, and legs that chase the densest spot. Both are scored on
-the other half. Legs by hand keep units apart as plans do. A plan is beaten where any of them finds more by two standard errors of the paired
-difference. Exits 1 if one is.
+Cases are those of moving_cases.py, steered_cases.py and plan_bound.py (normal), with the effort
+that plan_bound.py gives them. Half of the particles are those on which the plan of one round is
+made and on which legs are laid out by hand (hand_patterns.py): expanding square, sector, parallel
+track, creeping line, in the best of a few sizes, on the ground or drifting, and legs that chase the
+densest spot. Both are scored on the other half. Legs by hand keep units apart as plans do. A plan
+is beaten where any of them finds more by two standard errors of the paired difference. Exits 1 if
+one is.
 """
 
 import argparse
@@ -38,13 +42,19 @@ from kernels.planning import rectangles, sweeps
 from kernels.runtime import runtime
 
 MANNERS = (*hand_patterns.DRAWN, *hand_patterns.CHASED)
-ROWS = 900.0  # [s] rows of a bound by which the effort of a steered case is scaled; it takes minutes with finer ones
+# [s] rows of a bound by which the effort of a steered case is scaled; it takes minutes with finer
+# ones
+ROWS = 900.0
 FEW = 1000  # particles for that
 SETS = ("moving", "steered", "normal")
 
 
 def found(
-    made: Proposal, tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]
+    made: Proposal,
+    tracks: Tracks,
+    units: Sequence[Unit],
+    spec: PlanSpec,
+    survival: Sequence[Survival | None],
 ) -> np.ndarray:
     """Return what a plan's sorties find of each particle of tracks (m,)."""
     plane = record.plane(tracks)
@@ -63,9 +73,23 @@ def found(
         else:
             east, north = plane.flat(*np.radians(task.centre))
             sin, cos = np.sin(task.orientation), np.cos(task.orientation)
-            row = np.array([float(east), float(north), sin, cos, task.length, task.width, start, end - start, 1.0])
+            row = np.array(
+                [
+                    float(east),
+                    float(north),
+                    sin,
+                    cos,
+                    task.length,
+                    task.width,
+                    start,
+                    end - start,
+                    1.0,
+                ]
+            )
             coverage = np.array([sortie.coverage, sortie.coverage_under_way or sortie.coverage])
-            chance, worth = rectangles.found(swarm, True, row, coverage, crew.factor, rectangle.STEP, crew.curve)
+            chance, worth = rectangles.found(
+                swarm, True, row, coverage, crew.factor, rectangle.STEP, crew.curve
+            )
         finds.append(joint.Find((start + end) / 2, chance, worth))
     return joint.worth(finds, weights) if finds else np.zeros(tracks.m)
 
@@ -77,8 +101,12 @@ def prepared(
     if options.set == "normal":
         tracks, units, spec = plan_bound.case(number, options.particles)
         return tracks, units, spec, [None], f"{len(units)} units"
-    made, data, told, goal = (steered if options.set == "steered" else moving)(number, options.particles)
-    job = open_job(made, Options(datasets={} if data is None else {"field": data}, threads=options.threads))
+    made, data, told, goal = (steered if options.set == "steered" else moving)(
+        number, options.particles
+    )
+    job = open_job(
+        made, Options(datasets={} if data is None else {"field": data}, threads=options.threads)
+    )
     tracks = follow.follow(made, job.where)
     if options.set == "steered":
         bins.FINEST, plan_bound.FEW = ROWS, FEW
@@ -90,7 +118,9 @@ def compare(number: int, options: argparse.Namespace) -> dict[str, Any]:
     """Return what a plan and legs by hand find of particles that neither has seen."""
     tracks, units, spec, survival, told = prepared(number, options)
     half = np.arange(tracks.m) % 2 == 0
-    known, fresh = (record.take(tracks, np.flatnonzero(part), tracks.weight[part]) for part in (half, ~half))
+    known, fresh = (
+        record.take(tracks, np.flatnonzero(part), tracks.weight[part]) for part in (half, ~half)
+    )
     begun = time.process_time()
     made = optimiser.plan(known, units, spec, number, survival)
     took = time.process_time() - begun
@@ -133,13 +163,18 @@ def main() -> None:
     runtime.start("cpu", options.threads)
     if smallest.ASKED:
         with tempfile.TemporaryDirectory() as folder:
-            sets = [argparse.Namespace(**vars(options) | {"set": name, "file": f"{folder}/{name}"}) for name in SETS]
+            sets = [
+                argparse.Namespace(**vars(options) | {"set": name, "file": f"{folder}/{name}"})
+                for name in SETS
+            ]
             sys.exit(max(map(told, sets)) > 0)
     sys.exit(told(options) > 0)
 
 
 def told(options: argparse.Namespace) -> int:
-    """Compare cases that the file does not hold yet; print what all in it come to; return how many plans were beaten."""
+    """Compare cases that the file does not hold yet; print what all in it come to; return how many
+    plans were beaten.
+    """
     options.file = options.file or f"plan_hand_{options.set}.jsonl"
     done = plan_bound.resumed(compare, options)
     ran = sorted((one for one in done if "hands" in one), key=lambda one: int(one["case"]))
@@ -156,7 +191,10 @@ def told(options: argparse.Namespace) -> int:
     console = Console(width=220)
     console.print(table)
     over = sum(bool(beaten(one)) for one in ran)
-    ratio = [max(hand["value"] for hand in one["hands"].values()) / max(one["value"], 1e-9) for one in ran]
+    ratio = [
+        max(hand["value"] for hand in one["hands"].values()) / max(one["value"], 1e-9)
+        for one in ran
+    ]
     console.print(
         f"{len(ran)} ran, {len(done) - len(ran)} refused; best legs by hand as a share of the plan: median {np.median(ratio):.3f}, most {max(ratio):.3f}; "
         f"plans beaten by two standard errors: {over}"

@@ -1,7 +1,9 @@
-"""A plan among the skerries off Bergen: an aircraft, a helicopter, two boats, after two sorties, a beacon, a flare, debris.
+"""A plan among the skerries off Bergen: an aircraft, a helicopter, two boats, after two sorties, a
+beacon, a flare, debris.
 
-Prints the metres of the boats' ways that lie on land (must be 0), their lengths by sea and straight, the share of the way that is near
-land, and what reckoning them cost. Made up but for the coast. With a folder, all files of the plan are written there.
+Prints the metres of the boats' ways that lie on land (must be 0), their lengths by sea and
+straight, the share of the way that is near land, and what reckoning them cost. Made up but for the
+coast. With a folder, all files of the plan are written there.
 
     python benchmarks/plan_skerries.py [FOLDER]
 """
@@ -147,13 +149,17 @@ def main() -> None:
     """Plan, and check each boat's way."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", nargs="?")
-    parser.add_argument("--particles", type=int, default=40_000, help="of the run; the plan takes half as many")
+    parser.add_argument(
+        "--particles", type=int, default=40_000, help="of the run; the plan takes half as many"
+    )
     given = smallest.parse(parser, particles=2000)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "skerries.toml"
         top, *units = CASE.split("[[unit]]")
         path.write_text("[[unit]]".join([top, *units[:: 3 if smallest.ASKED else 1]]))
-        case = drift.load(path, {"particles": f"{given.particles}", "plan.particles": f"{given.particles // 2}"})
+        case = drift.load(
+            path, {"particles": f"{given.particles}", "plan.particles": f"{given.particles // 2}"}
+        )
         made, result = planner.plan(case, given.folder, overwrite=True)
     land = shore.land("gshhg", Box(3.5, 59.5, 6.5, 61.5)).polygons
     print(f"POS {made.pos:.3f}; {'; '.join(made.said) or 'nothing to say of boats'}")
@@ -173,7 +179,9 @@ def main() -> None:
             f"{one.unit.name:16} {dry:.1f} m on land; {told}; legs cut: {list(one.cut)}, {subareas.round_length(one) / 1852:.1f} nmi round"
         )
     seconds = result.summary["wall_time_s"]
-    print(f"ways {seconds['ways']:.1f} s, plan {seconds['plan']:.1f} s, of {sum(seconds.values()):.1f} s")
+    print(
+        f"ways {seconds['ways']:.1f} s, plan {seconds['plan']:.1f} s, of {sum(seconds.values()):.1f} s"
+    )
 
 
 if __name__ == "__main__":

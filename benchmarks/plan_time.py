@@ -1,9 +1,11 @@
-"""Wall time of a plan for four units, 10^6 particles and 12 h, by phase; and what ten minutes would find.
+"""Wall time of a plan for four units, 10^6 particles and 12 h, by phase; and what ten minutes would
+find.
 
     python benchmarks/plan_time.py [--particles 1e6] [--minutes 10] [--threads N]
 
-The first part runs `drift plan` in a process of its own. The second plans again and again on the same tracks with other
-seeds for as long as asked, and compares the best of these plans with the first. Nothing else should run meanwhile.
+The first part runs `drift plan` in a process of its own. The second plans again and again on the
+same tracks with other seeds for as long as asked, and compares the best of these plans with the
+first. Nothing else should run meanwhile.
 """
 
 import argparse
@@ -86,8 +88,18 @@ def main() -> None:
     show = Console(width=120)
     with tempfile.TemporaryDirectory() as folder:
         path, out = Path(folder) / "four_units.toml", Path(folder) / "out"
-        path.write_text(text().replace('duration = "12 h"', 'duration = "4 h"') if smallest.ASKED else text())
-        command = [sys.executable, "-m", "drift", "plan", str(path), "--set", f"particles={int(given.particles)}"]
+        path.write_text(
+            text().replace('duration = "12 h"', 'duration = "4 h"') if smallest.ASKED else text()
+        )
+        command = [
+            sys.executable,
+            "-m",
+            "drift",
+            "plan",
+            str(path),
+            "--set",
+            f"particles={int(given.particles)}",
+        ]
         begin = time.perf_counter()
         subprocess.run([*command, "--out", str(out)], check=True, capture_output=True)
         wall = time.perf_counter() - begin
@@ -96,14 +108,18 @@ def main() -> None:
         case = case_file.load(path, {"particles": str(int(given.particles))})
         hours = case.period.duration / 3600
         table = Table(
-            "phase", "s", title=f"drift plan, {int(given.particles):,} particles, {hours:g} h, {len(case.units)} units"
+            "phase",
+            "s",
+            title=f"drift plan, {int(given.particles):,} particles, {hours:g} h, {len(case.units)} units",
         )
         for phase, seconds in phases.items():
             table.add_row(phase, f"{seconds:.1f}")
         table.add_row("imports, files, pictures", f"{wall - sum(phases.values()):.1f}")
         table.add_row("wall", f"{wall:.1f}")
         show.print(table)
-        show.print(f"POS {plan['pos']:.4f}, optimism {plan['optimism']:.4f}, bound {plan['bound'] or math.nan:.4f}")
+        show.print(
+            f"POS {plan['pos']:.4f}, optimism {plan['optimism']:.4f}, bound {plan['bound'] or math.nan:.4f}"
+        )
         if given.minutes <= 0:
             return
         runtime.start("cpu", given.threads)
@@ -115,12 +131,21 @@ def main() -> None:
             seed = noise.seed_for(case.seed, Purpose.OPTIMISER, 1 + len(seen))
             seen.append(optimiser.plan(tracks, case.units, case.plan, seed, survival).seen)
         spread = Table(
-            "first", "best", "first / best", "median / best", "worst / best", "bound", title=f"{len(seen)} plans"
+            "first",
+            "best",
+            "first / best",
+            "median / best",
+            "worst / best",
+            "bound",
+            title=f"{len(seen)} plans",
         )
         ordered = sorted(seen)
         shares = [seen[0], ordered[len(seen) // 2], ordered[0]]
         spread.add_row(
-            f"{seen[0]:.4f}", f"{ordered[-1]:.4f}", *(f"{x / ordered[-1]:.4f}" for x in shares), f"{most.value:.4f}"
+            f"{seen[0]:.4f}",
+            f"{ordered[-1]:.4f}",
+            *(f"{x / ordered[-1]:.4f}" for x in shares),
+            f"{most.value:.4f}",
         )
         show.print(spread)
 

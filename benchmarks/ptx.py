@@ -49,7 +49,9 @@ def find_ptxas() -> str | None:
 
 
 def make_ptx(driver: Path, out: Path, arch: int) -> None:
-    """Have every variant of every kernel compiled, in the smallest mode of few: files KERNEL.NUMBER.ptx in a folder."""
+    """Have every variant of every kernel compiled, in the smallest mode of few: files
+    KERNEL.NUMBER.ptx in a folder.
+    """
     command = [sys.executable, ROOT / "tests" / "oracles" / "variants.py", "cuda", "--ptx", out]
     command += ["--part", "0", "40"] if smallest.ASKED else []
     environment = cuda_stub.environment(driver, out, arch)

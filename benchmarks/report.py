@@ -1,4 +1,5 @@
-"""report.html of every shipped case: its size, seconds to write it, to its first picture in Chromium, and frames a second.
+"""report.html of every shipped case: its size, seconds to write it, to its first picture in
+Chromium, and frames a second.
 
     python benchmarks/report.py [CASE ...]
 
@@ -50,7 +51,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("cases", nargs="*", default=[name for name, _ in case_file.shipped()])
     cases = smallest.parse(parser, cases=[str(smallest.CASE)]).cases
-    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    chromium = next(
+        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+    )
     if chromium is None:
         smallest.lack("no Chromium")
     smallest.need("playwright")

@@ -1,11 +1,13 @@
-"""Do two states of the code write the same files? Every shipped case is run, planned and traced; the folders are compared.
+"""Do two states of the code write the same files? Every shipped case is run, planned and traced;
+the folders are compared.
 
     python benchmarks/same_files.py write FOLDER [--threads 1] [--only TEXT]
     python benchmarks/same_files.py compare ONE OTHER
 
-`write` runs all that the shipped cases ask for, one after another (half an hour on two cores), with the code that PYTHONPATH finds;
-cases whose data are not there are left out, with a word. `compare` holds the netCDF files against each other variable by variable and
-attribute by attribute, JSON by its values, all else byte by byte. Dates of making, wall times and digests of files are set aside.
+`write` runs all that the shipped cases ask for, one after another (half an hour on two cores), with
+the code that PYTHONPATH finds; cases whose data are not there are left out, with a word. `compare`
+holds the netCDF files against each other variable by variable and attribute by attribute, JSON by
+its values, all else byte by byte. Dates of making, wall times and digests of files are set aside.
 """
 
 import argparse
@@ -38,7 +40,8 @@ COMMANDS = {
     "smuggler_bridge": (("run",), ("check",)),
 }
 TIMES = {"date_created", "history", "wall_time_s"}  # of making, not of what is made
-# The first follows from the other files; the second shows what they hold, with dates and times packed among it.
+# The first follows from the other files; the second shows what they hold, with dates and times
+# packed among it.
 DIGESTS = {"manifest.json", "report.html"}
 
 
@@ -50,13 +53,23 @@ def write(folder: Path, threads: int, only: str) -> None:
             if only not in name:
                 continue
             folder.mkdir(parents=True, exist_ok=True)
-            out = [] if command == "check" else ["--out", str(folder / name), "--overwrite", "--threads", str(threads)]
+            out = (
+                []
+                if command == "check"
+                else ["--out", str(folder / name), "--overwrite", "--threads", str(threads)]
+            )
             begin = time.perf_counter()
             done = subprocess.run(
                 [sys.executable, "-m", "drift", command, case, *out], capture_output=True, text=True, env={**os.environ, "COLUMNS": "100"}
             )  # fmt: skip
-            (folder / f"{name}.txt").write_text(done.stdout.replace(str(folder), ""), encoding="utf-8")
-            told = "" if done.returncode == 0 else f"  rc {done.returncode}: {done.stderr.strip().splitlines()[-1:]}"
+            (folder / f"{name}.txt").write_text(
+                done.stdout.replace(str(folder), ""), encoding="utf-8"
+            )
+            told = (
+                ""
+                if done.returncode == 0
+                else f"  rc {done.returncode}: {done.stderr.strip().splitlines()[-1:]}"
+            )
             print(f"{time.perf_counter() - begin:6.1f} s  {name}{told}", flush=True)
 
 
@@ -93,7 +106,11 @@ def _netcdf(one: Path, other: Path) -> list[str]:
             x, y = a[name], b[name]
             found += _values(_attributes(x), _attributes(y), f"{name}:")
             here, there = np.asarray(x[...]), np.asarray(y[...])
-            alike = here.tolist() == there.tolist() if here.dtype == object else here.tobytes() == there.tobytes()
+            alike = (
+                here.tolist() == there.tolist()
+                if here.dtype == object
+                else here.tobytes() == there.tobytes()
+            )
             if here.dtype != there.dtype or here.shape != there.shape or not alike:
                 found.append(f"{name}: {_apart(here, there)}")
     return found
@@ -113,7 +130,9 @@ def _sizes(data: netCDF4.Dataset) -> dict[str, int]:
 
 
 def _attributes(of: Any) -> dict[str, Any]:
-    return {name: np.asarray(of.getncattr(name)).tolist() for name in of.ncattrs() if name not in TIMES}
+    return {
+        name: np.asarray(of.getncattr(name)).tolist() for name in of.ncattrs() if name not in TIMES
+    }
 
 
 def _without(value: Any) -> Any:
@@ -127,9 +146,18 @@ def _values(one: Any, other: Any, where: str) -> list[str]:
     """Return where two parsed values differ."""
     if isinstance(one, dict) and isinstance(other, dict):
         lines = [f"{where}{key}: in one only" for key in sorted(set(one) ^ set(other))]
-        return lines + [line for key in one if key in other for line in _values(one[key], other[key], f"{where}{key}.")]
+        return lines + [
+            line
+            for key in one
+            if key in other
+            for line in _values(one[key], other[key], f"{where}{key}.")
+        ]
     same = json.dumps(one) == json.dumps(other)
-    return [] if same else [f"{where.rstrip('.')}: {json.dumps(one)[:60]} and {json.dumps(other)[:60]}"]
+    return (
+        []
+        if same
+        else [f"{where.rstrip('.')}: {json.dumps(one)[:60]} and {json.dumps(other)[:60]}"]
+    )
 
 
 def main() -> None:
@@ -139,7 +167,9 @@ def main() -> None:
     writer = commands.add_parser("write")
     writer.add_argument("folder", type=Path)
     writer.add_argument("--threads", type=int, default=1)
-    writer.add_argument("--only", default="", help="commands whose name, such as overdue_boat-plan, holds this text")
+    writer.add_argument(
+        "--only", default="", help="commands whose name, such as overdue_boat-plan, holds this text"
+    )
     comparer = commands.add_parser("compare")
     comparer.add_argument("one", type=Path)
     comparer.add_argument("other", type=Path)
@@ -159,7 +189,9 @@ def main() -> None:
 
 
 def compare(one: Path, other: Path) -> NoReturn:
-    """Print what differs between two folders, and end with a status that says whether anything does."""
+    """Print what differs between two folders, and end with a status that says whether anything
+    does.
+    """
     found = differences(one, other)
     print("\n".join(found) or "the same")
     sys.exit(bool(found))

@@ -1,10 +1,12 @@
-"""How much time, memory and disk do many particles take? A built-in flow, errors, diffusion, wind; in shards or in one piece.
+"""How much time, memory and disk do many particles take? A built-in flow, errors, diffusion, wind;
+in shards or in one piece.
 
-    python benchmarks/scale.py --particles 1e8 --hours 24 --outputs 9 --memory "3 GB"
-    python benchmarks/scale.py --current "norkyst/norkyst800*.nc" --wind "norkyst/arome*.nc" --start 2015-11-16T00:00Z --at 4.25 60
+    python benchmarks/scale.py --particles 1e8 --hours 24 --outputs 9 --memory "3 GB" python
+    benchmarks/scale.py --current "norkyst/norkyst800*.nc" --wind "norkyst/arome*.nc" --start
+    2015-11-16T00:00Z --at 4.25 60
 
-Prints seconds by phase, the peak of resident memory of the process, how it went over time, the most that lay on disk, and the cost
-of a particle-step.
+Prints seconds by phase, the peak of resident memory of the process, how it went over time, the most
+that lay on disk, and the cost of a particle-step.
 """
 
 import argparse
@@ -60,17 +62,24 @@ files = '{wind}'
 
 
 def measured(command: list[str], folder: Path) -> tuple[list[tuple[float, float]], float, float]:
-    """Return memory over time [(s, GiB)], its peak [GiB], and the most on disk [GiB], of a command that is run."""
+    """Return memory over time [(s, GiB)], its peak [GiB], and the most on disk [GiB], of a command
+    that is run.
+    """
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     begin, line, disk, peak = time.monotonic(), [], [0.0], [0.0]
 
     def watch() -> None:
         while process.poll() is None:
             try:
-                told = dict(row.split(":", 1) for row in Path(f"/proc/{process.pid}/status").read_text().splitlines())
+                told = dict(
+                    row.split(":", 1)
+                    for row in Path(f"/proc/{process.pid}/status").read_text().splitlines()
+                )
                 line.append((time.monotonic() - begin, int(told["VmRSS"].split()[0]) / 2**20))
                 peak[0] = max(peak[0], int(told["VmHWM"].split()[0]) / 2**20)
-                disk[0] = max(disk[0], sum(p.stat().st_size for p in folder.rglob("*") if p.is_file()) / 2**30)
+                disk[0] = max(
+                    disk[0], sum(p.stat().st_size for p in folder.rglob("*") if p.is_file()) / 2**30
+                )
             except (OSError, KeyError):
                 pass
             time.sleep(0.5)
@@ -93,9 +102,13 @@ def main() -> None:
     options.add_argument("--memory")
     options.add_argument("--shards", type=int)
     options.add_argument("--threads", type=int, default=2)
-    options.add_argument("--workers", type=int, help="of one thread each; memory is that of the first process alone")
+    options.add_argument(
+        "--workers", type=int, help="of one thread each; memory is that of the first process alone"
+    )
     options.add_argument("--folder", type=Path, help="where files lie meanwhile (a real disk)")
-    options.add_argument("--sorties", type=int, default=0, help="that find nothing, one after another")
+    options.add_argument(
+        "--sorties", type=int, default=0, help="that find nothing, one after another"
+    )
     options.add_argument("--current", help="files of a current, instead of the built-in flow")
     options.add_argument("--wind", help="files of a wind")
     options.add_argument("--start", default="2026-06-01T00:00Z")
@@ -116,7 +129,9 @@ def main() -> None:
         )
         first = datetime.strptime(given.start, ISO)
         text += "".join(
-            SORTIE.format(number=k, lon=lon, lat=lat, start=f"{first + timedelta(hours=5 + 4 * k):{ISO}}")
+            SORTIE.format(
+                number=k, lon=lon, lat=lat, start=f"{first + timedelta(hours=5 + 4 * k):{ISO}}"
+            )
             for k in range(given.sorties)
         )
         (folder / "case.toml").write_text(text)
@@ -141,12 +156,20 @@ def main() -> None:
     print(
         f"{particles:,} particles, {given.hours} h, {given.outputs} outputs, {given.sorties} sorties, {given.threads} threads, memory {given.memory}, shards {given.shards}, workers {given.workers}"
     )
-    print(f"wall {wall:.1f} s; " + ", ".join(f"{phase} {value:.1f}" for phase, value in seconds.items()))
+    print(
+        f"wall {wall:.1f} s; "
+        + ", ".join(f"{phase} {value:.1f}" for phase, value in seconds.items())
+    )
     print(
         f"a particle-step: drift {seconds['drift'] / particles / given.hours * 1e9:.0f} ns, all {wall / particles / given.hours * 1e9:.0f} ns"
     )
-    print(f"peak memory {peak:.2f} GiB ({peak * 2**30 / particles:.0f} bytes a particle), disk {disk:.2f} GiB")
-    print("over time: " + ", ".join(f"{when:.0f} s {held:.2f}" for when, held in line[:: max(len(line) // 16, 1)]))
+    print(
+        f"peak memory {peak:.2f} GiB ({peak * 2**30 / particles:.0f} bytes a particle), disk {disk:.2f} GiB"
+    )
+    print(
+        "over time: "
+        + ", ".join(f"{when:.0f} s {held:.2f}" for when, held in line[:: max(len(line) // 16, 1)])
+    )
 
 
 if __name__ == "__main__":

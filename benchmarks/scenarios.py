@@ -1,13 +1,18 @@
-"""What do hundreds of scenarios cost? The wall time of a run with its files, beside one scenario of as many particles.
+"""What do hundreds of scenarios cost? The wall time of a run with its files, beside one scenario of
+as many particles.
 
-    python benchmarks/scenarios.py [--scenarios 300] [--particles 1e6] [--duration "48 h"] [--threads 2] [--only steer] [--keep FOLDER]
+    python benchmarks/scenarios.py [--scenarios 300] [--particles 1e6] [--duration "48 h"]
+    [--threads 2] [--only steer] [--keep FOLDER]
 
-The many are reports scattered as the one is: normal, 25 nmi, in the Gulf of Mexico, south of its coast; they differ in place, time, weight and
-object, and every other one sees another current. `drift`: nothing but the drift; `search`: four sorties (legs, an area, a pattern on a drifting
-datum, a curve with an unknown factor) and a contact, with resampling; `steer`: the same of voyages, until a distress at an unknown time; `family`: the same
-of a `[[family]]` of voyages, by ten routes, ten ranges of speed and as many of departure as it takes. Each runs in a process of its own after one that compiles its kernels.
-A row is a phase of the run by the clock [s]; `whole` is all of it, from the case file to the last file, `processor` the time that all its threads
-took together, which tells more where other programs share the machine.
+The many are reports scattered as the one is: normal, 25 nmi, in the Gulf of Mexico, south of its
+coast; they differ in place, time, weight and object, and every other one sees another current.
+`drift`: nothing but the drift; `search`: four sorties (legs, an area, a pattern on a drifting
+datum, a curve with an unknown factor) and a contact, with resampling; `steer`: the same of voyages,
+until a distress at an unknown time; `family`: the same of a `[[family]]` of voyages, by ten routes,
+ten ranges of speed and as many of departure as it takes. Each runs in a process of its own after
+one that compiles its kernels. A row is a phase of the run by the clock [s]; `whole` is all of it,
+from the case file to the last file, `processor` the time that all its threads took together, which
+tells more where other programs share the machine.
 """
 
 import argparse
@@ -172,7 +177,9 @@ def written(count: int, particles: int, duration: str, kind: str) -> str:
         ]  # fmt: skip
         names = ", ".join(f'"route{k}"' for k in range(ROUTES))
         return (
-            head + "".join(routes) + FAMILY.format(std=OWN, routes=names, ranges=ROUTES, departures=count // ROUTES**2)
+            head
+            + "".join(routes)
+            + FAMILY.format(std=OWN, routes=names, ranges=ROUTES, departures=count // ROUTES**2)
         )
     weight = random.gamma(0.7, size=count)
     weight = np.maximum(weight / weight.sum(), 1e-5)
@@ -210,7 +217,9 @@ def run(case: Path, out: Path, threads: int) -> dict[str, float]:
 
 def main() -> None:
     """Run both cases of each kind and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--scenarios", type=int, default=300)
     parser.add_argument("--particles", type=float, default=1e6)
     parser.add_argument("--duration", default="48 h")
@@ -228,15 +237,21 @@ def main() -> None:
                 continue
             if smallest.ASKED and kind not in RUN:
                 path = folder / f"{kind}.toml"
-                path.write_text(written(asked.scenarios, int(asked.particles), asked.duration, kind), encoding="utf-8")
+                path.write_text(
+                    written(asked.scenarios, int(asked.particles), asked.duration, kind),
+                    encoding="utf-8",
+                )
                 print(f"{kind}: {len(drift.load(path).scenarios)} scenarios are read")
                 continue
             found = []
             for count in (1, asked.scenarios):
                 path = folder / f"{kind}-{count}.toml"
-                sizes = (count * 10, int(asked.particles) // count * count)  # the first one compiles kernels
+                # the first one compiles kernels
+                sizes = (count * 10, int(asked.particles) // count * count)
                 for particles in sizes[smallest.ASKED :]:
-                    path.write_text(written(count, particles, asked.duration, kind), encoding="utf-8")
+                    path.write_text(
+                        written(count, particles, asked.duration, kind), encoding="utf-8"
+                    )
                     times = run(path, folder / f"{kind}-{count}", asked.threads)
                 found.append(times)
             print(

@@ -1,7 +1,8 @@
-"""The smallest mode of each benchmark: the same work on small numbers, to see in seconds whether it still runs.
+"""The smallest mode of each benchmark: the same work on small numbers, to see in seconds whether it
+still runs.
 
-A benchmark gives `parse` the numbers of that mode. What it needs and this machine lacks ends it with one line: see
-`lack`. tests/benchmarks/test_smallest.py runs all of them so.
+A benchmark gives `parse` the numbers of that mode. What it needs and this machine lacks ends it
+with one line: see `lack`. tests/benchmarks/test_smallest.py runs all of them so.
 """
 
 import argparse
@@ -12,20 +13,27 @@ from pathlib import Path
 from typing import NoReturn
 
 WORD = "--smallest"
-CASE = Path(__file__).parents[1] / "docs" / "generate" / "small.toml"  # a case for it, which needs no data
+# a case for it, which needs no data
+CASE = Path(__file__).parents[1] / "docs" / "generate" / "small.toml"
 ASKED = WORD in sys.argv[1:]
 
 
 def parse(parser: argparse.ArgumentParser, **numbers: object) -> argparse.Namespace:
-    """Return what the command line asks for; numbers: what is taken in the smallest mode where it does not say."""
-    parser.add_argument(WORD, action="store_true", help="small numbers, and seconds: does it still run?")
+    """Return what the command line asks for; numbers: what is taken in the smallest mode where it
+    does not say.
+    """
+    parser.add_argument(
+        WORD, action="store_true", help="small numbers, and seconds: does it still run?"
+    )
     if ASKED:
         parser.set_defaults(**numbers)
     return parser.parse_args()
 
 
 def lack(what: str) -> NoReturn:
-    """End with one line that says what is missing: in the smallest mode, which asks for what this machine can, well."""
+    """End with one line that says what is missing: in the smallest mode, which asks for what this
+    machine can, well.
+    """
     print(f"left out: {what}")
     sys.exit(not ASKED)
 

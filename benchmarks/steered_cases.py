@@ -1,8 +1,10 @@
 """Random cases of targets that steer, for a plan and its bound to be tried on.
 
-Of these kinds: strait (from a box far and wide through one gap, and on), submarine (from a fix by any course at up to 12 kn, changed now and then), lanes
-(along one of two ways with a bend, to one side), bridge (a Brownian bridge of 4 to 12 nmi/sqrt(h)), yacht (under way, then adrift). Half of them stand beside a
-raft that drifts. Two or three units, aircraft and boats, whose sweep widths differ by state; 6 to 20 h.
+Of these kinds: strait (from a box far and wide through one gap, and on), submarine (from a fix by
+any course at up to 12 kn, changed now and then), lanes (along one of two ways with a bend, to one
+side), bridge (a Brownian bridge of 4 to 12 nmi/sqrt(h)), yacht (under way, then adrift). Half of
+them stand beside a raft that drifts. Two or three units, aircraft and boats, whose sweep widths
+differ by state; 6 to 20 h.
 """
 
 import tempfile
@@ -29,7 +31,10 @@ def phase(kind: str, rng: np.random.Generator, hours: float) -> tuple[str, str]:
     whole = BEGIN + hours
 
     def where(along: float, across: float) -> str:
-        return at(along * np.sin(turn) + across * np.cos(turn), along * np.cos(turn) - across * np.sin(turn))
+        return at(
+            along * np.sin(turn) + across * np.cos(turn),
+            along * np.cos(turn) - across * np.sin(turn),
+        )
 
     if kind == "strait":
         far, gap = rng.uniform(40, 90), rng.uniform(0.5, 3)
@@ -63,9 +68,15 @@ def phase(kind: str, rng: np.random.Generator, hours: float) -> tuple[str, str]:
 
 
 def case(number: int, particles: int) -> tuple[Case, None, str, float]:
-    """Return a random case, no data, what it is like, and the bound that its effort is to be scaled to."""
+    """Return a random case, no data, what it is like, and the bound that its effort is to be scaled
+    to.
+    """
     rng = np.random.Generator(np.random.Philox(key=40_000 + number))
-    kind, hours, beside = KINDS[number % len(KINDS)], int(rng.integers(6, 21)), bool(rng.random() < 0.5)
+    kind, hours, beside = (
+        KINDS[number % len(KINDS)],
+        int(rng.integers(6, 21)),
+        bool(rng.random() < 0.5),
+    )
     keys, how = phase(kind, rng, hours)
     lines = [
         f'title = "{number}: {kind}"\nstart = "2026-06-16T00:00:00Z"\nduration = "{BEGIN + hours} h"\nparticles = {particles}\nmax_lost = 1\nseed = {number + 1}',

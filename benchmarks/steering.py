@@ -1,12 +1,15 @@
-"""What does steering cost, and what does resampling do for paths that wander? One table each; by the clock, on a machine at rest.
+"""What does steering cost, and what does resampling do for paths that wander? One table each; by
+the clock, on a machine at rest.
 
     python benchmarks/steering.py [--only filter,roughening,laws] [--particles 1e6] [--threads 2]
 
-`filter`: 20,000 paths of a Brownian bridge, 500 steps, three looks: seconds of motion and filter, once compiled (aim: under 1 s; Nunez, Singham and
-Atkinson 2020 took 10 s to minutes in MATLAB). `roughening`: three sharp looks, how many paths are left without it, and how many different
-ones after it (section 3.4 there; aims: under 5 %, and all). `laws`: nanoseconds a particle and step of each law of motion: the
-difference between a run of many steps and one of few, so that beginnings and ends do not count. Steps are an hour of the run's.
-300 scenarios beside one: benchmarks/scenarios.py --only steer.
+`filter`: 20,000 paths of a Brownian bridge, 500 steps, three looks: seconds of motion and filter,
+once compiled (aim: under 1 s; Nunez, Singham and Atkinson 2020 took 10 s to minutes in MATLAB).
+`roughening`: three sharp looks, how many paths are left without it, and how many different ones
+after it (section 3.4 there; aims: under 5 %, and all). `laws`: nanoseconds a particle and step of
+each law of motion: the difference between a run of many steps and one of few, so that beginnings
+and ends do not count. Steps are an hour of the run's. 300 scenarios beside one:
+benchmarks/scenarios.py --only steer.
 """
 
 import argparse
@@ -72,7 +75,10 @@ LAWS = {  # of a scenario: its keys, and its phase
         '{ at = [-97, 0], std = "9 nmi", after = ["30 h", "40 h"] }] }',
     ),
     "lanes": ("", f'lanes = {{ network = "network.toml", route = ["a", "b", "c"], {SPEED} }}'),
-    "voyage": ("", f'voyage = {{ waypoints = [[-100, 0], [-98, 1], [-90, -1]], cross_track = "3 nmi", {SPEED} }}'),
+    "voyage": (
+        "",
+        f'voyage = {{ waypoints = [[-100, 0], [-98, 1], [-90, -1]], cross_track = "3 nmi", {SPEED} }}',
+    ),
     "loiter": (
         "area = { polygon = [[-101, -1], [-99, -1.2], [-98.8, 1], [-101, 0.8]] }\n",
         f'loiter = {{ polygon = [[-101, -1], [-99, -1.2], [-98.8, 1], [-101, 0.8]], {SPEED}, leg = "12 nmi" }}',
@@ -126,12 +132,16 @@ def filtered(runs: Runs) -> None:
 
 def roughened(runs: Runs) -> None:
     """Tell how many paths three sharp looks leave."""
-    print(f"\nthree sharp looks, {PATHS:,} paths: share left, share of ancestors left, share of places that differ")
+    print(
+        f"\nthree sharp looks, {PATHS:,} paths: share left, share of ancestors left, share of places that differ"
+    )
     for name, top in (("without roughening", ""), ("resampling", "resampling.below = 0.99\n")):
         result, _ = runs.run(top + head(PATHS, 100, 12, tracks=PATHS) + STORY + BRIDGE + LOOKS)
         tracks, last = result.trajectories, result.updates.all[-1] if result.updates else None
         alive = tracks.weight[:, -1] > 0
-        places = np.unique(np.stack([tracks.lon[alive, -1], tracks.lat[alive, -1]]), axis=1).shape[1]
+        places = np.unique(np.stack([tracks.lon[alive, -1], tracks.lat[alive, -1]]), axis=1).shape[
+            1
+        ]
         ancestors = last.distinct if last and top else alive.sum() / PATHS
         print(f"{name:26}{alive.sum() / PATHS:8.2%}{ancestors:10.2%}{places / PATHS:10.2%}")
 
@@ -147,13 +157,18 @@ def laws(runs: Runs, particles: int) -> None:
                 + story
             )
         runs.run(head(1_000, FEW) + story)  # compiles
-        took = [min(runs.run(head(particles, hours) + story)[1] for _ in range(2)) for hours in (FEW, MANY)]
+        took = [
+            min(runs.run(head(particles, hours) + story)[1] for _ in range(2))
+            for hours in (FEW, MANY)
+        ]
         print(f"{name:26}{(took[1] - took[0]) / (MANY - FEW) / particles * 1e9:8.2f}", flush=True)
 
 
 def main() -> None:
     """Run what is asked for and print it."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--only", default="filter,roughening,laws")
     parser.add_argument("--particles", type=float, default=1e6)
     parser.add_argument("--threads", type=int, default=2)

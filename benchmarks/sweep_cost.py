@@ -1,8 +1,10 @@
-"""What a sortie costs: time per particle and leg, by law, for particles that drift amid a parallel sweep.
+"""What a sortie costs: time per particle and leg, by law, for particles that drift amid a parallel
+sweep.
 
     python benchmarks/sweep_cost.py [--particles 1e6] [--threads N]
 
-A leg is a straight one, cross legs counted. The best of several runs counts; nothing else should run meanwhile.
+A leg is a straight one, cross legs counted. The best of several runs counts; nothing else should
+run meanwhile.
 """
 
 import argparse
@@ -60,7 +62,9 @@ def main() -> None:
     }
     after = ensemble.lon, ensemble.lat
     paths = pieces.straight(ensemble, ensemble.batch([0]), tuple(before), after, 0, span)
-    table = Table("exposure", "legs", "pieces", "ms", "ns per particle and leg", title=f"{n:,} particles")
+    table = Table(
+        "exposure", "legs", "pieces", "ms", "ns per particle and leg", title=f"{n:,} particles"
+    )
     for name, (kind, way, numbers, scale, count) in jobs.items():
         best = np.inf
         for _ in range(TIMES):
@@ -69,14 +73,22 @@ def main() -> None:
             sweep.expose(ensemble, paths, kind, way, numbers, scale, exposure)
             runtime.wait()
             best = min(best, time.perf_counter() - begin)
-        table.add_row(name, str(count), str(len(way.time) - 1), f"{1e3 * best:.0f}", f"{1e9 * best / n / count:.2f}")
+        table.add_row(
+            name,
+            str(count),
+            str(len(way.time) - 1),
+            f"{1e3 * best:.0f}",
+            f"{1e9 * best / n / count:.2f}",
+        )
     weight = runtime.empty(n)
     for factors in (1, laws.NODES):
         shared, chances = runtime.empty(n * factors), np.full(factors, 1 / factors, np.float32)
         best = np.inf
         for _ in range(TIMES):
             begin = time.perf_counter()
-            sweep.fail(ensemble.scenario, sweep.HAZARD, exposure, np.ones(factors), chances, shared, weight)
+            sweep.fail(
+                ensemble.scenario, sweep.HAZARD, exposure, np.ones(factors), chances, shared, weight
+            )
             runtime.wait()
             best = min(best, time.perf_counter() - begin)
         table.add_row(f"weights, {factors} factors of W", "", "", f"{1e3 * best:.0f}", "")

@@ -1,10 +1,13 @@
-"""Time per particle-step and memory per particle, each physical term on and off, beside yardsticks where they are.
+"""Time per particle-step and memory per particle, each physical term on and off, beside yardsticks
+where they are.
 
-    python benchmarks/throughput.py [--json FILE] [--most 1e7] [--yardsticks FOLDER] [--opendrift PYTHON]
+    python benchmarks/throughput.py [--json FILE] [--most 1e7] [--yardsticks FOLDER] [--opendrift
+    PYTHON]
 
-The job is that of a plain C kernel (limit.c in FOLDER, built here with gcc if it is there): RK4, current and wind on a
-400 x 300 grid, bilinear in space, linear in time, leeway. PYTHON is an interpreter that has OpenDrift; with FOLDER's
-opendrift_leeway.py it runs the same job. The best of several runs counts; nothing else should run meanwhile.
+The job is that of a plain C kernel (limit.c in FOLDER, built here with gcc if it is there): RK4,
+current and wind on a 400 x 300 grid, bilinear in space, linear in time, leeway. PYTHON is an
+interpreter that has OpenDrift; with FOLDER's opendrift_leeway.py it runs the same job. The best of
+several runs counts; nothing else should run meanwhile.
 """
 
 import argparse
@@ -53,12 +56,17 @@ CASES: list[tuple[str, str, kernel.Physics, bool, bool]] = [  # name, scheme, ph
 
 
 def fields(finer: int = 1) -> Tiles:
-    """Return the yardstick's current and wind on the device; finer: that many times as many nodes a side."""
+    """Return the yardstick's current and wind on the device; finer: that many times as many nodes a
+    side.
+    """
     nlon, nlat = finer * GRID.nlon, finer * GRID.nlat
     grid = Grid(GRID.lon0, GRID.lat0, GRID.dlon / finer, GRID.dlat / finer, nlon, nlat)
     tiles = Tiles([grid, grid])
     y, x = np.meshgrid(
-        np.arange(nlat, dtype=np.float32) / finer, np.arange(nlon, dtype=np.float32) / finer, indexing="ij", sparse=True
+        np.arange(nlat, dtype=np.float32) / finer,
+        np.arange(nlon, dtype=np.float32) / finer,
+        indexing="ij",
+        sparse=True,
     )
 
     def field(east: np.ndarray, north: np.ndarray) -> np.ndarray:
@@ -95,7 +103,12 @@ def ensemble_at(lon: np.ndarray, lat: np.ndarray) -> record.Ensemble:
     ensemble = record.empty(1, (0, lon.size), COLUMNS)
     ensemble.lon.from_numpy(lon)
     ensemble.lat.from_numpy(lat)
-    for name, value in (("down_slope", 0.03), ("down_offset", 0.02), ("right_slope", 0.01), ("left_slope", -0.01)):
+    for name, value in (
+        ("down_slope", 0.03),
+        ("down_offset", 0.02),
+        ("right_slope", 0.01),
+        ("left_slope", -0.01),
+    ):
         ensemble.own[name].fill(value)
     return ensemble
 
@@ -125,7 +138,13 @@ def measure(most: int) -> list[dict[str, object]]:
             ranges = RANGES if wind else {"current": (0, 1)}
 
             def job(
-                k: int, ranges=ranges, physics=physics, coastal=coastal, scheme=scheme, n=n, ensemble=ensemble
+                k: int,
+                ranges=ranges,
+                physics=physics,
+                coastal=coastal,
+                scheme=scheme,
+                n=n,
+                ensemble=ensemble,
             ) -> None:  # type: ignore[no-untyped-def]
                 step = kernel.Step(k, 600 * k, 600, 1)
                 shore_or_none = device if coastal else None
@@ -151,12 +170,25 @@ def yardstick(folder: Path, n: int) -> float | None:
         return None
     with tempfile.TemporaryDirectory() as place:
         program = Path(place) / "limit"
-        build = ["gcc", "-O3", "-march=native", "-ffast-math", "-fopenmp", str(source), "-lm", "-o", str(program)]
+        build = [
+            "gcc",
+            "-O3",
+            "-march=native",
+            "-ffast-math",
+            "-fopenmp",
+            str(source),
+            "-lm",
+            "-o",
+            str(program),
+        ]
         try:
             subprocess.run(build, check=True, capture_output=True)
         except (OSError, subprocess.CalledProcessError):
             return None
-        found = [subprocess.run([str(program), str(n)], capture_output=True, text=True).stdout for _ in range(3)]
+        found = [
+            subprocess.run([str(program), str(n)], capture_output=True, text=True).stdout
+            for _ in range(3)
+        ]
     return min(float(text.split()[0]) for text in found)
 
 

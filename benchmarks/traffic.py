@@ -7,7 +7,8 @@ its own or a row of one.
 
     python benchmarks/traffic.py [FEATURES ...]
 
-prints a row for each set of features, a number (kernels/step/features.py); without any, for none and for each alone.
+prints a row for each set of features, a number (kernels/step/features.py); without any, for none
+and for each alone.
 """
 
 import argparse
@@ -23,7 +24,14 @@ import smallest
 from kernels.step import advance, features, integrate, sample
 
 # Conditions at run time that hold for a particle that is adrift all along. All others are false.
-HOLD = frozenset({"moves", "held.moving[0, j] == 1", "held.moving[0, j] == 1 and held.sets_off[0, j] > 0.5", "known"})
+HOLD = frozenset(
+    {
+        "moves",
+        "held.moving[0, j] == 1",
+        "held.moving[0, j] == 1 and held.sets_off[0, j] > 0.5",
+        "known",
+    }
+)
 WIDE = 4  # [bytes] of every column: int32 or float32
 PACKS = {"core": "core", "own": "own"}  # parameters of the kernel that hold columns
 
@@ -58,13 +66,17 @@ class _Zero(ast.NodeTransformer):
 class _Walk(ast.NodeVisitor):
     """A walk through one function; packs: names of its parameters that hold columns."""
 
-    def __init__(self, found: Columns, module: ModuleType, packs: dict[str, str], chosen: int) -> None:
+    def __init__(
+        self, found: Columns, module: ModuleType, packs: dict[str, str], chosen: int
+    ) -> None:
         self._found, self._module, self._packs = found, module, packs
         self._known = vars(module) | {"features": chosen, "range": range, "bool": bool}
         self._chosen = chosen
 
     def _value(self, node: ast.expr) -> Any:
-        return eval(compile(ast.Expression(ast.fix_missing_locations(node)), "", "eval"), self._known)
+        return eval(
+            compile(ast.Expression(ast.fix_missing_locations(node)), "", "eval"), self._known
+        )
 
     def visit_If(self, node: ast.If) -> None:
         """Take the branch that the features choose, or that a particle adrift takes."""
@@ -126,7 +138,9 @@ class _Walk(ast.NodeVisitor):
     def visit_Call(self, node: ast.Call) -> None:
         """Follow a function that is given columns."""
         self.generic_visit(node)
-        given = [self._packs.get(each.id) if isinstance(each, ast.Name) else None for each in node.args]
+        given = [
+            self._packs.get(each.id) if isinstance(each, ast.Name) else None for each in node.args
+        ]
         if any(given):
             module = self._module
             if isinstance(node.func, ast.Attribute):
@@ -147,7 +161,13 @@ def _function(module: ModuleType, name: str) -> ast.FunctionDef:
     return next(each for each in body if isinstance(each, ast.FunctionDef) and each.name == name)
 
 
-def _walk(found: Columns, module: ModuleType, function: ast.FunctionDef, packs: dict[str, str], chosen: int) -> None:
+def _walk(
+    found: Columns,
+    module: ModuleType,
+    function: ast.FunctionDef,
+    packs: dict[str, str],
+    chosen: int,
+) -> None:
     walk = _Walk(found, module, packs, chosen)
     for each in function.body:
         walk.visit(each)
@@ -162,7 +182,9 @@ def columns(chosen: int) -> Columns:
     found = Columns()
     _walk(found, advance, _function(advance, "_advance"), PACKS, chosen)
     if found.held != HOLD:
-        raise LookupError(f"kernels.step.advance has no condition {sorted(HOLD - found.held)}: see HOLD of {__file__}")
+        raise LookupError(
+            f"kernels.step.advance has no condition {sorted(HOLD - found.held)}: see HOLD of {__file__}"
+        )
     return found
 
 
@@ -190,14 +212,23 @@ def gathered(chosen: int) -> int:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    alone = [value for name, value in vars(features).items() if name.isupper() and isinstance(value, int)]
+    alone = [
+        value for name, value in vars(features).items() if name.isupper() and isinstance(value, int)
+    ]
     parser.add_argument("features", nargs="*", type=int, default=[0, *alone])
     given = smallest.parse(parser)
-    print(f"{'features':>8}{'bytes of columns':>18}{'of forcing':>12}  columns that are read, and written")
+    print(
+        f"{'features':>8}{'bytes of columns':>18}{'of forcing':>12}  columns that are read, and written"
+    )
     for number in given.features:
         found = columns(number)
-        names = (sorted(f"{array}[{row}]" for _, array, row in part) for part in (found.read, found.written))
-        print(f"{number:>8}{found.bytes:>18}{gathered(number):>12}  {'; '.join(map(' '.join, names))}")
+        names = (
+            sorted(f"{array}[{row}]" for _, array, row in part)
+            for part in (found.read, found.written)
+        )
+        print(
+            f"{number:>8}{found.bytes:>18}{gathered(number):>12}  {'; '.join(map(' '.join, names))}"
+        )
 
 
 if __name__ == "__main__":

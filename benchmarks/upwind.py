@@ -1,9 +1,11 @@
-"""How many particles of each leeway class drift upwind, and how far on average, with and without the cut of slopes.
+"""How many particles of each leeway class drift upwind, and how far on average, with and without
+the cut of slopes.
 
     python benchmarks/upwind.py [PARTICLES]
 
-Per class and wind speed: the share of particles whose downwind speed is negative and the mean downwind speed [cm/s], by the normal
-law -> by the one cut at slope 0 (docs/leeway.md), as our kernel draws it; only classes with a share above 0.05 % somewhere.
+Per class and wind speed: the share of particles whose downwind speed is negative and the mean
+downwind speed [cm/s], by the normal law -> by the one cut at slope 0 (docs/leeway.md), as our
+kernel draws it; only classes with a share above 0.05 % somewhere.
 """
 
 import argparse
@@ -25,8 +27,13 @@ def speeds(line: leeway.Line, least: float, particles: int) -> np.ndarray:
     """Return downwind speeds [m/s] of particles of a line at each wind speed, shape (4, n)."""
     e = record.empty(1, (0, particles), COLUMNS)
     figures = line.slope, line.offset, line.slope_std, line.offset_std
-    kernel.draw_object(0, particles, 0, e.own["down_slope"], e.own["down_offset"], 0, *key(1), *figures, least)
-    return np.outer(WINDS, e.own["down_slope"].to_numpy().astype(float)) + e.own["down_offset"].to_numpy()
+    kernel.draw_object(
+        0, particles, 0, e.own["down_slope"], e.own["down_offset"], 0, *key(1), *figures, least
+    )
+    return (
+        np.outer(WINDS, e.own["down_slope"].to_numpy().astype(float))
+        + e.own["down_offset"].to_numpy()
+    )
 
 
 def main() -> None:
@@ -44,7 +51,9 @@ def main() -> None:
         if max(old) < 0.0005:
             continue
         cells = [
-            f"{p:.1%} -> {q:.1%}; {100 * a:.2f} -> {100 * b:.2f}" if abs(a - b) > 5e-5 else f"{p:.1%}; {100 * a:.2f}"
+            f"{p:.1%} -> {q:.1%}; {100 * a:.2f} -> {100 * b:.2f}"
+            if abs(a - b) > 5e-5
+            else f"{p:.1%}; {100 * a:.2f}"
             for p, q, a, b in zip(old, new, before.mean(axis=1), after.mean(axis=1), strict=True)
         ]
         cut = (np.diff(before[[0, 2]], axis=0) < 0).mean()

@@ -1,6 +1,8 @@
-"""Numbered trials in a process of their own, seen from outside: one that crashes or hangs is an outcome, not the end.
+"""Numbered trials in a process of their own, seen from outside: one that crashes or hangs is an
+outcome, not the end.
 
-A benchmark calls `run`; its own file, started anew with `--trials` and their numbers, calls `trial` for each of them.
+A benchmark calls `run`; its own file, started anew with `--trials` and their numbers, calls `trial`
+for each of them.
 """
 
 import collections
@@ -22,7 +24,9 @@ Outcomes = dict[int, tuple[str, str]]  # by number: what was tried, and what cam
 
 
 def trial(number: int, name: str, make: Callable[[], str]) -> None:
-    """Make one trial and print what came of it: what `make` returns, a refusal, a warning or a traceback."""
+    """Make one trial and print what came of it: what `make` returns, a refusal, a warning or a
+    traceback.
+    """
     print(f"{number}\t{name}", flush=True)
     begin = time.perf_counter()
     with warnings.catch_warnings(record=True) as seen:
@@ -33,7 +37,11 @@ def trial(number: int, name: str, make: Callable[[], str]) -> None:
             told = make()
         except UserError as error:
             lines = getattr(error, "lines", (str(error),))
-            told = f"refused: {error}" if not any("\n" in line for line in lines) else f"more than its lines: {error!r}"
+            told = (
+                f"refused: {error}"
+                if not any("\n" in line for line in lines)
+                else f"more than its lines: {error!r}"
+            )
         except Exception:
             told = f"traceback: {traceback.format_exc()}"
     if seen and not told.startswith("traceback"):
@@ -41,19 +49,26 @@ def trial(number: int, name: str, make: Callable[[], str]) -> None:
     print(f"{number}\t{time.perf_counter() - begin:.1f}\t{' '.join(told.split())}", flush=True)
 
 
-def run(file: str, numbers: Sequence[int], more: Sequence[str] = (), *, told: bool = False) -> Outcomes:
-    """Return what came of numbered trials of a benchmark's file, which is started anew where it crashes or hangs.
+def run(
+    file: str, numbers: Sequence[int], more: Sequence[str] = (), *, told: bool = False
+) -> Outcomes:
+    """Return what came of numbered trials of a benchmark's file, which is started anew where it
+    crashes or hangs.
 
-    more: words of its command line besides --trials; told: print every trial, not only what must not be.
+    more: words of its command line besides --trials; told: print every trial, not only what must
+    not be.
     """
     outcomes: Outcomes = {}
     left = list(numbers)
     while left:
         command = [sys.executable, file, "--trials", ",".join(map(str, left)), *more]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
         lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         threading.Thread(
-            target=lambda p=process, q=lines: [q.put(line) for line in p.stdout] + [q.put(None)], daemon=True
+            target=lambda p=process, q=lines: [q.put(line) for line in p.stdout] + [q.put(None)],
+            daemon=True,
         ).start()
         number, name = left[0], "before it began"
         while True:
@@ -85,7 +100,9 @@ def run(file: str, numbers: Sequence[int], more: Sequence[str] = (), *, told: bo
 
 
 def table(outcomes: Outcomes) -> bool:
-    """Print how often each outcome came, those that must not be at the end; return whether one of these came."""
+    """Print how often each outcome came, those that must not be at the end; return whether one of
+    these came.
+    """
     kinds = collections.Counter(told.partition(":")[0] for _, told in outcomes.values())
     print(f"\n{'outcome':36} of {len(outcomes)}")
     for kind in (*sorted(set(kinds) - set(NEVER)), *NEVER):

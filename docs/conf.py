@@ -16,7 +16,8 @@ version = release = of("casp-drift")
 extensions = ["myst_parser", "generate.site"]
 exclude_patterns = ["generate", "generated/runs", "generated/tutorials", "generated/extra"]
 nitpicky = True
-nitpick_ignore_regex = [("py:class", ".*")]  # types of other projects, and of our own that are not public
+# types of other projects, and of our own that are not public
+nitpick_ignore_regex = [("py:class", ".*")]
 myst_heading_anchors = 4
 myst_enable_extensions = ["attrs_inline", "colon_fence", "deflist"]
 highlight_language = "text"

@@ -1,8 +1,8 @@
 """Shapes across the antimeridian: cut there, for formats whose longitudes end at 180 degrees.
 
-Our shapes have unwrapped longitudes, which say how they run. The library `antimeridian` (0.4.9) guesses that from jumps
-of more than 180 degrees: it returns invalid polygons for what touches the line from the east, refuses a hole across it,
-and does not cut unwrapped lines.
+Our shapes have unwrapped longitudes, which say how they run. The library `antimeridian` (0.4.9)
+guesses that from jumps of more than 180 degrees: it returns invalid polygons for what touches the
+line from the east, refuses a hole across it, and does not cut unwrapped lines.
 """
 
 from collections.abc import Iterator
@@ -19,7 +19,9 @@ def cut_polygons(polygon: shapely.MultiPolygon) -> shapely.MultiPolygon:
 
     The parts lie in [-180, 180] [deg], with outer rings anticlockwise.
     """
-    parts = [part for part in _turned(polygon, 1e-7) if part.geom_type == "Polygon" and part.area > 0]
+    parts = [
+        part for part in _turned(polygon, 1e-7) if part.geom_type == "Polygon" and part.area > 0
+    ]
     return shapely.MultiPolygon([shapely.geometry.polygon.orient(part) for part in parts])
 
 
@@ -36,4 +38,6 @@ def _turned(shape: Any, precision: float = 0.0) -> Iterator[Any]:
     for turn in TURNS:
         inside = shapely.intersection(shape, shapely.box(turn - 180, -90, turn + 180, 90))
         moved = shapely.transform(inside, lambda xy, turn=turn: xy - np.array([turn, 0.0]))
-        yield from shapely.get_parts(shapely.set_precision(moved, precision) if precision else moved)
+        yield from shapely.get_parts(
+            shapely.set_precision(moved, precision) if precision else moved
+        )

@@ -7,7 +7,9 @@ from geo import sphere
 
 @dataclass(frozen=True)
 class Box:
-    """Edges [deg]: west in [-180, 180), east in (west, west + 360], so Box(170, -10, 195, 5) crosses 180."""
+    """Edges [deg]: west in [-180, 180), east in (west, west + 360], so Box(170, -10, 195, 5)
+    crosses 180.
+    """
 
     west: float
     south: float
@@ -24,11 +26,12 @@ class Box:
 
 
 def between(west: float, south: float, east: float, north: float) -> Box:
-    """Return the box from a western edge eastward to an eastern one [deg], which may count on beyond 180.
+    """Return the box from a western edge eastward to an eastern one [deg], which may count on
+    beyond 180.
 
-    Edges of one longitude, or a turn apart, go round the whole Earth. Raises ValueError where east is less than west, so
-    that the box lies across the antimeridian, and is wider than half the Earth: then the two are most likely swapped, or
-    a sign is lost.
+    Edges of one longitude, or a turn apart, go round the whole Earth. Raises ValueError where east
+    is less than west, so that the box lies across the antimeridian, and is wider than half the
+    Earth: then the two are most likely swapped, or a sign is lost.
     """
     width = 360.0 if east - west >= 360 else (east - west) % 360 or 360.0
     start, left = float(sphere.wrap_degrees(west)), float(sphere.wrap_degrees(east))

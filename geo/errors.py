@@ -1,7 +1,7 @@
 """The one kind of error that a user can mend.
 
-Its texts name options as a command has them, `--threads 0`. Where no command runs, a program or a notebook reads of the
-arguments of Python that are the same, `threads = 0`: `named` says it so.
+Its texts name options as a command has them, `--threads 0`. Where no command runs, a program or a
+notebook reads of the arguments of Python that are the same, `threads = 0`: `named` says it so.
 """
 
 import re
@@ -9,19 +9,51 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 SAME = (
-    "allow", "allow-host", "at", "backend", "beams", "box", "columns", "ends-aground", "error", "every", "heading", "hours", "host", "memory", "out", "overwrite", "particles", "port", "resume", "runs",
-    "scenario", "shards", "speed", "threads", "time",
-)  # fmt: skip
-ARGUMENTS = {name: name.replace("-", "_") for name in SAME} | {  # by option: the argument that is the same
-    "drifters": "files", "figure": "figures", "from": "begin", "hold-out": "held_out", "max-gap": "gap", "provider": "providers", "to": "end",
-    "with": "variants", "workers or --cluster": "client",
-}  # fmt: skip
+    "allow",
+    "allow-host",
+    "at",
+    "backend",
+    "beams",
+    "box",
+    "columns",
+    "ends-aground",
+    "error",
+    "every",
+    "heading",
+    "hours",
+    "host",
+    "memory",
+    "out",
+    "overwrite",
+    "particles",
+    "port",
+    "resume",
+    "runs",
+    "scenario",
+    "shards",
+    "speed",
+    "threads",
+    "time",
+)
+# by option: the argument that is the same
+ARGUMENTS = {name: name.replace("-", "_") for name in SAME} | {
+    "drifters": "files",
+    "figure": "figures",
+    "from": "begin",
+    "hold-out": "held_out",
+    "max-gap": "gap",
+    "provider": "providers",
+    "to": "end",
+    "with": "variants",
+    "workers or --cluster": "client",
+}
 SWITCHES = ("overwrite", "resume")  # options that take no value
 OPTION = re.compile(
     rf"--({'|'.join(ARGUMENTS)})(?![\w-])(?: (-?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?(?!\w)|(?:auto|cpu|cuda|metal|vulkan)\b))?"
 )
 
-_commands: list[None] = []  # that run in this process; not of a thread: a command's errors may be written in its others
+# that run in this process; not of a thread: a command's errors may be written in its others
+_commands: list[None] = []
 
 
 class UserError(Exception):
@@ -31,7 +63,10 @@ class UserError(Exception):
     """
 
     def __init__(self, *lines: str) -> None:
-        """Take one line for each mistake; `lines` removes line breaks that stand inside one of them."""
+        """Take one line for each mistake;
+
+        `lines` removes line breaks that stand inside one of them.
+        """
         super().__init__(*lines)
 
     @property
@@ -59,7 +94,9 @@ def named(text: str) -> str:
 
 
 def _argument(option: re.Match[str]) -> str:
-    """Return `threads = 0` for `--threads 0`, `out` for `--out`, `overwrite = True` for `--overwrite`."""
+    """Return `threads = 0` for `--threads 0`, `out` for `--out`, `overwrite = True` for
+    `--overwrite`.
+    """
     name, value = ARGUMENTS[option[1]], option[2]
     if option[1] in SWITCHES:
         return f"{name} = True"

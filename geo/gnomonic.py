@@ -10,7 +10,8 @@ from geo import sphere
 from geo.array import Array
 from geo.polyline import LonLat
 
-LONGEST = math.radians(40)  # from the middle of a line to its points; there the plane is stretched by 1.7
+# from the middle of a line to its points; there the plane is stretched by 1.7
+LONGEST = math.radians(40)
 SAME = 1.0  # [m] points closer than this count as one
 
 
@@ -30,7 +31,9 @@ def line(points: Sequence[LonLat]) -> PlaneLine:
     Raises ValueError for a line without length, and for one that is too long for a plane.
     """
     lon, lat = np.radians(np.array(points, np.float64)).T
-    x, y, z = (float(v.mean()) for v in (np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)))
+    x, y, z = (
+        float(v.mean()) for v in (np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat))
+    )
     here = sphere.to_binary(np.degrees([math.atan2(y, x), math.atan2(z, math.hypot(x, y))]))
     middle_lon, middle_lat = (float(angle) for angle in here * sphere.UNIT)
     east, north = sphere.offset(middle_lon, middle_lat, lon, lat)

@@ -1,7 +1,9 @@
-"""Text of times, positions, directions, shares and stated numbers as a planner reads them, and of times as ISO 8601.
+"""Text of times, positions, directions, shares and stated numbers as a planner reads them, and of
+times as ISO 8601.
 
-What a case states is read back to the digits given (`number`, `hundredths`, `bearing`, `stated_position`,
-`stated_time`); what is computed from it is rounded (`percent`, `probability`, `position`, `group`).
+What a case states is read back to the digits given (`number`, `hundredths`, `bearing`,
+`stated_position`, `stated_time`); what is computed from it is rounded (`percent`, `probability`,
+`position`, `group`).
 """
 
 import math
@@ -25,8 +27,8 @@ MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", 
 def group(moment: Any) -> str:
     """Return a time (np.datetime64, UTC) as a date-time group (ACP 121), 211830ZNOV26.
 
-    Seconds are dropped. The year has two digits in this century, which a reader assumes, and all in any other: damaged
-    files hold times that Python's own dates do not reach.
+    Seconds are dropped. The year has two digits in this century, which a reader assumes, and all in
+    any other: damaged files hold times that Python's own dates do not reach.
     """
     date, clock = str(np.asarray(moment).astype("datetime64[s]")).split("T")
     year, month, day = date.rsplit("-", 2)
@@ -42,8 +44,15 @@ def day_time(moment: Any) -> str:
 def toward(lon1: float, lat1: float, lon2: float, lat2: float) -> str:
     """Return how far and in which direction point 2 lies from point 1 [deg], along a great circle."""
     east, north = (float(x) for x in sphere.offset(*np.radians([lon1, lat1, lon2, lat2])))
-    miles, eighth = math.hypot(east, north) / NMI, round(math.degrees(math.atan2(east, north)) / 45) % 8
-    return f"{miles:,.0f} nmi to the {COMPASS[eighth]}" if miles >= 10 else f"{miles:.1f} nmi to the {COMPASS[eighth]}"
+    miles, eighth = (
+        math.hypot(east, north) / NMI,
+        round(math.degrees(math.atan2(east, north)) / 45) % 8,
+    )
+    return (
+        f"{miles:,.0f} nmi to the {COMPASS[eighth]}"
+        if miles >= 10
+        else f"{miles:.1f} nmi to the {COMPASS[eighth]}"
+    )
 
 
 def percent(share: float, digits: int = 1, unit: str = " %") -> str:
@@ -54,7 +63,8 @@ def percent(share: float, digits: int = 1, unit: str = " %") -> str:
     Args:
         share: the share, 0 to 1; within ROUNDING of an end it is that end, as a sum of weights is.
         digits: after the point; the limits of "near" follow.
-        unit: what stands after the number; "" where a cell of a picture has no room, also for the blank.
+        unit: what stands after the number; "" where a cell of a picture has no room, also for the
+            blank.
     """
     if math.isnan(share):
         return "unknown"
@@ -74,12 +84,16 @@ def percent(share: float, digits: int = 1, unit: str = " %") -> str:
 
 
 def short_percent(share: float) -> str:
-    """Return the same with a digit after the point only below 10 % and above 99.5 %, where room is scarce."""
+    """Return the same with a digit after the point only below 10 % and above 99.5 %, where room is
+    scarce.
+    """
     return percent(share, 0 if 0.0995 <= share <= 0.995 else 1)
 
 
 def probability(value: float, digits: int = 2) -> str:
-    """Return a computed probability as a decimal; only what is exactly 0 or 1 is written as such: <0.01, >0.99."""
+    """Return a computed probability as a decimal; only what is exactly 0 or 1 is written as such:
+    <0.01, >0.99.
+    """
     rounded = f"{value:.{digits}f}"
     least = 10.0**-digits
     if value > 0 and float(rounded) == 0:
@@ -90,9 +104,9 @@ def probability(value: float, digits: int = 2) -> str:
 def number(value: float, digits: int = DERIVED) -> str:
     """Return a number that a case states, read back with all its digits: 0.25, not 0.3.
 
-    The value may have been converted to SI and back: up to GIVEN significant digits return as written. A number with
-    more digits is derived from what the case states (exp(0.3), 0.25 m/s in knots). It is rounded to `digits`
-    significant digits, or to a whole number if that has more.
+    The value may have been converted to SI and back: up to GIVEN significant digits return as
+    written. A number with more digits is derived from what the case states (exp(0.3), 0.25 m/s in
+    knots). It is rounded to `digits` significant digits, or to a whole number if that has more.
     """
     text = f"{value:.12g}"
     mantissa = text.partition("e")[0].lstrip("-0.").replace(".", "")
@@ -103,12 +117,16 @@ def number(value: float, digits: int = DERIVED) -> str:
 
 
 def hundredths(share: float) -> str:
-    """Return a share that a case states in percent, without its unit, with all digits: 0.95 is 95, 0.999 is 99.9."""
+    """Return a share that a case states in percent, without its unit, with all digits: 0.95 is 95,
+    0.999 is 99.9.
+    """
     return number(100 * share)
 
 
 def bearing(angle: float) -> str:
-    """Return a course or bearing [deg] as `number` does, with three digits before the point: 045, 123.5."""
+    """Return a course or bearing [deg] as `number` does, with three digits before the point: 045,
+    123.5.
+    """
     rounded = float(number(angle % 360)) % 360  # 359.9999999999 is north
     whole, point, rest = number(rounded).partition(".")
     return f"{whole.zfill(3)}{point}{rest}"
@@ -147,27 +165,35 @@ def position(lon: float, lat: float, decimals: int = 1) -> str | None:
     if not (np.isfinite(lon) and np.isfinite(lat)):
         return None
     lon = sphere.wrap_degrees(lon)
-    return (
-        f"{_minutes(lat, 2, decimals)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3, decimals)}{'E' if lon >= 0 else 'W'}"
-    )
+    return f"{_minutes(lat, 2, decimals)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3, decimals)}{'E' if lon >= 0 else 'W'}"
 
 
 def stated_position(lon: float, lat: float) -> str | None:
-    """Return a position [deg] that a case states: with as many decimals of the minutes as it has, one to FINEST."""
+    """Return a position [deg] that a case states: with as many decimals of the minutes as it has,
+    one to FINEST.
+    """
     exact = [60 * abs(angle) for angle in (lon, lat)]
     decimals = (
-        digits for digits in range(1, FINEST) if all(abs(x - round(x, digits)) < 0.5 * 10.0**-FINEST for x in exact)
+        digits
+        for digits in range(1, FINEST)
+        if all(abs(x - round(x, digits)) < 0.5 * 10.0**-FINEST for x in exact)
     )
     return position(lon, lat, next(decimals, FINEST))
 
 
 def stated_time(moment: Any) -> str:
-    """Return a time (np.datetime64, UTC) that a case states: its date-time group, or ISO 8601 where it has seconds."""
+    """Return a time (np.datetime64, UTC) that a case states: its date-time group, or ISO 8601 where
+    it has seconds.
+    """
     return iso(moment) if epoch(moment) % 60 else group(moment)
 
 
 def _minutes(angle: float, digits: int, decimals: int) -> str:
-    """Return an angle [deg] without its sign as degrees of so many digits and minutes of so many decimals."""
+    """Return an angle [deg] without its sign as degrees of so many digits and minutes of so many
+    decimals.
+    """
     degree = 60 * 10**decimals
     parts = round(abs(angle) * degree)
-    return f"{parts // degree:0{digits}d}-{parts % degree / 10**decimals:0{3 + decimals}.{decimals}f}"
+    return (
+        f"{parts // degree:0{digits}d}-{parts % degree / 10**decimals:0{3 + decimals}.{decimals}f}"
+    )

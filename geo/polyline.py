@@ -1,7 +1,7 @@
 """Areas, and legs made good: made from points, cut, thinned and outlined.
 
-Legs are great circles from vertex to vertex, each at constant speed. Positions are degrees; longitudes are unwrapped,
-so that they have no jumps. Times are seconds since 1970.
+Legs are great circles from vertex to vertex, each at constant speed. Positions are degrees;
+longitudes are unwrapped, so that they have no jumps. Times are seconds since 1970.
 """
 
 import itertools
@@ -39,18 +39,29 @@ class Legs:
     time: tuple[float, ...]  # [s since 1970], ascending, (k,)
     lon: tuple[float, ...]  # [deg] (k,)
     lat: tuple[float, ...]
-    searching: tuple[bool, ...]  # whether the unit searches on the leg from vertex i to i + 1, (k - 1,)
+    # whether the unit searches on the leg from vertex i to i + 1, (k - 1,)
+    searching: tuple[bool, ...]
 
 
 def through(
-    time: npt.ArrayLike, lon: npt.ArrayLike, lat: npt.ArrayLike, searching: Sequence[bool] | None = None
+    time: npt.ArrayLike,
+    lon: npt.ArrayLike,
+    lat: npt.ArrayLike,
+    searching: Sequence[bool] | None = None,
 ) -> Legs:
     """Return legs from arrays of their vertices, shape (k,).
 
     searching: whether the unit searches on each leg, shape (k - 1,); on all of them by default.
     """
-    t, x, y = (tuple(np.asarray(values, np.float64).tolist()) for values in (time, unwrap(lon), lat))
-    return Legs(t, x, y, (True,) * (len(t) - 1) if searching is None else tuple(bool(value) for value in searching))
+    t, x, y = (
+        tuple(np.asarray(values, np.float64).tolist()) for values in (time, unwrap(lon), lat)
+    )
+    return Legs(
+        t,
+        x,
+        y,
+        (True,) * (len(t) - 1) if searching is None else tuple(bool(value) for value in searching),
+    )
 
 
 def unwrap(lon: npt.ArrayLike, first: float | None = None) -> Array:
@@ -60,16 +71,22 @@ def unwrap(lon: npt.ArrayLike, first: float | None = None) -> Array:
     """
     lon = np.asarray(lon, np.float64)
     whole = np.concatenate([[lon[0] if first is None else first], lon])
-    return np.asarray(lon - 360.0 * np.cumsum(np.rint(np.diff(whole) / 360.0)))  # exact where nothing jumps
+    # exact where nothing jumps
+    return np.asarray(lon - 360.0 * np.cumsum(np.rint(np.diff(whole) / 360.0)))
 
 
 def fly(
-    lon: npt.ArrayLike, lat: npt.ArrayLike, start: float, speed: float, searching: Sequence[bool] | None = None
+    lon: npt.ArrayLike,
+    lat: npt.ArrayLike,
+    start: float,
+    speed: float,
+    searching: Sequence[bool] | None = None,
 ) -> Legs:
-    """Return legs through points [deg] that start at a time [s since 1970] and have one speed [m/s].
+    """Return legs through points [deg] that start at a time [s since 1970] and have one speed
+    [m/s].
 
-    Repeated points are left out. searching: whether the unit searches on the leg from each point to the next,
-    shape (k - 1,); on all of them by default.
+    Repeated points are left out. searching: whether the unit searches on the leg from each point to
+    the next, shape (k - 1,); on all of them by default.
     """
     lon, lat = unwrap(lon), np.asarray(lat, np.float64)
     steps = _steps(lon, lat)
@@ -108,7 +125,9 @@ def cut_legs(legs: Legs, share: float) -> Legs:
 
 
 def between(legs: Legs, first: float, last: float) -> Legs:
-    """Return the part of legs between two times [s since 1970]; raise ValueError where there is none."""
+    """Return the part of legs between two times [s since 1970]; raise ValueError where there is
+    none.
+    """
     time = np.array(legs.time)
     first, last = max(first, legs.time[0]), min(last, legs.time[-1])
     if last <= first:
@@ -118,7 +137,11 @@ def between(legs: Legs, first: float, last: float) -> Legs:
     inside = np.flatnonzero((time > first) & (time < last))
     begin = int(np.searchsorted(time, first, "right")) - 1
     finish = int(np.searchsorted(time, last, "left")) - 1
-    vertices = [position_at(legs, first), *((legs.lon[k], legs.lat[k]) for k in inside), position_at(legs, last)]
+    vertices = [
+        position_at(legs, first),
+        *((legs.lon[k], legs.lat[k]) for k in inside),
+        position_at(legs, last),
+    ]
     lon, lat = np.array(vertices).T
     return through([first, *time[inside], last], lon, lat, legs.searching[begin : finish + 1])
 
@@ -134,10 +157,11 @@ def position_at(legs: Legs, time: float) -> LonLat:
 
 
 def thinned(legs: Legs, tolerance: float) -> Legs:
-    """Return legs with fewer vertices that keep the unit within a tolerance [m] of where it was at every time.
+    """Return legs with fewer vertices that keep the unit within a tolerance [m] of where it was at
+    every time.
 
-    Douglas and Peucker (1973, doi:10.3138/FM57-6770-U75U-7727), with the distance between positions at the same time.
-    Legs on which the unit searches are not joined with legs on which it does not.
+    Douglas and Peucker (1973, doi:10.3138/FM57-6770-U75U-7727), with the distance between positions
+    at the same time. Legs on which the unit searches are not joined with legs on which it does not.
     """
     fixed = [
         0,
@@ -153,7 +177,7 @@ def thinned(legs: Legs, tolerance: float) -> Legs:
         share = (t[a + 1 : b] - t[a]) / (t[b] - t[a])
         away = np.hypot(
             x[a + 1 : b] - x[a] - share * (x[b] - x[a]), y[a + 1 : b] - y[a] - share * (y[b] - y[a])
-        )  # fmt: skip
+        )
         worst = int(np.argmax(away))
         if away[worst] > tolerance:
             k = a + 1 + worst
@@ -165,7 +189,9 @@ def thinned(legs: Legs, tolerance: float) -> Legs:
 
 
 def strip(legs: Legs, reach: float) -> Area:
-    """Return the outline of what lies within a reach [m] of the legs of search; holes in it are filled."""
+    """Return the outline of what lies within a reach [m] of the legs of search; holes in it are
+    filled.
+    """
     import shapely
 
     x, y, back = _plane(legs)
@@ -181,8 +207,8 @@ def strip(legs: Legs, reach: float) -> Area:
 def _plane(legs: Legs) -> tuple[Array, Array, Callable[[Array, Array], tuple[Array, Array]]]:
     """Return (x, y) [m] of the vertices in an azimuthal equidistant projection, and its inverse.
 
-    The projection is centred on the middle of the vertices. The inverse takes arrays of x and y [m] and returns (lon,
-    lat) [deg].
+    The projection is centred on the middle of the vertices. The inverse takes arrays of x and y [m]
+    and returns (lon, lat) [deg].
     """
     lon, lat = np.array(legs.lon), np.array(legs.lat)
     middle = np.radians([(lon.min() + lon.max()) / 2, (lat.min() + lat.max()) / 2])

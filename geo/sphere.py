@@ -1,7 +1,8 @@
 """Formulas on the spherical Earth in float64, and the binary angles in which positions are stored.
 
-Angles are radians and distances metres unless a name says otherwise. Everything works on arrays, at the
-antimeridian and at the poles. Vector formulas (no haversine cancellation near the antipode) are used throughout.
+Angles are radians and distances metres unless a name says otherwise. Everything works on arrays, at
+the antimeridian and at the poles. Vector formulas (no haversine cancellation near the antipode) are
+used throughout.
 """
 
 from typing import TypeVar
@@ -19,7 +20,9 @@ Degrees = TypeVar("Degrees", float, Array)
 
 
 def to_binary(angle_deg: npt.ArrayLike) -> Array:
-    """Return angles [deg] as int32 binary angles; longitudes wrap, so 180 and -180 are the same number."""
+    """Return angles [deg] as int32 binary angles; longitudes wrap, so 180 and -180 are the same
+    number.
+    """
     units = np.rint(np.asarray(angle_deg, np.float64) * (TURN / 360.0)).astype(np.int64)
     return ((units + 2**31) % TURN - 2**31).astype(np.int32)
 
@@ -40,7 +43,9 @@ def wrap_degrees(lon: Degrees) -> Degrees:
 
 
 def near_degrees(lon: Degrees, about: Degrees | float) -> Degrees:
-    """Return longitudes [deg] moved by whole turns to within half a turn of others, so that they run on there."""
+    """Return longitudes [deg] moved by whole turns to within half a turn of others, so that they
+    run on there.
+    """
     return about + (lon - about + 180.0) % 360.0 - 180.0
 
 
@@ -55,17 +60,25 @@ def vector(lon: npt.ArrayLike, lat: npt.ArrayLike) -> tuple[Array, Array, Array]
     return np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)
 
 
-def distance(lon1: npt.ArrayLike, lat1: npt.ArrayLike, lon2: npt.ArrayLike, lat2: npt.ArrayLike) -> Array:
+def distance(
+    lon1: npt.ArrayLike, lat1: npt.ArrayLike, lon2: npt.ArrayLike, lat2: npt.ArrayLike
+) -> Array:
     """Return the great-circle distance [m] between points [rad], exact at any separation."""
     a, b = np.broadcast_arrays(*vector(lon1, lat1)), np.broadcast_arrays(*vector(lon2, lat2))
     cross = np.sqrt(
-        (a[1] * b[2] - a[2] * b[1]) ** 2 + (a[2] * b[0] - a[0] * b[2]) ** 2 + (a[0] * b[1] - a[1] * b[0]) ** 2
+        (a[1] * b[2] - a[2] * b[1]) ** 2
+        + (a[2] * b[0] - a[0] * b[2]) ** 2
+        + (a[0] * b[1] - a[1] * b[0]) ** 2
     )
     return np.asarray(RADIUS * np.arctan2(cross, a[0] * b[0] + a[1] * b[1] + a[2] * b[2]))
 
 
-def offset(lon1: npt.ArrayLike, lat1: npt.ArrayLike, lon2: npt.ArrayLike, lat2: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return (east, north) [m] of point 2 in the tangent plane of point 1: the inverse exponential map."""
+def offset(
+    lon1: npt.ArrayLike, lat1: npt.ArrayLike, lon2: npt.ArrayLike, lat2: npt.ArrayLike
+) -> tuple[Array, Array]:
+    """Return (east, north) [m] of point 2 in the tangent plane of point 1: the inverse exponential
+    map.
+    """
     lon1, lat1, lon2, lat2 = (np.asarray(x, np.float64) for x in (lon1, lat1, lon2, lat2))
     dlon = lon2 - lon1
     x = np.cos(lat2) * np.sin(dlon)
@@ -93,7 +106,9 @@ def destination(
 
 
 def track(lon: npt.ArrayLike, lat: npt.ArrayLike, longest: float) -> tuple[Array, Array]:
-    """Return points (lon, lat) [rad] along great-circle legs between corners, at most `longest` [m] apart."""
+    """Return points (lon, lat) [rad] along great-circle legs between corners, at most `longest` [m]
+    apart.
+    """
     lon, lat = np.asarray(lon, np.float64), np.asarray(lat, np.float64)
     x, y = [lon[:1]], [lat[:1]]
     for k in range(lon.size - 1):
@@ -106,11 +121,14 @@ def track(lon: npt.ArrayLike, lat: npt.ArrayLike, longest: float) -> tuple[Array
     return np.concatenate(x), np.concatenate(y)
 
 
-def to_pole(lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return vectors at places near a pole in one frame, that of the plane of the pole at the meridian of 0.
+def to_pole(
+    lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: npt.ArrayLike
+) -> tuple[Array, Array]:
+    """Return vectors at places near a pole in one frame, that of the plane of the pole at the
+    meridian of 0.
 
-    The frames of two places differ by the angle between their meridians: exact at the pole, and 1.5e-4 of that angle
-    off at 89 degrees. kernels.maths.sphere.meridian is the same on the device.
+    The frames of two places differ by the angle between their meridians: exact at the pole, and
+    1.5e-4 of that angle off at 89 degrees. kernels.maths.sphere.meridian is the same on the device.
 
     Args:
         lon: of the places [rad].
@@ -127,6 +145,10 @@ def to_pole(lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: 
     return np.asarray(u * cosine - v * sine), np.asarray(v * cosine + u * sine)
 
 
-def from_pole(lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return vectors of the common frame of `to_pole` as east and north at places (lon, lat) [rad]: its inverse."""
+def from_pole(
+    lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: npt.ArrayLike
+) -> tuple[Array, Array]:
+    """Return vectors of the common frame of `to_pole` as east and north at places (lon, lat) [rad]:
+    its inverse.
+    """
     return to_pole(-np.asarray(lon, float), lat, east, north)

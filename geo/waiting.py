@@ -2,7 +2,8 @@
 
 It asks every quarter of a second whether to go on.
 
-A signal's exception can be lost where a destructor runs, and other threads never see it. So each wait asks by itself.
+A signal's exception can be lost where a destructor runs, and other threads never see it. So each
+wait asks by itself.
 """
 
 import threading
@@ -24,7 +25,9 @@ def ask(check: Callable[[], None]) -> None:
 
 
 def heed() -> None:
-    """Raise where this thread must give up its wait: its check says so, or the program's main thread has ended."""
+    """Raise where this thread must give up its wait: its check says so, or the program's main
+    thread has ended.
+    """
     check: Callable[[], None] | None = getattr(_of_thread, "check", None)
     if check is not None:
         check()

@@ -54,14 +54,18 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Leave what is imported and collected out of the collector's sight: to look through it takes 0.2 s each time."""
+    """Leave what is imported and collected out of the collector's sight: to look through it takes
+    0.2 s each time.
+    """
     gc.collect()
     gc.freeze()
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_unconfigure() -> None:
-    """Have Taichi keep what it has compiled: a worker of pytest-xdist ends without the exit at which it would."""
+    """Have Taichi keep what it has compiled: a worker of pytest-xdist ends without the exit at
+    which it would.
+    """
     import taichi as ti  # not before kernels, which keeps it quiet
 
     ti.reset()
@@ -69,7 +73,10 @@ def pytest_unconfigure() -> None:
 
 @pytest.fixture(scope="session")
 def data() -> Path:
-    """The folder of real forcing files: DRIFT_DATA, or shared/data beside the checkout; skipped where absent."""
+    """The folder of real forcing files:
+
+    DRIFT_DATA, or shared/data beside the checkout; skipped where absent.
+    """
     if not DATA.is_dir():
         pytest.skip(f"no real data: {DATA} is not there; set DRIFT_DATA")
     return DATA.resolve()
@@ -97,13 +104,17 @@ def coarse_maps() -> Iterator[None]:
 
 @pytest.fixture(scope="module", autouse=True)
 def small_maps(request: pytest.FixtureRequest) -> None:
-    """Make small maps in the folders whose tests read no number off one; a module that does has a fixture of this name, which does nothing."""
+    """Make small maps in the folders whose tests read no number off one; a module that does has a
+    fixture of this name, which does nothing.
+    """
     folder = request.path.parent.relative_to(TESTS)
     if any(folder.is_relative_to(one) for one in SMALL_MAPS):
         request.getfixturevalue("coarse_maps")
 
 
-def _lay_out(canvas: Any, path: Path, title: str, attributes: Mapping[str, str] | None, dpi: int) -> None:
+def _lay_out(
+    canvas: Any, path: Path, title: str, attributes: Mapping[str, str] | None, dpi: int
+) -> None:
     """Write one white point with the texts of a picture, as `page.save` would write the picture."""
     texts = PngInfo()
     for name, text in {"Title": title, "Software": "casp-drift", **(attributes or {})}.items():
@@ -115,9 +126,9 @@ def _lay_out(canvas: Any, path: Path, title: str, attributes: Mapping[str, str] 
 def pictures_laid_out(request: pytest.FixtureRequest) -> Iterator[Callable[..., None] | None]:
     """Lay out the pictures of runs, and paint none, in modules of LAID_OUT that look at none.
 
-    All of our code runs. To paint, which Matplotlib does, is half of the time of a small run that writes files. A module
-    looks at pictures where it names some, or compares all files of runs. One that only names them says PAINTS = False; a
-    test of it that looks at some asks for `painted`.
+    All of our code runs. To paint, which Matplotlib does, is half of the time of a small run that
+    writes files. A module looks at pictures where it names some, or compares all files of runs. One
+    that only names them says PAINTS = False; a test of it that looks at some asks for `painted`.
     """
     folder = request.path.parent.relative_to(TESTS)
     source = request.path.read_text(encoding="utf-8")
@@ -125,7 +136,8 @@ def pictures_laid_out(request: pytest.FixtureRequest) -> Iterator[Callable[..., 
     if paints or not any(folder.is_relative_to(one) for one in LAID_OUT):
         yield None
         return
-    from drift.products.maps import page  # not for tests that draw nothing: Matplotlib takes long to import
+    # not for tests that draw nothing: Matplotlib takes long to import
+    from drift.products.maps import page
 
     with pytest.MonkeyPatch.context() as patch:
         paint = page.save
@@ -145,7 +157,9 @@ def painted(pictures_laid_out: Callable[..., None] | None, monkeypatch: pytest.M
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     """Chromium without a window, by Playwright; where it is absent CI fails and others skip."""
-    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    chromium = next(
+        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+    )
     if chromium is None and not os.environ.get("CI"):
         pytest.skip("no Chromium is installed")
     from playwright.sync_api import sync_playwright

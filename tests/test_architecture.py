@@ -1,4 +1,6 @@
-"""The picture of the rooms in docs/architecture.md against the imports, and against what import-linter is told."""
+"""The picture of the rooms in docs/architecture.md against the imports, and against what
+import-linter is told.
+"""
 
 import ast
 import re
@@ -51,13 +53,17 @@ def imported(path: Path) -> list[str]:
 def test_every_room_is_in_the_picture_and_every_room_of_the_picture_is_there(floor: str) -> None:
     folder = ROOT / floor
     there = {
-        room(f"{floor}.{path.stem if path.is_file() else path.name}", floor) for path in folder.iterdir() if _ours(path)
+        room(f"{floor}.{path.stem if path.is_file() else path.name}", floor)
+        for path in folder.iterdir()
+        if _ours(path)
     }
     assert {name for line in floors()[floor] for name in line} == there - {TOP, "data"}
 
 
 def _ours(path: Path) -> bool:
-    return (path.suffix == ".py" and not path.stem.startswith("__")) or (path / "__init__.py").exists()
+    return (path.suffix == ".py" and not path.stem.startswith("__")) or (
+        path / "__init__.py"
+    ).exists()
 
 
 def test_imports_go_down_the_picture() -> None:
@@ -66,7 +72,10 @@ def test_imports_go_down_the_picture() -> None:
     wrong, seen = [], set()
     for floor in FLOORS:
         for path in (ROOT / floor).glob("**/*.py"):
-            here = room(".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"), floor)
+            here = room(
+                ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"),
+                floor,
+            )
             if here in (TOP, "__main__"):
                 continue
             for module in imported(path):

@@ -1,7 +1,9 @@
-"""Every shipped case against a second opinion in plain float64 (tests/oracles/oracle.py): drift without sorties and finds, then sorties.
+"""Every shipped case against a second opinion in plain float64 (tests/oracles/oracle.py): drift
+without sorties and finds, then sorties.
 
-No oracle is had for worlds that finds weigh (gulf_containers) and for what refloats (paria): here they run without.
-The areas of what is partly ashore are none either: they hold cells of the map along a line.
+No oracle is had for worlds that finds weigh (gulf_containers) and for what refloats (paria): here
+they run without. The areas of what is partly ashore are none either: they hold cells of the map
+along a line.
 """
 
 import csv
@@ -31,7 +33,9 @@ from drift.pipeline import flow
 CASES = ROOT / "cases"
 OURS, THEIRS = 10_000, 2_500  # particles, in all; a scenario
 HALF = np.sqrt(2 * np.log(2))  # radius that holds half of a round normal, in standard deviations
-COMPARED = 170  # numbers that this file compares; three standard errors on each would be exceeded by chance once in three files
+# numbers that this file compares; three standard errors on each would be exceeded by chance once in
+# three files
+COMPARED = 170
 SIGMAS = stats.norm.isf(
     stats.norm.sf(3.0) / COMPARED
 )  # 4.3: all of them together are as sure as three hold one (Bonferroni)
@@ -68,8 +72,12 @@ def metres(text: str) -> float:
     return float(value) * {"nmi": NMI, "m": 1.0, "km": 1000.0}[unit]
 
 
-def normal(rng: np.random.Generator, at: str, n: int, along: float, across: float, turn: float) -> tuple[Array, Array]:
-    """Return places about a reported one; standard deviations [m] along and across a direction [deg from north]."""
+def normal(
+    rng: np.random.Generator, at: str, n: int, along: float, across: float, turn: float
+) -> tuple[Array, Array]:
+    """Return places about a reported one; standard deviations [m] along and across a direction [deg
+    from north].
+    """
     a, b = along * rng.standard_normal(n), across * rng.standard_normal(n)
     s, c = np.sin(np.radians(turn)), np.cos(np.radians(turn))
     lon, lat = place(at)
@@ -77,7 +85,9 @@ def normal(rng: np.random.Generator, at: str, n: int, along: float, across: floa
 
 
 def inside(rng: np.random.Generator, corners: list[str], n: int) -> tuple[Array, Array]:
-    """Return places uniform in true area inside a polygon with straight sides in longitude and latitude."""
+    """Return places uniform in true area inside a polygon with straight sides in longitude and
+    latitude.
+    """
     shape = shapely.Polygon([place(one) for one in corners])
     west, south, east, north = shape.bounds
     lon, lat = np.empty(0), np.empty(0)
@@ -94,7 +104,9 @@ def leeway(rng: np.random.Generator, n: int, name: str) -> tuple[Array, Array, A
     text = (CASES.parent / "drift" / "data" / "leeway.csv").read_text()
     rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
     row = next(row for row in rows if row["name"] == name)
-    numbers = {key: float(row[key]) for key in row if key.rpartition("_")[2] in ("slope", "offset", "std")}
+    numbers = {
+        key: float(row[key]) for key in row if key.rpartition("_")[2] in ("slope", "offset", "std")
+    }
     return oracle.lines(rng, n, numbers)
 
 
@@ -107,7 +119,9 @@ def cloud(
     coast: Coast | None,
     again: Callable[[int], tuple[Array, Array]],
 ) -> Cloud:
-    """Return particles in water: what lies on land is drawn again. release: earliest and latest [s]; name: None for water."""
+    """Return particles in water: what lies on land is drawn again. release: earliest and latest
+    [s]; name: None for water.
+    """
     lon, lat = where
     n = lon.size
     while coast is not None and (dry := coast.on_land(lon, lat)).any():
@@ -117,7 +131,17 @@ def cloud(
     still = np.zeros((2, n))
     down, right, left = leeway(rng, n, name) if name else (still, still, still)
     side = rng.choice([-1, 1], n)
-    return Cloud(lon, lat, times, down, right, left, side, bias * rng.standard_normal((2, n)), np.full(n, np.inf))
+    return Cloud(
+        lon,
+        lat,
+        times,
+        down,
+        right,
+        left,
+        side,
+        bias * rng.standard_normal((2, n)),
+        np.full(n, np.inf),
+    )
 
 
 @dataclass(frozen=True)
@@ -180,7 +204,9 @@ def overdue_boat(rng: np.random.Generator, n: int) -> World:
     ]
     wind = oracle.breeze(zero, -88.7)
     errors = Errors((0.31, 11 * HOUR), (2.0, 12 * HOUR))
-    return World(clouds, 54 * HOUR, oracle.gulf(zero, -94, 23, -83, 32), wind, errors, coast, 1800.0)
+    return World(
+        clouds, 54 * HOUR, oracle.gulf(zero, -94, 23, -83, 32), wind, errors, coast, 1800.0
+    )
 
 
 def norkyst_raft(rng: np.random.Generator, n: int, data: Path) -> World:
@@ -192,7 +218,12 @@ def norkyst_raft(rng: np.random.Generator, n: int, data: Path) -> World:
     ):
         u, v = (sea[k].values[:, 0].astype(float) for k in "uv")
         current = oracle.projected(
-            oracle.after(sea, begin), sea["X"].values, sea["Y"].values, u, v, sea["projection_stere"].attrs["proj4"]
+            oracle.after(sea, begin),
+            sea["X"].values,
+            sea["Y"].values,
+            u,
+            v,
+            sea["projection_stere"].attrs["proj4"],
         )
         u, v = (air[f"{k}_wind_10m"].values.astype(float) for k in "xy")
         wind = oracle.projected(
@@ -227,7 +258,14 @@ def biscay_drifter(rng: np.random.Generator, n: int, data: Path) -> World:
     def draw(n: int) -> tuple[Array, Array]:
         return normal(rng, told["position"]["at"], n, 300, 300, 0)
 
-    return World([cloud(rng, draw(n), (0, 0), None, MODEL_BIAS, None, draw)], 12 * HOUR, current, None, MODEL, None)
+    return World(
+        [cloud(rng, draw(n), (0, 0), None, MODEL_BIAS, None, draw)],
+        12 * HOUR,
+        current,
+        None,
+        MODEL,
+        None,
+    )
 
 
 def washington(data: Path) -> tuple[Field, Field]:
@@ -269,7 +307,11 @@ def paria_forcing(data: Path, name: str) -> tuple[Field, Field]:
                 files.append((one.isel(depth=0) if "depth" in one.dims else one)[[u, v]].load())
         whole = xr.concat(files, "time")
         lon, lat = (whole[c].values.astype(float) for c in ("lon", "lat"))
-        made.append(oracle.axes(oracle.after(whole, start(name)), lon, lat, whole[u].values, whole[v].values))
+        made.append(
+            oracle.axes(
+                oracle.after(whole, start(name)), lon, lat, whole[u].values, whole[v].values
+            )
+        )
     return made[0], made[1]
 
 
@@ -309,7 +351,9 @@ def objects(
     one = cloud(rng, draw(n), release, None, bias, coast, draw)
     under = rng.uniform(*kind["object"]["immersion"], n)
     slope = (
-        np.sqrt(1.225 / 1025) * np.sqrt((1 - under) / under) * np.exp(spill["windage_bias"] * rng.standard_normal(n))
+        np.sqrt(1.225 / 1025)
+        * np.sqrt((1 - under) / under)
+        * np.exp(spill["windage_bias"] * rng.standard_normal(n))
     )
     sinks = np.full(n, np.inf)
     for law, times in kind.get("sinking", {}).items():
@@ -319,7 +363,9 @@ def objects(
         middle = np.exp(rng.uniform(np.log(low), np.log(high), n))
         spread = np.log(kind["sinking"].get("spread", 1.5))
         after = middle * np.exp(spread * rng.standard_normal(n))
-        sinks = release + (middle * rng.exponential(1 / np.log(2), n) if law == "half_life" else after)
+        sinks = release + (
+            middle * rng.exponential(1 / np.log(2), n) if law == "half_life" else after
+        )
     return replace(one, down=np.stack([slope, 0 * slope]), sinks=sinks)
 
 
@@ -327,14 +373,20 @@ def washington_drums(rng: np.random.Generator, n: int, data: Path) -> World:
     """Drums, each class of a world of its own."""
     spill = table("washington_drums")["spill"]
     coast = oracle.bna(data / "washington" / "wa_coast.bna", -127, 46, -122, 50)
-    clouds = [objects(rng, n, spill, kind, coast, 2 * HOUR, 0.5 * HOUR, MODEL_BIAS) for kind in spill["class"]]
+    clouds = [
+        objects(rng, n, spill, kind, coast, 2 * HOUR, 0.5 * HOUR, MODEL_BIAS)
+        for kind in spill["class"]
+    ]
     return World(clouds, 36 * HOUR, *washington(data), MODEL, coast)
 
 
 def paria(rng: np.random.Generator, n: int, data: Path) -> World:
     """Containers, which stay where they strand."""
     spill, coast = table("paria")["spill"], oracle.gshhg(-67, 8, -61, 14)
-    clouds = [objects(rng, n, spill, kind, coast, 6 * HOUR, 1 * HOUR, MODEL_BIAS) for kind in spill["class"]]
+    clouds = [
+        objects(rng, n, spill, kind, coast, 6 * HOUR, 1 * HOUR, MODEL_BIAS)
+        for kind in spill["class"]
+    ]
     return World(clouds, 5 * DAY, *paria_forcing(data, "paria"), MODEL, coast, 1800.0)
 
 
@@ -342,14 +394,17 @@ def gulf_containers(rng: np.random.Generator, n: int) -> World:
     """Containers of 1973 in the built-in Gulf."""
     spill, zero = table("gulf_containers")["spill"], since_2000("gulf_containers")
     coast = oracle.gshhg(-99, 23, -83, 32)
-    clouds = [objects(rng, n, spill, kind, coast, 6 * HOUR, 2 * HOUR, 0.08) for kind in spill["class"]]
+    clouds = [
+        objects(rng, n, spill, kind, coast, 6 * HOUR, 2 * HOUR, 0.08) for kind in spill["class"]
+    ]
     errors = Errors((0.12, 12 * HOUR), (1.5, 6 * HOUR), 10.0)
     current = oracle.gulf(zero, -99, 23, -83, 32)
     return World(clouds, 10 * DAY, current, oracle.breeze(zero, -91.0), errors, coast, 3600.0)
 
 
 def overdue_yacht(rng: np.random.Generator, n: int) -> list[tuple[Array, Array, Array, Array]]:
-    """Return where the yachts of three stories are at the end (lon, lat), what has become of each, and when it arrived [s]; never: inf.
+    """Return where the yachts of three stories are at the end (lon, lat), what has become of each,
+    and when it arrived [s]; never: inf.
 
     Under way along great circles, until the distress; then adrift, where they were.
     """
@@ -368,7 +423,9 @@ def overdue_yacht(rng: np.random.Generator, n: int) -> list[tuple[Array, Array, 
         voyage = story["phase"][0]["voyage"]
         points = [place(one) for one in voyage["waypoints"]]
         side = rng.standard_normal(n)
-        lon, lat, along = passages.aside(points, [2 * metres(voyage["cross_track"])] * (len(points) - 1), side)
+        lon, lat, along = passages.aside(
+            points, [2 * metres(voyage["cross_track"])] * (len(points) - 1), side
+        )
         speed = voyage["speed"]
         if isinstance(speed, dict):
             low, best, high = (float(speed[k].split()[0]) for k in ("low", "best", "high"))
@@ -388,9 +445,17 @@ def overdue_yacht(rng: np.random.Generator, n: int) -> list[tuple[Array, Array, 
         if np.isfinite(distress).any():
             goes = distress < arrived
             one = cloud(
-                rng, (x[goes], y[goes]), distress[goes], story["object"], 0.08, None, lambda n: (np.empty(n),) * 2
+                rng,
+                (x[goes], y[goes]),
+                distress[goes],
+                story["object"],
+                0.08,
+                None,
+                lambda n: (np.empty(n),) * 2,
             )
-            x[goes], y[goes], became = oracle.run(rng, one, until, current, wind, MODEL, coast, 1800.0)
+            x[goes], y[goes], became = oracle.run(
+                rng, one, until, current, wind, MODEL, coast, 1800.0
+            )
             fate[goes] = [FATES[str(kind)] for kind in became]
         found.append((x, y, fate, np.where(fate == Status.ARRIVED, arrived, np.inf)))
     return found
@@ -398,7 +463,9 @@ def overdue_yacht(rng: np.random.Generator, n: int) -> list[tuple[Array, Array, 
 
 @pytest.mark.thorough
 def test_yachts_are_where_a_second_opinion_says() -> None:
-    """Shares, means and second moments 84 h after the departure, under way, adrift, ashore and in port."""
+    """Shares, means and second moments 84 h after the departure, under way, adrift, ashore and in
+    port.
+    """
     theirs = overdue_yacht(np.random.default_rng(20_260_605), 3_000)
     settings = {"particles": "24_000", "output": '{ every = "100 d", trajectories = 1_000_000 }'}
     result = flow.run(case_file.load("overdue_yacht", settings))
@@ -430,7 +497,9 @@ FATES = {
 
 @dataclass(frozen=True)
 class Told:
-    """Where the particles of one scenario are at the end: places [m] in a plane, what became of each, and its world's number."""
+    """Where the particles of one scenario are at the end: places [m] in a plane, what became of
+    each, and its world's number.
+    """
 
     places: Array  # (n, 2)
     became: Array  # (n,) of FATES
@@ -442,7 +511,14 @@ def theirs(world: World, rng: np.random.Generator, about: tuple[float, float]) -
     told = []
     for one in world.clouds:
         lon, lat, became = oracle.run(
-            rng, one, world.duration, world.current, world.wind, world.errors, world.coast, world.step
+            rng,
+            one,
+            world.duration,
+            world.current,
+            world.wind,
+            world.errors,
+            world.coast,
+            world.step,
         )
         codes = np.array([FATES[fate] for fate in became])
         told.append(Told(flat(lon, lat, about), codes, np.arange(lon.size)))
@@ -452,10 +528,14 @@ def theirs(world: World, rng: np.random.Generator, about: tuple[float, float]) -
 def flat(lon: Array, lat: Array, about: tuple[float, float]) -> Array:
     """Return positions [deg] in an even-distance plane about one [m], shape (n, 2)."""
     scale = oracle.R * np.pi / 180
-    return np.stack([(lon - about[0]) * scale * np.cos(np.radians(about[1])), (lat - about[1]) * scale], axis=1)
+    return np.stack(
+        [(lon - about[0]) * scale * np.cos(np.radians(about[1])), (lat - about[1]) * scale], axis=1
+    )
 
 
-def ours(name: str, about: tuple[float, float], settings: dict[str, str]) -> tuple[list[Told], list[Array]]:
+def ours(
+    name: str, about: tuple[float, float], settings: dict[str, str]
+) -> tuple[list[Told], list[Array]]:
     """Return what drift.run says without finds, and the weights of its particles, by scenario."""
     spill = "spill" in table(name)
     few = {"spill.worlds": "1000", "spill.per_world": "20"} if spill else {"particles": str(OURS)}
@@ -470,7 +550,8 @@ def ours(name: str, about: tuple[float, float], settings: dict[str, str]) -> tup
         here = tracks.scenario == number
         lon, lat = (x[here, -1].astype(float) * 360 / 2**32 for x in (tracks.lon, tracks.lat))
         slot = tracks.slot[here] - tracks.slot[here].min()
-        world = slot // (len(slot) // 1000) if spill else slot  # a class has its particles world after world
+        # a class has its particles world after world
+        world = slot // (len(slot) // 1000) if spill else slot
         told.append(Told(flat(lon, lat, about), tracks.status[here, -1], world))
         weights.append(tracks.weight[here, -1].astype(float))
     return told, weights
@@ -487,14 +568,20 @@ def mean_and_error(values: Array, world: Array) -> tuple[Array, Array]:
 
 
 def numbers(told: Told) -> tuple[Array, Array]:
-    """Return shares adrift, ashore, outside, sunk; mean place; second moments about it; and their standard errors."""
-    shares = mean_and_error(np.stack([told.became == fate for fate in FATES.values()], axis=1) + 0.0, told.world)
+    """Return shares adrift, ashore, outside, sunk; mean place; second moments about it; and their
+    standard errors.
+    """
+    shares = mean_and_error(
+        np.stack([told.became == fate for fate in FATES.values()], axis=1) + 0.0, told.world
+    )
     there = (told.became == Status.ADRIFT) | (told.became == Status.ASHORE)
     xy, world = told.places[there], told.world[there]
     mean = mean_and_error(xy, world)
     x, y = (xy - mean[0]).T
     second = mean_and_error(np.stack([x * x, y * y, x * y], axis=1), world)
-    return np.concatenate([shares[0], mean[0], second[0]]), np.concatenate([shares[1], mean[1], second[1]])
+    return np.concatenate([shares[0], mean[0], second[0]]), np.concatenate(
+        [shares[1], mean[1], second[1]]
+    )
 
 
 NAMES = (
@@ -509,20 +596,35 @@ NAMES = (
     "covariance",
 )
 BUILT_IN = ("overdue_boat", "gulf_containers")
-UNSEARCHED = ("gulf_containers", "washington_piw", "biscay_drifter", "paria_boat", "paria", "washington_drums")
+UNSEARCHED = (
+    "gulf_containers",
+    "washington_piw",
+    "biscay_drifter",
+    "paria_boat",
+    "paria",
+    "washington_drums",
+)
 
 
 def agrees(ours: list[Told], theirs: list[Told]) -> None:
-    """Shares, means and second moments by scenario; no room beside standard errors of the difference."""
+    """Shares, means and second moments by scenario; no room beside standard errors of the
+    difference.
+    """
     for a, b in zip(ours, theirs, strict=True):
         (here, e), (there, f) = numbers(a), numbers(b)
         apart = (here - there) / np.maximum(np.hypot(e, f), 1e-300)
-        told = [f"{NAMES[k]}: {here[k]:.5g}, oracle {there[k]:.5g}: {z:+.1f} errors" for k, z in enumerate(apart)]
+        told = [
+            f"{NAMES[k]}: {here[k]:.5g}, oracle {there[k]:.5g}: {z:+.1f} errors"
+            for k, z in enumerate(apart)
+        ]
         assert (np.abs(apart[here != there]) < SIGMAS).all(), told
 
 
 def world_of(
-    name: str, rng: np.random.Generator, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+    name: str,
+    rng: np.random.Generator,
+    request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> tuple[World, tuple[float, float]]:
     """Return the oracle's world of a case, and the place [deg] about which both are laid flat."""
     if name in BUILT_IN:
@@ -535,7 +637,11 @@ def world_of(
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.thorough] * (name != "washington_piw")) for name in UNSEARCHED]
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.thorough] * (name != "washington_piw"))
+        for name in UNSEARCHED
+    ],
 )
 def test_case_is_what_a_second_opinion_says(
     name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
@@ -549,9 +655,11 @@ def test_case_is_what_a_second_opinion_says(
 def searched(
     name: str, world: World, rng: np.random.Generator, about: tuple[float, float]
 ) -> tuple[list[Told], list[Array]]:
-    """Return what the oracle says of a case with its sorties: particles, and by scenario the chance that each was missed.
+    """Return what the oracle says of a case with its sorties: particles, and by scenario the chance
+    that each was missed.
 
-    How the sorties were flown (turning points, times, sweep widths by the tables) is the case's; what they say is not.
+    How the sorties were flown (turning points, times, sweep widths by the tables) is the case's;
+    what they say is not.
     """
     loaded, begin = case_file.load(name), start(name)
     origin = float((begin - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
@@ -559,12 +667,22 @@ def searched(
     for number, one in enumerate(world.clouds):
         tracks: list[Array] = []
         lon, lat, became = oracle.run(
-            rng, one, world.duration, world.current, world.wind, world.errors, world.coast, world.step, tracks
+            rng,
+            one,
+            world.duration,
+            world.current,
+            world.wind,
+            world.errors,
+            world.coast,
+            world.step,
+            tracks,
         )
         places, chance = np.array(tracks), np.ones(lon.size)
         for sortie in loaded.sorties:
             if sortie.legs is None:
-                first, last = ((t - begin) / np.timedelta64(1, "s") for t in (sortie.start, sortie.end))
+                first, last = (
+                    (t - begin) / np.timedelta64(1, "s") for t in (sortie.start, sortie.end)
+                )
                 shape, times = shapely.Polygon(sortie.area.ring), np.linspace(first, last, 41)
                 within = np.zeros(lon.size)
                 for t in 0.5 * (times[:-1] + times[1:]):
@@ -574,12 +692,17 @@ def searched(
                 chance *= np.exp(-sortie.coverage[number] * within)
                 continue
             time = np.array(sortie.legs.time) - origin
-            unit, searching = np.stack([sortie.legs.lon, sortie.legs.lat], axis=1), np.array(sortie.legs.searching)
+            unit, searching = (
+                np.stack([sortie.legs.lon, sortie.legs.lat], axis=1),
+                np.array(sortie.legs.searching),
+            )
             if sortie.frame == "datum":
                 time, unit, searching = drifting(world, time, unit, searching, sortie.datum)
             spread = 0.0 if np.isinf(sortie.shape) else sortie.shape**-0.5
             chance *= oracle.missed(
-                oracle.exposure(places, world.step, time, unit, searching), sortie.sweep_width[number], spread
+                oracle.exposure(places, world.step, time, unit, searching),
+                sortie.sweep_width[number],
+                spread,
             )
         codes = np.array([FATES[fate] for fate in became])
         chances.append(np.where(codes == Status.OUTSIDE, 1.0, chance))
@@ -596,7 +719,9 @@ def drifting(
     marker = [np.array(datum)]
     for a, b in itertools.pairwise(fine):
         x, y = (np.array([one]) for one in marker[-1])
-        cloud = Cloud(x, y, np.array([a]), still, still, still, np.ones(1), still, np.full(1, np.inf))
+        cloud = Cloud(
+            x, y, np.array([a]), still, still, still, np.ones(1), still, np.full(1, np.inf)
+        )
         shifted: Field = lambda t, lon, lat, a=a: world.current(t + a, lon, lat)  # noqa: E731
         end = oracle.run(
             np.random.default_rng(0), replace(cloud, release=np.zeros(1)), b - a, shifted, None,
@@ -605,17 +730,25 @@ def drifting(
         marker.append(np.array([end[0][0], end[1][0]]))
     way = np.array(marker) - np.array(datum)
     points = np.stack([np.interp(fine, time, one) for one in unit.T], axis=1) + way
-    return fine, points, searching[np.searchsorted(time, 0.5 * (fine[:-1] + fine[1:]), side="right") - 1]
+    return (
+        fine,
+        points,
+        searching[np.searchsorted(time, 0.5 * (fine[:-1] + fine[1:]), side="right") - 1],
+    )
 
 
 def posterior(told: list[Told], weights: list[Array]) -> tuple[Array, Array]:
-    """Return shares, mean, second moments, and posteriors of the scenarios, with their standard errors.
+    """Return shares, mean, second moments, and posteriors of the scenarios, with their standard
+    errors.
 
-    Ratios of weighted sums, so linearised; scenarios are strata: how many particles each has is not left to chance.
+    Ratios of weighted sums, so linearised; scenarios are strata: how many particles each has is not
+    left to chance.
     """
     w = np.concatenate(weights)
     w = w / w.sum()
-    became, places = (np.concatenate([getattr(one, k) for one in told]) for k in ("became", "places"))
+    became, places = (
+        np.concatenate([getattr(one, k) for one in told]) for k in ("became", "places")
+    )
     stratum = np.repeat(np.arange(len(told)), [one.became.size for one in told])
     there = (became == Status.ADRIFT) | (became == Status.ASHORE)
     mean = (w * there) @ places / (w @ there)
@@ -639,16 +772,20 @@ def posterior(told: list[Told], weights: list[Array]) -> tuple[Array, Array]:
     return np.concatenate(found), np.concatenate(errors)
 
 
-@pytest.mark.parametrize("name", ["overdue_boat", pytest.param("norkyst_raft", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(
+    "name", ["overdue_boat", pytest.param("norkyst_raft", marks=pytest.mark.thorough)]
+)
 def test_case_and_its_sorties_are_what_a_second_opinion_says(
     name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # As they drift, then given that all sorties failed: shares, mean, second moments and posteriors of the scenarios.
+    # As they drift, then given that all sorties failed: shares, mean, second moments and posteriors
+    # of the scenarios.
     rng = np.random.default_rng(20_260_602)
     world, about = world_of(name, rng, request, monkeypatch)
     told, chances = searched(name, world, rng, about)
     prior = [
-        one["weight"] if len(world.clouds) > 1 else 1.0 for one in ({"weight": 1} | s for s in table(name)["scenario"])
+        one["weight"] if len(world.clouds) > 1 else 1.0
+        for one in ({"weight": 1} | s for s in table(name)["scenario"])
     ]
     there, f = posterior(told, [p * c / c.size for p, c in zip(prior, chances, strict=True)])
     tracks, here = ours(name, about, {})
@@ -656,11 +793,15 @@ def test_case_and_its_sorties_are_what_a_second_opinion_says(
     mine, e = posterior(tracks, here)
     apart = (mine - there) / np.maximum(np.hypot(e, f), 1e-300)
     names = (*NAMES, *(one["name"] for one in table(name)["scenario"]))
-    lines = [f"{names[k]}: {mine[k]:.5g}, oracle {there[k]:.5g}: {z:+.1f} errors" for k, z in enumerate(apart)]
+    lines = [
+        f"{names[k]}: {mine[k]:.5g}, oracle {there[k]:.5g}: {z:+.1f} errors"
+        for k, z in enumerate(apart)
+    ]
     assert (np.abs(apart[mine != there]) < SIGMAS).all(), lines
 
 
-Hearing = Callable[[dict[str, Any], Array, Array], Array]  # a watch or contact, bearings [deg], ranges [m] to chances
+# a watch or contact, bearings [deg], ranges [m] to chances
+Hearing = Callable[[dict[str, Any], Array, Array], Array]
 
 
 def zoned(told: dict[str, Any], _: Array, far: Array) -> Array:
@@ -672,12 +813,16 @@ def zoned(told: dict[str, Any], _: Array, far: Array) -> Array:
 
 
 def by_ear(told: dict[str, Any], bearing: Array, far: Array) -> Array:
-    """Return the chance with which a buoy of sound_channel hears at once: the sonar equation on SciPy's grid."""
+    """Return the chance with which a buoy of sound_channel hears at once: the sonar equation on
+    SciPy's grid.
+    """
     case = table("sound_channel")
     own = next(sensor for sensor in case["sensor"] if sensor["name"] == told["sensor"])
     with xr.open_dataset(CASES / own["sonar"]["loss"]["file"]) as data:
         x, y = place(own["at"])
-        (k,) = np.flatnonzero(np.isclose(data["lon"], x, atol=1e-5) & np.isclose(data["lat"], y, atol=1e-5))
+        (k,) = np.flatnonzero(
+            np.isclose(data["lon"], x, atol=1e-5) & np.isclose(data["lat"], y, atol=1e-5)
+        )
         loss = data["loss"].isel(depth=0, place=int(k)).transpose("bearing", "range").values
         ranges, toward = data["range"].values, np.append(data["bearing"].values, 360.0)
     grid = interpolate.RegularGridInterpolator((toward, ranges), np.concatenate([loss, loss[:1]]))
@@ -693,7 +838,9 @@ def by_ear(told: dict[str, Any], bearing: Array, far: Array) -> Array:
 
 
 def bayes(name: str, spacing: float, chance: Hearing) -> tuple[Array, Array, Array]:
-    """Return the posterior of a case of two buoys by Bayes on a grid [nmi]: masses, places [m] about 36N 070W, cell areas [m2]."""
+    """Return the posterior of a case of two buoys by Bayes on a grid [nmi]: masses, places [m]
+    about 36N 070W, cell areas [m2].
+    """
     geod = oracle.pyproj.Geod(a=oracle.R, b=oracle.R)
     side = np.arange(-170, 170, spacing) + spacing / 2
     east, north = (one.ravel() * NMI for one in np.meshgrid(side, side))
@@ -715,29 +862,42 @@ def bayes(name: str, spacing: float, chance: Hearing) -> tuple[Array, Array, Arr
     far = np.asarray(geod.inv(x, y, lon, lat)[2])
     first, _ = seen(watch, stands.get(watch.get("sensor"), watch)["at"])
     heard, bearing = seen(contact, contact.get("from") or stands[contact["sensor"]]["at"])
-    # What lies still for the hour is heard at once, or when its fluctuation jumps to where it is: (1 - p) e^(-l p T).
+    # What lies still for the hour is heard at once, or when its fluctuation jumps to where it is:
+    # (1 - p) e^(-l p T).
     jumps = [float(sensor["sonar"]["jump_rate"].split()[0]) for sensor in stands.values()]
     missed = (1 - first) * np.exp(-(jumps[0] if jumps else 0.0) * first)
     off = (bearing - contact["bearing"] + 180) % 360 - 180
-    likely = np.exp(-0.5 * (far / metres(prior["std"])) ** 2 - 0.5 * (off / float(contact["std"].split()[0])) ** 2)
+    likely = np.exp(
+        -0.5 * (far / metres(prior["std"])) ** 2
+        - 0.5 * (off / float(contact["std"].split()[0])) ** 2
+    )
     mass = likely * missed * heard * area
     return mass / mass.sum(), np.stack([east, north], axis=1), area
 
 
-@pytest.mark.parametrize(("name", "chance"), [("convergence_zones", zoned), ("sound_channel", by_ear)])
+@pytest.mark.parametrize(
+    ("name", "chance"), [("convergence_zones", zoned), ("sound_channel", by_ear)]
+)
 def test_buoys_are_bayes_on_a_grid(name: str, chance: Hearing) -> None:
-    """Mean and share of each cell of a coarse grid, within standard errors of self-normalised weights."""
+    """Mean and share of each cell of a coarse grid, within standard errors of self-normalised
+    weights.
+    """
     mass, where, _ = bayes(name, 0.8, chance)
-    loaded = case_file.load(name, {"particles": "100_000", "output": '{ every = "100 d", trajectories = 1_000_000 }'})
+    loaded = case_file.load(
+        name, {"particles": "100_000", "output": '{ every = "100 d", trajectories = 1_000_000 }'}
+    )
     tracks = flow.run(loaded).trajectories
-    places = flat(*(x[:, -1].astype(float) * 360 / 2**32 for x in (tracks.lon, tracks.lat)), (-70.0, 36.0))
+    places = flat(
+        *(x[:, -1].astype(float) * 360 / 2**32 for x in (tracks.lon, tracks.lat)), (-70.0, 36.0)
+    )
     weight = tracks.weight[:, -1] / tracks.weight[:, -1].sum()
     mean = weight @ places
     error = np.sqrt((weight**2) @ (places - mean) ** 2)
     assert (np.abs(mean - mass @ where) < SIGMAS * error).all(), (mean, mass @ where, error)
     edges = [np.linspace(-60, 60, 13) * NMI] * 2
     expected, found, squares = (
-        np.histogram2d(*at.T, edges, weights=w)[0] for at, w in ((where, mass), (places, weight), (places, weight**2))
+        np.histogram2d(*at.T, edges, weights=w)[0]
+        for at, w in ((where, mass), (places, weight), (places, weight**2))
     )
     many = expected > 0.01
     assert many.sum() >= 6

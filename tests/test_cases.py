@@ -27,7 +27,10 @@ def given(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> st
 @pytest.mark.parametrize("given", NAMES, indirect=True)
 def test_case_runs(given: str) -> None:
     """With few particles: nothing is refused, and all of the probability is somewhere at its end."""
-    fewer = {"output": '{ every = "100 d" }', "particles": str(max(400, 40 * len(case_file.load(given).scenarios)))}
+    fewer = {
+        "output": '{ every = "100 d" }',
+        "particles": str(max(400, 40 * len(case_file.load(given).scenarios))),
+    }
     if case_file.load(given).spill:
         fewer |= {"spill.worlds": "64", "spill.per_world": "20"}
         del fewer["particles"]
@@ -41,8 +44,9 @@ def test_case_runs(given: str) -> None:
     indirect=True,
 )
 def test_case_finds_what_it_expects(given: str) -> None:
-    # A fifth of the particles: means move by spread / sqrt(20,000), less than 1 % of any spread here. Of a spill, 250 worlds
-    # of 80: shares move by their spread between worlds / sqrt(250), a third of the ranges.
+    # A fifth of the particles: means move by spread / sqrt(20,000), less than 1 % of any spread
+    # here. Of a spill, 250 worlds of 80: shares move by their spread between worlds / sqrt(250), a
+    # third of the ranges.
     fewer = {"particles": "20_000"}
     if case_file.load(given).spill:
         fewer = {"spill.worlds": "250", "spill.per_world": "80"}
@@ -72,7 +76,9 @@ def test_a_miss_is_told() -> None:
 
 def test_data_are_asked_for_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DRIFT_DATA", raising=False)
-    with pytest.raises(case_file.UserError, match="environment variable DRIFT_DATA; set it: export DRIFT_DATA="):
+    with pytest.raises(
+        case_file.UserError, match="environment variable DRIFT_DATA; set it: export DRIFT_DATA="
+    ):
         case_file.load("norkyst_raft")
     assert not os.environ.get("DRIFT_DATA")
     assert case_file.load("overdue_boat").path == ROOT / "cases" / "overdue_boat.toml"

@@ -1,4 +1,6 @@
-"""The documentation names every file that a run writes and every key of searches, and no other; its examples are TOML."""
+"""The documentation names every file that a run writes and every key of searches, and no other; its
+examples are TOML.
+"""
 
 import re
 import tomllib
@@ -44,7 +46,8 @@ from drift.spills.worlds.products import chapter as spill_chapter
 
 DOCS = ROOT / "docs"
 PAGES = ("searches.md", "search_keys.md")
-HEADINGS: dict[str, type[BaseModel]] = {  # sections of search_keys.md, "chapter / section", and what they describe
+# sections of search_keys.md, "chapter / section", and what they describe
+HEADINGS: dict[str, type[BaseModel]] = {
     "[[sortie]]": SortieTable,
     "[[sortie]] / area": RegionTable,
     "[[sortie]] / pattern": PatternTable,
@@ -72,7 +75,8 @@ CHECKED: dict[str, type[BaseModel]] = {
 }  # fmt: skip
 
 EVERY = {writer.SUMMARY, manifest.NAME, flow.REPORT}  # what every run writes
-WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapters that it describes
+# by page: the files and pictures of the chapters that it describes
+WRITTEN: dict[str, set[str]] = {
     "docs/files.md": {
         *EVERY, *forecast_chapter.FILES, *forecast_chapter.PICTURES, *forecast_chapter.SCENARIO_PICTURES, *suspend_chapter.FILES, *suspend_chapter.PICTURES,
         *search_chapter.FILES, *search_chapter.PICTURES, *search_chapter.MAPS,
@@ -101,7 +105,9 @@ WRITTEN: dict[str, set[str]] = {  # by page: the files and pictures of the chapt
 def sections() -> dict[str, str]:
     """Return the text of search_keys.md by "chapter / section"."""
     found, chapter = {}, ""
-    for part in re.split(r"^(?=##)", (DOCS / "search_keys.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]:
+    for part in re.split(
+        r"^(?=##)", (DOCS / "search_keys.md").read_text(encoding="utf-8"), flags=re.MULTILINE
+    )[1:]:
         heading, _, text = part.partition("\n")
         title = heading.lstrip("# ").replace("`", "")
         chapter = title if heading.startswith("## ") else chapter
@@ -110,10 +116,14 @@ def sections() -> dict[str, str]:
 
 
 def rows(text: str, head: str) -> dict[str, list[str]]:
-    """Return the rows of the table under a first heading by each name that stands in backticks in their first cell."""
+    """Return the rows of the table under a first heading by each name that stands in backticks in
+    their first cell.
+    """
     table = re.search(rf"^\| {head} \|.*\n\|[-|]+\n((?:\|.*\n)*)", text, flags=re.MULTILINE)
     assert table, f"no table headed {head}"
-    cells = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table[1].splitlines()]
+    cells = [
+        [cell.strip() for cell in line.strip("|").split(" | ")] for line in table[1].splitlines()
+    ]
     return {name: row for row in cells for name in re.findall(r"`([^`]+)`", row[0])}
 
 
@@ -124,17 +134,30 @@ def keys(table: type[BaseModel]) -> set[str]:
 
 def blocks(page: str) -> list[str]:
     """Return the TOML blocks of a page."""
-    return re.findall(r"^```toml\n(.*?)^```", (DOCS / page).read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    return re.findall(
+        r"^```toml\n(.*?)^```",
+        (DOCS / page).read_text(encoding="utf-8"),
+        flags=re.MULTILINE | re.DOTALL,
+    )
 
 
 def named(page: str) -> set[str]:
-    """Return the names of files without a folder that stand in backticks on a page, but for its blocks of code."""
-    text = re.sub(r"^```.*?^```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    """Return the names of files without a folder that stand in backticks on a page, but for its
+    blocks of code.
+    """
+    text = re.sub(
+        r"^```.*?^```",
+        "",
+        (ROOT / page).read_text(encoding="utf-8"),
+        flags=re.MULTILINE | re.DOTALL,
+    )
     return set(re.findall(r"`([^`\s/]*\.(?:png|csv|nc|txt|geojson|gpx|kml|json|toml|html))`", text))
 
 
 def test_the_table_of_files_is_what_a_run_with_sorties_writes() -> None:
-    """A row for each file of a forecast, of a search and of a decision to suspend, and none for a file that is not written."""
+    """A row for each file of a forecast, of a search and of a decision to suspend, and none for a
+    file that is not written.
+    """
     page = "docs/files.md"
     assert set(rows((ROOT / page).read_text(encoding="utf-8"), "file")) == WRITTEN[page]
 
@@ -145,7 +168,9 @@ def test_every_file_is_described(page: str) -> None:
     assert named(page) >= WRITTEN[page]
 
 
-@pytest.mark.parametrize("page", ["README.md", *(f"docs/{path.name}" for path in sorted(DOCS.glob("*.md")))])
+@pytest.mark.parametrize(
+    "page", ["README.md", *(f"docs/{path.name}" for path in sorted(DOCS.glob("*.md")))]
+)
 def test_no_file_is_described_that_is_not_written(page: str) -> None:
     """A plan's sheets are called after its units."""
     sheets = {name for name, _, _ in unit_sheet.pages(searches.plan())}
@@ -156,7 +181,8 @@ def test_no_file_is_described_that_is_not_written(page: str) -> None:
 def test_every_key_is_described(heading: str) -> None:
     """A row for each key of a table, and none for a key that it does not have."""
     expected = keys(HEADINGS[heading])
-    if heading in ("[[sortie]]", "[[unit]]"):  # keys that they share stand in a chapter of their own
+    # keys that they share stand in a chapter of their own
+    if heading in ("[[sortie]]", "[[unit]]"):
         expected -= keys(SensorTable)
     assert set(rows(sections()[heading], "key")) == expected
 
@@ -199,15 +225,28 @@ def test_examples_are_understood(page: str) -> None:
 
 def test_the_table_of_benchmarks_names_each() -> None:
     """Files that are a part of others are no benchmarks."""
-    own = [path for path in (ROOT / "benchmarks").glob("*.py") if "__main__" in path.read_text(encoding="utf-8")]
-    listed = rows((DOCS / "performance.md").read_text(encoding="utf-8").partition("## Benchmarks")[2], "command")
-    assert {name.split()[1] for name in listed if "benchmarks/" in name} == {f"benchmarks/{path.name}" for path in own}
+    own = [
+        path
+        for path in (ROOT / "benchmarks").glob("*.py")
+        if "__main__" in path.read_text(encoding="utf-8")
+    ]
+    listed = rows(
+        (DOCS / "performance.md").read_text(encoding="utf-8").partition("## Benchmarks")[2],
+        "command",
+    )
+    assert {name.split()[1] for name in listed if "benchmarks/" in name} == {
+        f"benchmarks/{path.name}" for path in own
+    }
 
 
 @pytest.mark.parametrize("page", ["performance.md", "validation.md"])
 def test_every_figure_names_a_command(page: str) -> None:
     """Each row of a table that ends in commands has one, and the tests that it names are there."""
-    found = [line for line in (DOCS / page).read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
+    found = [
+        line
+        for line in (DOCS / page).read_text(encoding="utf-8").splitlines()
+        if line.startswith("| ")
+    ]
     headed = False
     for line in found:
         last = line.strip("|").split(" | ")[-1].strip()
@@ -229,7 +268,12 @@ def test_the_glossary_is_linked(page: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "page", ["CONTRIBUTING.md", "README.md", *(f"docs/{path.relative_to(DOCS)}" for path in sorted(DOCS.rglob("*.md")))]
+    "page",
+    [
+        "CONTRIBUTING.md",
+        "README.md",
+        *(f"docs/{path.relative_to(DOCS)}" for path in sorted(DOCS.rglob("*.md"))),
+    ],
 )
 def test_benchmarks_that_are_named_are_there(page: str) -> None:
     """A page that cites a benchmark cites one that can be run."""
@@ -238,8 +282,12 @@ def test_benchmarks_that_are_named_are_there(page: str) -> None:
 
 
 def test_faults_of_the_mutants_stand_where_they_say() -> None:
-    """Each once in its file, and its tests are there: a move of code once left a benchmark that could not start."""
-    faults = tomllib.loads((ROOT / "benchmarks" / "mutants.toml").read_text(encoding="utf-8"))["mutant"]
+    """Each once in its file, and its tests are there: a move of code once left a benchmark that
+    could not start.
+    """
+    faults = tomllib.loads((ROOT / "benchmarks" / "mutants.toml").read_text(encoding="utf-8"))[
+        "mutant"
+    ]
     for fault in faults:
         own = ROOT / fault["file"]
         assert own.exists(), fault

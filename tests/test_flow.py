@@ -1,4 +1,6 @@
-"""The whole flow: the same bits on any number of threads, backward as forward, accounts that add up, no one inland."""
+"""The whole flow: the same bits on any number of threads, backward as forward, accounts that add
+up, no one inland.
+"""
 
 import pickle
 from pathlib import Path
@@ -34,7 +36,13 @@ position = {{ at = {at}, std = "{std}" }}
 
 
 def case_of(folder: Path, **changes: object) -> drift.Case:
-    values = {"duration": "12 h", "direction": "forward", "particles": 4000, "coast": "none", "at": '"27 30N 088 00W"'}
+    values = {
+        "duration": "12 h",
+        "direction": "forward",
+        "particles": 4000,
+        "coast": "none",
+        "at": '"27 30N 088 00W"',
+    }
     (folder / "case.toml").write_text(REPORTED.format(**{**values, "std": "1 nmi", **changes}))
     return drift.load(folder / "case.toml")
 
@@ -50,22 +58,29 @@ with open(given[0], "wb") as file:
 
 
 def test_one_thread_gives_the_bits_of_all(one_thread: Process, tmp_path: Path) -> None:
-    """The default case, smaller; one thread in a process of its own, since a process keeps its threads."""
+    """The default case, smaller; one thread in a process of its own, since a process keeps its
+    threads.
+    """
     smaller = ("particles=8_000", "duration='18 h'", "sortie=[]", "unit=[]", "plan={}")
     one_thread.ask(ONE, str(tmp_path / "one"), *smaller)
     one = pickle.loads((tmp_path / "one").read_bytes())
-    two = drift.run(drift.load("overdue_boat", dict(one.split("=", 1) for one in smaller))).forecast.data
+    two = drift.run(
+        drift.load("overdue_boat", dict(one.split("=", 1) for one in smaller))
+    ).forecast.data
     assert set(one) == set(two.variables)
     for name, values in one.items():
         assert bits(values) == bits(two[name].values), name
 
 
 def bits(values: np.ndarray) -> bytes:
-    return (values.astype(str) if values.dtype == object else values).tobytes()  # of texts, no addresses
+    # of texts, no addresses
+    return (values.astype(str) if values.dtype == object else values).tobytes()
 
 
 def test_reported_wind_and_current_need_no_file_and_move_as_they_should(tmp_path: Path) -> None:
-    """Current 0.257 m/s east; 3 % of a wind from 200 degrees that grows from 10 kn at 1200Z to 20 kn 54 h later."""
+    """Current 0.257 m/s east; 3 % of a wind from 200 degrees that grows from 10 kn at 1200Z to 20
+    kn 54 h later.
+    """
     result = drift.run(case_of(tmp_path))
     data = result.forecast.data
     knot = 1852 / 3600
@@ -86,7 +101,9 @@ def test_a_backward_run_returns_to_where_a_forward_run_came_from(tmp_path: Path)
     forward = drift.run(case_of(tmp_path, std="0 m"))
     end = {x: float(forward.forecast.data[f"mean_{x}"].isel(time=-1)) for x in ("lon", "lat")}
     at = "[{lon:.8f}, {lat:.8f}]".format(**end)
-    text = case_of(tmp_path, direction="backward", std="0 m", at=at).text.replace('"211830ZNOV26"', '"220630ZNOV26"')
+    text = case_of(tmp_path, direction="backward", std="0 m", at=at).text.replace(
+        '"211830ZNOV26"', '"220630ZNOV26"'
+    )
     (tmp_path / "back.toml").write_text(text)
     result = drift.run(drift.load(tmp_path / "back.toml"))
     data = result.forecast.data
@@ -96,14 +113,20 @@ def test_a_backward_run_returns_to_where_a_forward_run_came_from(tmp_path: Path)
 
 
 def test_nobody_is_inland_and_strandings_are_kept(tmp_path: Path) -> None:
-    """A strong wind onto the coast of Norway at steps of 5 and 60 minutes: all end in water, on the sea side of islets."""
+    """A strong wind onto the coast of Norway at steps of 5 and 60 minutes: all end in water, on the
+    sea side of islets.
+    """
     box = Box(4, 60, 6.5, 62)
     land = shore.land("gshhg", box)
     coast = shoreline.build_coast(land, box)
     for step in ("5 min", "60 min"):
-        text = case_of(tmp_path, particles=8_000, coast="gshhg", at='"60 50N 004 40E"').text.replace("3 %", "8 %")
+        text = case_of(
+            tmp_path, particles=8_000, coast="gshhg", at='"60 50N 004 40E"'
+        ).text.replace("3 %", "8 %")
         (tmp_path / "case.toml").write_text(
-            text.replace("200", "250").replace("[[scenario]]", f'[clock]\nstep = "{step}"\n[[scenario]]', 1)
+            text.replace("200", "250").replace(
+                "[[scenario]]", f'[clock]\nstep = "{step}"\n[[scenario]]', 1
+            )
         )
         result = drift.run(drift.load(tmp_path / "case.toml"))
         tracks = result.trajectories
@@ -116,14 +139,18 @@ def test_nobody_is_inland_and_strandings_are_kept(tmp_path: Path) -> None:
             assert (tracks.lon[track, first[track] :] == tracks.lon[track, first[track]]).all()
 
 
-def test_a_picture_that_cannot_be_drawn_costs_no_other_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_picture_that_cannot_be_drawn_costs_no_other_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from drift.forecast.products import map as forecast_map
 
     def broken(*_: object, **__: object) -> None:
         raise ValueError("Axis limits cannot be NaN")
 
     monkeypatch.setattr(forecast_map, "draw_map", broken)
-    with pytest.warns(UserWarning, match=r"map\.png could not be drawn .*; all other files are complete"):
+    with pytest.warns(
+        UserWarning, match=r"map\.png could not be drawn .*; all other files are complete"
+    ):
         drift.run(case_of(tmp_path), tmp_path / "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert "map.png" not in names
@@ -131,16 +158,21 @@ def test_a_picture_that_cannot_be_drawn_costs_no_other_file(tmp_path: Path, monk
 
 
 def test_nobody_is_inland_at_outputs_inside_a_step(tmp_path: Path) -> None:
-    """Outputs every 7 minutes within steps of an hour, diffusion on: bridges to the coast of Norway stay in water."""
+    """Outputs every 7 minutes within steps of an hour, diffusion on: bridges to the coast of Norway
+    stay in water.
+    """
     land = shore.land("gshhg", Box(4, 60, 6.5, 62))
     coast = shoreline.build_coast(land, Box(4, 60, 6.5, 62))
-    text = case_of(tmp_path, particles=3_000, coast="gshhg", at='"60 50N 004 40E"', duration="1 h").text
+    text = case_of(
+        tmp_path, particles=3_000, coast="gshhg", at='"60 50N 004 40E"', duration="1 h"
+    ).text
     text = text.replace(
-        'output.every = "3 h"', 'output = { every = "7 min", trajectories = 3000 }\nclock.step = "60 min"'
+        'output.every = "3 h"',
+        'output = { every = "7 min", trajectories = 3000 }\nclock.step = "60 min"',
     )
-    text = text.replace("[[scenario]]", '[uncertainty]\ndiffusivity = "100 m2/s"\n[[scenario]]', 1).replace(
-        "200", "250"
-    )
+    text = text.replace(
+        "[[scenario]]", '[uncertainty]\ndiffusivity = "100 m2/s"\n[[scenario]]', 1
+    ).replace("200", "250")
     (tmp_path / "case.toml").write_text(text)
     tracks = drift.run(drift.load(tmp_path / "case.toml")).trajectories
     assert tracks.lon.shape == (3000, 10)

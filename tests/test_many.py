@@ -1,4 +1,6 @@
-"""Many forecasts in one process: each is the one that a run of its case alone makes, to the bit, and none hurts another."""
+"""Many forecasts in one process: each is the one that a run of its case alone makes, to the bit,
+and none hurts another.
+"""
 
 import json
 import resource
@@ -18,7 +20,8 @@ from geo.errors import UserError
 from geo.forcing.reading.kept import Kept
 from geo.grids import fill
 
-pytestmark = pytest.mark.usefixtures("coarse_maps")  # maps are held against those of a run alone, made in the same way
+# maps are held against those of a run alone, made in the same way
+pytestmark = pytest.mark.usefixtures("coarse_maps")
 
 CASE = """
 start = "2024-03-05T00:20Z"
@@ -78,10 +81,26 @@ def varied(base: drift.Case) -> list[drift.Case]:
         base,
         drift.vary(base, {"scenario.0.position.at": [lon + 0.03, lat - 0.02], "seed": 8}),
         drift.vary(base, {"start": base.start + np.timedelta64(5000, "s"), "duration": "3 h"}),
-        drift.vary(base, {"uncertainty.current": {"std": 0.3, "time": "11 h"}, "scenario.0.object": "PIW-1"}),
-        drift.vary(base, {"uncertainty": {}, "scenario.1.position.std": ["6 km", "2 km"], "clock.step": "20 min"}),
         drift.vary(
-            base, {"seed": 2**62 + 1, "output.every": None, "output.times": ["+50 min", "+4 h"], "particles": 290}
+            base,
+            {"uncertainty.current": {"std": 0.3, "time": "11 h"}, "scenario.0.object": "PIW-1"},
+        ),
+        drift.vary(
+            base,
+            {
+                "uncertainty": {},
+                "scenario.1.position.std": ["6 km", "2 km"],
+                "clock.step": "20 min",
+            },
+        ),
+        drift.vary(
+            base,
+            {
+                "seed": 2**62 + 1,
+                "output.every": None,
+                "output.times": ["+50 min", "+4 h"],
+                "particles": 290,
+            },
         ),
     ]
 
@@ -103,7 +122,8 @@ GRIDS = {"regular": writers.regular, "staggered": writers.roms, "triangles": wri
 
 
 @pytest.mark.parametrize(
-    "grid", ["staggered", *(pytest.param(g, marks=pytest.mark.thorough) for g in ("regular", "triangles"))]
+    "grid",
+    ["staggered", *(pytest.param(g, marks=pytest.mark.thorough) for g in ("regular", "triangles"))],
 )
 def test_each_of_many_is_the_run_of_its_case_alone_to_the_bit(tmp_path: Path, grid: str) -> None:
     cases = varied(case(tmp_path, GRIDS[grid](tmp_path / "current.nc")))
@@ -113,11 +133,17 @@ def test_each_of_many_is_the_run_of_its_case_alone_to_the_bit(tmp_path: Path, gr
 
 
 def shore_of(value: float, path: Path) -> Path:
-    """The regular grid with land east of a slanting line that runs through the clouds: zero there at all times, or missing."""
+    """The regular grid with land east of a slanting line that runs through the clouds: zero there
+    at all times, or missing.
+    """
     with xr.open_dataset(writers.regular(path.with_name("all_wet.nc"))) as opened:
         sea = opened.load()
-    east, north = (next(name for name in sea.data_vars if name.startswith(key)) for key in ("u", "v"))
-    lon, lat = (sea[next(c for c in sea.coords if str(c).startswith(key))] for key in ("lon", "lat"))
+    east, north = (
+        next(name for name in sea.data_vars if name.startswith(key)) for key in ("u", "v")
+    )
+    lon, lat = (
+        sea[next(c for c in sea.coords if str(c).startswith(key))] for key in ("lon", "lat")
+    )
     dry = (lon + 0.4 * (lat - middle()[1])) > middle()[0] + 0.05
     sea.assign({name: sea[name].where(~dry, value) for name in (east, north)}).to_netcdf(path)
     return path
@@ -132,56 +158,84 @@ OTHERS = {
 
 
 @pytest.mark.parametrize(
-    "grid", [pytest.param(grid, marks=[pytest.mark.thorough] * (grid == "curvilinear")) for grid in OTHERS]
+    "grid",
+    [pytest.param(grid, marks=[pytest.mark.thorough] * (grid == "curvilinear")) for grid in OTHERS],
 )
 def test_and_on_whatever_grid_and_shore(tmp_path: Path, grid: str) -> None:
     lon, lat = middle()
-    base = case(tmp_path, OTHERS[grid](tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
+    base = case(
+        tmp_path, OTHERS[grid](tmp_path / "current.nc"), islands(tmp_path / "islands.geojson")
+    )
     cases = [base, drift.vary(base, {"seed": 9, "scenario.0.position.at": [lon + 0.02, lat]}), base]
     for one, own in zip(drift.run_many(cases), cases, strict=True):
         same(one, drift.run(own))
 
 
-def test_what_is_ready_to_be_sampled_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three slices, one current: ten cases that need the same part of it have each filled once, not ten times."""
+def test_what_is_ready_to_be_sampled_is_made_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three slices, one current: ten cases that need the same part of it have each filled once, not
+    ten times.
+    """
     filled = []
     own = fill.fill
     monkeypatch.setattr(
-        fill, "fill", lambda values, *given, **more: filled.append(values.shape) or own(values, *given, **more)
+        fill,
+        "fill",
+        lambda values, *given, **more: filled.append(values.shape) or own(values, *given, **more),
     )
     lon, lat = middle()
     base = case(tmp_path, shore_of(np.nan, tmp_path / "current.nc"))
     cases = [
-        drift.vary(base, {"seed": k, "scenario.0.position.at": [lon + 0.001 * k, lat], "clock.step": "30 min"})
+        drift.vary(
+            base,
+            {"seed": k, "scenario.0.position.at": [lon + 0.001 * k, lat], "clock.step": "30 min"},
+        )
         for k in range(10)
     ]
     parts = {
-        environment.part(domain.bounds(run_setup.ensemble_spec(one), run_setup.environment_spec(one))) for one in cases
+        environment.part(
+            domain.bounds(run_setup.ensemble_spec(one), run_setup.environment_spec(one))
+        )
+        for one in cases
     }
     assert len(parts) == 1
     assert all(one.error is None for one in drift.run_many(cases))
-    assert sum(shape[:2] > (2, 2) for shape in filled) == 3  # the wind is a table, the same everywhere
+    # the wind is a table, the same everywhere
+    assert sum(shape[:2] > (2, 2) for shape in filled) == 3
 
 
 def test_stranded_particles_too(tmp_path: Path) -> None:
-    base = case(tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
+    base = case(
+        tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson")
+    )
     cases = varied(base)
     made = list(drift.run_many(cases))
-    assert min(np.mean(one.status[-1] == Status.ASHORE) for one in made) > 0.02  # otherwise nothing is tested
+    # otherwise nothing is tested
+    assert min(np.mean(one.status[-1] == Status.ASHORE) for one in made) > 0.02
     for one, own in zip(made, cases, strict=True):
         same(one, drift.run(own))
 
 
 def bits(one: drift.Brief) -> list[bytes]:
     """All that a forecast of many holds, as bytes."""
-    return [np.asarray(a).tobytes() for a in (one.times, one.lon, one.lat, one.status, one.probability, one.mean)]
+    return [
+        np.asarray(a).tobytes()
+        for a in (one.times, one.lon, one.lat, one.status, one.probability, one.mean)
+    ]
 
 
 def test_neither_order_nor_company_matters(tmp_path: Path) -> None:
     lon, lat = middle()
-    base = case(tmp_path, writers.projected(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
+    base = case(
+        tmp_path, writers.projected(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson")
+    )
     far = drift.vary(
-        base, {"scenario.0.position.at": [lon - 1.2, lat - 0.6], "scenario.1.position.at": [lon + 1.1, lat]}
+        base,
+        {
+            "scenario.0.position.at": [lon - 1.2, lat - 0.6],
+            "scenario.1.position.at": [lon + 1.1, lat],
+        },
     )
     cases = [*varied(base), far]
     forth, back = list(drift.run_many(cases)), list(drift.run_many(cases[::-1]))[::-1]
@@ -205,15 +259,23 @@ def test_data_sets_are_told_apart(tmp_path: Path) -> None:
 
 def test_one_that_is_refused_says_so_and_the_others_go_on(tmp_path: Path) -> None:
     lon, lat = middle()
-    base = case(tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
+    base = case(
+        tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson")
+    )
     base = drift.vary(base, {"max_lost": 0.2})
-    outside = drift.vary(base, {"scenario.0.position.at": [lon + 40, lat], "scenario.1.position.at": [lon + 40, lat]})
+    outside = drift.vary(
+        base, {"scenario.0.position.at": [lon + 40, lat], "scenario.1.position.at": [lon + 40, lat]}
+    )
     on_land = drift.vary(base, {"scenario.0.position.at": [lon + 0.14, lat + 0.11]})
     too_late = drift.vary(base, {"start": base.start + np.timedelta64(40, "h")})
     no_file = drift.vary(base, {"current": [{"dataset": "roms"}]})
     wrong = {1: outside, 2: on_land, 3: too_late, 4: no_file}
     told: list[float] = []
-    made = list(drift.run_many([base, *wrong.values(), base], report=lambda phase, share: told.append(share)))
+    made = list(
+        drift.run_many(
+            [base, *wrong.values(), base], report=lambda phase, share: told.append(share)
+        )
+    )
     assert told == [k / 6 for k in range(1, 7)]
     assert bits(made[0]) == bits(made[5])
     for k, own in wrong.items():
@@ -234,23 +296,30 @@ def test_what_is_asked_for_wrongly_is_told_at_once() -> None:
 
 
 def test_maps_are_those_of_a_run(tmp_path: Path) -> None:
-    base = case(tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
+    base = case(
+        tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson")
+    )
     alone = drift.run(base).forecast
-    (all_of_them,), (last,), (none,) = (list(drift.run_many([base], maps=maps)) for maps in (True, "last", False))
+    (all_of_them,), (last,), (none,) = (
+        list(drift.run_many([base], maps=maps)) for maps in (True, "last", False)
+    )
     assert none.forecast is None
     assert all_of_them.forecast is not None
     assert all_of_them.forecast.data.identical(alone.data)
     assert last.forecast is not None
     assert last.forecast.data.time.values.tolist() == alone.data.time.values[-1:].tolist()
     mapped = last.forecast.data.status_probability.sel(status=["adrift", "ashore"]).sum()
-    assert float(last.forecast.probability.sum()) == pytest.approx(float(mapped), abs=1e-5)  # float32 cells
+    # float32 cells
+    assert float(last.forecast.probability.sum()) == pytest.approx(float(mapped), abs=1e-5)
     at_end = [float(alone.data[f"mean_{axis}"][-1]) for axis in ("lon", "lat")]
     assert none.mean[-1] == pytest.approx(at_end, abs=1e-9)
 
 
 def test_maps_of_many_come_in_order_and_are_those_of_each_alone(tmp_path: Path) -> None:
     lon, lat = middle()
-    base = case(tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson"))
+    base = case(
+        tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson")
+    )
     cases = [drift.vary(base, {"seed": k, "particles": 200 + 50 * k}) for k in range(4)]
     cases[2] = drift.vary(base, {"scenario.0.position.at": [lon + 0.14, lat + 0.11]})  # on land
     told: list[float] = []
@@ -269,7 +338,14 @@ def test_memory_does_not_grow_with_the_number_of_forecasts(tmp_path: Path) -> No
     base = drift.vary(case(tmp_path, writers.regular(tmp_path / "current.nc")), {"particles": 3000})
     lon, lat = middle()
     cases = [
-        drift.vary(base, {"seed": k, "scenario.0.position.at": [lon + 0.03 * (k % 8), lat], "clock.step": "30 min"})
+        drift.vary(
+            base,
+            {
+                "seed": k,
+                "scenario.0.position.at": [lon + 0.03 * (k % 8), lat],
+                "clock.step": "30 min",
+            },
+        )
         for k in range(110)
     ]
     peaks = []
@@ -277,16 +353,20 @@ def test_memory_does_not_grow_with_the_number_of_forecasts(tmp_path: Path) -> No
         assert one.error is None
         if number in (29, 109):
             peaks.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-    # Each forecast has 24 columns of 3000 numbers of 4 bytes on the device: eighty that were never freed would be 22 MiB.
+    # Each forecast has 24 columns of 3000 numbers of 4 bytes on the device: eighty that were never
+    # freed would be 22 MiB.
     assert peaks[1] - peaks[0] < 10 * 1024
 
 
 def test_what_lies_outside_a_kept_window_is_read_anew() -> None:
-    """Rows and columns in any order, and with gaps: a window gives places for those that it has, and none where one is missing."""
+    """Rows and columns in any order, and with gaps: a window gives places for those that it has,
+    and none where one is missing.
+    """
     window = Kept((np.array([7, 4, 5]), np.array([0, 1, 9, 8])))
     rows, columns = window.part((np.array([5, 7]), np.array([9, 0]))) or ()
     assert (rows.tolist(), columns.tolist()) == ([2, 0], [2, 0])
     inside = np.array([0, 9])
-    for outside in ([6], [3, 4], [8], [5, 40]):  # in a gap, before the first, after the last, far off
+    # in a gap, before the first, after the last, far off
+    for outside in ([6], [3, 4], [8], [5, 40]):
         assert window.part((np.array(outside), inside)) is None
     assert window.part((np.array([4]), np.array([1, 5]))) is None

@@ -1,4 +1,5 @@
-"""What is installed, and the files that describe it to pip, conda, Docker, pre-commit and those who cite it, agree.
+"""What is installed, and the files that describe it to pip, conda, Docker, pre-commit and those who
+cite it, agree.
 
 They are built and installed by .ci/package.
 """
@@ -15,7 +16,8 @@ from drift.apps.cli import commands
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 CHANGES = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-CONDA = {"dask": "dask-core", "eccodes": "python-eccodes", "matplotlib": "matplotlib-base"}  # names that differ there
+# names that differ there
+CONDA = {"dask": "dask-core", "eccodes": "python-eccodes", "matplotlib": "matplotlib-base"}
 
 
 def read(name: str) -> Any:
@@ -35,9 +37,15 @@ def bounds(requirement: str) -> tuple[str, str]:
 
 
 def test_every_package_is_in_the_wheel_and_in_the_sdist() -> None:
-    top = {path.parent.name for path in ROOT.glob("*/__init__.py")} - {"tests", "docs", "benchmarks"}
+    top = {path.parent.name for path in ROOT.glob("*/__init__.py")} - {
+        "tests",
+        "docs",
+        "benchmarks",
+    }
     assert set(packages()) == top
-    assert set(packages()) < set(PROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["only-include"])
+    assert set(packages()) < set(
+        PROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["only-include"]
+    )
 
 
 def test_versions_agree() -> None:
@@ -65,7 +73,11 @@ def test_the_conda_recipe_asks_for_the_same_packages() -> None:
 def test_the_image_is_made_of_what_the_wheel_is_made_of() -> None:
     """And nothing else is sent to where it is built."""
     needed = {"pyproject.toml", "README.md", "LICENSE", *packages()}
-    copied = re.findall(r"^COPY (?!--from)(.*) \S+$", (ROOT / "Dockerfile").read_text(encoding="utf-8"), re.MULTILINE)
+    copied = re.findall(
+        r"^COPY (?!--from)(.*) \S+$",
+        (ROOT / "Dockerfile").read_text(encoding="utf-8"),
+        re.MULTILINE,
+    )
     assert {name for line in copied for name in line.split()} == needed
     ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
     assert {line[1:] for line in ignored if line.startswith("!")} == needed
@@ -79,16 +91,23 @@ def test_the_image_runs_as_a_user_of_no_privilege() -> None:
 
 def test_hooks_are_what_ci_runs() -> None:
     """Each is local, so that a commit needs no network."""
-    commands = [line.removesuffix(" .") for line in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()]
+    commands = [
+        line.removesuffix(" .")
+        for line in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    ]
     (local,) = read(".pre-commit-config.yaml")["repos"]
     assert local["repo"] == "local"
     assert {hook["entry"] for hook in local["hooks"]} <= set(commands)
     assert {hook["language"] for hook in local["hooks"]} == {"system"}
-    assert {"ruff check", "ruff format --check", "mypy", "lint-imports"} <= {hook["entry"] for hook in local["hooks"]}
+    assert {"ruff check", "ruff format --check", "mypy", "lint-imports"} <= {
+        hook["entry"] for hook in local["hooks"]
+    }
 
 
 def test_the_changelog_is_of_what_users_notice() -> None:
-    """At most 8 KB a version; the sections are those of Keep a Changelog, and its links lead to pages."""
+    """At most 8 KB a version; the sections are those of Keep a Changelog, and its links lead to
+    pages.
+    """
     parts = re.split(r"^## \[", CHANGES, flags=re.MULTILINE)[1:]
     assert parts[0].startswith("Unreleased]")
     for part in parts:
@@ -101,9 +120,13 @@ def test_the_changelog_is_of_what_users_notice() -> None:
     for page, anchor in linked:
         text = (ROOT / page).read_text(encoding="utf-8")
         headings = [
-            re.sub(r"[^\w -]", "", line).strip().lower() for line in re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+            re.sub(r"[^\w -]", "", line).strip().lower()
+            for line in re.findall(r"^#+ (.*)$", text, re.MULTILINE)
         ]
-        assert not anchor or anchor in {heading.replace(" ", "-") for heading in headings}, (page, anchor)
+        assert not anchor or anchor in {heading.replace(" ", "-") for heading in headings}, (
+            page,
+            anchor,
+        )
 
 
 @pytest.mark.parametrize("package", packages())
@@ -132,5 +155,8 @@ def test_the_workflow_of_the_documentation_is_one() -> None:
     (job,) = yaml.safe_load(found["drift.yml"])["jobs"].values()
     steps = [step["run"] for step in job["steps"] if "run" in step]
     assert any("libx11-6" in step for step in steps)
-    assert {name for step in steps for name in re.findall(r"\w+\.(?:py|toml)", step)} == {"raft.toml", "test_raft.py"}
+    assert {name for step in steps for name in re.findall(r"\w+\.(?:py|toml)", step)} == {
+        "raft.toml",
+        "test_raft.py",
+    }
     assert {"raft.toml", "test_raft.py"} < found.keys()

@@ -1,4 +1,6 @@
-"""Case pacsearch, 300 stories, four arrays and two contacts, against a second opinion that draws what is heard (tests/oracles/pacific.py)."""
+"""Case pacsearch, 300 stories, four arrays and two contacts, against a second opinion that draws
+what is heard (tests/oracles/pacific.py).
+"""
 
 import itertools
 
@@ -13,7 +15,8 @@ from drift.pipeline import flow
 OURS = 30_000
 THEIRS = (150_000, 12_000)  # drawn, and followed
 AXES = (10, 6, 5)  # routes, speeds, departures
-COMPARED = 4 + 6 * sum(AXES) + 2  # numbers; together they are as sure as three standard errors hold one (Bonferroni)
+# numbers; together they are as sure as three standard errors hold one (Bonferroni)
+COMPARED = 4 + 6 * sum(AXES) + 2
 SIGMAS = stats.norm.isf(stats.norm.sf(3.0) / COMPARED)
 Array = np.ndarray
 
@@ -29,7 +32,9 @@ def shares(submarines: pacific.Submarines) -> tuple[Array, Array]:
 
 @pytest.mark.thorough
 def test_pacsearch_is_what_a_second_opinion_says() -> None:
-    """Evidence of each watch, routes, speeds and departures after each update, and the mean position at the end."""
+    """Evidence of each watch, routes, speeds and departures after each update, and the mean
+    position at the end.
+    """
     settings = {"particles": str(OURS), "resampling": "{}", "expect": "{}"}
     settings["output"] = '{ every = "100 d", trajectories = 1_000_000 }'
     result = flow.run(case_file.load("pacsearch", settings))
@@ -48,14 +53,25 @@ def test_pacsearch_is_what_a_second_opinion_says() -> None:
         if abs(off) > SIGMAS:
             apart.append(f"{what}: {mine:.5g}, oracle {other:.5g}: {off:+.1f} errors")
 
-    ours = {update.name if update.pos is None else f"{update.name} hears nothing": update for update in updates}
+    ours = {
+        update.name if update.pos is None else f"{update.name} hears nothing": update
+        for update in updates
+    }
     assert len(ours) == len(updates) == len(theirs)
     for their in theirs:
         own = ours[their.name if np.isnan(their.pos) else f"{their.name} hears nothing"]
         if own.pos is not None:
             pos = float(own.pos[-1])
-            compare(f"POS {their.name}", pos, np.sqrt(pos * (1 - pos) / own.ess_before), their.pos, their.error)
-        values = np.concatenate([np.bincount(stories[:, k], own.posterior, many) for k, many in enumerate(AXES)])
+            compare(
+                f"POS {their.name}",
+                pos,
+                np.sqrt(pos * (1 - pos) / own.ess_before),
+                their.pos,
+                their.error,
+            )
+        values = np.concatenate(
+            [np.bincount(stories[:, k], own.posterior, many) for k, many in enumerate(AXES)]
+        )
         errors = np.sqrt(values * (1 - values) / own.ess_after)
         for k, row in enumerate(zip(values, errors, *shares(their.submarines), strict=True)):
             compare(f"value {k} after {their.name}", *row)

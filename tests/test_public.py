@@ -23,7 +23,10 @@ NAMES = {
 def test_the_names_are_those_of_the_stub_and_all_can_be_had() -> None:
     stub = ast.parse((ROOT / "drift" / "__init__.pyi").read_text(encoding="utf-8"))
     homes = {
-        a.asname: (node.module, a.name) for node in stub.body if isinstance(node, ast.ImportFrom) for a in node.names
+        a.asname: (node.module, a.name)
+        for node in stub.body
+        if isinstance(node, ast.ImportFrom)
+        for a in node.names
     }
     assert set(drift.__all__) == set(dir(drift)) == set(homes) == NAMES
     for name, (module, there) in homes.items():
@@ -52,7 +55,9 @@ def test_a_name_that_is_not_there_is_said_so() -> None:
 
 def test_importing_it_does_nothing_heavy() -> None:
     told = "import sys, drift; print(sorted({'numpy', 'taichi', 'xarray', 'pydantic'} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True, cwd=ROOT)
+    done = subprocess.run(
+        [sys.executable, "-c", told], capture_output=True, text=True, check=True, cwd=ROOT
+    )
     assert done.stdout == "[]\n"
 
 
@@ -64,10 +69,14 @@ def functions() -> list[str]:
 def test_help_explains_each_argument_result_and_error(name: str) -> None:
     """In the order of the signature, and no argument that is not there; units are in brackets."""
     function = getattr(drift, name)
-    parts = re.split(r"^(Args|Returns|Raises):$", inspect.getdoc(function) or "", flags=re.MULTILINE)
+    parts = re.split(
+        r"^(Args|Returns|Raises):$", inspect.getdoc(function) or "", flags=re.MULTILINE
+    )
     found = dict(zip(parts[1::2], parts[2::2], strict=True))
     listed = re.findall(r"^    (\w+(?:, \w+)*): ", found["Args"], flags=re.MULTILINE)
-    assert [one for words in listed for one in words.split(", ")] == list(inspect.signature(function).parameters)
+    assert [one for words in listed for one in words.split(", ")] == list(
+        inspect.signature(function).parameters
+    )
     assert name == "serve" or found["Returns"].strip()
     assert name == "progress" or "UserError: " in found["Raises"]
 

@@ -1,4 +1,6 @@
-"""A result in Python and in a notebook, against the files of the same run as other libraries read them."""
+"""A result in Python and in a notebook, against the files of the same run as other libraries read
+them.
+"""
 
 import dataclasses
 import json
@@ -72,20 +74,30 @@ def test_times_of_all_join(ran: tuple[drift.Result, Path]) -> None:
     """Tables, areas, particles and maps have times of one kind: UTC as xarray has it."""
     result, _ = ran
     maps = result.probability.indexes["time"]
-    assert {table["time"].dtype for table in [*result.tables.values(), result.areas] if "time" in table} == {maps.dtype}
+    assert {
+        table["time"].dtype for table in [*result.tables.values(), result.areas] if "time" in table
+    } == {maps.dtype}
     areas, track = result.areas, result.tables["track"].set_index("time")
     assert len(areas.join(track, on="time", how="inner")) == len(areas) > 0
     assert track.index.equals(maps)
     assert result.probability.sel(time=areas["time"].iloc[-1]).equals(result.probability[-1])
-    assert track["area_95_nmi2"].to_xarray().broadcast_like(result.particles["weight"]).notnull().all()
+    assert (
+        track["area_95_nmi2"].to_xarray().broadcast_like(result.particles["weight"]).notnull().all()
+    )
     first = result.tables["ashore"]["first_time"]
     assert first.dtype == maps.dtype
 
 
 def test_columns_of_times_are_times_whatever_they_are_called() -> None:
-    """Those of washup.csv and lines.csv are named by shares; words stay words, and nothing at all stays empty."""
+    """Those of washup.csv and lines.csv are named by shares; words stay words, and nothing at all
+    stays empty.
+    """
     frame = _frame("first_50,time,value\n2026-01-02T03:04:05Z,,2026-01-02T03:04:05Z\n,,word\n")
-    assert list(map(str, frame.dtypes)) == ["datetime64[ns]", "datetime64[ns]", str(frame["value"].dtype)]
+    assert list(map(str, frame.dtypes)) == [
+        "datetime64[ns]",
+        "datetime64[ns]",
+        str(frame["value"].dtype),
+    ]
     assert frame["first_50"][0] == pd.Timestamp("2026-01-02T03:04:05")
     assert frame["value"][1] == "word"
     assert frame.isna().sum().tolist() == [1, 2, 0]
@@ -93,19 +105,24 @@ def test_columns_of_times_are_times_whatever_they_are_called() -> None:
 
 def test_particles_are_those_of_the_file(ran: tuple[drift.Result, Path]) -> None:
     result, folder = ran
-    written = xr.open_dataset(folder / "particles.nc").drop_vars("crs")  # the Earth, a number of no meaning by itself
+    # the Earth, a number of no meaning by itself
+    written = xr.open_dataset(folder / "particles.nc").drop_vars("crs")
     xr.testing.assert_allclose(result.particles.drop_attrs(), written.drop_attrs())
     frame = result.particles.to_dataframe().reset_index()
     assert len(frame) == result.particles.sizes["trajectory"] * result.particles.sizes["time"]
 
 
 def test_areas_are_shapes_of_their_size(ran: tuple[drift.Result, Path]) -> None:
-    """By geodesics on the sphere; a polygon's chords and the cells that an outline cuts leave a few percent."""
+    """By geodesics on the sphere; a polygon's chords and the cells that an outline cuts leave a few
+    percent.
+    """
     areas = ran[0].areas
     assert areas.crs.to_epsg() == 4326
     geod = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
     for row in areas.itertuples():
-        area = sum(abs(geod.geometry_area_perimeter(part)[0]) for part in shapely.get_parts(row.geometry))
+        area = sum(
+            abs(geod.geometry_area_perimeter(part)[0]) for part in shapely.get_parts(row.geometry)
+        )
         assert area / 1852**2 == pytest.approx(row.area_nmi2, rel=0.03)
     assert areas.geometry.total_bounds[0] < 180 < areas.geometry.total_bounds[2]  # no jump
 
@@ -163,18 +180,27 @@ def test_a_notebook_shows_it(ran: tuple[drift.Result, Path]) -> None:
 
 
 @pytest.mark.thorough
-def test_a_result_is_saved_as_the_run_would_have_written_it(ran: tuple[drift.Result, Path], tmp_path: Path) -> None:
+def test_a_result_is_saved_as_the_run_would_have_written_it(
+    ran: tuple[drift.Result, Path], tmp_path: Path
+) -> None:
     """The same files, the same bytes in tables, the same keys in the same order."""
     result, folder = ran
     drift.run(result.case, tmp_path / "now")
-    assert [path.name for path in drift.results(tmp_path / "now")] == [path.name for path in drift.results(folder)]
+    assert [path.name for path in drift.results(tmp_path / "now")] == [
+        path.name for path in drift.results(folder)
+    ]
     for path in folder.glob("*.csv"):
         assert (tmp_path / "now" / path.name).read_bytes() == path.read_bytes()
-    names = [list(json.loads((at / "summary.json").read_text(encoding="utf-8"))) for at in (folder, tmp_path / "now")]
+    names = [
+        list(json.loads((at / "summary.json").read_text(encoding="utf-8")))
+        for at in (folder, tmp_path / "now")
+    ]
     assert names[0] == names[1]
 
 
-def test_a_folder_of_results_is_replaced_only_if_asked(ran: tuple[drift.Result, Path], tmp_path: Path) -> None:
+def test_a_folder_of_results_is_replaced_only_if_asked(
+    ran: tuple[drift.Result, Path], tmp_path: Path
+) -> None:
     result, folder = ran
     assert len(drift.results(folder)) > 10
     with pytest.raises(drift.UserError, match=r"overwrite = True"):
@@ -187,9 +213,15 @@ def test_maps_are_one_netcdf_file(ran: tuple[drift.Result, Path], tmp_path: Path
     result, folder = ran
     for _ in range(2):  # the second takes the place of the first, as xarray's
         result.to_netcdf(tmp_path / "maps.nc")
-    with xr.open_dataset(tmp_path / "maps.nc") as own, xr.open_dataset(folder / "forecast.nc") as written:
+    with (
+        xr.open_dataset(tmp_path / "maps.nc") as own,
+        xr.open_dataset(folder / "forecast.nc") as written,
+    ):
         xr.testing.assert_equal(own, written)
-        assert {name for name in written.attrs if written.attrs[name] != own.attrs[name]} <= {"history", "date_created"}
+        assert {name for name in written.attrs if written.attrs[name] != own.attrs[name]} <= {
+            "history",
+            "date_created",
+        }
     with pytest.raises(drift.UserError, match="cannot be written"):
         result.to_netcdf(tmp_path / "missing" / "maps.nc")
 
@@ -204,6 +236,10 @@ def test_tables_have_units_of_their_numbers(ran: tuple[drift.Result, Path]) -> N
         units = table.attrs["units"]
         assert all(ureg.Unit(unit if unit != "1" else "") is not None for unit in units.values())
         bare = set(table.dropna(axis=1, how="all").select_dtypes("number").columns) - set(units)
-        assert not {column for column in bare if not re.fullmatch(r"update|rank|mean|std|q\d\d|value", column)}, name
+        assert not {
+            column
+            for column in bare
+            if not re.fullmatch(r"update|rank|mean|std|q\d\d|value", column)
+        }, name
     assert result.tables["track"].attrs["units"]["area_95_nmi2"] == "nmi**2"
     assert result.tables["track"].attrs["units"]["mean_lon"] == "degrees_east"

@@ -1,4 +1,6 @@
-"""The start of a case's run: its step, its domain, how far its sources are filled; and refusals of steps that the result would depend on."""
+"""The start of a case's run: its step, its domain, how far its sources are filled; and refusals of
+steps that the result would depend on.
+"""
 
 from pathlib import Path
 
@@ -40,7 +42,9 @@ def case_of(folder: Path, **changes: str) -> drift.Case:
 
 
 def test_an_onshore_drift_strands_whatever_the_step(tmp_path: Path) -> None:
-    """0.6 m/s straight onto a wall 7 km away: all are ashore after 12 h; nothing is ever outside of the forcing."""
+    """0.6 m/s straight onto a wall 7 km away: all are ashore after 12 h; nothing is ever outside of
+    the forcing.
+    """
     lon, lat = np.arange(-1, 0.5001, 0.005), np.arange(49.3, 50.7, 0.005)
     east = np.full((2, lat.size, lon.size), 0.3, np.float32)
     east[:, :, lon > 1e-4] = np.nan
@@ -49,7 +53,11 @@ def test_an_onshore_drift_strands_whatever_the_step(tmp_path: Path) -> None:
         k: (("time", "lat", "lon"), v, {"standard_name": name[k], "units": "m s-1"})
         for k, v in (("uo", east), ("vo", 0 * east))
     }
-    hours = ("time", np.array([0, 48]), {"units": "hours since 2026-11-21", "standard_name": "time"})
+    hours = (
+        "time",
+        np.array([0, 48]),
+        {"units": "hours since 2026-11-21", "standard_name": "time"},
+    )
     axes = {
         "lon": ("lon", lon, {"standard_name": "longitude", "units": "degrees_east"}),
         "lat": ("lat", lat, {"standard_name": "latitude", "units": "degrees_north"}),
@@ -87,26 +95,39 @@ def test_the_reach_holds_the_great_circle_between_waypoints(tmp_path: Path) -> N
     speed = "20 kn"
     cross_track = "1 nmi"
     distress = { between = ["2026-11-21T01:00Z", "2026-11-21T06:00Z"] }"""
-    assert drift.run(case_of(tmp_path, prior=prior)).summary["account"]["adrift"] == pytest.approx(1.0)
+    assert drift.run(case_of(tmp_path, prior=prior)).summary["account"]["adrift"] == pytest.approx(
+        1.0
+    )
 
 
 def test_a_step_too_long_for_the_correlation_of_errors_is_refused(tmp_path: Path) -> None:
     """At a step of three decorrelation times the spread would come out 1.6 times too large."""
     more = "clock = { step = 3600 }\nuncertainty = { current = { std = 0.3, time = 1200 } }"
-    with pytest.raises(drift.UserError, match=r"clock\.step: 3600 s is longer than a sixth of .*, 200 s"):
+    with pytest.raises(
+        drift.UserError, match=r"clock\.step: 3600 s is longer than a sixth of .*, 200 s"
+    ):
         drift.run(case_of(tmp_path, more=more))
 
 
 def test_a_step_longer_than_the_forcing_interval_is_refused(tmp_path: Path) -> None:
-    """A current of 0, 4, 0 kn within 12 h: a step of 12 h would see both zeros and nothing of what lies between."""
-    rows = ", ".join(f'{{ time = "+{h} h", speed = "{s} kn", toward = 90 }}' for h, s in ((0, 0), (6, 4), (12, 0)))
-    case = case_of(tmp_path, duration="12 h", current=f"table = [{rows}]", more='clock = { step = "12 h" }')
+    """A current of 0, 4, 0 kn within 12 h: a step of 12 h would see both zeros and nothing of what
+    lies between.
+    """
+    rows = ", ".join(
+        f'{{ time = "+{h} h", speed = "{s} kn", toward = 90 }}'
+        for h, s in ((0, 0), (6, 4), (12, 0))
+    )
+    case = case_of(
+        tmp_path, duration="12 h", current=f"table = [{rows}]", more='clock = { step = "12 h" }'
+    )
     with pytest.raises(drift.UserError, match="longer than the interval of the forcing, 21600 s"):
         drift.run(case)
 
 
 def test_the_lattice_holds_the_times_of_all_sources(tmp_path: Path) -> None:
-    """A current on full hours and a wind at half past: steps of 30 minutes, so that neither bends inside one."""
+    """A current on full hours and a wind at half past: steps of 30 minutes, so that neither bends
+    inside one.
+    """
     rows = {
         run_setup: ", ".join(
             f'{{ time = "{np.datetime64("2026-11-20T23:00") + np.timedelta64(run_setup + 60 * h, "m")}Z", speed = "{3 + h % 2} {unit}", {word} = 70 }}'

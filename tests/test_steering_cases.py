@@ -1,8 +1,9 @@
-"""Shipped cases of targets that steer, against a second opinion in plain float64 (tests/oracles/passages.py).
+"""Shipped cases of targets that steer, against a second opinion in plain float64
+(tests/oracles/passages.py).
 
-Had nothing been searched or seen: at two times, by scenario, what has become of them, where they are on average, and second moments.
-Then, given all that was: the posterior of the stories, mean and second moments.
-overdue_yacht goes on adrift: it stands in test_case_oracles.py.
+Had nothing been searched or seen: at two times, by scenario, what has become of them, where they
+are on average, and second moments. Then, given all that was: the posterior of the stories, mean and
+second moments. overdue_yacht goes on adrift: it stands in test_case_oracles.py.
 """
 
 import functools
@@ -26,9 +27,12 @@ from drift.pipeline import flow
 
 CASES = ROOT / "cases"
 OURS = 16_000  # particles in all
-THEIRS = {"cast_submarine": 12_000, "medsearch_transit": 5_000, "smuggler_bridge": 12_000}  # of the oracle, a scenario
+# of the oracle, a scenario
+THEIRS = {"cast_submarine": 12_000, "medsearch_transit": 5_000, "smuggler_bridge": 12_000}
 COMPARED = (
-    400  # numbers that this file compares; together they are as sure as three standard errors hold one (Bonferroni)
+    # numbers that this file compares; together they are as sure as three standard errors hold one
+    # (Bonferroni)
+    400
 )
 SIGMAS = stats.norm.isf(stats.norm.sf(3.0) / COMPARED)  # 4.5
 Array = np.ndarray
@@ -51,7 +55,14 @@ def number(value: Any) -> float:
     if not isinstance(value, str):
         return float(value)
     size, unit = value.split()
-    units = {"nmi": NMI, "kn": KNOT, "min": 60.0, "h": HOUR, "/h": 1 / HOUR, "nmi/sqrt(h)": NMI / HOUR**0.5}
+    units = {
+        "nmi": NMI,
+        "kn": KNOT,
+        "min": 60.0,
+        "h": HOUR,
+        "/h": 1 / HOUR,
+        "nmi/sqrt(h)": NMI / HOUR**0.5,
+    }
     return float(size) * units[unit]
 
 
@@ -86,14 +97,23 @@ def cast_submarine(rng: np.random.Generator, n: int, hours: float) -> list[Where
 def cast_ways(rng: np.random.Generator, n: int, hours: Sequence[float]) -> list[list[Where]]:
     """Return where the same submarines are at each of some times, by scenario."""
     first, second = table("cast_submarine")["scenario"]
-    fix, motion, moments = first["position"]["ellipse"], first["phase"][0]["course"], [h * HOUR for h in hours]
+    fix, motion, moments = (
+        first["position"]["ellipse"],
+        first["phase"][0]["course"],
+        [h * HOUR for h in hours],
+    )
     scale = probable(fix["probability"])
     lon, lat = passages.about(
         rng, place(first["position"]["at"]), n, number(fix["major"]) / scale, number(fix["minor"]) / scale,
         fix["orientation"],
     )  # fmt: skip
     course, speed = spread(rng, n, motion["course"]), spread(rng, n, motion["speed"])
-    told = [[Where(*passages.rhumb(lon, lat, course, speed * time), np.full(n, Status.UNDER_WAY)) for time in moments]]
+    told = [
+        [
+            Where(*passages.rhumb(lon, lat, course, speed * time), np.full(n, Status.UNDER_WAY))
+            for time in moments
+        ]
+    ]
 
     track, patrol = second["phase"][0]["track"], second["phase"][1]["loiter"]
     begin = rng.uniform(*(number(one[1:]) for one in track["start"]), n)
@@ -142,9 +162,13 @@ def transits(rng: np.random.Generator, n: int) -> list[Transit]:
     nodes, lanes = passages.network(CASES / "networks" / "mediterranean.toml")
     for scenario in table("medsearch_transit")["scenario"]:
         leg, patrol = scenario["phase"][0]["lanes"], scenario["phase"][1]["loiter"]
-        route = passages.shortest(nodes, lanes, [leg["route"]["from"], *leg["route"]["via"], leg["route"]["to"]])
+        route = passages.shortest(
+            nodes, lanes, [leg["route"]["from"], *leg["route"]["via"], leg["route"]["to"]]
+        )
         width = [lanes[pair] for pair in itertools.pairwise(route)]
-        lon, lat, along = passages.aside([nodes[one] for one in route], width, rng.uniform(-1, 1, n))
+        lon, lat, along = passages.aside(
+            [nodes[one] for one in route], width, rng.uniform(-1, 1, n)
+        )
         entry = {k: v[1:] if isinstance(v, str) else v for k, v in leg["entry"].items()}
         time = spread(rng, n, entry)[:, None] + along / spread(rng, n, leg["speed"])[:, None]
         found.append(Transit(lon, lat, time, patrol, spread(rng, n, patrol["speed"])))
@@ -159,12 +183,16 @@ def medsearch_transit(rng: np.random.Generator, n: int, hours: float) -> list[Wh
 def patrolled(rng: np.random.Generator, one: Transit, time: float) -> Where:
     """Return where submarines are at a time on their route or on patrol."""
     left = time - one.time[:, -1]
-    (at,) = passages.loiter(rng, one.patrol["polygon"], *one.at(time), [left], one.pace, number(one.patrol["leg"]))
+    (at,) = passages.loiter(
+        rng, one.patrol["polygon"], *one.at(time), [left], one.pace, number(one.patrol["leg"])
+    )
     return Where(*at, np.where(one.time[:, 0] < time, Status.UNDER_WAY, Status.PENDING))
 
 
 def touched(one: Transit, points: Sequence[str]) -> Array:
-    """Return when submarines first meet a barrier, a great circle between two places, on their lanes [s]; inf: never."""
+    """Return when submarines first meet a barrier, a great circle between two places, on their
+    lanes [s]; inf: never.
+    """
 
     def vectors(lon: Any, lat: Any) -> Array:
         x, y = np.radians(lon), np.radians(lat)
@@ -179,7 +207,9 @@ def touched(one: Transit, points: Sequence[str]) -> Array:
     a, b, over, under = nodes[:, :-1], nodes[:, 1:], above[:, :-1, None], above[:, 1:, None]
     meets = a * np.abs(under) + b * np.abs(over)  # where the chord of a leg meets the plane
     meets /= np.linalg.norm(meets, axis=-1, keepdims=True)
-    hits = (over * under < 0)[..., 0] & (angle(first, meets) + angle(meets, last) < angle(first, last) + 1e-12)
+    hits = (over * under < 0)[..., 0] & (
+        angle(first, meets) + angle(meets, last) < angle(first, last) + 1e-12
+    )
     when = one.time[:, :-1] + angle(a, meets) / angle(a, b) * np.diff(one.time, axis=1)
     return np.where(hits, when, np.inf).min(axis=1)
 
@@ -197,7 +227,10 @@ def smuggler_ends(rng: np.random.Generator, n: int) -> tuple[Knot, Knot]:
             along, across = (number(side) * rng.uniform(-0.5, 0.5, n) for side in point["box"])
             return passages.off(at, along, across, point["orientation"])
         if "radius" in point:
-            far, to = number(point["radius"]) * np.sqrt(rng.uniform(size=n)), rng.uniform(0, 2 * np.pi, n)
+            far, to = (
+                number(point["radius"]) * np.sqrt(rng.uniform(size=n)),
+                rng.uniform(0, 2 * np.pi, n),
+            )
             return passages.off(at, far * np.cos(to), far * np.sin(to), 0.0)
         return passages.about(rng, at, n, number(point["std"]), number(point["std"]))
 
@@ -217,7 +250,11 @@ def smuggler_ends(rng: np.random.Generator, n: int) -> tuple[Knot, Knot]:
 def smuggler_bridge(rng: np.random.Generator, n: int, hours: float) -> list[Where]:
     """Bridges from a box to one of three places."""
     begin, end = smuggler_ends(rng, n)
-    return [crossing(begin, end, passages.bridge(rng, begin, end, smuggler_k(), hours * HOUR), hours * HOUR)]
+    return [
+        crossing(
+            begin, end, passages.bridge(rng, begin, end, smuggler_k(), hours * HOUR), hours * HOUR
+        )
+    ]
 
 
 def smuggler_k() -> float:
@@ -227,7 +264,9 @@ def smuggler_k() -> float:
 
 def crossing(begin: Knot, end: Knot, at: tuple[Array, Array], time: float) -> Where:
     """Return smugglers at a time."""
-    status = np.where(time < begin[2], Status.PENDING, np.where(time < end[2], Status.UNDER_WAY, Status.ARRIVED))
+    status = np.where(
+        time < begin[2], Status.PENDING, np.where(time < end[2], Status.UNDER_WAY, Status.ARRIVED)
+    )
     return Where(*at, status)
 
 
@@ -242,7 +281,9 @@ END = {"cast_submarine": 36.0, "medsearch_transit": 216.0, "smuggler_bridge": 10
 
 @functools.cache
 def ours(name: str) -> dict[float, list[Where]]:
-    """Return what drift.run says midway and at the end, by scenario, had nothing been searched or seen."""
+    """Return what drift.run says midway and at the end, by scenario, had nothing been searched or
+    seen.
+    """
     settings = {"particles": str(OURS), "expect": "{}", "resampling": "{}"}
     settings |= dict.fromkeys(("sortie", "contact", "look", "presence", "barrier"), "[]")
     output = f'{{ times = ["+{MIDWAY[name]:g} h"], trajectories = 1_000_000 }}'
@@ -250,7 +291,9 @@ def ours(name: str) -> dict[float, list[Where]]:
     tracks = flow.run(loaded).trajectories
     told: dict[float, list[Where]] = {}
     for hours in (MIDWAY[name], END[name]):
-        (k,) = np.flatnonzero(tracks.time == loaded.start + np.timedelta64(round(hours * 3600), "s"))
+        (k,) = np.flatnonzero(
+            tracks.time == loaded.start + np.timedelta64(round(hours * 3600), "s")
+        )
         lon, lat = (x[:, k].astype(float) * 360 / 2**32 for x in (tracks.lon, tracks.lat))
         stories = [tracks.scenario == scenario for scenario in range(len(loaded.scenarios))]
         told[hours] = [Where(lon[here], lat[here], tracks.status[here, k]) for here in stories]
@@ -258,7 +301,9 @@ def ours(name: str) -> dict[float, list[Where]]:
 
 
 def numbers(told: Where, about: tuple[float, float]) -> tuple[list[str], Array, Array]:
-    """Return names, values and standard errors: shares by status, and mean and second moments [m] in a plane about a place."""
+    """Return names, values and standard errors: shares by status, and mean and second moments [m]
+    in a plane about a place.
+    """
     names, values, errors = [], [], []
     n = told.lon.size
     for status in Status:
@@ -270,7 +315,13 @@ def numbers(told: Where, about: tuple[float, float]) -> tuple[list[str], Array, 
     x = (told.lon[there] - about[0]) * np.radians(R) * np.cos(np.radians(about[1]))
     y = (told.lat[there] - about[1]) * np.radians(R)
     a, b = x - x.mean(), y - y.mean()
-    for what, values_of in (("east", x), ("north", y), ("east 2", a * a), ("north 2", b * b), ("both", a * b)):
+    for what, values_of in (
+        ("east", x),
+        ("north", y),
+        ("east 2", a * a),
+        ("north 2", b * b),
+        ("both", a * b),
+    ):
         names.append(what)
         values.append(float(values_of.mean()))
         errors.append(float(values_of.std() / np.sqrt(there.sum())))
@@ -278,7 +329,8 @@ def numbers(told: Where, about: tuple[float, float]) -> tuple[list[str], Array, 
 
 
 @pytest.mark.parametrize(
-    ("name", "hours"), [*END.items(), *(pytest.param(*one, marks=pytest.mark.thorough) for one in MIDWAY.items())]
+    ("name", "hours"),
+    [*END.items(), *(pytest.param(*one, marks=pytest.mark.thorough) for one in MIDWAY.items())],
 )
 def test_case_is_where_a_second_opinion_says(name: str, hours: float) -> None:
     rng = np.random.default_rng([20_260_603, int(hours)])
@@ -290,14 +342,19 @@ def test_case_is_where_a_second_opinion_says(name: str, hours: float) -> None:
         names, a, e = numbers(mine, middle)
         _, b, f = numbers(their, middle)
         apart = (a - b) / np.maximum(np.hypot(e, f), 1e-300)
-        lines = [f"{what}: {p:.6g}, oracle {q:.6g}: {z:+.1f}" for what, p, q, z in zip(names, a, b, apart, strict=True)]
+        lines = [
+            f"{what}: {p:.6g}, oracle {q:.6g}: {z:+.1f}"
+            for what, p, q, z in zip(names, a, b, apart, strict=True)
+        ]
         assert (np.abs(apart[a != b]) < SIGMAS).all(), (number_of, lines)
 
 
 def cast_posterior(rng: np.random.Generator, n: int) -> tuple[list[Where], list[Array]]:
-    """Return cast_submarine at its end, and the weights of its particles given what the buoys and the aircraft say.
+    """Return cast_submarine at its end, and the weights of its particles given what the buoys and
+    the aircraft say.
 
-    A watch has a constant hazard while a target is in a zone, such that what stays in it throughout is heard with its chance.
+    A watch has a constant hazard while a target is in a zone, such that what stays in it throughout
+    is heard with its chance.
     """
     case = table("cast_submarine")
     begin, end = 12.0, 16.0
@@ -327,13 +384,16 @@ def cast_posterior(rng: np.random.Generator, n: int) -> tuple[list[Where], list[
         likely.append(np.where(seen.status != Status.PENDING, np.exp(-0.5 * (far / std) ** 2), 0.0))
     mean = sum(w @ p for w, p in zip(weights, likely, strict=True)) / sum(w.sum() for w in weights)
     believed = [
-        w * (contact["belief"] * p / mean + 1 - contact["belief"]) for w, p in zip(weights, likely, strict=True)
+        w * (contact["belief"] * p / mean + 1 - contact["belief"])
+        for w, p in zip(weights, likely, strict=True)
     ]
     return [places[-1] for places in ways], believed
 
 
 def medsearch_posterior(rng: np.random.Generator, n: int) -> tuple[list[Where], list[Array]]:
-    """Return medsearch_transit at its end, and the weights of its particles given what both barriers say."""
+    """Return medsearch_transit at its end, and the weights of its particles given what both
+    barriers say.
+    """
     case = table("medsearch_transit")
     places, weights = [], []
     for scenario, one in zip(case["scenario"], transits(rng, n), strict=True):
@@ -345,7 +405,10 @@ def medsearch_posterior(rng: np.random.Generator, n: int) -> tuple[list[Where], 
             said = 1 - seen
             if "reported" in barrier:
                 error, false = number(barrier["error"]), number(barrier["false_alarms"])
-                said = seen * stats.norm.pdf(met, number(barrier["reported"][1:]), error) + false * said
+                said = (
+                    seen * stats.norm.pdf(met, number(barrier["reported"][1:]), error)
+                    + false * said
+                )
             weight *= said
         places.append(patrolled(rng, one, END["medsearch_transit"] * HOUR))
         weights.append(weight)
@@ -353,7 +416,9 @@ def medsearch_posterior(rng: np.random.Generator, n: int) -> tuple[list[Where], 
 
 
 def beside(field: dict[str, Any], lon: Array, lat: Array) -> tuple[Array, Array]:
-    """Return how far places are to the right and ahead of the middle of a field [m], in the plane about it."""
+    """Return how far places are to the right and ahead of the middle of a field [m], in the plane
+    about it.
+    """
     x, y = (np.full(lon.shape, v) for v in place(field["at"]))
     to, _, far = passages.GEOD.inv(x, y, lon, lat)
     angle = np.radians(np.asarray(to) - field.get("turned", 0))
@@ -379,18 +444,26 @@ def looked(look: dict[str, Any], seen: Where) -> Array:
 
 
 def listened(
-    rng: np.random.Generator, presence: dict[str, Any], k: float, before: Where, after: Where, steps: int = 300
+    rng: np.random.Generator,
+    presence: dict[str, Any],
+    k: float,
+    before: Where,
+    after: Where,
+    steps: int = 300,
 ) -> Array:
     """Return how likely a box says what it says of ways between places at its start and at its end.
 
-    A piece of a bridge between two known places is a bridge between these, whatever comes after. Ways in steps of dt miss what they
-    do between them as if the edge were 0.5826 K sqrt(dt) away (Broadie, Glasserman and Kou 1997, doi:10.1111/1467-9965.00035).
+    A piece of a bridge between two known places is a bridge between these, whatever comes after.
+    Ways in steps of dt miss what they do between them as if the edge were 0.5826 K sqrt(dt) away
+    (Broadie, Glasserman and Kou 1997, doi:10.1111/1467-9965.00035).
     """
     lasting = number(presence["end"][1:]) - number(presence["start"][1:])
     share, walk = np.arange(1, steps) / steps, k * np.sqrt(lasting / steps)
     there, edge = [], 0.5826 * walk * (-1 if presence["present"] == "throughout" else 1)
     for a, b, side in zip(
-        *(beside(presence, one.lon, one.lat) for one in (before, after)), ("width", "height"), strict=True
+        *(beside(presence, one.lon, one.lat) for one in (before, after)),
+        ("width", "height"),
+        strict=True,
     ):
         noise = walk * rng.standard_normal((a.size, steps), np.float32).cumsum(axis=1)
         way = a[:, None] + share * (b - a)[:, None] + noise[:, :-1] - share * noise[:, -1:]
@@ -401,7 +474,8 @@ def listened(
 
 
 def smuggler_posterior(rng: np.random.Generator, n: int) -> tuple[list[Where], list[Array]]:
-    """Return smuggler_bridge at its end, and the weights of its particles given what looks and presences say.
+    """Return smuggler_bridge at its end, and the weights of its particles given what looks and
+    presences say.
 
     Who is impossible is followed no further.
     """
@@ -422,7 +496,9 @@ def smuggler_posterior(rng: np.random.Generator, n: int) -> tuple[list[Where], l
             weight = weight * listened(rng, one, k, gone[number(one["start"][1:])], here)
         left = weight > 0
         weight, begin, end, at = (keep(one, left) for one in (weight, begin, end, at))
-        gone = {when: Where(*keep((one.lon, one.lat, one.status), left)) for when, one in gone.items()}
+        gone = {
+            when: Where(*keep((one.lon, one.lat, one.status), left)) for when, one in gone.items()
+        }
         now = (*at, np.maximum(begin[2], time))
     return [gone[time]], [weight]
 
@@ -445,30 +521,41 @@ SEEN = {
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.thorough] * (name != "cast_submarine")) for name in POSTERIORS]
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.thorough] * (name != "cast_submarine"))
+        for name in POSTERIORS
+    ],
 )
 def test_what_was_seen_says_what_a_second_opinion_says(name: str) -> None:
-    """Posterior of the stories, what has arrived, mean and second moments at the end, given all sensors and contacts."""
+    """Posterior of the stories, what has arrived, mean and second moments at the end, given all
+    sensors and contacts.
+    """
     n, particles = SEEN[name]
     theirs, chances = POSTERIORS[name](np.random.default_rng(20_260_606), n)
     settings = {"particles": str(particles), "resampling": "{}", "expect": "{}"}
-    loaded = case_file.load(name, settings | {"output": '{ every = "100 d", trajectories = 1_000_000 }'})
+    loaded = case_file.load(
+        name, settings | {"output": '{ every = "100 d", trajectories = 1_000_000 }'}
+    )
     tracks = flow.run(loaded).trajectories
     mine = [tracks.scenario == k for k in range(len(loaded.scenarios))]
     lon, lat = (x[:, -1].astype(float) * 360 / 2**32 for x in (tracks.lon, tracks.lat))
     found = told(
-        [Where(lon[k], lat[k], tracks.status[k, -1]) for k in mine], [tracks.weight[k, -1].astype(float) for k in mine]
+        [Where(lon[k], lat[k], tracks.status[k, -1]) for k in mine],
+        [tracks.weight[k, -1].astype(float) for k in mine],
     )
     expected = told(theirs, chances)
     apart = (found[0] - expected[0]) / np.maximum(np.hypot(found[1], expected[1]), 1e-300)
     assert (np.abs(apart[found[0] != expected[0]]) < SIGMAS).all(), (found, expected, apart)
     before = np.array([one.get("weight", 1.0) for one in table(name)["scenario"]])[:-1]
-    there = slice(0, before.size)  # what was seen says something of the stories, where there are several
+    # what was seen says something of the stories, where there are several
+    there = slice(0, before.size)
     assert not before.size or (np.abs(found[0][there] - before) > 10 * found[1][there]).any()
 
 
 def told(where: list[Where], weight: list[Array]) -> tuple[Array, Array]:
-    """Return the shares of all stories but the last and of what has arrived, mean place and second moments, with standard errors.
+    """Return the shares of all stories but the last and of what has arrived, mean place and second
+    moments, with standard errors.
 
     They are ratios of weighted sums, linearised by story.
     """
@@ -481,7 +568,11 @@ def told(where: list[Where], weight: list[Array]) -> tuple[Array, Array]:
     for story, one in zip(stories, where, strict=True):
         x, y = one.lon - middle[0], one.lat - middle[1]
         shares = np.tile(story, (x.size, 1))
-        columns.append(np.column_stack([shares, one.status == Status.ARRIVED, one.lon, one.lat, x * x, x * y, y * y]))
+        columns.append(
+            np.column_stack(
+                [shares, one.status == Status.ARRIVED, one.lon, one.lat, x * x, x * y, y * y]
+            )
+        )
     value = sum(w @ c for w, c in zip(weight, columns, strict=True)) / total
     variance = np.zeros(value.size)
     for w, c in zip(weight, columns, strict=True):

@@ -1,4 +1,6 @@
-"""What many cases may share of their waters, and what not: sources, coasts and boxes, against cases that have their own."""
+"""What many cases may share of their waters, and what not: sources, coasts and boxes, against cases
+that have their own.
+"""
 
 import json
 from dataclasses import replace
@@ -29,7 +31,9 @@ def held() -> dict[str, memory.Held]:
     for name in data.data_vars:
         del data[name].attrs["units"]
     deep = xr.concat(
-        [data, 0.5 * data], xr.DataArray([1.0, 40.0], dims="depth", name="depth", attrs={"units": "m"}), join="outer"
+        [data, 0.5 * data],
+        xr.DataArray([1.0, 40.0], dims="depth", name="depth", attrs={"units": "m"}),
+        join="outer",
     )
     return memory.hold({"roms": deep.transpose("time", "depth", "lat", "lon")})
 
@@ -42,7 +46,9 @@ def held() -> dict[str, memory.Held]:
         ({"times": Slices(np.datetime64("2026-11-20T20:00:00", "s"), np.timedelta64(1800, "s"))}, 1.0),
     ],
 )  # fmt: skip
-def test_sources_that_are_read_in_another_way_are_others(change: dict[str, object], factor: float) -> None:
+def test_sources_that_are_read_in_another_way_are_others(
+    change: dict[str, object], factor: float
+) -> None:
     """One data set, two readings: each is what it is alone, in either order."""
     other = replace(SPEC, **change)  # type: ignore[arg-type]
     for pair in ((SPEC, other), (other, SPEC)):
@@ -51,8 +57,12 @@ def test_sources_that_are_read_in_another_way_are_others(change: dict[str, objec
         assert opened[0] is not opened[1]
         box = Box(-89.0, 26.0, -87.0, 28.0)
         for one, own in zip(pair, opened, strict=True):
-            read = shared_forcing.sources.part_of_source(shared_forcing.sources.keep(own, box), box).read(0)
-            assert np.abs(read).max() == pytest.approx(0.3 * (factor if one is other else 1.0), rel=1e-5)
+            read = shared_forcing.sources.part_of_source(
+                shared_forcing.sources.keep(own, box), box
+            ).read(0)
+            assert np.abs(read).max() == pytest.approx(
+                0.3 * (factor if one is other else 1.0), rel=1e-5
+            )
 
 
 def test_sources_that_differ_in_name_or_in_what_is_made_of_them_are_one() -> None:
@@ -73,7 +83,9 @@ def test_what_cannot_be_opened_is_refused_each_time_in_the_same_words() -> None:
 
 
 def case(tmp_path: Path, lon: float = -88.0, lat: float = 27.5, hours: float = 6.0) -> drift.Case:
-    text = small_case.STEADY.replace("27 30N 088 00W", f"{lat} {lon}").replace('"6 h"', f'"{hours} h"')
+    text = small_case.STEADY.replace("27 30N 088 00W", f"{lat} {lon}").replace(
+        '"6 h"', f'"{hours} h"'
+    )
     text = text.replace(f'at = "{lat} {lon}"', f"at = [{lon}, {lat}]")
     (tmp_path / "case.toml").write_text(text, encoding="utf-8")
     return drift.load(tmp_path / "case.toml")
@@ -82,17 +94,30 @@ def case(tmp_path: Path, lon: float = -88.0, lat: float = 27.5, hours: float = 6
 def island(path: Path) -> str:
     turn = np.linspace(0, 2 * np.pi, 40, endpoint=False)
     ring = np.stack([-87.6 + 0.13 * np.cos(turn), 27.8 + 0.08 * np.sin(turn)], axis=1).tolist()
-    path.write_text(json.dumps({"type": "Polygon", "coordinates": [[*ring, ring[0]]]}), encoding="utf-8")
+    path.write_text(
+        json.dumps({"type": "Polygon", "coordinates": [[*ring, ring[0]]]}), encoding="utf-8"
+    )
     return str(path)
 
 
 def test_a_coast_is_shared_only_where_it_would_be_the_same(tmp_path: Path) -> None:
-    """Not of cells coarser than those that a case has alone, nor where box or prior reach beyond it."""
-    spec, asked = run_setup.ensemble_spec(case(tmp_path)), run_setup.environment_spec(case(tmp_path))
+    """Not of cells coarser than those that a case has alone, nor where box or prior reach beyond
+    it.
+    """
+    spec, asked = (
+        run_setup.ensemble_spec(case(tmp_path)),
+        run_setup.environment_spec(case(tmp_path)),
+    )
     asked = replace(asked, coast=Coast(island(tmp_path / "land.json"), "strand"))
     box = Box(-89.3, 26.7, -86.9, 28.6)
-    near, wide = (Waters(one, Files({})) for one in (Box(-90.0, 26.0, -86.0, 29.0), Box(-121.0, 3.0, -55.0, 51.0)))
-    assert edges.build_coast(shore.land(asked.coast.source, wide.box, False), wide.box).shift > edges.FINEST
+    near, wide = (
+        Waters(one, Files({}))
+        for one in (Box(-90.0, 26.0, -86.0, 29.0), Box(-121.0, 3.0, -55.0, 51.0))
+    )
+    assert (
+        edges.build_coast(shore.land(asked.coast.source, wide.box, False), wide.box).shift
+        > edges.FINEST
+    )
     found = near.coast(spec, asked, box)
     assert found is not None
     coast = found[1]
@@ -107,20 +132,28 @@ def test_a_coast_is_shared_only_where_it_would_be_the_same(tmp_path: Path) -> No
     assert (own == exact).mean() > 0.99  # but for who stands on the line
     assert wide.coast(spec, asked, box) is None
     assert near.coast(spec, asked, Box(-89.3, 26.7, -84.0, 28.6)) is None
-    assert near.coast(spec, asked, Box(-89.3, 26.7, -88.0, 28.6)) is None  # the prior reaches over its east
+    # the prior reaches over its east
+    assert near.coast(spec, asked, Box(-89.3, 26.7, -88.0, 28.6)) is None
 
 
 def test_no_land_is_shared_too(tmp_path: Path) -> None:
     """However wide the waters are: no coast has no cells."""
-    spec, asked = run_setup.ensemble_spec(case(tmp_path)), run_setup.environment_spec(case(tmp_path))
-    found = Waters(Box(-121.0, 3.0, -55.0, 51.0), Files({})).coast(spec, asked, Box(-89.3, 26.7, -86.9, 28.6))
+    spec, asked = (
+        run_setup.ensemble_spec(case(tmp_path)),
+        run_setup.environment_spec(case(tmp_path)),
+    )
+    found = Waters(Box(-121.0, 3.0, -55.0, 51.0), Files({})).coast(
+        spec, asked, Box(-89.3, 26.7, -86.9, 28.6)
+    )
     assert found is not None
     assert found[1] is None
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_the_smallest_box_about_two(seed: int) -> None:
-    """Of all turns of the second that with the least width; both are within it, and neither in what is a little less."""
+    """Of all turns of the second that with the least width; both are within it, and neither in what
+    is a little less.
+    """
     random = np.random.default_rng(seed)
     pair = []
     for _ in range(2):
@@ -135,7 +168,8 @@ def test_the_smallest_box_about_two(seed: int) -> None:
     middle = [box.west + box.east for box in pair]
     turn = min((-360, 0, 360), key=lambda turn: abs(middle[1] + 2 * turn - middle[0]))
     assert joined.east - joined.west == pytest.approx(widths[(-360, 0, 360).index(turn)])
-    joined = replace(joined, west=joined.west - 1e-9, east=joined.east + 1e-9)  # what rounding leaves
+    # what rounding leaves
+    joined = replace(joined, west=joined.west - 1e-9, east=joined.east + 1e-9)
     for one in pair:
         assert shared_forcing._within(one, joined)
         for side, change in (("west", 0.5), ("east", -0.5), ("south", 0.5), ("north", -0.5)):
@@ -150,7 +184,14 @@ def test_the_smallest_box_about_two(seed: int) -> None:
 
 
 def test_near_cases_share_their_waters_and_far_ones_do_not(tmp_path: Path) -> None:
-    places = [(-88.0, 27.5), (-87.1, 28.2), (179.3, -41.0), (-88.4, 26.9), (-179.2, -40.2), (-60.0, 4.4)]
+    places = [
+        (-88.0, 27.5),
+        (-87.1, 28.2),
+        (179.3, -41.0),
+        (-88.4, 26.9),
+        (-179.2, -40.2),
+        (-60.0, 4.4),
+    ]
     found = shared_forcing.divide([case(tmp_path, *place) for place in places], {})
     numbers = [next(k for k, one in enumerate(found) if one is own) for own in found]
     assert numbers == [0, 0, 2, 0, 2, 5]
@@ -158,12 +199,16 @@ def test_near_cases_share_their_waters_and_far_ones_do_not(tmp_path: Path) -> No
 
 
 def test_parts_that_were_asked_for_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of three places two are kept: a part is cut once, as long as no two others are asked for after it."""
+    """Of three places two are kept: a part is cut once, as long as no two others are asked for
+    after it.
+    """
     made: list[Box] = []
     cut = shared_forcing.sources.part_of_source
     monkeypatch.setattr(shared_forcing, "CUTS", 2)
     monkeypatch.setattr(
-        shared_forcing.sources, "part_of_source", lambda source, box: (made.append(box), cut(source, box))[1]
+        shared_forcing.sources,
+        "part_of_source",
+        lambda source, box: (made.append(box), cut(source, box))[1],
     )
     shared = Waters(Box(-90.0, 26.0, -86.0, 29.0), Files(held()))
     a, b, c = (Box(-89.0 + k, 26.2 + 0.3 * k, -88.2 + k, 27.1 + 0.3 * k) for k in range(3))

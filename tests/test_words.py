@@ -1,8 +1,9 @@
 """The words of our own dialect stand in no page, message or help: the field has a term for each.
 
-What a reader sees is searched: pages, cases, templates, descriptions of files, the texts of the report, and string literals of the program
-that are more than an identifier, with those below the keys of a case, which the reference of keys shows. Names in backticks, such as
-`stories.png`, are names and no prose.
+What a reader sees is searched: pages, cases, templates, descriptions of files, the texts of the
+report, and string literals of the program that are more than an identifier, with those below the
+keys of a case, which the reference of keys shows. Names in backticks, such as `stories.png`, are
+names and no prose.
 """
 
 import ast
@@ -36,7 +37,9 @@ PAGES = sorted(
 )
 TEXTS = sorted([*(ROOT / "cases").rglob("*.toml"), ROOT / "docs" / "generate" / "files.toml"])
 SHOWN = sorted([*(ROOT / "drift").rglob("assets/*.html")])
-SOURCES = sorted(path for package in ("drift", "geo", "kernels") for path in (ROOT / package).rglob("*.py"))
+SOURCES = sorted(
+    path for package in ("drift", "geo", "kernels") for path in (ROOT / package).rglob("*.py")
+)
 WORD = re.compile(rf"\b({'|'.join(f'(?:{pattern})' for pattern in BANNED)})\b", flags=re.IGNORECASE)
 IDENTIFIER = re.compile(r"[a-z0-9_./*-]*")
 
@@ -53,7 +56,9 @@ def prose(page: str) -> str:
 
 
 def literals(source: str) -> Iterator[str]:
-    """Yield the string literals of a program that a user may read: no docstring, no identifier, but the texts below keys."""
+    """Yield the string literals of a program that a user may read: no docstring, no identifier, but
+    the texts below keys.
+    """
     tree = ast.parse(source)
     hidden = set()
     for node in ast.walk(tree):
@@ -69,12 +74,16 @@ def literals(source: str) -> Iterator[str]:
             yield prose(node.value)
 
 
-@pytest.mark.parametrize("text", ["Drawn anew.", "Hundreds of\nstories", "it reckons", "the particles that count"])
+@pytest.mark.parametrize(
+    "text", ["Drawn anew.", "Hundreds of\nstories", "it reckons", "the particles that count"]
+)
 def test_banned_words_are_found(text: str) -> None:
     assert found(text)
 
 
-@pytest.mark.parametrize("text", ["by dead reckoning", "history", "`stories.png`", "[map](stories.md)", "a mushroom"])
+@pytest.mark.parametrize(
+    "text", ["by dead reckoning", "history", "`stories.png`", "[map](stories.md)", "a mushroom"]
+)
 def test_other_words_are_not(text: str) -> None:
     assert not found(prose(text))
 
@@ -87,7 +96,12 @@ def test_no_page_has_banned_words(path: Path) -> None:
 def test_no_page_of_the_program_has_banned_words() -> None:
     shown = {
         path.name: found(
-            re.sub(r"<(script|style).*?</\1>|<[^>]*>", " ", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+            re.sub(
+                r"<(script|style).*?</\1>|<[^>]*>",
+                " ",
+                path.read_text(encoding="utf-8"),
+                flags=re.DOTALL,
+            )
         )
         for path in SHOWN
     }
@@ -97,6 +111,7 @@ def test_no_page_of_the_program_has_banned_words() -> None:
 def test_no_message_has_banned_words() -> None:
     """In the strings of the program, --help among them."""
     read = {
-        path: [word for text in literals(path.read_text(encoding="utf-8")) for word in found(text)] for path in SOURCES
+        path: [word for text in literals(path.read_text(encoding="utf-8")) for word in found(text)]
+        for path in SOURCES
     }
     assert {str(path.relative_to(ROOT)): words for path, words in read.items() if words} == {}

@@ -33,7 +33,9 @@ def _names(action: argparse.Action) -> str:
     if action.choices and not takes:
         takes = "{" + ",".join(map(str, action.choices)) + "}"
     names = action.option_strings or [str(action.metavar or action.dest)]
-    return ", ".join(f"`{name} {takes}`" if takes and action.option_strings else f"`{name}`" for name in names)
+    return ", ".join(
+        f"`{name} {takes}`" if takes and action.option_strings else f"`{name}`" for name in names
+    )
 
 
 def section(name: str, command: argparse.ArgumentParser, said: str) -> str:

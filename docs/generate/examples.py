@@ -7,8 +7,9 @@ A comment of HTML before a block, which no reader sees, says what is to be done 
 <!-- hidden: COMMAND -->  a command that is run there, and not shown
 <!-- not run: WHY -->     the block is not run
 
-Blocks of `console` hold commands after "$ " and what they print, blocks of `sh` commands alone, blocks of `python` go on from
-each other, blocks of `toml` without a file are tables that are read, and no more. In what is printed "..." stands for anything.
+Blocks of `console` hold commands after "$ " and what they print, blocks of `sh` commands alone,
+blocks of `python` go on from each other, blocks of `toml` without a file are tables that are read,
+and no more. In what is printed "..." stands for anything.
 """
 
 import argparse
@@ -73,7 +74,9 @@ def blocks(page: Path) -> Iterator[Block]:
         elif match["word"] == "hidden":
             yield Block("sh", match["said"], line)
         else:
-            yield Block(match["kind"], textwrap.dedent(match["text"]), line, file, appended, skipped)
+            yield Block(
+                match["kind"], textwrap.dedent(match["text"]), line, file, appended, skipped
+            )
             file, appended, skipped = "", False, ""
 
 
@@ -82,7 +85,9 @@ def listed(block: Block) -> list[Command]:
     text = block.text.replace("\\\n", " ")
     if block.kind == "console":
         parts = re.split(r"^\$ ", text, flags=re.M)[1:]
-        return [Command(first, shown) for first, _, shown in (part.partition("\n") for part in parts)]
+        return [
+            Command(first, shown) for first, _, shown in (part.partition("\n") for part in parts)
+        ]
     return [Command(line, None) for line in text.splitlines() if line.strip()]
 
 
@@ -107,7 +112,9 @@ def compared(expected: str, printed: str) -> str:
 
 
 def perform(page: Path, names: dict[str, Any]) -> int:
-    """Run the examples of a page in the current folder; return how many; raise AssertionError for one that fails."""
+    """Run the examples of a page in the current folder; return how many; raise AssertionError for
+    one that fails.
+    """
     count = 0
     for block in blocks(page):
         place = f"{page.name}, line {block.line}"
@@ -132,7 +139,9 @@ def perform(page: Path, names: dict[str, Any]) -> int:
                 shows_failure = command.shown is not None and "drift: " in command.shown
                 assert status == 0 or shows_failure, f"{place}: {command.text}: {printed_text}"
                 if command.shown is not None:
-                    assert not (wrong := compared(command.shown, printed_text)), f"{place}: {command.text}: {wrong}"
+                    assert not (wrong := compared(command.shown, printed_text)), (
+                        f"{place}: {command.text}: {wrong}"
+                    )
                 count += 1
         elif block.kind == "toml":
             count += 1

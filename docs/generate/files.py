@@ -1,4 +1,6 @@
-"""The reference of files: every file that a result may hold, and every variable, column and name in it, from real results."""
+"""The reference of files: every file that a result may hold, and every variable, column and name in
+it, from real results.
+"""
 
 import csv
 import json
@@ -29,12 +31,26 @@ from drift.spills.worlds.products import chapter as spill
 TOLD = Path(__file__).with_name("files.toml")
 CHAPTERS: dict[str, tuple[str, Iterable[str]]] = {  # when they are written, and which
     "Every result": ("", (flow.REPORT, writer.SUMMARY, manifest.NAME)),
-    "Every forecast": ("`drift run`, and the forecast in a plan.", (*forecast.FILES, *forecast.PICTURES, *forecast.SCENARIO_PICTURES)),
+    "Every forecast": (
+        "`drift run`, and the forecast in a plan.",
+        (*forecast.FILES, *forecast.PICTURES, *forecast.SCENARIO_PICTURES),
+    ),
     "Ensembles": ("Where a wind or a current has members.", (*by_member.FILES,)),
     "Searches": (
         "Where a case has sorties, contacts, sensors, lines or survival times.",
-        (*search.FILES, *search.PICTURES, *search.MAPS, *search.LINE_FILES, *search.LINE_PICTURES,
-         *posterior.FILES, *posterior.PICTURES, *posterior.RANKED, *posterior.MANY, *suspend.FILES, *suspend.PICTURES),
+        (
+            *search.FILES,
+            *search.PICTURES,
+            *search.MAPS,
+            *search.LINE_FILES,
+            *search.LINE_PICTURES,
+            *posterior.FILES,
+            *posterior.PICTURES,
+            *posterior.RANKED,
+            *posterior.MANY,
+            *suspend.FILES,
+            *suspend.PICTURES,
+        ),
     ),
     "Plans of a search": ("`drift plan`.", (*planner.FILES, *planner.PICTURES, "plan-A-1.png")),
     "Plans of arrays": (
@@ -42,20 +58,40 @@ CHAPTERS: dict[str, tuple[str, Iterable[str]]] = {  # when they are written, and
         (*arrays.FILES, *arrays.PICTURES, *processing.FILES, *processing.PICTURES),
     ),
     "Spills": ("Where a case has a `[spill]`.", (*spill.FILES, *spill.FIND_FILES, *spill.PICTURES)),
-    "Plans of patrols": ("`drift plan` of a spill.", (*patrols.FILES, *patrols.LEFT_OUT_FILES, *patrols.PICTURES)),
+    "Plans of patrols": (
+        "`drift plan` of a spill.",
+        (*patrols.FILES, *patrols.LEFT_OUT_FILES, *patrols.PICTURES),
+    ),
     "Origins": ("`drift origin`.", (*backtrack.FILES, *backtrack.PICTURES)),
     "Comparisons": ("`drift compare`.", (*contrast.FILES, *contrast.PICTURES)),
     "Verifications": ("`drift verify`.", (*drifters.FILES, *drifters.PICTURES)),
-}  # fmt: skip
+}
 WHERE = {  # the run whose file is looked at
-    "forecast.nc": "overdue_boat", "particles.nc": "overdue_boat", "track.csv": "overdue_boat", "ashore.csv": "overdue_boat",
-    "sorties.csv": "overdue_boat", "posteriors.csv": "overdue_boat", "scenarios.csv": "overdue_boat", "lines.csv": "small-run", "members.csv": "small-run",
-    "washup.nc": "gulf_containers", "washup.csv": "gulf_containers", "washup_times.csv": "gulf_containers",
-    "totals.csv": "gulf_containers", "finds.csv": "gulf_containers", "unknowns.csv": "gulf_containers",
+    "forecast.nc": "overdue_boat",
+    "particles.nc": "overdue_boat",
+    "track.csv": "overdue_boat",
+    "ashore.csv": "overdue_boat",
+    "sorties.csv": "overdue_boat",
+    "posteriors.csv": "overdue_boat",
+    "scenarios.csv": "overdue_boat",
+    "lines.csv": "small-run",
+    "members.csv": "small-run",
+    "washup.nc": "gulf_containers",
+    "washup.csv": "gulf_containers",
+    "washup_times.csv": "gulf_containers",
+    "totals.csv": "gulf_containers",
+    "finds.csv": "gulf_containers",
+    "unknowns.csv": "gulf_containers",
     "processing.csv": "small-arrays",
-    "origin.nc": "small-origin", "origin.csv": "small-origin",
-    "patrols.csv": "small-patrols", "patrols_left_out.csv": "small-patrols", "compare.nc": "small-compare", "compare.csv": "small-compare", "verify.nc": "small-verify", "verify.csv": "small-verify",
-}  # fmt: skip
+    "origin.nc": "small-origin",
+    "origin.csv": "small-origin",
+    "patrols.csv": "small-patrols",
+    "patrols_left_out.csv": "small-patrols",
+    "compare.nc": "small-compare",
+    "compare.csv": "small-compare",
+    "verify.nc": "small-verify",
+    "verify.csv": "small-verify",
+}
 EXTENT = re.compile(r"geospatial_|time_coverage_|Conventions|keywords|standard_name_vocabulary")
 
 INTRODUCTION = """# Files and variables
@@ -66,7 +102,9 @@ its versions; how they follow the conventions is in [Formats](../formats.md), ex
 
 
 def told() -> dict[str, Any]:
-    """Return what is said of files and columns; refuse a file that nothing is said of, and one that is not written."""
+    """Return what is said of files and columns; refuse a file that nothing is said of, and one that
+    is not written.
+    """
     said = tomllib.loads(TOLD.read_text(encoding="utf-8"))
     written = {name for _, names in CHAPTERS.values() for name in names}
     if written != set(said["files"]):
@@ -88,7 +126,9 @@ def variables(path: Path) -> str:
             if "flag_meanings" in about and "scenario" not in str(name):
                 what += ": " + ", ".join(
                     f"{value} {word}"
-                    for value, word in zip(about.get("flag_values", []), about["flag_meanings"].split(), strict=False)
+                    for value, word in zip(
+                        about.get("flag_values", []), about["flag_meanings"].split(), strict=False
+                    )
                 )
             if "comment" in about:
                 what += f"; {about['comment']}"
@@ -98,11 +138,15 @@ def variables(path: Path) -> str:
             what = what or "edges of the cells"
             entries.append(f"`{name}` {where}{unit}\n: {what[:1].upper()}{what[1:]}")
         names = ", ".join(f"`{name}`" for name in data.attrs if not EXTENT.match(str(name)))
-    return "\n\n".join(entries) + f"\n\nAttributes, besides those of extent and conventions: {names}."
+    return (
+        "\n\n".join(entries) + f"\n\nAttributes, besides those of extent and conventions: {names}."
+    )
 
 
 def columns(path: Path, said: Mapping[str, Mapping[str, str]]) -> str:
-    """Return the table of a CSV file's columns, those of one meaning in one row; refuse a column of which nothing is said."""
+    """Return the table of a CSV file's columns, those of one meaning in one row; refuse a column of
+    which nothing is said.
+    """
     with open(path, newline="", encoding="utf-8") as file:
         names = next(csv.reader(file))
     meanings = [*said.get(path.stem, {}).items(), *said["every"].items()]
@@ -115,7 +159,9 @@ def columns(path: Path, said: Mapping[str, Mapping[str, str]]) -> str:
     for pattern, words in said.get(path.stem, {}).items():
         if words not in rows:
             raise LookupError(f"{TOLD.name}: {path.name} has no column {pattern}")
-    return "\n\n".join(f"{', '.join(found)}\n: {what[:1].upper()}{what[1:]}" for what, found in rows.items())
+    return "\n\n".join(
+        f"{', '.join(found)}\n: {what[:1].upper()}{what[1:]}" for what, found in rows.items()
+    )
 
 
 def names(path: Path) -> str:
@@ -130,11 +176,16 @@ def page(results: Mapping[str, Path]) -> str:
         rows = [f"| `{name}` | {said['files'][name]} |" for name in listed]
         parts += [f"## {title}", when, "\n".join(["| file | what |", "|---|---|", *rows])]
         if title == "Every result":
-            parts.append(f"In `summary.json` of a search: {names(results['overdue_boat'] / writer.SUMMARY)}.")
+            parts.append(
+                f"In `summary.json` of a search: {names(results['overdue_boat'] / writer.SUMMARY)}."
+            )
         for name in listed:
             if name in WHERE:
                 path = results[WHERE[name]] / name
-                parts += [f"### `{name}`", variables(path) if path.suffix == ".nc" else columns(path, said["columns"])]
+                parts += [
+                    f"### `{name}`",
+                    variables(path) if path.suffix == ".nc" else columns(path, said["columns"]),
+                ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 

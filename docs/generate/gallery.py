@@ -1,4 +1,6 @@
-"""The gallery: what each shipped case looks like when it is run, its text, the command, and its report."""
+"""The gallery: what each shipped case looks like when it is run, its text, the command, and its
+report.
+"""
 
 import re
 import shutil
@@ -8,12 +10,26 @@ from pathlib import Path
 from drift.case import file as case_file
 from generate import runs
 
-PICTURES = ("map.png", "washup.png", "search.png", "evidence.png", "posteriors.png", "suspend.png", "snapshots.png")
+PICTURES = (
+    "map.png",
+    "washup.png",
+    "search.png",
+    "evidence.png",
+    "posteriors.png",
+    "suspend.png",
+    "snapshots.png",
+)
 CAPTIONS = {
-    "map.png": "Where it may be, when it matters", "washup.png": "What comes ashore where", "search.png": "The sorties, one by one",
-    "evidence.png": "What each sortie showed", "posteriors.png": "Posteriors besides position", "suspend.png": "Suspend?",
-    "snapshots.png": "The same at each output", "plan.png": "The next search", "plan-A-1.png": "The sheet of a unit",
-}  # fmt: skip
+    "map.png": "Where it may be, when it matters",
+    "washup.png": "What comes ashore where",
+    "search.png": "The sorties, one by one",
+    "evidence.png": "What each sortie showed",
+    "posteriors.png": "Posteriors besides position",
+    "suspend.png": "Suspend?",
+    "snapshots.png": "The same at each output",
+    "plan.png": "The next search",
+    "plan-A-1.png": "The sheet of a unit",
+}
 
 
 def about() -> dict[str, str]:
@@ -29,14 +45,20 @@ def about() -> dict[str, str]:
 
 
 def write(folder: Path, extra: Path, results: Mapping[str, Path]) -> int:
-    """Write the pages of the gallery, and the reports beside the site; return the number of cases that were run."""
+    """Write the pages of the gallery, and the reports beside the site; return the number of cases
+    that were run.
+    """
     folder.mkdir(parents=True)
     (extra / "reports").mkdir(parents=True)
     titles, said = dict(case_file.shipped()), about()
     cards = []
-    for case, title in sorted(titles.items(), key=lambda one: (one[0] not in results, one[0] != "overdue_boat")):
+    for case, title in sorted(
+        titles.items(), key=lambda one: (one[0] not in results, one[0] != "overdue_boat")
+    ):
         shown = case in results
-        (folder / f"{case}.md").write_text(_page(case, title, said[case], folder, extra, results), encoding="utf-8")
+        (folder / f"{case}.md").write_text(
+            _page(case, title, said[case], folder, extra, results), encoding="utf-8"
+        )
         picture = "washup.png" if shown and (results[case] / "washup.png").exists() else "map.png"
         image = f"[![{title}]({case}-{picture})]({case}.md)\n\n" if shown else ""
         cards.append(f"## {title}\n\n{image}[`{case}`]({case}.md): {said[case]}.\n")
@@ -45,13 +67,20 @@ def write(folder: Path, extra: Path, results: Mapping[str, Path]) -> int:
         "rougher than those of the full cases. Winds and currents are synthetic where the title says so. `drift cases` lists them; `drift run NAME` runs one."
     )
     (folder / "index.md").write_text(
-        "# Gallery\n\n" + note + "\n\n```{toctree}\n:hidden:\n\n" + "\n".join(titles) + "\n```\n\n" + "\n".join(cards),
+        "# Gallery\n\n"
+        + note
+        + "\n\n```{toctree}\n:hidden:\n\n"
+        + "\n".join(titles)
+        + "\n```\n\n"
+        + "\n".join(cards),
         encoding="utf-8",
     )
     return sum(case in results for case in titles)
 
 
-def _page(case: str, title: str, said: str, folder: Path, extra: Path, results: Mapping[str, Path]) -> str:
+def _page(
+    case: str, title: str, said: str, folder: Path, extra: Path, results: Mapping[str, Path]
+) -> str:
     text = (runs.ROOT / "cases" / f"{case}.toml").read_text(encoding="utf-8")
     parts = [f"# {title}", f"`{case}`: {said}."]
     if case not in results:

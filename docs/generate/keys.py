@@ -1,7 +1,7 @@
 """The reference of keys: every table and key of a case file, as the reader itself has them.
 
-Names, order, types, bounds and defaults come from the models of drift.case. What a key means comes from the string below it
-there, or from the table of the page that describes its topic.
+Names, order, types, bounds and defaults come from the models of drift.case. What a key means comes
+from the string below it there, or from the table of the page that describes its topic.
 """
 
 import inspect
@@ -66,7 +66,8 @@ PAGES: dict[Model, tuple[str, str]] = {
     family.FamilyTable: ("targets.md", "### `[[family]]`"),
     family.AxisTable: ("targets.md", "### `[family.axis.NAME]`"),
 }
-PREFIXES = {uncertainty.CurrentErrorTable: "current.", uncertainty.WindErrorTable: "wind."}  # of keys on their page
+# of keys on their page
+PREFIXES = {uncertainty.CurrentErrorTable: "current.", uncertainty.WindErrorTable: "wind."}
 
 # What validators take, which are no quantities with a unit: by where they are defined.
 TAKEN = {
@@ -127,33 +128,51 @@ ELSEWHERE = {
     "the same",
     "an object of the table above",
 }  # cells that point at their page
-TYPES = {str: "text", bool: "`true` or `false`", int: "whole number", float: "number", Any: "see what"}
+TYPES = {
+    str: "text",
+    bool: "`true` or `false`",
+    int: "whole number",
+    float: "number",
+    Any: "see what",
+}
 
 
 def attributes(model: Model) -> dict[str, str]:
-    """Return what the strings below the fields of a model, and of those it extends, say of its keys."""
-    from sphinx.pycode import ModuleAnalyzer  # here: the suite is collected without the extra `docs`
+    """Return what the strings below the fields of a model, and of those it extends, say of its
+    keys.
+    """
+    # here: the suite is collected without the extra `docs`
+    from sphinx.pycode import ModuleAnalyzer
 
     found: dict[str, str] = {}
     for parent in reversed(model.__mro__):
         if issubclass(parent, BaseModel) and parent.__module__.startswith("drift."):
             told = ModuleAnalyzer.for_module(parent.__module__).find_attr_docs()
             found |= {
-                name: " ".join(lines).strip() for (owner, name), lines in told.items() if owner == parent.__name__
+                name: " ".join(lines).strip()
+                for (owner, name), lines in told.items()
+                if owner == parent.__name__
             }
     return found
 
 
 def table(docs: Path, page: str, heading: str) -> dict[str, tuple[str, str, str]]:
-    """Return value, default and meaning by key of the first table of keys under a heading of a page."""
+    """Return value, default and meaning by key of the first table of keys under a heading of a
+    page.
+    """
     text = (docs / page).read_text(encoding="utf-8")
-    _, found, below = text.partition(f"\n{heading}\n") if not text.startswith(heading) else ("", heading, text)
+    _, found, below = (
+        text.partition(f"\n{heading}\n") if not text.startswith(heading) else ("", heading, text)
+    )
     assert found, f"{page} has no heading {heading}"
     match = re.search(r"^\| key \|.*\n\|[-|]+\n((?:\|.*\n)*)", below, flags=re.MULTILINE)
     assert match, f"{page}, {heading}: no table of keys"
     rows: dict[str, tuple[str, str, str]] = {}
     for line in match[1].splitlines():
-        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line.strip().removeprefix("|").removesuffix("|"))]
+        cells = [
+            cell.strip()
+            for cell in re.split(r"(?<!\\)\|", line.strip().removeprefix("|").removesuffix("|"))
+        ]
         for key in re.findall(r"`([^`]+)`", cells[0]):
             value, default, what = (moved(cell, page) for cell in cells[1:])
             rows[key] = (value, default, what)
@@ -253,7 +272,9 @@ def default(field: Any) -> str:
     if isinstance(given, np.timedelta64):
         return "the start"
     if isinstance(given, int | float):
-        unit = next((_free(one.func).get("unit", "") for one in field.metadata if hasattr(one, "func")), "")
+        unit = next(
+            (_free(one.func).get("unit", "") for one in field.metadata if hasattr(one, "func")), ""
+        )
         return f"{given:,.10g} {unit}".strip()
     if isinstance(given, tuple) and given and all(isinstance(one, int | float) for one in given):
         return f"`[{', '.join(f'{one:g}' for one in given)}]`"
@@ -261,7 +282,9 @@ def default(field: Any) -> str:
 
 
 def rows(model: Model, docs: Path) -> list[tuple[str, str, str, str]]:
-    """Return key, value, default and meaning of each key of a model; refuse a key of which nothing is said."""
+    """Return key, value, default and meaning of each key of a model; refuse a key of which nothing
+    is said.
+    """
     own, page = attributes(model), {}
     for parent in reversed(model.__mro__):
         if parent in PAGES:
@@ -272,7 +295,11 @@ def rows(model: Model, docs: Path) -> list[tuple[str, str, str, str]]:
         value_told, default_told, what = page.get(prefix + key, ("", "", ""))
         if name in own:  # what stands beside the key itself goes before the page
             value_told, default_told, what = "", "", own[name]
-        taken = value_told if value_told and value_told not in ELSEWHERE else value(field.annotation, field.metadata)
+        taken = (
+            value_told
+            if value_told and value_told not in ELSEWHERE
+            else value(field.annotation, field.metadata)
+        )
         otherwise = default(field)
         if otherwise == "needed":
             what = re.sub(r"^needed(?:[:,;] *|$)", "", what)
@@ -280,7 +307,9 @@ def rows(model: Model, docs: Path) -> list[tuple[str, str, str, str]]:
             raise LookupError(
                 f"{model.__module__}.{model.__name__}.{key}: neither a string below it nor a page says what it is"
             )
-        found.append((key, taken, otherwise if otherwise == "needed" else default_told or otherwise, what))
+        found.append(
+            (key, taken, otherwise if otherwise == "needed" else default_told or otherwise, what)
+        )
     return found
 
 
@@ -311,14 +340,20 @@ def anchor(path: str) -> str:
 
 
 def _table(model: Model, docs: Path, path: str, sections: Mapping[Model, list[str]]) -> str:
-    """Return the keys of a table as a list of definitions, which a narrow page can show too; each key has an anchor."""
+    """Return the keys of a table as a list of definitions, which a narrow page can show too; each
+    key has an anchor.
+    """
     parts = []
-    for (key, taken, otherwise, what), field in zip(rows(model, docs), model.model_fields.values(), strict=True):
+    for (key, taken, otherwise, what), field in zip(
+        rows(model, docs), model.model_fields.values(), strict=True
+    ):
         held = [one for one in inner(field.annotation) if one in sections]
         if taken in ("a table", "tables") and held:
             taken = f"[{taken}](#{anchor(sections[held[0]][0])})"
         told = "; ".join(
-            part for part in (taken, "" if otherwise in ("", "needed") else f"default {otherwise}") if part
+            part
+            for part in (taken, "" if otherwise in ("", "needed") else f"default {otherwise}")
+            if part
         )
         told = f"{told} (needed)" if otherwise == "needed" else told
         words = (what[:1].upper() + what[1:]).replace("\\|", "|") if what else ""
@@ -332,7 +367,9 @@ def section(model: Model, sections: Mapping[Model, list[str]], listed: bool, doc
     """Return the section of a table of the case file; listed: whether it may come several times."""
     paths = sections[model]
     deep = "." in paths[0]
-    names = [f"`{path}`" if deep else f"`[[{path}]]`" if listed else f"`[{path}]`" for path in paths]
+    names = [
+        f"`{path}`" if deep else f"`[[{path}]]`" if listed else f"`[{path}]`" for path in paths
+    ]
     parts = [
         f"({anchor(paths[0])})=\n{'###' if deep else '##'} {names[0] if deep else ', '.join(names)}",
         _first(model),
@@ -370,15 +407,33 @@ def page(docs: Path) -> str:
     parts = [INTRODUCTION, _table(top, docs, "", sections)]
     for model, paths in sections.items():
         if model is not top:
-            parts.append(section(model, sections, "." not in paths[0] and many(top, paths[0]), docs))
+            parts.append(
+                section(model, sections, "." not in paths[0] and many(top, paths[0]), docs)
+            )
     # How units and sorties see stands in a table that is read apart.
     width = sensor.ConditionsTable
-    parts += ["### `sortie.sweep_width`, `unit.sweep_width`", _first(width), _table(width, docs, "sweep_width", {})]
+    parts += [
+        "### `sortie.sweep_width`, `unit.sweep_width`",
+        _first(width),
+        _table(width, docs, "sweep_width", {}),
+    ]
     for title, words, model in (
-        ("Lane networks", "The file that `network` of lanes names ([Targets that steer](../targets.md#lane-networks)).", network.NetworkTable),
-        ("Bridge files", "The file of `drift bridge` ([Bridges](../bridges.md)).", bridge.BridgeTable),
-        ("Tracking files", "The case of `drift experiment` ([Tracking](../tracking.md)).", tracking.TrackingTable),
-    ):  # fmt: skip
+        (
+            "Lane networks",
+            "The file that `network` of lanes names ([Targets that steer](../targets.md#lane-networks)).",
+            network.NetworkTable,
+        ),
+        (
+            "Bridge files",
+            "The file of `drift bridge` ([Bridges](../bridges.md)).",
+            bridge.BridgeTable,
+        ),
+        (
+            "Tracking files",
+            "The case of `drift experiment` ([Tracking](../tracking.md)).",
+            tracking.TrackingTable,
+        ),
+    ):
         name = title.split()[0].lower().removesuffix("s")
         own = {one: [f"{name}-{path[0]}"] for one, path in _apart(model).items()}
         parts += [f"## {title}", words, _table(model, docs, name, own)]
@@ -390,7 +445,9 @@ def page(docs: Path) -> str:
 
 
 def _apart(model: Model) -> dict[Model, list[str]]:
-    """Return the tables that the section of a file beside the case tells, with the places where each may stand."""
+    """Return the tables that the section of a file beside the case tells, with the places where
+    each may stand.
+    """
     beside = {model.__module__, behaviour.__name__, tracker.__name__}
     return {one: path for one, path in places(model).items() if one.__module__ in beside}
 

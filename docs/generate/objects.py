@@ -1,4 +1,6 @@
-"""The reference of Python: every public object, its signature as it is written, its docstring, and what it returns."""
+"""The reference of Python: every public object, its signature as it is written, its docstring, and
+what it returns.
+"""
 
 import ast
 import dataclasses
@@ -67,28 +69,41 @@ HEADINGS = {"Args": "Arguments", "Returns": "Returns", "Raises": "Raises"}
 
 
 def _section(match: re.Match[str]) -> str:
-    """Return a section of a docstring as Markdown: items of arguments and errors, a paragraph of what is returned."""
+    """Return a section of a docstring as Markdown: items of arguments and errors, a paragraph of
+    what is returned.
+    """
     lines = textwrap.dedent(match[2])
     if match[1] != "Returns":
         items = re.split(r"\n(?! )", lines.strip())
-        lines = "\n".join(re.sub(r"^([\w, ]+):", r"- `\1`:", " ".join(item.split())) for item in items)
+        lines = "\n".join(
+            re.sub(r"^([\w, ]+):", r"- `\1`:", " ".join(item.split())) for item in items
+        )
         lines = re.sub(r"`(\w+), (\w+)`", r"`\1`, `\2`", lines)
     return f"**{HEADINGS[match[1]]}**\n\n{lines.strip()}\n\n"
 
 
 def _docstring(thing: Any, names: Iterable[str] = ()) -> str:
-    """Return a docstring as Markdown, with an item for each "name: meaning" of a parameter or field."""
+    """Return a docstring as Markdown, with an item for each "name: meaning" of a parameter or
+    field.
+    """
     if SECTION.search(inspect.getdoc(thing) or ""):
         return SECTION.sub(_section, (inspect.getdoc(thing) or "") + "\n")
-    text = re.sub(r"(?<![`\w])\*(?![\s*])", r"\*", inspect.getdoc(thing) or "").replace("[[", "\\[[")
+    text = re.sub(r"(?<![`\w])\*(?![\s*])", r"\*", inspect.getdoc(thing) or "").replace(
+        "[[", "\\[["
+    )
     listed = "|".join(map(re.escape, names))
     if listed:
         found = re.compile(rf"(?:^|(?<=[.;]\s))((?:{listed})(?:,\s(?:{listed}))*):\s", re.MULTILINE)
         text = found.sub(
-            lambda match: "\n- " + ", ".join(f"`{name}`" for name in re.split(r",\s", match[1])) + ": ", text
+            lambda match: (
+                "\n- " + ", ".join(f"`{name}`" for name in re.split(r",\s", match[1])) + ": "
+            ),
+            text,
         )
         head, *items = re.split(r"\n+(?=- `)", text)
-        items = [re.sub(r"\s*\n(?!\n)", " ", item) if "\n\n" not in item else item for item in items]
+        items = [
+            re.sub(r"\s*\n(?!\n)", " ", item) if "\n\n" not in item else item for item in items
+        ]
         text = "\n".join([head, "", *items]) if items else head
     return re.sub(r"(?<=[.;]) (?=Raises )", "\n\n", text)
 
@@ -127,10 +142,15 @@ def function(name: str, thing: Any, of: str = "py:function") -> str:
 
 def record(name: str, cls: type) -> str:
     """Return the entry of a class: its fields, its properties and methods."""
-    fields = [field.name for field in dataclasses.fields(cls)] if dataclasses.is_dataclass(cls) else []
+    fields = (
+        [field.name for field in dataclasses.fields(cls)] if dataclasses.is_dataclass(cls) else []
+    )
     parts = [f":::::{{py:class}} {name}", _docstring(cls, fields)]
     if dataclasses.is_dataclass(cls):
-        rows = [f"| `{field}` | `{_cell(kind)}` | {_cell(words)} |" for field, (kind, words) in _comments(cls).items()]
+        rows = [
+            f"| `{field}` | `{_cell(kind)}` | {_cell(words)} |"
+            for field, (kind, words) in _comments(cls).items()
+        ]
         parts.append("\n".join(["| field | type | what |", "|---|---|---|", *rows]))
     for member, value in vars(cls).items():
         if member.startswith("_"):
@@ -153,13 +173,17 @@ def _returned(thing: Any) -> list[type]:
 def page() -> str:
     """Return the page of all public objects."""
     parts = [INTRODUCTION, "## Functions"]
-    public = {name: getattr(drift, name) for name in sorted(drift.__all__) if not name.startswith("__")}
+    public = {
+        name: getattr(drift, name) for name in sorted(drift.__all__) if not name.startswith("__")
+    }
     functions = {name: thing for name, thing in public.items() if inspect.isfunction(thing)}
     classes = {name: thing for name, thing in public.items() if inspect.isclass(thing)}
     parts += [function(f"drift.{name}", thing) for name, thing in functions.items()]
     parts += ["## Records", *(record(f"drift.{name}", thing) for name, thing in classes.items())]
     known = set(classes.values())
-    others = dict.fromkeys(kind for thing in functions.values() for kind in _returned(thing) if kind not in known)
+    others = dict.fromkeys(
+        kind for thing in functions.values() for kind in _returned(thing) if kind not in known
+    )
     parts += [
         "## What functions return besides",
         *(record(f"{kind.__module__}.{kind.__qualname__}", kind) for kind in others),

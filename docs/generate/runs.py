@@ -1,7 +1,9 @@
-"""Runs of the shipped cases, and of three small ones, that the gallery shows and from which the reference of files is made.
+"""Runs of the shipped cases, and of three small ones, that the gallery shows and from which the
+reference of files is made.
 
-Each is the command that its page shows, in a process of its own. A run is kept between builds until its case, or drift, changes; where the
-environment variable DRIFT_DOCS_KEEP is set, for good: for those who write pages.
+Each is the command that its page shows, in a process of its own. A run is kept between builds until
+its case, or drift, changes; where the environment variable DRIFT_DOCS_KEEP is set, for good: for
+those who write pages.
 """
 
 import csv
@@ -17,7 +19,9 @@ from pathlib import Path
 from drift.case import file as case_file
 
 ROOT = Path(__file__).parents[2]
-SMALL = tuple(Path(__file__).with_name(f"{name}.toml") for name in ("small", "small_spill", "small_arrays"))
+SMALL = tuple(
+    Path(__file__).with_name(f"{name}.toml") for name in ("small", "small_spill", "small_arrays")
+)
 DRIFTERS = "drifters.csv"  # made up: two that go straight on
 RESULTS = "results"  # apart from the cases, lest a folder bear the name of one
 AT_ONCE = 2  # processes
@@ -69,13 +73,26 @@ def every() -> list[Run]:
         Run("small-compare", ("compare", small, "--set-b", "wind.0.constant.speed=25 kn")),
         Run(
             "small-verify",
-            ("verify", small, "--drifters", DRIFTERS, "--every", "6 h", "--hours", "12", "--particles", "500"),
+            (
+                "verify",
+                small,
+                "--drifters",
+                DRIFTERS,
+                "--every",
+                "6 h",
+                "--hours",
+                "12",
+                "--particles",
+                "500",
+            ),
         ),
     ]
 
 
 def make(docs: Path, folder: Path) -> dict[str, Path]:
-    """Run what is not there, or older than what it is made from; return the folders of the results by name."""
+    """Run what is not there, or older than what it is made from; return the folders of the results
+    by name.
+    """
     (folder / RESULTS).mkdir(parents=True, exist_ok=True)
     for case in SMALL:
         (folder / case.name).write_bytes(case.read_bytes())
@@ -89,7 +106,10 @@ def make(docs: Path, folder: Path) -> dict[str, Path]:
     newest = max(path.stat().st_mtime for path in [*sources, *SMALL, Path(__file__)])
     with ThreadPoolExecutor(AT_ONCE) as pool:
         pages = sorted((docs / "tutorials").glob("*.md"))
-        jobs = [pool.submit(_tutorial, page, folder.parent / "tutorials" / page.stem, newest) for page in pages]
+        jobs = [
+            pool.submit(_tutorial, page, folder.parent / "tutorials" / page.stem, newest)
+            for page in pages
+        ]
         jobs += [pool.submit(_run, one, folder, newest) for one in every()]
         for job in jobs:
             job.result()
@@ -114,15 +134,24 @@ def _tutorial(page: Path, folder: Path, newest: float) -> None:
 
 
 def _stands(last: Path, newest: float) -> bool:
-    return last.exists() and (last.stat().st_mtime > newest or bool(os.environ.get("DRIFT_DOCS_KEEP")))
+    return last.exists() and (
+        last.stat().st_mtime > newest or bool(os.environ.get("DRIFT_DOCS_KEEP"))
+    )
 
 
 def _call(name: str, words: list[str], folder: Path) -> str:
-    """Run a module in a process of its own; return what it printed, or raise RuntimeError with its complaints."""
+    """Run a module in a process of its own; return what it printed, or raise RuntimeError with its
+    complaints.
+    """
     paths = [str(ROOT), str(ROOT / "docs"), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
     done = subprocess.run(
-        [sys.executable, "-m", *words], cwd=folder, env=environment, capture_output=True, text=True, timeout=900
+        [sys.executable, "-m", *words],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=900,
     )
     if done.returncode:
         raise RuntimeError(f"{name}: {done.stderr[-4000:]}")
@@ -135,6 +164,13 @@ def _drifters(path: Path) -> None:
     for drifter, (lon, lat) in {"A": (-90.0, 27.0), "B": (-89.6, 26.8)}.items():
         for hour in range(37):
             time = datetime(2026, 11, 21, 18) + timedelta(hours=hour)
-            rows.append([drifter, f"{time.isoformat()}Z", f"{lon + 0.0077 * hour:.5f}", f"{lat + 0.0069 * hour:.5f}"])
+            rows.append(
+                [
+                    drifter,
+                    f"{time.isoformat()}Z",
+                    f"{lon + 0.0077 * hour:.5f}",
+                    f"{lat + 0.0069 * hour:.5f}",
+                ]
+            )
     with open(path, "w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(rows)

@@ -1,4 +1,6 @@
-"""Have Sphinx make pages before it reads them: references from what the program itself has, a gallery of runs."""
+"""Have Sphinx make pages before it reads them: references from what the program itself has, a
+gallery of runs.
+"""
 
 import shutil
 from pathlib import Path
@@ -31,8 +33,12 @@ def write(docs: Path) -> None:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
     results = runs.make(docs, made / "runs")
     for name, text in (
-        ("changes", _changes()), ("keys", keys.page(docs)), ("commands", commands.page()), ("python", objects.page()), ("files", files.page(results)),
-    ):  # fmt: skip
+        ("changes", _changes()),
+        ("keys", keys.page(docs)),
+        ("commands", commands.page()),
+        ("python", objects.page()),
+        ("files", files.page(results)),
+    ):
         (made / f"{name}.md").write_text(text, encoding="utf-8")
     run = gallery.write(made / "gallery", made / "extra", results)
     written, variables = files.count(results)

@@ -1,4 +1,6 @@
-"""Who makes a forecast and how it may be used, as only a person can say: attributes of ACDD-1.3 in every file."""
+"""Who makes a forecast and how it may be used, as only a person can say: attributes of ACDD-1.3 in
+every file.
+"""
 
 from drift.case.values import fields
 

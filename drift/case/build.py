@@ -60,7 +60,9 @@ def build_case(table: CaseTable, path: Path, text: str) -> Case:
     """Return the record of a case; raise one UserError for all that does not fit together."""
     start, end = table.begin(), table.finish()
     folder, wrong = path.absolute().parent, Mistakes()
-    forcing = {name: _sources(name, getattr(table, name), start, folder, wrong) for name in QUANTITIES}
+    forcing = {
+        name: _sources(name, getattr(table, name), start, folder, wrong) for name in QUANTITIES
+    }
     spill, scenarios = _subject(table, forcing, folder, wrong)
     search = _search(table, Run(start, end, scenarios, folder), wrong)
     opens = _opens(table, search, wrong)
@@ -154,14 +156,18 @@ def _errors(
         if table.spill:
             current = uncertainty.in_spill(current, stated.current, table.spill.current_bias)
         reason = uncertainty.silent(forcing["wind"], [s.sources["wind"] for s in scenarios])
-        drifters = [s.object for s in scenarios] + [c.drifter for c in contacts if c.drifter is not None]
+        drifters = [s.object for s in scenarios] + [
+            c.drifter for c in contacts if c.drifter is not None
+        ]
         if not any(drifter.uses_wind for drifter in drifters):
             reason = UNFELT
         wind = uncertainty.error(stated.wind, uncertainty.WIND, reason, "wind")
     return current, wind
 
 
-def _depth(table: CaseTable, units: tuple[Unit, ...], folder: Path, wrong: Mistakes) -> Depth | None:
+def _depth(
+    table: CaseTable, units: tuple[Unit, ...], folder: Path, wrong: Mistakes
+) -> Depth | None:
     """Return where depths come from, None where no file is named."""
     if table.depth is None:
         if any(unit.draught > 0 for unit in units):
@@ -186,7 +192,11 @@ def _coast(table: CoastTable, folder: Path, wrong: Mistakes) -> Coast:
 
 
 def _not_filled(
-    table: CaseTable, resampling: Resampling, search: _Search, scenarios: tuple[Scenario, ...], start: np.datetime64
+    table: CaseTable,
+    resampling: Resampling,
+    search: _Search,
+    scenarios: tuple[Scenario, ...],
+    start: np.datetime64,
 ) -> list[str]:
     """Return complaints about a case whose particles cannot be placed anew at its contacts."""
     lines = [filling.refused(resampling, scenarios, search.contacts, start)]
@@ -216,7 +226,8 @@ def _expectations_unmet(table: CaseTable) -> list[str]:
 def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
     """Return what a case says of a search; what is wrong with it is added to the mistakes.
 
-    Where the scenarios are at fault nothing is checked: they say what is searched for, and how well it is seen.
+    Where the scenarios are at fault nothing is checked: they say what is searched for, and how well
+    it is seen.
     """
     if not run.scenarios:
         return _Search()
@@ -236,9 +247,14 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
     sensors = _sensors(table, run, wrong)
     with wrong.gathered():
         plan = table.plan.spec(
-            run, sorties, contacts, sensors, asked=bool(table.unit or table.tow) or "plan" in table.model_fields_set
+            run,
+            sorties,
+            contacts,
+            sensors,
+            asked=bool(table.unit or table.tow) or "plan" in table.model_fields_set,
         )
-    # Without a plan, units are held against the longest that the run allows, so that their own mistakes show.
+    # Without a plan, units are held against the longest that the run allows, so that their own
+    # mistakes show.
     longest = PlanSpec(run.start, run.end, "pos", 0.0, 1, plan_table.LEAST)
     with wrong.gathered():
         fleet = plan_table.build_units(table.unit, run, plan or longest)
@@ -282,7 +298,8 @@ def _sensors(table: CaseTable, run: Run, wrong: Mistakes) -> Sensors:
 def _opens(table: CaseTable, search: _Search, wrong: Mistakes) -> np.datetime64 | None:
     """Return the time that map.png and the report show first; None: the end.
 
-    It is when the datum is asked for, else when the next search begins, else when the last one ended.
+    It is when the datum is asked for, else when the next search begins, else when the last one
+    ended.
     """
     start, end = table.begin(), table.finish()
     if table.output.datum is not None:
@@ -295,7 +312,9 @@ def _opens(table: CaseTable, search: _Search, wrong: Mistakes) -> np.datetime64 
     return max((sortie.end for sortie in search.sorties), default=None)
 
 
-def _within(key: str, time: np.datetime64, start: np.datetime64, end: np.datetime64) -> np.datetime64:
+def _within(
+    key: str, time: np.datetime64, start: np.datetime64, end: np.datetime64
+) -> np.datetime64:
     """Return a time of a key; raise UserError where it lies outside the run."""
     if not min(start, end) <= time <= max(start, end):
         raise UserError(
@@ -305,11 +324,16 @@ def _within(key: str, time: np.datetime64, start: np.datetime64, end: np.datetim
 
 
 def _outputs(
-    table: CaseTable, spill: Spill | None, search: _Search, opens: np.datetime64 | None, wrong: Mistakes
+    table: CaseTable,
+    spill: Spill | None,
+    search: _Search,
+    opens: np.datetime64 | None,
+    wrong: Mistakes,
 ) -> NDArray[np.datetime64]:
     """Return the times of outputs in the order of the run.
 
-    They are those asked for, the start, the end, when something was seen or searched, and what maps open at.
+    They are those asked for, the start, the end, when something was seen or searched, and what maps
+    open at.
     """
     start, end = table.begin(), table.finish()
     seen = (
@@ -326,7 +350,9 @@ def _outputs(
     return every_time[::sign]
 
 
-def _asked_outputs(table: OutputTable, start: np.datetime64, end: np.datetime64, sign: int) -> list[np.datetime64]:
+def _asked_outputs(
+    table: OutputTable, start: np.datetime64, end: np.datetime64, sign: int
+) -> list[np.datetime64]:
     """Return the times that [output] asks for; sign: -1 in a backward run.
 
     Raises UserError for times outside the run, and for too many of them.
@@ -337,7 +363,9 @@ def _asked_outputs(table: OutputTable, start: np.datetime64, end: np.datetime64,
             raise UserError(f"output.every: {table.every:g} s must be at least 1 s")
         every = round(table.every or 21_600.0)
         if span // every > MOST_OUTPUTS:
-            raise UserError(f"output.every gives {span // every:,} output times; at most {MOST_OUTPUTS}")
+            raise UserError(
+                f"output.every gives {span // every:,} output times; at most {MOST_OUTPUTS}"
+            )
         return [start + np.timedelta64(sign * k * every, "s") for k in range(span // every + 1)]
     return [_within("output.times", units.resolve(time, start), start, end) for time in table.times]
 
@@ -345,7 +373,9 @@ def _asked_outputs(table: OutputTable, start: np.datetime64, end: np.datetime64,
 def _shore(source: str, folder: Path) -> str:
     if source in {"gshhg", "none"}:
         return source
-    return sources.one_file(source, folder, "coast.source", '; allowed are "gshhg", "none" and a shoreline file')
+    return sources.one_file(
+        source, folder, "coast.source", '; allowed are "gshhg", "none" and a shoreline file'
+    )
 
 
 def _sources(

@@ -9,7 +9,8 @@ import numpy as np
 
 from drift.case.record import Case
 
-NAMES = ("path", "inputs", "tables")  # where its files lie changes no result; tables are what the rest was made of
+# where its files lie changes no result; tables are what the rest was made of
+NAMES = ("path", "inputs", "tables")
 # What stands in results, or is made of particles that have been moved.
 MADE_AFTER = ("title", "text", "about", "areas", "grid", "trajectories", "opens", "expect")
 
@@ -17,11 +18,14 @@ MADE_AFTER = ("title", "text", "about", "areas", "grid", "trajectories", "opens"
 def digest(case: Case, *, moves: bool = False) -> str:
     """Return the digest of all that a case says; its files count by their names, wherever they lie.
 
-    moves: of what decides on how particles move and weigh, and of nothing that is made of them afterwards.
+    moves: of what decides on how particles move and weigh, and of nothing that is made of them
+    afterwards.
     """
     left_out = NAMES + MADE_AFTER if moves else NAMES
     all_of_it = {
-        field.name: getattr(case, field.name) for field in dataclasses.fields(case) if field.name not in left_out
+        field.name: getattr(case, field.name)
+        for field in dataclasses.fields(case)
+        if field.name not in left_out
     }
     return hashlib.sha256(_words(all_of_it, frozenset(case.inputs), {}).encode()).hexdigest()
 
@@ -37,7 +41,11 @@ def _words(value: Any, paths: frozenset[str], known: dict[int, str]) -> str:
             known[id(value)] = f"{type(value).__name__}{_words(fields, paths, known)}"
         return known[id(value)]
     if isinstance(value, dict):
-        return "{" + ",".join(f"{key}:{_words(part, paths, known)}" for key, part in value.items()) + "}"
+        return (
+            "{"
+            + ",".join(f"{key}:{_words(part, paths, known)}" for key, part in value.items())
+            + "}"
+        )
     if isinstance(value, list | tuple):
         return "[" + ",".join(_words(part, paths, known) for part in value) + "]"
     if isinstance(value, np.ndarray):

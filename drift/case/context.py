@@ -27,7 +27,11 @@ class Run:
     def check(self, first: np.datetime64, last: np.datetime64) -> None:
         """Refuse times outside the run."""
         if first < self.start or last > self.end:
-            when = notation.group(first) if first == last else f"{notation.group(first)} to {notation.group(last)}"
+            when = (
+                notation.group(first)
+                if first == last
+                else f"{notation.group(first)} to {notation.group(last)}"
+            )
             raise ValueError(
                 f"{when} is outside the run, {notation.group(self.start)} to {notation.group(self.end)}; change its "
                 "times, or the case's start, duration or end"
@@ -39,7 +43,9 @@ def named(given: Sequence[str | None], what: str) -> list[str]:
     names = numbered(given, what)
     again = [name for name in dict.fromkeys(names) if names.count(name) > 1]
     if again:
-        raise UserError(*(f'{what} "{name}": two {what}s have this name; give each its own' for name in again))
+        raise UserError(
+            *(f'{what} "{name}": two {what}s have this name; give each its own' for name in again)
+        )
     return names
 
 
@@ -53,8 +59,8 @@ def build_each(
 ) -> list[Any]:
     """Return the records of tables, one after the other.
 
-    makers: make a record from its name and the run; given: the names as written; what: "sortie", "contact" or "unit".
-    Raises one UserError for all that is wrong with any of them.
+    makers: make a record from its name and the run; given: the names as written; what: "sortie",
+    "contact" or "unit". Raises one UserError for all that is wrong with any of them.
     """
     wrong, records = Mistakes(), []
     with wrong.gathered():

@@ -1,7 +1,9 @@
-"""Case files: who is adrift, since when and where, in which wind and current, and what is asked for.
+"""Case files: who is adrift, since when and where, in which wind and current, and what is asked
+for.
 
-`load` turns a TOML file into a Case, a frozen record in SI and UTC. Every error that can be found without opening the
-forcing is found here, all of them at once, a line each. Cases that ship with the project are found by name.
+`load` turns a TOML file into a Case, a frozen record in SI and UTC. Every error that can be found
+without opening the forcing is found here, all of them at once, a line each. Cases that ship with
+the project are found by name.
 """
 
 import os
@@ -31,32 +33,45 @@ from geo.errors import UserError
 from geo.files import small
 from geo.forcing.quantity import QUANTITIES
 
-FILES = ("files", "source", "lakes", "file", "network", "track", "actual")  # keys that name input files
-LONG_WORD = re.compile(r"\S{301,}")  # of what was given: shortened, so that what is wrong with it can be read
+# keys that name input files
+FILES = ("files", "source", "lakes", "file", "network", "track", "actual")
+# of what was given: shortened, so that what is wrong with it can be read
+LONG_WORD = re.compile(r"\S{301,}")
 ALONG = "along the tracks"  # name of a source that stands for columns of a drifters' file
 LARGEST = 16 * 2**20  # [bytes] of a case file: a thousand times those that ship
 
 
 def shipped(folder: str = "") -> list[tuple[str, str]]:
-    """Return (name, title) of the cases that ship with the project; folder: "tracking" for those of drift experiment."""
+    """Return (name, title) of the cases that ship with the project; folder: "tracking" for those of
+    drift experiment.
+    """
     place = resources.files("cases").joinpath(folder)
-    files = sorted((file for file in place.iterdir() if file.name.endswith(".toml")), key=lambda f: f.name)
+    files = sorted(
+        (file for file in place.iterdir() if file.name.endswith(".toml")), key=lambda f: f.name
+    )
     return [
-        (file.name.removesuffix(".toml"), str(tomllib.loads(file.read_text(encoding="utf-8")).get("title", "")))
+        (
+            file.name.removesuffix(".toml"),
+            str(tomllib.loads(file.read_text(encoding="utf-8")).get("title", "")),
+        )
         for file in files
     ]
 
 
 def load(
-    name: str | os.PathLike[str], overrides: Mapping[str, str] | None = None, *, along: Collection[str] = ()
+    name: str | os.PathLike[str],
+    overrides: Mapping[str, str] | None = None,
+    *,
+    along: Collection[str] = (),
 ) -> Case:
     """Return the case of a TOML file, or of a shipped case's name.
 
     Args:
         name: a path, or a name that `drift cases` lists.
-        overrides: {"clock.step": "10 min", "scenario.0.weight": "0.3"}: places in the file and TOML values, as text.
-        along: quantities, "current", "wind", "stokes", that columns of a drifters' file give (`drift.verify`,
-            `drift.fit_errors`), so that the case needs no source of them.
+        overrides: {"clock.step": "10 min", "scenario.0.weight": "0.3"}: places in the file and TOML
+            values, as text.
+        along: quantities, "current", "wind", "stokes", that columns of a drifters' file give
+            (`drift.verify`, `drift.fit_errors`), so that the case needs no source of them.
 
     Returns:
         The case, validated; times in UTC, places in radians, SI units.
@@ -67,7 +82,8 @@ def load(
     path, text = _read(name)
     try:
         data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also for numbers of 5,000 digits, and 1,000 brackets deep
+    except (ValueError, RecursionError) as error:
+        # also for numbers of 5,000 digits, and 1,000 brackets deep
         raise UserError(_one_line(path, f"not valid TOML: {error}")) from None
     if is_of_tracking(data):
         raise UserError(
@@ -86,8 +102,13 @@ def load(
 
 
 def is_of_tracking(data: Mapping[str, Any]) -> bool:
-    """Return whether tables are of a tracking case (drift.case.tracking.tracking), whatever is wrong with them."""
-    other, own = {"scenario", "family", "spill"}, {"target", "detections", "detection", "method", "tracker"}
+    """Return whether tables are of a tracking case (drift.case.tracking.tracking), whatever is
+    wrong with them.
+    """
+    other, own = (
+        {"scenario", "family", "spill"},
+        {"target", "detections", "detection", "method", "tracker"},
+    )
     return not other & set(data) and bool(own & set(data))
 
 
@@ -98,8 +119,9 @@ def vary(case: Case, changes: Mapping[str, Any]) -> Case:
 
     Args:
         case: of `drift.load` or `drift.vary`; it stays as it is.
-        changes: {"start": np.datetime64("2026-11-21T18:30"), "scenario.0.position.at": [4.33, 60.17], "seed": 7}: places as in `load`,
-            with the values that TOML would have there, lists, tables and times of NumPy among them; None takes a key away.
+        changes: {"start": np.datetime64("2026-11-21T18:30"), "scenario.0.position.at": [4.33,
+            60.17], "seed": 7}: places as in `load`, with the values that TOML would have there,
+            lists, tables and times of NumPy among them; None takes a key away.
 
     Returns:
         The changed case.
@@ -116,7 +138,10 @@ def vary(case: Case, changes: Mapping[str, Any]) -> Case:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as TOML would give it: NumPy's times as text, its numbers and arrays as Python's own."""
+    """Return a value as TOML would give it:
+
+    NumPy's times as text, its numbers and arrays as Python's own.
+    """
     if isinstance(value, np.datetime64):
         return f"{value.astype('datetime64[s]')}Z"
     if isinstance(value, np.generic | np.ndarray):
@@ -130,11 +155,16 @@ def _validated(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> 
     """Return the case of a file's tables; raise all that is wrong with it, `wrong` included."""
     try:
         wrong.refuse()
-        case = build.build_case(CaseTable.model_validate(data, context={"whole": CaseTable}), path, text)
+        case = build.build_case(
+            CaseTable.model_validate(data, context={"whole": CaseTable}), path, text
+        )
         inputs = tuple(dict.fromkeys(_inputs(family.expanded(data), path.absolute().parent)))
         return replace(case, inputs=inputs, tables=data)
     except ValidationError as error:
-        told = (*messages.lines(error, _named(data)), *rest.mistakes(data, error, path, text, CaseTable))
+        told = (
+            *messages.lines(error, _named(data)),
+            *rest.mistakes(data, error, path, text, CaseTable),
+        )
         raise _refusal(path, (*_by_family(told, data), *_sources_without(data, path))) from None
     except UserError as error:
         told = (*error.lines, *rest.mistakes(data, error, path, text, CaseTable))
@@ -144,7 +174,9 @@ def _validated(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> 
 
 
 def _named(data: dict[str, Any]) -> Any:
-    """Return the tables of a case with the scenarios of its families, so that mistakes in these can be told by name."""
+    """Return the tables of a case with the scenarios of its families, so that mistakes in these can
+    be told by name.
+    """
     try:
         return family.expanded(data)
     except ValueError:  # which is among the mistakes already
@@ -171,7 +203,9 @@ def source(quantity: str, files: Sequence[str], overrides: Mapping[str, str]) ->
             override(data, key, value)
     wrong.refuse()
     try:
-        return SourceTable.model_validate(data).spec(quantity, 1, np.datetime64("1970-01-01", "s"), Path.cwd())
+        return SourceTable.model_validate(data).spec(
+            quantity, 1, np.datetime64("1970-01-01", "s"), Path.cwd()
+        )
     except ValidationError as error:
         raise UserError(*messages.lines(error, data)) from None
     except ValueError as error:
@@ -179,18 +213,24 @@ def source(quantity: str, files: Sequence[str], overrides: Mapping[str, str]) ->
 
 
 def _inputs(node: Any, folder: Path, key: str = "") -> Iterator[str]:
-    """Give the paths of the files that a case's tables, which are known to be in order, name anywhere."""
+    """Give the paths of the files that a case's tables, which are known to be in order, name
+    anywhere.
+    """
     if isinstance(node, Mapping):
         for name, value in node.items():
             if key != "frequency" or name != "source":  # of a sound, which is no file
                 yield from _inputs(value, folder, name)
     elif isinstance(node, list):
         for value in node:
-            yield from _inputs(value, folder, key if key == "files" else "")  # a track in a list is positions
+            # a track in a list is positions
+            yield from _inputs(value, folder, key if key == "files" else "")
     elif isinstance(node, str) and (
-        (key in FILES and node not in {"gshhg", "none"}) or (key == "motion" and node.endswith(".py"))
+        (key in FILES and node not in {"gshhg", "none"})
+        or (key == "motion" and node.endswith(".py"))
     ):
-        yield from (path for path in sources.matching(node, folder) if not sources.ADDRESS.match(path))
+        yield from (
+            path for path in sources.matching(node, folder) if not sources.ADDRESS.match(path)
+        )
 
 
 def _refusal(path: Path, lines: tuple[str, ...]) -> UserError:
@@ -200,12 +240,16 @@ def _refusal(path: Path, lines: tuple[str, ...]) -> UserError:
 
 def _one_line(path: Path, message: str) -> str:
     """Return a mistake with its file's name; what was given may hold line breaks of its own."""
-    line = LONG_WORD.sub(lambda word: f"{word[0][:60]}... ({len(word[0]):,} letters)", " ".join(message.split()))
+    line = LONG_WORD.sub(
+        lambda word: f"{word[0][:60]}... ({len(word[0]):,} letters)", " ".join(message.split())
+    )
     return f"{path.name}: {line}"
 
 
 def _sources_without(data: dict[str, Any], path: Path) -> list[str]:
-    """Return what is wrong with the sources that can be understood in a case that as a whole can't be."""
+    """Return what is wrong with the sources that can be understood in a case that as a whole can't
+    be.
+    """
     try:
         start = units.time(data.get("start"))
     except ValueError:
@@ -230,12 +274,17 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
     if plain and name and (os.path.isdir(path) or not os.path.lexists(path)):
         path = Path(str(resources.files("cases").joinpath(f"{name}.toml")))
     try:
-        return path, small.contents(path, LARGEST).decode("utf-8-sig")  # editors of Windows put a byte order mark first
+        # editors of Windows put a byte order mark first
+        return path, small.contents(path, LARGEST).decode("utf-8-sig")
     except (FileNotFoundError, NotADirectoryError):
         if str(name) in {known for known, _ in shipped("tracking")}:
-            raise UserError(f'"{name}" is a tracking case: drift experiment or drift track, see drift cases') from None
+            raise UserError(
+                f'"{name}" is a tracking case: drift experiment or drift track, see drift cases'
+            ) from None
         names = ", ".join(name for name, _ in shipped())
-        raise UserError(f'no case "{name}": neither a file nor a shipped case ({names}). See: drift cases') from None
+        raise UserError(
+            f'no case "{name}": neither a file nor a shipped case ({names}). See: drift cases'
+        ) from None
     except UnicodeDecodeError:
         raise UserError(f'"{name}" is not a case file: it is not text in UTF-8') from None
     except OSError as error:
@@ -245,8 +294,13 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
 
 
 def override(data: dict[str, Any], key: str, value: str) -> None:
-    """Set one place of the tables as read, like clock.step, to a TOML value. Raises UserError where there is no such place."""
-    if not f"{key}{value}".isascii() and any("\ud800" <= letter <= "\udfff" for letter in f"{key}{value}"):
+    """Set one place of the tables as read, like clock.step, to a TOML value.
+
+    Raises UserError where there is no such place.
+    """
+    if not f"{key}{value}".isascii() and any(
+        "\ud800" <= letter <= "\udfff" for letter in f"{key}{value}"
+    ):
         raise UserError(f"--set {key!a}={value!a} is not text in UTF-8")
     try:
         parsed = tomllib.loads(f"value = {value}")
@@ -264,7 +318,9 @@ def _put(data: dict[str, Any], key: str, new: Any) -> None:
     *above, last = key.split(".")
     node: Any = data
     for part in above:
-        node = node.setdefault(part, {}) if isinstance(node, dict) else node[_index(node, part, key)]
+        node = (
+            node.setdefault(part, {}) if isinstance(node, dict) else node[_index(node, part, key)]
+        )
     if isinstance(node, dict) and new is None:
         node.pop(last, None)
     elif isinstance(node, dict):

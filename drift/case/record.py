@@ -34,7 +34,10 @@ class Depth:
 
 @dataclass(frozen=True, repr=False)
 class Case:
-    """A validated case. Times are datetime64[s] UTC; start is where the run begins, end where it stops."""
+    """A validated case.
+
+    Times are datetime64[s] UTC; start is where the run begins, end where it stops.
+    """
 
     title: str
     path: Path
@@ -68,22 +71,32 @@ class Case:
     resampling: Resampling
     expect: Expect
     sensors: Sensors = field(default_factory=Sensors)  # looks, fields, barriers, lines
-    named_sensors: Mapping[str, Sensor] = field(default_factory=dict)  # all of [[sensor]] by name, in use or not
+    # all of [[sensor]] by name, in use or not
+    named_sensors: Mapping[str, Sensor] = field(default_factory=dict)
     about: Mapping[str, str] = field(default_factory=dict)  # attributes that every file is to carry
     tows: tuple[Tow, ...] = ()  # ships that tow arrays, which a plan may place
     processing: Processing | None = None  # beams of arrays that a plan allocates to processors
     depth: Depth | None = None  # where boats have too little water
-    inputs: tuple[str, ...] = ()  # absolute paths of all files, and folders of files, that it names besides addresses
+    # absolute paths of all files, and folders of files, that it names besides addresses
+    inputs: tuple[str, ...] = ()
     counts: tuple[int, ...] | None = None  # particles of each scenario; None: by their weights
-    opens: np.datetime64 | None = None  # the output that map.png and the report show first; None: the last
-    tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)  # as read, overrides included
+    # the output that map.png and the report show first; None: the last
+    opens: np.datetime64 | None = None
+    # as read, overrides included
+    tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     def __repr__(self) -> str:
         """Return what it is, in three lines; help(drift.Case) lists all of it."""
-        stories = ", ".join(one.name for one in self.scenarios[:4]) + ", .." * (len(self.scenarios) > 4)
+        stories = ", ".join(one.name for one in self.scenarios[:4]) + ", .." * (
+            len(self.scenarios) > 4
+        )
         seen = ", ".join(
             f"{len(many)} {name}{'s' * (len(many) > 1)}"
-            for name, many in (("sortie", self.sorties), ("contact", self.contacts), ("unit", self.units))
+            for name, many in (
+                ("sortie", self.sorties),
+                ("contact", self.contacts),
+                ("unit", self.units),
+            )
             if many
         )
         return "\n".join(
@@ -98,7 +111,11 @@ class Case:
     @property
     def sources(self) -> tuple[ForcingSpec, ...]:
         """All sources of forcing, and in place of an ensemble's the sources of its members."""
-        return tuple(part for spec in itertools.chain.from_iterable(self.forcing.values()) for part in spec.parts)
+        return tuple(
+            part
+            for spec in itertools.chain.from_iterable(self.forcing.values())
+            for part in spec.parts
+        )
 
     @property
     def period(self) -> Period:

@@ -1,7 +1,9 @@
-"""Check the rest of a case after rejecting some of its tables, so that all errors are reported at once.
+"""Check the rest of a case after rejecting some of its tables, so that all errors are reported at
+once.
 
-What is rejected is taken out, or something harmless stands in for it under its name, and what is left goes through the
-checks that a sound case goes through. A mistake that only follows from what was taken out is dropped.
+What is rejected is taken out, or something harmless stands in for it under its name, and what is
+left goes through the checks that a sound case goes through. A mistake that only follows from what
+was taken out is dropped.
 """
 
 import re
@@ -21,9 +23,11 @@ from geo.forcing.quantity import QUANTITIES
 
 Place = tuple[int | str, ...]  # of something in the tables of a case, as pydantic has it
 ROUNDS = 6  # of taking out what is rejected; each leaves less
-NEEDED = ("start", "end", "duration", "direction", "spill", "family")  # nothing fits or misses a run without these
+# nothing fits or misses a run without these
+NEEDED = ("start", "end", "duration", "direction", "spill", "family")
 LISTS = (*SEARCH, "find", "patrol", "patrol_unit", *QUANTITIES, "scenario")
-STEERING = ("phase", "vessel", "distress", "overdue", "arrival_radius", "motion")  # what sorties ask of a scenario
+# what sorties ask of a scenario
+STEERING = ("phase", "vessel", "distress", "overdue", "arrival_radius", "motion")
 KEPT = ("search_object", "source_level")  # what sorties and sensors ask of one that drifts
 PLACE = {"at": [0.0, 0.0], "error": "1 nmi"}
 STILL = {"constant": {"east": 0.0, "north": 0.0}}
@@ -39,7 +43,8 @@ class Rest:
     own: int  # scenarios that no family makes
     lacking: frozenset[str] = frozenset()
     stand_ins: frozenset[str] = frozenset()  # names of scenarios
-    doubtful: frozenset[Place] = frozenset()  # of tables of which a key was dropped, and of values under another key
+    # of tables of which a key was dropped, and of values under another key
+    doubtful: frozenset[Place] = frozenset()
 
     def without(self, *keys: str) -> "Rest":
         """Return the rest without some keys."""
@@ -48,7 +53,11 @@ class Rest:
 
 
 def mistakes(
-    data: Mapping[str, Any], refused: ValidationError | UserError, path: Path, text: str, schema: type[CaseTable]
+    data: Mapping[str, Any],
+    refused: ValidationError | UserError,
+    path: Path,
+    text: str,
+    schema: type[CaseTable],
 ) -> list[str]:
     """Return what else is wrong with a case, a line each.
 
@@ -71,7 +80,9 @@ def mistakes(
             break
         rest = after
         try:
-            build.build_case(schema.model_validate(rest.data, context={"whole": schema}), path, text)
+            build.build_case(
+                schema.model_validate(rest.data, context={"whole": schema}), path, text
+            )
             break
         except ValidationError as more:
             said = zip(more.errors(), messages.lines(more, rest.data), strict=True)
@@ -100,8 +111,12 @@ def _named(data: dict[str, Any]) -> dict[str, Any]:
 def _taken_out(rest: Rest, error: ValidationError | UserError) -> Rest | None:
     """Return the rest without the rejected tables; None where nothing can be checked without them."""
     if isinstance(error, UserError):
-        return _with_stand_ins(rest, [match[1] for line in error.lines if (match := STORY.match(line))])
-    told = [(mistake["loc"], mistake["msg"].removeprefix("Value error, ")) for mistake in error.errors()]
+        return _with_stand_ins(
+            rest, [match[1] for line in error.lines if (match := STORY.match(line))]
+        )
+    told = [
+        (mistake["loc"], mistake["msg"].removeprefix("Value error, ")) for mistake in error.errors()
+    ]
     keys = [(loc, match) for loc, message in told if (match := UNKNOWN.match(message))]
     places = [loc for loc, message in told if not UNKNOWN.match(message)]
     if any(loc and loc[0] in NEEDED for loc, _ in told):
@@ -115,12 +130,20 @@ def _taken_out(rest: Rest, error: ValidationError | UserError) -> Rest | None:
         if isinstance(rest.data.get(key), dict) and key in LISTS:  # [wind] in place of [[wind]]
             rest = replace(rest, data={**rest.data, key: [rest.data[key]]})
             continue
-        at = {place[1] for place in places if place[0:1] == (key,) and len(place) > 1 and isinstance(place[1], int)}
+        at = {
+            place[1]
+            for place in places
+            if place[0:1] == (key,) and len(place) > 1 and isinstance(place[1], int)
+        }
         one_of_many = key in LISTS and isinstance(rest.data.get(key), list) and at
         if key in ("voyage", "tracker"):
             rest = _without_stories(rest.without(key))
         elif key == "scenario":
-            rest = _with_stand_ins(rest, _names(rest.data[key], at)) if one_of_many else _without_stories(rest)
+            rest = (
+                _with_stand_ins(rest, _names(rest.data[key], at))
+                if one_of_many
+                else _without_stories(rest)
+            )
         elif key in QUANTITIES and one_of_many:
             rest = _with_still(rest, key, at)
         elif one_of_many:
@@ -128,19 +151,26 @@ def _taken_out(rest: Rest, error: ValidationError | UserError) -> Rest | None:
             rest = replace(rest, data={**rest.data, key: left}, lacking=rest.lacking | {key})
         else:
             rest = rest.without(key)
-    rest = _with_stand_ins(rest, [match[1] for loc, line in told if not loc and (match := STORY.match(line))])
+    rest = _with_stand_ins(
+        rest, [match[1] for loc, line in told if not loc and (match := STORY.match(line))]
+    )
     return rest.without(*SEARCH, "plan", "resampling") if "sensor" in rest.lacking else rest
 
 
 def _with_known_keys(rest: Rest, unknown: Sequence[tuple[Place, re.Match[str]]]) -> Rest:
-    """Return the rest with unknown keys under the name that they probably mean, and without the others."""
+    """Return the rest with unknown keys under the name that they probably mean, and without the
+    others.
+    """
     data, lacking, doubtful = rest.data, set(rest.lacking), set(rest.doubtful)
     for loc, match in unknown:
         key, meant = match.groups()
         table = _at(data, loc)
         if not isinstance(table, dict):
             continue
-        renamed = {meant if one == key and meant and meant not in table else one: value for one, value in table.items()}
+        renamed = {
+            meant if one == key and meant and meant not in table else one: value
+            for one, value in table.items()
+        }
         if meant and meant not in table:
             doubtful.add((*loc, meant))
         else:
@@ -184,7 +214,11 @@ def _put(node: Any, loc: Sequence[int | str], value: Any) -> Any:
 
 def _names(stories: Sequence[Any], at: set[int]) -> list[str]:
     """Return the names of scenarios at some places, "" for those without one."""
-    return [str(one.get("name", "")) if isinstance(one, dict) else "" for k, one in enumerate(stories) if k in at]
+    return [
+        str(one.get("name", "")) if isinstance(one, dict) else ""
+        for k, one in enumerate(stories)
+        if k in at
+    ]
 
 
 def _with_stand_ins(rest: Rest, names: Sequence[str]) -> Rest:
@@ -205,10 +239,14 @@ def _with_stand_ins(rest: Rest, names: Sequence[str]) -> Rest:
         own = one if isinstance(one, dict) else {}
         steers |= any(key in own for key in STEERING)
         kept = {key: own[key] for key in KEPT if key in own}
-        changed.append({"name": name or f"scenario {number}", "object": "water", "position": PLACE, **kept})
+        changed.append(
+            {"name": name or f"scenario {number}", "object": "water", "position": PLACE, **kept}
+        )
     data = {**rest.data, "scenario": changed}
     data.pop("family", None)  # its scenarios stand among the others
-    rest = replace(rest, data=data, lacking=rest.lacking | {"scenario"}, stand_ins=rest.stand_ins | set(new))
+    rest = replace(
+        rest, data=data, lacking=rest.lacking | {"scenario"}, stand_ins=rest.stand_ins | set(new)
+    )
     return rest.without(*SEARCH, "plan", "resampling") if steers else rest
 
 
@@ -216,9 +254,9 @@ def _without_stories(rest: Rest) -> Rest:
     """Return the rest with one plain scenario in place of all, and without the keys that need them."""
     data = {**rest.data, "scenario": [{"name": "drift", "object": "water", "position": PLACE}]}
     data.pop("family", None)
-    return replace(rest, data=data, lacking=rest.lacking | {"scenario"}, stand_ins=frozenset({"drift"})).without(
-        *SEARCH, "plan", "resampling"
-    )
+    return replace(
+        rest, data=data, lacking=rest.lacking | {"scenario"}, stand_ins=frozenset({"drift"})
+    ).without(*SEARCH, "plan", "resampling")
 
 
 def _with_still(rest: Rest, quantity: str, at: set[int]) -> Rest:
@@ -226,7 +264,9 @@ def _with_still(rest: Rest, quantity: str, at: set[int]) -> Rest:
     sources = []
     for number, one in enumerate(rest.data[quantity]):
         name = one.get("name") if isinstance(one, dict) else None
-        named = {"name": name} if isinstance(name, str) and name.strip() and name.isprintable() else {}
+        named = (
+            {"name": name} if isinstance(name, str) and name.strip() and name.isprintable() else {}
+        )
         add = {"add": True} if isinstance(one, dict) and one.get("add") is True else {}
         sources.append({**STILL, **named, **add} if number in at else one)
     return replace(rest, data={**rest.data, quantity: sources}, lacking=rest.lacking | {quantity})
@@ -247,5 +287,7 @@ def _follows(line: str, rest: Rest) -> bool:
         "patrol_unit": gone.intersection({"find", "patrol"}),
     }
     told = any(f'scenario "{name}"' in line for name in rest.stand_ins)
-    told |= any(line.startswith(f'{place[0]} "{place[1]}"') for place in rest.doubtful if len(place) == 2)
+    told |= any(
+        line.startswith(f'{place[0]} "{place[1]}"') for place in rest.doubtful if len(place) == 2
+    )
     return told or any(line.startswith(start) for start, why in begins.items() if why)

@@ -1,6 +1,7 @@
 """The case file as written: its tables, each key with its type, its default and what it refuses.
 
-Scenarios, objects, sources, errors and expectations have files of their own; here is what holds them together.
+Scenarios, objects, sources, errors and expectations have files of their own; here is what holds
+them together.
 """
 
 from collections import Counter
@@ -55,12 +56,14 @@ class OutputTable(fields.Table):
     times: list[fields.Time] | None = None
     """The outputs themselves, within the run."""
     datum: fields.Time | None = None
-    """When the datum is asked for: an output of its own, at which `map.png` and the report open; without it the begin of the plan,
-    the end of the last sortie, or the end."""
+    """When the datum is asked for: an output of its own, at which `map.png` and the report open;
+    without it the begin of the plan, the end of the last sortie, or the end."""
     trajectories: fields.Count = 200
     """How many tracks `particles.nc` and the maps show."""
     grid: GridTable | None = None
-    """One grid for all outputs, on which runs can be subtracted; without it a grid is chosen for each."""
+    """One grid for all outputs, on which runs can be subtracted; without it a grid is chosen for
+    each.
+    """
     areas: Annotated[tuple[float, ...], BeforeValidator(shares.percents)] = tuple(
         100 * share for share in shares.SHARES
     )
@@ -95,22 +98,32 @@ class ClockTable(fields.Table):
     """The [clock] table as written."""
 
     step: Annotated[int | None, BeforeValidator(_step)] = None
-    """Length of a step, `"auto"` or a whole number of seconds; `auto` halves steps until `tolerance` is met, over the whole run."""
+    """Length of a step, `"auto"` or a whole number of seconds;
+
+    `auto` halves steps until `tolerance` is met, over the whole run.
+    """
     scheme: Literal["rk2", "rk4"] = "rk4"
     """Runge-Kutta of order 4, or of order 2."""
     tolerance: Annotated[fields.Length, Field(gt=0)] = 20.0
-    """How far a day's drift with the chosen step may be from that with half of it, and how far a place inside a step."""
+    """How far a day's drift with the chosen step may be from that with half of it, and how far a
+    place inside a step.
+    """
 
 
 class DomainTable(fields.Table):
-    """The [domain] table as written; beyond 89 degrees of latitude it holds the pole and goes all round it."""
+    """The [domain] table as written; beyond 89 degrees of latitude it holds the pole and goes all
+    round it.
+    """
 
     west: fields.Edge
     """Western edge."""
     south: fields.Latitude
     """Southern edge."""
     east: fields.Edge
-    """Eastern edge; may lie across the antimeridian, as -170 or 190. Half the Earth or more must be written beyond `west`."""
+    """Eastern edge; may lie across the antimeridian, as -170 or 190.
+
+    Half the Earth or more must be written beyond `west`.
+    """
     north: fields.Latitude
     """Northern edge."""
 
@@ -123,7 +136,9 @@ class DomainTable(fields.Table):
         return self
 
     def box(self) -> Box:
-        """Return the box; one whose east is not east of its west lies across the antimeridian or goes round."""
+        """Return the box; one whose east is not east of its west lies across the antimeridian or
+        goes round.
+        """
         return between(self.west, self.south, self.east, self.north)
 
 
@@ -137,7 +152,9 @@ class CoastTable(fields.Table):
     """The [coast] table as written."""
 
     source: str = "gshhg"
-    """`"gshhg"`, the full-resolution shoreline that comes along, `"none"`, or a file of a shoreline of your own."""
+    """`"gshhg"`, the full-resolution shoreline that comes along, `"none"`, or a file of a shoreline
+    of your own.
+    """
     lakes: Annotated[Any, BeforeValidator(_lakes)] = False
     """`true` where lakes of `source` are water, or a file of lakes; else they are land."""
     behaviour: Literal["strand", "refloat", "slide"] = "strand"
@@ -151,7 +168,9 @@ class CoastTable(fields.Table):
     def one_behaviour(self) -> "CoastTable":
         """Refuse a half-life of what does not refloat, and refloating without one."""
         if (self.half_life is None) == (self.behaviour == "refloat"):
-            raise ValueError('behaviour = "refloat" needs a half_life, like "12 h"; no other behaviour has one')
+            raise ValueError(
+                'behaviour = "refloat" needs a half_life, like "12 h"; no other behaviour has one'
+            )
         return self
 
 
@@ -186,11 +205,17 @@ class CaseTable(fields.Table):
     direction: Literal["forward", "backward"] = "forward"
     """`backward` asks where something found came from: time runs from `start` to the past."""
     particles: Annotated[int, BeforeValidator(_particles)] = 100_000
-    """How many guesses of where the object is are moved; more make maps smoother and rarer things visible."""
+    """How many guesses of where the object is are moved; more make maps smoother and rarer things
+    visible.
+    """
     seed: fields.Count = 1
-    """The number from which all chance of the run follows: the same case and seed give the same bits."""
+    """The number from which all chance of the run follows: the same case and seed give the same
+    bits.
+    """
     max_lost: fields.Share = 0.2
-    """The largest share of the probability that may be lost at the edges of the forcing; more is rejected."""
+    """The largest share of the probability that may be lost at the edges of the forcing; more is
+    rejected.
+    """
     output: OutputTable = OutputTable()
     """When there are maps, of what areas, and on which grid."""
     clock: ClockTable = ClockTable()
@@ -210,10 +235,13 @@ class CaseTable(fields.Table):
     uncertainty: Uncertainty = UncertaintyTable()
     """How wrong winds and currents may be; `"none"` switches all of it off."""
     voyage: dict[str, VoyageTable] = Field(default_factory=dict)
-    """Voyages by name, `[voyage.passage]`, that several scenarios share: a phase says `voyage = "passage"`, or `voyage = { like = "passage",
-    speed = "3 kn" }` where some of its keys are its own."""
+    """Voyages by name, `[voyage.passage]`, that several scenarios share: a phase says `voyage =
+    "passage"`, or `voyage = { like = "passage", speed = "3 kn" }` where some of its keys are its
+    own."""
     tracker: dict[str, TrackerTable] = Field(default_factory=dict)
-    """Vessels that targets seek or flee from, by name, `[tracker.patrol]`: a phase of `behaviour` says `tracker = "patrol"`."""
+    """Vessels that targets seek or flee from, by name, `[tracker.patrol]`: a phase of `behaviour`
+    says `tracker = "patrol"`.
+    """
     scenario: list[ScenarioTable] = Field(default_factory=list)
     """Scenarios of one object, each with its weight; give these, families of them, or a `[spill]`."""
     family: list[FamilyTable] = Field(default_factory=list)
@@ -231,7 +259,9 @@ class CaseTable(fields.Table):
     contact: list[ContactTable] = Field(default_factory=list)
     """What was seen or heard and may be ours."""
     sensor: list[NamedSensorTable] = Field(default_factory=list)
-    """Sensors that know the water: passive sonars, and POD by place; watches, looks, contacts and units name them."""
+    """Sensors that know the water: passive sonars, and POD by place; watches, looks, contacts and
+    units name them.
+    """
     look: list[LookTable] = Field(default_factory=list)
     """A sensor that looked once, at one time."""
     presence: list[PresenceTable] = Field(default_factory=list)
@@ -249,12 +279,17 @@ class CaseTable(fields.Table):
     resampling: ResamplingTable = ResamplingTable()
     """How particles are resampled after searches."""
     expect: Expect = Expect()
-    """Ranges of what the case expects at its end: `drift run` says whether it is so, and its exit status is 1 if not."""
+    """Ranges of what the case expects at its end:
+
+    `drift run` says whether it is so, and its exit status is 1 if not.
+    """
 
     @model_validator(mode="before")
     @classmethod
     def with_shared(cls, data: Any) -> Any:
-        """Make scenarios of families, and put the voyages and trackers that stories share where they are named."""
+        """Make scenarios of families, and put the voyages and trackers that stories share where
+        they are named.
+        """
         return shared(expanded(data))
 
     @field_validator("seed")
@@ -282,30 +317,46 @@ class CaseTable(fields.Table):
 
     def _subject(self) -> list[str]:
         if bool(self.scenario) == (self.spill is not None):
-            return ["give either [[scenario]] or [[family]] tables, of one object, or a [spill] of many"]
+            return [
+                "give either [[scenario]] or [[family]] tables, of one object, or a [spill] of many"
+            ]
         wrong = []
         if self.spill is None and (self.find or self.patrol or self.patrol_unit):
             wrong.append("[[find]], [[patrol]] and [[patrol_unit]] belong to a [spill]")
         if self.spill is not None and "particles" in self.model_fields_set:
-            wrong.append("particles: a spill has spill.worlds times spill.per_world of them; give those")
+            wrong.append(
+                "particles: a spill has spill.worlds times spill.per_world of them; give those"
+            )
         if self.spill is not None and (given := self._of_a_search()):
-            wrong.append(f"{given} belongs to a search with [[scenario]] tables; a [spill] has [[find]] and [[patrol]]")
+            wrong.append(
+                f"{given} belongs to a search with [[scenario]] tables; a [spill] has [[find]] and [[patrol]]"
+            )
         return wrong
 
     def _families(self) -> list[str]:
-        """Return families that bear the name of another one or of a scenario: tables by scenario name both."""
+        """Return families that bear the name of another one or of a scenario: tables by scenario
+        name both.
+        """
         names = Counter([table.name for table in self.family])
         stories = {table.name for table in self.scenario} if names else set()
         wrong = [
-            f'family "{name}": two families have this name; give each its own' for name in names if names[name] > 1
+            f'family "{name}": two families have this name; give each its own'
+            for name in names
+            if names[name] > 1
         ]
         return wrong + [
-            f'family "{name}": a scenario has this name too; give each its own' for name in names if name in stories
+            f'family "{name}": a scenario has this name too; give each its own'
+            for name in names
+            if name in stories
         ]
 
     def _backward(self) -> list[str]:
         given = self._of_a_search() if self.direction == "backward" and self.spill is None else ""
-        return [f"{given} belongs to a forward run: a search and its plan go with the time"] if given else []
+        return (
+            [f"{given} belongs to a forward run: a search and its plan go with the time"]
+            if given
+            else []
+        )
 
     def _of_a_search(self) -> str:
         """Return the first table that belongs to a search, "" without one."""
@@ -326,7 +377,11 @@ class CaseTable(fields.Table):
         if (end < start) == (self.direction == "backward"):
             return []
         fault = "before" if end < start else "after"
-        cure = 'an end after the start, or direction = "backward"' if end < start else "an end before the start"
+        cure = (
+            'an end after the start, or direction = "backward"'
+            if end < start
+            else "an end before the start"
+        )
         return [
             f"end {notation.group(end)} is {fault} start {notation.group(start)} in a {self.direction} run; give {cure}"
         ]

@@ -1,9 +1,9 @@
 """Spills as a case describes them: many objects of one or several classes, released from one place.
 
-Holds the records that the engine takes (SI, UTC) and the tables of the case file that they are made from. What all
-objects of one spill share (release, bias of windage and current, share destroyed, sinking rate, readiness to report) is
-drawn once for each *world*; the objects are drawn within it. The probability model: drift.spills.worlds.worlds,
-drift.spills.worlds.finds.
+Holds the records that the engine takes (SI, UTC) and the tables of the case file that they are made
+from. What all objects of one spill share (release, bias of windage and current, share destroyed,
+sinking rate, readiness to report) is drawn once for each *world*; the objects are drawn within it.
+The probability model: drift.spills.worlds.worlds, drift.spills.worlds.finds.
 """
 
 import math
@@ -19,7 +19,17 @@ from drift.case.values import fields, units
 from drift.case.values.mistakes import Mistakes
 from drift.case.values.places import AreaTable, PositionTable
 from drift.engine.motion.scenario import JIBE_RATE, ReleasePrior
-from drift.spills.worlds.records import DAY, FEWEST_PARTICLES, Find, Kind, Patrol, Reporting, Sinking, Spill, Team
+from drift.spills.worlds.records import (
+    DAY,
+    FEWEST_PARTICLES,
+    Find,
+    Kind,
+    Patrol,
+    Reporting,
+    Sinking,
+    Spill,
+    Team,
+)
 from geo import notation
 
 MOST_CLASSES = 4
@@ -31,7 +41,8 @@ LONGEST = 366 * DAY  # [s] over which objects of one world go adrift
 
 
 class SinkingTable(fields.Table):
-    """How objects sink: by the half_life of a hazard, or waterlogged at a median time with a spread.
+    """How objects sink: by the half_life of a hazard, or waterlogged at a median time with a
+    spread.
 
     Times are one value or [low, high].
     """
@@ -66,7 +77,10 @@ class KindTable(fields.Table):
     """What tables call the class."""
     share: fields.Weight | None = None
     """Of the objects; shares add up to 1. Without it, an equal part of what the others leave."""
-    object: Annotated[ObjectTable, BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value)]
+    object: Annotated[
+        ObjectTable,
+        BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value),
+    ]
     """What drifts, as of a scenario."""
     jibe: fields.Rate | None = None
     """As of a scenario."""
@@ -77,12 +91,16 @@ class KindTable(fields.Table):
         """Return the record; share: of all objects."""
         drifter = self.object.drifter()
         jibe = self.jibe if self.jibe is not None else (JIBE_RATE if drifter.jibes else 0.0)
-        return Kind(self.name, share, drifter, jibe, self.sinking.sinking() if self.sinking else None)
+        return Kind(
+            self.name, share, drifter, jibe, self.sinking.sinking() if self.sinking else None
+        )
 
 
 def _rates(value: Any) -> dict[str, float]:
     if not isinstance(value, dict):
-        raise ValueError('must be a table of rates by kind of shore, like { town = "1 /day", wild = "0.02 /day" }')
+        raise ValueError(
+            'must be a table of rates by kind of shore, like { town = "1 /day", wild = "0.02 /day" }'
+        )
     return {str(kind): fields.rate(rate) for kind, rate in value.items()}
 
 
@@ -106,7 +124,9 @@ class ReportingTable(fields.Table):
     def whole(self) -> "ReportingTable":
         """Refuse a kind of shore without a rate."""
         if self.coast not in self.rate:
-            raise ValueError(f'coast = "{self.coast}" has no rate; kinds with one: {", ".join(self.rate) or "none"}')
+            raise ValueError(
+                f'coast = "{self.coast}" has no rate; kinds with one: {", ".join(self.rate) or "none"}'
+            )
         return self
 
 
@@ -122,7 +142,9 @@ class StretchTable(fields.Table):
 def _number(value: object) -> tuple[int, int]:
     low, high = fields.pair_of(lambda x: float(fields.count(x)))(value)
     if not 1 <= low <= high <= 1_000_000:
-        raise ValueError(f"{value!r} must be a number of objects, 1 to 1,000,000, or [lowest, highest]")
+        raise ValueError(
+            f"{value!r} must be a number of objects, 1 to 1,000,000, or [lowest, highest]"
+        )
     return int(low), int(high)
 
 
@@ -136,7 +158,11 @@ def _release_duration(value: object) -> float:
 class SpillTable(fields.Table):
     """The [spill] table as written."""
 
-    old_keys: ClassVar = {"scatter": "release_std", "lasting": "release_duration", "renewals": "redraws"}
+    old_keys: ClassVar = {
+        "scatter": "release_std",
+        "lasting": "release_duration",
+        "renewals": "redraws",
+    }
 
     objects: Annotated[tuple[int, int], BeforeValidator(_number)]
     """How many were lost, or [fewest, most]."""
@@ -168,8 +194,12 @@ class SpillTable(fields.Table):
     """Into what the coast is divided."""
     reporting: ReportingTable = ReportingTable()
     """The reporting rate of stranded objects."""
-    bridges: list[Annotated[list[fields.Position], Field(min_length=2, max_length=2)]] = Field(default_factory=list)
-    """Bridges, dams and fords that join land masses for patrols and names: pairs of positions, one on either side."""
+    bridges: list[Annotated[list[fields.Position], Field(min_length=2, max_length=2)]] = Field(
+        default_factory=list
+    )
+    """Bridges, dams and fords that join land masses for patrols and names: pairs of positions, one
+    on either side.
+    """
 
     @model_validator(mode="after")
     def whole(self) -> "SpillTable":
@@ -180,17 +210,26 @@ class SpillTable(fields.Table):
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f'class "{name}": two classes have this name; give each its own')
-            if name == "se" or name.removesuffix("_se") in set(names) - {name}:  # headings of washup.csv
-                raise ValueError(f'class "{name}": tables call a standard error by this name; give it another')
+            # headings of washup.csv
+            if name == "se" or name.removesuffix("_se") in set(names) - {name}:
+                raise ValueError(
+                    f'class "{name}": tables call a standard error by this name; give it another'
+                )
         if self.worlds < FEWEST_WORLDS:
-            raise ValueError(f"worlds {self.worlds}: must be at least {FEWEST_WORLDS}; 2000 is usual")
+            raise ValueError(
+                f"worlds {self.worlds}: must be at least {FEWEST_WORLDS}; 2000 is usual"
+            )
         if self.per_world is not None and self.per_world < FEWEST_PARTICLES * len(self.kinds):
-            raise ValueError(f"per_world {self.per_world}: must be at least {FEWEST_PARTICLES} for each class")
+            raise ValueError(
+                f"per_world {self.per_world}: must be at least {FEWEST_PARTICLES} for each class"
+            )
         particles = self.worlds * self.particles()
         if hasattr(os, "sysconf"):
             most = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 400
             if particles > min(most, 2**31 - 1):
-                raise ValueError(f"worlds x per_world = {particles:,} particles; this machine's memory holds {most:,}")
+                raise ValueError(
+                    f"worlds x per_world = {particles:,} particles; this machine's memory holds {most:,}"
+                )
         return self
 
     def shares(self) -> list[float]:
@@ -198,18 +237,27 @@ class SpillTable(fields.Table):
         told = math.fsum(kind.share or 0.0 for kind in self.kinds)
         untold = sum(kind.share is None for kind in self.kinds)
         if untold and told < 1:
-            return [(1 - told) / untold if kind.share is None else kind.share for kind in self.kinds]
+            return [
+                (1 - told) / untold if kind.share is None else kind.share for kind in self.kinds
+            ]
         if untold or abs(told - 1) > ROUNDED:
             each = ", ".join(
-                f"{kind.name} {'not given' if kind.share is None else f'{kind.share:g}'}" for kind in self.kinds
+                f"{kind.name} {'not given' if kind.share is None else f'{kind.share:g}'}"
+                for kind in self.kinds
             )
             rest = ", and leave something for a class without one" if untold else ""
-            raise ValueError(f"shares of the classes add up to {told:g} ({each}); they must add up to 1{rest}")
+            raise ValueError(
+                f"shares of the classes add up to {told:g} ({each}); they must add up to 1{rest}"
+            )
         return [(kind.share or 0.0) / told for kind in self.kinds]
 
     def particles(self) -> int:
-        """Return the particles of a world: as many as there are objects, at least 500, at most 2,000."""
-        return self.per_world if self.per_world is not None else min(max(self.objects[1], 500), 2000)
+        """Return the particles of a world: as many as there are objects, at least 500, at most
+        2,000.
+        """
+        return (
+            self.per_world if self.per_world is not None else min(max(self.objects[1], 500), 2000)
+        )
 
     def prior(self, start: np.datetime64) -> ReleasePrior:
         """Return where and when a world's release may have been."""
@@ -219,7 +267,13 @@ class SpillTable(fields.Table):
 
     def began(self) -> str:
         """Return the key that says when it began."""
-        return "trackline.departure" if self.trackline else "position.time" if self.position else "area.time"
+        return (
+            "trackline.departure"
+            if self.trackline
+            else "position.time"
+            if self.position
+            else "area.time"
+        )
 
 
 class FindTable(fields.Table):
@@ -255,11 +309,17 @@ class FindTable(fields.Table):
         if self.at_sea and (self.at is None or self.by is not None or self.by_time is not None):
             raise ValueError("at_sea needs at = a position and a time, and no patrol")
         if self.by is not None and self.by_time is not None:
-            raise ValueError("by a patrol, at the patrol's time: give time, or leave it to the patrol")
+            raise ValueError(
+                "by a patrol, at the patrol's time: give time, or leave it to the patrol"
+            )
         if "radius" in self.model_fields_set and not self.at_sea:
-            raise ValueError("radius belongs to a find with at_sea = true; one ashore lies on its stretch")
+            raise ValueError(
+                "radius belongs to a find with at_sea = true; one ashore lies on its stretch"
+            )
         if self.false >= 1:
-            raise ValueError("false = 1: a find that is surely none of ours says nothing; leave it out")
+            raise ValueError(
+                "false = 1: a find that is surely none of ours says nothing; leave it out"
+            )
         return self
 
 
@@ -274,7 +334,9 @@ class PatrolTable(fields.Table):
     """Two positions on the shore, and all between them."""
     time: fields.Time
     """When."""
-    detection: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "", "probability", "0.8"))]
+    detection: Annotated[
+        float, BeforeValidator(lambda value: units.quantity(value, "", "probability", "0.8"))
+    ]
     """Probability to find an object lying there."""
 
     @model_validator(mode="after")
@@ -294,7 +356,9 @@ class PatrolUnitTable(fields.Table):
     """What the plan calls it."""
     length: Annotated[fields.Length, Field(gt=0)]
     """Of shore that it walks in a day."""
-    detection: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "", "probability", "0.8"))]
+    detection: Annotated[
+        float, BeforeValidator(lambda value: units.quantity(value, "", "probability", "0.8"))
+    ]
     """Probability to find an object lying there."""
     first: fields.Time
     """Time of its first patrol; then every 24 h."""
@@ -305,7 +369,9 @@ class PatrolUnitTable(fields.Table):
     base: fields.Position | None = None
     """Where it sets out, with `reach`; with neither it goes anywhere."""
     reach: Annotated[fields.Length, Field(gt=0)] | None = None
-    """How far from `base` over land the middle of a stretch may lie; straight where it crosses water."""
+    """How far from `base` over land the middle of a stretch may lie; straight where it crosses
+    water.
+    """
     crosses_water: bool = False
     """Whether it goes to other land masses too, by boat; else it stays on one, that of its `base`."""
 
@@ -313,11 +379,17 @@ class PatrolUnitTable(fields.Table):
     def proper(self) -> "PatrolUnitTable":
         """Refuse what is not a probability, and a reach without a base."""
         if not 0 < self.detection <= 1:
-            raise ValueError(f"detection {self.detection:g} must be a probability above 0, at most 1")
+            raise ValueError(
+                f"detection {self.detection:g} must be a probability above 0, at most 1"
+            )
         if self.stretches and self.base is not None:
-            raise ValueError("give either stretches = [names] or base with reach, or neither: it can go anywhere")
+            raise ValueError(
+                "give either stretches = [names] or base with reach, or neither: it can go anywhere"
+            )
         if (self.base is None) != (self.reach is None):
-            raise ValueError('base and reach belong together, like base = "29 10N 090 50W", reach = "40 km"')
+            raise ValueError(
+                'base and reach belong together, like base = "29 10N 090 50W", reach = "40 km"'
+            )
         if self.reach is not None and self.reach > MOST_REACH and not self.crosses_water:
             raise ValueError(
                 f"reach {self.reach / 1000:g} km: at most {MOST_REACH / 1000:g} km over land; give less, or leave out base "
@@ -331,7 +403,9 @@ class PatrolUnitTable(fields.Table):
         times = tuple(first + np.timedelta64(24 * day, "h") for day in range(self.days))
         base, reach = self.base, math.inf if self.reach is None else self.reach
         named = tuple(self.stretches)
-        return Team(self.name, self.length, self.detection, times, named, base, reach, self.crosses_water)
+        return Team(
+            self.name, self.length, self.detection, times, named, base, reach, self.crosses_water
+        )
 
 
 def build_spill(
@@ -359,7 +433,11 @@ def build_spill(
     wrong.refuse()
     spill = Spill(
         objects=table.objects,
-        kinds=tuple(kind.kind(share) for kind, share in zip(table.kinds, table.shares(), strict=True) if share > 0),
+        kinds=tuple(
+            kind.kind(share)
+            for kind, share in zip(table.kinds, table.shares(), strict=True)
+            if share > 0
+        ),
         prior=prior,
         release_std=table.release_std,
         release_duration=table.release_duration,
@@ -367,7 +445,8 @@ def build_spill(
         per_world=table.particles(),
         destroyed=table.destroyed,
         windage_bias=table.windage_bias,
-        current_bias=table.current_bias or 0.0,  # until the whole case is known: drift.case.forcing.uncertainty
+        # until the whole case is known: drift.case.forcing.uncertainty
+        current_bias=table.current_bias or 0.0,
         reporting_bias=table.reporting.bias,
         redraws=table.redraws,
         stretch=table.stretches.length,
@@ -395,7 +474,9 @@ def _twice(names: list[str], what: str) -> list[str]:
 
 def _patrol(table: PatrolTable, start: np.datetime64) -> Patrol:
     ends = (table.between[0], table.between[1]) if table.between else None
-    return Patrol(table.name, tuple(table.stretches), ends, units.resolve(table.time, start), table.detection)
+    return Patrol(
+        table.name, tuple(table.stretches), ends, units.resolve(table.time, start), table.detection
+    )
 
 
 def _find(table: FindTable, number: int, patrols: tuple[Patrol, ...], start: np.datetime64) -> Find:
@@ -406,21 +487,34 @@ def _find(table: FindTable, number: int, patrols: tuple[Patrol, ...], start: np.
         patrol = next((p for p in patrols if p.name == table.by), None)
         if patrol is None:
             allowed = ", ".join(f'"{p.name}"' for p in patrols) or "none is given"
-            raise ValueError(f'{name}: by "{table.by}" is no patrol; patrols: {allowed}; leave it out for the public')
+            raise ValueError(
+                f'{name}: by "{table.by}" is no patrol; patrols: {allowed}; leave it out for the public'
+            )
         if time is not None and time != patrol.time:
             raise ValueError(
                 f'{name}: found at {notation.group(time)}, but patrol "{table.by}" was there at '
                 f"{notation.group(patrol.time)}"
             )
         if patrol.detection == 0:
-            raise ValueError(f'{name}: found by patrol "{table.by}", whose detection is 0; raise it')
+            raise ValueError(
+                f'{name}: found by patrol "{table.by}", whose detection is 0; raise it'
+            )
         time = patrol.time
     assert time is not None  # placed
     lon, lat = table.at if table.at is not None else (math.nan, math.nan)
     return Find(
-        name, time, table.by_time is not None, table.stretch, lon, lat,
-        table.radius, table.at_sea, table.kind, table.by, table.false,
-    )  # fmt: skip
+        name,
+        time,
+        table.by_time is not None,
+        table.stretch,
+        lon,
+        lat,
+        table.radius,
+        table.at_sea,
+        table.kind,
+        table.by,
+        table.false,
+    )
 
 
 def _check(spill: Spill, when: str) -> None:
@@ -435,7 +529,9 @@ def _check(spill: Spill, when: str) -> None:
     sure = [find for find in spill.finds if find.false == 0]
     cure = "raise it, or give finds a probability of being false"
     if len(sure) > most:
-        wrong.lines.append(f"{len(sure)} finds, but only {most} objects were spilled ([spill] objects); {cure}")
+        wrong.lines.append(
+            f"{len(sure)} finds, but only {most} objects were spilled ([spill] objects); {cure}"
+        )
     for kind in spill.kinds:
         number = sum(find.kind == kind.name for find in sure)
         there = math.ceil(kind.share * most - 1e-9)
@@ -445,7 +541,9 @@ def _check(spill: Spill, when: str) -> None:
                 f"are of it; {cure}"
             )
     if sure and spill.destroyed[0] == 1:
-        wrong.lines.append(f"{sure[0].name}: [spill] destroyed = 1 leaves nothing to be found; lower it")
+        wrong.lines.append(
+            f"{sure[0].name}: [spill] destroyed = 1 leaves nothing to be found; lower it"
+        )
     began = spill.prior.release_start
     events: list[Find | Patrol] = [*spill.finds, *spill.patrols]
     for event in events:
@@ -458,5 +556,7 @@ def _check(spill: Spill, when: str) -> None:
     until, last = spill.reporting.until, max((event.time for event in events), default=began)
     if until is not None and until < last:
         what = "the last find or patrol" if events else "the spill"
-        wrong.lines.append(f"spill.reporting.until {notation.group(until)} is before {what}, {notation.group(last)}")
+        wrong.lines.append(
+            f"spill.reporting.until {notation.group(until)} is before {what}, {notation.group(last)}"
+        )
     wrong.refuse()

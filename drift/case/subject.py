@@ -33,7 +33,9 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
     assert table.spill is not None
     wrong = Mistakes()
     if end < start:
-        wrong.lines.append("a [spill] runs forward; where it came from follows from its finds: see drift origin")
+        wrong.lines.append(
+            "a [spill] runs forward; where it came from follows from its finds: see drift origin"
+        )
     if table.coast.source == "none":
         wrong.lines.append(
             'coast.source: "none": a [spill] is about what comes ashore; give "gshhg" or a shoreline file'
@@ -79,14 +81,18 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
     return record
 
 
-def classes(spill: Spill, start: np.datetime64, end: np.datetime64, forcing: Forcing) -> tuple[Scenario, ...]:
+def classes(
+    spill: Spill, start: np.datetime64, end: np.datetime64, forcing: Forcing
+) -> tuple[Scenario, ...]:
     """Return a spill's classes of objects as scenarios: what the engine moves."""
     named = {quantity: tuple(spec.name for spec in specs) for quantity, specs in forcing.items()}
     records = []
     for kind in spill.kinds:
         _check_release(f'class "{kind.name}"', spill.prior, start, end)
         _check_sources(f'class "{kind.name}"', kind.object, named)
-        records.append(Scenario(kind.name, kind.share, kind.object, kind.jibe_rate, spill.prior, named))
+        records.append(
+            Scenario(kind.name, kind.share, kind.object, kind.jibe_rate, spill.prior, named)
+        )
     return tuple(records)
 
 
@@ -97,7 +103,9 @@ def scenarios(
     forcing: Forcing,
     folder: Path,
 ) -> tuple[Scenario, ...]:
-    """Return the scenarios of a case, weights adding up to 1; raise UserError where they don't fit the run."""
+    """Return the scenarios of a case, weights adding up to 1; raise UserError where they don't fit
+    the run.
+    """
     wrong, tables = Mistakes(), case.scenario
     families = {name: place for family in case.family for name, place in family.places().items()}
     total = math.fsum(table.weight for table in tables)
@@ -170,7 +178,8 @@ def _scenario(
         table.jibe_rate(drifter),
         prior,
         chosen,
-        search_object=table.search_object or (itinerary.search_object if itinerary and not adrift else None),
+        search_object=table.search_object
+        or (itinerary.search_object if itinerary and not adrift else None),
         model=table.motion,
         motion=own or PARAMETERS[table.motion](table),
         survival=alive,
@@ -197,10 +206,14 @@ def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetim
             )
 
 
-def _check_itinerary(place: str, itinerary: Itinerary, start: np.datetime64, end: np.datetime64) -> None:
+def _check_itinerary(
+    place: str, itinerary: Itinerary, start: np.datetime64, end: np.datetime64
+) -> None:
     """Refuse a target that steers in a backward run, or may be under way before the run."""
     if end < start:
-        raise UserError(f"{place}: what steers runs forward; give an end after the start, or leave phases out")
+        raise UserError(
+            f"{place}: what steers runs forward; give an end after the start, or leave phases out"
+        )
     span = f"outside the run, {notation.group(start)} to {notation.group(end)}; change its times or the case's start and end"
     for time in _departures(itinerary.phases[0]):
         if not start <= time <= end:
@@ -210,12 +223,23 @@ def _check_itinerary(place: str, itinerary: Itinerary, start: np.datetime64, end
 
 
 def _departures(first: Phase) -> list[np.datetime64]:
-    """Return the earliest and the latest time at which a target gets under way on a way; of a normal law, the mean."""
+    """Return the earliest and the latest time at which a target gets under way on a way; of a
+    normal law, the mean.
+    """
     if not isinstance(first, Ways):
         return []
     time = first.points[0].time
-    low, high = (time.low, time.high) if isinstance(time, Spread) else (time.mean, time.mean) if time else (0.0, 0.0)
-    return [first.start + np.timedelta64(round(t), "s") for t in (low + first.after.low, high + first.after.high)]
+    low, high = (
+        (time.low, time.high)
+        if isinstance(time, Spread)
+        else (time.mean, time.mean)
+        if time
+        else (0.0, 0.0)
+    )
+    return [
+        first.start + np.timedelta64(round(t), "s")
+        for t in (low + first.after.low, high + first.after.high)
+    ]
 
 
 def _check_sources(
@@ -228,7 +252,11 @@ def _check_sources(
             "to say that there is none"
         )
     if drifter.uses_wind and not named["wind"]:
-        needs = f"{own.path.name} takes wind" if own else f'object "{drifter.name}" drifts with the wind'
+        needs = (
+            f"{own.path.name} takes wind"
+            if own
+            else f'object "{drifter.name}" drifts with the wind'
+        )
         wrong.lines.append(
             f"{place}: {needs} and there is none: add [[wind]] with files, or "
             'constant = { speed = "12 kn", from = 240 }'
@@ -236,7 +264,9 @@ def _check_sources(
     wrong.refuse()
 
 
-def _chosen(wanted: list[str] | None, specs: tuple[ForcingSpec, ...], place: str) -> tuple[str, ...]:
+def _chosen(
+    wanted: list[str] | None, specs: tuple[ForcingSpec, ...], place: str
+) -> tuple[str, ...]:
     names = tuple(spec.name for spec in specs)
     for name in wanted or ():
         if name not in names:
@@ -246,7 +276,9 @@ def _chosen(wanted: list[str] | None, specs: tuple[ForcingSpec, ...], place: str
     added = {spec.name for spec in specs if spec.add}
     if wanted and added.issuperset(wanted):
         rest = ", ".join(f'"{name}"' for name in names if name not in added)
-        raise UserError(f"{place}: all of these have add = true; name what they are added to as well: {rest}")
+        raise UserError(
+            f"{place}: all of these have add = true; name what they are added to as well: {rest}"
+        )
     for name in wanted:
         if name in added and wanted.count(name) > 1:
             raise UserError(f'{place}: "{name}" has add = true and is named twice; name it once')

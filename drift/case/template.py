@@ -11,7 +11,8 @@ TEMPLATES = {
     "spill": "many objects released by one event, and where they come ashore",
     "search": "sorties that found nothing, and units for the next search",
 }
-TRACKED = {"contact": "a contact that was lost: its track by the detections there are"}  # of drift track
+# of drift track
+TRACKED = {"contact": "a contact that was lost: its track by the detections there are"}
 
 
 def template_text(name: str) -> str:
@@ -19,7 +20,9 @@ def template_text(name: str) -> str:
     if name not in TEMPLATES | TRACKED:
         listed = ", ".join(f"{own} ({words})" for own, words in (TEMPLATES | TRACKED).items())
         raise UserError(f'no template "{name}"; there are: {listed}')
-    return resources.files("cases").joinpath("templates", f"{name}.toml").read_text(encoding="utf-8")
+    return (
+        resources.files("cases").joinpath("templates", f"{name}.toml").read_text(encoding="utf-8")
+    )
 
 
 def write(name: str, path: Path) -> None:
@@ -31,7 +34,11 @@ def write(name: str, path: Path) -> None:
         with open(path, "x", encoding="utf-8", newline="\n") as file:
             file.write(words)
     except FileExistsError:
-        raise UserError(f"{path}: is there already, and is not replaced; name another file") from None
+        raise UserError(
+            f"{path}: is there already, and is not replaced; name another file"
+        ) from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
-        raise UserError(f"{str(path)[:300]!a}: cannot be written ({reason}); name another file") from None
+        raise UserError(
+            f"{str(path)[:300]!a}: cannot be written ({reason}); name another file"
+        ) from None

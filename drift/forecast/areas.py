@@ -1,4 +1,6 @@
-"""The map of one snapshot: its density, calibrated on held-out particles, its areas and their outlines."""
+"""The map of one snapshot: its density, calibrated on held-out particles, its areas and their
+outlines.
+"""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -21,9 +23,9 @@ MANY = 20_000  # effective particles with which one half alone shows which bandw
 class Deposits:
     """Probability in the cells of one snapshot that hold any particle.
 
-    cells: their flat indices, (n,).
-    mass, squares: weights and squared weights by group and medium (adrift; ashore if any is), shape (4, media, n).
-    scenario: weights by scenario that is shown (drift.forecast.likeliest) and medium, shape (scenarios, media, n).
+    cells: their flat indices, (n,). mass, squares: weights and squared weights by group and medium
+    (adrift; ashore if any is), shape (4, media, n). scenario: weights by scenario that is shown
+    (drift.forecast.likeliest) and medium, shape (scenarios, media, n).
     """
 
     cells: Array
@@ -36,13 +38,13 @@ class Deposits:
 class Area:
     """Map of one snapshot on its own cells.
 
-    probability: by scenario that is shown and medium (adrift; ashore if any is), shape (scenarios, media, nlat, nlon).
-    containment: smallest share whose area contains the cell, shape (nlat, nlon); 1 where there is nothing.
-    areas: sizes [m2] of the areas that hold the shares; held_out: share of unseen particles inside each.
-    thresholds: logarithm of the least density [1/m2] in each.
-    per_kernel: effective particles in a kernel, which is the bandwidth that was chosen.
-    coarse: calibration of the map summed into the cells that all times share. It differs along a shore, where half of
-    what is smoothed lies beside the cells that hold all of it.
+    probability: by scenario that is shown and medium (adrift; ashore if any is), shape (scenarios,
+    media, nlat, nlon). containment: smallest share whose area contains the cell, shape (nlat,
+    nlon); 1 where there is nothing. areas: sizes [m2] of the areas that hold the shares; held_out:
+    share of unseen particles inside each. thresholds: logarithm of the least density [1/m2] in
+    each. per_kernel: effective particles in a kernel, which is the bandwidth that was chosen.
+    coarse: calibration of the map summed into the cells that all times share. It differs along a
+    shore, where half of what is smoothed lies beside the cells that hold all of it.
     """
 
     cells: Cells
@@ -64,7 +66,9 @@ Guides = list[density.Histogram]  # of the kernels of each medium
 
 
 def guides_of(cells: Array, mass: Array, squares: Array, media: Sequence[density.Medium]) -> Guides:
-    """Return what guides the kernels of each medium, from weights and squared weights (media, n) in cells."""
+    """Return what guides the kernels of each medium, from weights and squared weights (media, n) in
+    cells.
+    """
     return [
         density.histogram(cells[w > 0], w[w > 0], s[w > 0], where)
         for w, s, where in zip(mass, squares, media, strict=True)
@@ -96,23 +100,34 @@ def spread(
 
 
 def _choose(
-    cells: Array, halves: list[tuple[Array, Array]], media: Sequence[density.Medium], start: float, more: More
+    cells: Array,
+    halves: list[tuple[Array, Array]],
+    media: Sequence[density.Medium],
+    start: float,
+    more: More,
 ) -> tuple[float, More]:
     """Return the number of particles per kernel under which each half best foretells the other.
 
-    The search climbs a ladder of factors of 2 from `start`. A rung finer than `start` must beat the coarser one by two
-    standard errors of the paired difference: sharp edges alone are no reason to make the rest of the map speckled. Then
-    kernels are made wider by `more` where the map is dense, unless that foretells worse by two standard errors, as it
-    may along a thin filament; then None is returned in its place.
+    The search climbs a ladder of factors of 2 from `start`. A rung finer than `start` must beat the
+    coarser one by two standard errors of the paired difference: sharp edges alone are no reason to
+    make the rest of the map speckled. Then kernels are made wider by `more` where the map is dense,
+    unless that foretells worse by two standard errors, as it may along a thin filament; then None
+    is returned in its place.
     """
-    effective = sum(mass.sum() for mass, _ in halves) ** 2 / sum(squares.sum() for _, squares in halves)
+    effective = sum(mass.sum() for mass, _ in halves) ** 2 / sum(
+        squares.sum() for _, squares in halves
+    )
     pairs = [(0, 1), (1, 0)] if effective < MANY else [(0, 1)]
 
     plain = [guides_of(cells, *half, media) for half in halves]
     weights, where = [], []
     for _, other in pairs:
         seen = halves[other][0].sum(axis=0)
-        where.append(density.reading(cells[seen > 0], [(reach.shape[0], reach.shape[1]) for reach in media[0].reach]))
+        where.append(
+            density.reading(
+                cells[seen > 0], [(reach.shape[0], reach.shape[1]) for reach in media[0].reach]
+            )
+        )
         weights.append(seen[seen > 0])
     weight = np.concatenate(weights)
 
@@ -143,21 +158,32 @@ def _choose(
 
 
 def _calibrated(mass: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
-    """Return the calibrations of a map and of its sums over k by k cells, at density.KNOTS, (2, knots).
+    """Return the calibrations of a map and of its sums over k by k cells, at density.KNOTS, (2,
+    knots).
 
-    unseen: weights (n,) of the particles that the map has not seen, in the cells `held` (flat indices).
+    unseen: weights (n,) of the particles that the map has not seen, in the cells `held` (flat
+    indices).
     """
     fine = density.calibrate(mass, cells.area(), held, unseen).share
     if k == 1:
         return np.stack([fine, fine])
     wide, (row, column) = coarser(cells, k), np.divmod(held, cells.nlon)
     there, which = np.unique((row // k) * wide.nlon + column // k, return_inverse=True)
-    return np.stack([fine, density.calibrate(summed(mass, k), wide.area(), there, np.bincount(which, unseen)).share])
+    return np.stack(
+        [
+            fine,
+            density.calibrate(
+                summed(mass, k), wide.area(), there, np.bincount(which, unseen)
+            ).share,
+        ]
+    )
 
 
 def coarser(cells: Cells, k: int) -> Cells:
     """Return the cells that hold k by k of these."""
-    return Cells(cells.lon0, cells.lat0, k * cells.width, k * cells.height, cells.nlon // k, cells.nlat // k)
+    return Cells(
+        cells.lon0, cells.lat0, k * cells.width, k * cells.height, cells.nlon // k, cells.nlat // k
+    )
 
 
 def summed(values: Array, k: int) -> Array:
@@ -167,13 +193,17 @@ def summed(values: Array, k: int) -> Array:
 
 
 def build_area(
-    cells: Cells, deposits: Deposits, media: Sequence[density.Medium], shares: tuple[float, ...] = SHARES, k: int = 1
+    cells: Cells,
+    deposits: Deposits,
+    media: Sequence[density.Medium],
+    shares: tuple[float, ...] = SHARES,
+    k: int = 1,
 ) -> Area:
     """Return the map of one snapshot, with the areas that hold some shares of it.
 
-    The bandwidth is chosen on halves (groups 0 and 1 against 2 and 3). Then each group in turn calibrates a map of
-    the other three, smoothed by the same bandwidth; `held_out` checks each group with the calibration of the others.
-    k: cells to the side of those that all times share.
+    The bandwidth is chosen on halves (groups 0 and 1 against 2 and 3). Then each group in turn
+    calibrates a map of the other three, smoothed by the same bandwidth; `held_out` checks each
+    group with the calibration of the others. k: cells to the side of those that all times share.
     """
     area, held = cells.area(), deposits.cells
 
@@ -186,19 +216,29 @@ def build_area(
     calibration = coarse = density.Calibration(density.KNOTS)
     share_held = np.full(len(shares), np.nan)
     if groups.min() > 0:
-        halves = [(deposits.mass[i : i + 2].sum(axis=0), deposits.squares[i : i + 2].sum(axis=0)) for i in (0, 2)]
+        halves = [
+            (deposits.mass[i : i + 2].sum(axis=0), deposits.squares[i : i + 2].sum(axis=0))
+            for i in (0, 2)
+        ]
         # At the same bandwidth all particles put twice as many into a kernel as half of them.
         m, more = _choose(held, halves, media, max(m / 2, 2.0), more)
         m *= 2
         calibrations = []
         for unseen, their_squares in zip(deposits.mass, deposits.squares, strict=True):
-            seen, guides = mass - unseen, guides_of(held, mass - unseen, squares - their_squares, media)
+            seen, guides = (
+                mass - unseen,
+                guides_of(held, mass - unseen, squares - their_squares, media),
+            )
             rest = spread(held, seen, divided(guides, more), 0.75 * m, media)
             calibrations.append(_calibrated(rest, cells, held, unseen.sum(axis=0), k))
-        calibration, coarse = (density.Calibration(curve) for curve in np.average(calibrations, axis=0, weights=groups))
+        calibration, coarse = (
+            density.Calibration(curve) for curve in np.average(calibrations, axis=0, weights=groups)
+        )
         folds = [fold[0] for fold in calibrations]
         weights = groups * (1 - np.eye(4))
-        others = [density.Calibration(np.average(folds, axis=0, weights=weight)) for weight in weights]
+        others = [
+            density.Calibration(np.average(folds, axis=0, weights=weight)) for weight in weights
+        ]
         checks = [
             density.Calibration(fold).held(other.level(np.array(shares)))
             for fold, other in zip(folds, others, strict=True)
@@ -207,7 +247,12 @@ def build_area(
     guides = divided(plain, more)
     probability = np.stack(
         [
-            np.stack([spread(held, scenario[[i]], guides[i : i + 1], m, media[i : i + 1]) for i in range(len(media))])
+            np.stack(
+                [
+                    spread(held, scenario[[i]], guides[i : i + 1], m, media[i : i + 1])
+                    for i in range(len(media))
+                ]
+            )
             for scenario in deposits.scenario
         ]
     )
@@ -215,10 +260,14 @@ def build_area(
     contained, levels, sizes, heights = containment(total, area, calibration)
     thresholds = np.interp(shares, levels[1:], np.log(heights))
     sizes = np.interp(shares, levels, sizes)
-    return Area(cells, shares, probability, contained, sizes, share_held, m, thresholds, calibration, coarse)
+    return Area(
+        cells, shares, probability, contained, sizes, share_held, m, thresholds, calibration, coarse
+    )
 
 
-def containment(mass: Array, area: Array, calibration: density.Calibration) -> tuple[Array, Array, Array, Array]:
+def containment(
+    mass: Array, area: Array, calibration: density.Calibration
+) -> tuple[Array, Array, Array, Array]:
     """Return the containment of each cell (nlat, nlon), and the same as curves.
 
     The curves are levels, areas [m2] and densities [1/m2].
@@ -240,7 +289,9 @@ def containment(mass: Array, area: Array, calibration: density.Calibration) -> t
 
 @dataclass(frozen=True)
 class Lattice:
-    """Where cells are: their centres (nlon,) and (nlat,), how far apart these are, and what has points (n, 2) of it in degrees, unwrapped."""
+    """Where cells are: their centres (nlon,) and (nlat,), how far apart these are, and what has
+    points (n, 2) of it in degrees, unwrapped.
+    """
 
     x: Array
     y: Array
@@ -253,8 +304,11 @@ def _lattice(cells: Cells) -> Lattice:
     return Lattice(cells.lon(), cells.lat(), (dlon, dlat), lambda points: points)
 
 
-def outlined(cells: Cells, mass: Array, shares: Sequence[float]) -> tuple[Array, Array, list[shapely.MultiPolygon]]:
-    """Return the containment of a map's cells, and sizes [m2] and outlines [deg] of the areas that hold some shares.
+def outlined(
+    cells: Cells, mass: Array, shares: Sequence[float]
+) -> tuple[Array, Array, list[shapely.MultiPolygon]]:
+    """Return the containment of a map's cells, and sizes [m2] and outlines [deg] of the areas that
+    hold some shares.
 
     mass: (nlat, nlon), not all 0. Nothing calibrates them: they hold their shares of this map.
     """
@@ -273,12 +327,18 @@ def contours(area: Area) -> list[shapely.MultiPolygon]:
 
 
 def contour(lattice: Lattice, field: Array, threshold: float) -> tuple[float, shapely.MultiPolygon]:
-    """Return the size [m2] and the outline [deg] of where a field (nlat, nlon), least along its edge, is above a threshold.
+    """Return the size [m2] and the outline [deg] of where a field (nlat, nlon), least along its
+    edge, is above a threshold.
 
     It is linear in the four triangles between four centres, with their mean in the middle.
     """
     lines = contourpy.contour_generator(
-        lattice.x, lattice.y, field, name="serial", fill_type=contourpy.FillType.OuterOffset, quad_as_tri=True
+        lattice.x,
+        lattice.y,
+        field,
+        name="serial",
+        fill_type=contourpy.FillType.OuterOffset,
+        quad_as_tri=True,
     )
     rings = _rings(lines, threshold, lattice.degrees)
     return sum(map(_area, itertools.chain.from_iterable(rings))), _polygons(rings)
@@ -287,7 +347,10 @@ def contour(lattice: Lattice, field: Array, threshold: float) -> tuple[float, sh
 def interpolated(lattice: Lattice, field: Array, x: Array, y: Array) -> Array:
     """Return the values of such a field at points (n,) within its centres."""
     across, up = (x - lattice.x[0]) / lattice.step[0], (y - lattice.y[0]) / lattice.step[1]
-    i, j = (np.clip(v.astype(int), 0, many - 2) for v, many in ((across, len(lattice.x)), (up, len(lattice.y))))
+    i, j = (
+        np.clip(v.astype(int), 0, many - 2)
+        for v, many in ((across, len(lattice.x)), (up, len(lattice.y)))
+    )
     u, v = across - i - 0.5, up - j - 0.5
     west, south, both = field[j + 1, i], field[j, i + 1], field[j + 1, i + 1]
     corner = field[j, i]
@@ -299,25 +362,35 @@ def interpolated(lattice: Lattice, field: Array, x: Array, y: Array) -> Array:
     return np.asarray(middle + ((one + two) / 2 - middle) * 2 * off + (two - one) * along)
 
 
-def _fitted(lattice: Lattice, height: Array, threshold: float, wanted: float) -> shapely.MultiPolygon:
+def _fitted(
+    lattice: Lattice, height: Array, threshold: float, wanted: float
+) -> shapely.MultiPolygon:
     """Return the outline [deg] of the cells that are denser than a threshold.
 
     threshold: the logarithm of a density [1/m2]; wanted: size [m2] of these cells.
 
-    The line runs where the logarithm of density, linear between cell centres, is at the threshold. Where cells are
-    coarse it is moved until it encloses the wanted size to 0.5 %. A pad of empty cells closes it at the edge.
-    Along a shore the outline, a cell or two wide, keeps nearer to the shoreline than the cells do, and holds more than
-    they: with 20,000 particles stranded on a wavy shore the outlines of the 50, 75 and 95 % areas held 58, 76 and 98 %,
-    with 60 % of them stranded 54, 75 and 95 %.
+    The line runs where the logarithm of density, linear between cell centres, is at the threshold.
+    Where cells are coarse it is moved until it encloses the wanted size to 0.5 %. A pad of empty
+    cells closes it at the edge. Along a shore the outline, a cell or two wide, keeps nearer to the
+    shoreline than the cells do, and holds more than they: with 20,000 particles stranded on a wavy
+    shore the outlines of the 50, 75 and 95 % areas held 58, 76 and 98 %, with 60 % of them stranded
+    54, 75 and 95 %.
     """
-    near = height > np.exp(threshold - 3)  # the line runs no farther out than the neighbours of these
+    # the line runs no farther out than the neighbours of these
+    near = height > np.exp(threshold - 3)
     rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
     south, west = max(rows[0] - 1, 0), max(columns[0] - 1, 0)
     height = height[south : rows[-1] + 2, west : columns[-1] + 2]
-    # Empty cells and those far below the threshold count as e^-4 of it: so the line stays near the cells that matter.
-    field = np.pad(np.log(np.maximum(height, np.exp(threshold - 4))), 1, constant_values=threshold - 4)
+    # Empty cells and those far below the threshold count as e^-4 of it: so the line stays near the
+    # cells that matter.
+    field = np.pad(
+        np.log(np.maximum(height, np.exp(threshold - 4))), 1, constant_values=threshold - 4
+    )
     x, y = lattice.x[west : columns[-1] + 2], lattice.y[south : rows[-1] + 2]
-    x, y = (np.concatenate([[v[0] - d], v, [v[-1] + d]]) for v, d in zip((x, y), lattice.step, strict=True))
+    x, y = (
+        np.concatenate([[v[0] - d], v, [v[-1] + d]])
+        for v, d in zip((x, y), lattice.step, strict=True)
+    )
     generator: Callable[..., contourpy.ContourGenerator] = contourpy.contour_generator
     lines = generator(x, y, field, fill_type=contourpy.FillType.OuterOffset)
     low, high = threshold - 3.0, threshold + 3.0
@@ -328,11 +401,17 @@ def _fitted(lattice: Lattice, height: Array, threshold: float, wanted: float) ->
         if abs(ratio - 1) < 0.005:
             break
         low, high = (threshold, high) if ratio > 1 else (low, threshold)
-        threshold = (low + high) / 2 if step else float(np.clip(threshold + np.log(max(ratio, 0.1)), low, high))
+        threshold = (
+            (low + high) / 2
+            if step
+            else float(np.clip(threshold + np.log(max(ratio, 0.1)), low, high))
+        )
     return _polygons(rings)
 
 
-def _rings(lines: contourpy.ContourGenerator, threshold: float, degrees: Callable[[Array], Array]) -> list[list[Array]]:
+def _rings(
+    lines: contourpy.ContourGenerator, threshold: float, degrees: Callable[[Array], Array]
+) -> list[list[Array]]:
     """Return the rings [deg] of the polygons in which the field exceeds a threshold.
 
     Of each polygon the outer ring comes first (anticlockwise), then its holes (clockwise).
@@ -344,24 +423,36 @@ def _rings(lines: contourpy.ContourGenerator, threshold: float, degrees: Callabl
 
 
 def _area(ring: Array) -> float:
-    """Return the signed area [m2] within a ring [deg]: by Lambert's cylindrical projection, which keeps areas."""
+    """Return the signed area [m2] within a ring [deg]: by Lambert's cylindrical projection, which
+    keeps areas.
+    """
     x, y = np.radians(ring[:, 0] - ring[0, 0]), np.sin(np.radians(ring[:, 1]))
     y = y - y[0]
     return float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) / 2 * sphere.RADIUS**2
 
 
 def _polygon(outer: Array, holes: Sequence[Array]) -> shapely.Polygon:
-    """Return the polygon of an outer ring and its holes, which may touch it along the seam of a pole."""
+    """Return the polygon of an outer ring and its holes, which may touch it along the seam of a
+    pole.
+    """
     whole = shapely.Polygon(outer, holes)
     if not holes or whole.is_valid:
         return whole
-    rest = shapely.Polygon(outer).difference(shapely.union_all([shapely.make_valid(shapely.Polygon(h)) for h in holes]))
+    rest = shapely.Polygon(outer).difference(
+        shapely.union_all([shapely.make_valid(shapely.Polygon(h)) for h in holes])
+    )
     return rest if isinstance(rest, shapely.Polygon) else whole
 
 
 def _polygons(rings: list[list[Array]]) -> shapely.MultiPolygon:
     """Return valid polygons of rings."""
-    whole = shapely.make_valid(shapely.MultiPolygon([_polygon(outer, holes) for outer, *holes in rings]))
-    parts = [p for p in shapely.get_parts(whole) if p.geom_type in ("Polygon", "MultiPolygon") and p.area > 0]
+    whole = shapely.make_valid(
+        shapely.MultiPolygon([_polygon(outer, holes) for outer, *holes in rings])
+    )
+    parts = [
+        p
+        for p in shapely.get_parts(whole)
+        if p.geom_type in ("Polygon", "MultiPolygon") and p.area > 0
+    ]
     union = shapely.union_all(parts) if parts else shapely.MultiPolygon()
     return union if isinstance(union, shapely.MultiPolygon) else shapely.MultiPolygon([union])

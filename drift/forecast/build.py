@@ -1,9 +1,11 @@
-"""The particles at some times -> what a planner reads: maps, containment areas, contours, mean tracks.
+"""The particles at some times -> what a planner reads: maps, containment areas, contours, mean
+tracks.
 
-Everything here is float64 NumPy on fixed-point deposits, in one order: the same snapshots give the same bits on any
-number of threads. A map holds the object adrift or ashore; what is outside the forcing, has left, sunk or is not yet
-released is in the account (`status_probability`, which adds up to 1) but on no map. Longitudes run on over the
-antimeridian, from the grid's western edge eastward. The particles are read part by part: drift.engine.particles.snapshot.
+Everything here is float64 NumPy on fixed-point deposits, in one order: the same snapshots give the
+same bits on any number of threads. A map holds the object adrift or ashore; what is outside the
+forcing, has left, sunk or is not yet released is in the account (`status_probability`, which adds
+up to 1) but on no map. Longitudes run on over the antimeridian, from the grid's western edge
+eastward. The particles are read part by part: drift.engine.particles.snapshot.
 """
 
 from collections import deque
@@ -42,7 +44,9 @@ METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [binary angle unit] along a meridia
 
 @dataclass(frozen=True)
 class Contour:
-    """Outline of the smallest area that holds a share of the probability at a time [deg, unwrapped]."""
+    """Outline of the smallest area that holds a share of the probability at a time [deg,
+    unwrapped].
+    """
 
     time: np.datetime64
     share: float
@@ -63,7 +67,8 @@ class Forecast:
         return self.data["probability"]
 
     def containment_at(self, time: np.datetime64, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
-        """Return the smallest share of the probability whose area holds each of some points [deg], (n,).
+        """Return the smallest share of the probability whose area holds each of some points [deg],
+        (n,).
 
         See drift.forecast.containment.
         """
@@ -82,7 +87,10 @@ class Forecast:
 
 @dataclass(frozen=True)
 class _Laid:
-    """What a snapshot leaves in its own cells, and which of these are land (nlat, nlon); None where none is."""
+    """What a snapshot leaves in its own cells, and which of these are land (nlat, nlon);
+
+    None where none is.
+    """
 
     cells: Cells
     deposits: areas.Deposits
@@ -100,11 +108,11 @@ def build_forecast(
 ) -> Forecast:
     """Return the products of the particles at some times.
 
-    scenarios: names, in order of their numbers.
-    is_land: int32 binary angles (lon, lat), each (n,) -> bool (n,); particles' own cells always count as reachable.
-    shares: whose areas are asked for, ascending. grid: of the forecast; by default it follows the particles. Maps are
-    made on cells that divide its cells, as far as there is anything: areas and containment count what lies outside it.
-    tell: takes the share that is done.
+    scenarios: names, in order of their numbers. is_land: int32 binary angles (lon, lat), each (n,)
+    -> bool (n,); particles' own cells always count as reachable. shares: whose areas are asked for,
+    ascending. grid: of the forecast; by default it follows the particles. Maps are made on cells
+    that divide its cells, as far as there is anything: areas and containment count what lies
+    outside it. tell: takes the share that is done.
     """
     return _begun(outputs, scenarios, is_land, shares, grid, ahead=False)(tell)
 
@@ -117,9 +125,11 @@ def begin(
     shares: tuple[float, ...] = SHARES,
     grid: Cells | None = None,
 ) -> Callable[..., Forecast]:
-    """Return a function that does the rest of `build`, in any thread; what it is given takes the share that is done.
+    """Return a function that does the rest of `build`, in any thread; what it is given takes the
+    share that is done.
 
-    The particles are read, and `is_land`, which may need the device, is called before it is returned.
+    The particles are read, and `is_land`, which may need the device, is called before it is
+    returned.
     """
     return _begun(outputs, scenarios, is_land, shares, grid, ahead=True)
 
@@ -132,17 +142,22 @@ def _begun(
     grid: Cells | None,
     ahead: bool,
 ) -> Callable[..., Forecast]:
-    """Return what `begin` does; ahead: whether what all snapshots leave in cells is read before it is returned.
+    """Return what `begin` does; ahead: whether what all snapshots leave in cells is read before it
+    is returned.
 
     Else that takes its turn before each map, so that memory does not grow with it.
     """
     surveys = [survey.survey_output(output, len(scenarios)) for output in outputs]
     centre, shown = _reference(surveys), _shown(surveys)
     clouds = [cloud.extent_of_output(*own, centre) for own in zip(outputs, surveys, strict=True)]
-    windows, common = _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
+    windows, common = (
+        _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
+    )
     land = _Land(is_land, common)
     each: Iterable[_Laid | None] = (
-        None if window is None else _Laid(window, cloud.deposits(output, known, window, shown), land.on(window))
+        None
+        if window is None
+        else _Laid(window, cloud.deposits(output, known, window, shown), land.on(window))
         for output, known, window in zip(outputs, surveys, windows, strict=True)
     )
     laid = list(each) if ahead else each
@@ -151,7 +166,9 @@ def _begun(
     def rest(tell: Callable[[float], None] = lambda share: None) -> Forecast:
         maps, contours = dataset.Maps(len(surveys), common, shown.size, len(shares)), []
         with ThreadPoolExecutor(AT_ONCE) as pool:
-            drawn = _in_turn(pool, lambda own: None if own is None else _map(own, shares, common), laid)
+            drawn = _in_turn(
+                pool, lambda own: None if own is None else _map(own, shares, common), laid
+            )
             for number, (known, made) in enumerate(zip(surveys, drawn, strict=True)):
                 if made is not None:
                     area, outlines = made
@@ -161,13 +178,19 @@ def _begun(
                         for share, size, outline in zip(shares, area.areas, outlines, strict=True)
                     ]
                 tell((number + 1) / len(surveys))
-        return Forecast(dataset.build_dataset(surveys, scenarios, maps, shares, bandwidths), tuple(contours))
+        return Forecast(
+            dataset.build_dataset(surveys, scenarios, maps, shares, bandwidths), tuple(contours)
+        )
 
     return rest
 
 
-def _in_turn(pool: ThreadPoolExecutor, function: Callable[[T], R], items: Iterable[T]) -> Iterator[R]:
-    """Yield what a function makes of some items, in their order; one of these at most is asked for before its turn."""
+def _in_turn(
+    pool: ThreadPoolExecutor, function: Callable[[T], R], items: Iterable[T]
+) -> Iterator[R]:
+    """Yield what a function makes of some items, in their order; one of these at most is asked for
+    before its turn.
+    """
     waiting: deque[Future[R]] = deque()
     for item in items:
         waiting.append(pool.submit(function, item))
@@ -178,30 +201,41 @@ def _in_turn(pool: ThreadPoolExecutor, function: Callable[[T], R], items: Iterab
 
 
 def grid_of(outputs: Sequence[Output], scenarios: int) -> Cells:
-    """Return the grid that `build` would choose for some outputs, of cells that it can be given again."""
+    """Return the grid that `build` would choose for some outputs, of cells that it can be given
+    again.
+    """
     surveys = [survey.survey_output(output, scenarios) for output in outputs]
     centre = _reference(surveys)
-    grid = _windows([cloud.extent_of_output(*own, centre) for own in zip(outputs, surveys, strict=True)], centre)[1]
+    grid = _windows(
+        [cloud.extent_of_output(*own, centre) for own in zip(outputs, surveys, strict=True)], centre
+    )[1]
     width, height = (-(-size // QUANTUM) * QUANTUM for size in (grid.width, grid.height))
-    columns, rows = (-(-count * old // new) for count, old, new in (
-        (grid.nlon, grid.width, width), (grid.nlat, grid.height, height)
-    ))  # fmt: skip
+    columns, rows = (
+        -(-count * old // new)
+        for count, old, new in ((grid.nlon, grid.width, width), (grid.nlat, grid.height, height))
+    )
     return Cells(grid.lon0, grid.lat0, width, height, min(columns, _whole_turn(width)), rows)
 
 
 def _shown(surveys: Sequence[Survey]) -> Shown:
-    """Return which scenarios have maps of their own, as `dataset.shown` will of what is made of these outputs."""
+    """Return which scenarios have maps of their own, as `dataset.shown` will of what is made of
+    these outputs.
+    """
     return likeliest.likeliest_scenarios([known.scenario for known in surveys])
 
 
 def _reference(surveys: Sequence[Survey]) -> int:
-    """Return the longitude [binary angle] round which to unwrap: that of the mean position at all times."""
+    """Return the longitude [binary angle] round which to unwrap: that of the mean position at all
+    times.
+    """
     x, y = np.sum([known.direction for known in surveys], axis=0)
     return int(sphere.to_binary(np.degrees(np.arctan2(y, x))))
 
 
 def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | None], Cells]:
-    """Return each snapshot's own cells and the common ones; the former divide the latter by powers of two."""
+    """Return each snapshot's own cells and the common ones; the former divide the latter by powers
+    of two.
+    """
     present = [own for own in clouds if own is not None]
     if not present:
         return [None] * len(clouds), Cells(centre, 0, 2**12, 2**12, 1, 1)
@@ -210,7 +244,11 @@ def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | 
     shrink = max(float(np.cos((south + north) / 2 * sphere.UNIT)), 0.01)
     across = max(north - south, (east - west) * shrink)
     wanted = [_wanted(own) for own in present]
-    side = max(across / ACROSS, min(*wanted, across / 120) if len(wanted) > 1 else min(wanted[0], across / 120), 32.0)
+    side = max(
+        across / ACROSS,
+        min(*wanted, across / 120) if len(wanted) > 1 else min(wanted[0], across / 120),
+        32.0,
+    )
     halvings = min(max(int(np.log2(side / 8)), 0), 10)
     height = _multiple(side, 2**halvings)
     width = _multiple(side / shrink, 2**halvings)
@@ -233,7 +271,8 @@ def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | 
     def lon0(x: int) -> int:
         return centre + x * width
 
-    turns = (lon0(left) + 2**31) // sphere.TURN * sphere.TURN  # the grid's western edge in [-180, 180)
+    # the grid's western edge in [-180, 180)
+    turns = (lon0(left) + 2**31) // sphere.TURN * sphere.TURN
     grid = Cells(lon0(left) - turns, low * height, width, height, right - left, high - low)
     windows = [
         None
@@ -254,7 +293,9 @@ def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | 
 def _fixed(clouds: Sequence[Cloud | None], centre: int, grid: Cells) -> list[Cells | None]:
     """Return each snapshot's own cells, which divide those of a given grid by powers of two."""
     middle = grid.lon0 + grid.nlon * grid.width // 2
-    offset = (centre - middle + sphere.TURN // 2) % sphere.TURN - sphere.TURN // 2 + middle - grid.lon0
+    offset = (
+        (centre - middle + sphere.TURN // 2) % sphere.TURN - sphere.TURN // 2 + middle - grid.lon0
+    )
     halvings = (QUANTUM & -QUANTUM).bit_length() - 1
     shrink = grid.height / grid.width
     windows: list[Cells | None] = []
@@ -263,7 +304,9 @@ def _fixed(clouds: Sequence[Cloud | None], centre: int, grid: Cells) -> list[Cel
             windows.append(None)
             continue
         fine = _wanted(own)
-        x0, x1 = _span(offset + own.west, offset + own.east, grid.width, 15 * fine * grid.width / grid.height)
+        x0, x1 = _span(
+            offset + own.west, offset + own.east, grid.width, 15 * fine * grid.width / grid.height
+        )
         y0, y1 = _span(own.south - grid.lat0, own.north - grid.lat0, grid.height, 15 * fine)
         y0, y1 = _within(y0, y1, grid.height, -(2**30) - grid.lat0, 2**30 - grid.lat0)
         if grid.nlon == _whole_turn(grid.width) and (x0 < 0 or x1 > grid.nlon):
@@ -282,18 +325,24 @@ def _fixed(clouds: Sequence[Cloud | None], centre: int, grid: Cells) -> list[Cel
 
 
 def _wanted(of: Cloud) -> float:
-    """Return the size of cells [binary angle unit] that is fine enough for an output's densest particles."""
+    """Return the size of cells [binary angle unit] that is fine enough for an output's densest
+    particles.
+    """
     return max(of.spacing / 2.5, 0.2 * METRE)
 
 
 def _span(low: int, high: int, cell: int, reach: float) -> tuple[int, int]:
-    """Return the first and the last + 1 cell of an extent with its margin; reach: of a kernel beyond it."""
+    """Return the first and the last + 1 cell of an extent with its margin; reach: of a kernel
+    beyond it.
+    """
     margin = reach + 0.04 * (high - low)
     return int(np.floor((low - margin) / cell)), int(np.floor((high + margin) / cell)) + 1
 
 
 def _within(first: int, last: int, cell: int, low: int, high: int) -> tuple[int, int]:
-    """Return a range of cells, cut to those that hold any of [low, high): a part of a cell counts as a cell."""
+    """Return a range of cells, cut to those that hold any of [low, high): a part of a cell counts
+    as a cell.
+    """
     return max(first, low // cell), min(last, -(-high // cell))
 
 
@@ -303,7 +352,9 @@ def _whole_turn(width: int) -> int:
 
 
 def _halved(height: int, fine: float, across: int, most: int) -> int:
-    """Return how often to halve cells until they are fine enough, at most to ACROSS_ONE of them across."""
+    """Return how often to halve cells until they are fine enough, at most to ACROSS_ONE of them
+    across.
+    """
     k = 0
     while height / 2**k > 1.4 * fine and k < most and across * 2 ** (k + 1) <= ACROSS_ONE:
         k += 1
@@ -330,8 +381,16 @@ class _Land:
         """Return land (nlat, nlon) on a window of the common cells or finer; None if there is none."""
         if self.common is None:
             return None
-        x, y = (window.lon0 - self.grid.lon0) // window.width, (window.lat0 - self.grid.lat0) // window.height
-        within = x >= 0 and y >= 0 and x + window.nlon <= self.grid.nlon and y + window.nlat <= self.grid.nlat
+        x, y = (
+            (window.lon0 - self.grid.lon0) // window.width,
+            (window.lat0 - self.grid.lat0) // window.height,
+        )
+        within = (
+            x >= 0
+            and y >= 0
+            and x + window.nlon <= self.grid.nlon
+            and y + window.nlat <= self.grid.nlat
+        )
         if window.width == self.grid.width and within:
             land = self.common[y : y + window.nlat, x : x + window.nlon]
         else:
@@ -339,19 +398,31 @@ class _Land:
         return land if land.any() else None
 
 
-def _map(laid: _Laid, shares: tuple[float, ...], common: Cells) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
-    """Return the map of one snapshot on its own cells, which divide `common`, and the outlines of its areas."""
-    media, k = media_of(laid.deposits, laid.cells.shape, laid.land), common.width // laid.cells.width
+def _map(
+    laid: _Laid, shares: tuple[float, ...], common: Cells
+) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
+    """Return the map of one snapshot on its own cells, which divide `common`, and the outlines of
+    its areas.
+    """
+    media, k = (
+        media_of(laid.deposits, laid.cells.shape, laid.land),
+        common.width // laid.cells.width,
+    )
     area = areas.build_area(laid.cells, laid.deposits, media, shares, k)
     return area, areas.contours(area)
 
 
-def media_of(deposits: areas.Deposits, shape: tuple[int, int], land: Array | None) -> list[density.Medium]:
-    """Return where the object can be adrift, in water that holds a particle, and ashore, along its shoreline."""
+def media_of(
+    deposits: areas.Deposits, shape: tuple[int, int], land: Array | None
+) -> list[density.Medium]:
+    """Return where the object can be adrift, in water that holds a particle, and ashore, along its
+    shoreline.
+    """
     mass = deposits.mass.sum(axis=0)
     if land is None:
         return [density.medium(np.ones(shape, bool))] * len(mass)
-    basins, count = ndimage.label(~land)  # a kernel reaches across a spit, but not into a bay that holds nobody
+    # a kernel reaches across a spit, but not into a bay that holds nobody
+    basins, count = ndimage.label(~land)
     holds = np.zeros(count + 1, bool)
     holds[np.unique(basins.ravel()[deposits.cells])] = True
     holds[0] = False
@@ -359,7 +430,9 @@ def media_of(deposits: areas.Deposits, shape: tuple[int, int], land: Array | Non
     allowed = [water.copy()]
     if len(mass) > 1:
         square = np.ones((3, 3), bool)
-        allowed.append(ndimage.binary_dilation(land, square) & ndimage.binary_dilation(water, square))
+        allowed.append(
+            ndimage.binary_dilation(land, square) & ndimage.binary_dilation(water, square)
+        )
     for where, weights in zip(allowed, mass, strict=True):
         where.ravel()[deposits.cells[weights > 0]] = True
     return [density.medium(where) for where in allowed]

@@ -1,4 +1,6 @@
-"""What is told of the members of an ensemble of winds and currents: which the evidence speaks for, and where each leads."""
+"""What is told of the members of an ensemble of winds and currents: which the evidence speaks for,
+and where each leads.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,16 +26,20 @@ class Members:
     names: tuple[str, ...]
     prior: Array  # (members,) sum 1
     posterior: Array  # (members,) sum 1, by all that was seen
-    place: Array  # (members, 2) mean position [deg] of what is on the map in each, NaN where nothing is
+    # (members, 2) mean position [deg] of what is on the map in each, NaN where nothing is
+    place: Array
 
 
 def told(names: Sequence[str], end: Output, posterior: Array | None = None) -> Members:
     """Return what is told of members, which are equally likely beforehand.
 
-    end: the particles at the end. posterior: of each member, (members,); by default what its particles weigh.
+    end: the particles at the end. posterior: of each member, (members,); by default what its
+    particles weigh.
     """
     many = len(names)
-    place = snapshot.places(snapshot.total(end, lambda part: snapshot.vectors_by(part, _of(part), many)))
+    place = snapshot.places(
+        snapshot.total(end, lambda part: snapshot.vectors_by(part, _of(part), many))
+    )
     if posterior is None:
         posterior = snapshot.total(
             end, lambda part: part.blocks.partial(part.probability, code=_of(part), many=many)
@@ -51,7 +57,14 @@ def csv(members: Members, run: str) -> str:
     """Return the table of members; run: the run_id for the last column."""
     columns = zip(members.names, members.prior, members.posterior, members.place, strict=True)
     rows = [
-        [k, name, f"{prior:.7g}", f"{posterior:.7g}", *("" if np.isnan(x) else f"{x:.5f}" for x in place), run]
+        [
+            k,
+            name,
+            f"{prior:.7g}",
+            f"{posterior:.7g}",
+            *("" if np.isnan(x) else f"{x:.5f}" for x in place),
+            run,
+        ]
         for k, (name, prior, posterior, place) in enumerate(columns, 1)
     ]
     return formats.csv_text(HEADER, rows)
@@ -64,7 +77,9 @@ def summary_of_members(members: Members) -> dict[str, Any]:
         "number": len(members.names),
         # As many as would count if all that count did so alike; all of them where nothing was seen.
         "effective": float(1 / (members.posterior**2).sum()),
-        "weights": {name: {"prior": prior, "posterior": posterior} for name, prior, posterior in columns},
+        "weights": {
+            name: {"prior": prior, "posterior": posterior} for name, prior, posterior in columns
+        },
     }
 
 
@@ -75,13 +90,25 @@ FILES: dict[str, Callable[[Members, Stamped], Contents]] = {
 
 def chapter(members: Members) -> Chapter:
     """Return the chapter of members."""
-    return Chapter({"members": summary_of_members(members)}, bound(FILES, members), leaves=(partial(_leaves, members),))
+    return Chapter(
+        {"members": summary_of_members(members)},
+        bound(FILES, members),
+        leaves=(partial(_leaves, members),),
+    )
 
 
 def _leaves(members: Members) -> list[Any]:
     columns = [
-        ("member", "Member", "words"), ("name", "Name", "words"), ("prior", "Before", "share"), ("posterior", "After", "share"),
-        ("lon", "Mean longitude at the end", "words"), ("lat", "Mean latitude", "words"),
-    ]  # fmt: skip
+        ("member", "Member", "words"),
+        ("name", "Name", "words"),
+        ("prior", "Before", "share"),
+        ("posterior", "After", "share"),
+        ("lon", "Mean longitude at the end", "words"),
+        ("lat", "Mean latitude", "words"),
+    ]
     note = "Equally likely before anything was seen; after it, by what the particles in each weigh."
-    return [leaves.table_leaf("Members of the winds and currents", columns, file="members.csv", note=note)]
+    return [
+        leaves.table_leaf(
+            "Members of the winds and currents", columns, file="members.csv", note=note
+        )
+    ]

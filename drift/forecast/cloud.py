@@ -1,4 +1,6 @@
-"""The particles of a map, read part by part: how far they reach, how fine its cells are to be, what lies in each cell."""
+"""The particles of a map, read part by part: how far they reach, how fine its cells are to be, what
+lies in each cell.
+"""
 
 from dataclasses import dataclass
 
@@ -45,7 +47,8 @@ def extent_of_output(output: Output, known: Survey, centre: int) -> Cloud | None
     picks: list[Array] = []  # (3, m) of each part: number in the whole run, lon, lat
     for part in output.parts():
         there, blocks = mapped(part), part.blocks
-        # int32 subtraction wraps, which gives longitudes relative to the centre in [-180, 180) degrees.
+        # int32 subtraction wraps, which gives longitudes relative to the centre in [-180, 180)
+        # degrees.
         lon, lat = np.subtract(part.lon, np.int32(centre)), part.lat
         if there.any():
             x, y = lon[there], lat[there]
@@ -56,7 +59,10 @@ def extent_of_output(output: Output, known: Survey, centre: int) -> Cloud | None
             wanted = goals[slice(*np.searchsorted(block_of, (number, number + 1)))]
             if wanted.size:
                 running = begun[number] + np.cumsum(weight[spans[here]])
-                slots = np.unique(np.searchsorted(running, wanted).clip(max=len(running) - 1)) + spans[here].start
+                slots = (
+                    np.unique(np.searchsorted(running, wanted).clip(max=len(running) - 1))
+                    + spans[here].start
+                )
                 picks.append(np.stack([places[slots], lon[slots], lat[slots]]))
     chosen = np.concatenate(picks, axis=1)
     _, lon, lat = chosen[:, np.argsort(chosen[0])]
@@ -73,26 +79,33 @@ def deposits(output: Output, known: Survey, window: Cells, shown: Shown) -> area
     places = shown.place.astype(np.int32)
 
     def marked(part: Snapshot) -> tuple[Swarm, Marks]:
-        return swarm(part), Marks(group(part.blocks.places, output.n), medium, part.scenario, places)
+        return swarm(part), Marks(
+            group(part.blocks.places, output.n), medium, part.scenario, places
+        )
 
     held = tally.held(map(swarm, output.parts()), window)
     heaviest = 0.0 if level else known.heaviest
-    whole = tally.laid(map(marked, output.parts()), window, held, GROUPS, media, shown.size, heaviest)
+    whole = tally.laid(
+        map(marked, output.parts()), window, held, GROUPS, media, shown.size, heaviest
+    )
     mass, squares, by_scenario = (own / cells.ONE for own in whole)
     alone = by_scenario if shown.size > 1 else mass.sum(axis=0)[None]
     return areas.Deposits(held, mass, (mass if level else squares) * known.heaviest, alone)
 
 
 def group(place: Array, n: int) -> Array:
-    """Return the group, 0 to GROUPS - 1, of particles, int32: those of one group are held out of a map together.
+    """Return the group, 0 to GROUPS - 1, of particles, int32: those of one group are held out of a
+    map together.
 
-    place: their numbers in the whole run, of n particles, ascending. It is a hash of the number, the same in runs of up
-    to 32: resampling lays a particle's offspring side by side, and siblings must not sit on both sides of a check.
+    place: their numbers in the whole run, of n particles, ascending. It is a hash of the number,
+    the same in runs of up to 32: resampling lays a particle's offspring side by side, and siblings
+    must not sit on both sides of a check.
     """
     run = min(max(n // 2048, 1), 32)
     code = place // run + 1
     begun = np.flatnonzero(np.diff(code, prepend=0))
     with np.errstate(over="ignore"):
-        words = code[begun].astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)  # the steps of SplitMix64's counter
+        # the steps of SplitMix64's counter
+        words = code[begun].astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
     own = (mixing.mixed(words) >> np.uint64(62)).astype(np.int32)
     return np.repeat(own, np.diff(begun, append=len(code)))

@@ -1,7 +1,7 @@
 """Where areas lie on the coast: their cells that hold what is ashore, as lines along the shore.
 
-What strands lies on a strip of a cell or two, whose outline is lost under the shoreline of a chart. Areas nest: a cell is
-told of the smallest that holds it.
+What strands lies on a strip of a cell or two, whose outline is lost under the shoreline of a chart.
+Areas nest: a cell is told of the smallest that holds it.
 """
 
 from collections.abc import Sequence
@@ -21,9 +21,11 @@ NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows and columns to half of th
 
 
 def strips(at: Any, shares: Sequence[float]) -> dict[float, shapely.MultiLineString]:
-    """Return the coast in each share's area and in no smaller one, as lines [deg, unwrapped] from cell to cell.
+    """Return the coast in each share's area and in no smaller one, as lines [deg, unwrapped] from
+    cell to cell.
 
-    at: a forecast's data (drift.forecast.products.dataset) at one time. shares: ascending; those without coast are left out.
+    at: a forecast's data (drift.forecast.products.dataset) at one time. shares: ascending; those
+    without coast are left out.
     """
     held = np.nan_to_num(at["containment"].values, nan=np.inf)
     which = np.where(_on_coast(at), np.searchsorted(shares, held), len(shares))
@@ -38,9 +40,11 @@ def _on_coast(at: Any) -> Array:
 
 
 def _lines(which: Array, k: int, lon: Array, lat: Array) -> shapely.MultiLineString:
-    """Return lines from each cell of number k to its neighbours of the same or a smaller number, aslant only round corners.
+    """Return lines from each cell of number k to its neighbours of the same or a smaller number,
+    aslant only round corners.
 
-    A cell without neighbours is a line of half its width. which: (nlat, nlon); lon, lat: of their middles [deg].
+    A cell without neighbours is a line of half its width. which: (nlat, nlon); lon, lat: of their
+    middles [deg].
     """
     there, own = np.pad(which <= k, 1), np.pad(which == k, 1)
 
@@ -58,7 +62,8 @@ def _lines(which: Array, k: int, lon: Array, lat: Array) -> shapely.MultiLineStr
     quarter = np.array([0.0, 0.25])
     ends.append(np.stack([alone - quarter, alone + quarter], axis=1))
     rows, columns = (np.concatenate(ends) - 1).transpose(2, 0, 1)
-    step = [float(axis[1] - axis[0]) if len(axis) > 1 else 0.01 for axis in (lon, lat)]  # cells are even
+    # cells are even
+    step = [float(axis[1] - axis[0]) if len(axis) > 1 else 0.01 for axis in (lon, lat)]
     x, y = lon[0] + step[0] * columns, lat[0] + step[1] * rows
     merged = shapely.line_merge(shapely.multilinestrings(np.stack([x, y], axis=-1)))
     parts = shapely.get_parts(shapely.simplify(merged, min(step) / 20))
@@ -66,13 +71,17 @@ def _lines(which: Array, k: int, lon: Array, lat: Array) -> shapely.MultiLineStr
 
 
 def coast_in_words(at: Any) -> str:
-    """Return in a few words where the densest half of what is ashore lies; empty if little is ashore."""
+    """Return in a few words where the densest half of what is ashore lies; empty if little is
+    ashore.
+    """
     ashore = at["probability_ashore"].values.astype(np.float64)
     if ashore.sum() < LEAST:
         return ""
     order = np.argsort(-(ashore / at["cell_area"].values).ravel(), kind="stable")
     inside = np.cumsum(ashore.ravel()[order])
-    row, column = np.divmod(order[: int(np.searchsorted(inside, inside[-1] / 2)) + 1], ashore.shape[1])
+    row, column = np.divmod(
+        order[: int(np.searchsorted(inside, inside[-1] / 2)) + 1], ashore.shape[1]
+    )
     places = np.column_stack([at["lon"].values[column], at["lat"].values[row]])
     places = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(places)))
     one, other = (np.radians(places[k]).T for k in np.indices((len(places), len(places))))

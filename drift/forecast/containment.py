@@ -20,10 +20,10 @@ def containment_at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike)
 
     It is 1 where there is no probability.
 
-    data: a drift.forecast.products.dataset, of a run or from forecast.nc. Between the centres of cells that hold any probability
-    the logarithm of 1 - containment is bilinear: for a bivariate normal that is the logarithm of density, which the
-    contours are drawn by. A cell's own reading is noise of up to its difference from its neighbours; the point's is
-    not.
+    data: a drift.forecast.products.dataset, of a run or from forecast.nc. Between the centres of
+    cells that hold any probability the logarithm of 1 - containment is bilinear: for a bivariate
+    normal that is the logarithm of density, which the contours are drawn by. A cell's own reading
+    is noise of up to its difference from its neighbours; the point's is not.
     """
     times = data["time"].values
     match = np.flatnonzero(times == np.datetime64(time, "ns"))
@@ -36,7 +36,10 @@ def containment_at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike)
     output = data.isel(time=int(match[0]))
     holds = output["probability"].values > 0
     outer = np.log(np.maximum(1 - output["containment"].values.astype(np.float64), LEAST))
-    x, y = _place(data["lon"].values, lon, turning=True), _place(data["lat"].values, lat, turning=False)
+    x, y = (
+        _place(data["lon"].values, lon, turning=True),
+        _place(data["lat"].values, lat, turning=False),
+    )
     x, y = np.broadcast_arrays(x, y)
     nlat, nlon = holds.shape
     inside = (x > -0.5) & (x < nlon - 0.5) & (y > -0.5) & (y < nlat - 0.5)
@@ -50,7 +53,9 @@ def containment_at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike)
         share = np.where(own & holds[k, m], share, 0.0)
         total += share * np.where(share > 0, outer[k, m], 0.0)
         weight += share
-    return np.where(own, 1 - np.exp(np.divide(total, weight, out=np.zeros(x.shape), where=weight > 0)), 1.0)
+    return np.where(
+        own, 1 - np.exp(np.divide(total, weight, out=np.zeros(x.shape), where=weight > 0)), 1.0
+    )
 
 
 def _nearest(place: Array, size: int) -> Array:

@@ -1,20 +1,26 @@
 """Particles in cells -> a smooth probability map, and the areas that hold a stated share of it.
 
-A histogram of particles holds too little outside itself: its "95 %" area misses far more than 5 % of new particles.
-Here each particle is smoothed by a Gaussian kernel wide enough to hold about `m` effective particles (Abramson 1982,
-doi:10.1214/aos/1176345986: bandwidth as density to the power -1/2), on a pyramid of grids, each half as fine as the one
-below: mass climbs until its neighbourhood is populous enough, is smoothed there by one cell and comes down again
-by linear interpolation. So dense cores stay sharp while thin tails are smoothed, and a map costs a few passes.
+A histogram of particles holds too little outside itself: its "95 %" area misses far more than 5 %
+of new particles. Here each particle is smoothed by a Gaussian kernel wide enough to hold about `m`
+effective particles (Abramson 1982, doi:10.1214/aos/1176345986: bandwidth as density to the power
+-1/2), on a pyramid of grids, each half as fine as the one below: mass climbs until its
+neighbourhood is populous enough, is smoothed there by one cell and comes down again by linear
+interpolation. So dense cores stay sharp while thin tails are smoothed, and a map costs a few
+passes.
 
-- Where the map is dense, kernels hold up to WIDER times as many: there the density is nearly level, so that noise is
-  what orders the cells, and a wider kernel costs little. How many follows the cell's rank in a first, wide map.
-- `m` is chosen by the log likelihood of held-out particles, both halves in turn; the search starts where bandwidth
-  goes as n^(-1/6).
-- Mass stays off masked cells (land): each source's kernel is normalised over the cells allowed, so nothing is lost.
-- Levels are calibrated: the area called "95 %" is the one that held 95 % of the particles held out of the map.
+- Where the map is dense, kernels hold up to WIDER times as many: there the density is nearly level,
+  so that noise is what orders the cells, and a wider kernel costs little. How many follows the
+  cell's rank in a first, wide map.
+- `m` is chosen by the log likelihood of held-out particles, both halves in turn; the search starts
+  where bandwidth goes as n^(-1/6).
+- Mass stays off masked cells (land): each source's kernel is normalised over the cells allowed, so
+  nothing is lost.
+- Levels are calibrated: the area called "95 %" is the one that held 95 % of the particles held out
+  of the map.
 
-Sums are over fixed-point deposits or in one fixed order in float64: a map does not depend on threads. A kernel
-may reach across a spit narrower than itself: it knows water from land, not a way round.
+Sums are over fixed-point deposits or in one fixed order in float64: a map does not depend on
+threads. A kernel may reach across a spit narrower than itself: it knows water from land, not a way
+round.
 """
 
 from collections.abc import Sequence
@@ -25,21 +31,26 @@ from scipy import ndimage, spatial
 
 from geo.array import Array
 
-KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)]))  # of a calibration
+# of a calibration
+KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)]))
 FEW = 8  # a grid with so many times more cells than count is read only where they count
-PARTS = np.array([9, 3, 3, 1]) / 16  # of a cell's mass go to four cells of the next level: see _above
+# of a cell's mass go to four cells of the next level: see _above
+PARTS = np.array([9, 3, 3, 1]) / 16
 REACH = 4  # cells, and standard deviations, as far as a kernel reaches
 BELL = np.exp(-0.5 * np.arange(-REACH, REACH + 1) ** 2)
 BELL /= BELL.sum()
-WIDER = 4.0  # kernels of the densest cells hold so many times the particles of those of the thinnest
-PER_KERNEL = 0.07  # m = PER_KERNEL n^(2/3) is about the optimum of a bivariate normal: where the search starts
+# kernels of the densest cells hold so many times the particles of those of the thinnest
+WIDER = 4.0
+# m = PER_KERNEL n^(2/3) is about the optimum of a bivariate normal: where the search starts
+PER_KERNEL = 0.07
 
 
 def typical_spacing(x: Array, y: Array, effective: float) -> float:
-    """Return the bandwidth [m] that suits the densest parts of a cloud of so many effective particles.
+    """Return the bandwidth [m] that suits the densest parts of a cloud of so many effective
+    particles.
 
-    x, y: a weighted systematic sample of it [m], (n,). From the 16th nearest neighbours there: rough, it only sets the
-    cells' size.
+    x, y: a weighted systematic sample of it [m], (n,). From the 16th nearest neighbours there:
+    rough, it only sets the cells' size.
     """
     points = np.column_stack([x, y])
     k = min(16, len(x) - 1)
@@ -51,7 +62,9 @@ def typical_spacing(x: Array, y: Array, effective: float) -> float:
 
 
 def _coarser(fine: Array) -> Array:
-    """Return the sums of a grid on one of half as many cells, by weights 1 3 3 1 / 4 along each axis."""
+    """Return the sums of a grid on one of half as many cells, by weights 1 3 3 1 / 4 along each
+    axis.
+    """
     if fine.shape[0] % 2:
         fine = np.concatenate([fine, np.zeros((1, fine.shape[1]))])
     if fine.shape[1] % 2:
@@ -90,14 +103,18 @@ def _finer(coarse: Array, shape: tuple[int, int]) -> Array:
 
 
 def _above(cells: Array, shape: tuple[int, int]) -> tuple[Array, tuple[int, int]]:
-    """Return the cells of the next level that share the mass of each cell, (4, n), and that level's shape.
+    """Return the cells of the next level that share the mass of each cell, (4, n), and that level's
+    shape.
 
-    The shares are PARTS: it does what `_coarser` and `_finer` do, for a few cells that are given and returned as flat
-    indices.
+    The shares are PARTS: it does what `_coarser` and `_finer` do, for a few cells that are given
+    and returned as flat indices.
     """
     coarse = ((shape[0] + 1) // 2, (shape[1] + 1) // 2)
     row, column = np.divmod(cells, shape[1])
-    rows = (row // 2 * coarse[1], np.clip(row // 2 + 2 * (row % 2) - 1, 0, coarse[0] - 1) * coarse[1])
+    rows = (
+        row // 2 * coarse[1],
+        np.clip(row // 2 + 2 * (row % 2) - 1, 0, coarse[0] - 1) * coarse[1],
+    )
     columns = (column // 2, np.clip(column // 2 + 2 * (column % 2) - 1, 0, coarse[1] - 1))
     return np.stack([y + x for y in rows for x in columns]), coarse
 
@@ -126,10 +143,9 @@ def _gauss(values: Array) -> Array:
 class Reading:
     """Few cells of which the values of a map are wanted, and the way to them down the pyramid.
 
-    cells: their flat indices, (n,).
-    at: the same for each level, of what is wanted there; None for all.
-    above: for each level but the last the cells of the next one that share the mass of each of these, (4, n), as
-    numbers among those that are wanted there.
+    cells: their flat indices, (n,). at: the same for each level, of what is wanted there; None for
+    all. above: for each level but the last the cells of the next one that share the mass of each of
+    these, (4, n), as numbers among those that are wanted there.
     """
 
     cells: Array
@@ -165,7 +181,9 @@ def medium(allowed: Array) -> Medium:
 
 
 def reading(cells: Array, shapes: Sequence[tuple[int, int]]) -> Reading:
-    """Return how the values of some cells (flat indices, n) are read; shapes: of the levels of the pyramid."""
+    """Return how the values of some cells (flat indices, n) are read; shapes: of the levels of the
+    pyramid.
+    """
     at: list[Array | None] = [cells]
     above: list[Array | None] = []
     for shape in shapes[:-1]:
@@ -200,9 +218,11 @@ class Histogram:
 
 
 def wider(first: Array, area: Array) -> tuple[Array, ...]:
-    """Return how many times as many particles the kernels of each cell hold, for each level of the pyramid.
+    """Return how many times as many particles the kernels of each cell hold, for each level of the
+    pyramid.
 
-    It is WIDER to the power 1 - s, where s is the share of a first map (nlat, nlon) that is denser than the cell.
+    It is WIDER to the power 1 - s, where s is the share of a first map (nlat, nlon) that is denser
+    than the cell.
     """
     order = ranked(first / area[:, None])
     inside = np.cumsum(first.ravel()[order])
@@ -211,7 +231,9 @@ def wider(first: Array, area: Array) -> tuple[Array, ...]:
     levels = [WIDER ** (1 - denser.reshape(first.shape))]
     while min(levels[-1].shape) >= 16:
         padded = np.pad(levels[-1], [(0, size % 2) for size in levels[-1].shape], mode="edge")
-        levels.append((padded[0::2, 0::2] + padded[1::2, 0::2] + padded[0::2, 1::2] + padded[1::2, 1::2]) / 4)
+        levels.append(
+            (padded[0::2, 0::2] + padded[1::2, 0::2] + padded[0::2, 1::2] + padded[1::2, 1::2]) / 4
+        )
     return tuple(levels)
 
 
@@ -219,14 +241,19 @@ def divided(guide: Histogram, more: tuple[Array, ...] | None) -> Histogram:
     """Return a guide by which kernels take in more times as many particles; see `wider`."""
     if more is None:
         return guide
-    return Histogram(tuple(number / factor for number, factor in zip(guide.number, more, strict=True)))
+    return Histogram(
+        tuple(number / factor for number, factor in zip(guide.number, more, strict=True))
+    )
 
 
 def histogram(cells: Array, mass: Array, squares: Array, where: Medium) -> Histogram:
-    """Return the effective numbers of particles, from weights and their squares in cells (flat indices), each (n,)."""
+    """Return the effective numbers of particles, from weights and their squares in cells (flat
+    indices), each (n,).
+    """
     numbers = []
     for level, reach in enumerate(where.reach):
-        variance = 1.5 - 0.5 / 4**level  # of the kernel, in this level's cells: Gauss plus down and up
+        # of the kernel, in this level's cells: Gauss plus down and up
+        variance = 1.5 - 0.5 / 4**level
         number = np.divide(variance * mass**2, squares, out=np.zeros(cells.size), where=squares > 0)
         numbers.append(np.zeros(reach.shape))
         numbers[-1].ravel()[cells] = number
@@ -237,15 +264,20 @@ def histogram(cells: Array, mass: Array, squares: Array, where: Medium) -> Histo
     return Histogram(tuple(numbers))
 
 
-def spread(cells: Array, mass: Array, guide: Histogram, m: float, where: Medium, at: Reading | None = None) -> Array:
+def spread(
+    cells: Array, mass: Array, guide: Histogram, m: float, where: Medium, at: Reading | None = None
+) -> Array:
     """Return mass in cells (flat indices, n) as a smooth map (nlat, nlon).
 
-    Kernels hold `m` effective particles of the guide. The map is linear in mass: those of scenarios add up to that of
-    all. The total is kept to rounding. at: the cells whose values alone are wanted, and returned, (k,).
+    Kernels hold `m` effective particles of the guide. The map is linear in mass: those of scenarios
+    add up to that of all. The total is kept to rounding. at: the cells whose values alone are
+    wanted, and returned, (k,).
     """
-    staying: list[tuple[Array, Array]] = []  # for each level the cells whose mass is smoothed there, and how much
+    # for each level the cells whose mass is smoothed there, and how much
+    staying: list[tuple[Array, Array]] = []
     for number in guide.number[:-1]:
-        # The wanted variance is m / number times this level's, and the next level's is 4 times: shares of both give it.
+        # The wanted variance is m / number times this level's, and the next level's is 4 times:
+        # shares of both give it.
         share = np.clip((4 - m / np.maximum(number.ravel()[cells], m / 8)) / 3, 0, 1)
         stays = share > 0
         staying.append((cells[stays], (mass * share)[stays]))
@@ -262,7 +294,9 @@ def spread(cells: Array, mass: Array, guide: Histogram, m: float, where: Medium,
     return smooth
 
 
-def _smoothed(staying: Sequence[tuple[Array, Array]], where: Medium, level: int, few: Reading | None) -> Array:
+def _smoothed(
+    staying: Sequence[tuple[Array, Array]], where: Medium, level: int, few: Reading | None
+) -> Array:
     """Return what stays at a level and above, smoothed there and brought down to it.
 
     few: the cells that are wanted; None for all.
@@ -276,13 +310,23 @@ def _smoothed(staying: Sequence[tuple[Array, Array]], where: Medium, level: int,
         smooth = _finer(_smoothed(staying, where, level + 1, None), shape)
     else:
         assert few is not None
-        smooth = np.asarray(PARTS @ _smoothed(staying, where, level + 1, few).ravel()[few.above[level]])
+        smooth = np.asarray(
+            PARTS @ _smoothed(staying, where, level + 1, few).ravel()[few.above[level]]
+        )
     if cells.size:
         rows, columns = np.divmod(cells, shape[1])
-        south, west = max(rows.min() - REACH, 0), max(columns.min() - REACH, 0)  # all is zero beyond these
-        own = np.zeros((min(rows.max() + REACH + 1, shape[0]) - south, min(columns.max() + REACH + 1, shape[1]) - west))
+        # all is zero beyond these
+        south, west = max(rows.min() - REACH, 0), max(columns.min() - REACH, 0)
+        own = np.zeros(
+            (
+                min(rows.max() + REACH + 1, shape[0]) - south,
+                min(columns.max() + REACH + 1, shape[1]) - west,
+            )
+        )
         share = reach.ravel()[cells]
-        own[rows - south, columns - west] = np.divide(stay, share, out=np.zeros(stay.size), where=share > 0)
+        own[rows - south, columns - west] = np.divide(
+            stay, share, out=np.zeros(stay.size), where=share > 0
+        )
         own = _gauss(own)
         if at is None:
             smooth[south : south + own.shape[0], west : west + own.shape[1]] += own
@@ -310,13 +354,15 @@ class Calibration:
 
 
 def ranked(density: Array, least: float = 0.0) -> Array:
-    """Return flat indices of the cells with any probability, densest first; ties in order of the index.
+    """Return flat indices of the cells with any probability, densest first; ties in order of the
+    index.
 
     least: density under which cells are left out.
     """
     occupied = np.flatnonzero(density >= least if least > 0 else density > 0)
     sparse = -density.ravel()[occupied]
-    order = np.argsort(sparse)  # twice as fast as a stable sort: ties, which are few, are brought into order afterwards
+    # twice as fast as a stable sort: ties, which are few, are brought into order afterwards
+    order = np.argsort(sparse)
     level = sparse[order]
     tied = level[1:] == level[:-1]
     if tied.any():
@@ -332,8 +378,11 @@ def calibrate(mass: Array, area: Array, cells: Array, unseen: Array) -> Calibrat
     """
     density, held = mass / area[:, None], np.zeros(mass.size)
     held[cells] = unseen
-    order = ranked(density, density.ravel()[cells[unseen > 0]].min())  # none of the unseen lies in thinner cells
+    # none of the unseen lies in thinner cells
+    order = ranked(density, density.ravel()[cells[unseen > 0]].min())
     inside, seen = np.cumsum(mass.ravel()[order]), np.cumsum(held[order]) / unseen.sum()
-    share = np.interp(KNOTS, np.concatenate([[0.0], inside / mass.sum()]), np.concatenate([[0.0], seen]))
+    share = np.interp(
+        KNOTS, np.concatenate([[0.0], inside / mass.sum()]), np.concatenate([[0.0], seen])
+    )
     share[-1] = 1.0
     return Calibration(share)

@@ -2,9 +2,10 @@
 
 Every file and picture asks here, and nowhere else.
 
-Weights make a few particles count for all of them: their effective number is one over the sum of their squared shares
-(Kong 1992; Kish 1965, sec. 11.2). What was drawn anew counts as the particle that it descends from: copies add no
-information, however many there are. Objects of one world share all its unknowns, so for a spill its worlds count.
+Weights make a few particles count for all of them: their effective number is one over the sum of
+their squared shares (Kong 1992; Kish 1965, sec. 11.2). What was drawn anew counts as the particle
+that it descends from: copies add no information, however many there are. Objects of one world share
+all its unknowns, so for a spill its worlds count.
 """
 
 import math
@@ -23,7 +24,8 @@ from geo.array import Array
 FEW = {"particles": 200.0, "worlds": 50.0}  # fewer than so many, and figures are rough
 SLACK = 1e-6  # share of a number by which rounding may miss it
 PART = 0.05  # share of the probability on the map from which on a part of it is mentioned by itself
-# A run is warned of once this share of what is ever released is out: until then its maps say what is missing.
+# A run is warned of once this share of what is ever released is out: until then its maps say what
+# is missing.
 RELEASED = 0.99
 PARTS = {"adrift": "of those adrift", "ashore": "of those ashore"}
 
@@ -60,8 +62,12 @@ class Effective:
         self._sums: list[Partial] = []
         self._runs: list[tuple[Array, Array]] = []
 
-    def add(self, weight: Array, blocks: Blocks, code: Array | None = None, family: Array | None = None) -> None:
-        """Take up weights (n,) of a part, probabilities; family: those of one and the same code count as one."""
+    def add(
+        self, weight: Array, blocks: Blocks, code: Array | None = None, family: Array | None = None
+    ) -> None:
+        """Take up weights (n,) of a part, probabilities; family: those of one and the same code
+        count as one.
+        """
         if family is None:
             self._sums.append(blocks.partial(weight, weight**2, code=code, many=self._many))
         else:
@@ -75,7 +81,8 @@ class Effective:
             of, mass = weights.families(self._many, self._runs)
             top = np.zeros(self._many)
             np.maximum.at(top, of, mass)
-            mass = mass / np.where(top > 0, top, 1.0)[of]  # squares of the smallest weights would underflow
+            # squares of the smallest weights would underflow
+            mass = mass / np.where(top > 0, top, 1.0)[of]
             total, squares = np.bincount(of, mass, self._many), np.bincount(of, mass**2, self._many)
         else:
             total, squares = partials.merged(self._sums).total.T
@@ -83,8 +90,12 @@ class Effective:
 
 
 def of_sums(total: Array, squares: Array) -> Array:
-    """Return effective numbers from sums of weights and of their squares, of one shape; 0 where there is none."""
-    return np.asarray(np.divide(total**2, squares, out=np.zeros(np.shape(total)), where=squares > 0))
+    """Return effective numbers from sums of weights and of their squares, of one shape; 0 where
+    there is none.
+    """
+    return np.asarray(
+        np.divide(total**2, squares, out=np.zeros(np.shape(total)), where=squares > 0)
+    )
 
 
 def number(weight: Array, family: Array | None = None) -> float:
@@ -101,7 +112,9 @@ def number(weight: Array, family: Array | None = None) -> float:
 
 
 def by(code: Array, many: int, weight: Array, family: Array | None = None) -> Array:
-    """Return the effective number of the weights (n,) of each code 0 to many - 1, (many,); family: as in `number`."""
+    """Return the effective number of the weights (n,) of each code 0 to many - 1, (many,); family:
+    as in `number`.
+    """
     counted = Effective(many)
     counted.add(weight, partials.whole(len(weight)), code, family)
     return counted.numbers
@@ -120,8 +133,8 @@ def banner(count: Count, rough: str = "the areas are rough", when: str = "") -> 
 def effective_at(data: Any, time: int, particles: int | None = None) -> Count:
     """Return how many count for a forecast's map at an output.
 
-    That is its worlds if these are few, else its particles. data: as of drift.forecast.products.dataset; particles: how many
-    were drawn.
+    That is its worlds if these are few, else its particles. data: as of
+    drift.forecast.products.dataset; particles: how many were drawn.
     """
     if "effective_worlds" in data:
         worlds = data["effective_worlds"]
@@ -138,11 +151,16 @@ def fewest(data: Any, outputs: Iterable[int], particles: int | None = None) -> t
     """
     counts = [(effective_at(data, int(i), particles), int(i)) for i in outputs]
     shown = [pair for pair in counts if pair[0].number > 0]
-    return min(shown, key=lambda pair: pair[0].number / FEW[pair[0].what], default=(Count(0.0, particles), 0))
+    return min(
+        shown,
+        key=lambda pair: pair[0].number / FEW[pair[0].what],
+        default=(Count(0.0, particles), 0),
+    )
 
 
 def parts(data: Any, time: int) -> list[str]:
-    """Return the parts of a map for which few particles count: those adrift, those ashore, a scenario.
+    """Return the parts of a map for which few particles count: those adrift, those ashore, a
+    scenario.
 
     There are none where few count for the whole map.
     """
@@ -152,21 +170,38 @@ def parts(data: Any, time: int) -> list[str]:
     mapped = float(output["probability"].sum())
     sentences = []
     statuses = zip(
-        output["status"].values, output["status_probability"].values, output["status_effective"].values, strict=True
+        output["status"].values,
+        output["status_probability"].values,
+        output["status_effective"].values,
+        strict=True,
     )
-    named = [(PARTS[str(name)], float(p), float(n)) for name, p, n in statuses if str(name) in PARTS]
-    rough = [(name, share, n) for name, share, n in named if share >= PART * mapped and Count(n).few]
-    if output.sizes["scenario"] > 1 and "effective_worlds" not in data:  # classes of objects are no stories
+    named = [
+        (PARTS[str(name)], float(p), float(n)) for name, p, n in statuses if str(name) in PARTS
+    ]
+    rough = [
+        (name, share, n) for name, share, n in named if share >= PART * mapped and Count(n).few
+    ]
+    # classes of objects are no stories
+    if output.sizes["scenario"] > 1 and "effective_worlds" not in data:
         shares = output["probability_by_scenario"].sum(["lat", "lon"]).values
         alone = list(likeliest.likeliest_scenarios(data["scenario_probability"].values).alone)
         names, counts = output["scenario"].values[alone], output["scenario_effective"].values[alone]
-        of = [(str(a), float(b), float(c)) for a, b, c in zip(names, shares[: len(alone)], counts, strict=True)]
+        of = [
+            (str(a), float(b), float(c))
+            for a, b, c in zip(names, shares[: len(alone)], counts, strict=True)
+        ]
         stories = [story for story in of if story[1] >= PART * mapped and Count(story[2]).few]
         if len(stories) == 1:
             rough += [(f'of scenario "{stories[0][0]}"', *stories[0][1:])]
         elif stories:  # one line for them all
             name, _, n = min(stories, key=lambda story: story[2])
-            rough += [(f'of scenario "{name}"{_others(len(stories) - 1)}', sum(share for _, share, _ in stories), n)]
+            rough += [
+                (
+                    f'of scenario "{name}"{_others(len(stories) - 1)}',
+                    sum(share for _, share, _ in stories),
+                    n,
+                )
+            ]
     for name, share, n in rough:
         sentences.append(
             f"{sentence(Count(n), name, 'figures of this part are rough')} ({100 * share:.0f} % of the probability)"
@@ -178,11 +213,14 @@ def _others(many: int) -> str:
     return f", and few of {many} other{'s' if many > 1 else ''}"
 
 
-def of_run(data: Any, particles: int, since: np.datetime64 | None = None, left: float = 0.0) -> list[str]:
-    """Return the warnings of a forecast: at which outputs few particles count, and of which parts at its end.
+def of_run(
+    data: Any, particles: int, since: np.datetime64 | None = None, left: float = 0.0
+) -> list[str]:
+    """Return the warnings of a forecast: at which outputs few particles count, and of which parts
+    at its end.
 
-    since, left: where a reader knows already that `left` particles count from a time on, outputs from then on are
-    mentioned only if fewer than half as many count there.
+    since, left: where a reader knows already that `left` particles count from a time on, outputs
+    from then on are mentioned only if fewer than half as many count there.
     """
     sentences = []
     times = data["time"].values
@@ -192,8 +230,14 @@ def of_run(data: Any, particles: int, since: np.datetime64 | None = None, left: 
         worst = min(range(len(few)), key=lambda k: counts[k].number)
         already = since is not None and all(_since(times, i, since) for i in few)
         if not already or counts[worst].number < 0.5 * left:
-            others = f" and few at {len(few) - 1} more output time{'s' * (len(few) > 2)}" if len(few) > 1 else ""
-            sentences.append(sentence(counts[worst], f"at {notation.group(times[few[worst]])}{others}"))
+            others = (
+                f" and few at {len(few) - 1} more output time{'s' * (len(few) > 2)}"
+                if len(few) > 1
+                else ""
+            )
+            sentences.append(
+                sentence(counts[worst], f"at {notation.group(times[few[worst]])}{others}")
+            )
     return sentences + parts(data, len(times) - 1)
 
 

@@ -1,4 +1,5 @@
-"""Which of many scenarios maps and pictures show by themselves: the likeliest ten; all others they show together.
+"""Which of many scenarios maps and pictures show by themselves: the likeliest ten; all others they
+show together.
 
 Tables of rows and what is kept of each time list every scenario.
 """
@@ -16,7 +17,9 @@ MOST = 10  # scenarios shown by themselves where there are others to show togeth
 
 @dataclass(frozen=True)
 class Shown:
-    """Scenarios that are shown by themselves, and how many there are of all; the others are shown as one."""
+    """Scenarios that are shown by themselves, and how many there are of all; the others are shown
+    as one.
+    """
 
     alone: tuple[int, ...]  # their numbers, ascending
     many: int
@@ -50,18 +53,23 @@ class Shown:
         return np.concatenate([own, others], axis=-1) if self.rest else own
 
     def means(self, values: Array, weight: Array) -> Array:
-        """Return the same of means: that of the others is weighted, 0 where they have no weight; weight: (many,)."""
+        """Return the same of means: that of the others is weighted, 0 where they have no weight;
+        weight: (many,).
+        """
         rest, heavy = list(self.rest), weight[list(self.rest)]
         own = values[..., list(self.alone)]
-        mean = (values[..., rest] * heavy).sum(axis=-1, keepdims=True) / max(float(heavy.sum()), 1e-300)
+        mean = (values[..., rest] * heavy).sum(axis=-1, keepdims=True) / max(
+            float(heavy.sum()), 1e-300
+        )
         return np.concatenate([own, mean], axis=-1) if rest else own
 
 
 def likeliest_scenarios(probability: npt.ArrayLike) -> Shown:
-    """Return which scenarios are shown, by the probability that each has at some times, (..., scenarios).
+    """Return which scenarios are shown, by the probability that each has at some times, (...,
+    scenarios).
 
-    The largest over the times counts, so that a story is shown that was likely before something ruled it out. Where
-    there would be one other alone, it is shown too.
+    The largest over the times counts, so that a story is shown that was likely before something
+    ruled it out. Where there would be one other alone, it is shown too.
     """
     table = np.asarray(probability, np.float64)
     many = table.shape[-1]

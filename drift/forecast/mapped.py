@@ -10,7 +10,9 @@ MORE = 0.15  # of a side: how far a box reaches beyond them
 
 
 def box(data: xr.Dataset) -> Box:
-    """Return the box of all that the map of any time shows, and somewhat more; that of the grid where there is none."""
+    """Return the box of all that the map of any time shows, and somewhat more; that of the grid
+    where there is none.
+    """
     inside = np.any(data["containment"].values <= SHOWN, axis=0)
     rows, columns = inside.any(axis=1), inside.any(axis=0)
     lat, lon = (
@@ -19,10 +21,18 @@ def box(data: xr.Dataset) -> Box:
     )
     west, south, east, north = lon.min(), lat.min(), lon.max(), lat.max()
     wide, high = MORE * (east - west), MORE * (north - south)
-    return Box(float(west - wide), max(float(south - high), -90.0), float(east + wide), min(float(north + high), 90.0))
+    return Box(
+        float(west - wide),
+        max(float(south - high), -90.0),
+        float(east + wide),
+        min(float(north + high), 90.0),
+    )
 
 
 def opening(data: xr.Dataset, opens: np.datetime64 | None) -> int:
-    """Return the number of the output that is shown first: the one nearest to a time; None: the last."""
+    """Return the number of the output that is shown first: the one nearest to a time;
+
+    None: the last.
+    """
     times = data["time"].values
     return len(times) - 1 if opens is None else int(np.argmin(np.abs(times - opens)))

@@ -1,4 +1,6 @@
-"""What a fixed grid does not hold of a forecast, and where its cells are too coarse for it, in words."""
+"""What a fixed grid does not hold of a forecast, and where its cells are too coarse for it, in
+words.
+"""
 
 from typing import Any
 
@@ -11,7 +13,8 @@ COARSE = 1.0  # cells to the bandwidth of the densest part; with fewer, areas ar
 
 
 def warnings(data: Any) -> list[str]:
-    """Return the warnings of a forecast (drift.forecast.products.dataset) on a grid of the user's own.
+    """Return the warnings of a forecast (drift.forecast.products.dataset) on a grid of the user's
+    own.
 
     There are none on a grid that follows the particles.
     """

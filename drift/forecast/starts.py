@@ -14,14 +14,15 @@ def starts(
 ) -> tuple[list[Mark], list[Line]]:
     """Return the priors of scenarios: positions as marks, areas and tracklines as lines.
 
-    known_as: what a position is, where there is but one scenario; short: the same before the name of each of several.
-    shown: those that are drawn, by default all.
+    known_as: what a position is, where there is but one scenario; short: the same before the name
+    of each of several. shown: those that are drawn, by default all.
     """
     marks, lines = [], []
     for scenario in scenarios if shown is None else [scenarios[number] for number in shown.alone]:
         prior = scenario.prior
         if prior is None:
-            continue  # its way, which begins there, is a layer of its own: drift.engine.environment.layers
+            # its way, which begins there, is a layer of its own: drift.engine.environment.layers
+            continue
         if prior.reported:
             label = known_as if len(scenarios) == 1 else f"{short}, {scenario.name}"
             marks.append(Mark(*prior.reported, label))

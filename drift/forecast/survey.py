@@ -1,4 +1,6 @@
-"""What is known of all particles at a time: one pass over them, part by part, before any map is made."""
+"""What is known of all particles at a time: one pass over them, part by part, before any map is
+made.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -41,7 +43,8 @@ def survey_output(output: Output, scenarios: int) -> Survey:
     """Return the survey of an output."""
     parts: list[Partial] = []
     lightest, heaviest, ashore, steers, copied, last_world = 1.0, 0.0, False, False, False, -1
-    every, shown, worlds = (Effective() for _ in range(3))  # of copies and worlds: others are in the sums
+    # of copies and worlds: others are in the sums
+    every, shown, worlds = (Effective() for _ in range(3))
     by_status, by_scenario = Effective(len(Status)), Effective(scenarios)
     for part in output.parts():
         blocks, probability = part.blocks, part.probability
@@ -72,16 +75,22 @@ def survey_output(output: Output, scenarios: int) -> Survey:
         status=status,
         scenario=of_scenarios[:, 0],
         direction=total[tally.DIRECTION],
-        means=snapshot.means(replace(whole, sums=whole.sums[:, 0, tally.VECTORS].reshape(-1, 2, 3))),
+        means=snapshot.means(
+            replace(whole, sums=whole.sums[:, 0, tally.VECTORS].reshape(-1, 2, 3))
+        ),
         weight=replace(whole, sums=whole.sums[:, :, tally.WEIGHT.start][:, :, None]),
         lightest=float(lightest),
         heaviest=float(heaviest),
         ashore=ashore,
         steers=steers,
-        effective=float(every.numbers[0] if copied else effective.of_sums(*total[tally.PROBABILITY])),
+        effective=float(
+            every.numbers[0] if copied else effective.of_sums(*total[tally.PROBABILITY])
+        ),
         effective_map=float(shown.numbers[0] if copied else spread),
         effective_status=by_status.numbers if copied else effective.of_sums(status, squares),
-        effective_scenario=by_scenario.numbers if copied else effective.of_sums(*of_scenarios[:, tally.WEIGHT].T),
+        effective_scenario=by_scenario.numbers
+        if copied
+        else effective.of_sums(*of_scenarios[:, tally.WEIGHT].T),
         spread=float(spread),
         effective_worlds=float(worlds.numbers[0]) if last_world >= 0 else np.nan,
         worlds=1 + last_world,

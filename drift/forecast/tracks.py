@@ -25,7 +25,8 @@ class Trajectories:
     lat: Array  # int32 binary angle, (m, t)
     status: Array  # drift.engine.particles.status.Status, (m, t)
     weight: Array  # probability of the particle [1], (m, t)
-    # Each int32 (m,), -1 where there is none; None: not known. Times count from the start of the run in its direction.
+    # Each int32 (m,), -1 where there is none; None: not known. Times count from the start of the
+    # run in its direction.
     release: Array | None = None  # [s]
     ended: Array | None = None  # [s], when it went ashore, outside the forcing or left the domain
     edge: Array | None = None  # of the shoreline, where it went ashore
@@ -37,7 +38,8 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
     by_time = ("trajectory", "time")
     names = [str(name) for name in forecast.data["scenario"].values]
     around = float(forecast.data["lon"][0]) - 180
-    lon = sphere.east_of_degrees(sphere.to_degrees(tracks.lon), around)  # no jump at the antimeridian
+    # no jump at the antimeridian
+    lon = sphere.east_of_degrees(sphere.to_degrees(tracks.lon), around)
     return xr.Dataset(
         {
             "status": (
@@ -81,7 +83,11 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
                 tracks.time.astype("datetime64[ns]"),
                 {"standard_name": "time", "long_name": "time, UTC", "axis": "T"},
             ),
-            "lon": (by_time, lon, {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"}),
+            "lon": (
+                by_time,
+                lon,
+                {"standard_name": "longitude", "long_name": "longitude", "units": "degrees_east"},
+            ),
             "lat": (
                 by_time,
                 sphere.to_degrees(tracks.lat),
@@ -97,7 +103,9 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
 
 
 def _flags(names: Sequence[str]) -> list[str]:
-    """Return names as words of CF's flag_meanings: of letters, digits and _-.+@ alone, no two the same."""
+    """Return names as words of CF's flag_meanings: of letters, digits and _-.+@ alone, no two the
+    same.
+    """
     words: list[str] = []
     for name in names:
         plain = word = re.sub(r"[^\w.+@-]", "_", "_".join(name.split()))
@@ -123,13 +131,22 @@ def _events(tracks: Trajectories) -> dict[str, tuple[str, Array, dict[str, str]]
     begin = notation.epoch(tracks.time[0])
 
     def times(seconds: Array, happened: Array) -> Array:
-        return np.where(happened & (seconds >= 0), begin + direction * seconds.astype(np.float64), np.nan)
+        return np.where(
+            happened & (seconds >= 0), begin + direction * seconds.astype(np.float64), np.nan
+        )
 
     if tracks.release is not None:
         released = times(tracks.release, np.ones(len(tracks.slot), bool))
-        variables["time_released"] = ("trajectory", released, {"long_name": "time of release, UTC", **clock})
+        variables["time_released"] = (
+            "trajectory",
+            released,
+            {"long_name": "time of release, UTC", **clock},
+        )
     if tracks.ended is not None:
-        words = {"long_name": "time of going ashore, out of the forcing or out of the domain, UTC; see status", **clock}
+        words = {
+            "long_name": "time of going ashore, out of the forcing or out of the domain, UTC; see status",
+            **clock,
+        }
         variables["time_ended"] = ("trajectory", times(tracks.ended, halted), words)
     if tracks.edge is not None:
         words = {

@@ -1,4 +1,6 @@
-"""The whole flow on one page: case -> environment -> prior -> forecast and filter -> products -> files."""
+"""The whole flow on one page: case -> environment -> prior -> forecast and filter -> products ->
+files.
+"""
 
 import contextlib
 import logging
@@ -42,7 +44,15 @@ from drift.forecast.products import dataset
 from drift.forecast.tracks import Trajectories
 from drift.pipeline import run_metadata, run_setup
 from drift.pipeline.result import Result
-from drift.pipeline.run_options import Job, JobOptions, Options, Report, RunOptions, in_turn, open_job
+from drift.pipeline.run_options import (
+    Job,
+    JobOptions,
+    Options,
+    Report,
+    RunOptions,
+    in_turn,
+    open_job,
+)
 from drift.pipeline.run_setup import Setup, Start
 from drift.pipeline.shards import cluster, divide, fingerprint, shelf, spilled
 from drift.pipeline.shards import run as shards_run
@@ -63,7 +73,8 @@ from kernels.runtime import runtime
 
 REPORT = "report.html"
 COMMAND = "command"  # in the summary: by which the results were made
-LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
+# warnings come to standard error unless a program sends them elsewhere
+LOG = logging.getLogger("drift")
 
 
 @overload
@@ -97,20 +108,26 @@ def run(
     Args:
         case: of `drift.load` or `drift.vary`.
         out: a folder for the results, written completely or not at all; None: nothing is written.
-        resume: where `out` holds the results of exactly this run, do nothing and return None; where it holds another run's,
-            log what changed and replace them; where a run in shards was stopped, go on with the missing shards.
+        resume: where `out` holds the results of exactly this run, do nothing and return None; where
+            it holds another run's, log what changed and replace them; where a run in shards was
+            stopped, go on with the missing shards.
         **options: see `drift.pipeline.run_options.RunOptions`.
 
     Returns:
-        The forecast: `probability` (time, lat, lon) adds up to 1 over the cells of each time, less what is off the grid;
-        `tables` (pandas), `areas` (geopandas), `particles`, `summary`, `plot()`, `save()`. None only with `resume`.
+        The forecast: `probability` (time, lat, lon) adds up to 1 over the cells of each time, less
+            what is off the grid;
+        `tables` (pandas), `areas` (geopandas), `particles`, `summary`, `plot()`, `save()`. None
+        only with `resume`.
 
     Raises:
-        UserError: what a user can change, one line for each mistake (`error.lines`): `out` holds something else,
-            the backend or the number of threads cannot be had, forcing does not cover the run, too many particles are lost.
+        UserError: what a user can change, one line for each mistake (`error.lines`): `out` holds
+            something else, the backend or the number of threads cannot be had, forcing does not
+            cover the run, too many particles are lost.
     """
     if resume and out is None:
-        raise UserError("resume = True needs out: without an output folder there is nothing to resume from")
+        raise UserError(
+            "resume = True needs out: without an output folder there is nothing to resume from"
+        )
     if resume:
         options["overwrite"] = True
     job = open_run(case, out, options)
@@ -128,13 +145,17 @@ def run(
 
 
 def open_run(case: Case, out: str | os.PathLike[str] | None, options: RunOptions) -> Job:
-    """Return the job of a run, on the backend of an unfinished one to the same folder where any would do."""
+    """Return the job of a run, on the backend of an unfinished one to the same folder where any
+    would do.
+    """
     asked = Options(out, **options)
     return open_job(case, replace(asked, backend=shelf.settled(asked.backend, out, asked.client)))
 
 
 def _stands(job: Job) -> bool:
-    """Whether the folder holds the results of exactly this run; where it holds another's, say what changed."""
+    """Whether the folder holds the results of exactly this run; where it holds another's, say what
+    changed.
+    """
     assert job.out is not None
     before = publication.summary(job.out, writer.SUMMARY)
     if before is None:
@@ -153,7 +174,9 @@ def _stands(job: Job) -> bool:
 
 @dataclass(frozen=True)
 class Ended:
-    """A run whose particles have been moved, before anything is made of them; they are read from its snapshots."""
+    """A run whose particles have been moved, before anything is made of them; they are read from
+    its snapshots.
+    """
 
     setup: Setup
     snapshots: SnapshotStore
@@ -179,11 +202,17 @@ def forecasted(job: Job, noted: Noted | None = None) -> Result:
 
 @contextlib.contextmanager
 def kept(job: Job, noted: Noted | None = None) -> Iterator[Result]:
-    """Give the forecast of a job's case, as `forecasted` does, with its particles, which can be read inside."""
+    """Give the forecast of a job's case, as `forecasted` does, with its particles, which can be
+    read inside.
+    """
     many = _shards(job)
     with contextlib.ExitStack() as stack:
         if many > 1 or job.client is not None:
-            ended = _spilled(job, many, stack) if job.case.spill else _in_shards(job, many, stack, noted)
+            ended = (
+                _spilled(job, many, stack)
+                if job.case.spill
+                else _in_shards(job, many, stack, noted)
+            )
         else:
             with job.clock.phase("start"):
                 begin = run_setup.prepare(job.case, job.where)
@@ -192,7 +221,9 @@ def kept(job: Job, noted: Noted | None = None) -> Iterator[Result]:
 
 
 def _shards(job: Job) -> int:
-    """Return into how many shards a job's run is cut: as the one before was, if it goes on from there and that fits."""
+    """Return into how many shards a job's run is cut: as the one before was, if it goes on from
+    there and that fits.
+    """
     workers = None if job.client is None else cluster.workers_of(job.client)
     many = divide.number(job.case, job.memory, job.shards, workers)
     if many > 1:
@@ -242,9 +273,14 @@ def _spilled(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
 
 
 def _settled(
-    job: Job, stretches: Segments | None, first: Drifted, renewed: Callable[[Proposal, int], Drifted]
+    job: Job,
+    stretches: Segments | None,
+    first: Drifted,
+    renewed: Callable[[Proposal, int], Drifted],
 ) -> tuple[Drifted, Aftermath]:
-    """Return the run of a spill that finds leave, and its aftermath; renewed: see drift.spills.worlds.renewal.settle."""
+    """Return the run of a spill that finds leave, and its aftermath; renewed: see
+    drift.spills.worlds.renewal.settle.
+    """
     case, coast = job.case, job.where.coast
     assert case.spill is not None
     assert coast is not None
@@ -253,8 +289,11 @@ def _settled(
         return renewal.settle(case.period, case.spill, coast, stretches, first, renewed)
 
 
-def simulate_run(job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None) -> Moved:
-    """Return a job's run, moved from its start; its particles can be read as long as the stack is open.
+def simulate_run(
+    job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None
+) -> Moved:
+    """Return a job's run, moved from its start; its particles can be read as long as the stack is
+    open.
 
     noted: is called for each sortie, contact and sensor, as drift.evidence.filter.filter does.
     """
@@ -296,7 +335,9 @@ def build_result(job: Job, run: Ended) -> Result:
     if member_told is not None:
         summary |= {"members": by_member.summary_of_members(member_told)}
     off_map = off_grid.warnings(forecast.data)
-    summary["warnings"] = particles_left.of_run(forecast.data, case.particles, updates, case.contacts)
+    summary["warnings"] = particles_left.of_run(
+        forecast.data, case.particles, updates, case.contacts
+    )
     summary["warnings"] += off_map
     if after is not None:
         summary |= renewal.summary_of_spill(after)
@@ -311,9 +352,27 @@ def build_result(job: Job, run: Ended) -> Result:
     on = run_metadata.with_coast(run_metadata.setting(case, where, dataset.shown(forecast.data)))
     flown = updates.sorties if updates else ()
     # Keep the sampled field, not the dataset it came from: one that was handed in is let go.
-    flows = ambient.over(_of_likeliest(case, where), mapped.box(forecast.data), forecast.data["time"].values)
-    over = (partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors), partial(_flows, flows))
-    return Result(case, forecast, tracks, summary, on, over, after, updates, run.begun, posteriors, flows, member_told)
+    flows = ambient.over(
+        _of_likeliest(case, where), mapped.box(forecast.data), forecast.data["time"].values
+    )
+    over = (
+        partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors),
+        partial(_flows, flows),
+    )
+    return Result(
+        case,
+        forecast,
+        tracks,
+        summary,
+        on,
+        over,
+        after,
+        updates,
+        run.begun,
+        posteriors,
+        flows,
+        member_told,
+    )
 
 
 def _members(names: Sequence[str], run: Ended) -> Members | None:
@@ -328,11 +387,15 @@ def _members(names: Sequence[str], run: Ended) -> Members | None:
 
 def _of_likeliest(case: Case, where: Environment) -> Sources:
     """Return the winds and currents of the scenario that was likeliest at first."""
-    return where.scenarios[max(range(len(case.scenarios)), key=lambda number: case.scenarios[number].weight)]
+    return where.scenarios[
+        max(range(len(case.scenarios)), key=lambda number: case.scenarios[number].weight)
+    ]
 
 
 def _flows(found: Mapping[str, Flow], time: Any) -> Any:
-    """Return what a map shows of winds and currents at a time, a drift.products.maps.overlay.Overlay."""
+    """Return what a map shows of winds and currents at a time, a
+    drift.products.maps.overlay.Overlay.
+    """
     from drift.engine.environment import layers  # here: Matplotlib takes a second to import
 
     return layers.flows(found, time)
@@ -349,39 +412,64 @@ def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
 def _drifted(
     job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None
 ) -> tuple[Drifted, Updates | None, Posteriors | None]:
-    """Return an ensemble moved through the run, what sorties and contacts did, and what they tell; close the forcing.
+    """Return an ensemble moved through the run, what sorties and contacts did, and what they tell;
+    close the forcing.
 
     What it was like at every output can be read as long as the stack is open.
     """
     case = job.case
     outputs = case.period.seconds(case.outputs)
     with job.clock.phase("drift"), contextlib.closing(begin.scene.forcing):
-        landings = Landings(begin.ensemble, begin.scene.place.beach.stay > 0) if case.spill else None
+        landings = (
+            Landings(begin.ensemble, begin.scene.place.beach.stay > 0) if case.spill else None
+        )
         watch = landings.watch if landings and landings.refloats else None
         beliefs = run_setup.beliefs(case, begin)
         search = run_setup.search(case, begin, beliefs, noted)
         moments = simulate.run(
-            begin.ensemble, begin.scene, begin.clock, outputs, partial(job.tell, "drift"), watch, search
+            begin.ensemble,
+            begin.scene,
+            begin.clock,
+            outputs,
+            partial(job.tell, "drift"),
+            watch,
+            search,
         )
         spool = SnapshotStore.of_run(
-            case.period, begin.ensemble, moments, len(outputs),
-            worlds=landings is not None, more=landings.note if landings else None,
-        )  # fmt: skip
+            case.period,
+            begin.ensemble,
+            moments,
+            len(outputs),
+            worlds=landings is not None,
+            more=landings.note if landings else None,
+        )
         snapshots = stack.enter_context(spool)
-        run_setup.check_end(case, job.where, begin, snapshots, search.unsearched if search else None)
+        run_setup.check_end(
+            case, job.where, begin, snapshots, search.unsearched if search else None
+        )
     done = Drifted(begin.ensemble.seed, snapshots, begin.worlds)
     return done, search.updates if search else None, beliefs.posteriors if beliefs else None
 
 
-def write(result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Planned | None = None) -> None:
-    """Write all that a forecast hands out to the job's folder, if it has one, complete or not at all.
+def write(
+    result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Planned | None = None
+) -> None:
+    """Write all that a forecast hands out to the job's folder, if it has one, complete or not at
+    all.
 
-    more: chapters of what was made from the forecast. planned: sorties that are still to be flown, where it is the
-    forecast of their failure.
+    more: chapters of what was made from the forecast. planned: sorties that are still to be flown,
+    where it is the forecast of their failure.
     """
     if job.out is not None:
         with job.clock.phase("write"):
-            _write(result, job.out, overwrite=job.overwrite, report=job.tell, more=more, planned=planned)
+            _write(
+                result,
+                job.out,
+                overwrite=job.overwrite,
+                report=job.tell,
+                more=more,
+                planned=planned,
+            )
 
 
 def _save(result: Result, out: Path, overwrite: bool) -> None:
@@ -403,29 +491,45 @@ def _write(
     case, after, updates = result.case, result.aftermath, result.updates
     failed = on = result.setting
     if planned is not None:
-        failed = replace(on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}"))
+        failed = replace(
+            on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}")
+        )
     # A plan's folder holds a forecast too, which is that of its failure.
-    facts = {name: words for name, words in on.imprint.attributes.items() if name != "run_id"}  # the writer adds it
-    chapters = [run_metadata.chapter(case, facts, {COMMAND: "plan" if more else "run", **result.summary})]
+    # the writer adds it
+    facts = {name: words for name, words in on.imprint.attributes.items() if name != "run_id"}
+    chapters = [
+        run_metadata.chapter(case, facts, {COMMAND: "plan" if more else "run", **result.summary})
+    ]
     chapters.append(Chapter(leaves=(partial(_surroundings, result, on),)))
     if after is not None:
         chapters.append(spill_chapter.chapter(spill_chapter.SpillOutputs(after, on)))
     if updates is not None:
         # A plan's forecast has no outputs at the times of its sorties: plan.png shows them.
-        search_matter = search_chapter.SearchOutputs(updates, case.contacts, result.forecast, failed, case.sensors)
+        search_matter = search_chapter.SearchOutputs(
+            updates, case.contacts, result.forecast, failed, case.sensors
+        )
         chapters.append(search_chapter.chapter(search_matter, mapped=planned is None))
     if result.posteriors is not None:
-        chapters.append(posterior_chapter.chapter(posterior_chapter.PosteriorOutputs(result.posteriors, failed)))
+        chapters.append(
+            posterior_chapter.chapter(posterior_chapter.PosteriorOutputs(result.posteriors, failed))
+        )
     if result.members is not None:
         chapters.append(by_member.chapter(result.members))
     chapters += more
     if basis := suspension(result, planned):
         lost = decision.off_map(result.forecast.data)
-        suspend_matter = suspend_chapter.SuspensionOutputs(basis, on.imprint, run_metadata.synthetic(case), lost)
+        suspend_matter = suspend_chapter.SuspensionOutputs(
+            basis, on.imprint, run_metadata.synthetic(case), lost
+        )
         chapters.append(suspend_chapter.chapter(suspend_matter))
     # Legs and contacts would hide small maps; fields and barriers are few lines.
-    sensors = [partial(search_chapter.overlay, (), (), sensors=case.sensors)] if case.sensors.telling else []
-    mapped_at = failed if planned is None else replace(failed, opens=None)  # its map is of the time after the plan
+    sensors = (
+        [partial(search_chapter.overlay, (), (), sensors=case.sensors)]
+        if case.sensors.telling
+        else []
+    )
+    # its map is of the time after the plan
+    mapped_at = failed if planned is None else replace(failed, opens=None)
     forecast_matter = forecast_chapter.ForecastOutputs(
         result.forecast, result.trajectories, mapped_at, result.overlays, sensors
     )
@@ -435,18 +539,32 @@ def _write(
 
 def _surroundings(result: Result, on: Setting) -> list[Any]:
     """Return what the report shows of where the run began, of ways, winds and currents."""
-    from drift.engine.environment import report as environment_report  # here: Matplotlib takes a second to import
+    # here: Matplotlib takes a second to import
+    from drift.engine.environment import report as environment_report
     from drift.products.report import leaves
 
-    begun = [leaves.marked("Where it began", on.marks, on.lines, "start")] if on.marks or on.lines else []
-    ways, flows = environment_report.itineraries(result.case.scenarios), environment_report.flows(result.flows)
+    begun = (
+        [leaves.marked("Where it began", on.marks, on.lines, "start")]
+        if on.marks or on.lines
+        else []
+    )
+    ways, flows = (
+        environment_report.itineraries(result.case.scenarios),
+        environment_report.flows(result.flows),
+    )
     return [*begun, *ways, *flows]
 
 
 def publish(
-    out: Path, chapters: Sequence[Chapter], on: Setting, *, overwrite: bool, tell: Callable[[float], None]
+    out: Path,
+    chapters: Sequence[Chapter],
+    on: Setting,
+    *,
+    overwrite: bool,
+    tell: Callable[[float], None],
 ) -> None:
-    """Write chapters and the report of them; a picture that cannot be drawn is left out, with a warning.
+    """Write chapters and the report of them; a picture that cannot be drawn is left out, with a
+    warning.
 
     tell: takes the share that is written.
     """
@@ -457,7 +575,9 @@ def publish(
     pictures = {name: page.kept(draw) for name, draw in whole.pictures.items()}
 
     def told(path: Path) -> None:
-        report_page.write(path, [leaf for leaves in whole.leaves for leaf in leaves()], on, whole.warnings)
+        report_page.write(
+            path, [leaf for leaves in whole.leaves for leaf in leaves()], on, whole.warnings
+        )
 
     drawn = replace(whole, pictures=pictures, digests={REPORT: page.kept(told)})
     writer.write(out, [drawn], overwrite=overwrite, processes=runtime.threads(), tell=tell)
@@ -471,7 +591,9 @@ def suspension(result: Result, planned: Planned | None = None) -> decision.Suspe
     case, begun = result.case, result.begun
     if begun is None or case.direction < 0:
         return None
-    return decision.build_decision(case.scenarios, case.start, begun, result.updates, result.forecast.data, planned)
+    return decision.build_decision(
+        case.scenarios, case.start, begun, result.updates, result.forecast.data, planned
+    )
 
 
 @in_turn
@@ -490,29 +612,46 @@ def origin(
         **options: as in `drift.run`.
 
     Returns:
-        The distribution of the release: its map, time and mean place, and how much the finds say of it [bit].
+        The distribution of the release: its map, time and mean place, and how much the finds say of
+            it [bit].
 
     Raises:
         UserError: what a user can change, one line for each mistake (`error.lines`): the case is no
             spill, or no find can have come from the water of the run.
     """
     if case.spill is None:
-        raise UserError(f"{case.path.name}: has no [spill]; an origin is estimated from the [[find]]s of a spill")
+        raise UserError(
+            f"{case.path.name}: has no [spill]; an origin is estimated from the [[find]]s of a spill"
+        )
     job = open_job(case, Options(out, **options))
     where = job.where
     assert where.coast is not None
     with job.clock.phase("read"):
         segments = evidence.cut_stretches(case.spill, where.coast)
-        places = [evidence.stretch_of_find(find, segments, where.coast) for find in case.spill.finds]
+        places = [
+            evidence.stretch_of_find(find, segments, where.coast) for find in case.spill.finds
+        ]
     with job.clock.phase("drift"):
         spec, cut = run_setup.ensemble_spec(case), run_setup.clock_spec(case)
-        release = backward.backward(case.spill, spec, cut, where, segments, places, progress=partial(job.tell, "drift"))
+        release = backward.backward(
+            case.spill, spec, cut, where, segments, places, progress=partial(job.tell, "drift")
+        )
     if job.out is not None:
-        matter = backtrack_chapter.OriginOutputs(release, case.spill.finds, run_metadata.setting(case, where))
+        matter = backtrack_chapter.OriginOutputs(
+            release, case.spill.finds, run_metadata.setting(case, where)
+        )
         run = Chapter(facts=run_metadata.attributes(case, where))
-        end = Chapter({"wall_time_s": job.clock.seconds}, leaves=(lambda: [run_metadata.written(case)],))
+        end = Chapter(
+            {"wall_time_s": job.clock.seconds}, leaves=(lambda: [run_metadata.written(case)],)
+        )
         chapters = [run, backtrack_chapter.chapter(matter), end]
-        publish(job.out, chapters, matter.setting, overwrite=job.overwrite, tell=partial(job.tell, "write"))
+        publish(
+            job.out,
+            chapters,
+            matter.setting,
+            overwrite=job.overwrite,
+            tell=partial(job.tell, "write"),
+        )
     return release
 
 
@@ -526,7 +665,9 @@ def _trajectories(case: Case, snapshots: SnapshotStore) -> Trajectories:
     """
     living: Array | None = None
     if case.resampling.below > 0:  # slots that are held to spare have no weight
-        living = np.concatenate([part.blocks.places[part.probability > 0] for part in snapshots.outputs[-1].parts()])
+        living = np.concatenate(
+            [part.blocks.places[part.probability > 0] for part in snapshots.outputs[-1].parts()]
+        )
     many = snapshots.n if living is None else living.size
     slot = np.unique(np.linspace(0, many - 1, min(case.trajectories, snapshots.n)).astype(int))
     slot = slot if living is None else living[slot]

@@ -39,8 +39,18 @@ from geo.errors import UserError
 from geo.notation import NMI
 
 OFFERS = (
-    "probability", "particles", "tables", "areas", "plot()", "save()", "to_netcdf()", "washup", "summary", "forecast", "case",
-)  # fmt: skip
+    "probability",
+    "particles",
+    "tables",
+    "areas",
+    "plot()",
+    "save()",
+    "to_netcdf()",
+    "washup",
+    "summary",
+    "forecast",
+    "case",
+)
 ISO = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")  # as geo.notation.iso writes times
 
 
@@ -53,12 +63,16 @@ class Result:
     trajectories: Trajectories
     summary: dict[str, Any]
     setting: Setting  # what stands on every map of it
-    overlays: tuple[Callable[[Any], Any], ...]  # what else stands on its own map: drift.products.maps.overlay.AtTime
+    # what else stands on its own map: drift.products.maps.overlay.AtTime
+    overlays: tuple[Callable[[Any], Any], ...]
     aftermath: Aftermath | None = None  # of a spill: its washup, finds and unknowns
     updates: Updates | None = None  # what sorties and contacts did
-    begun: Standing | None = None  # how a search stood before any of them; None: no sorties, no survival times
-    posteriors: Posteriors | None = None  # of what is not position; None: nothing steers and nothing was seen
-    flows: Mapping[str, Flow] = field(default_factory=dict)  # winds and currents of the likeliest story, for arrows
+    # how a search stood before any of them; None: no sorties, no survival times
+    begun: Standing | None = None
+    # of what is not position; None: nothing steers and nothing was seen
+    posteriors: Posteriors | None = None
+    # winds and currents of the likeliest story, for arrows
+    flows: Mapping[str, Flow] = field(default_factory=dict)
     members: Members | None = None  # of an ensemble of winds and currents; None: there is none
     saved: Callable[["Result", Path, bool], None] | None = (
         None  # writes it to a folder; None: of a plan or a comparison
@@ -82,14 +96,19 @@ class Result:
 
     @property
     def particles(self) -> xr.Dataset:
-        """The tracks of a subsample (trajectory, time), as in particles.nc; `.to_dataframe()` makes pandas' of them."""
+        """The tracks of a subsample (trajectory, time), as in particles.nc;
+
+        `.to_dataframe()` makes pandas' of them.
+        """
         return xr.decode_cf(forecast_tracks.dataset(self.trajectories, self.forecast))
 
     @property
     def tables(self) -> dict[str, pandas.DataFrame]:
-        """The tables of the run by name, those of its CSV files; times as in `probability`: UTC, datetime64[ns].
+        """The tables of the run by name, those of its CSV files; times as in `probability`: UTC,
+        datetime64[ns].
 
-        `attrs["units"]` of each has the units of its columns by name, as pint reads them: "nmi**2", "degrees_east".
+        `attrs["units"]` of each has the units of its columns by name, as pint reads them: "nmi**2",
+        "degrees_east".
         """
         run = formats.run_id(self.setting.imprint.attributes)
         texts = {
@@ -113,21 +132,25 @@ class Result:
 
     @property
     def areas(self) -> Any:
-        """The areas that hold shares of the probability as a geopandas.GeoDataFrame: time, share, area_nmi2, geometry.
+        """The areas that hold shares of the probability as a geopandas.GeoDataFrame: time, share,
+        area_nmi2, geometry.
 
         Longitudes run on across 180 degrees. Raises UserError without geopandas.
         """
         try:
             import geopandas
         except ImportError:
-            raise UserError("geopandas is not installed: pip install -e '.[notebook]' where drift lies") from None
+            raise UserError(
+                "geopandas is not installed: pip install -e '.[notebook]' where drift lies"
+            ) from None
         rows = [(c.time, c.share, c.area / NMI**2, c.polygon) for c in self.forecast.contours]
         columns = ["time", "share", "area_nmi2", "geometry"]
         frame = geopandas.GeoDataFrame(rows, columns=columns, geometry="geometry", crs="EPSG:4326")
         return frame.astype({"time": "datetime64[ns]"})
 
     def save(self, out: str | os.PathLike[str], *, overwrite: bool = False) -> Self:
-        """Write all files of the run into a folder, completely or not at all, as `drift.run(case, out)` does.
+        """Write all files of the run into a folder, completely or not at all, as `drift.run(case,
+        out)` does.
 
         Args:
             out: the folder.
@@ -137,8 +160,8 @@ class Result:
             The result itself, so that `drift.run(case).save("results")` can be read on.
 
         Raises:
-            UserError: the folder cannot be written, or holds something; or the result is part of a plan, which
-                `drift.plan(case, out)` writes whole.
+            UserError: the folder cannot be written, or holds something; or the result is part of a
+                plan, which `drift.plan(case, out)` writes whole.
         """
         if self.saved is None:
             raise UserError(
@@ -148,7 +171,8 @@ class Result:
         return self
 
     def to_netcdf(self, path: str | os.PathLike[str] = "forecast.nc") -> None:
-        """Write the forecast's maps to one netCDF file, as forecast.nc of the run; a file that is there is replaced.
+        """Write the forecast's maps to one netCDF file, as forecast.nc of the run; a file that is
+        there is replaced.
 
         Args:
             path: the file. `xarray.open_dataset(path)` reads it.
@@ -160,15 +184,20 @@ class Result:
         writer.write_netcdf(Path(path), self.forecast.data, "forecast", facts, warnings)
 
     def plot(self, time: Any = None) -> Any:
-        """Return the map of an output time as a matplotlib.figure.Figure; time: np.datetime64 or text, by default that of map.png.
+        """Return the map of an output time as a matplotlib.figure.Figure; time: np.datetime64 or
+        text, by default that of map.png.
 
-        A notebook shows it, whether pyplot has been imported or not. Raises UserError for a time that is no output's.
+        A notebook shows it, whether pyplot has been imported or not. Raises UserError for a time
+        that is no output's.
         """
-        from drift.forecast.products import map as forecast_map  # here: Matplotlib takes a second to import
+        # here: Matplotlib takes a second to import
+        from drift.forecast.products import map as forecast_map
         from drift.products.maps import page
 
         with page.literal():
-            figure = forecast_map.figure(self.forecast, self.setting, time=self._output(time), overlays=self.overlays)
+            figure = forecast_map.figure(
+                self.forecast, self.setting, time=self._output(time), overlays=self.overlays
+            )
         figure._repr_png_ = partial(_png, figure)  # type: ignore[attr-defined]  # only pyplot tells a notebook how to show one
         return figure
 
@@ -196,9 +225,13 @@ class Result:
         )
         cautions = [self.setting.imprint.caution, *self.summary["warnings"]]
         warned = "".join(
-            f"<p style='color:#c62828;font-weight:bold'>{html.escape(words)}</p>" for words in cautions if words
+            f"<p style='color:#c62828;font-weight:bold'>{html.escape(words)}</p>"
+            for words in cautions
+            if words
         )
-        image = base64.b64encode(_png(self.plot(self.forecast.data["time"].values[-1]))).decode("ascii")
+        image = base64.b64encode(_png(self.plot(self.forecast.data["time"].values[-1]))).decode(
+            "ascii"
+        )
         title = html.escape(self.case.title)
         return (
             f"<h4>{title}</h4>{warned}<table>{cells}</table>"
@@ -211,11 +244,22 @@ class Result:
         count = effective.effective_at(data, -1, self.case.particles)
         return [
             ("Valid", notation.group(last["time"].values[()])),
-            ("Mean position", notation.position(last["mean_lon"].item(), last["mean_lat"].item()) or "none"),
-            ("Datum", notation.position(last["datum_lon"].item(), last["datum_lat"].item()) or "none"),
+            (
+                "Mean position",
+                notation.position(last["mean_lon"].item(), last["mean_lat"].item()) or "none",
+            ),
+            (
+                "Datum",
+                notation.position(last["datum_lon"].item(), last["datum_lat"].item()) or "none",
+            ),
             *(
-                (f"{notation.hundredths(share)} % area", f"{area / NMI**2:,.0f} nmi²" if area == area else "none")
-                for share, area in zip(last["share"].values, last["containment_area"].values, strict=True)
+                (
+                    f"{notation.hundredths(share)} % area",
+                    f"{area / NMI**2:,.0f} nmi²" if area == area else "none",
+                )
+                for share, area in zip(
+                    last["share"].values, last["containment_area"].values, strict=True
+                )
             ),
             ("Counts", count.words),
         ]
@@ -229,15 +273,25 @@ def _png(figure: Any) -> bytes:
 
 
 def _frame(text: str) -> pandas.DataFrame:
-    """Return a CSV text as a pandas.DataFrame, its times in UTC without a zone, as xarray has them: they join."""
+    """Return a CSV text as a pandas.DataFrame, its times in UTC without a zone, as xarray has them:
+    they join.
+    """
     frame = pandas.read_csv(io.StringIO(text))
     times = [name for name in frame.columns if _is_time(name, frame[name].dropna())]
-    parsed = {name: pandas.to_datetime(frame[name], utc=True).dt.tz_localize(None) for name in times}
-    whole = frame.assign(**{name: column.astype("datetime64[ns]") for name, column in parsed.items()})
+    parsed = {
+        name: pandas.to_datetime(frame[name], utc=True).dt.tz_localize(None) for name in times
+    }
+    whole = frame.assign(
+        **{name: column.astype("datetime64[ns]") for name, column in parsed.items()}
+    )
     whole.attrs["units"] = units.units_of(whole.select_dtypes("number").columns)
     return whole
 
 
 def _is_time(name: str, given: Any) -> bool:
     """Whether a column is of times: by its name, or as all that is given in it is ISO 8601."""
-    return name == "time" or name.endswith("_time") or (len(given) > 0 and all(map(ISO.fullmatch, map(str, given))))
+    return (
+        name == "time"
+        or name.endswith("_time")
+        or (len(given) > 0 and all(map(ISO.fullmatch, map(str, given))))
+    )

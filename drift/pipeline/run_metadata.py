@@ -1,4 +1,6 @@
-"""What a run says about itself besides its forecast: numbers, attributes of files, words on pictures."""
+"""What a run says about itself besides its forecast: numbers, attributes of files, words on
+pictures.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -78,7 +80,9 @@ def _leaves(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
         ),
     ]
     return [
-        leaves.table_leaf("How the case was understood", [("", "What", "words"), ("", "How", "words")], rows=rows),
+        leaves.table_leaf(
+            "How the case was understood", [("", "What", "words"), ("", "How", "words")], rows=rows
+        ),
         written(case),
     ]
 
@@ -94,10 +98,16 @@ def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setti
     shown: scenarios whose beginnings are drawn and named, by default the likeliest beforehand.
     """
     source = attributes(case, where)
-    known_as, short = ("Position at start", "start") if case.direction < 0 else ("Last known position", "LKP")
+    known_as, short = (
+        ("Position at start", "start") if case.direction < 0 else ("Last known position", "LKP")
+    )
     stories = case.scenarios
     if case.spill:  # its classes of objects were released together
-        known_as, short, stories = "Release", "release", (replace(case.scenarios[0], name="release"),)
+        known_as, short, stories = (
+            "Release",
+            "release",
+            (replace(case.scenarios[0], name="release"),),
+        )
     if shown is None or case.spill:
         shown = likeliest.likeliest_scenarios([scenario.weight for scenario in stories])
     marks, lines = starts(stories, known_as, short, shown)
@@ -121,7 +131,9 @@ def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setti
 
 
 def _itineraries(scenarios: Sequence[Scenario], now: Any) -> Any:
-    """Return what is drawn of itineraries on a map, of any time: a drift.products.maps.overlay.Overlay."""
+    """Return what is drawn of itineraries on a map, of any time: a
+    drift.products.maps.overlay.Overlay.
+    """
     from drift.engine.environment import layers  # imported here, for Matplotlib takes a second
 
     return layers.itineraries(scenarios)
@@ -130,22 +142,38 @@ def _itineraries(scenarios: Sequence[Scenario], now: Any) -> Any:
 def with_coast(on: Setting) -> Setting:
     """Return it with the source of the coast in the line at the foot."""
     imprint = on.imprint
-    return replace(on, imprint=replace(imprint, footer=f"{imprint.footer}, coast {imprint.attributes['coast']}"))
+    return replace(
+        on,
+        imprint=replace(imprint, footer=f"{imprint.footer}, coast {imprint.attributes['coast']}"),
+    )
 
 
 def changed(case: Case, where: Environment, before: Mapping[str, Any]) -> list[str]:
-    """Return what of a run is not as in the summary of one before, in words; empty where that is of exactly this run."""
+    """Return what of a run is not as in the summary of one before, in words; empty where that is of
+    exactly this run.
+    """
     of = attributes(case, where)
-    now: dict[str, Any] = {name: of.get(name) for name in ("case", "seed", "versions", "backend", "device", "coast")}
-    now["forcing"] = [[source.quantity, source.name, source.fingerprint] for source in where.sources]
-    now["case"] = [of["case"], case_digest.digest(case)]  # changed in Python it may have the text of another
+    now: dict[str, Any] = {
+        name: of.get(name) for name in ("case", "seed", "versions", "backend", "device", "coast")
+    }
+    now["forcing"] = [
+        [source.quantity, source.name, source.fingerprint] for source in where.sources
+    ]
+    # changed in Python it may have the text of another
+    now["case"] = [of["case"], case_digest.digest(case)]
     now["files"] = [input_file(path)["digest"] for path in case.inputs]
     coast, forcing, files = (before.get(name) for name in ("coast", "forcing", "inputs"))
     then = {
         **before,
-        "case": [before.get("case"), run.get("case_digest") if isinstance(run := before.get("run"), dict) else None],
+        "case": [
+            before.get("case"),
+            run.get("case_digest") if isinstance(run := before.get("run"), dict) else None,
+        ],
         "coast": coast.get("source") if isinstance(coast, dict) else None,
-        "forcing": [[source.get(key) for key in ("quantity", "name", "fingerprint")] for source in _rows(forcing)],
+        "forcing": [
+            [source.get(key) for key in ("quantity", "name", "fingerprint")]
+            for source in _rows(forcing)
+        ],
         "files": [file.get("digest") for file in _rows(files)],
     }
     return [f"the {name}" for name, value in now.items() if value != then.get(name)]
@@ -161,7 +189,9 @@ def synthetic(case: Case) -> bool:
 
 
 def caution(case: Case) -> str:
-    """Return the banner of every picture: made-up winds or currents, else errors that were switched off."""
+    """Return the banner of every picture: made-up winds or currents, else errors that were switched
+    off.
+    """
     if synthetic(case):
         return "SYNTHETIC wind or current: not for operations"
     felt = any(scenario.object.uses_wind for scenario in case.scenarios)
@@ -173,25 +203,41 @@ def _errors_first(told: str) -> str:
 
 
 def drifts(case: Case) -> bool:
-    """Whether anything drifts: what steers and never goes adrift feels no wind, and a current only if it is told to."""
+    """Whether anything drifts: what steers and never goes adrift feels no wind, and a current only
+    if it is told to.
+    """
     return any(contact.drifter is not None for contact in case.contacts) or any(
-        scenario.itinerary is None or scenario.itinerary.distress is not None for scenario in case.scenarios
+        scenario.itinerary is None or scenario.itinerary.distress is not None
+        for scenario in case.scenarios
     )
 
 
 def errors(case: Case) -> str:
-    """Return which errors of current and wind a run has, in a line, and who says so; "" where nothing feels them."""
+    """Return which errors of current and wind a run has, in a line, and who says so; "" where
+    nothing feels them.
+    """
     adrift = drifts(case)
-    if not (adrift or any(s.itinerary is not None and s.itinerary.currents == "felt" for s in case.scenarios)):
+    if not (
+        adrift
+        or any(s.itinerary is not None and s.itinerary.currents == "felt" for s in case.scenarios)
+    ):
         return ""
     wind = case.wind_error if adrift and case.forcing["wind"] else None
-    told = forcing_error.errors_in_words(case.current_error, wind, case.diffusivity, case.diffusivity_by)
+    told = forcing_error.errors_in_words(
+        case.current_error, wind, case.diffusivity, case.diffusivity_by
+    )
     both = [
         quantity
         for quantity, error in (("current", case.current_error), ("wind", wind))
-        if error and error.std + error.bias > 0 and any(spec.members for spec in case.forcing[quantity])
+        if error
+        and error.std + error.bias > 0
+        and any(spec.members for spec in case.forcing[quantity])
     ]
-    return f"{told}; added to the spread of the members of the {' and of the '.join(both)}" if both else told
+    return (
+        f"{told}; added to the spread of the members of the {' and of the '.join(both)}"
+        if both
+        else told
+    )
 
 
 def behaviour(case: Case) -> str:
@@ -224,7 +270,11 @@ def input_file(path: str) -> dict[str, Any]:
     try:
         return {"path": path, "bytes": digest.size(path), "digest": digest.digest_of(path)}
     except OSError as error:
-        return {"path": path, "bytes": None, "digest": f"none: {error.strerror or 'gone'} by the end of the run"}
+        return {
+            "path": path,
+            "bytes": None,
+            "digest": f"none: {error.strerror or 'gone'} by the end of the run",
+        }
 
 
 def summary_of_run(
@@ -245,7 +295,9 @@ def summary_of_run(
             "seed": case.seed,
             "case_digest": case_digest.digest(case),
             "step_s": setup.clock.step,
-            "step_errors_m_per_day": {str(k): v for k, v in setup.trial.errors.items()} if setup.trial else None,
+            "step_errors_m_per_day": {str(k): v for k, v in setup.trial.errors.items()}
+            if setup.trial
+            else None,
             "scheme": case.scheme,
             "coast_behaviour": behaviour(case),
             **runtime.about(),
@@ -274,6 +326,9 @@ def summary_of_run(
             for s in where.sources
         ],
         "inputs": [input_file(path) for path in case.inputs],
-        "coast": {"source": where.coast.source if where.coast else "none", "notes": list(where.notes)},
+        "coast": {
+            "source": where.coast.source if where.coast else "none",
+            "notes": list(where.notes),
+        },
         "wall_time_s": seconds,
     }

@@ -1,8 +1,8 @@
 """A job: a case plus the opened forcing, output folder and run options.
 
-Every job begins in the same way: what can be refused at once is refused, then Taichi is started and the environment
-opened. Jobs of several threads of one program are done one after another, for Taichi compiles and launches for one
-thread at a time.
+Every job begins in the same way: what can be refused at once is refused, then Taichi is started and
+the environment opened. Jobs of several threads of one program are done one after another, for
+Taichi compiles and launches for one thread at a time.
 """
 
 import contextlib
@@ -48,14 +48,17 @@ class JobOptions(TypedDict, total=False):
     """Options of whatever reads forcing and moves particles.
 
     Attributes:
-        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
-            read, and not kept.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
-        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth
-            it. A process keeps the backend and the threads that it began with.
+        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that
+            name; they are only read, and not kept.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a
+            bit of the results.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics
+            card where one is worth it. A process keeps the backend and the threads that it began
+            with.
         overwrite: whether results that `out` holds are replaced, once the new ones are complete.
-        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done,
-            0 to 1; `drift.progress` makes one. An exception that it raises ends the run.
+        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share
+            of it that is done, 0 to 1; `drift.progress` makes one. An exception that it raises ends
+            the run.
     """
 
     datasets: Mapping[str, Any] | None
@@ -66,13 +69,16 @@ class JobOptions(TypedDict, total=False):
 
 
 class RunOptions(JobOptions, total=False):
-    """Options of `drift.run`, `plan`, `patrol`, `place` and `allocate`: those of JobOptions, and these.
+    """Options of `drift.run`, `plan`, `patrol`, `place` and `allocate`: those of JobOptions, and
+    these.
 
     Attributes:
-        memory: memory that the run may take [GiB]; None: half of what is free. A run that needs more is moved in shards.
-        shards: into how many parts the particles are cut, moved one after another; None: as the memory asks. No number
-            of them changes a bit of the results.
-        client: a dask.distributed.Client whose workers move the shards; `out` is to lie where all of them see it.
+        memory: memory that the run may take [GiB]; None: half of what is free. A run that needs
+            more is moved in shards.
+        shards: into how many parts the particles are cut, moved one after another; None: as the
+            memory asks. No number of them changes a bit of the results.
+        client: a dask.distributed.Client whose workers move the shards; `out` is to lie where all
+            of them see it.
     """
 
     memory: float | None
@@ -82,7 +88,9 @@ class RunOptions(JobOptions, total=False):
 
 @dataclass(frozen=True)
 class Options:
-    """How a job is to be done, whatever its case is: a folder for the results, and RunOptions with their defaults."""
+    """How a job is to be done, whatever its case is: a folder for the results, and RunOptions with
+    their defaults.
+    """
 
     out: str | os.PathLike[str] | None = None  # None: results are returned, and not written
     datasets: Mapping[str, Any] | None = None
@@ -113,13 +121,19 @@ class Job:
 def open_job(case: Case, options: Options = Options()) -> Job:
     """Return the job of a case, once it is sure that results can be written and Taichi runs."""
     if options.client is not None and options.datasets:
-        raise UserError("datasets: workers read files; write these to files and name them in the case")
+        raise UserError(
+            "datasets: workers read files; write these to files and name them in the case"
+        )
     if options.client is not None and options.backend not in ("cpu", runtime.AUTO):
-        raise UserError(f"--backend {options.backend}: workers move particles on processors; leave it out")
+        raise UserError(
+            f"--backend {options.backend}: workers move particles on processors; leave it out"
+        )
     tell, clock = options.report or _silent, Stopwatch()
     folder = None if options.out is None else Path(options.out)
     if folder is not None:
-        writer.check_folder(folder, options.overwrite, (*forecast_chapter.FILES, *forecast_chapter.PICTURES))
+        writer.check_folder(
+            folder, options.overwrite, (*forecast_chapter.FILES, *forecast_chapter.PICTURES)
+        )
     digest.start(case.inputs)
     with clock.phase("taichi"):
         backend = options.backend if options.client is None else "cpu"
@@ -127,7 +141,17 @@ def open_job(case: Case, options: Options = Options()) -> Job:
     tell("read", 0.0)
     with clock.phase("read"):
         where = run_setup.open_for(case, options.datasets)
-    return Job(case, where, clock, tell, folder, options.overwrite, options.memory, options.shards, options.client)
+    return Job(
+        case,
+        where,
+        clock,
+        tell,
+        folder,
+        options.overwrite,
+        options.memory,
+        options.shards,
+        options.client,
+    )
 
 
 def _silent(phase: str, share: float) -> None:
@@ -135,10 +159,12 @@ def _silent(phase: str, share: float) -> None:
 
 
 def in_turn(function: Callable[P, R]) -> Callable[P, R]:
-    """Return a function that waits until no other thread of the program runs a case, then does its work.
+    """Return a function that waits until no other thread of the program runs a case, then does its
+    work.
 
-    A graphics card that is full on the way becomes a UserError. The wait heeds signals. A call from within a run, by its `report` say, does not wait.
-    `**options` of the function are spelled out in the signature and the docstring of the new one.
+    A graphics card that is full on the way becomes a UserError. The wait heeds signals. A call from
+    within a run, by its `report` say, does not wait. `**options` of the function are spelled out in
+    the signature and the docstring of the new one.
     """
 
     @functools.wraps(function)
@@ -151,7 +177,9 @@ def in_turn(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _spell_out_options(function: Callable[..., Any], shown: Any) -> None:
-    """Have a function's `**options` stand in the signature and the docstring of the one that is shown for it."""
+    """Have a function's `**options` stand in the signature and the docstring of the one that is
+    shown for it.
+    """
     parameters = dict(inspect.signature(function).parameters)
     last = parameters.pop("options", None)
     if last is None:
@@ -160,11 +188,18 @@ def _spell_out_options(function: Callable[..., Any], shown: Any) -> None:
     defaults = Options()
     for name, kind in get_type_hints(given).items():
         parameters[name] = last.replace(
-            name=name, kind=inspect.Parameter.KEYWORD_ONLY, default=getattr(defaults, name), annotation=kind
+            name=name,
+            kind=inspect.Parameter.KEYWORD_ONLY,
+            default=getattr(defaults, name),
+            annotation=kind,
         )
     shown.__signature__ = inspect.signature(function).replace(parameters=list(parameters.values()))
-    told = "".join(_told(one) for one in ((JobOptions,) if given is JobOptions else (JobOptions, RunOptions)))
-    shown.__doc__ = re.sub(r"^ +\*\*options: .*\n", lambda _: told, inspect.getdoc(function) or "", flags=re.MULTILINE)
+    told = "".join(
+        _told(one) for one in ((JobOptions,) if given is JobOptions else (JobOptions, RunOptions))
+    )
+    shown.__doc__ = re.sub(
+        r"^ +\*\*options: .*\n", lambda _: told, inspect.getdoc(function) or "", flags=re.MULTILINE
+    )
 
 
 def _told(options: type) -> str:

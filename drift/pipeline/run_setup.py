@@ -53,12 +53,14 @@ from kernels.runtime import devices, memory, runtime
 from kernels.step import advance
 from kernels.step import coast as device_coast
 
-BYTES_PER_PARTICLE = 250  # at the peak of a run in one piece of what drifts: 96 on the device, the rest on the host
+# at the peak of a run in one piece of what drifts: 96 on the device, the rest on the host
+BYTES_PER_PARTICLE = 250
 ON_CARD, ASIDE = (
     200,
     80,
 )  # [bytes] on a graphics card, where about 130 were seen; more where there is a coast: two lists
-SEARCHED, SORTIE, STEERING, DEBRIS = 250, 12, 200, 150  # [bytes] more; 510 in all were seen in a search of six sorties
+# [bytes] more; 510 in all were seen in a search of six sorties
+SEARCHED, SORTIE, STEERING, DEBRIS = 250, 12, 200, 150
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,8 +121,9 @@ def open_for(
 ) -> Environment:
     """Return the environment of a case.
 
-    datasets: the xarray.Datasets that its sources name; seen: what of the land's detail is wanted, all unless a
-    function says; common: what is shared with other cases. Raises UserError as `environment.open_for` does.
+    datasets: the xarray.Datasets that its sources name; seen: what of the land's detail is wanted,
+    all unless a function says; common: what is shared with other cases. Raises UserError as
+    `environment.open_for` does.
     """
     asked = environment_spec(case)
     held = environment.hold(asked, datasets, case.path.name)
@@ -133,15 +136,17 @@ def open_for(
 def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | None = None) -> Start:
     """Return the start of a case's run; close `scene.forcing` after it.
 
-    shore: the coast, where it lies on the device already.
-    Raises UserError when a prior lies on land or where there is no forcing, when the step is too long, or memory too short.
+    shore: the coast, where it lies on the device already. Raises UserError when a prior lies on
+    land or where there is no forcing, when the step is too long, or memory too short.
     """
     _check_memory(case)
     spec = spec_of(case, where)
     shore = device_coast.upload(where.coast) if where.coast and not shore else shore
     drawn_first = worlds(case, where) if case.spill else None
     if case.spill and drawn_first:
-        ensemble = release.draw_release(case.spill, drawn_first, case.period, case.errors, shore, case.seed)
+        ensemble = release.draw_release(
+            case.spill, drawn_first, case.period, case.errors, shore, case.seed
+        )
         dry: tuple[float, ...] = (0.0,) * len(case.scenarios)
     else:
         drawn = prior.draw_ensemble(spec, shore)
@@ -157,7 +162,9 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
 
 def lead_of(case: Case, where: Environment, setup: Setup) -> Lead:
     """Return what the pilot run for guiding particles needs."""
-    return Lead(setup.spec, setup.scene, setup.clock, lambda: Forcing(list(where.scenarios), case.direction))
+    return Lead(
+        setup.spec, setup.scene, setup.clock, lambda: Forcing(list(where.scenarios), case.direction)
+    )
 
 
 def guide_of(case: Case, where: Environment, setup: Setup) -> Guide | None:
@@ -172,11 +179,18 @@ def guided(case: Case, where: Environment, begin: Start) -> Start:
     if begin.guide is None:
         return begin
     ensemble = guides.guide_particles(begin.guide, lead_of(case, where, begin), begin.ensemble)
-    return replace(begin, spec=begin.guide.spec(begin.spec), scene=begin.guide.scene(begin.scene), ensemble=ensemble)
+    return replace(
+        begin,
+        spec=begin.guide.spec(begin.spec),
+        scene=begin.guide.scene(begin.scene),
+        ensemble=ensemble,
+    )
 
 
 def more_bytes(case: Case) -> int:
-    """Return how many bytes a particle takes besides what it takes to drift: of a search, of what steers, of debris."""
+    """Return how many bytes a particle takes besides what it takes to drift: of a search, of what
+    steers, of debris.
+    """
     debris = len({contact.drifter for contact in case.contacts} - {None})
     steers = any(scenario.itinerary for scenario in case.scenarios)
     searched = SEARCHED + SORTIE * len(case.sorties) if is_searched(case) else 0
@@ -184,11 +198,17 @@ def more_bytes(case: Case) -> int:
 
 
 def _listening(case: Case) -> int:
-    """Return how many bytes a particle takes while most sonars listen at once, one of them copied for an output."""
+    """Return how many bytes a particle takes while most sonars listen at once, one of them copied
+    for an output.
+    """
     watches = [
-        (s, 4 * (1 + 2 * jumps.STAIRS) * len(unknown.values(s.sensor)[0])) for s in case.sorties if s.sensor is not None
+        (s, 4 * (1 + 2 * jumps.STAIRS) * len(unknown.values(s.sensor)[0]))
+        for s in case.sorties
+        if s.sensor is not None
     ]
-    at_once = [sum(size for s, size in watches if s.start <= one.start < s.end) for one, _ in watches]
+    at_once = [
+        sum(size for s, size in watches if s.start <= one.start < s.end) for one, _ in watches
+    ]
     return max(at_once, default=0) + max((size for _, size in watches), default=0)
 
 
@@ -200,18 +220,21 @@ def _check_memory(case: Case) -> None:
             f"{case.path.name}: {case.particles:,} particles in one piece take {notation.size(need)}, and {notation.size(free)} "
             f"of memory are free; {remedy}"
         )
-    card = runtime.room() if need > devices.LEAST else None  # to ask takes as long as a small forecast
+    # to ask takes as long as a small forecast
+    card = runtime.room() if need > devices.LEAST else None
     refuse_beyond(card, case, case.particles, case.path.name, remedy)
 
 
 def bytes_on_card(case: Case) -> int:
     """Return how many bytes of a graphics card a particle takes that is being moved."""
-    kinds = 1 + len({contact.drifter for contact in case.contacts} - {None})  # the object's, and classes of debris
+    # the object's, and classes of debris
+    kinds = 1 + len({contact.drifter for contact in case.contacts} - {None})
     return ON_CARD + more_bytes(case) + ASIDE * kinds * (case.coast.source != "none")
 
 
 def refuse_beyond(card: int | None, case: Case, particles: int, what: str, remedy: str) -> None:
-    """Raise UserError where one array cannot count the particles of one piece, or a graphics card not hold them.
+    """Raise UserError where one array cannot count the particles of one piece, or a graphics card
+    not hold them.
 
     Args:
         card: [bytes] that it has left; None: particles are on the processor.
@@ -220,8 +243,11 @@ def refuse_beyond(card: int | None, case: Case, particles: int, what: str, remed
         what: the message begins with this.
         remedy: it ends with this.
     """
-    rows = advance.ASIDE if card is not None and case.coast.source != "none" else len(advance.LEEWAY)
-    most = (2**31 - 2) // rows  # an array of 2^31 numbers cannot be made, nor its numbers be counted in int32
+    rows = (
+        advance.ASIDE if card is not None and case.coast.source != "none" else len(advance.LEEWAY)
+    )
+    # an array of 2^31 numbers cannot be made, nor its numbers be counted in int32
+    most = (2**31 - 2) // rows
     if particles > most:
         raise UserError(
             f"{what}: {particles:,} particles at once; at most {most:,} can be moved in one piece; {remedy}"
@@ -250,12 +276,21 @@ def staged(
     some: Ensemble,
     dry: tuple[float, ...],
 ) -> Setup:
-    """Return what a run goes through; some: its particles, or as many as tell how long steps may be."""
+    """Return what a run goes through; some: its particles, or as many as tell how long steps may
+    be.
+    """
     scene = scene_of(case, where, shore)
     try:
         anew = [contact.time for contact in case.contacts] if case.resampling.fills else []
         clock, trial = step_size.clock_of(
-            case.period, clock_spec(case), case.errors, where.sources, some, scene, anew, is_told(case)
+            case.period,
+            clock_spec(case),
+            case.errors,
+            where.sources,
+            some,
+            scene,
+            anew,
+            is_told(case),
         )
     except BaseException:
         scene.forcing.close()
@@ -268,7 +303,13 @@ def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | N
     sinks = case.spill is not None and any(kind.sinking for kind in case.spill.kinds)
     beach, bias = _beach(case.coast), case.current_error.bias > 0
     place = advance.Surroundings(
-        domain.binary(where.box), shore, beach, bias, sinks, scheme=case.scheme, polar=domain.is_polar(where.box)
+        domain.binary(where.box),
+        shore,
+        beach,
+        bias,
+        sinks,
+        scheme=case.scheme,
+        polar=domain.is_polar(where.box),
     )
     steering = models.steering(case.scenarios, case.period, case.errors)
     forcing = Forcing(list(where.scenarios), case.direction)
@@ -296,27 +337,40 @@ def stretches(case: Case, where: Environment, drawn: Worlds | None) -> Segments 
 
 
 def renew(case: Case, where: Environment, before: Start, proposal: Proposal, number: int) -> Start:
-    """Return the start of the same spill in new worlds, drawn from a proposal; number: of the renewal, from 1."""
+    """Return the start of the same spill in new worlds, drawn from a proposal; number: of the
+    renewal, from 1.
+    """
     assert case.spill is not None
     drawn, seed = renewed(case, where, proposal, number)
-    ensemble = release.draw_release(case.spill, drawn, case.period, case.errors, before.scene.place.coast, seed)
+    ensemble = release.draw_release(
+        case.spill, drawn, case.period, case.errors, before.scene.place.coast, seed
+    )
     again = replace(before.scene, forcing=Forcing(list(where.scenarios), case.direction))
     return replace(before, ensemble=ensemble, scene=again, worlds=drawn)
 
 
 def renewed(case: Case, where: Environment, proposal: Proposal, number: int) -> tuple[Worlds, int]:
-    """Return new worlds of a spill, drawn from a proposal, and the seed of their objects; number: of the renewal, from 1."""
+    """Return new worlds of a spill, drawn from a proposal, and the seed of their objects; number:
+    of the renewal, from 1.
+    """
     assert case.spill is not None
     assert where.coast is not None
     seed = noise.seed_for(case.seed, Purpose.RENEWAL, number)
-    return drawn_worlds.draw_worlds(case.spill, seed, partial(shoreline.is_land, where.coast), proposal), seed
+    return drawn_worlds.draw_worlds(
+        case.spill, seed, partial(shoreline.is_land, where.coast), proposal
+    ), seed
 
 
 def beliefs(case: Case, begin: Start) -> Beliefs | None:
-    """Return what takes down the posteriors of what is not position; None where nothing steers and nothing was seen."""
+    """Return what takes down the posteriors of what is not position;
+
+    None where nothing steers and nothing was seen.
+    """
     if not is_believed(case):
         return None
-    first = Columns.held(begin.ensemble.blocks, {"log_weight": begin.ensemble.log_weight.to_numpy()})
+    first = Columns.held(
+        begin.ensemble.blocks, {"log_weight": begin.ensemble.log_weight.to_numpy()}
+    )
     return Beliefs(begin.spec, first, Particles(begin.spec, begin.ensemble, begin.scene.steering))
 
 
@@ -329,17 +383,27 @@ def search(
     *,
     resumed: bool = False,
 ) -> SearchFilter | None:
-    """Return the filter by what a case says was searched and seen, or is to be told; None where that is nothing.
+    """Return the filter by what a case says was searched and seen, or is to be told; None where
+    that is nothing.
 
-    beliefs: takes down what is believed after each update. noted: is told of each too. meeting: with the other shards of
-    the run; None: this is all of it. resumed: see Search.
+    beliefs: takes down what is believed after each update. noted: is told of each too. meeting:
+    with the other shards of the run; None: this is all of it. resumed: see Search.
     """
     if not (is_searched(case) or case.sensors.lines):
         return None
     return SearchFilter(
-        begin.spec, case.sorties, case.contacts, case.resampling, begin.ensemble, begin.scene, case.sensors,
-        noting(beliefs, noted), (case.plan.begin,) if case.units else (), meeting, resumed,
-    )  # fmt: skip
+        begin.spec,
+        case.sorties,
+        case.contacts,
+        case.resampling,
+        begin.ensemble,
+        begin.scene,
+        case.sensors,
+        noting(beliefs, noted),
+        (case.plan.begin,) if case.units else (),
+        meeting,
+        resumed,
+    )
 
 
 def noting(beliefs: Beliefs | None, noted: Noted | None) -> Noted | None:
@@ -374,18 +438,24 @@ def is_told(case: Case) -> bool:
 
 def is_standing(case: Case) -> bool:
     """Return True if search status is broken down by time adrift."""
-    return not case.spill and bool(case.sorties or any(scenario.survival for scenario in case.scenarios))
+    return not case.spill and bool(
+        case.sorties or any(scenario.survival for scenario in case.scenarios)
+    )
 
 
 def check_end(
-    case: Case, where: Environment, begin: Setup, snapshots: SnapshotStore, unsearched: Columns | None
+    case: Case,
+    where: Environment,
+    begin: Setup,
+    snapshots: SnapshotStore,
+    unsearched: Columns | None,
 ) -> None:
     """Refuse a run that lost more than the case allows.
 
     unsearched: log weights of that name, as if no sortie had been flown; None: those of the run.
 
-    A thorough unsuccessful search shifts weight to the unsearched area; that must not count as lost probability, so
-    only the motion is judged.
+    A thorough unsuccessful search shifts weight to the unsearched area; that must not count as lost
+    probability, so only the motion is judged.
     """
     unit = weights.unit(unsearched, "unsearched") if unsearched else None
 
@@ -399,7 +469,9 @@ def check_end(
             yield AtEnd(part, *snapshots.at_end(("status_since",), place))
 
     sums = [
-        end.snapshot.blocks.partial(end.snapshot.probability, code=end.snapshot.status, many=len(Status))
+        end.snapshot.blocks.partial(
+            end.snapshot.probability, code=end.snapshot.status, many=len(Status)
+        )
         for end in ends()
     ]
     status = partials.merged(sums).total[:, 0]

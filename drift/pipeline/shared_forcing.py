@@ -1,9 +1,10 @@
 """Waters that many cases share: sources opened once, slices kept in memory, one coast for all.
 
-Each case still sees the box, the crop and the grid that it would have alone: what is shared is what does not depend on
-them. Cases near each other have the same crop (environment.part): its slices are turned, regridded and filled once for
-all. A coast is exact wherever its grid begins, as long as its cells are of the finest size; a case whose prior reaches
-beyond the coast that it would have alone, or whose waters are too wide for the finest cells, gets its own.
+Each case still sees the box, the crop and the grid that it would have alone: what is shared is what
+does not depend on them. Cases near each other have the same crop (environment.part): its slices are
+turned, regridded and filled once for all. A coast is exact wherever its grid begins, as long as its
+cells are of the finest size; a case whose prior reaches beyond the coast that it would have alone,
+or whose waters are too wide for the finest cells, gets its own.
 """
 
 from collections.abc import Mapping, Sequence
@@ -52,7 +53,9 @@ class Files:
         if key not in self._opened:
             try:
                 files = list(spec.files) if spec.dataset is None else self._held[spec.dataset]
-                self._opened[key] = sources.open_shared(spec.quantity, files, **source_options(spec))
+                self._opened[key] = sources.open_shared(
+                    spec.quantity, files, **source_options(spec)
+                )
             except UserError as error:
                 self._opened[key] = error
         opened = self._opened[key]
@@ -92,13 +95,20 @@ class Waters:
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
     ) -> tuple[Shore, shoreline.Coast | None] | None:
-        """Return the land and coast of these waters, where a case would have the same in its box; else None."""
-        if not _within(domain.around(spec, 0.0, domain.FARTHEST), box) or not _within(box, self._coastal):
+        """Return the land and coast of these waters, where a case would have the same in its box;
+        else None.
+        """
+        if not _within(domain.around(spec, 0.0, domain.FARTHEST), box) or not _within(
+            box, self._coastal
+        ):
             return None
         key = asked.coast.source, asked.coast.lakes
         if key not in self._lands:
             land = shore.land(asked.coast.source, self._coastal, asked.coast.lakes)
-            self._lands[key] = land, shoreline.build_coast(land, self._coastal) if land.polygons.size else None
+            self._lands[key] = (
+                land,
+                shoreline.build_coast(land, self._coastal) if land.polygons.size else None,
+            )
         land, coast = self._lands[key]
         return None if coast is not None and coast.shift != shoreline.FINEST else (land, coast)
 
@@ -119,7 +129,9 @@ class Waters:
 
 
 def divide(cases: Sequence[Case], datasets: Mapping[str, Any]) -> list[Waters]:
-    """Return the waters of each case: near ones share theirs, as long as these do not become too wide."""
+    """Return the waters of each case: near ones share theirs, as long as these do not become too
+    wide.
+    """
     files = Files(memory.hold(datasets))
     boxes: list[Box] = []
     number = []
@@ -143,7 +155,9 @@ def _joined(box: Box, other: Box) -> Box:
     turn = 360 * round((box.west + box.east - other.west - other.east) / 720)
     west, east = min(box.west, other.west + turn), max(box.east, other.east + turn)
     run_setup = sphere.wrap_degrees(west)
-    return Box(run_setup, min(box.south, other.south), run_setup + east - west, max(box.north, other.north))
+    return Box(
+        run_setup, min(box.south, other.south), run_setup + east - west, max(box.north, other.north)
+    )
 
 
 def _within(box: Box, other: Box) -> bool:

@@ -1,11 +1,13 @@
 """The coast for the kernels: shoreline edges in a uniform grid of cells, in binary angles.
 
-Every polygon vertex is rounded to int32 binary angles (at most 5 mm away); from there on everything is exact integer
-geometry in the lon-lat plane. A cell lists every edge that touches it, knows how far (in cells) the nearest cell with
-an edge is, and whether its reference point lies on land. `build` makes it; kernels.step.coast reads it, and so do the
-functions below for single questions. A point exactly on an edge is on land. Outside the grid everything is water.
+Every polygon vertex is rounded to int32 binary angles (at most 5 mm away); from there on everything
+is exact integer geometry in the lon-lat plane. A cell lists every edge that touches it, knows how
+far (in cells) the nearest cell with an edge is, and whether its reference point lies on land.
+`build` makes it; kernels.step.coast reads it, and so do the functions below for single questions. A
+point exactly on an edge is on land. Outside the grid everything is water.
 
-A box that reaches beyond the box to which the polygons were cut is refused: the cut would count as coast.
+A box that reaches beyond the box to which the polygons were cut is refused: the cut would count as
+coast.
 """
 
 from dataclasses import dataclass
@@ -24,7 +26,8 @@ TURN = sphere.TURN
 POLE = TURN // 4  # [unit] the north pole's binary latitude
 FINEST = 17  # smallest shift: a cell of 2**17 units is 0.011 degrees, 1.2 km of latitude
 COARSEST = 21  # largest shift: 0.18 degrees, less than geo.coast.shore.MARGIN
-LONGEST_EDGE = 2**18  # [unit] 2.4 km, as stretches of coast are made of whole edges; kernels would allow 45 degrees
+# [unit] 2.4 km, as stretches of coast are made of whole edges; kernels would allow 45 degrees
+LONGEST_EDGE = 2**18
 FAR = 127  # [cells] distances are capped at this number, so that they fit into seven bits
 LAND = 128  # the bit of a cell's byte that says that its reference point is on land
 
@@ -35,8 +38,9 @@ Ints = npt.NDArray[np.int64]
 class Coast:
     """Shoreline edges by cell.
 
-    Positions and lengths are binary angle units, rows of cells run from south to north. cell: low 7 bits: chessboard
-    distance to a cell with edges; high bit: whether the reference point is on land.
+    Positions and lengths are binary angle units, rows of cells run from south to north. cell: low 7
+    bits: chessboard distance to a cell with edges; high bit: whether the reference point is on
+    land.
     """
 
     lon0: int  # south-west corner of cell (0, 0)
@@ -46,8 +50,10 @@ class Coast:
     ny: int
     cell: npt.NDArray[np.uint8]  # (ny * nx,)
     start: npt.NDArray[np.int32]  # (ny * nx + 1,) where each cell's edges start in `edge`
-    edge: npt.NDArray[np.int32]  # (n, 4) lon_a, lat_a, lon_b, lat_b; repeated for every cell that it touches
-    edge_id: npt.NDArray[np.int32]  # (n,) number of the shoreline edge, from 0, running along each shoreline
+    # (n, 4) lon_a, lat_a, lon_b, lat_b; repeated for every cell that it touches
+    edge: npt.NDArray[np.int32]
+    # (n,) number of the shoreline edge, from 0, running along each shoreline
+    edge_id: npt.NDArray[np.int32]
     reference: tuple[int, int]  # offset of the reference point in its cell
     polygons: Array  # shapely land polygons [deg], unwrapped round the box
     source: str
@@ -59,7 +65,8 @@ def build_coast(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
 
     Its grid covers the box, rounded outward to cells, in at most max_cells cells.
     """
-    if shore.box and shore.box.east - shore.box.west >= 360:  # the shore is not cut, so the grid goes round as well
+    # the shore is not cut, so the grid goes round as well
+    if shore.box and shore.box.east - shore.box.west >= 360:
         box = Box(-180.0, box.south, 180.0, box.north)
     if shore.box and not (
         shore.box.west <= box.west
@@ -104,7 +111,8 @@ def build_coast(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
 
 
 def _cells_to_edges(empty: npt.NDArray[np.bool_], globe: bool) -> npt.NDArray[np.uint8]:
-    """Return chessboard distances (ny, nx) from each cell to the nearest that is not empty, at most FAR.
+    """Return chessboard distances (ny, nx) from each cell to the nearest that is not empty, at most
+    FAR.
 
     globe: whether the columns go round the Earth, so that distances do too.
     """
@@ -134,7 +142,8 @@ def is_land(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike) -> npt.NDArray
     point = np.repeat(inside, count)
     listed = _runs(coast.start[cell], count)
     corner = 1 << coast.shift
-    px = x[point] % corner - coast.reference[0]  # all coordinates are relative to the cell's reference point
+    # all coordinates are relative to the cell's reference point
+    px = x[point] % corner - coast.reference[0]
     py = y[point] % corner - coast.reference[1]
     ax = _difference(coast.edge[listed, 0], lon[point]) + px
     ay = coast.edge[listed, 1].astype(np.int64) - lat[point] + py
@@ -146,7 +155,11 @@ def is_land(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike) -> npt.NDArray
     within = (np.minimum(ax, bx) <= px) & (px <= np.maximum(ax, bx))
     within &= (np.minimum(ay, by) <= py) & (py <= np.maximum(ay, by))
     on_edge = (from_point == 0) & within
-    crosses = ((side_a > 0) != (side_b > 0)) & ((from_reference > 0) != (from_point > 0)) & (from_point != 0)
+    crosses = (
+        ((side_a > 0) != (side_b > 0))
+        & ((from_reference > 0) != (from_point > 0))
+        & (from_point != 0)
+    )
     land ^= np.bincount(point[crosses], minlength=lon.size).astype(np.int64) % 2 == 1
     land[point[on_edge]] = True
     return land.reshape(shape)
@@ -170,20 +183,25 @@ def covers(coast: Coast, box: Box) -> bool:
     return wide_enough and south >= 0 and north <= coast.ny << coast.shift
 
 
-def nearest_coast(coast: Coast, lon_deg: float, lat_deg: float) -> tuple[float, float, float] | None:
+def nearest_coast(
+    coast: Coast, lon_deg: float, lat_deg: float
+) -> tuple[float, float, float] | None:
     """Return (lon [deg], lat [deg], distance [m]) of the nearest point of the coast in the grid.
 
-    Returns None without coast. The nearest edge is found in the plane tangent to the parallel: exact nearby, off by
-    some percent at 500 km.
+    Returns None without coast. The nearest edge is found in the plane tangent to the parallel:
+    exact nearby, off by some percent at 500 km.
     """
     nearest = _nearest(coast, lon_deg, lat_deg, 1)
     return _with_distance(lon_deg, lat_deg, *nearest[0]) if nearest else None
 
 
-def nearest_water(coast: Coast, lon_deg: float, lat_deg: float) -> tuple[float, float, float] | None:
+def nearest_water(
+    coast: Coast, lon_deg: float, lat_deg: float
+) -> tuple[float, float, float] | None:
     """Return (lon [deg], lat [deg], distance [m]) of water near a point.
 
-    It lies some 50 m off the coast where possible. A point in water is returned itself; None where no water is found.
+    It lies some 50 m off the coast where possible. A point in water is returned itself; None where
+    no water is found.
     """
     lon, lat = sphere.to_binary(lon_deg), sphere.to_binary(lat_deg)
     if not is_land(coast, lon, lat):
@@ -196,7 +214,9 @@ def nearest_water(coast: Coast, lon_deg: float, lat_deg: float) -> tuple[float, 
             lat = np.rint(y + radius * np.sin(bearing)).astype(np.int32)
             wet = np.flatnonzero(~is_land(coast, lon, lat))
             if wet.size:
-                candidates = [_with_distance(lon_deg, lat_deg, int(lon[i]), int(lat[i])) for i in wet]
+                candidates = [
+                    _with_distance(lon_deg, lat_deg, int(lon[i]), int(lat[i])) for i in wet
+                ]
                 return min(candidates, key=lambda candidate: candidate[2])
     return None
 
@@ -219,7 +239,9 @@ def _nearest(coast: Coast, lon_deg: float, lat_deg: float, count: int) -> list[t
     return list(zip(x.tolist(), y.tolist(), strict=True))
 
 
-def _with_distance(lon_deg: float, lat_deg: float, lon: float, lat: float) -> tuple[float, float, float]:
+def _with_distance(
+    lon_deg: float, lat_deg: float, lon: float, lat: float
+) -> tuple[float, float, float]:
     """Return a second point [unit] as (lon [deg], lat [deg], distance [m]) from the first [deg]."""
     x = sphere.wrap_degrees(lon * 360 / TURN)
     y = lat * 360 / TURN
@@ -239,7 +261,10 @@ def _difference(a: Array, b: Array) -> Ints:
 def _runs(start: Array, count: Array) -> Ints:
     """Return start[i], start[i] + 1, ..., which are count[i] numbers for every i, in one array."""
     ends = np.cumsum(count)
-    return np.asarray(np.arange(int(ends[-1]) if ends.size else 0) + np.repeat(start - (ends - count), count), np.int64)
+    return np.asarray(
+        np.arange(int(ends[-1]) if ends.size else 0) + np.repeat(start - (ends - count), count),
+        np.int64,
+    )
 
 
 def _cells(box: Box, shift: int) -> tuple[int, int, int, int]:
@@ -249,20 +274,29 @@ def _cells(box: Box, shift: int) -> tuple[int, int, int, int]:
     """
     size = 1 << shift
     units = TURN / 360.0
-    west, east = (int(np.floor(box.west * units / size)), int(np.floor(box.east * units / size)) + 1)
-    south, north = (int(np.floor(box.south * units / size)), int(np.floor(box.north * units / size)) + 1)
+    west, east = (
+        int(np.floor(box.west * units / size)),
+        int(np.floor(box.east * units / size)) + 1,
+    )
+    south, north = (
+        int(np.floor(box.south * units / size)),
+        int(np.floor(box.north * units / size)) + 1,
+    )
     if (east - west) * size >= TURN:
         west, east = -(TURN // 2 // size), TURN // 2 // size
     return west * size, south * size, east - west, north - south
 
 
 def _edges(polygons: Array) -> Ints:
-    """Return the polygons' edges [unit, longitudes not wrapped], shape (n, 4), none longer than LONGEST_EDGE."""
+    """Return the polygons' edges [unit, longitudes not wrapped], shape (n, 4), none longer than
+    LONGEST_EDGE.
+    """
     points, ring = shapely.get_coordinates(shapely.get_rings(polygons), return_index=True)
     units = np.rint(points * (TURN / 360.0)).astype(np.int64)
     first = np.flatnonzero((ring[1:] == ring[:-1]) & (units[1:] != units[:-1]).any(axis=1))
     edge = np.concatenate([units[first], units[first + 1]], axis=1)
-    # Few edges are long: only those are halved, again and again, and put back in their places among the others.
+    # Few edges are long: only those are halved, again and again, and put back in their places among
+    # the others.
     long_edges = np.flatnonzero(_long(edge))
     part, owner = edge[long_edges], long_edges
     while (long := _long(part)).any():
@@ -288,13 +322,16 @@ def _long(edge: Ints) -> npt.NDArray[np.bool_]:
 
 
 def _without_cuts(edge: Ints, globe: bool, south: int) -> Ints:
-    """Return the edges that are coast, without the rim at a pole and, round the globe, cuts along the seam."""
+    """Return the edges that are coast, without the rim at a pole and, round the globe, cuts along
+    the seam.
+    """
     rim = (np.abs(edge[:, 1] + south) == POLE) & (np.abs(edge[:, 3] + south) == POLE)
     if not globe:
         return np.asarray(edge[~rim] if rim.any() else edge, np.int64)
     seam = (edge[:, 0] == edge[:, 2]) & ((edge[:, 0] == 0) | (edge[:, 0] == TURN)) & ~rim
     ends, times = np.unique(edge[seam][:, [1, 3]], return_counts=True)
-    odd = ends[times % 2 == 1].reshape(-1, 2)  # stretches of the seam with land on one side only are coast
+    # stretches of the seam with land on one side only are coast
+    odd = ends[times % 2 == 1].reshape(-1, 2)
     one_sided = np.stack([0 * odd[:, 0], odd[:, 0], 0 * odd[:, 0], odd[:, 1]], axis=1)
     return np.concatenate([edge[~(rim | seam)], one_sided])
 
@@ -309,7 +346,8 @@ def _upward(edge: Ints) -> tuple[Ints, Ints, Ints, Ints]:
 def _touched(edge: Ints, shift: int, nx: int, ny: int, globe: bool) -> tuple[Ints, Ints]:
     """Return (edge, cell) of all pairs that touch.
 
-    In each row of cells these are the columns from where the edge enters the row to where it leaves it.
+    In each row of cells these are the columns from where the edge enters the row to where it leaves
+    it.
     """
     ax, ay, bx, by = _upward(edge)
     first, last = np.maximum(ay >> shift, 0), np.minimum(by >> shift, ny - 1)
@@ -344,17 +382,24 @@ def _reference(edge: Ints, cell: Ints, shift: int, nx: int) -> tuple[int, int]:
     raise ValueError("no reference point found that lies off every shoreline edge")
 
 
-def _land_of_references(edge: Ints, reference: tuple[int, int], shift: int, nx: int, ny: int) -> npt.NDArray[np.bool_]:
-    """Return whether each cell's reference point is on land, exactly, by the parity of the edges west of it."""
+def _land_of_references(
+    edge: Ints, reference: tuple[int, int], shift: int, nx: int, ny: int
+) -> npt.NDArray[np.bool_]:
+    """Return whether each cell's reference point is on land, exactly, by the parity of the edges
+    west of it.
+    """
     ax, ay, bx, by = _upward(edge)
     x, y = reference
     first = np.maximum(-((y - ay) >> shift), 0)  # rows whose reference latitude lies in [ay, by)
     last = np.minimum(-((y - by) >> shift) - 1, ny - 1)
     count = np.where(by > ay, np.maximum(last - first + 1, 0), 0)
-    owner = np.repeat(np.arange(len(edge)), count)  # few edges, as most lie between two such latitudes
+    # few edges, as most lie between two such latitudes
+    owner = np.repeat(np.arange(len(edge)), count)
     row = _runs(first, count)
     ax, ay, bx, by = ax[owner], ay[owner], bx[owner], by[owner]
     crossing = ax + ((row << shift) + y - ay) * (bx - ax) // (by - ay)
     column = np.clip(((crossing - x) >> shift) + 1, 0, nx)
     toggles = np.bincount(row * (nx + 1) + column, minlength=ny * (nx + 1)).astype(np.uint8) & 1
-    return np.asarray(np.bitwise_xor.accumulate(toggles.reshape(ny, nx + 1), axis=1)[:, :nx].ravel() == 1, bool)
+    return np.asarray(
+        np.bitwise_xor.accumulate(toggles.reshape(ny, nx + 1), axis=1)[:, :nx].ravel() == 1, bool
+    )

@@ -1,8 +1,10 @@
-"""GSHHG of full resolution, from roaring-landmask: kept in pieces, so that a box costs what lies near it.
+"""GSHHG of full resolution, from roaring-landmask: kept in pieces, so that a box costs what lies
+near it.
 
-The package holds the land of the whole Earth in one compressed block, which takes 3 s and 600 MB to read. The first box
-that is asked for writes it into the user's cache in pieces (26 MB), each of them polygons that lie together. Every later
-box reads the pieces that may reach it, which takes 0.1 s, and gets the same polygons in the same order, bit for bit.
+The package holds the land of the whole Earth in one compressed block, which takes 3 s and 600 MB to
+read. The first box that is asked for writes it into the user's cache in pieces (26 MB), each of
+them polygons that lie together. Every later box reads the pieces that may reach it, which takes 0.1
+s, and gets the same polygons in the same order, bit for bit.
 """
 
 import contextlib
@@ -28,7 +30,8 @@ CELL = 5.0  # [deg] polygons whose middles lie in one cell are one piece
 LARGE = 20_000  # vertices; a polygon with more is a piece of its own
 BEGIN = struct.Struct("<8sq")  # of the file: what it is, and the length of its table
 MARK = b"gshhg  1"
-PIECE = np.dtype([("edges", "<f8", 4), ("length", "<i8")])  # a row of the table: box [deg], bytes in the file
+# a row of the table: box [deg], bytes in the file
+PIECE = np.dtype([("edges", "<f8", 4), ("length", "<i8")])
 
 Polygons = npt.NDArray[Any]  # of shapely.Polygon
 TURNS = (-360.0, 0.0, 360.0)  # [deg] by which land is shifted to the longitudes of a box
@@ -45,7 +48,9 @@ def whole() -> Polygons:
 
 
 def near(box: Box) -> Polygons:
-    """Return at least the polygons that reach a box, which may count on beyond 180 degrees, in the order of `whole`."""
+    """Return at least the polygons that reach a box, which may count on beyond 180 degrees, in the
+    order of `whole`.
+    """
     return _kept(box)
 
 
@@ -55,12 +60,17 @@ def cache_folder() -> Path:
 
 
 def _kept(box: Box | None) -> Polygons:
-    """Return the polygons near a box, from the cache where it holds them; otherwise they are put there."""
+    """Return the polygons near a box, from the cache where it holds them; otherwise they are put
+    there.
+    """
     path = cache_folder() / f"gshhg-{version()}.pieces"
-    with contextlib.suppress(OSError, ValueError, MemoryError, struct.error, zlib.error, shapely.errors.GEOSException):
+    with contextlib.suppress(
+        OSError, ValueError, MemoryError, struct.error, zlib.error, shapely.errors.GEOSException
+    ):
         return _read(path, box)
     polygons = _unpacked()
-    with contextlib.suppress(OSError):  # a cache that cannot be written costs seconds next time, not the run
+    # a cache that cannot be written costs seconds next time, not the run
+    with contextlib.suppress(OSError):
         _write(path, polygons)
     return polygons
 
@@ -76,7 +86,8 @@ def _unpacked() -> Polygons:
 def _write(path: Path, polygons: Polygons) -> None:
     """Write polygons in pieces: the whole file or none.
 
-    What the file could not give back to the bit, such as inner rings or finer coordinates, is not kept.
+    What the file could not give back to the bit, such as inner rings or finer coordinates, is not
+    kept.
     """
     points = shapely.get_coordinates(polygons)
     steps = np.rint(points * STEP).astype(np.int32)
@@ -89,7 +100,9 @@ def _write(path: Path, polygons: Polygons) -> None:
         vertices = np.concatenate([each[k] for k in members])
         ways = np.diff(vertices, axis=0, prepend=np.int32(0)).T  # small numbers, which pack well
         numbers = (np.array([len(members)]), members, count[members], ways.reshape(-1))
-        packed.append(zlib.compress(np.concatenate([part.astype("<i4") for part in numbers]).tobytes(), 1))
+        packed.append(
+            zlib.compress(np.concatenate([part.astype("<i4") for part in numbers]).tobytes(), 1)
+        )
         corners = (*edges[members, :2].min(axis=0), *edges[members, 2:].max(axis=0))
         table.append((corners, len(packed[-1])))
     head = zlib.compress(np.array(table, PIECE).tobytes())
@@ -99,7 +112,8 @@ def _write(path: Path, polygons: Polygons) -> None:
         try:
             file.writelines((BEGIN.pack(MARK, len(head)), head, *packed))
             file.close()
-            os.chmod(file.name, 0o644)  # others may share the folder: a temporary file is its maker's alone
+            # others may share the folder: a temporary file is its maker's alone
+            os.chmod(file.name, 0o644)
             os.replace(file.name, path)
         except BaseException:  # Ctrl-C too
             os.unlink(file.name)
@@ -114,8 +128,12 @@ def _clear(path: Path) -> None:
                 left.unlink()
 
 
-def _pieces(edges: npt.NDArray[np.float64], count: npt.NDArray[np.int32]) -> Iterable[npt.NDArray[np.int64]]:
-    """Return which polygons are one piece: those whose middles lie in one cell, and each large one by itself."""
+def _pieces(
+    edges: npt.NDArray[np.float64], count: npt.NDArray[np.int32]
+) -> Iterable[npt.NDArray[np.int64]]:
+    """Return which polygons are one piece: those whose middles lie in one cell, and each large one
+    by itself.
+    """
     column, row = (np.floor((edges[:, k] + edges[:, k + 2]) / 2 / CELL) for k in (0, 1))
     cell = column * 1_000 + row
     large = count > LARGE
@@ -125,7 +143,9 @@ def _pieces(edges: npt.NDArray[np.float64], count: npt.NDArray[np.int32]) -> Ite
 
 
 def _read(path: Path, box: Box | None) -> Polygons:
-    """Return the polygons of the pieces that may reach a box; raise one of several errors where the file is broken."""
+    """Return the polygons of the pieces that may reach a box; raise one of several errors where the
+    file is broken.
+    """
     members, rings = [], []
     with open(path, "rb") as file:
         mark, length = BEGIN.unpack(file.read(BEGIN.size))
@@ -133,12 +153,16 @@ def _read(path: Path, box: Box | None) -> Polygons:
             raise ValueError("another kind of file")
         table = np.frombuffer(zlib.decompress(file.read(length)), PIECE)
         begins = file.tell() + np.cumsum(table["length"]) - table["length"]
-        for k in range(len(table)) if box is None else np.flatnonzero(_reaching(table["edges"], box)):
+        for k in (
+            range(len(table)) if box is None else np.flatnonzero(_reaching(table["edges"], box))
+        ):
             file.seek(int(begins[k]))
             numbers = np.frombuffer(zlib.decompress(file.read(int(table["length"][k]))), "<i4")
             size = int(numbers[0])
             members.append(numbers[1 : 1 + size])
-            vertices = numbers[1 + 2 * size :].reshape(2, -1).cumsum(axis=1, dtype=np.int32).T / STEP
+            vertices = (
+                numbers[1 + 2 * size :].reshape(2, -1).cumsum(axis=1, dtype=np.int32).T / STEP
+            )
             of_ring = np.repeat(np.arange(size), numbers[1 + size : 1 + 2 * size])
             rings.append(shapely.linearrings(vertices, indices=of_ring))
     if not members:
@@ -148,7 +172,9 @@ def _read(path: Path, box: Box | None) -> Polygons:
 
 
 def _reaching(edges: npt.NDArray[np.float64], box: Box) -> npt.NDArray[np.bool_]:
-    """Return which boxes [deg] (n, 4: west, south, east, north) reach a box, themselves or shifted by a turn."""
+    """Return which boxes [deg] (n, 4: west, south, east, north) reach a box, themselves or shifted
+    by a turn.
+    """
     west, south, east, north = edges.T
     across = [(west + turn <= box.east) & (east + turn >= box.west) for turn in TURNS]
     return np.asarray(np.any(across, axis=0) & (south <= box.north) & (north >= box.south))

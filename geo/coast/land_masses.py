@@ -1,10 +1,11 @@
 """Land masses: which polygons of a coast are one piece of land, and on which of them a place lies.
 
-Polygons that touch are one land mass, and so are those that a user's bridges join. Two pieces of one mainland that the
-edge of the box divides are two, unless polygons of the whole Earth are handed in that hold both.
+Polygons that touch are one land mass, and so are those that a user's bridges join. Two pieces of
+one mainland that the edge of the box divides are two, unless polygons of the whole Earth are handed
+in that hold both.
 
-Nearness is computed in degrees, longitudes shrunk by the cosine of the middle latitude: it decides which polygon of
-several is nearest, and for a place on land, which is in one, it is exact.
+Nearness is computed in degrees, longitudes shrunk by the cosine of the middle latitude: it decides
+which polygon of several is nearest, and for a place on land, which is in one, it is exact.
 """
 
 from collections.abc import Callable, Sequence
@@ -52,8 +53,9 @@ class LandMasses:
     def sides(self) -> tuple[shapely.STRtree, Ints]:
         """The sides of all polygons in the squeezed plane, and the polygon of each.
 
-        What is nearest to a place is found at once among sides; among polygons each question walks round a mainland. A place on
-        land is nearest to a side of the polygon that it lies in, for polygons do not overlap.
+        What is nearest to a place is found at once among sides; among polygons each question walks
+        round a mainland. A place on land is nearest to a side of the polygon that it lies in, for
+        polygons do not overlap.
         """
         rings, owner = shapely.get_rings(self.tree.geometries, return_index=True)
         corners, ring = shapely.get_coordinates(rings, return_index=True)
@@ -67,19 +69,25 @@ def build_land_masses(
 ) -> LandMasses:
     """Return the land masses of polygons [deg]; box: to which they are cut.
 
-    bridges: pairs of positions [deg], each on or beside land, that are one land mass by a bridge, dam or ford.
-    Raises UserError for a bridge that ends far from land.
+    bridges: pairs of positions [deg], each on or beside land, that are one land mass by a bridge,
+    dam or ford. Raises UserError for a bridge that ends far from land.
     """
     if not len(polygons):
         if bridges:
-            raise UserError("spill.bridges: the domain has no land for a bridge to join; delete bridges")
+            raise UserError(
+                "spill.bridges: the domain has no land for a bridge to join; delete bridges"
+            )
         return LandMasses(polygons, np.empty(0, np.int64), box=box)
     west, south, east, north = shapely.total_bounds(polygons)
     squeeze = max(float(np.cos(np.radians((south + north) / 2))), 0.01)
-    land = LandMasses(polygons, np.arange(len(polygons)), tuple(bridges), box, squeeze, float((west + east) / 2))
+    land = LandMasses(
+        polygons, np.arange(len(polygons)), tuple(bridges), box, squeeze, float((west + east) / 2)
+    )
     pairs = [_touching(land)]
     if bridges:
-        ends = [[_abutment(land, end, number) for end in ends] for number, ends in enumerate(bridges, 1)]
+        ends = [
+            [_abutment(land, end, number) for end in ends] for number, ends in enumerate(bridges, 1)
+        ]
         pairs.append(np.array(ends).T)
     return replace(land, mass=_joined(len(polygons), np.concatenate(pairs, axis=1)))
 
@@ -113,7 +121,8 @@ def _joined(count: int, pairs: Array) -> Ints:
 
 
 def nearest(land: LandMasses, lon: float, lat: float) -> tuple[int, float, float, float]:
-    """Return (polygon, lon [deg], lat [deg], distance [m]) of the land nearest to a place; on land it is the place itself.
+    """Return (polygon, lon [deg], lat [deg], distance [m]) of the land nearest to a place; on land
+    it is the place itself.
 
     There must be land.
     """
@@ -132,11 +141,14 @@ def of_places(land: LandMasses, lon: Array, lat: Array) -> Ints:
     """Return the land mass that each place [deg] lies on, or that is nearest to it, shape (n,)."""
     lon = land.middle + sphere.wrap_degrees(np.asarray(lon) - land.middle)
     tree, polygon = land.sides
-    return np.asarray(land.mass[polygon[tree.nearest(shapely.points(lon * land.squeeze, lat))]], np.int64)
+    return np.asarray(
+        land.mass[polygon[tree.nearest(shapely.points(lon * land.squeeze, lat))]], np.int64
+    )
 
 
 def of_stretches(land: LandMasses, coast: Coast, of_edge: Array, count: int) -> Ints:
-    """Return the land mass of each of some stretches, SEVERAL where none has MOST of its length, shape (count,).
+    """Return the land mass of each of some stretches, SEVERAL where none has MOST of its length,
+    shape (count,).
 
     of_edge: (edges,) the stretch of every shoreline edge.
     """
@@ -159,18 +171,23 @@ def of_stretches(land: LandMasses, coast: Coast, of_edge: Array, count: int) -> 
 
 
 def _of_edges(land: LandMasses, edge: Array) -> Ints:
-    """Return the land mass of each shoreline edge: edges that follow one another are of one polygon."""
+    """Return the land mass of each shoreline edge: edges that follow one another are of one
+    polygon.
+    """
     begins = np.ones(len(edge), bool)
     begins[1:] = (edge[1:, :2] != edge[:-1, 2:]).any(axis=1)
     first = edge[begins].astype(np.int64)
-    half = (first[:, 2:] - first[:, :2]).astype(np.int32).astype(np.int64) // 2  # longitudes the short way round
+    # longitudes the short way round
+    half = (first[:, 2:] - first[:, :2]).astype(np.int32).astype(np.int64) // 2
     middle = (first[:, :2] + half) * (360.0 / sphere.TURN)
     of_run = of_places(land, middle[:, 0], middle[:, 1])
     return np.asarray(of_run[np.cumsum(begins) - 1])
 
 
 def reaching_the_edge(land: LandMasses) -> frozenset[int]:
-    """Return the land masses that reach the edge of the box to which they are cut, beyond which they may go on."""
+    """Return the land masses that reach the edge of the box to which they are cut, beyond which
+    they may go on.
+    """
     return frozenset(land.mass[_at_the_edge(land)].tolist())
 
 
@@ -180,7 +197,9 @@ def _at_the_edge(land: LandMasses) -> Ints:
         return np.empty(0, np.int64)
     west, south, east, north = shapely.bounds(land.polygons).T
     box = land.box
-    return np.flatnonzero((west <= box.west) | (south <= box.south) | (east >= box.east) | (north >= box.north))
+    return np.flatnonzero(
+        (west <= box.west) | (south <= box.south) | (east >= box.east) | (north >= box.north)
+    )
 
 
 def of_whole(land: LandMasses, whole: Callable[[], Array]) -> LandMasses:
@@ -205,14 +224,20 @@ def of_whole(land: LandMasses, whole: Callable[[], Array]) -> LandMasses:
     piece, owner = np.concatenate(found, axis=1)
     count = len(land.polygons)
     pairs = np.concatenate(
-        [np.stack([np.arange(count), count + land.mass]), np.stack([cut[piece], 2 * count + across[owner]])], axis=1
+        [
+            np.stack([np.arange(count), count + land.mass]),
+            np.stack([cut[piece], 2 * count + across[owner]]),
+        ],
+        axis=1,
     )
     joined = _joined(2 * count + len(entire), pairs)[:count]
     return replace(land, mass=joined)
 
 
 def _across(polygons: Array) -> Array:
-    """Return the pairs (2, m) of polygons that are one across the antimeridian, at which a source may cut land."""
+    """Return the pairs (2, m) of polygons that are one across the antimeridian, at which a source
+    may cut land.
+    """
     west, _, east, _ = shapely.bounds(polygons).T
     left, right = np.flatnonzero(west <= -180 + 1e-6), np.flatnonzero(east >= 180 - 1e-6)
     pairs = [np.empty((2, 0), np.int64)]

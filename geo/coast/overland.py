@@ -1,11 +1,13 @@
 """How far places are from each other over land: the shortest way that never leaves a polygon.
 
-In a polygon without holes the triangles between two places form one sleeve, and the funnel algorithm (Lee and Preparata
-1984, doi:10.1002/net.3230140304) finds the shortest way through it exactly. Round a lake there are several sleeves, and
-the one along the shortest chain of middles of edges is taken, so that the way may come out longer than the shortest.
+In a polygon without holes the triangles between two places form one sleeve, and the funnel
+algorithm (Lee and Preparata 1984, doi:10.1002/net.3230140304) finds the shortest way through it
+exactly. Round a lake there are several sleeves, and the one along the shortest chain of middles of
+edges is taken, so that the way may come out longer than the shortest.
 
-The plane is gnomonic about the place from which distances are asked: great circles are straight. Coasts are simplified
-to a thousandth of the reach first, which moves a way by about as much; an inlet deeper than that stays.
+The plane is gnomonic about the place from which distances are asked: great circles are straight.
+Coasts are simplified to a thousandth of the reach first, which moves a way by about as much; an
+inlet deeper than that stays.
 """
 
 import itertools
@@ -29,12 +31,15 @@ Plane = tuple[float, float]
 
 
 def distances(land: LandMasses, base: LonLat, places: Sequence[LonLat], reach: float) -> Real:
-    """Return how far [m] places [deg] are from a base over land and bridges, shape (n,); inf: beyond reach.
+    """Return how far [m] places [deg] are from a base over land and bridges, shape (n,); inf:
+    beyond reach.
 
     base: on land. reach [m]: at most FARTHEST.
     """
     found = np.full(len(places), np.inf)
-    flat = sphere.distance(*np.radians(base), *np.radians(np.asarray(places, float).reshape(-1, 2)).T)
+    flat = sphere.distance(
+        *np.radians(base), *np.radians(np.asarray(places, float).reshape(-1, 2)).T
+    )
     near = np.flatnonzero(flat <= reach)
     ground = _ground(land, base, reach)
     if not near.size or not ground:
@@ -43,11 +48,14 @@ def distances(land: LandMasses, base: LonLat, places: Sequence[LonLat], reach: f
     spots = [base, *ends, *(places[int(k)] for k in near)]
     points = _plane(base, np.array(spots, float))
     owner = shapely.STRtree(ground).nearest(shapely.points(points))
-    firm = 1 + len(ends)  # the base and the ends of bridges: from these ways are sought to all places of their polygon
+    # the base and the ends of bridges: from these ways are sought to all places of their polygon
+    firm = 1 + len(ends)
     links: list[tuple[int, int, float]] = []
     for b in range(len(land.bridges)):
         i = 1 + 2 * b
-        links.append((i, i + 1, float(sphere.distance(*np.radians(spots[i]), *np.radians(spots[i + 1])))))
+        links.append(
+            (i, i + 1, float(sphere.distance(*np.radians(spots[i]), *np.radians(spots[i + 1]))))
+        )
     for number in np.unique(owner[:firm]):
         here = np.flatnonzero(owner == number)
         mesh = _Mesh(ground[number])
@@ -70,7 +78,9 @@ def _ground(land: LandMasses, base: LonLat, reach: float) -> list[shapely.Polygo
     # Widest longitude of a circle: asin(sin r / cos lat); over a pole it is all round.
     wide = np.sin(np.radians(width)) / max(np.cos(np.radians(base[1])), 1e-9)
     wide = np.degrees(np.arcsin(wide)) if wide < 1 else 180.0
-    box = shapely.box(base[0] - wide, max(base[1] - width, -90), base[0] + wide, min(base[1] + width, 90))
+    box = shapely.box(
+        base[0] - wide, max(base[1] - width, -90), base[0] + wide, min(base[1] + width, 90)
+    )
     parts = []
     for turn in TURNS:
         turned = shapely.transform(box, lambda xy, turn=turn: xy + np.array([turn, 0.0]))
@@ -81,7 +91,8 @@ def _ground(land: LandMasses, base: LonLat, reach: float) -> list[shapely.Polygo
     if not pieces.size:
         return []
     plane = shapely.transform(pieces, lambda xy: _plane(base, xy))
-    plane = shapely.get_parts(shapely.union_all(shapely.make_valid(plane)))  # what the antimeridian cuts is one
+    # what the antimeridian cuts is one
+    plane = shapely.get_parts(shapely.union_all(shapely.make_valid(plane)))
     simple = shapely.make_valid(shapely.simplify(plane, DETAIL * reach, preserve_topology=True))
     single = shapely.get_parts(simple)
     return [piece for piece in single if piece.geom_type == "Polygon" and piece.area > 0]
@@ -105,10 +116,13 @@ def _arcs(points: Array) -> float:
 
 
 class _Mesh:
-    """A polygon in triangles, the sides that they share, and how far the middles of these are apart."""
+    """A polygon in triangles, the sides that they share, and how far the middles of these are
+    apart.
+    """
 
     def __init__(self, polygon: shapely.Polygon) -> None:
-        if len(polygon.interiors):  # small triangles, so that chains of middles say which way round a lake is shorter
+        # small triangles, so that chains of middles say which way round a lake is shorter
+        if len(polygon.interiors):
             polygon = shapely.segmentize(polygon, polygon.length / LINKS)
         triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
         corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
@@ -121,7 +135,8 @@ class _Mesh:
         order = np.argsort(side.reshape(-1), kind="stable")
         same = np.flatnonzero(np.diff(side.reshape(-1)[order]) == 0)
         one, other = order[same], order[same + 1]
-        # Of each shared side: its ends, right and left as one leaves its first triangle; and both triangles.
+        # Of each shared side: its ends, right and left as one leaves its first triangle; and both
+        # triangles.
         self._gate = ends[one]
         self._between = np.stack([one // 3, other // 3], axis=1)
         self._middle = self._gate.mean(axis=1)
@@ -135,7 +150,9 @@ class _Mesh:
         self._links = (apart, i, j)
 
     def lengths(self, begin: Array, ends: Array) -> list[float]:
-        """Return the length [m] of the shortest way from a point to each of others; inf where there is none."""
+        """Return the length [m] of the shortest way from a point to each of others; inf where there
+        is none.
+        """
         if not len(ends):
             return []
         first = int(self._tree.nearest(shapely.Point(begin)))
@@ -152,17 +169,25 @@ class _Mesh:
         return found
 
     def _from(self, begin: Array, gates: list[int]) -> tuple[Array, Array]:
-        """Return how far the middles of all shared sides are from a point, and the side before each; -1: none."""
+        """Return how far the middles of all shared sides are from a point, and the side before
+        each; -1: none.
+        """
         apart, i, j = self._links
         count = len(self._gate)
         out = np.linalg.norm(self._middle[gates] - begin, axis=1) + 1e-6
         row, column = np.concatenate([i, np.full(len(gates), count)]), np.concatenate([j, gates])
-        graph = sparse.coo_array((np.concatenate([apart, out]), (row, column)), (count + 1, count + 1)).tocsr()
-        away, before = csgraph.dijkstra(graph, directed=False, indices=count, return_predecessors=True)
+        graph = sparse.coo_array(
+            (np.concatenate([apart, out]), (row, column)), (count + 1, count + 1)
+        ).tocsr()
+        away, before = csgraph.dijkstra(
+            graph, directed=False, indices=count, return_predecessors=True
+        )
         return away[:count], np.where(before[:count] == count, -1, before[:count])
 
     def _sleeve(self, first: int, gate: int, before: Array) -> list[tuple[Array, Array]]:
-        """Return the right and left ends of the shared sides from a triangle to one, as one passes them."""
+        """Return the right and left ends of the shared sides from a triangle to one, as one passes
+        them.
+        """
         chain = [gate]
         while before[chain[-1]] >= 0:
             chain.append(int(before[chain[-1]]))
@@ -176,9 +201,12 @@ class _Mesh:
 
     @staticmethod
     def _taut(begin: Array, end: Array, gates: Sequence[tuple[Array, Array]]) -> Array:
-        """Return the corners of the shortest line from one point to another through gates, in this order."""
+        """Return the corners of the shortest line from one point to another through gates, in this
+        order.
+        """
         right, left = [*(gate[0] for gate in gates), end], [*(gate[1] for gate in gates), end]
-        line, apex, tight = [begin], begin, [0, 0]  # tight: the gates whose right and left end bound the funnel
+        # tight: the gates whose right and left end bound the funnel
+        line, apex, tight = [begin], begin, [0, 0]
         bound, k = [begin, begin], 0
         while k < len(right):
             for side, ends, sign in ((0, right, 1.0), (1, left, -1.0)):
@@ -188,7 +216,8 @@ class _Mesh:
                 if (bound[side] == apex).all() or sign * _turn(apex, bound[1 - side], new) < 0:
                     bound[side], tight[side] = new, k
                     continue
-                apex = bound[1 - side]  # it crosses over: the other side's end is a corner of the line
+                # it crosses over: the other side's end is a corner of the line
+                apex = bound[1 - side]
                 line.append(apex)
                 k = tight[1 - side]
                 bound, tight = [apex, apex], [k, k]

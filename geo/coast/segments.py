@@ -1,13 +1,14 @@
 """The shoreline cut into stretches: of a given length, or as a user's GeoJSON names them.
 
-A stretch is a set of whole shoreline edges (geo.coast.edges.edges), which are never split. The shoreline from one
-landmark to the next is cut into equal lengths, as far as edges allow. The shore round a landmark alone decides that it
-is one, so that a coast has the same stretches in every domain, but near where the domain's edge cuts it. Rings shorter
-than half a stretch, and pieces as short that a box or a named stretch leaves of a coast, are no stretches of their own:
-all those in one square, about a stretch wide, are one segment together.
+A stretch is a set of whole shoreline edges (geo.coast.edges.edges), which are never split. The
+shoreline from one landmark to the next is cut into equal lengths, as far as edges allow. The shore
+round a landmark alone decides that it is one, so that a coast has the same stretches in every
+domain, but near where the domain's edge cuts it. Rings shorter than half a stretch, and pieces as
+short that a box or a named stretch leaves of a coast, are no stretches of their own: all those in
+one square, about a stretch wide, are one segment together.
 
-Lengths are great circles between the edges' ends. Nearness is computed in the plane tangent to the parallel of the
-place in question: exact nearby, off by some percent at 500 km.
+Lengths are great circles between the edges' ends. Nearness is computed in the plane tangent to the
+parallel of the place in question: exact nearby, off by some percent at 500 km.
 """
 
 import json
@@ -31,7 +32,9 @@ from geo.files import small as file
 NEAR = 2_000.0  # [m] largest distance from a named line to its shoreline
 METRES = np.pi * sphere.RADIUS / 180  # [m] in a degree of latitude
 DEGREES = 360.0 / sphere.TURN  # [deg] in a binary angle unit
-REACH = 4.0  # [stretches] to both sides of a landmark no other lies: lengths between two are within an eighth of what is asked
+# [stretches] to both sides of a landmark no other lies: lengths between two are within an eighth of
+# what is asked
+REACH = 4.0
 MARGIN = 1e-6  # of a stretch, 1 cm of 10 km: far above the rounding of sums over a coast
 ID_LENGTH = 9  # letters of an id: its cell is 5 m wide
 UNKNOWN = ""  # kind of a shore of which the user's file says nothing
@@ -52,8 +55,10 @@ class Segments:
     lines: Array  # shapely LineString or MultiLineString [deg], unwrapped round the coast's grid
     access: tuple[str, ...]  # kind of shore by the user's file; "" where it says none
     id: tuple[str, ...] = ()  # by the place of the midpoint: unique, the same whatever the domain
-    land: LandMasses | None = None  # the land of which they are the shore; None: nothing is known of it
-    mass: npt.NDArray[np.int64] | None = None  # number of each stretch's land mass, SEVERAL where it lies on several
+    # the land of which they are the shore; None: nothing is known of it
+    land: LandMasses | None = None
+    # number of each stretch's land mass, SEVERAL where it lies on several
+    mass: npt.NDArray[np.int64] | None = None
 
 
 @dataclass(frozen=True)
@@ -66,7 +71,9 @@ class _Feature:
 
 
 def cut_coast(coast: Coast, length: float = 10_000.0) -> Segments:
-    """Return the coast cut into stretches of about `length` [m]: whole edges, and equal shares of each chain."""
+    """Return the coast cut into stretches of about `length` [m]: whole edges, and equal shares of
+    each chain.
+    """
     edge = shoreline.edges(coast)
     return _cut(coast, edge, np.full(len(edge), -1), [], length)
 
@@ -74,11 +81,11 @@ def cut_coast(coast: Coast, length: float = 10_000.0) -> Segments:
 def named(coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0) -> Segments:
     """Return the stretches of a user's GeoJSON, in its order, then the rest of the coast.
 
-    rest [m]: length of the stretches of which the rest is cut.
-    A polygon takes the edges whose midpoints lie inside; a line takes those within NEAR of it, except those beyond its
-    ends. An edge that several features take belongs to the nearest of them, and to the first in the file where they
-    are equally near. Properties of a feature: "name", needed and unique, and "access". Raises UserError for a file that
-    cannot be used and for a feature without shoreline.
+    rest [m]: length of the stretches of which the rest is cut. A polygon takes the edges whose
+    midpoints lie inside; a line takes those within NEAR of it, except those beyond its ends. An
+    edge that several features take belongs to the nearest of them, and to the first in the file
+    where they are equally near. Properties of a feature: "name", needed and unique, and "access".
+    Raises UserError for a file that cannot be used and for a feature without shoreline.
     """
     features = _read(Path(path))
     edge = shoreline.edges(coast)
@@ -110,10 +117,14 @@ def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) ->
     lon, lat = int(sphere.to_binary(lon_deg)), int(sphere.to_binary(lat_deg))
     squeeze = max(np.cos(np.deg2rad(lat_deg)), 1e-9)
     ax, ay = _turned(edge[:, 0] - np.int64(lon)) * squeeze, edge[:, 1] - float(lat)
-    dx, dy = _turned(edge[:, 2] - edge[:, 0].astype(np.int64)) * squeeze, edge[:, 3] - edge[:, 1].astype(float)
+    dx, dy = (
+        _turned(edge[:, 2] - edge[:, 0].astype(np.int64)) * squeeze,
+        edge[:, 3] - edge[:, 1].astype(float),
+    )
     along = np.clip(-(ax * dx + ay * dy) / (dx * dx + dy * dy), 0, 1)
     x, y = ax + along * dx, ay + along * dy
-    near = np.argpartition(np.hypot(x, y), min(31, len(edge) - 1))[:32]  # distances on the sphere decide among these
+    # distances on the sphere decide among these
+    near = np.argpartition(np.hypot(x, y), min(31, len(edge) - 1))[:32]
     to = (lon + x[near] / squeeze) * sphere.UNIT, (lat + y[near]) * sphere.UNIT
     distance = sphere.distance(np.deg2rad(lon_deg), np.deg2rad(lat_deg), *to)
     best = int(np.argmin(distance))
@@ -121,7 +132,8 @@ def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) ->
 
 
 def placed(segments: Segments, text: str) -> int | None:
-    """Return the stretch of an id: of this coast, or, where another domain has cut it otherwise, the one that lies there.
+    """Return the stretch of an id: of this coast, or, where another domain has cut it otherwise,
+    the one that lies there.
 
     Returns None for what is no id, or one of a place farther than NEAR from any stretch.
     """
@@ -136,7 +148,8 @@ def placed(segments: Segments, text: str) -> int | None:
     squeeze = max(float(np.cos(np.radians(lat))), 1e-9)
     lines = [
         shapely.transform(
-            segments.lines[k], lambda xy: np.stack([sphere.wrap_degrees(xy[:, 0] - lon) * squeeze, xy[:, 1] - lat], 1)
+            segments.lines[k],
+            lambda xy: np.stack([sphere.wrap_degrees(xy[:, 0] - lon) * squeeze, xy[:, 1] - lat], 1),
         )
         for k in near
     ]
@@ -146,13 +159,17 @@ def placed(segments: Segments, text: str) -> int | None:
 
 
 def _ids(lon: Array, lat: Array) -> tuple[str, ...]:
-    """Return the ids of stretches by their midpoints [deg], as binary angles: last bits of a sum must not change a letter."""
+    """Return the ids of stretches by their midpoints [deg], as binary angles: last bits of a sum
+    must not change a letter.
+    """
     lon, lat = (np.floor(np.asarray(x) / DEGREES + 0.25) * DEGREES for x in (lon, lat))
     places = list(zip(sphere.wrap_degrees(lon).tolist(), lat.tolist(), strict=True))
     return _unique([geohash.encode(*place, ID_LENGTH) for place in places], "{name}{number}")
 
 
-def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], length: float) -> Segments:
+def _cut(
+    coast: Coast, edge: Array, owner: Array, features: list[_Feature], length: float
+) -> Segments:
     """Return the segments.
 
     owner: (edges,) feature of each edge, -1 for those that are cut by a length [m].
@@ -166,14 +183,18 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
     share = np.maximum(np.rint(total / length), 1)[chain]  # number of stretches in the edge's chain
     reached = np.cumsum(size)
     middle = reached - (reached - size)[first][chain] - size / 2
-    # The margin decides where an edge's middle lies on a boundary, as in equal halves: sums over the whole coast round there.
+    # The margin decides where an edge's middle lies on a boundary, as in equal halves: sums over
+    # the whole coast round there.
     stretch = np.minimum(np.floor(middle / total[chain] * share + MARGIN), share - 1)
 
-    # Each edge gets a key: (0, feature, 0), (1, chain, stretch) or, where its chain is short, (2, row, column) of a
-    # square. Each key becomes a segment; segments are numbered in the order of their first edges.
+    # Each edge gets a key: (0, feature, 0), (1, chain, stretch) or, where its chain is short, (2,
+    # row, column) of a square. Each key becomes a segment; segments are numbered in the order of
+    # their first edges.
     own_feature = owner[order]
     row = np.floor(a[1][first] * sphere.RADIUS / length)
-    column = np.floor(a[0][first] * np.cos((row + 0.5) * length / sphere.RADIUS) * sphere.RADIUS / length)
+    column = np.floor(
+        a[0][first] * np.cos((row + 0.5) * length / sphere.RADIUS) * sphere.RADIUS / length
+    )
     small = (total < length / 2)[chain] & (own_feature < 0)
     kind = np.where(own_feature >= 0, 0, np.where(small, 2, 1))
     key = np.stack(
@@ -191,7 +212,8 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
     rank[np.lexsort((np.where(unnamed, begins, 0), unnamed))] = np.arange(len(begins))
     number = rank[number]
 
-    mark = _marks(edge[order])[first][chain]  # chains of one segment follow one another by it, whatever their numbers
+    # chains of one segment follow one another by it, whatever their numbers
+    mark = _marks(edge[order])[first][chain]
     by_segment = np.lexsort((np.arange(len(order)), mark, number))
     order, number, size = order[by_segment], number[by_segment], size[by_segment]
     of_edge = np.empty(len(edge), np.int32)
@@ -202,11 +224,15 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
     pieces = np.bincount(number, small[by_segment], minlength=len(begins)) > 0
     prefixes = np.where(islets, "islets near ", np.where(pieces, "shore near ", ""))
     ids = _ids(lon, lat)
-    generated = [f"{prefix}{notation.position(x, y)}" for prefix, x, y in zip(prefixes, lon, lat, strict=True)][
-        len(features) :
-    ]
+    generated = [
+        f"{prefix}{notation.position(x, y)}"
+        for prefix, x, y in zip(prefixes, lon, lat, strict=True)
+    ][len(features) :]
     return Segments(
-        name=_unique([*(f.name for f in features), *generated], by=[*[""] * len(features), *ids[len(features) :]]),
+        name=_unique(
+            [*(f.name for f in features), *generated],
+            by=[*[""] * len(features), *ids[len(features) :]],
+        ),
         length=lengths,
         lon=lon,
         lat=lat,
@@ -218,11 +244,12 @@ def _cut(coast: Coast, edge: Array, owner: Array, features: list[_Feature], leng
 
 
 def _chains(edge: Array, label: Array, reach: float) -> tuple[Array, Array, Array]:
-    """Return the edges in running order, the chain of each of these, and whether chains are rings or parts of one.
+    """Return the edges in running order, the chain of each of these, and whether chains are rings
+    or parts of one.
 
-    A chain is a run of edges of one label, each beginning where the one before ends: from landmark to landmark (see
-    `_landmarks`), so that stretches depend neither on the box nor on where a file happens to begin. The parts into
-    which a ring's first point divides a chain are joined there.
+    A chain is a run of edges of one label, each beginning where the one before ends: from landmark
+    to landmark (see `_landmarks`), so that stretches depend neither on the box nor on where a file
+    happens to begin. The parts into which a ring's first point divides a chain are joined there.
     """
     if not len(edge):
         return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, bool)
@@ -233,11 +260,14 @@ def _chains(edge: Array, label: Array, reach: float) -> tuple[Array, Array, Arra
     part = np.cumsum(breaks) - 1
     open_runs = np.flatnonzero((edge[first, :2] != edge[last, 2:]).any(axis=1))
     begins = {(label[first[c]], *edge[first[c], :2]): c for c in open_runs}
-    follows = {c: begins[key] for c in open_runs if (key := (label[last[c]], *edge[last[c], 2:])) in begins}
+    follows = {
+        c: begins[key] for c in open_runs if (key := (label[last[c]], *edge[last[c], 2:])) in begins
+    }
     chain, place = np.arange(len(first)), np.zeros(len(first), np.int64)
     visited: set[int] = set()
     followers = set(follows.values())
-    for head in [*(c for c in open_runs if c not in followers), *open_runs]:  # runs that are still left form rings
+    # runs that are still left form rings
+    for head in [*(c for c in open_runs if c not in followers), *open_runs]:
         c, steps = head, 0
         while c not in visited:
             visited.add(c)
@@ -261,22 +291,28 @@ def _chains(edge: Array, label: Array, reach: float) -> tuple[Array, Array, Arra
 
 def _lengths(edge: Array) -> Floats:
     """Return the great circles [m] between the ends of edges (n, 4) [binary angle], (n,)."""
-    return np.asarray(sphere.distance(*np.deg2rad(edge[:, :2] * DEGREES).T, *np.deg2rad(edge[:, 2:] * DEGREES).T))
+    return np.asarray(
+        sphere.distance(*np.deg2rad(edge[:, :2] * DEGREES).T, *np.deg2rad(edge[:, 2:] * DEGREES).T)
+    )
 
 
 def _marks(edge: Array) -> Array:
-    """Return a number for each edge (n, 4), (n,) uint64: random, but always the same for the place where it begins."""
+    """Return a number for each edge (n, 4), (n,) uint64: random, but always the same for the place
+    where it begins.
+    """
     place = edge[:, :2].astype(np.int32).view(np.uint32).astype(np.uint64)
     return mixing.mixed(place[:, 0] << np.uint64(32) | place[:, 1])
 
 
 def _landmarks(edge: Array, first: Array, closed: Array, reach: float) -> tuple[Array, Array]:
-    """Return which edges begin at a landmark (n,), and the number of the edge of each chain that has the least mark (m,).
+    """Return which edges begin at a landmark (n,), and the number of the edge of each chain that
+    has the least mark (m,).
 
-    A landmark has the least mark of all points within `reach` [m] along its chain to both sides, and the chain goes on
-    as far: a larger box has the same landmarks, and more.
+    A landmark has the least mark of all points within `reach` [m] along its chain to both sides,
+    and the chain goes on as far: a larger box has the same landmarks, and more.
 
-    edge: in running order (n, 4). first: number of the first edge of each chain (m,). closed: whether it is a ring (m,).
+    edge: in running order (n, 4). first: number of the first edge of each chain (m,). closed:
+    whether it is a ring (m,).
     """
     mark, size, found = _marks(edge), _lengths(edge), np.zeros(len(edge), bool)
     count, total = np.diff(np.append(first, len(edge))), np.add.reduceat(size, first)
@@ -290,17 +326,26 @@ def _landmarks(edge: Array, first: Array, closed: Array, reach: float) -> tuple[
         candidates = np.flatnonzero(np.diff(at // reach, prepend=-1))
         # A landmark has the least mark of a part as long as the reach.
         best = np.minimum.reduceat(mark[own], candidates)
-        candidates = np.flatnonzero(mark[own] == np.repeat(best, np.diff(np.append(candidates, len(at)))))
+        candidates = np.flatnonzero(
+            mark[own] == np.repeat(best, np.diff(np.append(candidates, len(at))))
+        )
         if not closed[chain]:
-            candidates = candidates[(at[candidates] >= reach) & (at[candidates] <= total[chain] - reach)]
+            candidates = candidates[
+                (at[candidates] >= reach) & (at[candidates] <= total[chain] - reach)
+            ]
         for k in candidates:
-            low, high = np.searchsorted(around, at[k] - reach), np.searchsorted(around, at[k] + reach, "right")
+            low, high = (
+                np.searchsorted(around, at[k] - reach),
+                np.searchsorted(around, at[k] + reach, "right"),
+            )
             found[own.start + k] = mark[own][k] == marks[low:high].min()
     return found, least
 
 
 def _midpoints(edge: Array, number: Array, size: Array) -> tuple[Floats, Floats]:
-    """Return (lon, lat) [deg] of the points at half of each segment's length; edges sorted by segment."""
+    """Return (lon, lat) [deg] of the points at half of each segment's length; edges sorted by
+    segment.
+    """
     first = np.flatnonzero(np.diff(number, prepend=-1))
     reached = np.cumsum(size)
     before = (reached - size)[first]
@@ -338,8 +383,13 @@ def _lines(coast: Coast, edge: Array, number: Array) -> Array:
     return lines_of
 
 
-def _unique(names: list[str], again: str = "{name} ({number})", by: list[str] | None = None) -> tuple[str, ...]:
-    """Return names with " (2)", " (3)" after repeated ones, counted in the order of `by`; None: as they come."""
+def _unique(
+    names: list[str], again: str = "{name} ({number})", by: list[str] | None = None
+) -> tuple[str, ...]:
+    """Return names with " (2)", " (3)" after repeated ones, counted in the order of `by`;
+
+    None: as they come.
+    """
     used: set[str] = set()
     times: dict[str, int] = {}
     unique = list(names)
@@ -359,13 +409,17 @@ def _turned(units: Array) -> Floats:
 
 
 def _middles(edge: Array) -> tuple[Floats, Floats]:
-    """Return the midpoints (lon, lat) [deg] of edges; longitudes may leave -180..180 by half an edge."""
+    """Return the midpoints (lon, lat) [deg] of edges; longitudes may leave -180..180 by half an
+    edge.
+    """
     half = _turned(edge[:, 2] - edge[:, 0].astype(np.int64)) / 2
     return (edge[:, 0] + half) * DEGREES, (edge[:, 1] / 2 + edge[:, 3] / 2) * DEGREES
 
 
 def _taken(shape: Any, lon: Floats, lat: Floats) -> tuple[Array, Floats]:
-    """Return the edges that a feature takes, by their midpoints [deg], and how far they are from it [m]."""
+    """Return the edges that a feature takes, by their midpoints [deg], and how far they are from it
+    [m].
+    """
     west, south, east, north = shape.bounds
     centre, squeeze = (west + east) / 2, np.cos(np.deg2rad((south + north) / 2))
     margin = NEAR / METRES
@@ -381,9 +435,14 @@ def _taken(shape: Any, lon: Floats, lat: Floats) -> tuple[Array, Floats]:
         inside = np.asarray(shapely.intersects(plane, points))
         return near[inside], np.zeros(inside.sum())
     distance = np.asarray(shapely.distance(plane, points))
-    near, points, distance = near[distance <= NEAR], points[distance <= NEAR], distance[distance <= NEAR]
+    near, points, distance = (
+        near[distance <= NEAR],
+        points[distance <= NEAR],
+        distance[distance <= NEAR],
+    )
     ends = shapely.boundary(plane)  # empty for a closed line
-    beyond = np.asarray(shapely.distance(ends, points)) <= distance * (1 + 1e-9)  # NaN, so false, without ends
+    # NaN, so false, without ends
+    beyond = np.asarray(shapely.distance(ends, points)) <= distance * (1 + 1e-9)
     beyond &= ~beyond.all()
     return near[~beyond], distance[~beyond]
 
@@ -394,8 +453,13 @@ def _too_far(feature: _Feature, coast: Coast) -> str:
     nearest = shoreline.nearest_coast(coast, float(sphere.wrap_degrees(middle.x)), float(middle.y))
     hint = "the domain has no coast"
     if nearest:
-        middle_text, coast_text = notation.position(middle.x, middle.y), notation.position(*nearest[:2])
-        hint = f"the nearest coast is {nearest[2] / 1000:.1f} km from {middle_text}, at {coast_text}"
+        middle_text, coast_text = (
+            notation.position(middle.x, middle.y),
+            notation.position(*nearest[:2]),
+        )
+        hint = (
+            f"the nearest coast is {nearest[2] / 1000:.1f} km from {middle_text}, at {coast_text}"
+        )
     allowed = (
         "a polygon must hold the middle of a shoreline edge"
         if feature.shape.geom_type.endswith("Polygon")
@@ -405,7 +469,9 @@ def _too_far(feature: _Feature, coast: Coast) -> str:
 
 
 def _read(path: Path) -> list[_Feature]:
-    """Return the features of a GeoJSON file; raise UserError for anything but named lines and polygons."""
+    """Return the features of a GeoJSON file; raise UserError for anything but named lines and
+    polygons.
+    """
     needed = "give a GeoJSON file of lines or polygons, each with a name"
     try:
         content = json.loads(file.contents(path).decode("utf-8-sig"))
@@ -413,10 +479,19 @@ def _read(path: Path) -> list[_Feature]:
         raise UserError(f'segments "{path}": no such file; {needed}') from None
     except OSError as error:
         raise UserError(f'segments "{path}": cannot be read ({error.strerror}); {needed}') from None
-    except (ValueError, RecursionError) as error:  # UnicodeDecodeError and JSONDecodeError are ValueErrors
-        raise UserError(f'segments "{path}": not GeoJSON ({str(error).splitlines()[0]}); {needed}') from None
+    except (ValueError, RecursionError) as error:
+        # UnicodeDecodeError and JSONDecodeError are ValueErrors
+        raise UserError(
+            f'segments "{path}": not GeoJSON ({str(error).splitlines()[0]}); {needed}'
+        ) from None
     kind = content.get("type") if isinstance(content, dict) else None
-    entries = content.get("features") if kind == "FeatureCollection" else [content] if kind == "Feature" else None
+    entries = (
+        content.get("features")
+        if kind == "FeatureCollection"
+        else [content]
+        if kind == "Feature"
+        else None
+    )
     if not isinstance(entries, list):
         raise UserError(f'segments "{path}": not a GeoJSON FeatureCollection; {needed}')
     if not entries:
@@ -434,7 +509,9 @@ def _read(path: Path) -> list[_Feature]:
 
 
 def _feature(row: Any) -> _Feature:
-    """Return a feature from its JSON; raise ValueError, with a message for users, where it cannot be used."""
+    """Return a feature from its JSON; raise ValueError, with a message for users, where it cannot
+    be used.
+    """
     if not isinstance(row, dict) or row.get("type") != "Feature":
         raise ValueError("is no GeoJSON Feature")
     properties = row.get("properties") or {}
@@ -442,17 +519,23 @@ def _feature(row: Any) -> _Feature:
     if isinstance(name, (int, float)) and not isinstance(name, bool):
         name = f"{name:g}"
     if not isinstance(name, str) or not name.strip():
-        raise ValueError('has no name; write one into its properties: "properties": {"name": "Grand Isle"}')
+        raise ValueError(
+            'has no name; write one into its properties: "properties": {"name": "Grand Isle"}'
+        )
     name = " ".join(name.split())
     access = properties.get("access")
     if access is None:
         access = UNKNOWN
     elif not isinstance(access, str) or not access.strip():
-        raise ValueError(f'"{name}": access is {access!r}; must be a word such as "town", "road" or "wild"')
+        raise ValueError(
+            f'"{name}": access is {access!r}; must be a word such as "town", "road" or "wild"'
+        )
     geometry = row.get("geometry")
     kind = geometry.get("type") if isinstance(geometry, dict) else None
     if kind not in ("LineString", "MultiLineString", "Polygon", "MultiPolygon"):
-        raise ValueError(f'"{name}" is a {kind or "feature without geometry"}; must be a line or a polygon')
+        raise ValueError(
+            f'"{name}" is a {kind or "feature without geometry"}; must be a line or a polygon'
+        )
     try:
         shape = shapely.force_2d(shapely.from_geojson(json.dumps(geometry)))
     except shapely.errors.GEOSException as error:
@@ -461,10 +544,13 @@ def _feature(row: Any) -> _Feature:
         raise ValueError(f'"{name}" is an empty {kind}')
     x, y = shapely.get_coordinates(shape).T
     if not (np.abs(x) <= 360).all() or not (np.abs(y) <= 90).all():
-        raise ValueError(f'"{name}": coordinates must be degrees, lon -180..360 and lat -90..90, in that order')
+        raise ValueError(
+            f'"{name}": coordinates must be degrees, lon -180..360 and lat -90..90, in that order'
+        )
     shape = _unwrapped(shape)
     if kind.endswith("Polygon"):
-        # Repairing a polygon that crosses itself may leave lines, to which other rules would apply: polygons are kept.
+        # Repairing a polygon that crosses itself may leave lines, to which other rules would apply:
+        # polygons are kept.
         parts = shapely.get_parts(shapely.get_parts(shapely.make_valid(shape)))
         shape = shapely.multipolygons(parts[shapely.get_type_id(parts) == 3])
         if shape.is_empty:
@@ -473,19 +559,29 @@ def _feature(row: Any) -> _Feature:
 
 
 def _unwrapped(shape: Any) -> Any:
-    """Return a geometry without jumps at the antimeridian, with all parts within half a turn of the first."""
+    """Return a geometry without jumps at the antimeridian, with all parts within half a turn of the
+    first.
+    """
     reference: list[float] = []
 
     def unwrap(points: Array) -> Array:
         lon = np.unwrap(points[:, 0], period=360)
         reference.append(reference[0] if reference else lon.mean())
-        return np.stack([lon - 360 * np.round((lon.mean() - reference[0]) / 360), points[:, 1]], axis=1)
+        return np.stack(
+            [lon - 360 * np.round((lon.mean() - reference[0]) / 360), points[:, 1]], axis=1
+        )
 
     parts = []
     for part in shapely.get_parts(shape):
         if part.geom_type == "Polygon":
-            outer, *inner = (unwrap(shapely.get_coordinates(ring)) for ring in shapely.get_rings(part))
+            outer, *inner = (
+                unwrap(shapely.get_coordinates(ring)) for ring in shapely.get_rings(part)
+            )
             parts.append(shapely.Polygon(outer, inner))
         else:
             parts.append(shapely.LineString(unwrap(shapely.get_coordinates(part))))
-    return shapely.MultiPolygon(parts) if shape.geom_type.endswith("Polygon") else shapely.MultiLineString(parts)
+    return (
+        shapely.MultiPolygon(parts)
+        if shape.geom_type.endswith("Polygon")
+        else shapely.MultiLineString(parts)
+    )

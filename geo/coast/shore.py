@@ -1,12 +1,14 @@
 """Reading land polygons: GSHHG from roaring-landmask, or the user's own shoreline, cut to a box.
 
-Polygons are shapely polygons in degrees, unwrapped round the box (so a box over the antimeridian holds longitudes
-above 180), cut at the box rounded outward to whole degrees plus MARGIN. Broken polygons (rings that cross themselves,
-polygons that overlap) are repaired, and `notes` say so; a shoreline without polygons is refused.
+Polygons are shapely polygons in degrees, unwrapped round the box (so a box over the antimeridian
+holds longitudes above 180), cut at the box rounded outward to whole degrees plus MARGIN. Broken
+polygons (rings that cross themselves, polygons that overlap) are repaired, and `notes` say so; a
+shoreline without polygons is refused.
 
-Lakes are land, because nothing that drifts at sea gets there, unless the case asks for them: then they are the inner
-rings of a file's own polygons, or a file of lake polygons. A .bna marks lakes by their type, and NOAA's files hold
-those that the sea reaches (Pontchartrain, Maurepas): these are always water. GSHHG comes without lakes.
+Lakes are land, because nothing that drifts at sea gets there, unless the case asks for them: then
+they are the inner rings of a file's own polygons, or a file of lake polygons. A .bna marks lakes by
+their type, and NOAA's files hold those that the sea reaches (Pontchartrain, Maurepas): these are
+always water. GSHHG comes without lakes.
 """
 
 import glob
@@ -31,17 +33,28 @@ from geo.files import fence
 VAST = 4_000.0  # [deg2] the coast of a larger box is thinned for a preview
 ISLET = 0.05  # [deg] extent; smaller islands are left out of such a preview
 THIN, FEWEST = 16, 12  # every THIN-th vertex of a ring is kept, but at least about FEWEST vertices
-MARGIN = 0.25  # [deg] kept beyond the rounded box, so that the cut lines lie outside every grid of geo.coast.edges
+# [deg] kept beyond the rounded box, so that the cut lines lie outside every grid of geo.coast.edges
+MARGIN = 0.25
 
 SHAPEFILE = b"\x00\x00\x27\x0a"  # its first bytes
-SHAPES = ("Point", "MultiPoint", "LineString", "MultiLineString", "Polygon", "MultiPolygon", "GeometryCollection")
+SHAPES = (
+    "Point",
+    "MultiPoint",
+    "LineString",
+    "MultiLineString",
+    "Polygon",
+    "MultiPolygon",
+    "GeometryCollection",
+)
 
 Polygons = npt.NDArray[Any]  # of shapely.Polygon
 
 
 @dataclass(frozen=True)
 class Shore:
-    """Land polygons [deg], their source, notes on what was done to them, and the box to which they are cut."""
+    """Land polygons [deg], their source, notes on what was done to them, and the box to which they
+    are cut.
+    """
 
     polygons: Polygons
     source: str
@@ -51,7 +64,8 @@ class Shore:
 
 @dataclass(frozen=True)
 class _Contents:
-    """What a file holds: polygons, those that a .bna marks as lakes, and notes on what was done to them.
+    """What a file holds: polygons, those that a .bna marks as lakes, and notes on what was done to
+    them.
 
     label: name of the file in messages.
     """
@@ -62,13 +76,15 @@ class _Contents:
     label: str
 
 
-def land(source: str | os.PathLike[str], box: Box, lakes: bool | str | os.PathLike[str] = False) -> Shore:
+def land(
+    source: str | os.PathLike[str], box: Box, lakes: bool | str | os.PathLike[str] = False
+) -> Shore:
     """Return the land in a box, from "gshhg", a file (.bna, GeoJSON, shapefile, ...) or "none".
 
-    lakes: False: inner rings of the source's polygons are land; True: they are water; a file: its polygons are water
-    (where it is a .bna with records of type 2, only those), and their inner rings are land, whatever the source. In a
-    .bna source, records of type 2 are water. Raises UserError for files that cannot be understood, and for lakes where
-    the source has none.
+    lakes: False: inner rings of the source's polygons are land; True: they are water; a file: its
+    polygons are water (where it is a .bna with records of type 2, only those), and their inner
+    rings are land, whatever the source. In a .bna source, records of type 2 are water. Raises
+    UserError for files that cannot be understood, and for lakes where the source has none.
     """
     cut = _rounded(box)
     name = os.fspath(source)
@@ -116,14 +132,20 @@ def _of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
     contents = _read(path, "shoreline", 'a .bna, GeoJSON or shapefile, "gshhg" or "none"')
     polygons, notes = contents.polygons, contents.notes
     if not polygons.size:
-        raise UserError(f'{contents.label}: holds no land polygon; give polygons of land, "gshhg" or "none"')
+        raise UserError(
+            f'{contents.label}: holds no land polygon; give polygons of land, "gshhg" or "none"'
+        )
     rings = int(shapely.get_num_interior_rings(polygons).sum())
     if rings and not lakes:
         polygons = shapely.polygons(shapely.get_exterior_ring(polygons))
-        notes += (f"{rings} inner rings of the shoreline (lakes) are land; lakes = true makes them water",)
+        notes += (
+            f"{rings} inner rings of the shoreline (lakes) are land; lakes = true makes them water",
+        )
     polygons, repairs = _repaired(polygons)
     if not polygons.size:
-        raise UserError(f'{contents.label}: holds no land polygon; give polygons of land, "gshhg" or "none"')
+        raise UserError(
+            f'{contents.label}: holds no land polygon; give polygons of land, "gshhg" or "none"'
+        )
     notes += repairs
     if contents.lakes.size:
         water = shapely.union_all(shapely.make_valid(contents.lakes))
@@ -135,7 +157,9 @@ def _of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
     return polygons, notes
 
 
-def _without_lakes(land: Polygons, path: Path, cut: Box, box: Box) -> tuple[Polygons, tuple[str, ...]]:
+def _without_lakes(
+    land: Polygons, path: Path, cut: Box, box: Box
+) -> tuple[Polygons, tuple[str, ...]]:
     """Return land, cut to a box, without the lakes of a file, and notes on what was done."""
     contents = _read(path, "lakes", "a .bna, GeoJSON or shapefile of lake polygons")
     lakes = contents.lakes if contents.lakes.size else contents.polygons
@@ -149,7 +173,10 @@ def _without_lakes(land: Polygons, path: Path, cut: Box, box: Box) -> tuple[Poly
     if broken:
         notes += (f"{broken} of {total} lakes crossed themselves and were repaired",)
     if not water.size:
-        return land, (*notes, f"none of the {total} lakes of {path.name} lies in {_extent_text(box)}")
+        return land, (
+            *notes,
+            f"none of the {total} lakes of {path.name} lies in {_extent_text(box)}",
+        )
     near, lake = shapely.STRtree(land).query(water, "intersects")[::-1]
     touching = np.unique(near)
     parts = _polygonal(shapely.difference(land[touching], shapely.union_all(water)))
@@ -172,7 +199,9 @@ def _extent_text(box: Box) -> str:
 
 
 def clip(polygons: Polygons, box: Box) -> Polygons:
-    """Return the polygons' parts in a box, shifted by whole turns to its longitudes and joined at 180 degrees."""
+    """Return the polygons' parts in a box, shifted by whole turns to its longitudes and joined at
+    180 degrees.
+    """
     bounds = shapely.bounds(polygons)
     pieces = []
     for turn in gshhg.TURNS:
@@ -191,15 +220,17 @@ def clip(polygons: Polygons, box: Box) -> Polygons:
         return parts
     bounds = shapely.bounds(parts)
     at_seam = np.any([(bounds[:, 0] == x) | (bounds[:, 2] == x) for x in seams], axis=0)
-    return np.concatenate([parts[~at_seam], _polygonal(np.array([shapely.union_all(parts[at_seam])]))])
+    return np.concatenate(
+        [parts[~at_seam], _polygonal(np.array([shapely.union_all(parts[at_seam])]))]
+    )
 
 
 def thinned(shore: Shore) -> Shore:
     """Return land for a preview, not for a run.
 
-    In a vast box it has no islets, and a vertex every few kilometres.
-    Its shores are off by up to some THIN vertices (3 km for GSHHG). Land with inner rings, and land of a box that is
-    not vast, stays as it is.
+    In a vast box it has no islets, and a vertex every few kilometres. Its shores are off by up to
+    some THIN vertices (3 km for GSHHG). Land with inner rings, and land of a box that is not vast,
+    stays as it is.
     """
     box, polygons = shore.box, shore.polygons
     if box is None or (box.east - box.west) * (box.north - box.south) <= VAST:
@@ -219,7 +250,9 @@ def thinned(shore: Shore) -> Shore:
 
 
 def _rounded(box: Box) -> Box:
-    """Return a box rounded outward to whole degrees and widened by MARGIN, at most to the whole Earth."""
+    """Return a box rounded outward to whole degrees and widened by MARGIN, at most to the whole
+    Earth.
+    """
     south, north = max(np.floor(box.south) - MARGIN, -90.0), min(np.ceil(box.north) + MARGIN, 90.0)
     west, east = np.floor(box.west) - MARGIN, np.ceil(box.east) + MARGIN
     if east - west >= 360:
@@ -239,7 +272,9 @@ def _repaired(polygons: Polygons) -> tuple[Polygons, tuple[str, ...]]:
     broken = ~shapely.is_valid(polygons)
     if broken.any():
         polygons = np.where(broken, shapely.make_valid(polygons), polygons)
-        notes = (f"{broken.sum()} of {broken.size} shoreline polygons crossed themselves and were repaired",)
+        notes = (
+            f"{broken.sum()} of {broken.size} shoreline polygons crossed themselves and were repaired",
+        )
     return _polygonal(np.array([shapely.union_all(polygons)])), notes
 
 
@@ -259,7 +294,9 @@ def _read(path: Path, word: str, wanted: str) -> _Contents:
     try:
         with open(path, "rb") as file:
             start = file.read(16)
-        geometries, crs = _read_shapefile(path) if start.startswith(SHAPEFILE) else _read_geojson(path)
+        geometries, crs = (
+            _read_shapefile(path) if start.startswith(SHAPEFILE) else _read_geojson(path)
+        )
     except (
         OSError,
         ValueError,
@@ -271,7 +308,9 @@ def _read(path: Path, word: str, wanted: str) -> _Contents:
         pyproj.exceptions.CRSError,
     ) as error:
         reason = " ".join(str(error).split())[:200]
-        raise UserError(f"{label}: cannot be read ({reason}); give a .bna, GeoJSON or shapefile") from None
+        raise UserError(
+            f"{label}: cannot be read ({reason}); give a .bna, GeoJSON or shapefile"
+        ) from None
     notes: tuple[str, ...] = ()
     if crs is not None and crs.is_projected:
         turn = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform
@@ -287,24 +326,30 @@ def _read_shapefile(path: Path) -> tuple[Polygons, Any]:
     import pyogrio
     import pyproj
 
-    if path.suffix.lower() != ".shp" or "!" in str(path):  # GDAL goes by names too: x.zip!y is y in an archive
+    # GDAL goes by names too: x.zip!y is y in an archive
+    if path.suffix.lower() != ".shp" or "!" in str(path):
         raise ValueError('the name of a shapefile ends in .shp, and has no "!"')
     for beside in path.parent.glob(f"{glob.escape(path.stem)}.*"):
         fence.check(beside)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # GDAL's are about what is refused or repaired later
+            # GDAL's are about what is refused or repaired later
+            warnings.simplefilter("ignore", RuntimeWarning)
             meta, _, wkb, _ = pyogrio.raw.read(path, layer=0, columns=[], force_2d=True)
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
         raise ValueError(str(error).splitlines()[0]) from None
     # A table without shapes has None.
-    return shapely.from_wkb(wkb if wkb is not None else np.empty(0, object)), meta["crs"] and pyproj.CRS(meta["crs"])
+    return shapely.from_wkb(wkb if wkb is not None else np.empty(0, object)), meta[
+        "crs"
+    ] and pyproj.CRS(meta["crs"])
 
 
 def _read_geojson(path: Path) -> tuple[Polygons, Any]:
-    """Return the shapes of a GeoJSON file, and its reference system where it names one, as GDAL and those before RFC 7946 do.
+    """Return the shapes of a GeoJSON file, and its reference system where it names one, as GDAL and
+    those before RFC 7946 do.
 
-    GDAL itself is not asked: it opens by what a text holds, which may be a program or a list of other files.
+    GDAL itself is not asked: it opens by what a text holds, which may be a program or a list of
+    other files.
     """
     import pyproj
 
@@ -342,8 +387,8 @@ _HEADER = re.compile(r'\s*"([^"]*)"\s*,\s*"([^"]*)"\s*,\s*(-?\d{1,12})\s*$')
 def _read_bna(path: Path, word: str, label: str) -> _Contents:
     """Return the polygons of NOAA's .bna: records of type 1 are land, of type 2 lakes.
 
-    A negative count is a line. "Map Bounds" and "SpillableArea" (names of NOAA's GNOME) are frames, not land: a note
-    says that the file knows nothing outside the map bounds.
+    A negative count is a line. "Map Bounds" and "SpillableArea" (names of NOAA's GNOME) are frames,
+    not land: a note says that the file knows nothing outside the map bounds.
     """
     lines = path.read_text(encoding="latin-1").splitlines()
     shores: list[Any] = []

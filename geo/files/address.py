@@ -2,10 +2,11 @@
 
 So no server can crash or hang this process.
 
-What comes back is a dataset like that of a file: read on demand, decoded by the same rules. A question asks for the
-header or for a piece of at most 2 MB of values. A server that leaves one unanswered for the time-out (60 s unless the
-case says otherwise) is given up. A wait heeds signals, and ends within half a second when nobody needs its answer any
-more. The process starts with the first question, starts anew if it had to be ended, and never outlives this one.
+What comes back is a dataset like that of a file: read on demand, decoded by the same rules. A
+question asks for the header or for a piece of at most 2 MB of values. A server that leaves one
+unanswered for the time-out (60 s unless the case says otherwise) is given up. A wait heeds signals,
+and ends within half a second when nobody needs its answer any more. The process starts with the
+first question, starts anew if it had to be ended, and never outlives this one.
 """
 
 import contextlib
@@ -40,16 +41,22 @@ _opening = threading.Lock()
 
 
 def open_dataset(address: str, timeout: float = TIMEOUT) -> xr.Dataset:
-    """Return the dataset at an address, with fill values and packing resolved but times as they are stored.
+    """Return the dataset at an address, with fill values and packing resolved but times as they are
+    stored.
 
-    timeout: how long a question may stay unanswered [s]. Raises UserError; so does reading from the dataset.
+    timeout: how long a question may stay unanswered [s]. Raises UserError; so does reading from the
+    dataset.
     """
     with _opening:
         line = _open.get(address)
         if line is None:
             line = _open[address] = Line(address)
     return xr.open_dataset(
-        Store(line, timeout), decode_times=False, decode_coords=False, decode_timedelta=False, cache=False
+        Store(line, timeout),
+        decode_times=False,
+        decode_coords=False,
+        decode_timedelta=False,
+        cache=False,
     )
 
 
@@ -69,7 +76,9 @@ class Line:
             header: dict[str, Any] = self._header
             return header
 
-    def values(self, name: str, key: tuple[slice, ...], dtype: np.dtype[Any], timeout: float) -> np.ndarray[Any, Any]:
+    def values(
+        self, name: str, key: tuple[slice, ...], dtype: np.dtype[Any], timeout: float
+    ) -> np.ndarray[Any, Any]:
         """Return a piece of a variable; key: slices with positive steps."""
         shape = tuple(len(range(s.start, s.stop, s.step)) for s in key)
         with self._turn():
@@ -79,7 +88,9 @@ class Line:
         if dtype.kind == "O" and len(reply.get("texts", ())) == math.prod(shape):
             return np.array(reply["texts"], object).reshape(shape)
         if tuple(reply.get("shape", ())) != shape or reply.get("dtype") != dtype.str:
-            raise UserError(f'"{self.address}" answered with other values than were asked for, of {name}')
+            raise UserError(
+                f'"{self.address}" answered with other values than were asked for, of {name}'
+            )
         return np.frombuffer(content, dtype).reshape(shape)
 
     def close(self) -> None:
@@ -112,7 +123,9 @@ class Line:
         try:
             self._child.answer(STARTING)
         except (TimeoutError, EOFError):
-            raise UserError("cannot start a process to read an address: it ended, or did not start in time") from None
+            raise UserError(
+                "cannot start a process to read an address: it ended, or did not start in time"
+            ) from None
         try:
             header, _ = self._ask({"ask": "open", "address": self.address}, timeout)
         except Refused:
@@ -120,7 +133,9 @@ class Line:
             raise
         _check_header(header, self.address)
         if self._header is not None and _signature(header) != _signature(self._header):
-            raise UserError(f'"{self.address}" holds other variables than when it was opened; run again')
+            raise UserError(
+                f'"{self.address}" holds other variables than when it was opened; run again'
+            )
         self._header = header
 
     def _ask(self, question: dict[str, Any], timeout: float) -> tuple[dict[str, Any], memoryview]:
@@ -129,13 +144,19 @@ class Line:
         try:
             reply, content = self._child.ask(question | {"timeout": timeout}, timeout)
         except TimeoutError:
-            raise UserError(f'"{self.address}" did not answer for {timeout:g} s (the timeout of its source)') from None
+            raise UserError(
+                f'"{self.address}" did not answer for {timeout:g} s (the timeout of its source)'
+            ) from None
         except EOFError:
             raise UserError(
                 f'what "{self.address}" answered cannot be read: the library that reads it {self._child.fate()}'
             ) from None
         if "error" in reply:
-            what = "cannot open the address" if question["ask"] == "open" else f"cannot read {question['name']} from"
+            what = (
+                "cannot open the address"
+                if question["ask"] == "open"
+                else f"cannot read {question['name']} from"
+            )
             raise Refused(f'{what} "{self.address}" ({reply["error"][:120]})')
         return reply, content
 
@@ -162,13 +183,20 @@ def _check_header(header: dict[str, Any], address: str) -> None:
     for name, variable in header["variables"].items():
         dims, shape = variable["dims"], variable["shape"]
         if len(dims) != len(shape) or any(
-            size < 0 or sizes.setdefault(d, size) != size for d, size in zip(dims, shape, strict=False)
+            size < 0 or sizes.setdefault(d, size) != size
+            for d, size in zip(dims, shape, strict=False)
         ):
             raise UserError(f'"{address}" contradicts itself on the dimensions of {name}')
         if dims == [name] and shape[0] > LONGEST_AXIS:
-            raise UserError(f'"{address}" claims to hold {shape[0]:,} values along {name}: more than {LONGEST_AXIS:,}')
-    if sizes and not any(holder["attributes"] for holder in (header, *header["variables"].values())):
-        raise UserError(f'"{address}" says nothing of what its values mean: no attributes, or some that cannot be read')
+            raise UserError(
+                f'"{address}" claims to hold {shape[0]:,} values along {name}: more than {LONGEST_AXIS:,}'
+            )
+    if sizes and not any(
+        holder["attributes"] for holder in (header, *header["variables"].values())
+    ):
+        raise UserError(
+            f'"{address}" says nothing of what its values mean: no attributes, or some that cannot be read'
+        )
 
 
 def _signature(header: dict[str, Any]) -> dict[str, Any]:
@@ -188,7 +216,9 @@ class Store(AbstractDataStore):
         """Return the variables, not decoded yet."""
         variables = {}
         for name, entry in self._line.header(self._timeout)["variables"].items():
-            array = Values(self._line, self._timeout, name, tuple(entry["shape"]), np.dtype(entry["dtype"]))
+            array = Values(
+                self._line, self._timeout, name, tuple(entry["shape"]), np.dtype(entry["dtype"])
+            )
             attributes = {k: _native(v) for k, v in entry["attributes"].items()}
             data = indexing.LazilyIndexedArray(array)
             variables[name] = xr.Variable(entry["dims"], data, attributes, {"dtype": array.dtype})
@@ -210,17 +240,29 @@ def _native(value: Any) -> Any:
 class Values(BackendArray):
     """A variable at an address, read in pieces when it is indexed."""
 
-    def __init__(self, line: Line, timeout: float, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-        self.line, self.timeout, self.name, self.shape, self.dtype = line, timeout, name, shape, dtype
+    def __init__(
+        self, line: Line, timeout: float, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]
+    ) -> None:
+        self.line, self.timeout, self.name, self.shape, self.dtype = (
+            line,
+            timeout,
+            name,
+            shape,
+            dtype,
+        )
 
     def __getitem__(self, key: Any) -> Any:
         """Return the part that an indexer of xarray's asks for."""
-        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self._read)
+        return indexing.explicit_indexing_adapter(
+            key, self.shape, indexing.IndexingSupport.BASIC, self._read
+        )
 
     def _read(self, key: tuple[int | slice, ...]) -> np.ndarray[Any, Any]:
         """Return a part, given by integers and slices, in as many questions as it needs."""
         spans = [
-            range(*index.indices(size)) if isinstance(index, slice) else range(int(index) % size, int(index) % size + 1)
+            range(*index.indices(size))
+            if isinstance(index, slice)
+            else range(int(index) % size, int(index) % size + 1)
             for index, size in zip(key, self.shape, strict=True)
         ]
         if math.prod(len(span) for span in spans) * self.dtype.itemsize > LARGEST:
@@ -249,4 +291,7 @@ def pieces(shape: tuple[int, ...], most: int) -> Iterator[tuple[slice, ...]]:
         left //= lengths[axis]
     starts = (range(0, size, length) for size, length in zip(shape, lengths, strict=True))
     for corner in itertools.product(*starts):
-        yield tuple(slice(k, min(k + length, size)) for k, length, size in zip(corner, lengths, shape, strict=True))
+        yield tuple(
+            slice(k, min(k + length, size))
+            for k, length, size in zip(corner, lengths, shape, strict=True)
+        )

@@ -1,7 +1,9 @@
-"""The other end of `geo.files.address`: a process that serves the header and the values of one address.
+"""The other end of `geo.files.address`: a process that serves the header and the values of one
+address.
 
-It is another process because the answers of a server can crash or hang the C libraries that read them (see
-`geo.files.child`). Values are read by `geo.files.dap`, which counts them; all else by the netCDF library.
+It is another process because the answers of a server can crash or hang the C libraries that read
+them (see `geo.files.child`). Values are read by `geo.files.dap`, which counts them; all else by the
+netCDF library.
 """
 
 import contextlib
@@ -19,10 +21,13 @@ from geo.errors import UserError
 from geo.files import dap, web, zarr_store
 from geo.files.child import limit, listen, send
 
-MEMORY = 4 * 2**30  # [bytes] of memory at most, so that a nonsensical length does not exhaust the machine's
+# [bytes] of memory at most, so that a nonsensical length does not exhaust the machine's
+MEMORY = 4 * 2**30
 DISK = 2**30  # [bytes] of a temporary file at most, because an answer may have no end
-COOKIES = "HTTP.COOKIEJAR"  # where the netCDF library keeps cookies; by default it leaves a file in /tmp
-NETRC = "HTTP.NETRC"  # the file of names and passwords, which the library leaves alone unless it is told of it
+# where the netCDF library keeps cookies; by default it leaves a file in /tmp
+COOKIES = "HTTP.COOKIEJAR"
+# the file of names and passwords, which the library leaves alone unless it is told of it
+NETRC = "HTTP.NETRC"
 GRACE = 30.0  # [s] after the time-out of a question this process ends by itself
 
 
@@ -31,10 +36,12 @@ def main(scratch: str) -> None:
     questions, answers = listen(partial(shutil.rmtree, scratch, ignore_errors=True))
     limit(RLIMIT_DATA=MEMORY, RLIMIT_FSIZE=DISK)
     warnings.simplefilter("ignore")
-    import netCDF4  # imported before the clock of the first question runs, because it takes a second
+    # imported before the clock of the first question runs, because it takes a second
+    import netCDF4
     import xarray  # noqa: F401
 
-    with contextlib.suppress(Exception):  # netCDF4 before 1.6.4 has no such function and writes into /tmp
+    # netCDF4 before 1.6.4 has no such function and writes into /tmp
+    with contextlib.suppress(Exception):
         if not netCDF4.rc_get(COOKIES):
             netCDF4.rc_set(COOKIES, os.path.join(scratch, "cookies"))
         own = os.path.expanduser("~/.netrc")
@@ -44,7 +51,8 @@ def main(scratch: str) -> None:
     nowhere = open(os.devnull, "w")  # noqa: SIM115 - it stays open as long as the process lives
     dataset: Dataset | None = None
     for question, _ in questions:
-        # This timer is a C thread that needs no interpreter lock, so it ends calls that hang while they hold it.
+        # This timer is a C thread that needs no interpreter lock, so it ends calls that hang while
+        # they hold it.
         faulthandler.dump_traceback_later(question["timeout"] + GRACE, exit=True, file=nowhere)
         values: Any = b""
         try:
@@ -54,9 +62,11 @@ def main(scratch: str) -> None:
             else:
                 assert dataset is not None
                 reply, values = dataset.values(question)
-        except BaseException as raised:  # backends raise errors of all kinds; the other end makes one line of each
+        except BaseException as raised:
+            # backends raise errors of all kinds; the other end makes one line of each
             error = raised
-            while error.__cause__ is not None:  # xarray hides the error of a library behind its own advice
+            # xarray hides the error of a library behind its own advice
+            while error.__cause__ is not None:
                 error = error.__cause__
             reply = {"error": " ".join(f"{error}".split())[:500] or type(error).__name__}
         faulthandler.cancel_dump_traceback_later()
@@ -68,17 +78,22 @@ def main(scratch: str) -> None:
 
 
 class Dataset:
-    """The dataset at an address: its header and texts as the netCDF library reads them, its numbers by `geo.files.dap`."""
+    """The dataset at an address: its header and texts as the netCDF library reads them, its numbers
+    by `geo.files.dap`.
+    """
 
     def __init__(self, address: str) -> None:
         self.data = _open(address)
         self._address = address.replace("dods://", "http://", 1)
-        # Only the library knows what it makes of an address with a constraint (?) or its own switches (#).
+        # Only the library knows what it makes of an address with a constraint (?) or its own
+        # switches (#).
         self._counted = self._address.startswith("http") and not re.search(r"[?#]", address)
         self._grids: frozenset[str] | None = None
 
     def values(self, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
-        """Return shape and type of a piece of a variable, and its bytes; texts stand in the first of the two."""
+        """Return shape and type of a piece of a variable, and its bytes; texts stand in the first
+        of the two.
+        """
         import numpy as np
 
         name, key = question["name"], tuple(slice(*bounds) for bounds in question["key"])
@@ -86,7 +101,9 @@ class Dataset:
         if self._speaks_dap(question["timeout"]) and variable.dtype.kind in "biuf":
             asked = f"{name}.{name}" if name in (self._grids or ()) else name
             piece = _patiently(
-                lambda: dap.read_variable(self._address, asked, key, variable.dtype, question["timeout"]),
+                lambda: dap.read_variable(
+                    self._address, asked, key, variable.dtype, question["timeout"]
+                ),
                 question["timeout"],
             )
         else:
@@ -106,7 +123,9 @@ class Dataset:
 
 
 def _patiently(ask: Callable[[], Any], timeout: float) -> Any:
-    """Return an answer, asked for anew while its failures may pass, for half the time that the other end waits."""
+    """Return an answer, asked for anew while its failures may pass, for half the time that the
+    other end waits.
+    """
     until, pause = time.monotonic() + timeout / 2, 0.5
     while True:
         try:
@@ -126,7 +145,8 @@ def _open(address: str) -> Any:
 
     options: dict[str, Any] = {"decode_cf": False, "cache": False}
     if "create_default_indexes" in inspect.signature(xr.open_dataset).parameters:
-        options["create_default_indexes"] = False  # so that coordinates are only read when asked for, piece by piece
+        # so that coordinates are only read when asked for, piece by piece
+        options["create_default_indexes"] = False
     with zarr_store.without_pickles():  # xarray takes some addresses for Zarr stores
         return xr.open_dataset(address, **options)
 

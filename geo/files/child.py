@@ -2,9 +2,10 @@
 
 This module holds both ends: the one that asks and the one that answers.
 
-Such a process reads questions from its standard input and answers on what was its standard output. Each message is a
-length (8 bytes), a JSON document, and as many bytes as the document says. The process ends when its input does, even in
-the middle of a call that hangs, and so never outlives the one that asks.
+Such a process reads questions from its standard input and answers on what was its standard output.
+Each message is a length (8 bytes), a JSON document, and as many bytes as the document says. The
+process ends when its input does, even in the middle of a call that hangs, and so never outlives the
+one that asks.
 """
 
 import contextlib
@@ -31,21 +32,29 @@ Message = tuple[dict[str, Any], memoryview]
 
 
 class Child:
-    """The end that asks: the process, a thread that writes its questions and one that takes in its answers."""
+    """The end that asks: the process, a thread that writes its questions and one that takes in its
+    answers.
+    """
 
     def __init__(self, code: str, *arguments: str, most: int, scratch: str | None = None) -> None:
         """Start Python on `code`; raise OSError where the system refuses.
 
-        most: how many bytes an answer may have beside its JSON document. scratch: a folder to remove once the process
-        has ended.
+        most: how many bytes an answer may have beside its JSON document. scratch: a folder to
+        remove once the process has ended.
         """
         options: dict[str, Any] = (
-            {"start_new_session": True}  # Ctrl-C at a terminal then reaches this process only, which ends the child
+            # Ctrl-C at a terminal then reaches this process only, which ends the child
+            {"start_new_session": True}
             if os.name == "posix"
             else {"creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0)}
         )
         self.process = subprocess.Popen(
-            [sys.executable, "-c", f"import sys; sys.path[:] = {[*map(str, sys.path)]!r}; {code}", *arguments],
+            [
+                sys.executable,
+                "-c",
+                f"import sys; sys.path[:] = {[*map(str, sys.path)]!r}; {code}",
+                *arguments,
+            ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -54,17 +63,27 @@ class Child:
             **options,
         )
         self._owner = os.getpid()
-        self._questions: queue.SimpleQueue[tuple[dict[str, Any], bytes] | None] = queue.SimpleQueue()
+        self._questions: queue.SimpleQueue[tuple[dict[str, Any], bytes] | None] = (
+            queue.SimpleQueue()
+        )
         self._answers: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
-        threading.Thread(target=_write_questions, args=(self.process.stdin, self._questions), daemon=True).start()
-        threading.Thread(target=_read_answers, args=(self.process.stdout, self._answers, most), daemon=True).start()
+        threading.Thread(
+            target=_write_questions, args=(self.process.stdin, self._questions), daemon=True
+        ).start()
+        threading.Thread(
+            target=_read_answers, args=(self.process.stdout, self._answers, most), daemon=True
+        ).start()
         self._busy = threading.Event()
         self._busy.set()
         # The finalizer runs at the latest when the program ends.
-        self._end = weakref.finalize(self, _end, self.process, self._owner, self._questions, self._busy, scratch)
+        self._end = weakref.finalize(
+            self, _end, self.process, self._owner, self._questions, self._busy, scratch
+        )
 
     def running(self) -> bool:
-        """Whether the process can be asked: it lives, and this process is no fork of the one that started it."""
+        """Whether the process can be asked: it lives, and this process is no fork of the one that
+        started it.
+        """
         return self._owner == os.getpid() and self.process.poll() is None
 
     def ask(self, question: dict[str, Any], timeout: float, content: bytes = b"") -> Message:
@@ -76,8 +95,8 @@ class Child:
     def answer(self, timeout: float) -> Message:
         """Wait for an answer; the wait can be given up (see `geo.waiting`).
 
-        Raises TimeoutError after `timeout` [s], EOFError where the process ends without an answer. After any exception
-        that ends the wait, the process must not be asked again.
+        Raises TimeoutError after `timeout` [s], EOFError where the process ends without an answer.
+        After any exception that ends the wait, the process must not be asked again.
         """
         until = time.monotonic() + timeout
         while True:
@@ -112,7 +131,9 @@ class Child:
             return f"crashed (signal {-status})"
 
 
-def _write_questions(pipe: Any, questions: "queue.SimpleQueue[tuple[dict[str, Any], bytes] | None]") -> None:
+def _write_questions(
+    pipe: Any, questions: "queue.SimpleQueue[tuple[dict[str, Any], bytes] | None]"
+) -> None:
     """Write questions.
 
     A thread does this, because a process that hangs takes in no more than the pipe holds.
@@ -166,8 +187,8 @@ def _end(
 def listen(leave: Callable[[], object] = lambda: None) -> tuple[Iterator[Message], Any]:
     """Return, in the process that answers, its questions and the pipe for its answers.
 
-    What the process prints goes nowhere. leave: called before the process is ended by force, soon after the end of its
-    input.
+    What the process prints goes nowhere. leave: called before the process is ended by force, soon
+    after the end of its input.
     """
     questions: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
     threading.Thread(target=_read_questions, args=(questions, leave), daemon=True).start()
@@ -176,7 +197,9 @@ def listen(leave: Callable[[], object] = lambda: None) -> tuple[Iterator[Message
     return iter(questions.get, None), answers
 
 
-def _read_questions(questions: "queue.SimpleQueue[Message | None]", leave: Callable[[], object]) -> None:
+def _read_questions(
+    questions: "queue.SimpleQueue[Message | None]", leave: Callable[[], object]
+) -> None:
     """Pass questions on, and end the process when there can be no more."""
     with contextlib.suppress(Exception), open(0, "rb", buffering=0, closefd=False) as pipe:
         while True:
@@ -197,14 +220,19 @@ def limit(**most: int) -> None:
     except ImportError:  # Windows
         return
     for name, wanted in {**most, "RLIMIT_CORE": 0}.items():
-        with contextlib.suppress(OSError, ValueError, AttributeError):  # not every system knows every limit
+        # not every system knows every limit
+        with contextlib.suppress(OSError, ValueError, AttributeError):
             which = getattr(resource, name)
             _, hard = resource.getrlimit(which)
-            resource.setrlimit(which, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
+            resource.setrlimit(
+                which, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard)
+            )
 
 
 def send(pipe: Any, document: dict[str, Any], content: Any = b"") -> None:
-    """Write a message to an unbuffered pipe; content: contiguous bytes that go with the JSON document."""
+    """Write a message to an unbuffered pipe; content: contiguous bytes that go with the JSON
+    document.
+    """
     view = memoryview(content)
     text = json.dumps(document | {"bytes": view.nbytes}).encode()
     for part in (memoryview(len(text).to_bytes(LENGTH, "big") + text), view):
@@ -214,8 +242,12 @@ def send(pipe: Any, document: dict[str, Any], content: Any = b"") -> None:
 
 
 def receive(pipe: Any, most: int) -> Message:
-    """Read a message from an unbuffered pipe; raise EOFError at its end, ValueError where it is malformed."""
-    document = json.loads(bytes(_read(pipe, int.from_bytes(_read(pipe, LENGTH, LENGTH), "big"), LONGEST)))
+    """Read a message from an unbuffered pipe; raise EOFError at its end, ValueError where it is
+    malformed.
+    """
+    document = json.loads(
+        bytes(_read(pipe, int.from_bytes(_read(pipe, LENGTH, LENGTH), "big"), LONGEST))
+    )
     return document, _read(pipe, int(document.pop("bytes")), most)
 
 

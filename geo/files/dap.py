@@ -1,10 +1,11 @@
 """Values by OPeNDAP (DAP 2.0), each answer counted to the byte.
 
-The netCDF library takes an answer that was cut short for whole, and gives whatever was in memory; so it reads headers, and
-this reads values, one variable at a time, as they are stored.
+The netCDF library takes an answer that was cut short for whole, and gives whatever was in memory;
+so it reads headers, and this reads values, one variable at a time, as they are stored.
 
-DAP 2.0: J. Gallagher, N. Potter, T. Sgouros, S. Hankin and G. Flierl 2007, The Data Access Protocol, ESE-RFC-004.1.2;
-values are XDR (RFC 4506): big-endian, 16-bit integers in 32 bits, an array's length twice before it.
+DAP 2.0: J. Gallagher, N. Potter, T. Sgouros, S. Hankin and G. Flierl 2007, The Data Access
+Protocol, ESE-RFC-004.1.2; values are XDR (RFC 4506): big-endian, 16-bit integers in 32 bits, an
+array's length twice before it.
 """
 
 import math
@@ -20,8 +21,17 @@ from geo.errors import UserError
 from geo.files import web
 
 STRUCTURE = 4_000_000  # [bytes] that the description of a dataset may have
-TYPES = {"Byte": 1, "Int16": "i2", "UInt16": "u2", "Int32": "i4", "UInt32": "u4", "Float32": "f4", "Float64": "f8"}
-# The structure of an answer: one variable, alone or in a Structure or Grid. Types and dimensions are taken out.
+TYPES = {
+    "Byte": 1,
+    "Int16": "i2",
+    "UInt16": "u2",
+    "Int32": "i4",
+    "UInt32": "u4",
+    "Float32": "f4",
+    "Float64": "f8",
+}
+# The structure of an answer: one variable, alone or in a Structure or Grid. Types and dimensions
+# are taken out.
 ANSWER = re.compile(
     r"\s*Dataset\s*\{\s*(?:(?:Structure|Grid)\s*\{\s*(?:Array:\s*)?)*(\w+)\s+[^\s\[{};]+((?:\s*\[[^\[\]{};]*\])*)\s*;"
     r"(?:\s*\}\s*[^\s{}]+\s*;)+\s*",
@@ -30,13 +40,16 @@ ANSWER = re.compile(
 
 
 def grids(address: str, timeout: float) -> frozenset[str]:
-    """Return the names of the DAP Grids of a dataset: of these a part must be asked for, else axes come with it.
+    """Return the names of the DAP Grids of a dataset: of these a part must be asked for, else axes
+    come with it.
 
     Raises UserError or web.Passing.
     """
     structure = web.get(f"{address}.dds", timeout, STRUCTURE).decode("utf-8", "replace")
     if not structure.lstrip().startswith("Dataset"):
-        raise UserError(f'"{address}" answers, but not as OPeNDAP does: it may be another kind of server')
+        raise UserError(
+            f'"{address}" answers, but not as OPeNDAP does: it may be another kind of server'
+        )
     return frozenset(re.findall(r"\bGrid\s*\{[^}]*\}\s*(\w+)\s*;", structure))
 
 
@@ -45,8 +58,8 @@ def read_variable(
 ) -> NDArray[Any]:
     """Return a part of a variable of numbers, as it is stored.
 
-    name: with that of its Grid before it; parts: a slice with a positive step for each dimension. Raises UserError, or
-    web.Passing where the answer is not whole.
+    name: with that of its Grid before it; parts: a slice with a positive step for each dimension.
+    Raises UserError, or web.Passing where the answer is not whole.
     """
     shape = [len(range(s.start, s.stop, s.step or 1)) for s in parts]
     if 0 in shape:

@@ -1,7 +1,8 @@
-"""Opening what a case names (netCDF, GRIB, globs, Zarr stores, OPeNDAP addresses) as xarray datasets.
+"""Opening what a case names (netCDF, GRIB, globs, Zarr stores, OPeNDAP addresses) as xarray
+datasets.
 
-Only headers are read. Every way in which a path can be wrong ends here in one line with the path and the key of the
-case that names it.
+Only headers are read. Every way in which a path can be wrong ends here in one line with the path
+and the key of the case that names it.
 """
 
 import glob
@@ -18,9 +19,12 @@ import xarray as xr
 from geo.errors import UserError
 from geo.files import address, digest, fence, grib, messages, zarr_store
 
-WHOLE = 2**28  # [bytes] a file up to this size is hashed whole, a larger one in 256 samples from its start to its end
+# [bytes] a file up to this size is hashed whole, a larger one in 256 samples from its start to its
+# end
+WHOLE = 2**28
 SAMPLE = 2**16  # [bytes] size of a sample
-FAULTS = (OSError, RuntimeError, EOFError, MemoryError, UnicodeError)  # what damaged files cause in any library
+# what damaged files cause in any library
+FAULTS = (OSError, RuntimeError, EOFError, MemoryError, UnicodeError)
 LIBRARIES = {"cftime", "dask", "fsspec", "netCDF4", "numcodecs", "xarray", "zarr"}
 
 Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
@@ -32,7 +36,9 @@ def remote(path: str) -> bool:
 
 
 def expand(paths: Paths, quantity: str) -> list[str]:
-    """Return every path that a case's list of paths and globs stands for; an empty glob is an error."""
+    """Return every path that a case's list of paths and globs stands for; an empty glob is an
+    error.
+    """
     listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     expanded: list[str] = []
     for path in (os.path.expanduser(os.fspath(p)) for p in listed):
@@ -66,11 +72,14 @@ def title(paths: Sequence[str | os.PathLike[str]]) -> str:
     return first if len(paths) <= 1 else f"{first} and {len(paths) - 1} more"
 
 
-def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT, mend: str = "") -> xr.Dataset:
-    """Return one file's dataset, with fill values and packing resolved but times as they are stored.
+def open_one(
+    path: str, quantity: str, timeout: float = address.TIMEOUT, mend: str = ""
+) -> xr.Dataset:
+    """Return one file's dataset, with fill values and packing resolved but times as they are
+    stored.
 
-    timeout: how long the server of an address may leave a question unanswered [s]; mend: what a user does about a wrong
-    path that no source of a quantity names.
+    timeout: how long the server of an address may leave a question unanswered [s]; mend: what a
+    user does about a wrong path that no source of a quantity names.
     """
     where = mend or f"set {key(path, quantity)}"
     if remote(path):
@@ -84,26 +93,36 @@ def open_one(path: str, quantity: str, timeout: float = address.TIMEOUT, mend: s
         raise UserError(f'"{path}" is a folder, not a netCDF file or a Zarr store; {where}')
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # harmless: xarray's on several fill values, Zarr's on consolidation
+            # harmless: xarray's on several fill values, Zarr's on consolidation
+            warnings.simplefilter("ignore")
             if remote(path):
                 return address.open_dataset(path, timeout)
             if not is_zarr and messages.is_grib(path):
                 return grib.open_file(path)
-            data = open_local(path, decode_times=False, decode_coords=False, decode_timedelta=False, cache=False)
+            data = open_local(
+                path, decode_times=False, decode_coords=False, decode_timedelta=False, cache=False
+            )
     except UserError as error:
         raise UserError(f"{error}; {where}") from error
-    except Exception as error:  # backends raise OSError, ValueError, KeyError, RuntimeError and their own
+    except Exception as error:
+        # backends raise OSError, ValueError, KeyError, RuntimeError and their own
         if remote(path):
-            raise UserError(f'cannot open the address "{path}" ({_one_line(error)}); {where}') from error
-        raise UserError(f'"{path}" is not a netCDF file that can be read ({_why(path, error)}); {where}') from error
+            raise UserError(
+                f'cannot open the address "{path}" ({_one_line(error)}); {where}'
+            ) from error
+        raise UserError(
+            f'"{path}" is not a netCDF file that can be read ({_why(path, error)}); {where}'
+        ) from error
     return data
 
 
 def open_local(path: str | os.PathLike[str], **options: Any) -> xr.Dataset:
-    """Return the dataset of a netCDF file or a folder that is a Zarr store, as xarray opens it with options.
+    """Return the dataset of a netCDF file or a folder that is a Zarr store, as xarray opens it with
+    options.
 
-    Without a named engine, xarray would offer the file to every backend that happens to be installed. Raises UserError
-    where a classic file is truncated, or a store is damaged or runs code; else what the netCDF library raises.
+    Without a named engine, xarray would offer the file to every backend that happens to be
+    installed. Raises UserError where a classic file is truncated, or a store is damaged or runs
+    code; else what the netCDF library raises.
     """
     fence.check_store(os.fspath(path))
     if os.path.isdir(path):
@@ -113,14 +132,19 @@ def open_local(path: str | os.PathLike[str], **options: Any) -> xr.Dataset:
 
 
 def _refuse_truncated(path: str) -> None:
-    """Raise where a classic netCDF file is shorter than its header says: the library would read zeros."""
+    """Raise where a classic netCDF file is shorter than its header says: the library would read
+    zeros.
+    """
     with open(path, "rb") as file:
         magic = file.read(4)
     if magic in (b"CDF\x01", b"CDF\x02"):
-        from scipy.io import netcdf_file  # imported here because it takes a sixth of a second, for old files only
+        # imported here because it takes a sixth of a second, for old files only
+        from scipy.io import netcdf_file
 
         class Header(netcdf_file):  # type: ignore[misc]
-            """A header whose reading may fail; an object that is only half made then has nothing to close."""
+            """A header whose reading may fail; an object that is only half made then has nothing to
+            close.
+            """
 
             def __del__(self) -> None:
                 pass
@@ -130,7 +154,8 @@ def _refuse_truncated(path: str) -> None:
                 pass
         except Exception as error:
             raise UserError(f'"{path}" is a truncated or damaged netCDF file') from error
-    if magic == b"CDF\x05":  # scipy does not know this format, so test that the file has room for the values
+    # scipy does not know this format, so test that the file has room for the values
+    if magic == b"CDF\x05":
         import netCDF4
 
         with netCDF4.Dataset(path) as data:
@@ -152,15 +177,20 @@ def _why(path: str, error: Exception) -> str:
         return "its name is not text in UTF-8: rename it"
     if magic.startswith((b"CDF", b"\x89HDF")):
         return "it is truncated or damaged"
-    return _one_line(error) if isinstance(error, PermissionError) else "unknown format, and no GRIB either"
+    return (
+        _one_line(error)
+        if isinstance(error, PermissionError)
+        else "unknown format, and no GRIB either"
+    )
 
 
 @contextmanager
 def readable(paths: Paths, quantity: str, mend: str = "") -> Iterator[None]:
-    """Turn what libraries raise over a damaged file, when it is opened or later, into one line with its path.
+    """Turn what libraries raise over a damaged file, when it is opened or later, into one line with
+    its path.
 
-    Headers are read when a file is opened, attributes and coordinates when they are asked for; either may be damaged.
-    mend: see `open_one`.
+    Headers are read when a file is opened, attributes and coordinates when they are asked for;
+    either may be damaged. mend: see `open_one`.
     """
     try:
         yield
@@ -171,7 +201,9 @@ def readable(paths: Paths, quantity: str, mend: str = "") -> Iterator[None]:
             raise
         listed = [paths] if isinstance(paths, str | os.PathLike) else paths
         if len(listed) == 1 and os.path.isdir(only := os.fspath(listed[0])):
-            raise UserError(f"{zarr_store.damage(only, error)}; {mend or f'set [[{quantity}]] files'}") from error
+            raise UserError(
+                f"{zarr_store.damage(only, error)}; {mend or f'set [[{quantity}]] files'}"
+            ) from error
         named = ", ".join(f'"{os.fspath(path)}"' for path in listed)
         reason = f"{type(error).__name__}: {_one_line(error)}"
         raise UserError(
@@ -195,7 +227,8 @@ def _one_line(error: Exception) -> str:
 def fingerprint(paths: Sequence[str], datasets: Sequence[xr.Dataset], extra: str = "") -> str:
     """Return a short hash of what the paths hold.
 
-    Of files above 256 MiB, samples of 16 MiB in all are hashed; of addresses, the header and the short axes.
+    Of files above 256 MiB, samples of 16 MiB in all are hashed; of addresses, the header and the
+    short axes.
     """
     total = hashlib.sha256(extra.encode())
     for path, data in zip(paths, datasets, strict=True):

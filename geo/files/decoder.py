@@ -1,8 +1,9 @@
 """ECMWF's eccodes in a process of its own: messages go in; keys, points and values come out.
 
-On damaged bytes the library may write past its memory, call abort or never return: of 150 damaged files 7 ended the
-process. Here that ends a child process (see `geo.files.child`), and the file is refused in one line. The child starts
-with the first message, serves all files, and never opens one itself.
+On damaged bytes the library may write past its memory, call abort or never return: of 150 damaged
+files 7 ended the process. Here that ends a child process (see `geo.files.child`), and the file is
+refused in one line. The child starts with the first message, serves all files, and never opens one
+itself.
 """
 
 import os
@@ -23,19 +24,55 @@ START = "from geo.files import decoder; decoder.serve()"
 
 NAMES = ("shortName", "name", "units")  # slow: each is looked up among thousands of definitions
 KEYS = (
-    "stepType", "dataType", "gridType", "resolutionAndComponentFlags", "typeOfLevel", "level:d",
-    "typeOfFirstFixedSurface:i", "scaleFactorOfFirstFixedSurface:i",
-    "scaledValueOfFirstFixedSurface:i", "discipline", "parameterCategory", "parameterNumber", "table2Version",
-    "indicatorOfParameter", "validityDate", "validityTime", "dataDate", "dataTime", "number", "perturbationNumber",
-    "derivedForecast", "startStep:i", "endStep:i", "stepUnits:i",
-)  # fmt: skip
+    "stepType",
+    "dataType",
+    "gridType",
+    "resolutionAndComponentFlags",
+    "typeOfLevel",
+    "level:d",
+    "typeOfFirstFixedSurface:i",
+    "scaleFactorOfFirstFixedSurface:i",
+    "scaledValueOfFirstFixedSurface:i",
+    "discipline",
+    "parameterCategory",
+    "parameterNumber",
+    "table2Version",
+    "indicatorOfParameter",
+    "validityDate",
+    "validityTime",
+    "dataDate",
+    "dataTime",
+    "number",
+    "perturbationNumber",
+    "derivedForecast",
+    "startStep:i",
+    "endStep:i",
+    "stepUnits:i",
+)
 GRID_KEYS = (
-    "gridType", "Ni", "Nj", "Nx", "Ny", "iScansNegatively", "jScansPositively", "jPointsAreConsecutive",
-    "alternativeRowScanning", "earthIsOblate", "radius:d", "earthMajorAxisInMetres:d", "earthMinorAxisInMetres:d",
-    "LoVInDegrees:d", "LaDInDegrees:d", "Latin1InDegrees:d", "Latin2InDegrees:d", "orientationOfTheGridInDegrees:d",
-    "projectionCentreFlag", "latitudeOfSouthernPoleInDegrees:d", "longitudeOfSouthernPoleInDegrees:d",
+    "gridType",
+    "Ni",
+    "Nj",
+    "Nx",
+    "Ny",
+    "iScansNegatively",
+    "jScansPositively",
+    "jPointsAreConsecutive",
+    "alternativeRowScanning",
+    "earthIsOblate",
+    "radius:d",
+    "earthMajorAxisInMetres:d",
+    "earthMinorAxisInMetres:d",
+    "LoVInDegrees:d",
+    "LaDInDegrees:d",
+    "Latin1InDegrees:d",
+    "Latin2InDegrees:d",
+    "orientationOfTheGridInDegrees:d",
+    "projectionCentreFlag",
+    "latitudeOfSouthernPoleInDegrees:d",
+    "longitudeOfSouthernPoleInDegrees:d",
     "angleOfRotationInDegrees:d",
-)  # fmt: skip
+)
 
 
 class DecodeError(Exception):
@@ -53,7 +90,8 @@ def names(message: bytes) -> dict[str, Any]:
 
 
 def points(message: bytes) -> tuple[dict[str, Any], Real, Real]:
-    """Return the keys of a message's grid, and latitudes and longitudes [deg] in the order of its values.
+    """Return the keys of a message's grid, and latitudes and longitudes [deg] in the order of its
+    values.
 
     The keys of a reduced grid include "pl", the number of points of every row.
     """
@@ -76,7 +114,8 @@ def _ask(what: str, message: bytes) -> tuple[dict[str, Any], memoryview]:
     with waiting.turn(_lock):
         try:
             reply, data = _ask_child(what, message)
-        except BaseException:  # Ctrl-C too, because an answer still under way must not reach the next question
+        except BaseException:
+            # Ctrl-C too, because an answer still under way must not reach the next question
             _end()
             raise
     if "error" in reply:
@@ -103,7 +142,9 @@ def _running() -> Child:
         try:
             _child = Child(START, most=2 * MOST * 8)
         except OSError as error:
-            raise DecodeError(f"cannot start a process for the GRIB library ({error.strerror})") from None
+            raise DecodeError(
+                f"cannot start a process for the GRIB library ({error.strerror})"
+            ) from None
     return _child
 
 
@@ -147,7 +188,9 @@ def _answer(what: str, message: bytes) -> tuple[dict[str, Any], bytes]:
         if not 0 < count <= MOST:
             raise ValueError(f"a field of {count} points")
         if what == "points":
-            if eccodes.codes_is_defined(handle, "pl") and str(grid_keys.get("gridType", "")).startswith("reduced"):
+            if eccodes.codes_is_defined(handle, "pl") and str(
+                grid_keys.get("gridType", "")
+            ).startswith("reduced"):
                 grid_keys["pl"] = [int(n) for n in eccodes.codes_get_array(handle, "pl")]
             pair = [eccodes.codes_get_array(handle, name) for name in ("latitudes", "longitudes")]
             return grid_keys, b"".join(np.asarray(p, np.float64).tobytes() for p in pair)

@@ -1,6 +1,7 @@
 """Digests of input files: they say what exactly went into a run, whatever the files were called.
 
-A thread of their own makes them while the run goes on, once for each file in a process as long as it does not change.
+A thread of their own makes them while the run goes on, once for each file in a process as long as
+it does not change.
 """
 
 import hashlib
@@ -56,7 +57,9 @@ def _key(path: str) -> Key | None:
         stats = [(file, os.stat(file)) for file in _files(path)]
     except (OSError, ValueError):
         return None
-    return tuple((os.path.abspath(file), status.st_size, status.st_mtime_ns) for file, status in stats)
+    return tuple(
+        (os.path.abspath(file), status.st_size, status.st_mtime_ns) for file, status in stats
+    )
 
 
 def _fulfil(promised: list[tuple[str, "Future[str]"]]) -> None:

@@ -1,8 +1,9 @@
-"""What this process may read where a case came from elsewhere: folders and hosts in the environment variable DRIFT_FENCE.
+"""What this process may read where a case came from elsewhere: folders and hosts in the environment
+variable DRIFT_FENCE.
 
-`drift serve` sets it for the processes that work on what a browser sent; without it all is allowed. Asked where files are
-opened, not where names are read, so that no pattern, link or later change gets round it. A link inside an allowed folder
-is taken for what it leads to.
+`drift serve` sets it for the processes that work on what a browser sent; without it all is allowed.
+Asked where files are opened, not where names are read, so that no pattern, link or later change
+gets round it. A link inside an allowed folder is taken for what it leads to.
 """
 
 import json
@@ -14,8 +15,10 @@ from urllib.parse import urlsplit
 
 from geo.errors import UserError
 
-NAME = "DRIFT_FENCE"  # {"folders": [...], "hosts": ["host" or "host:port", ...], "writable": [...]} as JSON
-VARIABLES = {"DRIFT_DATA"}  # environment variables that a fenced case may use; others may be secrets
+# {"folders": [...], "hosts": ["host" or "host:port", ...], "writable": [...]} as JSON
+NAME = "DRIFT_FENCE"
+# environment variables that a fenced case may use; others may be secrets
+VARIABLES = {"DRIFT_DATA"}
 ADVICE = "put it into the folder that is served, or start drift serve with --allow"
 PLACE = re.compile(
     r"[A-Za-z0-9.-]+(:\d{1,5})?"
@@ -24,7 +27,9 @@ PLACE = re.compile(
 
 @dataclass(frozen=True)
 class Fence:
-    """Folders (and files), as real paths, and hosts that may be read; folders that may be written too."""
+    """Folders (and files), as real paths, and hosts that may be read; folders that may be written
+    too.
+    """
 
     folders: tuple[Path, ...] = ()
     hosts: frozenset[str] = frozenset()
@@ -58,7 +63,9 @@ def check(path: str | os.PathLike[str]) -> None:
 
 
 def check_open(handle: int, path: str | os.PathLike[str]) -> None:
-    """Raise UserError unless a file that is open already may be read: nobody can exchange it any more."""
+    """Raise UserError unless a file that is open already may be read: nobody can exchange it any
+    more.
+    """
     fence = raised()
     if fence is None:
         return
@@ -77,7 +84,8 @@ def check_store(folder: str) -> None:
     for place, folders, files in os.walk(folder):
         for name in (*folders, *files):
             path = os.path.join(place, name)
-            if os.path.islink(path) and os.path.isdir(path):  # whose links would have to be followed in turn
+            # whose links would have to be followed in turn
+            if os.path.islink(path) and os.path.isdir(path):
                 raise _refusal(path)
             if os.path.islink(path):
                 check(path)
@@ -109,9 +117,18 @@ def check_address(address: str) -> None:
         return
     scheme, _, rest = address.partition("://")
     place = re.split(r"[/?#]", rest, maxsplit=1)[0].lower()
-    plain = scheme.lower() in ("http", "https") and PLACE.fullmatch(place) and re.fullmatch(r"[!-~]+", rest)
+    plain = (
+        scheme.lower() in ("http", "https")
+        and PLACE.fullmatch(place)
+        and re.fullmatch(r"[!-~]+", rest)
+    )
     # A fragment (#mode=file) would have the netCDF library read something else than an address.
-    if not plain or "\\" in rest or "#" in rest or not {place, str(urlsplit(address).hostname)} & fence.hosts:
+    if (
+        not plain
+        or "\\" in rest
+        or "#" in rest
+        or not {place, str(urlsplit(address).hostname)} & fence.hosts
+    ):
         raise UserError(
             f'the address "{address[:200]}" may not be asked here; start drift serve with --allow-host and its host'
         )
@@ -120,13 +137,19 @@ def check_address(address: str) -> None:
 def check_program(name: str) -> None:
     """Raise UserError unless a program that a case names may be run."""
     if raised() is not None:
-        raise UserError(f'"{name}" is a program, and none of a case is run here; run the case with drift run')
+        raise UserError(
+            f'"{name}" is a program, and none of a case is run here; run the case with drift run'
+        )
 
 
 def check_crs(written: object) -> None:
     """Raise UserError where a reference system, of a case or a file, has PROJ open a file."""
-    if raised() is not None and re.search(r"[/\\]|init|grids|file|catalog", str(written), re.IGNORECASE):
-        raise UserError("a reference system that names files may not be used here; give an EPSG code")
+    if raised() is not None and re.search(
+        r"[/\\]|init|grids|file|catalog", str(written), re.IGNORECASE
+    ):
+        raise UserError(
+            "a reference system that names files may not be used here; give an EPSG code"
+        )
 
 
 def _inside(fence: Fence, real: str) -> bool:

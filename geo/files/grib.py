@@ -1,9 +1,10 @@
-"""GRIB 1 and 2 as datasets like any other: variables over time, level and a grid, decoded slice by slice.
+"""GRIB 1 and 2 as datasets like any other: variables over time, level and a grid, decoded slice by
+slice.
 
-Fields of one name, type of level and grid become a variable. A level that has other times than the others becomes a
-variable of its own, so that nothing is missing inside a variable. Winds, currents and Stokes drift get CF's standard
-names: those of east and north or, where the message says that they count along the grid, those of x and y. Nothing is
-written to disk.
+Fields of one name, type of level and grid become a variable. A level that has other times than the
+others becomes a variable of its own, so that nothing is missing inside a variable. Winds, currents
+and Stokes drift get CF's standard names: those of east and north or, where the message says that
+they count along the grid, those of x and y. Nothing is written to disk.
 """
 
 from collections.abc import Mapping
@@ -24,18 +25,33 @@ from geo.errors import UserError
 from geo.files import decoder, messages, reference_system
 from geo.files.messages import Message
 
-# Which component a field is: (quantity, side), by short name, and by number where eccodes has no name.
+# Which component a field is: (quantity, side), by short name, and by number where eccodes has no
+# name.
 NAMED = {
     **{f"{height}{'uv'[k]}": ("wind", k) for k in (0, 1) for height in ("", "10", "100", "200")},
-    "u10n": ("wind", 0), "v10n": ("wind", 1),
-    **{n: ("current", k) for k in (0, 1) for n in (("ocu", "ocv")[k], ("uoe", "von")[k], ("ucurr", "vcurr")[k])},
-    "ust": ("stokes", 0), "vst": ("stokes", 1),
-}  # fmt: skip
-NUMBERED = {  # by (discipline, category, number) in GRIB 2, by (1, number in WMO's own tables) in GRIB 1
-    (0, 2, 2): ("wind", 0), (0, 2, 3): ("wind", 1), (10, 1, 2): ("current", 0), (10, 1, 3): ("current", 1),
-    (10, 0, 21): ("stokes", 0), (10, 0, 22): ("stokes", 1),
-    (1, 33): ("wind", 0), (1, 34): ("wind", 1), (1, 49): ("current", 0), (1, 50): ("current", 1),
-}  # fmt: skip
+    "u10n": ("wind", 0),
+    "v10n": ("wind", 1),
+    **{
+        n: ("current", k)
+        for k in (0, 1)
+        for n in (("ocu", "ocv")[k], ("uoe", "von")[k], ("ucurr", "vcurr")[k])
+    },
+    "ust": ("stokes", 0),
+    "vst": ("stokes", 1),
+}
+# by (discipline, category, number) in GRIB 2, by (1, number in WMO's own tables) in GRIB 1
+NUMBERED = {
+    (0, 2, 2): ("wind", 0),
+    (0, 2, 3): ("wind", 1),
+    (10, 1, 2): ("current", 0),
+    (10, 1, 3): ("current", 1),
+    (10, 0, 21): ("stokes", 0),
+    (10, 0, 22): ("stokes", 1),
+    (1, 33): ("wind", 0),
+    (1, 34): ("wind", 1),
+    (1, 49): ("current", 0),
+    (1, 50): ("current", 1),
+}
 CALLED = {"wind": ("u", "v"), "current": ("uogrd", "vogrd"), "stokes": ("ust", "vst")}
 STANDARD = {  # CF's standard names along east and north, and along x and y
     "wind": (("eastward_wind", "northward_wind"), ("x_wind", "y_wind")),
@@ -44,19 +60,31 @@ STANDARD = {  # CF's standard names along east and north, and along x and y
         ("sea_water_x_velocity", "sea_water_y_velocity"),
     ),
     "stokes": (
-        ("sea_surface_wave_stokes_drift_eastward_velocity", "sea_surface_wave_stokes_drift_northward_velocity"),
+        (
+            "sea_surface_wave_stokes_drift_eastward_velocity",
+            "sea_surface_wave_stokes_drift_northward_velocity",
+        ),
         ("sea_surface_wave_stokes_drift_x_velocity", "sea_surface_wave_stokes_drift_y_velocity"),
     ),
 }
-HEIGHT_IN_NAME = {"10": 10.0, "100": 100.0, "200": 200.0}  # 10u is at 10 m, whatever type of level GRIB 1 writes
+# 10u is at 10 m, whatever type of level GRIB 1 writes
+HEIGHT_IN_NAME = {"10": 10.0, "100": 100.0, "200": 200.0}
 UNVALUED = {"surface", "meanSea", "oceanSurface"}
 UNITS = {
-    "isobaricInhPa": "hPa", "isobaricInPa": "Pa", "heightAboveGround": "m", "heightAboveSea": "m",
-    "depthBelowSea": "m", "pressureFromGroundLayer": "hPa", "depthBelowLand": "m",
-}  # fmt: skip
-UNROWED = ("sh", "unstructured_grid", "healpix", "triangular_grid")  # types of grid without rows and columns
-COUNTED = ("sigma", "hybrid", "oceanModel", "oceanModelLayer")  # types of level whose value has no unit
-STEP_SECONDS = {0: 60, 1: 3600, 2: 86_400, 10: 10_800, 11: 21_600, 12: 43_200, 13: 1}  # code table 4.4
+    "isobaricInhPa": "hPa",
+    "isobaricInPa": "Pa",
+    "heightAboveGround": "m",
+    "heightAboveSea": "m",
+    "depthBelowSea": "m",
+    "pressureFromGroundLayer": "hPa",
+    "depthBelowLand": "m",
+}
+# types of grid without rows and columns
+UNROWED = ("sh", "unstructured_grid", "healpix", "triangular_grid")
+# types of level whose value has no unit
+COUNTED = ("sigma", "hybrid", "oceanModel", "oceanModelLayer")
+# code table 4.4
+STEP_SECONDS = {0: 60, 1: 3600, 2: 86_400, 10: 10_800, 11: 21_600, 12: 43_200, 13: 1}
 POSITIVE_UP = ("height", "altitude")
 
 
@@ -64,10 +92,10 @@ POSITIVE_UP = ("height", "altitude")
 class Field:
     """A message and what distinguishes it from the others of its file.
 
-    name: name of its variable, as far as parameter and type of level decide it; role: (quantity, 0 | 1), None for
-    what does not drift anything; kind, level: type of level and its value in the units of UNITS; time, run: valid time
-    and start of the model's run [s since 1970]; begin: of the interval of an average, which ends at `time`, else the same
-    as `time`; grid: type of grid.
+    name: name of its variable, as far as parameter and type of level decide it; role: (quantity, 0
+    | 1), None for what does not drift anything; kind, level: type of level and its value in the
+    units of UNITS; time, run: valid time and start of the model's run [s since 1970]; begin: of the
+    interval of an average, which ends at `time`, else the same as `time`; grid: type of grid.
     """
 
     message: Message
@@ -89,9 +117,10 @@ class Field:
 class Points:
     """Where a grid's points lie and how a message's values are brought to them.
 
-    dims: names without suffix; coordinates: {name: (dims, values, attributes)}; mapping: attributes of a projection, or
-    None; shape: (ny, nx); rows: number of points of every row of a reduced grid, empty for others; flags: whether rows
-    alternate in direction, columns come first, and rows run leftwards.
+    dims: names without suffix; coordinates: {name: (dims, values, attributes)}; mapping: attributes
+    of a projection, or None; shape: (ny, nx); rows: number of points of every row of a reduced
+    grid, empty for others; flags: whether rows alternate in direction, columns come first, and rows
+    run leftwards.
     """
 
     dims: tuple[str, str]
@@ -117,7 +146,8 @@ def open_file(path: str) -> xr.Dataset:
         )
     orders: dict[bytes, Points] = {}  # points by the bytes that define a grid
     grids: list[Points] = []
-    grid_of: dict[bytes, int] = {}  # number of the grid by these bytes, which differ between the two editions
+    # number of the grid by these bytes, which differ between the two editions
+    grid_of: dict[bytes, int] = {}
     for field in placed:
         shape = field.message.shape
         if shape not in orders:
@@ -128,27 +158,37 @@ def open_file(path: str) -> xr.Dataset:
     variables: dict[str, xr.Variable] = {}
     for k, grid in enumerate(grids):
         for name, (dims, values, attributes) in grid.coordinates.items():
-            variables[name + _suffix(k)] = xr.Variable([d + _suffix(k) for d in dims], values, attributes)
+            variables[name + _suffix(k)] = xr.Variable(
+                [d + _suffix(k) for d in dims], values, attributes
+            )
         if grid.mapping is not None:
             variables["projection" + _suffix(k)] = xr.Variable((), 0, grid.mapping)
     groups: dict[tuple[str, int | None], list[Field]] = {}
     for field in fields:
         groups.setdefault((field.name, grid_of.get(field.message.shape)), []).append(field)
     for (name, number), group in groups.items():
-        if number is None:  # no quantity of forcing: only its name is needed, to say what the file holds
-            variables.setdefault(name, xr.Variable(("message",), np.zeros(1), {"long_name": group[0].long_name}))
+        # no quantity of forcing: only its name is needed, to say what the file holds
+        if number is None:
+            variables.setdefault(
+                name, xr.Variable(("message",), np.zeros(1), {"long_name": group[0].long_name})
+            )
             continue
         several = len([1 for other, k in groups if other == name and k is not None]) > 1
-        # Along latitudes and longitudes both directions are the same: one name keeps another grid from being preferred.
+        # Along latitudes and longitudes both directions are the same: one name keeps another grid
+        # from being preferred.
         if grids[number].dims[0] == "latitude":
             along = any(f.along_grid for f in placed if f.name == name)
             group = [replace(f, along_grid=along) for f in group]
         if group[0].role is not None and len({f.along_grid for f in group}) > 1:
-            raise UserError(f'"{path}" gives {name} along the grid in some messages and along east and north in others')
+            raise UserError(
+                f'"{path}" gives {name} along the grid in some messages and along east and north in others'
+            )
         own_name = f"{name}_grid{number + 1}" if several else name
         fields_at = _fields_at(path, own_name, group)
         for full_name, block in _blocks(own_name, fields_at).items():
-            variables[full_name] = _variable(variables, group[0], block, orders, grids[number], _suffix(number))
+            variables[full_name] = _variable(
+                variables, group[0], block, orders, grids[number], _suffix(number)
+            )
     return xr.Dataset(variables)
 
 
@@ -161,14 +201,23 @@ def _alike(one: Points, other: Points) -> bool:
 
     They are not compared exactly because edition 1 rounds to a thousandth of a degree.
     """
-    if one.dims != other.dims or one.shape != other.shape or (one.mapping is None) != (other.mapping is None):
+    if (
+        one.dims != other.dims
+        or one.shape != other.shape
+        or (one.mapping is None) != (other.mapping is None)
+    ):
         return False
     if one.mapping is not None and other.mapping is not None:
         kinds = [m["grid_mapping_name"] for m in (one.mapping, other.mapping)]
-        numbers = [{k: v for k, v in m.items() if not isinstance(v, str)} for m in (one.mapping, other.mapping)]
+        numbers = [
+            {k: v for k, v in m.items() if not isinstance(v, str)}
+            for m in (one.mapping, other.mapping)
+        ]
         if kinds[0] != kinds[1] or numbers[0].keys() != numbers[1].keys():
             return False
-        if not all(np.allclose(numbers[0][k], numbers[1][k], rtol=1e-6, atol=1e-6) for k in numbers[0]):
+        if not all(
+            np.allclose(numbers[0][k], numbers[1][k], rtol=1e-6, atol=1e-6) for k in numbers[0]
+        ):
             return False
     for name, (_, values, _) in one.coordinates.items():
         difference = other.coordinates[name][1] - values
@@ -192,7 +241,9 @@ def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
     step = str(keys.get("stepType", "instant"))
     short = str(keys.get("shortName", "unknown"))
     short = short.removeprefix("avg_") if step == "avg" else short
-    role = NAMED.get(short) or (NUMBERED.get(_number(message, keys)) if short in ("unknown", "~") else None)
+    role = NAMED.get(short) or (
+        NUMBERED.get(_number(message, keys)) if short in ("unknown", "~") else None
+    )
     if role is not None and short not in NAMED:
         short = CALLED[role[0]][role[1]]
     kind, level = _level(message, keys)
@@ -212,12 +263,20 @@ def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
     time = _seconds(keys.get("validityDate"), keys.get("validityTime"), message)
     long_name = str(keys.get("name", short))
     return Field(
-        message, name, drift_role, kind, level, time, time - _averaged(keys, step), run,
+        message,
+        name,
+        drift_role,
+        kind,
+        level,
+        time,
+        time - _averaged(keys, step),
+        run,
         int(keys.get("perturbationNumber", keys.get("number", 0)) or 0),
-        _along(message, keys), str(keys.get("gridType", "unknown")),
+        _along(message, keys),
+        str(keys.get("gridType", "unknown")),
         long_name if long_name != "unknown" or role is None else f"{'uv'[role[1]]} of {role[0]}",
         str(keys.get("units", "unknown")),
-    )  # fmt: skip
+    )
 
 
 def _averaged(keys: Mapping[str, Any], step: str) -> int:
@@ -238,15 +297,21 @@ def _along(message: Message, keys: Mapping[str, Any]) -> bool:
         "unstructured_grid",
         "healpix",
     ):
-        raise _damaged(message, f"a grid of type {keys.get('gridType')} does not say along what its vectors count")
+        raise _damaged(
+            message,
+            f"a grid of type {keys.get('gridType')} does not say along what its vectors count",
+        )
     return bool(int(keys.get("resolutionAndComponentFlags", 0)) & 0x08)
 
 
 def _number(message: Message, keys: Mapping[str, Any]) -> tuple[int, ...]:
     """Return the parameter's key in NUMBERED; an empty one where a centre's own table defines it."""
     if message.edition == 2:
-        return tuple(int(keys.get(k, -1)) for k in ("discipline", "parameterCategory", "parameterNumber"))
-    standard = int(keys.get("table2Version", 255)) < 128  # WMO's tables; higher numbers are a centre's own
+        return tuple(
+            int(keys.get(k, -1)) for k in ("discipline", "parameterCategory", "parameterNumber")
+        )
+    # WMO's tables; higher numbers are a centre's own
+    standard = int(keys.get("table2Version", 255)) < 128
     return (1, int(keys.get("indicatorOfParameter", -1))) if standard else ()
 
 
@@ -255,7 +320,12 @@ def _level(message: Message, keys: Mapping[str, Any]) -> tuple[str, float]:
     kind = str(keys.get("typeOfLevel", "unknown"))
     value = float(keys.get("level", 0.0))
     scaled, factor = (keys.get(f"scale{k}OfFirstFixedSurface") for k in ("dValue", "Factor"))
-    if message.edition == 2 and isinstance(scaled, int) and isinstance(factor, int) and abs(factor) < 20:
+    if (
+        message.edition == 2
+        and isinstance(scaled, int)
+        and isinstance(factor, int)
+        and abs(factor) < 20
+    ):
         if abs(scaled) < 2**31 - 1:
             value = scaled / 10.0**factor
             value /= 100.0 if UNITS.get(kind) == "hPa" else 1.0
@@ -267,7 +337,9 @@ def _level(message: Message, keys: Mapping[str, Any]) -> tuple[str, float]:
 def _seconds(date: Any, time: Any, message: Message) -> int:
     """Return a date (20261121) and a time (1830) of a message as seconds since 1970."""
     try:
-        day = np.datetime64(f"{int(date) // 10000:04d}-{int(date) // 100 % 100:02d}-{int(date) % 100:02d}", "s")
+        day = np.datetime64(
+            f"{int(date) // 10000:04d}-{int(date) // 100 % 100:02d}-{int(date) % 100:02d}", "s"
+        )
         return int(day.astype(np.int64)) + int(time) // 100 * 3600 + int(time) % 100 * 60
     except (TypeError, ValueError) as error:
         raise _damaged(message, f"its date is {date} {time}") from error
@@ -291,14 +363,18 @@ def _points(message: Message) -> Points:
     except decoder.DecodeError as error:
         raise _damaged(message, error) from error
     east, north = (
-        {"standard_name": n, "units": f"degrees_{d}"} for n, d in (("longitude", "east"), ("latitude", "north"))
+        {"standard_name": n, "units": f"degrees_{d}"}
+        for n, d in (("longitude", "east"), ("latitude", "north"))
     )
     if "pl" in keys:
         return _reduced(message, tuple(keys["pl"]), lon, lat, east, north)
     nx, ny = (int(keys.get(a, keys.get(b, 0)) or 0) for a, b in (("Ni", "Nx"), ("Nj", "Ny")))
     if nx < 1 or ny < 1 or nx * ny != lat.size:
         raise _damaged(message, f"{lat.size} points on a grid of {nx} x {ny}")
-    flags = tuple(bool(keys.get(k, 0)) for k in ("alternativeRowScanning", "jPointsAreConsecutive", "iScansNegatively"))
+    flags = tuple(
+        bool(keys.get(k, 0))
+        for k in ("alternativeRowScanning", "jPointsAreConsecutive", "iScansNegatively")
+    )
     ordered = Points(("y", "x"), {}, None, (ny, nx), (), (flags[0], flags[1], flags[2]))
     # The points come from eccodes in rows of one direction, also where rows of values alternate.
     placed = replace(ordered, flags=(False, flags[1], flags[2]))
@@ -307,7 +383,10 @@ def _points(message: Message) -> Points:
         raise _damaged(message, "points without a longitude and latitude")
     turn = sphere.wrap_degrees(lon - lon[:1])
     if np.abs(turn).max() < 1e-6 and np.ptp(lat, axis=1).max() < 1e-6:
-        coordinates = {"latitude": (("latitude",), lat[:, 0], north), "longitude": (("longitude",), lon[0], east)}
+        coordinates = {
+            "latitude": (("latitude",), lat[:, 0], north),
+            "longitude": (("longitude",), lon[0], east),
+        }
         return Points(("latitude", "longitude"), coordinates, None, (ny, nx), (), ordered.flags)
     plane = _plane(keys, lon, lat)
     if plane is None:
@@ -315,7 +394,11 @@ def _points(message: Message) -> Points:
         return Points(("y", "x"), points, None, (ny, nx), (), ordered.flags)
     mapping, x, y = plane
     rotated = mapping["grid_mapping_name"] == "rotated_latitude_longitude"
-    named = ("grid_longitude", "grid_latitude") if rotated else ("projection_x_coordinate", "projection_y_coordinate")
+    named = (
+        ("grid_longitude", "grid_latitude")
+        if rotated
+        else ("projection_x_coordinate", "projection_y_coordinate")
+    )
     units = "degrees" if rotated else "m"
     axes = {
         "y": (("y",), y, {"standard_name": named[1], "units": units}),
@@ -324,7 +407,9 @@ def _points(message: Message) -> Points:
     return Points(("y", "x"), axes, mapping, (ny, nx), (), ordered.flags)
 
 
-def _plane(keys: Mapping[str, Any], lon: Real, lat: Real) -> tuple[dict[str, Any], Real, Real] | None:
+def _plane(
+    keys: Mapping[str, Any], lon: Real, lat: Real
+) -> tuple[dict[str, Any], Real, Real] | None:
     """Return a projection's attributes and axes.
 
     Returns None where they miss the points by over a thousandth of a cell.
@@ -334,7 +419,10 @@ def _plane(keys: Mapping[str, Any], lon: Real, lat: Real) -> tuple[dict[str, Any
         return None
     crs = reference_system.parse_reference_system(mapping)
     geographic = crs.source_crs if crs.is_derived and crs.is_geographic else crs.geodetic_crs
-    x, y = (np.asarray(v) for v in pyproj.Transformer.from_crs(geographic, crs, always_xy=True).transform(lon, lat))
+    x, y = (
+        np.asarray(v)
+        for v in pyproj.Transformer.from_crs(geographic, crs, always_xy=True).transform(lon, lat)
+    )
     if mapping["grid_mapping_name"] == "rotated_latitude_longitude":
         middle = x[0, x.shape[1] // 2]
         x = sphere.near_degrees(x, middle)
@@ -343,14 +431,21 @@ def _plane(keys: Mapping[str, Any], lon: Real, lat: Real) -> tuple[dict[str, Any
     axis_x, axis_y = x.mean(axis=0), y.mean(axis=1)
     cell = min(np.abs(np.diff(axis_x)).min(), np.abs(np.diff(axis_y)).min())
     worst = max(np.abs(x - axis_x).max(), np.abs(y - axis_y[:, None]).max())
-    if not worst < 1e-3 * cell + (2e-6 if crs.is_geographic else 0.2):  # GRIB rounds angles to 1e-6 or 1e-3 degrees
+    # GRIB rounds angles to 1e-6 or 1e-3 degrees
+    if not worst < 1e-3 * cell + (2e-6 if crs.is_geographic else 0.2):
         return None
     return mapping, axis_x, axis_y
 
 
 def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return CF's attributes of a grid's projection; None where the grid has none, or keys are missing."""
-    kind, number = str(keys.get("gridType", "")), {k: float(v) for k, v in keys.items() if isinstance(v, int | float)}
+    """Return CF's attributes of a grid's projection;
+
+    None where the grid has none, or keys are missing.
+    """
+    kind, number = (
+        str(keys.get("gridType", "")),
+        {k: float(v) for k, v in keys.items() if isinstance(v, int | float)},
+    )
     if number.get("earthIsOblate"):
         earth = {
             "semi_major_axis": number.get("earthMajorAxisInMetres"),
@@ -362,7 +457,9 @@ def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
         projection = {
             "grid_mapping_name": "lambert_conformal_conic",
             "longitude_of_central_meridian": number.get("LoVInDegrees"),
-            "latitude_of_projection_origin": number.get("LaDInDegrees", number.get("Latin1InDegrees")),
+            "latitude_of_projection_origin": number.get(
+                "LaDInDegrees", number.get("Latin1InDegrees")
+            ),
             "standard_parallel": [number.get("Latin1InDegrees"), number.get("Latin2InDegrees")],
         }
     elif kind == "polar_stereographic":
@@ -377,16 +474,28 @@ def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
         projection = {
             "grid_mapping_name": "rotated_latitude_longitude",
             "grid_north_pole_latitude": -number.get("latitudeOfSouthernPoleInDegrees", -90.0),
-            "grid_north_pole_longitude": (number.get("longitudeOfSouthernPoleInDegrees", 0.0) + 180.0) % 360.0,
+            "grid_north_pole_longitude": (
+                number.get("longitudeOfSouthernPoleInDegrees", 0.0) + 180.0
+            )
+            % 360.0,
         }
     else:
         return None
-    flat = [v for value in (projection | earth).values() for v in (value if isinstance(value, list) else [value])]
+    flat = [
+        v
+        for value in (projection | earth).values()
+        for v in (value if isinstance(value, list) else [value])
+    ]
     return None if any(v is None for v in flat) else projection | earth
 
 
 def _reduced(
-    message: Message, rows: tuple[int, ...], lon: Real, lat: Real, east: dict[str, str], north: dict[str, str]
+    message: Message,
+    rows: tuple[int, ...],
+    lon: Real,
+    lat: Real,
+    east: dict[str, str],
+    north: dict[str, str],
 ) -> Points:
     """Return the points of a reduced grid filled up to a rectangle.
 
@@ -396,7 +505,9 @@ def _reduced(
     complete = min(rows, default=0) > 1 and starts[-1] == lat.size
     for row in range(len(rows) if complete else 0):
         longitudes = lon[starts[row] : starts[row + 1]]
-        complete &= bool(abs(longitudes[0]) < 1e-6 and abs(longitudes[-1] + longitudes[1] - 360.0) < 1e-3)
+        complete &= bool(
+            abs(longitudes[0]) < 1e-6 and abs(longitudes[-1] + longitudes[1] - 360.0) < 1e-3
+        )
         complete &= bool(np.ptp(lat[starts[row] : starts[row + 1]]) < 1e-6)
     if not complete:
         raise UserError(
@@ -408,11 +519,15 @@ def _reduced(
         "latitude": (("latitude",), lat[starts[:-1]], north),
         "longitude": (("longitude",), np.arange(columns) * 360.0 / columns, east),
     }
-    return Points(("latitude", "longitude"), axes, None, (len(rows), columns), rows, (False, False, False))
+    return Points(
+        ("latitude", "longitude"), axes, None, (len(rows), columns), rows, (False, False, False)
+    )
 
 
 def _arranged(values: Real, grid: Points) -> Real:
-    """Return values in a message's order as rows (ny, nx), in which columns grow along the grid's own i."""
+    """Return values in a message's order as rows (ny, nx), in which columns grow along the grid's
+    own i.
+    """
     ny, nx = grid.shape
     if grid.rows:
         result, start = np.empty(grid.shape), 0
@@ -436,15 +551,21 @@ def _arranged(values: Real, grid: Points) -> Real:
 class Values(BackendArray):  # xarray demands a subclass of its own
     """The values of a variable: each message is decoded when a part of it is asked for."""
 
-    def __init__(self, fields: "NDArray[np.object_]", orders: Mapping[bytes, Points], points: tuple[int, int]) -> None:
-        """fields: messages over the dimensions before the horizontal ones; orders: points by each message's shape."""
+    def __init__(
+        self, fields: "NDArray[np.object_]", orders: Mapping[bytes, Points], points: tuple[int, int]
+    ) -> None:
+        """fields: messages over the dimensions before the horizontal ones; orders: points by each
+        message's shape.
+        """
         self.fields, self.orders, self.points = fields, orders, points
         self.shape = fields.shape + points
         self.dtype = np.dtype(np.float64)
 
     def __getitem__(self, key: Any) -> Any:
         """Return the part that an indexer of xarray's asks for."""
-        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self._part)
+        return indexing.explicit_indexing_adapter(
+            key, self.shape, indexing.IndexingSupport.BASIC, self._part
+        )
 
     def _part(self, key: tuple[Any, ...]) -> Real:
         before, across = key[: self.fields.ndim], key[self.fields.ndim :]
@@ -477,9 +598,11 @@ def _decoded(message: bytes) -> Real:
 
 @dataclass(frozen=True)
 class Block:
-    """Messages of one variable over members, times [s since 1970] and levels, shape (members, times, levels).
+    """Messages of one variable over members, times [s since 1970] and levels, shape (members,
+    times, levels).
 
-    begins: of the intervals of averages [s since 1970], which end at `times`; else the same as `times`.
+    begins: of the intervals of averages [s since 1970], which end at `times`; else the same as
+    `times`.
     """
 
     members: list[int]
@@ -498,7 +621,11 @@ def _fields_at(path: str, name: str, group: list[Field]) -> dict[tuple[int, floa
     for field in group:
         key = field.member, field.level, field.time
         first = fields_at.setdefault(key, field)
-        if first is field or field.role is None or messages.whole(field.message) == messages.whole(first.message):
+        if (
+            first is field
+            or field.role is None
+            or messages.whole(field.message) == messages.whole(first.message)
+        ):
             continue
         raise UserError(
             f'"{path}" gives {name} at {field.level:g} {UNITS.get(field.kind, "")} ({field.kind}) twice for '
@@ -533,9 +660,13 @@ def _blocks(name: str, fields_at: Mapping[tuple[int, float, int], Field]) -> dic
             alone = len(together) == 1 and together[0] > 0
             block = np.empty((len(together), len(times), len(levels)), object)
             for index in np.ndindex(block.shape):
-                block[index] = fields_at[together[index[0]], levels[index[2]], times[index[1]]].message
+                block[index] = fields_at[
+                    together[index[0]], levels[index[2]], times[index[1]]
+                ].message
             begins = [fields_at[together[0], levels[0], time].begin for time in times]
-            blocks[f"{base}_member{together[0]}" if alone else base] = Block(together, times, begins, levels, block)
+            blocks[f"{base}_member{together[0]}" if alone else base] = Block(
+                together, times, begins, levels, block
+            )
     return blocks
 
 
@@ -556,7 +687,10 @@ def _variable(
         attributes["units"] = field.units
     if field.role is not None:
         quantity, side = field.role
-        attributes |= {"standard_name": STANDARD[quantity][int(field.along_grid)][side], "units": "m s-1"}
+        attributes |= {
+            "standard_name": STANDARD[quantity][int(field.along_grid)][side],
+            "units": "m s-1",
+        }
     about_time = {"standard_name": "time", "units": "seconds since 1970-01-01"}
     if block.begins == block.times:
         dims = [_coordinate(variables, "time", np.array(block.times, np.int64), about_time)]
@@ -571,7 +705,9 @@ def _variable(
         about_level["long_name"] = f"GRIB level {field.kind}"
         if field.kind == "sigma":
             about_level["standard_name"] = "atmosphere_sigma_coordinate"
-        level = _coordinate(variables, field.kind, np.array(block.levels), about_level, single_level)
+        level = _coordinate(
+            variables, field.kind, np.array(block.levels), about_level, single_level
+        )
         (scalars if single_level else dims).append(level)
         if single_level:
             attributes["GRIB_level"] = block.levels[0]
@@ -590,7 +726,10 @@ def _variable(
 
 def _time_of_means(variables: dict[str, xr.Variable], block: Block, about: dict[str, str]) -> str:
     """Return the name of a time axis with bounds; it is added where there is none yet."""
-    ends, bounds = np.array(block.times, np.int64), np.array([block.begins, block.times], np.int64).T
+    ends, bounds = (
+        np.array(block.times, np.int64),
+        np.array([block.begins, block.times], np.int64).T,
+    )
     number = 1
     while True:
         name = f"time_of_means_{number}"
@@ -604,7 +743,11 @@ def _time_of_means(variables: dict[str, xr.Variable], block: Block, about: dict[
 
 
 def _coordinate(
-    variables: dict[str, xr.Variable], name: str, values: NDArray[Any], attributes: dict[str, str], scalar: bool = False
+    variables: dict[str, xr.Variable],
+    name: str,
+    values: NDArray[Any],
+    attributes: dict[str, str],
+    scalar: bool = False,
 ) -> str:
     """Return the name of a coordinate with these values; it is added where there is none yet."""
     number = 1

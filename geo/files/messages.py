@@ -1,8 +1,9 @@
 """Cutting a GRIB file into messages of one field each, by the lengths of their sections alone.
 
-GRIB 2 may put several fields into a message (NCEP does with u and v): each is cut out with the sections that it shares.
-A header, which is a field without its values, is cut out as well, so that an index of a large file needs no values. A
-file whose lengths do not add up is damaged and is refused: a message that is passed over would be a hole in time.
+GRIB 2 may put several fields into a message (NCEP does with u and v): each is cut out with the
+sections that it shares. A header, which is a field without its values, is cut out as well, so that
+an index of a large file needs no values. A file whose lengths do not add up is damaged and is
+refused: a message that is passed over would be a hole in time.
 """
 
 import mmap
@@ -19,9 +20,10 @@ END = b"7777"
 class Message:
     """One field of a file.
 
-    number: counted from 1; edition: 1 or 2; parts: (start, end) [bytes] of the pieces from which it is joined;
-    header: its bytes without the values; shape: bytes of the section that defines the grid; product: bytes that say
-    which field it is, the same at all times and on all pressure levels.
+    number: counted from 1; edition: 1 or 2; parts: (start, end) [bytes] of the pieces from which it
+    is joined; header: its bytes without the values; shape: bytes of the section that defines the
+    grid; product: bytes that say which field it is, the same at all times and on all pressure
+    levels.
     """
 
     path: str
@@ -46,7 +48,12 @@ def split_messages(path: str) -> list[Message]:
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         end, position = len(data), 0
         while (start := data.find(b"GRIB", position)) >= 0:
-            _check_gap(data[position : min(start, position + HEADING + 1)], start - position, path, position)
+            _check_gap(
+                data[position : min(start, position + HEADING + 1)],
+                start - position,
+                path,
+                position,
+            )
             try:
                 edition = data[start + 7]
                 if edition == 1:
@@ -62,7 +69,9 @@ def split_messages(path: str) -> list[Message]:
                     f"it {why} message {len(messages) + 1}, at byte {start} ({error})"
                 ) from error
             for parts, header, shape, product in fields:
-                messages.append(Message(path, len(messages) + 1, edition, parts, header, shape, product))
+                messages.append(
+                    Message(path, len(messages) + 1, edition, parts, header, shape, product)
+                )
         _check_gap(data[position : position + HEADING + 1], end - position, path, position)
     return messages
 
@@ -86,11 +95,14 @@ def _check_gap(gap: bytes, size: int, path: str, position: int) -> None:
     )
 
 
-Field = tuple[tuple[tuple[int, int], ...], bytes, bytes, bytes]  # parts, header, shape and product of a Message
+# parts, header, shape and product of a Message
+Field = tuple[tuple[tuple[int, int], ...], bytes, bytes, bytes]
 
 
 def _length(data: mmap.mmap, position: int, size: int, end: int) -> int:
-    """Return the number of `size` bytes at a position; raise ValueError where they lie beyond `end`."""
+    """Return the number of `size` bytes at a position; raise ValueError where they lie beyond
+    `end`.
+    """
     if position + size > end:
         raise ValueError("a section beyond its end")
     return int.from_bytes(data[position : position + size], "big")
@@ -112,7 +124,8 @@ def _first_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
             shape = data[position : position + section] if bit == 0x80 else shape
             position += section
     values = _length(data, position, 3, end)
-    if size & 0x800000 and values < 120:  # above 8 MiB ECMWF counts in units of 120 bytes, less the number `values`
+    # above 8 MiB ECMWF counts in units of 120 bytes, less the number `values`
+    if size & 0x800000 and values < 120:
         size = (size & 0x7FFFFF) * 120 - values + 4
     stop = start + size
     if product < 28 or stop > end or not position + 12 <= stop or data[stop - 4 : stop] != END:
@@ -122,13 +135,21 @@ def _first_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
     definition = bytearray(data[start + 8 : start + 8 + product])
     definition[7] &= 0x80
     grid = shape if present & 0x80 else b""
-    head = bytes(definition) + grid + (12).to_bytes(3, "big") + data[position + 3 : position + 12] + END
+    head = (
+        bytes(definition)
+        + grid
+        + (12).to_bytes(3, "big")
+        + data[position + 3 : position + 12]
+        + END
+    )
     header = data[start : start + 4] + (len(head) + 8).to_bytes(3, "big") + b"\x01" + head
     identity = bytearray(definition)
     identity[12:20] = bytes(8)  # the date and the step
     if identity[9] == 100:
         identity[10:12] = bytes(2)
-    return stop, [(((start, stop),), header, shape or bytes(identity[4:7]), b"\x01" + bytes(identity))]
+    return stop, [
+        (((start, stop),), header, shape or bytes(identity[4:7]), b"\x01" + bytes(identity))
+    ]
 
 
 def _second_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
@@ -148,21 +169,32 @@ def _second_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
             raise ValueError(f"section {kind} after section {before}")
         bitmap = last.get(6)
         last[kind] = (position, position + section)
-        if kind == 6 and data[position + 5] == 254 and bitmap is not None:  # 254: as in the field before
+        # 254: as in the field before
+        if kind == 6 and data[position + 5] == 254 and bitmap is not None:
             last[6] = bitmap
         if kind == 7:
             missing = [k for k in (1, 3, 4, 5, 6) if k not in last]
             if missing:
                 raise ValueError(f"no section {missing[0]}")
             sections = [last[k] for k in (1, 2, 3, 4, 5, 6, 7) if k in last]
-            pieces = [data[a:b] for a, b in sections[:-2]]  # the header gets an empty bitmap and no values
-            header = _second_whole([data[start : start + 16], *pieces, b"\0\0\0\x06\x06\xff", b"\0\0\0\x05\x07"])
+            # the header gets an empty bitmap and no values
+            pieces = [data[a:b] for a, b in sections[:-2]]
+            header = _second_whole(
+                [data[start : start + 16], *pieces, b"\0\0\0\x06\x06\xff", b"\0\0\0\x05\x07"]
+            )
             identity = bytearray(data[slice(*last[4])])
             identity[18:22] = bytes(4)  # the step
             if identity[22:23] == b"\x64":
                 identity[24:28] = bytes(4)
             origin = data[start + 6 : start + 7] + data[last[1][0] + 5 : last[1][0] + 12]
-            fields.append((((start, start + 16), *sections), header, data[slice(*last[3])], origin + bytes(identity)))
+            fields.append(
+                (
+                    ((start, start + 16), *sections),
+                    header,
+                    data[slice(*last[3])],
+                    origin + bytes(identity),
+                )
+            )
         position, before = position + section, kind
     if before != 7:
         raise ValueError("no values")

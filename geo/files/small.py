@@ -16,8 +16,9 @@ LARGEST = 64 * 2**20  # [bytes]
 def contents(path: Path, largest: int = LARGEST) -> bytes:
     """Return the bytes of a file.
 
-    Raises OSError, with a strerror in words for users, where the file cannot be read, is a pipe or a device (which
-    might wait or go on for ever), or has more than `largest` bytes; UserError where it may not be read (`geo.files.fence`).
+    Raises OSError, with a strerror in words for users, where the file cannot be read, is a pipe or
+    a device (which might wait or go on for ever), or has more than `largest` bytes; UserError where
+    it may not be read (`geo.files.fence`).
     """
     fence.check(path)
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -29,7 +30,10 @@ def contents(path: Path, largest: int = LARGEST) -> bytes:
         if not stat.S_ISREG(status.st_mode):
             raise OSError(errno.EINVAL, "it is a pipe or a device, not a file")
         if status.st_size > largest:
-            raise OSError(errno.EFBIG, f"it has {status.st_size / 2**20:,.0f} MiB; at most {largest // 2**20} are read")
+            raise OSError(
+                errno.EFBIG,
+                f"it has {status.st_size / 2**20:,.0f} MiB; at most {largest // 2**20} are read",
+            )
         with os.fdopen(os.dup(handle), "rb") as file:
             data = file.read(largest + 1)
     finally:

@@ -1,6 +1,7 @@
 """Questions to web servers: bounded in time and size, each way in which they fail told in one line.
 
-Names and passwords come from ~/.netrc alone, go only to the machine that stands there, and are told to nobody.
+Names and passwords come from ~/.netrc alone, go only to the machine that stands there, and are told
+to nobody.
 """
 
 import functools
@@ -18,7 +19,8 @@ from urllib.parse import urlsplit
 from geo.errors import UserError
 from geo.files import fence
 
-NO_NAME = {socket.EAI_NONAME, getattr(socket, "EAI_NODATA", socket.EAI_NONAME)}  # EAI_AGAIN may pass
+# EAI_AGAIN may pass
+NO_NAME = {socket.EAI_NONAME, getattr(socket, "EAI_NODATA", socket.EAI_NONAME)}
 BLOCK = 2**16  # [bytes] read at once
 SAFE = ("127.0.0.1", "localhost", "::1")  # machines to which a password may go unencrypted
 
@@ -30,8 +32,8 @@ class Passing(Exception):
 def get(address: str, timeout: float, most: int) -> bytes:
     """Return what an address answers, whole.
 
-    timeout [s]: for each wait, and ten times that for all; most [bytes]. Raises UserError for what stays as it is, Passing
-    for what may pass.
+    timeout [s]: for each wait, and ten times that for all; most [bytes]. Raises UserError for what
+    stays as it is, Passing for what may pass.
     """
     until = time.monotonic() + 10 * timeout
     asked, address = address, address.partition("?")[0]  # in messages
@@ -41,13 +43,19 @@ def get(address: str, timeout: float, most: int) -> bytes:
         while block := answer.read1(BLOCK):
             content += block
             if len(content) > most:
-                raise UserError(f'"{address}" sends more than the {most:,} bytes that this can have')
+                raise UserError(
+                    f'"{address}" sends more than the {most:,} bytes that this can have'
+                )
             if time.monotonic() > until:
-                raise Passing(f'"{address}" sends too slowly: {len(content):,} bytes in {10 * timeout:g} s')
+                raise Passing(
+                    f'"{address}" sends too slowly: {len(content):,} bytes in {10 * timeout:g} s'
+                )
     if length is not None and length.isdecimal() and len(content) != int(length):
         raise Passing(f'"{address}" sent half: {len(content):,} of {int(length):,} bytes')
     if content[:512].lstrip().lower().startswith((b"<!doctype html", b"<html")):
-        raise UserError(f'"{address}" sent a web page in place of data: it may ask for a login, or be under repair')
+        raise UserError(
+            f'"{address}" sent a web page in place of data: it may ask for a login, or be under repair'
+        )
     return bytes(content)
 
 
@@ -70,10 +78,14 @@ def _answer(address: str, timeout: float) -> Iterator[Any]:
             raise Passing(f'"{address}" did not answer for {timeout:g} s') from None
         if isinstance(error.reason, socket.gaierror) and error.reason.errno in NO_NAME:
             host = urlsplit(request.full_url).hostname
-            raise UserError(f'"{address}": no machine is called {host}, or this one is not connected') from None
+            raise UserError(
+                f'"{address}": no machine is called {host}, or this one is not connected'
+            ) from None
         raise Passing(f'"{address}" cannot be reached ({error.reason})') from None
     except http.client.IncompleteRead as error:
-        raise Passing(f'"{address}" sent half: {len(error.partial):,} bytes, then no more') from None
+        raise Passing(
+            f'"{address}" sent half: {len(error.partial):,} bytes, then no more'
+        ) from None
     except (OSError, http.client.HTTPException, ValueError) as error:
         raise Passing(f'"{address}" broke off ({error or type(error).__name__})') from None
 
@@ -99,9 +111,13 @@ def _opener() -> urllib.request.OpenerDirector:
 def _refusal(address: str, status: int, reason: str) -> Exception:
     host = urlsplit(address).hostname
     if status in (401, 403):
-        return UserError(f'"{address}" asks for credentials ({status}): put those of machine {host} into ~/.netrc')
+        return UserError(
+            f'"{address}" asks for credentials ({status}): put those of machine {host} into ~/.netrc'
+        )
     if status in (404, 410):
-        return UserError(f'"{address}" is not there ({status}): no such dataset, or none of that time any more')
+        return UserError(
+            f'"{address}" is not there ({status}): no such dataset, or none of that time any more'
+        )
     if status == 413:
         return UserError(
             f'"{address}" says that this is too much at once (413): ask for a smaller box or a shorter span'
@@ -112,7 +128,9 @@ def _refusal(address: str, status: int, reason: str) -> Exception:
 
 
 def _authorize(request: urllib.request.Request) -> None:
-    """Add the name and password of ~/.netrc, if it has some for this machine; a redirect elsewhere gets that machine's."""
+    """Add the name and password of ~/.netrc, if it has some for this machine; a redirect elsewhere
+    gets that machine's.
+    """
     import base64
 
     if request.type != "https" and request.host.partition(":")[0] not in SAFE:

@@ -1,7 +1,9 @@
-"""Opening Zarr stores in folders: what their metadata ask for is checked before the library builds anything of it.
+"""Opening Zarr stores in folders: what their metadata ask for is checked before the library builds
+anything of it.
 
-Chunks of the codec "pickle", and some of arrays of Python objects, run code when they are decoded. Stores come from
-elsewhere, so neither is read, whatever the release of numcodecs and its settings allow.
+Chunks of the codec "pickle", and some of arrays of Python objects, run code when they are decoded.
+Stores come from elsewhere, so neither is read, whatever the release of numcodecs and its settings
+allow.
 """
 
 import json
@@ -22,8 +24,10 @@ UNSAFE = "NUMCODECS_ALLOW_UNSAFE_PICKLE_DECODE"  # has numcodecs 0.16.6 and late
 GROUPS = (".zgroup", ".zmetadata", "zarr.json")  # a folder with one of them is a group
 DOCUMENTS = (*GROUPS, ".zarray", ".zattrs")
 FREE = ("attributes", ".zattrs")  # what users write, which builds nothing
-TEXTS = ({"id": "vlen-utf8"},)  # the one filter by which an array of objects holds texts and nothing else
-SMALL = 2**24  # [bytes] arrays up to this size, such as coordinates, are read to find out which is damaged
+# the one filter by which an array of objects holds texts and nothing else
+TEXTS = ({"id": "vlen-utf8"},)
+# [bytes] arrays up to this size, such as coordinates, are read to find out which is damaged
+SMALL = 2**24
 TYPES = ("dtype", "astype", "encode_dtype", "decode_dtype", "data_type")  # keys that name a type
 
 _building = threading.RLock()
@@ -37,7 +41,8 @@ def is_store(folder: str) -> bool:
 def open_store(folder: str, **options: Any) -> xr.Dataset:
     """Return the dataset of a store, as xarray opens it with options.
 
-    Raises UserError, which names the file of the store or its array, where it would run code or is damaged.
+    Raises UserError, which names the file of the store or its array, where it would run code or is
+    damaged.
     """
     if not is_store(folder):
         raise UserError(f'"{folder}": is a folder, not a netCDF file or a Zarr store')
@@ -57,33 +62,46 @@ def damage(folder: str, error: Exception) -> UserError:
         if found := first_damaged(folder, SMALL):
             name, cause = found
             place = os.path.join(folder, name)
-            return UserError(f'"{place}": this array cannot be read, truncated or damaged ({_words(cause)})')
+            return UserError(
+                f'"{place}": this array cannot be read, truncated or damaged ({_words(cause)})'
+            )
     return UserError(f'"{folder}": cannot be read, truncated or damaged ({_words(error)})')
 
 
 def check(folder: str) -> None:
-    """Raise UserError where the metadata of a group and its arrays are no JSON, or ask for what may run code."""
+    """Raise UserError where the metadata of a group and its arrays are no JSON, or ask for what may
+    run code.
+    """
     known = list(_documents(folder))
     if known and not any(os.path.join(folder, name) in known for name in (".zgroup", "zarr.json")):
-        raise UserError(f'"{os.path.join(folder, ".zgroup")}": is not there, but {known[0]} is; the store is damaged')
+        raise UserError(
+            f'"{os.path.join(folder, ".zgroup")}": is not there, but {known[0]} is; the store is damaged'
+        )
     for path in known:
         try:
             with open(path, encoding="utf-8") as file:
                 document = json.load(file)
         except (ValueError, RecursionError) as error:
-            raise UserError(f'"{path}": is no JSON ({_words(error)}), truncated or damaged') from error
+            raise UserError(
+                f'"{path}": is no JSON ({_words(error)}), truncated or damaged'
+            ) from error
         except OSError as error:
             raise UserError(f'"{path}": cannot be read ({error.strerror})') from error
         if not isinstance(document, dict):
-            raise UserError(f'"{path}": holds {type(document).__name__}, not a JSON object; it is damaged')
+            raise UserError(
+                f'"{path}": holds {type(document).__name__}, not a JSON object; it is damaged'
+            )
         if os.path.basename(path) not in FREE:
             _refuse_code(document, path)
 
 
 @contextmanager
 def without_pickles() -> Iterator[None]:
-    """Have numcodecs build no pickle codec in this process meanwhile, whatever its environment allows."""
-    os.environ.pop(UNSAFE, None)  # read when numcodecs is imported, here or in processes that this one starts
+    """Have numcodecs build no pickle codec in this process meanwhile, whatever its environment
+    allows.
+    """
+    # read when numcodecs is imported, here or in processes that this one starts
+    os.environ.pop(UNSAFE, None)
     from numcodecs import registry
     from numcodecs.abc import Codec
 
@@ -93,7 +111,9 @@ def without_pickles() -> Iterator[None]:
         codec_id = CODEC
 
         def __init__(self, *_: object, **__: object) -> None:
-            raise UserError(f'its codec "{CODEC}" runs code when it is read, which drift does not allow')
+            raise UserError(
+                f'its codec "{CODEC}" runs code when it is read, which drift does not allow'
+            )
 
         def encode(self, buf: Any) -> Any:
             raise NotImplementedError
@@ -114,7 +134,9 @@ def without_pickles() -> Iterator[None]:
 
 
 def _documents(folder: str) -> Iterator[str]:
-    """Give the metadata of a group and of the arrays and groups just below it, of which xarray opens the arrays."""
+    """Give the metadata of a group and of the arrays and groups just below it, of which xarray
+    opens the arrays.
+    """
     inside = sorted(entry.name for entry in os.scandir(folder) if entry.is_dir())
     for place in ("", *inside):
         for name in DOCUMENTS:
@@ -124,7 +146,9 @@ def _documents(folder: str) -> Iterator[str]:
 
 
 def _refuse_code(value: Any, path: str) -> None:
-    """Raise UserError where metadata name a codec that runs code, or a type that holds objects other than texts."""
+    """Raise UserError where metadata name a codec that runs code, or a type that holds objects
+    other than texts.
+    """
     if isinstance(value, list):
         for part in value:
             _refuse_code(part, path)
@@ -132,7 +156,9 @@ def _refuse_code(value: Any, path: str) -> None:
         return
     for key in ("id", "name"):
         if isinstance(named := value.get(key), str) and named.lower().rpartition(".")[2] == CODEC:
-            raise UserError(f'"{path}": the codec "{named}" runs code when it is read, which drift does not allow')
+            raise UserError(
+                f'"{path}": the codec "{named}" runs code when it is read, which drift does not allow'
+            )
     texts = _is_text(value)
     for key, part in value.items():
         if key in TYPES and _holds_objects(part) and not (key == "dtype" and texts):
@@ -152,7 +178,9 @@ def _is_text(array: dict[str, Any]) -> bool:
 def _holds_objects(written: Any) -> bool:
     """Whether a type, as metadata write it, holds Python objects."""
     if isinstance(written, list):  # of fields: name, type and perhaps shape
-        return any(isinstance(field, list) and any(map(_holds_objects, field[1:])) for field in written)
+        return any(
+            isinstance(field, list) and any(map(_holds_objects, field[1:])) for field in written
+        )
     if isinstance(written, dict):
         return any(map(_holds_objects, written.values()))
     with suppress(Exception), warnings.catch_warnings():
@@ -162,14 +190,17 @@ def _holds_objects(written: Any) -> bool:
 
 
 def first_damaged(folder: str, largest: int = 0) -> tuple[str, Exception] | None:
-    """Return the name of the first array of a store that cannot be opened, and why; None where all can.
+    """Return the name of the first array of a store that cannot be opened, and why; None where all
+    can.
 
     largest: of arrays up to this size the values are read too [bytes].
     """
     import zarr
 
     for entry in sorted(os.scandir(folder), key=lambda one: one.name):
-        if not entry.is_dir() or not any(os.path.exists(os.path.join(entry, n)) for n in (".zarray", "zarr.json")):
+        if not entry.is_dir() or not any(
+            os.path.exists(os.path.join(entry, n)) for n in (".zarray", "zarr.json")
+        ):
             continue
         try:
             with without_pickles():

@@ -1,8 +1,9 @@
-"""Built-in synthetic flows in closed form: for the shipped case, for tests, for a first try without a file.
+"""Built-in synthetic flows in closed form: for the shipped case, for tests, for a first try without
+a file.
 
-A flow is placed at points, flow(lon, lat) [deg], of shapes that broadcast, and then tells its velocity at any time there:
-velocity(seconds since 2000-01-01 UTC) -> (east, north) [m/s], of their common shape. Its clock is absolute, so that a flow is the same
-whenever a run starts.
+A flow is placed at points, flow(lon, lat) [deg], of shapes that broadcast, and then tells its
+velocity at any time there: velocity(seconds since 2000-01-01 UTC) -> (east, north) [m/s], of their
+common shape. Its clock is absolute, so that a flow is the same whenever a run starts.
 """
 
 from collections.abc import Callable
@@ -31,11 +32,13 @@ def _east_of(lon: ArrayLike, reference: float) -> Array:
     return np.asarray(sphere.wrap_degrees(np.asarray(lon, float) - reference))
 
 
-def solid_rotation(box: Box, speed: float = 0.5, pole_lon: float = 40.0, pole_lat: float = 60.0) -> Flow:
+def solid_rotation(
+    box: Box, speed: float = 0.5, pole_lon: float = 40.0, pole_lat: float = 60.0
+) -> Flow:
     """Rotation of the whole sphere about an axis through (pole_lon, pole_lat) [deg].
 
-    speed [m/s]: 90 degrees from the axis.
-    velocity = omega x r: a particle goes round a small circle, back at its start after 2 pi R / speed.
+    speed [m/s]: 90 degrees from the axis. velocity = omega x r: a particle goes round a small
+    circle, back at its start after 2 pi R / speed.
     """
     lam, phi = np.radians(pole_lon), np.radians(pole_lat)
 
@@ -49,13 +52,16 @@ def solid_rotation(box: Box, speed: float = 0.5, pole_lon: float = 40.0, pole_la
 
 
 def stommel_gyre(box: Box, speed: float = 1.0, boundary: float = 0.05) -> Flow:
-    """Stommel's (1948, doi:10.1029/TR029i002p00202) gyre filling the box: slow interior, fast western edge.
+    """Stommel's (1948, doi:10.1029/TR029i002p00202) gyre filling the box: slow interior, fast
+    western edge.
 
-    boundary: width of the western layer as a share of the box's; speed [m/s]: the largest northward one.
-    psi = pi sin(pi y) (1 - x - exp(-x / boundary)) on the unit square; the flow is along its contours.
+    boundary: width of the western layer as a share of the box's; speed [m/s]: the largest northward
+    one. psi = pi sin(pi y) (1 - x - exp(-x / boundary)) on the unit square; the flow is along its
+    contours.
     """
     width, height = box.east - box.west, box.north - box.south
-    # q, of the order of exp(-1 / boundary), makes psi vanish at the east wall, which would leak without it
+    # q, of the order of exp(-1 / boundary), makes psi vanish at the east wall, which would leak
+    # without it
     q = np.exp(-1.0 / boundary)
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
@@ -66,7 +72,8 @@ def stommel_gyre(box: Box, speed: float = 1.0, boundary: float = 0.05) -> Flow:
         psi_x = np.sin(np.pi * y) * (-1 + decay / boundary + q)
         inside = (x >= 0) & (x <= 1) & (y >= 0) & (y <= 1)
         scale = speed / (1 / boundary - 1)
-        cosine = np.cos(np.radians(np.asarray(lat, float)))  # u = -dpsi/dy, v = dpsi/(cos(lat) dx): no divergence
+        # u = -dpsi/dy, v = dpsi/(cos(lat) dx): no divergence
+        cosine = np.cos(np.radians(np.asarray(lat, float)))
         east = np.where(inside, -psi_y * scale * width / height, 0.0)
         north = np.where(inside, psi_x * scale / cosine, 0.0)
         return lambda seconds: (east, north)
@@ -74,7 +81,13 @@ def stommel_gyre(box: Box, speed: float = 1.0, boundary: float = 0.05) -> Flow:
     return flow
 
 
-def inertial(box: Box, speed: float = 0.3, mean_east: float = 0.05, mean_north: float = 0.0, lat: float = 45.0) -> Flow:
+def inertial(
+    box: Box,
+    speed: float = 0.3,
+    mean_east: float = 0.05,
+    mean_north: float = 0.0,
+    lat: float = 45.0,
+) -> Flow:
     """Return an inertial oscillation [m/s] on a uniform mean flow.
 
     It turns clockwise in the north, with the inertial period at `lat` [deg].
@@ -86,14 +99,17 @@ def inertial(box: Box, speed: float = 0.3, mean_east: float = 0.05, mean_north: 
 
         def velocity(seconds: float) -> tuple[Array, Array]:
             turn = f * seconds
-            return mean_east + speed * np.cos(turn) + still, mean_north - speed * np.sin(turn) + still
+            return mean_east + speed * np.cos(turn) + still, mean_north - speed * np.sin(
+                turn
+            ) + still
 
         return velocity
 
     return flow
 
 
-# (lon, lat [deg], radius [km], swirl [m/s], positive counterclockwise, drift west and north [km/day]) of the eddies
+# (lon, lat [deg], radius [km], swirl [m/s], positive counterclockwise, drift west and north
+# [km/day]) of the eddies
 EDDIES = (
     (-89.6, 25.6, 115.0, -0.75, 3.0, 0.3),  # a ring shed by the Loop Current
     (-88.2, 27.6, 45.0, 0.45, -1.0, -0.8),  # cyclones on its flank
@@ -103,28 +119,55 @@ EDDIES = (
 )
 # the Loop Current's axis [deg]: in through the Yucatan Channel, out through the Straits of Florida
 LOOP = (
-    (-85.6, 20.0), (-85.9, 21.8), (-86.6, 23.4), (-87.2, 25.0), (-87.1, 26.4), (-86.2, 27.3), (-85.0, 27.0),
-    (-84.3, 25.7), (-83.9, 24.5), (-82.9, 23.8), (-81.2, 23.9), (-80.0, 24.6), (-79.6, 26.0), (-79.7, 28.0),
+    (-85.6, 20.0),
+    (-85.9, 21.8),
+    (-86.6, 23.4),
+    (-87.2, 25.0),
+    (-87.1, 26.4),
+    (-86.2, 27.3),
+    (-85.0, 27.0),
+    (-84.3, 25.7),
+    (-83.9, 24.5),
+    (-82.9, 23.8),
+    (-81.2, 23.9),
+    (-80.0, 24.6),
+    (-79.6, 26.0),
+    (-79.7, 28.0),
     (-79.4, 30.5),
-)  # fmt: skip
-# the edge of the shelf [deg], deep water on its right: Texas, Louisiana, Florida, the Keys, Florida's east coast
+)
+# the edge of the shelf [deg], deep water on its right: Texas, Louisiana, Florida, the Keys,
+# Florida's east coast
 SHELF = (
-    (-98.0, 25.0), (-96.6, 27.0), (-94.5, 28.3), (-91.5, 28.4), (-89.0, 29.2), (-87.0, 29.9), (-85.0, 29.0),
-    (-83.7, 27.6), (-83.0, 26.0), (-82.4, 24.7), (-80.9, 24.6), (-80.1, 25.4), (-80.0, 27.0), (-80.6, 30.5),
-)  # fmt: skip
+    (-98.0, 25.0),
+    (-96.6, 27.0),
+    (-94.5, 28.3),
+    (-91.5, 28.4),
+    (-89.0, 29.2),
+    (-87.0, 29.9),
+    (-85.0, 29.0),
+    (-83.7, 27.6),
+    (-83.0, 26.0),
+    (-82.4, 24.7),
+    (-80.9, 24.6),
+    (-80.1, 25.4),
+    (-80.0, 27.0),
+    (-80.6, 30.5),
+)
 HALF = 38e3  # [m] half width of the jet
 TIDE = 86_164.1  # [s] period of K1, nearly inertial in the Gulf
 
 
 def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
-    """A Loop-Current-like jet with drifting eddies over the Gulf of Mexico, and a weak daily tide [m/s].
+    """A Loop-Current-like jet with drifting eddies over the Gulf of Mexico, and a weak daily tide
+    [m/s].
 
-    Jet and eddies are the curl of one streamfunction, so they have no divergence: the jet is a tanh of the
-    distance from its axis (a smoothed polyline, whose corners leave kinks of a few degrees), an eddy a Gaussian; the
-    streamfunction goes to zero over the shelf. An invention that looks like the Gulf; it forecasts nothing. Other
-    waters have only its tide.
+    Jet and eddies are the curl of one streamfunction, so they have no divergence: the jet is a tanh
+    of the distance from its axis (a smoothed polyline, whose corners leave kinks of a few degrees),
+    an eddy a Gaussian; the streamfunction goes to zero over the shelf. An invention that looks like
+    the Gulf; it forecasts nothing. Other waters have only its tide.
     """
-    squeeze = np.cos(np.radians(26.0))  # all is computed in a plane about 26 N: x = lon * squeeze * METRES
+    # all is computed in a plane about 26 N: x = lon * squeeze * METRES
+    squeeze = np.cos(np.radians(26.0))
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
         a, b = -88.0 + _east_of(lon, -88.0), np.asarray(lat, float)
@@ -144,10 +187,13 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
 
         def velocity(seconds: float) -> tuple[Array, Array]:
             days = seconds / DAY
-            loop = np.tanh((side + 12e3 * np.sin(2 * np.pi * days / 27.0)) / HALF)  # the loop grows and shrinks
-            psi = speed * HALF * (1 + loop)  # [m2/s]; no transport to the left: the shelf lies there
+            # the loop grows and shrinks
+            loop = np.tanh((side + 12e3 * np.sin(2 * np.pi * days / 27.0)) / HALF)
+            # [m2/s]; no transport to the left: the shelf lies there
+            psi = speed * HALF * (1 + loop)
             psi_x, psi_y = (speed * (1 - loop * loop) * d for d in (side_x, side_y))
-            phase = 2 * np.pi * days / 60.0  # eddies circle about their places, so that the flow is alike on any date
+            # eddies circle about their places, so that the flow is alike on any date
+            phase = 2 * np.pi * days / 60.0
             for e_lon, e_lat, radius, swirl, west, north in EDDIES:
                 narrow = np.cos(np.radians(e_lat))
                 c_lon = e_lon - west * 5e3 * np.sin(phase) / (METRES * narrow)
@@ -155,7 +201,10 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
                 dx, dy = (a - c_lon) * METRES * narrow, (b - c_lat) * METRES
                 r = radius * 1e3  # [m] radius at which the swirl is fastest
                 # On a grid a Gaussian is one of its rows times one of its columns.
-                row, column = swirl * r * np.exp(0.5 - dx * dx / (2 * r * r)), np.exp(-dy * dy / (2 * r * r))
+                row, column = (
+                    swirl * r * np.exp(0.5 - dx * dx / (2 * r * r)),
+                    np.exp(-dy * dy / (2 * r * r)),
+                )
                 psi -= row * column
                 psi_x += row * dx * (narrow / squeeze / (r * r)) * column
                 psi_y += row * (dy / (r * r) * column)
@@ -218,11 +267,13 @@ def breeze(
     swing: float = 20.0,
     middle: float = -88.7,
 ) -> Flow:
-    """A trade wind [m/s] toward a direction [deg], with a daily sea breeze and a slow synoptic swing [deg].
+    """A trade wind [m/s] toward a direction [deg], with a daily sea breeze and a slow synoptic
+    swing [deg].
 
-    The sea breeze turns clockwise once a day (northern hemisphere), the swing takes five days, the strength
-    breathes by a tenth over four, and both vary a little over hundreds of kilometres. middle: longitude [deg] whence
-    the swing's wave, 25 degrees long, is counted; it breaks off opposite.
+    The sea breeze turns clockwise once a day (northern hemisphere), the swing takes five days, the
+    strength breathes by a tenth over four, and both vary a little over hundreds of kilometres.
+    middle: longitude [deg] whence the swing's wave, 25 degrees long, is counted; it breaks off
+    opposite.
     """
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
@@ -255,7 +306,9 @@ def build_flow(quantity: str, kind: str, box: Box, **parameters: float) -> tuple
     """Return a built-in flow and the spacing [deg] that suits it; a UserError for an unknown one."""
     allowed = [name for name, (_, quantities, _) in KINDS.items() if quantity in quantities]
     if kind not in allowed:
-        raise UserError(f'[[{quantity}]] analytic = "{kind}" is unknown; allowed: {", ".join(allowed) or "none"}')
+        raise UserError(
+            f'[[{quantity}]] analytic = "{kind}" is unknown; allowed: {", ".join(allowed) or "none"}'
+        )
     make, _, spacing = KINDS[kind]
     try:
         return make(box, **parameters), spacing

@@ -1,4 +1,6 @@
-"""Variables computed from others when they are read, slice by slice: nothing is held in memory before."""
+"""Variables computed from others when they are read, slice by slice: nothing is held in memory
+before.
+"""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,26 +16,35 @@ Part = Mapping[str, Any]  # of each dimension the index, slice or indices that a
 
 
 class Derived(BackendArray):
-    """An array whose parts are computed when they are asked for; xarray demands a subclass of its own."""
+    """An array whose parts are computed when they are asked for; xarray demands a subclass of its
+    own.
+    """
 
-    def __init__(self, dims: tuple[str, ...], shape: tuple[int, ...], read: Callable[[Part], Array]) -> None:
+    def __init__(
+        self, dims: tuple[str, ...], shape: tuple[int, ...], read: Callable[[Part], Array]
+    ) -> None:
         self.shape = shape
         self.dtype = np.dtype(np.float64)
         self._dims, self._read = dims, read
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Array:
         return np.asarray(
-            indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._part)
+            indexing.explicit_indexing_adapter(
+                key, self.shape, indexing.IndexingSupport.OUTER, self._part
+            )
         )
 
     def _part(self, key: tuple[Any, ...]) -> Array:
         return self._read(dict(zip(self._dims, key, strict=True)))
 
 
-def derive(variable: xr.Variable, read: Callable[[Part], Array], without: str | None = None) -> xr.Variable:
+def derive(
+    variable: xr.Variable, read: Callable[[Part], Array], without: str | None = None
+) -> xr.Variable:
     """Return a variable with the attributes and the packing of another, whose values `read` gives.
 
-    read: returns float64 values of a part, in the order of the dimensions; without: a dimension that it does not have.
+    read: returns float64 values of a part, in the order of the dimensions; without: a dimension
+    that it does not have.
     """
     sizes = {str(dim): size for dim, size in variable.sizes.items() if dim != without}
     lazy = indexing.LazilyIndexedArray(Derived(tuple(sizes), tuple(sizes.values()), read))

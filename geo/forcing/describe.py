@@ -1,4 +1,6 @@
-"""What `drift info FILE` prints: how a file was understood, what is missing, and a map in characters."""
+"""What `drift info FILE` prints: how a file was understood, what is missing, and a map in
+characters.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,14 +23,16 @@ LAND, CALM = "·", "○"
 def understand(paths: dataset.Paths, only: str | None = None, **options: Any) -> list[Source]:
     """Return a source for every quantity that files hold, each named by the files that hold it.
 
-    only: the one quantity to read them as; options as in `forcing.open_source`. Where a quantity is there but cannot be
-    read (no units, say) its error is raised; where there is none at all, the error says what the files hold.
+    only: the one quantity to read them as; options as in `forcing.open_source`. Where a quantity is
+    there but cannot be read (no units, say) its error is raised; where there is none at all, the
+    error says what the files hold.
     """
     understood: list[Source] = []
     errors: dict[str, UserError] = {}
     patience = options.get("timeout", address.TIMEOUT)
     listed = dataset.expand(paths, only or "current")
-    # The process that reads an address ends with the last of its datasets; kept here, one serves all that follows.
+    # The process that reads an address ends with the last of its datasets; kept here, one serves
+    # all that follows.
     _lines = [dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)]
     with dataset.readable(listed, "current"):
         held = {only: listed} if only else _held(listed, options.get("variables") or {}, patience)
@@ -42,9 +46,15 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
         if held and quantity not in held:
             continue
         try:
-            found = sources.open_source(quantity, held.get(quantity, listed), lenient=True, **options)
+            found = sources.open_source(
+                quantity, held.get(quantity, listed), lenient=True, **options
+            )
             if found.times.size <= LOOKED_AT and not any(dataset.remote(path) for path in listed):
-                found = found.without_blank(found.times[0], found.times[-1]) if found.times.size else found
+                found = (
+                    found.without_blank(found.times[0], found.times[-1])
+                    if found.times.size
+                    else found
+                )
             understood.append(found)
         except UserError as error:
             errors[quantity] = error
@@ -63,20 +73,27 @@ def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict
     for path in listed:
         data = dataset.open_one(path, "current", patience)
         variables[path] = {str(n): v.attrs for n, v in data.variables.items() if v.ndim >= 1}
-    everything = {name: attributes for held in variables.values() for name, attributes in held.items()}
+    everything = {
+        name: attributes for held in variables.values() for name, attributes in held.items()
+    }
     names: dict[str, set[str]] = {}
     for quantity in QUANTITIES:
         for fields in (everything, *variables.values()):  # files may have other names for the same
             try:
                 pair = quantities.search(quantity, fields)
             except UserError:
-                names[quantity] = set(everything)  # several pairs: the error that opening gives says which there are
+                # several pairs: the error that opening gives says which there are
+                names[quantity] = set(everything)
                 break
             if pair is not None:
                 names.setdefault(quantity, set()).update((pair.east, pair.north))
     own = {str(chosen[key]) for key in ("east", "north") if key in chosen}
     names = {quantity: own or wanted for quantity, wanted in names.items()}
-    idle = [path for path, held in variables.items() if not any(wanted & held.keys() for wanted in names.values())]
+    idle = [
+        path
+        for path, held in variables.items()
+        if not any(wanted & held.keys() for wanted in names.values())
+    ]
     return {
         quantity: [path for path in listed if path in idle or wanted & variables[path].keys()]
         for quantity, wanted in names.items()
@@ -84,7 +101,9 @@ def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict
 
 
 def describe(source: Source) -> list[str]:
-    """Return lines on a source: what, where, when, how much is missing, how fast, and how it was understood."""
+    """Return lines on a source: what, where, when, how much is missing, how fast, and how it was
+    understood.
+    """
     grid, box = source.grid, source.grid.box
     lines = [f"{QUANTITIES[source.quantity].spoken}: {source.name}"]
     around = " round the Earth" if grid.seamless else ""
@@ -116,7 +135,8 @@ def sketch(source: Source, width: int = 60, height: int = 22) -> list[str]:
     grid, values = source.grid, source.read(0)
     middle = np.cos(np.radians(grid.lat0 + grid.dlat * (grid.nlat - 1) / 2))
     ratio = (grid.nlon - 1) * grid.dlon * max(middle, 0.1) / ((grid.nlat - 1) * grid.dlat)
-    columns = int(min(width, grid.nlon, max(2, round(2 * height * ratio))))  # a character is twice as high as wide
+    # a character is twice as high as wide
+    columns = int(min(width, grid.nlon, max(2, round(2 * height * ratio))))
     rows = int(min(height, grid.nlat, max(2, round(columns / ratio / 2))))
     j = np.linspace(grid.nlat - 1, 0, rows).round().astype(int)
     i = np.linspace(0, grid.nlon - 1, columns).round().astype(int)
@@ -144,9 +164,15 @@ def _when(source: Source) -> str:
     if len(times) == 1:
         return f"{notation.group(times[0])} only"
     steps = np.unique(np.diff(times).astype("m8[m]").astype(int))
-    every = f"every {_span(steps[0])}" if len(steps) == 1 else f"{_span(steps[0])} to {_span(steps[-1])} apart"
+    every = (
+        f"every {_span(steps[0])}"
+        if len(steps) == 1
+        else f"{_span(steps[0])} to {_span(steps[-1])} apart"
+    )
     held = (
-        f", held from {notation.group(source.times[0])} to {notation.group(source.times[-1])}" if source.edges else ""
+        f", held from {notation.group(source.times[0])} to {notation.group(source.times[-1])}"
+        if source.edges
+        else ""
     )
     return f"{notation.group(times[0])} to {notation.group(times[-1])}, {len(times)} slices {every}{held}"
 

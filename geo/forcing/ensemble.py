@@ -1,4 +1,6 @@
-"""Whether the members of an ensemble go together: each has both components, one grid and times in common."""
+"""Whether the members of an ensemble go together: each has both components, one grid and times in
+common.
+"""
 
 from collections.abc import Sequence
 
@@ -16,8 +18,13 @@ LOOKED_AT = 2**16  # values of a member's slice that are looked at, at most
 
 
 def check_sizes(name: str, quantity: str, pair: tuple[Component, Component]) -> None:
-    """Refuse components whose members do not pair: one variable without them, or with more than the other."""
-    told = [f"{c.name} has {_size(c)} along {c.member}" if c.member else f"{c.name} has none" for c in pair]
+    """Refuse components whose members do not pair: one variable without them, or with more than the
+    other.
+    """
+    told = [
+        f"{c.name} has {_size(c)} along {c.member}" if c.member else f"{c.name} has none"
+        for c in pair
+    ]
     if pair[0].member != pair[1].member or _size(pair[0]) != _size(pair[1]):
         raise UserError(
             f"{name}: of the members of the ensemble {' and '.join(told)}; both components must have the same; set "
@@ -40,10 +47,14 @@ def check_held(component: Component) -> None:
     mend = f"take it out of [[{component.quantity}]] files"
     if component.member:
         mend += f", or set variables.{component.member} to the index of one that has values"
-    raise UserError(f'holds no value of "{component.name}": each member must have both components; {mend}')
+    raise UserError(
+        f'holds no value of "{component.name}": each member must have both components; {mend}'
+    )
 
 
-def check_grid(pair: tuple[Component, Component], first: tuple[Component, Component], quantity: str) -> None:
+def check_grid(
+    pair: tuple[Component, Component], first: tuple[Component, Component], quantity: str
+) -> None:
     """Refuse a member whose points are not those of the first."""
     for own, other in zip(pair, first, strict=True):
         if not _alike(own.layout, other.layout):
@@ -57,11 +68,18 @@ def _alike(own: Layout, other: Layout) -> bool:
     if type(own) is not type(other):
         return False
     pairs = zip(layout.points(own), layout.points(other), strict=True)
-    return all(a.shape == b.shape and np.allclose(a, b, rtol=1e-6, atol=1e-5, equal_nan=True) for a, b in pairs)
+    return all(
+        a.shape == b.shape and np.allclose(a, b, rtol=1e-6, atol=1e-5, equal_nan=True)
+        for a, b in pairs
+    )
 
 
-def common(times: Sequence[clock.Times], name: str, quantity: str) -> tuple[clock.Times, list[Array]]:
-    """Return the times that all members have, and which slices of each they are; of steady fields the one slice."""
+def common(
+    times: Sequence[clock.Times], name: str, quantity: str
+) -> tuple[clock.Times, list[Array]]:
+    """Return the times that all members have, and which slices of each they are; of steady fields
+    the one slice.
+    """
     if not times[0].size:
         return times[0], [np.zeros(1, int)] * len(times)
     shared = times[0]

@@ -1,7 +1,9 @@
-"""Files of one source that differ in names, units or order of points, converted to the conventions of one of them.
+"""Files of one source that differ in names, units or order of points, converted to the conventions
+of one of them.
 
-Longitudes may run 0 to 360 in one and -180 to 180 in another, latitudes may decrease, a file may hold more columns and
-rows. Any other difference stays; the files are then rejected where they are joined.
+Longitudes may run 0 to 360 in one and -180 to 180 in another, latitudes may decrease, a file may
+hold more columns and rows. Any other difference stays; the files are then rejected where they are
+joined.
 """
 
 import os
@@ -21,39 +23,63 @@ from geo.forcing.times import clock
 from geo.grids import naming
 
 NEAR = 0.01  # share of the step between columns or rows by which those of two files may differ
-SAME = 5e-5  # [deg] by which points of curved grids may differ: single precision at 360 degrees, and a little more
+# [deg] by which points of curved grids may differ: single precision at 360 degrees, and a little
+# more
+SAME = 5e-5
 FEW_NAMES = 8  # different names of the components in files of one source, at most
 
 File = tuple[str, xr.Dataset]
 
 
-def rename_components(quantity: str, files: Sequence[File], chosen: Mapping[str, Any], notes: list[str]) -> list[File]:
+def rename_components(
+    quantity: str, files: Sequence[File], chosen: Mapping[str, Any], notes: list[str]
+) -> list[File]:
     """Return files whose components have the names that the first ones have; notes is added to.
 
     chosen: the case's variables, which name components themselves.
     """
     result = list(files)
-    first = None if {"east", "north"} & set(chosen) else _found(quantity, [data for _, data in files])
+    first = (
+        None if {"east", "north"} & set(chosen) else _found(quantity, [data for _, data in files])
+    )
     for _ in range(FEW_NAMES if first is not None else 0):
         assert first is not None
         own = {first.east, first.north}
-        lacking = [k for k, (_, data) in enumerate(result) if not own & set(map(str, data.variables))]
+        lacking = [
+            k for k, (_, data) in enumerate(result) if not own & set(map(str, data.variables))
+        ]
         other = _found(quantity, [result[k][1] for k in lacking])
-        if other is None or (other.axes != first.axes and not _straight(result[lacking[0]][1], other)):
+        if other is None or (
+            other.axes != first.axes and not _straight(result[lacking[0]][1], other)
+        ):
             break
         new = {other.east: first.east, other.north: first.north}
         for k in lacking:
             path, data = result[k]
-            result[k] = (path, data.rename_vars({old: name for old, name in new.items() if old in data.variables}))
-        path = os.path.basename(next(p for p, d in (files[k] for k in lacking) if other.east in d.variables))
-        notes.append(f"{path}: {other.east}, {other.north} are called {first.east}, {first.north} in other files")
+            result[k] = (
+                path,
+                data.rename_vars({old: name for old, name in new.items() if old in data.variables}),
+            )
+        path = os.path.basename(
+            next(p for p, d in (files[k] for k in lacking) if other.east in d.variables)
+        )
+        notes.append(
+            f"{path}: {other.east}, {other.north} are called {first.east}, {first.north} in other files"
+        )
     return result
 
 
 def _found(quantity: str, datasets: Sequence[xr.Dataset]) -> Pair | None:
-    """Return the components in the first dataset that has both, or else in all together; None where there are none."""
+    """Return the components in the first dataset that has both, or else in all together;
+
+    None where there are none.
+    """
     fields = [
-        {str(n): v.attrs for n, v in data.variables.items() if v.ndim > 1 and np.issubdtype(v.dtype, np.number)}
+        {
+            str(n): v.attrs
+            for n, v in data.variables.items()
+            if v.ndim > 1 and np.issubdtype(v.dtype, np.number)
+        }
         for data in datasets
     ]
     for held in (*fields, {name: said for own in reversed(fields) for name, said in own.items()}):
@@ -67,7 +93,9 @@ def _found(quantity: str, datasets: Sequence[xr.Dataset]) -> Pair | None:
 
 
 def _straight(data: xr.Dataset, pair: Pair) -> bool:
-    """Whether components lie on axes of longitude and latitude, where the grid's own axes are east and north."""
+    """Whether components lie on axes of longitude and latitude, where the grid's own axes are east
+    and north.
+    """
     name = pair.east if pair.east in data.variables else pair.north
     roles = {
         naming.role(str(n), v.attrs)
@@ -77,10 +105,14 @@ def _straight(data: xr.Dataset, pair: Pair) -> bool:
     return {"longitude", "latitude"} <= roles
 
 
-def align_grids(files: Sequence[File], names: Sequence[str], units: str | None, notes: list[str]) -> list[File]:
-    """Return files whose variables have the dimensions, the points in their order, and the units of the first ones.
+def align_grids(
+    files: Sequence[File], names: Sequence[str], units: str | None, notes: list[str]
+) -> list[File]:
+    """Return files whose variables have the dimensions, the points in their order, and the units of
+    the first ones.
 
-    names: of both components; units: that the case states, which holds for all files; notes is added to.
+    names: of both components; units: that the case states, which holds for all files; notes is
+    added to.
     """
     result = list(files)
     for name in dict.fromkeys(names):
@@ -91,7 +123,10 @@ def align_grids(files: Sequence[File], names: Sequence[str], units: str | None, 
         for k in holding[1:]:
             path, data = result[k]
             data = _with_dims(first, data, name)
-            result[k] = (path, data if units is not None else _in_units(first, data, name, path, notes))
+            result[k] = (
+                path,
+                data if units is not None else _in_units(first, data, name, path, notes),
+            )
         fewest = min((result[k][1] for k in holding), key=lambda data: _points(data, name))
         for k in holding:
             path, data = result[k]
@@ -100,12 +135,18 @@ def align_grids(files: Sequence[File], names: Sequence[str], units: str | None, 
 
 
 def _points(data: xr.Dataset, name: str) -> int:
-    sizes = {str(d): n for d, n in data[name].sizes.items() if component.axis_of(data, str(d)) is not None}
+    sizes = {
+        str(d): n
+        for d, n in data[name].sizes.items()
+        if component.axis_of(data, str(d)) is not None
+    }
     return int(np.prod(list(sizes.values()) or [0]))
 
 
 def _with_dims(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
-    """Return a dataset whose dimensions have the names that those of the same kind have in the first."""
+    """Return a dataset whose dimensions have the names that those of the same kind have in the
+    first.
+    """
     wanted, own = ({str(d): _kind(held, str(d)) for d in held[name].dims} for held in (first, data))
     new = {}
     for dim, kind in own.items():
@@ -118,16 +159,25 @@ def _with_dims(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
 
 
 def _kind(data: xr.Dataset, dim: str) -> str | None:
-    """Return what lies along a dimension: "time", "level", "member", "x" or "y"; None for anything else."""
+    """Return what lies along a dimension: "time", "level", "member", "x" or "y";
+
+    None for anything else.
+    """
     held = data[dim].attrs if dim in data.variables else {}
-    if " since " in str(held.get("units", "")) or str(held.get("standard_name", "")) == "time" or dim in clock.NAMES:
+    if (
+        " since " in str(held.get("units", ""))
+        or str(held.get("standard_name", "")) == "time"
+        or dim in clock.NAMES
+    ):
         return "time"
     if members.named(data, dim):
         return "member"
     return "level" if level.is_vertical(data, dim) else component.axis_of(data, dim)
 
 
-def _in_units(first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: list[str]) -> xr.Dataset:
+def _in_units(
+    first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: list[str]
+) -> xr.Dataset:
     """Return a dataset with a variable in the units that it has in the first, where both are known."""
     pair = [str(held[name].attrs.get("units", "")).strip() for held in (first, data)]
     if pair[0].lower() == pair[1].lower():
@@ -139,7 +189,9 @@ def _in_units(first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: 
     ratio, variable = factors[1] / factors[0], data.variables[name]
     if not np.isclose(ratio, 1.0, rtol=1e-9):
         variable = _scaled(variable, ratio)
-        notes.append(f'{os.path.basename(path)}: "{name}" converted from "{pair[1]}" to "{pair[0]}"')
+        notes.append(
+            f'{os.path.basename(path)}: "{name}" converted from "{pair[1]}" to "{pair[0]}"'
+        )
     variable = variable.copy(deep=False)
     variable.attrs = {**variable.attrs, "units": pair[0]}
     return data.assign({name: variable})
@@ -153,14 +205,20 @@ def _scaled(variable: xr.Variable, ratio: float) -> xr.Variable:
 
     result = derived.derive(variable, read)
     packing = {
-        key: float(variable.encoding[key]) * ratio for key in ("scale_factor", "add_offset") if key in variable.encoding
+        key: float(variable.encoding[key]) * ratio
+        for key in ("scale_factor", "add_offset")
+        if key in variable.encoding
     }
     result.encoding = {**result.encoding, **packing}
     return result
 
 
-def _in_order(first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: list[str]) -> xr.Dataset:
-    """Return a dataset whose columns and rows are those of another, in its order, if it has them all."""
+def _in_order(
+    first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: list[str]
+) -> xr.Dataset:
+    """Return a dataset whose columns and rows are those of another, in its order, if it has them
+    all.
+    """
     if data is first:
         return data
     for dim in (str(d) for d in first[name].dims if d in data[name].dims):
@@ -173,16 +231,26 @@ def _in_order(first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: 
         if index is None:
             continue
         if len(index) != len(held) or np.abs(held - wanted).max() > NEAR:
-            called = {"longitude": "longitudes", "latitude": "latitudes"}.get(kind, f'values of "{other}"')
-            notes.append(f"{os.path.basename(path)}: its {called} reordered to match the other files")
+            called = {"longitude": "longitudes", "latitude": "latitudes"}.get(
+                kind, f'values of "{other}"'
+            )
+            notes.append(
+                f"{os.path.basename(path)}: its {called} reordered to match the other files"
+            )
             data = data.isel({dim: index})
         data = data.assign({other: (data[other].dims, first[own].values, data[other].attrs)})
     return _turned(first, data, name)
 
 
 def _along(data: xr.Dataset, dim: str) -> tuple[str, str] | None:
-    """Return the coordinate along a dimension of a grid, and its role, "longitude", "latitude" or "plane"."""
-    along = [str(n) for n, v in data.variables.items() if v.dims == (dim,) and np.issubdtype(v.dtype, np.number)]
+    """Return the coordinate along a dimension of a grid, and its role, "longitude", "latitude" or
+    "plane".
+    """
+    along = [
+        str(n)
+        for n, v in data.variables.items()
+        if v.dims == (dim,) and np.issubdtype(v.dtype, np.number)
+    ]
     for name in sorted(along, key=lambda n: n != dim):
         role = naming.role(name, data[name].attrs)
         if role is not None:
@@ -192,8 +260,13 @@ def _along(data: xr.Dataset, dim: str) -> tuple[str, str] | None:
 
 
 def _places(wanted: Array, held: Array, kind: str) -> NDArray[np.int64] | None:
-    """Return where in `held` each of the wanted coordinates is; None where some are not there, or are thinned out."""
-    if min(wanted.size, held.size) < 2 or not (np.isfinite(wanted).all() and np.isfinite(held).all()):
+    """Return where in `held` each of the wanted coordinates is;
+
+    None where some are not there, or are thinned out.
+    """
+    if min(wanted.size, held.size) < 2 or not (
+        np.isfinite(wanted).all() and np.isfinite(held).all()
+    ):
         return None
     step = float(np.median(np.abs(np.diff(wanted))))
     if kind == "longitude":
@@ -206,7 +279,11 @@ def _places(wanted: Array, held: Array, kind: str) -> NDArray[np.int64] | None:
     if (apart.min(axis=0) > NEAR * step).any():
         return None
     jumps = np.diff(index) % len(held)  # two grids of other steps may share points
-    return np.asarray(index, np.int64) if np.median(np.minimum(jumps, len(held) - jumps)) <= 1 else None
+    return (
+        np.asarray(index, np.int64)
+        if np.median(np.minimum(jumps, len(held) - jumps)) <= 1
+        else None
+    )
 
 
 def _apart(one: Array, other: Array, kind: str) -> Array:
@@ -215,30 +292,49 @@ def _apart(one: Array, other: Array, kind: str) -> Array:
 
 
 def _turned(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
-    """Return a dataset whose curved grid has its rows and columns in the order of another, and its coordinates."""
+    """Return a dataset whose curved grid has its rows and columns in the order of another, and its
+    coordinates.
+    """
     dims = [str(d) for d in first[name].dims if d in data[name].dims]
     pairs = []
     for role in ("longitude", "latitude"):
         own, other = (_curved(held, dims, role) for held in (first, data))
-        if own is None or other is None or first[own].shape != data[other].transpose(*first[own].dims).shape:
+        if (
+            own is None
+            or other is None
+            or first[own].shape != data[other].transpose(*first[own].dims).shape
+        ):
             return data
         pairs.append((own, other, role))
     along = first[pairs[0][0]].dims
     for flips in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
-        turned = data.isel({d: slice(None, None, flip) for d, flip in zip(along, flips, strict=True)})
-        if all(_same(first[own], turned[other].transpose(*first[own].dims), role) for own, other, role in pairs):
+        turned = data.isel(
+            {d: slice(None, None, flip) for d, flip in zip(along, flips, strict=True)}
+        )
+        if all(
+            _same(first[own], turned[other].transpose(*first[own].dims), role)
+            for own, other, role in pairs
+        ):
             return turned.assign(
-                {other: (first[own].dims, first[own].values, data[other].attrs) for own, other, _ in pairs}
+                {
+                    other: (first[own].dims, first[own].values, data[other].attrs)
+                    for own, other, _ in pairs
+                }
             )
     return data
 
 
 def _curved(data: xr.Dataset, dims: Sequence[str], role: str) -> str | None:
-    """Return the coordinates of a role over two dimensions of a grid; None where there are none, or several."""
+    """Return the coordinates of a role over two dimensions of a grid;
+
+    None where there are none, or several.
+    """
     found = [
         str(n)
         for n, v in data.variables.items()
-        if v.ndim == 2 and set(map(str, v.dims)) <= set(dims) and naming.role(str(n), v.attrs) == role
+        if v.ndim == 2
+        and set(map(str, v.dims)) <= set(dims)
+        and naming.role(str(n), v.attrs) == role
     ]
     return found[0] if len(found) == 1 else None
 

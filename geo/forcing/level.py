@@ -1,8 +1,10 @@
-"""Which level of a variable is read, and whether what it holds there is what things at the surface feel.
+"""Which level of a variable is read, and whether what it holds there is what things at the surface
+feel.
 
-A level stands along a dimension, beside the variable as a lone coordinate (its dimension dropped), only in its
-attributes, or only in its name. Wherever it stands it is read and judged: winds 2 to 20 m above the sea, currents and Stokes drift at most
-5 m deep, sigma close to the surface. Nothing else is taken unless the case names it.
+A level stands along a dimension, beside the variable as a lone coordinate (its dimension dropped),
+only in its attributes, or only in its name. Wherever it stands it is read and judged: winds 2 to 20
+m above the sea, currents and Stokes drift at most 5 m deep, sigma close to the surface. Nothing
+else is taken unless the case names it.
 """
 
 import re
@@ -27,21 +29,53 @@ DEPTHS = re.compile(r"^depth", re.IGNORECASE)
 HEIGHTS = re.compile(r"^(height|altitude)", re.IGNORECASE)
 PRESSURES = re.compile(r"^(isobaric|plev|pres)", re.IGNORECASE)
 SIGMAS = re.compile(r"^(siglay|siglev|sigma.*|s_rho|s_w)$", re.IGNORECASE)
-FROM_BOTTOM = re.compile(r"^(s_rho|s_w|nschism_vgrid_layers)$", re.IGNORECASE)  # ROMS and SCHISM count upwards
+# ROMS and SCHISM count upwards
+FROM_BOTTOM = re.compile(r"^(s_rho|s_w|nschism_vgrid_layers)$", re.IGNORECASE)
 FROM_TOP = re.compile(r"^(depth.*|siglay|siglev)$", re.IGNORECASE)
 
-METRES = {"m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0,
-          "km": 1e3, "cm": 0.01, "dm": 0.1, "mm": 1e-3,
-          "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "fathom": 1.8288, "fathoms": 1.8288}  # fmt: skip
-PASCALS = {"pa": 1.0, "hpa": 100.0, "mb": 100.0, "mbar": 100.0, "millibar": 100.0, "millibars": 100.0, "kpa": 1e3,
-           "bar": 1e5, "dbar": 1e4, "decibar": 1e4, "decibars": 1e4, "pascal": 1.0, "pascals": 1.0}  # fmt: skip
+METRES = {
+    "m": 1.0,
+    "meter": 1.0,
+    "meters": 1.0,
+    "metre": 1.0,
+    "metres": 1.0,
+    "km": 1e3,
+    "cm": 0.01,
+    "dm": 0.1,
+    "mm": 1e-3,
+    "ft": 0.3048,
+    "foot": 0.3048,
+    "feet": 0.3048,
+    "fathom": 1.8288,
+    "fathoms": 1.8288,
+}
+PASCALS = {
+    "pa": 1.0,
+    "hpa": 100.0,
+    "mb": 100.0,
+    "mbar": 100.0,
+    "millibar": 100.0,
+    "millibars": 100.0,
+    "kpa": 1e3,
+    "bar": 1e5,
+    "dbar": 1e4,
+    "decibar": 1e4,
+    "decibars": 1e4,
+    "pascal": 1.0,
+    "pascals": 1.0,
+}
 DECIBAR = 1e4  # [Pa]; of sea water it is a metre of depth to 1 %
 
 WIND_HEIGHT = 10.0  # [m] the height that leeway is measured against
-HEIGHTS_OF_WIND = (2.0, 20.0)  # [m] a wind at these passes for that at 10 m: the logarithmic profile differs by 15 %
+# [m] a wind at these passes for that at 10 m: the logarithmic profile differs by 15 %
+HEIGHTS_OF_WIND = (2.0, 20.0)
 DEEPEST = 5.0  # [m] to which a current or Stokes drift passes for the surface's
-# Levels in names: UGRD_850mb, u10m, UGRD_0D995sigma; u850, 100u, which state no unit; u_ml, which states no number
-MEASURED = re.compile(r"(?<![\d.])(\d+(?:[.D]\d+)?)_?(hpa|mbar|mb|sigma|m)(?=$|[\W_\d]|above|agl|below)", re.IGNORECASE)
+# Levels in names: UGRD_850mb, u10m, UGRD_0D995sigma; u850, 100u, which state no unit; u_ml, which
+# states no number
+MEASURED = re.compile(
+    r"(?<![\d.])(\d+(?:[.D]\d+)?)_?(hpa|mbar|mb|sigma|m)(?=$|[\W_\d]|above|agl|below)",
+    re.IGNORECASE,
+)
 COUNTED = re.compile(
     r"^(?:(?:[uv]|[uv]a|[uv]_?wi?nd|wi?nd_?[uv]|[uv]grd|[xy]_?wind|[uv][-_]component_of_wind)_?([1-9]\d{1,3})n?"
     r"|([1-9]\d{1,3})_?[uv]n?|[uv][ao]?_(?:depth|height|lev(?:el)?|z|d|h)_?([1-9]\d{1,3}))$",
@@ -58,7 +92,9 @@ IN_WATER = re.compile(
     re.IGNORECASE,
 )
 LEAST_PRESSURE = (
-    250.0  # numbers without a unit from this on count hPa: winds are given to 200 m above ground, and at 250 hPa
+    # numbers without a unit from this on count hPa: winds are given to 200 m above ground, and at
+    # 250 hPa
+    250.0
 )
 # types of level that have no value
 SURFACES = {"surface", "meansea", "oceansurface", "sea", "sea surface", "mean sea level"}
@@ -68,9 +104,10 @@ SURFACES = {"surface", "meansea", "oceansurface", "sea", "sea surface", "mean se
 class Levels:
     """The levels of a variable, under the name by which a case chooses among them.
 
-    values (n,), units: as the file has them, for messages; away (n,): above the sea for a "height" [m], below it for a
-    "depth" [m], from the surface for "sigma" [1]; NaN for what has no known place: a "pressure", a "number", "unknown".
-    upwards: whether numbers grow upwards, None where nothing says so; lone: no dimension of the variable.
+    values (n,), units: as the file has them, for messages; away (n,): above the sea for a "height"
+    [m], below it for a "depth" [m], from the surface for "sigma" [1]; NaN for what has no known
+    place: a "pressure", a "number", "unknown". upwards: whether numbers grow upwards, None where
+    nothing says so; lone: no dimension of the variable.
     """
 
     name: str
@@ -94,12 +131,17 @@ def is_vertical(data: xr.Dataset, dim: str) -> bool:
         str(attributes.get("axis", "")).upper() == "Z"
         or "positive" in attributes
         or standard in ("depth", "height", "altitude", "air_pressure", "model_level_number")
-        or standard.startswith(("ocean_", "atmosphere_sigma", "atmosphere_hybrid", "height_above_", "depth_below_"))
+        or standard.startswith(
+            ("ocean_", "atmosphere_sigma", "atmosphere_hybrid", "height_above_", "depth_below_")
+        )
     )
 
 
-def choose(data: xr.Dataset, name: str, dim: str, quantity: str, depth: float | None, where: str) -> tuple[int, str]:
-    """Return the index to read along a vertical dimension of a variable, and a remark on which it is.
+def choose(
+    data: xr.Dataset, name: str, dim: str, quantity: str, depth: float | None, where: str
+) -> tuple[int, str]:
+    """Return the index to read along a vertical dimension of a variable, and a remark on which it
+    is.
 
     depth: the one the case wants [m], None for the surface; where: the file, for messages.
     """
@@ -118,7 +160,9 @@ def choose(data: xr.Dataset, name: str, dim: str, quantity: str, depth: float | 
 
 
 def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
-    """Return the levels that a variable has no dimension for: lone coordinates, or those of attributes."""
+    """Return the levels that a variable has no dimension for: lone coordinates, or those of
+    attributes.
+    """
     variable = data[name]
     own = set(map(str, variable.dims))
     listed = _listed(variable) | set(map(str, variable.coords))
@@ -133,7 +177,9 @@ def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
             continue
         lent = any(dims & set(map(str, v.dims)) for n, v in data.variables.items() if n != other)
         if other in listed or (other not in others and not lent):
-            levels.append(_read(other, held.attrs, np.ravel(held.values).astype(np.float64), quantity, True))
+            levels.append(
+                _read(other, held.attrs, np.ravel(held.values).astype(np.float64), quantity, True)
+            )
     if levels or any(is_vertical(data, d) for d in own):
         return levels
     stated = _stated(name, variable.attrs, quantity)
@@ -146,7 +192,10 @@ def accept(levels: Levels, name: str, quantity: str, depth: float | None, where:
 
 
 def passes(name: str, attributes: Mapping[str, Any], quantity: str) -> bool | None:
-    """Whether a variable's attributes, or else its name, state a level that lies at the surface; None where none do."""
+    """Whether a variable's attributes, or else its name, state a level that lies at the surface;
+
+    None where none do.
+    """
     if _at_surface(attributes):
         return True
     levels = _stated(name, attributes, quantity)
@@ -158,7 +207,10 @@ def _at_surface(attributes: Mapping[str, Any]) -> bool:
 
 
 def _stated(name: str, attributes: Mapping[str, Any], quantity: str) -> Levels | None:
-    """Return the level that a variable's attributes state, or else its name; None without one, or at the surface."""
+    """Return the level that a variable's attributes state, or else its name;
+
+    None without one, or at the surface.
+    """
     if _at_surface(attributes):
         return None
     return of_attributes(attributes, quantity) or of_name(name, quantity)
@@ -171,7 +223,9 @@ def same(data: xr.Dataset, other: xr.Dataset, dim: str, index: int) -> bool:
     pair = [np.asarray(d[dim].values) for d in (data, other)]
     if pair[0].ndim != 1 or pair[1].ndim != 1 or not np.issubdtype(pair[0].dtype, np.number):
         return True
-    return index < len(pair[1]) and bool(np.isclose(pair[0][index], pair[1][index], rtol=1e-4, equal_nan=True))
+    return index < len(pair[1]) and bool(
+        np.isclose(pair[0][index], pair[1][index], rtol=1e-4, equal_nan=True)
+    )
 
 
 def _listed(variable: xr.DataArray) -> set[str]:
@@ -185,7 +239,9 @@ def _along(data: xr.Dataset, dim: str, quantity: str) -> Levels | None:
     """
     named = dim
     if dim not in data.variables:
-        fitting = [n for n, v in data.variables.items() if v.dims == (dim,) and is_vertical(data, str(n))]
+        fitting = [
+            n for n, v in data.variables.items() if v.dims == (dim,) and is_vertical(data, str(n))
+        ]
         if len(fitting) != 1:
             return None
         named = str(fitting[0])
@@ -198,7 +254,9 @@ def _along(data: xr.Dataset, dim: str, quantity: str) -> Levels | None:
     return _read(dim, coordinate.attrs, values, quantity, False)
 
 
-def _read(name: str, attributes: Mapping[str, Any], values: Real, quantity: str, lone: bool) -> Levels:
+def _read(
+    name: str, attributes: Mapping[str, Any], values: Real, quantity: str, lone: bool
+) -> Levels:
     """Return levels with their kind and their place, as far as name, units and attributes tell it."""
     units = str(attributes.get("units", "")).strip()
     standard = str(attributes.get("standard_name", "")).strip().lower()
@@ -206,7 +264,9 @@ def _read(name: str, attributes: Mapping[str, Any], values: Real, quantity: str,
     text = f"{standard} {attributes.get('long_name', '')}".lower().replace("_", " ")
     nowhere = np.full(values.shape, np.nan)
     kind, away, upwards = "unknown", nowhere, {"up": True, "down": False}.get(positive)
-    down = upwards is False or (upwards is None and bool(DEPTHS.match(name) or standard.startswith("depth")))
+    down = upwards is False or (
+        upwards is None and bool(DEPTHS.match(name) or standard.startswith("depth"))
+    )
     length, pressure = METRES.get(units.lower()), PASCALS.get(units.lower())
     none = units.lower() in (
         "",
@@ -238,24 +298,36 @@ def _read(name: str, attributes: Mapping[str, Any], values: Real, quantity: str,
         kind, away = "depth", np.abs(values) * length
     elif share:
         kind, away = "sigma", _from_surface(values, quantity, upwards)
-    elif none and (DEPTHS.match(name) or standard == "depth") and not (upwards and (values > 0).all()):
-        kind, away = ("height", -values) if QUANTITIES[quantity].in_air else ("depth", np.abs(values))
+    elif (
+        none
+        and (DEPTHS.match(name) or standard == "depth")
+        and not (upwards and (values > 0).all())
+    ):
+        kind, away = (
+            ("height", -values) if QUANTITIES[quantity].in_air else ("depth", np.abs(values))
+        )
     elif none and (
         HEIGHTS.match(name)
         or standard in ("height", "altitude")
         or (values == 0).all()
         or (not QUANTITIES[quantity].in_air and np.abs(values).max(initial=0.0) > 1.0)
     ):
-        kind, away = ("height", values) if QUANTITIES[quantity].in_air else ("depth", np.abs(values))
+        kind, away = (
+            ("height", values) if QUANTITIES[quantity].in_air else ("depth", np.abs(values))
+        )
     elif none and (values <= 0).all() and values.size > 1 and not QUANTITIES[quantity].in_air:
         kind, away = "sigma", np.abs(values)
     return Levels(name, kind, values, units, away, upwards, lone)
 
 
 def _counts(values: Real) -> bool:
-    """Whether values number levels instead of placing them: 3, 4, 5, ... or a lone whole number other than 0."""
+    """Whether values number levels instead of placing them: 3, 4, 5, ... or a lone whole number
+    other than 0.
+    """
     whole = bool((values == np.round(values)).all()) if np.isfinite(values).all() else False
-    return whole and (bool(values[0]) if len(values) == 1 else bool((np.abs(np.diff(values)) == 1).all()))
+    return whole and (
+        bool(values[0]) if len(values) == 1 else bool((np.abs(np.diff(values)) == 1).all())
+    )
 
 
 def _sigma(name: str, standard: str, units: str) -> bool:
@@ -274,12 +346,16 @@ def _from_surface(values: Real, quantity: str, upwards: bool | None) -> Real:
     if QUANTITIES[quantity].in_air or (upwards and (values >= 0).all() and values.max() > 0):
         return 1.0 - values
     if upwards is None and (values > 0).any():
-        return np.full(values.shape, np.nan)  # it runs from 0 to 1, and nothing says at which end the surface is
+        # it runs from 0 to 1, and nothing says at which end the surface is
+        return np.full(values.shape, np.nan)
     return np.abs(values)
 
 
 def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None:
-    """Return the level that a variable's attributes name where they do so plainly; None at the surface."""
+    """Return the level that a variable's attributes name where they do so plainly;
+
+    None at the surface.
+    """
     kind = str(attributes.get("GRIB_typeOfLevel", "")).strip()
     if kind and kind != "undef":
         if kind.lower() in SURFACES:
@@ -290,20 +366,28 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
         )
         if value is not None and not kind.endswith("Layer"):
             read = _read(kind, {"units": units}, np.array([float(value)]), quantity, True)
-            return Levels("level", read.kind, read.values, read.units or kind, read.away, None, True)
-        numbered = re.search(r"\d", str(attributes.get("long_name", "")))  # "10 metre U wind component"
+            return Levels(
+                "level", read.kind, read.values, read.units or kind, read.away, None, True
+            )
+        # "10 metre U wind component"
+        numbered = re.search(r"\d", str(attributes.get("long_name", "")))
         if not numbered:
             return Levels("level", "unknown", np.empty(0), kind, np.empty(0), None, True)
     for key in ("level", "long_name"):
         text = str(attributes.get(key, "")).lower().replace("_", " ")
         at = r"(?:\bat|@|\bon)\s+(?:the\s+)?" if key == "long_name" else r"^\s*"
-        number, metre = r"(\d+(?:\.\d+)?)", r"[\s-]*m(?:et(?:er|re)s?)?\b(?!\s*(?:/|s\b|s-|s\*|s\^|per))"
+        number, metre = (
+            r"(\d+(?:\.\d+)?)",
+            r"[\s-]*m(?:et(?:er|re)s?)?\b(?!\s*(?:/|s\b|s-|s\*|s\^|per))",
+        )
         if QUANTITIES[quantity].in_air:
             hit = re.search(number + r"[\s-]*(hpa|mb|mbar|millibars?)\b", text)
             if hit:
                 return _read("level", {"units": hit[2]}, np.array([float(hit[1])]), quantity, True)
             of = r"\s*(?:above|height|wind|[uv]\b|[uv][- ]|eastward|northward|zonal|meridional)"
-            hit = re.search(f"{at}{number}{metre}", text) or re.search(rf"\b{number}{metre}(?={of})", text)
+            hit = re.search(f"{at}{number}{metre}", text) or re.search(
+                rf"\b{number}{metre}(?={of})", text
+            )
         else:
             hit = re.search(f"{at}{number}{metre}", text) or re.search(
                 rf"\b{number}{metre}\s*(?:depth|below|deep)", text
@@ -330,7 +414,9 @@ def of_name(name: str, quantity: str) -> Levels | None:
         return _read("level", {"units": unit}, np.array([value]), quantity, True)
     word = (IN_AIR if in_air else IN_WATER).search(name)
     if word:
-        return Levels("level", "unknown", np.empty(0), word[word.lastindex or 0], np.empty(0), None, True)
+        return Levels(
+            "level", "unknown", np.empty(0), word[word.lastindex or 0], np.empty(0), None, True
+        )
     return None
 
 
@@ -348,7 +434,8 @@ def _surface(levels: Levels, quantity: str) -> int | None:
         return None
     if levels.kind == "height":
         low, high = HEIGHTS_OF_WIND
-        fits = ((away >= low - 1e-3) & (away <= high + 1e-3)) | (away == 0)  # some files give 0 for "at the surface"
+        # some files give 0 for "at the surface"
+        fits = ((away >= low - 1e-3) & (away <= high + 1e-3)) | (away == 0)
         distance = np.where(fits, np.abs(away - WIND_HEIGHT), np.inf)
     elif levels.kind in ("depth", "sigma"):
         most = DEEPEST + 1e-3 if levels.kind == "depth" else QUANTITIES[quantity].sigma + 1e-6
@@ -359,7 +446,9 @@ def _surface(levels: Levels, quantity: str) -> int | None:
     return best if np.isfinite(distance[best]) else None
 
 
-def _judge(levels: Levels, name: str, quantity: str, depth: float | None, where: str) -> tuple[int, str]:
+def _judge(
+    levels: Levels, name: str, quantity: str, depth: float | None, where: str
+) -> tuple[int, str]:
     count = len(levels.values)
     if depth is not None and not QUANTITIES[quantity].in_air:
         if levels.kind != "depth":
@@ -380,12 +469,22 @@ def _judge(levels: Levels, name: str, quantity: str, depth: float | None, where:
         if surface is None:
             raise UserError(_refusal(levels, name, quantity, where))
         chosen = surface
-    if count == 1 and depth is None and (levels.away[0] == 0 or (levels.kind == "height" and not levels.lone)):
+    if (
+        count == 1
+        and depth is None
+        and (levels.away[0] == 0 or (levels.kind == "height" and not levels.lone))
+    ):
         return 0, ""
     value = _number(levels.values[chosen])
     if QUANTITIES[quantity].in_air and levels.kind == "height":
-        return chosen, f"height {value} {levels.units or 'm'}" + (f" of {count} levels" if count > 1 else "")
-    unit = f" {levels.units}" if levels.units.lower() in METRES or levels.units.lower() in PASCALS else ""
+        return chosen, f"height {value} {levels.units or 'm'}" + (
+            f" of {count} levels" if count > 1 else ""
+        )
+    unit = (
+        f" {levels.units}"
+        if levels.units.lower() in METRES or levels.units.lower() in PASCALS
+        else ""
+    )
     guess = ", taken as metres" if levels.kind == "depth" and not unit else ""
     return chosen, f'level {value}{unit} of {count} along "{levels.name}"{guess}'
 
@@ -407,9 +506,7 @@ def _key(levels: Levels, quantity: str, by_depth: bool) -> str:
     place = f"its index there, counted from 0, in [[{quantity}]] variables.{levels.name}"
     if by_depth:
         place = f"[[{quantity}]] depth, or {place}"
-    return (
-        f"name a file that has it in [[{quantity}]] files, or, if you know a level here to be right, name it by {place}"
-    )
+    return f"name a file that has it in [[{quantity}]] files, or, if you know a level here to be right, name it by {place}"
 
 
 def _spoken(levels: Levels) -> str:
@@ -429,7 +526,9 @@ def _number(value: float) -> str:
     return f"{value:.6g}"
 
 
-def _uncounted(dim: str, count: int, quantity: str, depth: float | None, where: str) -> tuple[int, str]:
+def _uncounted(
+    dim: str, count: int, quantity: str, depth: float | None, where: str
+) -> tuple[int, str]:
     """Return the index of the surface along a dimension without a coordinate; None without one.
 
     The name of the dimension alone says at which end the surface is.
@@ -442,7 +541,10 @@ def _uncounted(dim: str, count: int, quantity: str, depth: float | None, where: 
     upwards = bool(FROM_BOTTOM.match(dim))
     if not QUANTITIES[quantity].in_air and (upwards or FROM_TOP.match(dim)):
         chosen = count - 1 if upwards else 0
-        return chosen, f'{"last" if upwards else "first"} of {count} levels along "{dim}", taken as the surface'
+        return (
+            chosen,
+            f'{"last" if upwards else "first"} of {count} levels along "{dim}", taken as the surface',
+        )
     raise UserError(
         f'{where}: "{dim}" has {count} levels and nothing says where they lie; needed is '
         f"{QUANTITIES[quantity].wanted}: where you know "

@@ -16,13 +16,18 @@ _NAMED = re.compile(
 
 
 def named(data: xr.Dataset, dim: str) -> bool:
-    """Whether a dimension says by its name, or its coordinate's standard name, that members lie along it."""
+    """Whether a dimension says by its name, or its coordinate's standard name, that members lie
+    along it.
+    """
     said = data[dim].attrs.get("standard_name", "") if dim in data.variables else ""
     return str(said) == "realization" or bool(_NAMED.match(dim))
 
 
 def along(data: xr.Dataset, dims: Iterable[str], wanted: bool | str) -> str | None:
-    """Return which of some dimensions members lie along; None: none. wanted: its name, or True to find it."""
+    """Return which of some dimensions members lie along;
+
+    None: none. wanted: its name, or True to find it.
+    """
     if isinstance(wanted, str):
         return wanted if wanted in dims else None
     return next((dim for dim in dims if wanted and data.sizes[dim] > 1 and named(data, dim)), None)
@@ -30,15 +35,24 @@ def along(data: xr.Dataset, dims: Iterable[str], wanted: bool | str) -> str | No
 
 def lie_in(data: xr.Dataset) -> bool:
     """Whether members lie along a dimension of any variable that may be a field."""
-    fields = (v for v in data.data_vars.values() if v.ndim > 2 and np.issubdtype(v.dtype, np.number))
+    fields = (
+        v for v in data.data_vars.values() if v.ndim > 2 and np.issubdtype(v.dtype, np.number)
+    )
     return any(along(data, map(str, v.dims), True) is not None for v in fields)
 
 
 def labels(data: xr.Dataset, dim: str) -> tuple[str, ...]:
-    """Return what the members along a dimension are called: the values of its coordinate, else their numbers from 0."""
+    """Return what the members along a dimension are called: the values of its coordinate, else
+    their numbers from 0.
+    """
     size = int(data.sizes[dim])
-    values = data[dim].values if dim in data.variables and data[dim].dims == (dim,) else np.arange(size)
-    called = tuple(f"{value:g}" if np.issubdtype(values.dtype, np.number) else str(value) for value in values.tolist())
+    values = (
+        data[dim].values if dim in data.variables and data[dim].dims == (dim,) else np.arange(size)
+    )
+    called = tuple(
+        f"{value:g}" if np.issubdtype(values.dtype, np.number) else str(value)
+        for value in values.tolist()
+    )
     return called if len(set(called)) == size else tuple(map(str, range(size)))
 
 

@@ -1,7 +1,8 @@
-"""How files name currents, winds and Stokes drift: CF standard names first, then names in common use.
+"""How files name currents, winds and Stokes drift: CF standard names first, then names in common
+use.
 
-A name alone never wins against what a variable says of itself: a `u` whose standard_name or long_name is a
-wind's is not a current.
+A name alone never wins against what a variable says of itself: a `u` whose standard_name or
+long_name is a wind's is not a current.
 """
 
 import re
@@ -35,47 +36,103 @@ STANDARD: dict[str, tuple[tuple[str, str, str], ...]] = {
             "true",
         ),
     ),
-    "wind": (("eastward_wind", "northward_wind", "true"), ("x_wind", "y_wind", "grid"),
-             ("grid_eastward_wind", "grid_northward_wind", "grid")),
+    "wind": (
+        ("eastward_wind", "northward_wind", "true"),
+        ("x_wind", "y_wind", "grid"),
+        ("grid_eastward_wind", "grid_northward_wind", "grid"),
+    ),
     "stokes": (
-        ("sea_surface_wave_stokes_drift_eastward_velocity", "sea_surface_wave_stokes_drift_northward_velocity", "true"),
+        (
+            "sea_surface_wave_stokes_drift_eastward_velocity",
+            "sea_surface_wave_stokes_drift_northward_velocity",
+            "true",
+        ),
         ("eastward_surface_stokes_drift", "northward_surface_stokes_drift", "true"),
         ("surface_eastward_stokes_drift", "surface_northward_stokes_drift", "true"),
-        ("sea_surface_wave_stokes_drift_x_velocity", "sea_surface_wave_stokes_drift_y_velocity", "grid"),
+        (
+            "sea_surface_wave_stokes_drift_x_velocity",
+            "sea_surface_wave_stokes_drift_y_velocity",
+            "grid",
+        ),
     ),
-}  # fmt: skip
+}
 
-# (east, north, axes): "?" is grid axes on a grid that is not aligned with north, which is how models store them
+# (east, north, axes): "?" is grid axes on a grid that is not aligned with north, which is how
+# models store them
 COMMON: dict[str, tuple[tuple[str, str, str], ...]] = {
     "current": (
-        ("u_eastward", "v_northward", "true"), ("u_sur_eastward", "v_sur_northward", "true"),
-        ("water_u", "water_v", "true"), ("uo", "vo", "?"), ("uos", "vos", "?"), ("ssu", "ssv", "?"),
-        ("usurf", "vsurf", "?"), ("u_surf", "v_surf", "?"), ("u_sur", "v_sur", "grid"),
-        ("utotal", "vtotal", "true"), ("vozocrtx", "vomecrty", "grid"), ("sozocrtx", "somecrty", "grid"),
-        ("horizontalVelX", "horizontalVelY", "true"), ("hvel", "hvel", "true"), ("uogrd", "vogrd", "true"),
-        ("ucur", "vcur", "true"), ("ucurr", "vcurr", "true"), ("u_current", "v_current", "true"),
-        ("current_u", "current_v", "true"), ("ugos", "vgos", "true"), ("u_velocity", "v_velocity", "?"),
+        ("u_eastward", "v_northward", "true"),
+        ("u_sur_eastward", "v_sur_northward", "true"),
+        ("water_u", "water_v", "true"),
+        ("uo", "vo", "?"),
+        ("uos", "vos", "?"),
+        ("ssu", "ssv", "?"),
+        ("usurf", "vsurf", "?"),
+        ("u_surf", "v_surf", "?"),
+        ("u_sur", "v_sur", "grid"),
+        ("utotal", "vtotal", "true"),
+        ("vozocrtx", "vomecrty", "grid"),
+        ("sozocrtx", "somecrty", "grid"),
+        ("horizontalVelX", "horizontalVelY", "true"),
+        ("hvel", "hvel", "true"),
+        ("uogrd", "vogrd", "true"),
+        ("ucur", "vcur", "true"),
+        ("ucurr", "vcurr", "true"),
+        ("u_current", "v_current", "true"),
+        ("current_u", "current_v", "true"),
+        ("ugos", "vgos", "true"),
+        ("u_velocity", "v_velocity", "?"),
         ("u", "v", "?"),
     ),
     "wind": (
-        ("u10", "v10", "?"), ("U10M", "V10M", "true"), ("u10m", "v10m", "true"), ("10u", "10v", "true"),
-        ("u10n", "v10n", "true"), ("air_u", "air_v", "true"), ("x_wind_10m", "y_wind_10m", "grid"),
-        ("x_wind", "y_wind", "grid"), ("uas", "vas", "true"), ("ugrd10m", "vgrd10m", "true"),
-        ("UGRD_10maboveground", "VGRD_10maboveground", "true"), ("UGRD", "VGRD", "true"),
-        ("u-component_of_wind_height_above_ground", "v-component_of_wind_height_above_ground", "true"),
-        ("uwnd", "vwnd", "true"), ("u_wind", "v_wind", "true"), ("wind_u", "wind_v", "true"),
-        ("eastward_wind", "northward_wind", "true"), ("Uwind", "Vwind", "?"), ("windSpeedX", "windSpeedY", "true"),
-        ("uwind_speed", "vwind_speed", "true"), ("windx", "windy", "true"), ("u", "v", "?"),
+        ("u10", "v10", "?"),
+        ("U10M", "V10M", "true"),
+        ("u10m", "v10m", "true"),
+        ("10u", "10v", "true"),
+        ("u10n", "v10n", "true"),
+        ("air_u", "air_v", "true"),
+        ("x_wind_10m", "y_wind_10m", "grid"),
+        ("x_wind", "y_wind", "grid"),
+        ("uas", "vas", "true"),
+        ("ugrd10m", "vgrd10m", "true"),
+        ("UGRD_10maboveground", "VGRD_10maboveground", "true"),
+        ("UGRD", "VGRD", "true"),
+        (
+            "u-component_of_wind_height_above_ground",
+            "v-component_of_wind_height_above_ground",
+            "true",
+        ),
+        ("uwnd", "vwnd", "true"),
+        ("u_wind", "v_wind", "true"),
+        ("wind_u", "wind_v", "true"),
+        ("eastward_wind", "northward_wind", "true"),
+        ("Uwind", "Vwind", "?"),
+        ("windSpeedX", "windSpeedY", "true"),
+        ("uwind_speed", "vwind_speed", "true"),
+        ("windx", "windy", "true"),
+        ("u", "v", "?"),
     ),
     "stokes": (
-        ("VSDX", "VSDY", "true"), ("ust", "vst", "true"), ("uuss", "vuss", "true"), ("uss", "vss", "true"),
-        ("ustokes", "vstokes", "true"), ("u_stokes", "v_stokes", "true"), ("stokes_u", "stokes_v", "true"),
+        ("VSDX", "VSDY", "true"),
+        ("ust", "vst", "true"),
+        ("uuss", "vuss", "true"),
+        ("uss", "vss", "true"),
+        ("ustokes", "vstokes", "true"),
+        ("u_stokes", "v_stokes", "true"),
+        ("stokes_u", "stokes_v", "true"),
     ),
-}  # fmt: skip
+}
 # CF's
-MODIFIERS = ("_standard_error", "_number_of_observations", "_status_flag", "_quality_flag", "_detection_minimum")
+MODIFIERS = (
+    "_standard_error",
+    "_number_of_observations",
+    "_status_flag",
+    "_quality_flag",
+    "_detection_minimum",
+)
 GUST = re.compile(r"gust", re.IGNORECASE)  # in names
-PLAIN = {"u", "v"}  # only a `plain` quantity may have such a name without an attribute that says what it is
+# only a `plain` quantity may have such a name without an attribute that says what it is
+PLAIN = {"u", "v"}
 
 
 @dataclass(frozen=True)
@@ -118,10 +175,13 @@ def said(attributes: Attributes) -> str | None:
 
 def _standard_name(attributes: Attributes, key: str) -> str:
     text = re.sub(r"\s*[(\[].*$", "", str(attributes.get(key, "")).strip().lower())
-    return re.sub(r"\s+", "_", text)  # FVCOM: "eastward wind"; RTOFS: long_name = "eastward_sea_water_velocity (m/s) "
+    # FVCOM: "eastward wind"; RTOFS: long_name = "eastward_sea_water_velocity (m/s) "
+    return re.sub(r"\s+", "_", text)
 
 
-def _best(names: list[str], attributes: Mapping[str, Attributes], quantity: str, east: bool) -> list[str]:
+def _best(
+    names: list[str], attributes: Mapping[str, Attributes], quantity: str, east: bool
+) -> list[str]:
     """Return the best of several variables of one standard name.
 
     Those at the surface come first, winds at 10 m, then names in common use.
@@ -131,7 +191,11 @@ def _best(names: list[str], attributes: Mapping[str, Attributes], quantity: str,
         at_surface = [n for n in names if stated[n]]
         names = at_surface or [n for n in names if stated[n] is None] or names
     if len(names) > 1 and QUANTITIES[quantity].in_air:
-        ten = [n for n in names if re.search(r"(?<!\d)10(?!\d)", f"{n} {attributes[n].get('long_name', '')}")]
+        ten = [
+            n
+            for n in names
+            if re.search(r"(?<!\d)10(?!\d)", f"{n} {attributes[n].get('long_name', '')}")
+        ]
         names = ten or names
     if len(names) > 1:
         usual = [pair[0 if east else 1] for pair in COMMON[quantity]]
@@ -141,7 +205,9 @@ def _best(names: list[str], attributes: Mapping[str, Attributes], quantity: str,
 
 def _named(variables: Mapping[str, Attributes], key: str, name: str) -> list[str]:
     """Return the variables with a standard name, but for gusts, which some files call winds."""
-    return [n for n, a in variables.items() if _standard_name(a, key) == name and not GUST.search(n)]
+    return [
+        n for n, a in variables.items() if _standard_name(a, key) == name and not GUST.search(n)
+    ]
 
 
 def _by_standard_name(quantity: str, variables: Mapping[str, Attributes], key: str) -> Pair | None:
@@ -171,14 +237,19 @@ def _by_common_name(quantity: str, variables: Mapping[str, Attributes]) -> Pair 
         if pair[0] is None or pair[1] is None:
             continue
         statements = {said(variables[name]) for name in pair if name is not None}
-        if statements - {None, quantity} or (east in PLAIN and not QUANTITIES[quantity].plain and None in statements):
+        if statements - {None, quantity} or (
+            east in PLAIN and not QUANTITIES[quantity].plain and None in statements
+        ):
             continue
         return Pair(pair[0], pair[1], axes, "name")
     return None
 
 
 def search(quantity: str, variables: Mapping[str, Attributes]) -> Pair | None:
-    """Return the variables of a quantity by standard name, then by common name; None where there are none."""
+    """Return the variables of a quantity by standard name, then by common name;
+
+    None where there are none.
+    """
     return (
         _by_standard_name(quantity, variables, "standard_name")
         or _by_standard_name(quantity, variables, "long_name")
@@ -203,14 +274,20 @@ KEYS = (
 )
 
 
-def find(quantity: str, variables: Mapping[str, Attributes], chosen: Mapping[str, Any], name: str) -> Pair:
-    """Return the variables of a quantity among all of `variables` {name: attributes}, or say what is there.
+def find(
+    quantity: str, variables: Mapping[str, Attributes], chosen: Mapping[str, Any], name: str
+) -> Pair:
+    """Return the variables of a quantity among all of `variables` {name: attributes}, or say what
+    is there.
 
-    chosen: the case's own choice {"east": ..., "north": ..., "axes": "true" | "grid"}; it overrides everything.
+    chosen: the case's own choice {"east": ..., "north": ..., "axes": "true" | "grid"}; it overrides
+    everything.
     """
     axes = str(chosen.get("axes", ""))
     if axes not in ("", "true", "grid"):
-        raise UserError(f'[[{quantity}]] variables.axes = "{axes}": allowed are "true" (east and north) and "grid"')
+        raise UserError(
+            f'[[{quantity}]] variables.axes = "{axes}": allowed are "true" (east and north) and "grid"'
+        )
     if "east" in chosen or "north" in chosen:
         for key in ("east", "north"):
             if key not in chosen:
@@ -221,7 +298,11 @@ def find(quantity: str, variables: Mapping[str, Attributes], chosen: Mapping[str
                 )
         east, north = str(chosen["east"]), str(chosen["north"])
         standard = {e: a for e, _, a in STANDARD[quantity]} | {e: a for e, _, a in COMMON[quantity]}
-        axes_named = standard.get(_standard_name(variables[east], "standard_name")) or standard.get(east) or "?"
+        axes_named = (
+            standard.get(_standard_name(variables[east], "standard_name"))
+            or standard.get(east)
+            or "?"
+        )
         return Pair(east, north, axes or axes_named, "the case's own choice")
     pair = search(quantity, variables)
     if pair is None:
@@ -236,9 +317,10 @@ def _list(variables: Mapping[str, Attributes]) -> str:
 
 def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> str:
     where = f"set [[{quantity}]] files to one that does, or [[{quantity}]] variables = {{ east = ..., north = ... }}"
-    components = {
-        name for name, _, _ in STANDARD[quantity] + COMMON[quantity]
-    }, {north for _, north, _ in STANDARD[quantity] + COMMON[quantity]}  # fmt: skip
+    components = (
+        {name for name, _, _ in STANDARD[quantity] + COMMON[quantity]},
+        {north for _, north, _ in STANDARD[quantity] + COMMON[quantity]},
+    )
     for held, lacking, side in ((0, 1, "northward"), (1, 0, "eastward")):
         lone = [
             n
@@ -264,6 +346,4 @@ def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> st
         if pair is not None:
             held_instead.append(f"{QUANTITIES[other].spoken} ({pair.east}, {pair.north})")
     what = " and ".join(held_instead) if held_instead else _list(variables)
-    return (
-        f"no {QUANTITIES[quantity].spoken} in the {QUANTITIES[quantity].spoken} file {name}: it holds {what}; {where}"
-    )
+    return f"no {QUANTITIES[quantity].spoken} in the {QUANTITIES[quantity].spoken} file {name}: it holds {what}; {where}"

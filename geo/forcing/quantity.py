@@ -1,4 +1,6 @@
-"""The quantities of forcing: currents, winds and Stokes drift, each with what holds for it in any file."""
+"""The quantities of forcing: currents, winds and Stokes drift, each with what holds for it in any
+file.
+"""
 
 import math
 from dataclasses import dataclass
@@ -15,22 +17,25 @@ class Quantity:
     utmost: float  # [m/s] that no average over a whole run exceeds
     sigma: float  # share of the column from the surface within which a level passes for it
     wanted: str  # level, in messages
-    # In the air levels are heights, the direction is where it comes from, and it blows over land too. It moves an object
-    # by its leeway; what is in the water moves all that drifts alike.
+    # In the air levels are heights, the direction is where it comes from, and it blows over land
+    # too. It moves an object by its leeway; what is in the water moves all that drifts alike.
     in_air: bool = False
-    # [m/s] that the mean over all places and times of a file stays under. Where it is known a few points may exceed
-    # `fastest`; otherwise none may.
+    # [m/s] that the mean over all places and times of a file stays under. Where it is known a few
+    # points may exceed `fastest`; otherwise none may.
     strong_mean: float = math.inf
     zeros_are_land: bool = False  # even beside missing values: it really is zero hardly anywhere
     plain: bool = False  # variables "u" and "v" that do not say what they are may be it
     has_errors: bool = False  # whether [uncertainty] states how wrong it may be
-    fill: int = 3  # cells that a source is filled from wet neighbours toward the coast, where its table says nothing
-    needed: bool = True  # where its sources have no value nothing is known of the drift; else it adds nothing there
+    # cells that a source is filled from wet neighbours toward the coast, where its table says
+    # nothing
+    fill: int = 3
+    # where its sources have no value nothing is known of the drift; else it adds nothing there
+    needed: bool = True
 
 
-# The fastest of tidal races reach 8 to 10, the significant Stokes drift of hurricanes 1; the strongest sustained wind
-# was 96 (Patricia, 2015), which no model's grid resolves; the strongest gust on record was 113. 0.005 of the atmosphere
-# is 40 m.
+# The fastest of tidal races reach 8 to 10, the significant Stokes drift of hurricanes 1; the
+# strongest sustained wind was 96 (Patricia, 2015), which no model's grid resolves; the strongest
+# gust on record was 113. 0.005 of the atmosphere is 40 m.
 QUANTITIES = {
     "current": Quantity(
         spoken="current",

@@ -45,7 +45,8 @@ class Reading:
     ] = ()  # of an ensemble: what each member but the first is called, and its slices
     label: str = ""  # what the first is called
     edges: bool = False  # the first and the last time are the edges of means, which hold there
-    blank: Callable[[Sequence[int]], list[int]] | None = None  # which of some slices hold nothing, in any member
+    # which of some slices hold nothing, in any member
+    blank: Callable[[Sequence[int]], list[int]] | None = None
 
 
 @dataclass(frozen=True)
@@ -60,11 +61,14 @@ class Request:
     steady: bool
     box: Box | None
     depth: float | None
-    lenient: bool  # a single slice is accepted, which is enough to describe a file, but not for a run
+    # a single slice is accepted, which is enough to describe a file, but not for a run
+    lenient: bool
     plausible: bool  # the user vouches for speeds that no such quantity has
     timeout: float  # [s] time-out of an address
-    members: bool | str = False  # the files are members of an ensemble; or the dimension along which members lie
-    entries: tuple[tuple[str, ...], ...] = ()  # the files of each member, where no dimension holds members
+    # the files are members of an ensemble; or the dimension along which members lie
+    members: bool | str = False
+    # the files of each member, where no dimension holds members
+    entries: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,8 @@ class Opened:
     whole: survey.Survey
     notes: tuple[str, ...]
     label: str = ""  # what it is called as a member of an ensemble
-    others: tuple["Opened", ...] = ()  # the other members of the ensemble of which this is the first
+    # the other members of the ensemble of which this is the first
+    others: tuple["Opened", ...] = ()
     edges: bool = False  # the first and the last time are the edges of means, which hold there
 
 
@@ -93,12 +98,16 @@ def open_reader(request: Request, paths: dataset.Paths | memory.Held) -> Reading
     asked = f"{request.variables} {request.units} {request.times} {request.steady} {request.depth} {request.box}"
     asked += f" members {request.members}" if request.members else ""
     time = opened.components[0].segments[0][2]
-    digest = _digest(request, paths, opened.files, pair, time, f"{q} {pair.east} {pair.north} {asked}")
+    digest = _digest(
+        request, paths, opened.files, pair, time, f"{q} {pair.east} {pair.north} {asked}"
+    )
     return replace(reading, fingerprint=digest)
 
 
 def open_all(request: Request, paths: dataset.Paths | memory.Held) -> Opened:
-    """Open files, or take a dataset in memory, find the quantity and survey it as a whole; so too of each member."""
+    """Open files, or take a dataset in memory, find the quantity and survey it as a whole; so too
+    of each member.
+    """
     files = _files(request, paths)
     if not request.members:
         return _open(request, paths, files)
@@ -126,7 +135,10 @@ def _along(opened: Opened) -> Opened:
         raise UserError(_no_members(request, opened.files))
     called = members.labels(pair[0].segments[0][0], dim)
     every = [
-        (replace(pair[0], fixed={**pair[0].fixed, dim: k}), replace(pair[1], fixed={**pair[1].fixed, dim: k}))
+        (
+            replace(pair[0], fixed={**pair[0].fixed, dim: k}),
+            replace(pair[1], fixed={**pair[1].fixed, dim: k}),
+        )
         for k in range(len(called))
     ]
     for number, own in enumerate(every):
@@ -134,13 +146,16 @@ def _along(opened: Opened) -> Opened:
             for component_ in own:
                 ensemble.check_held(component_)
     others = tuple(
-        replace(opened, components=own, label=label) for own, label in zip(every[1:], called[1:], strict=True)
+        replace(opened, components=own, label=label)
+        for own, label in zip(every[1:], called[1:], strict=True)
     )
     told = f"{len(called)} members of an ensemble along {dim}: {members.some(called)}"
     return replace(opened, label=called[0], others=others, notes=(*opened.notes, told))
 
 
-def _entries(request: Request, paths: dataset.Paths | memory.Held, files: list[tuple[str, xr.Dataset]]) -> Opened:
+def _entries(
+    request: Request, paths: dataset.Paths | memory.Held, files: list[tuple[str, xr.Dataset]]
+) -> Opened:
     """Return a source of which each entry of its files is a member."""
     if len(request.entries) < 2:
         raise UserError(_no_members(request, files))
@@ -150,7 +165,12 @@ def _entries(request: Request, paths: dataset.Paths | memory.Held, files: list[t
     for number, entry in enumerate(request.entries):
         with _of_member(number, called), dataset.readable(entry, request.quantity):
             own = [
-                (path, held[path] if path in held else dataset.open_one(path, request.quantity, request.timeout))
+                (
+                    path,
+                    held[path]
+                    if path in held
+                    else dataset.open_one(path, request.quantity, request.timeout),
+                )
                 for path in dataset.expand(entry, request.quantity)
             ]
             opened = _open(replace(request, name=dataset.title(entry), members=False), entry, own)
@@ -159,13 +179,25 @@ def _entries(request: Request, paths: dataset.Paths | memory.Held, files: list[t
             if every:
                 ensemble.check_grid(opened.components, every[0].components, request.quantity)
         every.append(opened)
-    times, chosen = ensemble.common([opened.times for opened in every], request.name, request.quantity)
-    every = [_only(opened, times, own, label) for opened, own, label in zip(every, chosen, called, strict=True)]
+    times, chosen = ensemble.common(
+        [opened.times for opened in every], request.name, request.quantity
+    )
+    every = [
+        _only(opened, times, own, label)
+        for opened, own, label in zip(every, chosen, called, strict=True)
+    ]
     first, notes = every[0], list(every[0].notes)
     if first.count < max(own.max() + 1 for own in chosen):
         notes.append(f"{first.count} times that all members have")
     notes.append(f"{len(called)} members of an ensemble, by file: {members.some(called)}")
-    return replace(first, request=request, paths=paths, files=files, others=tuple(every[1:]), notes=tuple(notes))
+    return replace(
+        first,
+        request=request,
+        paths=paths,
+        files=files,
+        others=tuple(every[1:]),
+        notes=tuple(notes),
+    )
 
 
 @contextmanager
@@ -180,14 +212,23 @@ def _of_member(number: int, called: Sequence[str], by: str = "", name: str = "")
 
 def _only(opened: Opened, times: clock.Times, chosen: Array, label: str) -> Opened:
     """Return a member at some of its times alone; chosen: their slices."""
-    first, second = (replace(c, segments=tuple(c.segments[k] for k in chosen)) for c in opened.components)
+    first, second = (
+        replace(c, segments=tuple(c.segments[k] for k in chosen)) for c in opened.components
+    )
     place = {int(old): new for new, old in enumerate(chosen)}
-    whole = replace(opened.whole, looked_at=tuple(place[k] for k in opened.whole.looked_at if k in place) or (0,))
-    return replace(opened, components=(first, second), times=times, count=len(chosen), whole=whole, label=label)
+    whole = replace(
+        opened.whole,
+        looked_at=tuple(place[k] for k in opened.whole.looked_at if k in place) or (0,),
+    )
+    return replace(
+        opened, components=(first, second), times=times, count=len(chosen), whole=whole, label=label
+    )
 
 
 def _called(entries: tuple[tuple[str, ...], ...]) -> list[str]:
-    """Return what members of files are called: by name, or by folder where names are the same, or by number."""
+    """Return what members of files are called: by name, or by folder where names are the same, or
+    by number.
+    """
     firsts = [entry[0].rstrip("/") for entry in entries]
     names = [os.path.splitext(os.path.basename(path))[0] for path in firsts]
     folders = [os.path.basename(os.path.dirname(path)) for path in firsts]
@@ -199,7 +240,11 @@ def _called(entries: tuple[tuple[str, ...], ...]) -> list[str]:
 
 def _no_members(request: Request, files: list[tuple[str, xr.Dataset]]) -> str:
     dims = sorted({f"{dim} = {size}" for _, data in files for dim, size in data.sizes.items()})
-    asked = f'"{request.members}"' if isinstance(request.members, str) else f"one of the names {members.NAMES}"
+    asked = (
+        f'"{request.members}"'
+        if isinstance(request.members, str)
+        else f"one of the names {members.NAMES}"
+    )
     return (
         f"{request.name}: [[{request.quantity}]] members = {str(request.members).lower()}, and there are no members: no "
         f"dimension of both components has {asked} (it has {', '.join(dims)[:300]}), nor are there several files; name a "
@@ -207,7 +252,9 @@ def _no_members(request: Request, files: list[tuple[str, xr.Dataset]]) -> str:
     )
 
 
-def _open(request: Request, paths: dataset.Paths | memory.Held, files: list[tuple[str, xr.Dataset]]) -> Opened:
+def _open(
+    request: Request, paths: dataset.Paths | memory.Held, files: list[tuple[str, xr.Dataset]]
+) -> Opened:
     q = request.quantity
     notes: list[str] = []
     files = harmonise.rename_components(q, files, request.variables, notes)
@@ -237,12 +284,18 @@ def _open(request: Request, paths: dataset.Paths | memory.Held, files: list[tupl
         replace(c, fills=fills, vouched=request.plausible)
         for c, fills in zip((first, second), whole.fills, strict=True)
     )
-    return Opened(request, paths, files, pair, (first, second), times, count, whole, tuple(notes), edges=edges)
+    return Opened(
+        request, paths, files, pair, (first, second), times, count, whole, tuple(notes), edges=edges
+    )
 
 
 def cut_source(opened: Opened, box: Box | None) -> Reading:
     """Return how to read the part of a source that a case needs; its fingerprint is left empty."""
-    request, (first, second), whole = replace(opened.request, box=box), opened.components, opened.whole
+    request, (first, second), whole = (
+        replace(opened.request, box=box),
+        opened.components,
+        opened.whole,
+    )
     wanted = _needed(box)
     if nest.moves((first, second)):
         return _cut_nest(opened, request, wanted)
@@ -253,8 +306,12 @@ def cut_source(opened: Opened, box: Box | None) -> Reading:
     seen = tile.examine(regridded, opened.count, whole)
     if seen.missing == 1.0 and seen.empty:
         inside = " in the case's area" if box is not None else ""
-        odd = f" ({seen.strange} are no possible speed: are the units right?)" if seen.strange else ""
-        raise UserError(f"{request.name}: every value is missing{inside}{odd}; set [[{request.quantity}]] files")
+        odd = (
+            f" ({seen.strange} are no possible speed: are the units right?)" if seen.strange else ""
+        )
+        raise UserError(
+            f"{request.name}: every value is missing{inside}{odd}; set [[{request.quantity}]] files"
+        )
     regridded = seen.tile
     return Reading(
         regridded.grid,
@@ -265,11 +322,17 @@ def cut_source(opened: Opened, box: Box | None) -> Reading:
         "",
         tile.domain(regridded),
         tuple(
-            (other.label, partial(_slice, replace(regridded, components=other.components))) for other in opened.others
+            (other.label, partial(_slice, replace(regridded, components=other.components)))
+            for other in opened.others
         ),
         opened.label,
         opened.edges,
-        _blank([regridded, *(replace(regridded, components=other.components) for other in opened.others)]),
+        _blank(
+            [
+                regridded,
+                *(replace(regridded, components=other.components) for other in opened.others),
+            ]
+        ),
     )
 
 
@@ -296,12 +359,20 @@ def _cut_nest(opened: Opened, request: Request, wanted: Box | None) -> Reading:
     if empty:
         raise UserError(f"{request.name}: every value is missing; set [[{request.quantity}]] files")
     return Reading(
-        held.grid, opened.times, partial(nest.read_nested_slice, held), missing, opened.notes + whole.notes + held.notes, "",
+        held.grid,
+        opened.times,
+        partial(nest.read_nested_slice, held),
+        missing,
+        opened.notes + whole.notes + held.notes,
+        "",
         held.domain,
-        tuple((o.label, partial(nest.read_nested_slice, replace(held, components=o.components))) for o in opened.others),
+        tuple(
+            (o.label, partial(nest.read_nested_slice, replace(held, components=o.components)))
+            for o in opened.others
+        ),
         opened.label,
         opened.edges,
-    )  # fmt: skip
+    )
 
 
 def _slice(held: tile.Tile, i: int) -> Values:
@@ -311,14 +382,17 @@ def _slice(held: tile.Tile, i: int) -> Values:
 def keep(opened: Opened, box: Box) -> Opened:
     """Return a source whose slices, once read, stay in memory over a box.
 
-    Parts of it that lie inside the box are cut from there. Of an ensemble only the first member's do.
+    Parts of it that lie inside the box are cut from there. Of an ensemble only the first member's
+    do.
     """
     kept = []
     if nest.moves(opened.components):
         return opened
     for component_ in opened.components:
         crop = layout.crop(component_.layout, _needed(box))
-        kept.append(component_ if crop is None else replace(component_, kept=Kept(slices.window(crop))))
+        kept.append(
+            component_ if crop is None else replace(component_, kept=Kept(slices.window(crop)))
+        )
     return replace(opened, components=(kept[0], kept[1]))
 
 
@@ -359,16 +433,26 @@ def _check_chosen(request: Request, files: list[tuple[str, xr.Dataset]]) -> None
         if name is None or (key == "mask" and name in ("none", False)):
             continue
         if name not in held:
-            raise UserError(f'{request.name}: no variable "{name}"; set [[{request.quantity}]] variables.{key}')
+            raise UserError(
+                f'{request.name}: no variable "{name}"; set [[{request.quantity}]] variables.{key}'
+            )
         if key in ("lon", "lat", "x", "y") and not np.issubdtype(held[name].dtype, np.number):
-            raise UserError(f'{request.name}: "{name}" holds no numbers; set [[{request.quantity}]] variables.{key}')
+            raise UserError(
+                f'{request.name}: "{name}" holds no numbers; set [[{request.quantity}]] variables.{key}'
+            )
 
 
-def _check_sizes(request: Request, pair: quantities.Pair, files: list[tuple[str, xr.Dataset]]) -> None:
+def _check_sizes(
+    request: Request, pair: quantities.Pair, files: list[tuple[str, xr.Dataset]]
+) -> None:
     """Refuse components without a value, and one variable that is both of them."""
     for path, data in files:
         for name in (pair.east, pair.north):
-            empty = [str(d) for d in data[name].dims if data.sizes[d] == 0] if name in data.variables else []
+            empty = (
+                [str(d) for d in data[name].dims if data.sizes[d] == 0]
+                if name in data.variables
+                else []
+            )
             if empty:
                 raise UserError(
                     f"{path}: {component.describe_dims(data, name)} holds no value along {empty[0]}; "
@@ -391,11 +475,20 @@ def _components(
     request: Request, pair: quantities.Pair, files: list[tuple[str, xr.Dataset]], notes: list[str]
 ) -> tuple[Component, Component]:
     holding = [(p, d) for p, d in files if pair.east in d.variables or pair.north in d.variables]
-    others = [(p, d) for p, d in files if pair.east not in d.variables and pair.north not in d.variables]
+    others = [
+        (p, d) for p, d in files if pair.east not in d.variables and pair.north not in d.variables
+    ]
     lent: dict[str, xr.Variable] = {}
     for path, data in others:
-        own = {str(n): v for n, v in data.variables.items() if naming.of_grid(str(n), v.attrs) and "time" not in v.dims}
-        if not any(naming.LON.match(n) or str(v.attrs.get("standard_name", "")) == "longitude" for n, v in own.items()):
+        own = {
+            str(n): v
+            for n, v in data.variables.items()
+            if naming.of_grid(str(n), v.attrs) and "time" not in v.dims
+        }
+        if not any(
+            naming.LON.match(n) or str(v.attrs.get("standard_name", "")) == "longitude"
+            for n, v in own.items()
+        ):
             raise UserError(
                 f"{path} holds neither {pair.east} nor {pair.north}; take it out of [[{request.quantity}]] files"
             )
@@ -433,8 +526,12 @@ def _components(
     return result[0], result[1]
 
 
-def _derived(request: Request, pair: quantities.Pair, data: xr.Dataset, notes: list[str]) -> xr.Dataset:
-    """Return a dataset whose components are missing where it says that they are not valid, versions of them joined."""
+def _derived(
+    request: Request, pair: quantities.Pair, data: xr.Dataset, notes: list[str]
+) -> xr.Dataset:
+    """Return a dataset whose components are missing where it says that they are not valid, versions
+    of them joined.
+    """
     for name in dict.fromkeys((pair.east, pair.north)):
         if name not in data.variables:
             continue
@@ -452,7 +549,8 @@ def _with(data: xr.Dataset, lent: Mapping[str, xr.Variable]) -> xr.Dataset:
     fitting = {
         n: v
         for n, v in lent.items()
-        if n not in data.variables and all(data.sizes.get(d, v.sizes[d]) == v.sizes[d] for d in v.dims)
+        if n not in data.variables
+        and all(data.sizes.get(d, v.sizes[d]) == v.sizes[d] for d in v.dims)
     }
     return data.assign(fitting)
 
@@ -474,7 +572,9 @@ def _join(
             )
         times = clock.stated(request.times, len(first.segments), q)
         if len(times) == 1:
-            raise UserError(f"{request.name}: one slice cannot be interpolated in time; set [[{q}]] steady = true")
+            raise UserError(
+                f"{request.name}: one slice cannot be interpolated in time; set [[{q}]] steady = true"
+            )
         notes.append("times as the case states them")
         return _restamped(request, first, second, times, notes)
     assert first.times is not None
@@ -511,7 +611,9 @@ def _from_to(times: clock.Times) -> str:
 def _restamped(
     request: Request, first: Component, second: Component, times: clock.Times, notes: list[str]
 ) -> tuple[Component, Component, clock.Times]:
-    """Return components at the times that a case states, or at the middle of means stamped as it states."""
+    """Return components at the times that a case states, or at the middle of means stamped as it
+    states.
+    """
     stamp = clock.stamp(request.times)
     if not stamp:
         return first, second, times
@@ -530,7 +632,9 @@ def _chosen(component_: Component, index: Array) -> Component:
 def _to_edges(
     first: Component, second: Component, times: clock.Times
 ) -> tuple[Component, Component, clock.Times, bool]:
-    """Return components of means with two times more, the edges of their intervals, where the outermost hold."""
+    """Return components of means with two times more, the edges of their intervals, where the
+    outermost hold.
+    """
     if first.cells is None or second.cells is None or len(times) < 2:
         return first, second, times, False
     times, index = averages.held(times, first.cells)
@@ -544,7 +648,11 @@ def _apart(request: Request, item: Layout) -> str:
     x, y = (box.west + box.east) / 2, (box.south + box.north) / 2
     placed = np.isfinite(lon) & np.isfinite(lat)
     near = np.argmin(
-        np.where(placed, sphere.distance(np.radians(x), np.radians(y), np.radians(lon), np.radians(lat)), np.inf)
+        np.where(
+            placed,
+            sphere.distance(np.radians(x), np.radians(y), np.radians(lon), np.radians(lat)),
+            np.inf,
+        )
     )
     where = notation.toward(x, y, float(lon.flat[near]), float(lat.flat[near]))
     return (

@@ -2,8 +2,9 @@
 
 Each is a regular grid, times, and slices read on demand.
 
-Whatever the files hold (projected, curved, staggered or triangular grids, packed numbers, other units and
-calendars), a `Source` gives true east and north in m/s on a regular longitude-latitude grid, NaN where missing.
+Whatever the files hold (projected, curved, staggered or triangular grids, packed numbers, other
+units and calendars), a `Source` gives true east and north in m/s on a regular longitude-latitude
+grid, NaN where missing.
 """
 
 import hashlib
@@ -27,8 +28,10 @@ from geo.forcing.reading import memory
 from geo.forcing.reading.kept import Finished, Shelf
 from geo.grids.grid import Grid
 
-EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)  # the globe in one cell, for fields that are the same everywhere
-ABOUT_POLE = Grid(-180.0, -90.0, 0.5, 180.0, 721, 2)  # between meridians a direction errs by (0.5 degrees)^2 / 8: 1e-5
+# the globe in one cell, for fields that are the same everywhere
+EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)
+# between meridians a direction errs by (0.5 degrees)^2 / 8: 1e-5
+ABOUT_POLE = Grid(-180.0, -90.0, 0.5, 180.0, 721, 2)
 DOUBT = "WARNING: "  # with which a note begins that a user must heed
 MOST_NODES = 1_000_000  # most nodes of a built-in flow's tile
 
@@ -37,19 +40,19 @@ MOST_NODES = 1_000_000  # most nodes of a built-in flow's tile
 class Source:
     """One source of one quantity.
 
-    quantity: one of QUANTITIES; name: for messages; grid: its nodes;
-    times: datetime64[s] UTC, strictly increasing, shape (nt,), empty for a steady field;
-    read: slice index (0 when steady) -> float32 C-contiguous (nlat, nlon, 2), true east and north [m/s], NaN missing;
-    missing: share of nodes missing in the first slice; notes: how it was understood, in plain words;
-    fingerprint: a hash of what is read, independent of where it lies;
-    domain: (nlat, nlon) nodes inside the source's own grid, None where all are: beyond it no value is missing for land;
-    shelf: where slices that are ready to be sampled stay for other forecasts, None: nowhere.
-    edges: whether the first and the last time are the edges of means, which hold there.
-    blank: returns which of some slices hold nothing, None where none can be asked.
-    label: what it is called as a member of an ensemble; others: the other members of an ensemble of which this is the
-    first, on the same grid, with the same times.
-    gapless: interpolated however far apart its times are, as rows that a person reported are; False: a gap of more than
-    stream.LONGEST_GAP times the usual interval is a hole in the data.
+    quantity: one of QUANTITIES; name: for messages; grid: its nodes; times: datetime64[s] UTC,
+    strictly increasing, shape (nt,), empty for a steady field; read: slice index (0 when steady) ->
+    float32 C-contiguous (nlat, nlon, 2), true east and north [m/s], NaN missing; missing: share of
+    nodes missing in the first slice; notes: how it was understood, in plain words; fingerprint: a
+    hash of what is read, independent of where it lies; domain: (nlat, nlon) nodes inside the
+    source's own grid, None where all are: beyond it no value is missing for land; shelf: where
+    slices that are ready to be sampled stay for other forecasts, None: nowhere. edges: whether the
+    first and the last time are the edges of means, which hold there. blank: returns which of some
+    slices hold nothing, None where none can be asked. label: what it is called as a member of an
+    ensemble; others: the other members of an ensemble of which this is the first, on the same grid,
+    with the same times. gapless: interpolated however far apart its times are, as rows that a
+    person reported are; False: a gap of more than stream.LONGEST_GAP times the usual interval is a
+    hole in the data.
     """
 
     quantity: str
@@ -76,7 +79,8 @@ class Source:
     def shelved(self, part: Hashable, finished: Finished) -> "Source":
         """Return it with a shelf for its slices, and one for those of each other member."""
         others = tuple(
-            replace(other, shelf=Shelf((part, number), finished)) for number, other in enumerate(self.others, 1)
+            replace(other, shelf=Shelf((part, number), finished))
+            for number, other in enumerate(self.others, 1)
         )
         return replace(self, shelf=Shelf(part, finished), others=others)
 
@@ -90,8 +94,12 @@ class Source:
         low, high = (int(k) for k in np.searchsorted(self.times, (first, last)))
         asked, size = range(max(low - 1, 0), min(high + 1, self.times.size)), self.times.size
         empty = self.blank(asked)
-        while empty and len(empty) < len(asked):  # what is interpolated over them must hold something
-            wider = range(max(asked[0] - (asked[0] in empty), 0), min(asked[-1] + 1 + (asked[-1] in empty), size))
+        # what is interpolated over them must hold something
+        while empty and len(empty) < len(asked):
+            wider = range(
+                max(asked[0] - (asked[0] in empty), 0),
+                min(asked[-1] + 1 + (asked[-1] in empty), size),
+            )
             if wider == asked:
                 break
             asked, empty = wider, self.blank(wider)
@@ -100,9 +108,7 @@ class Source:
             return self
         when = [notation.group(self.times[i]) for i in empty]
         told = f"{', '.join(when[:4])}{f' and {len(when) - 4} more' if len(when) > 4 else ''}"
-        note = (
-            f"{DOUBT}{'slices' if len(when) > 1 else 'the slice'} of {told} hold{'s' * (len(when) == 1)} no value here"
-        )
+        note = f"{DOUBT}{'slices' if len(when) > 1 else 'the slice'} of {told} hold{'s' * (len(when) == 1)} no value here"
         return replace(
             self._only(kept, empty),
             notes=(*self.notes, f"{note}: left out, and interpolated over as if absent"),
@@ -112,7 +118,9 @@ class Source:
     def _only(self, kept: NDArray[np.int64], empty: Sequence[int]) -> "Source":
         """Return it with some of its slices; empty: the others."""
         read = self.read
-        shelf = self.shelf and Shelf((self.shelf.part, "without", tuple(empty)), self.shelf.finished)
+        shelf = self.shelf and Shelf(
+            (self.shelf.part, "without", tuple(empty)), self.shelf.finished
+        )
         return replace(
             self,
             times=self.times[kept],
@@ -136,7 +144,9 @@ def ensemble(members: Sequence[Source]) -> Source:
                 f"member {number} ({other.label}) has {what} than member 1 ({first.label}): all members of an ensemble "
                 f"must have the same; leave it out of [[{first.quantity}]]"
             )
-    digest = hashlib.sha256(" ".join(member.fingerprint for member in members).encode()).hexdigest()[:16]
+    digest = hashlib.sha256(
+        " ".join(member.fingerprint for member in members).encode()
+    ).hexdigest()[:16]
     told = f"{len(members)} members of an ensemble: {called.some([member.label for member in members])}"
     return replace(first, fingerprint=digest, notes=(*first.notes, told), others=tuple(members[1:]))
 
@@ -161,20 +171,33 @@ def open_source(
     """Open files, or a dataset in memory, as one source.
 
     paths: a path, a glob, a list of them, a Zarr store, an OPeNDAP address, or the dataset.
-    variables: the case's own {"east", "north", "lon", "lat", "time", "angle", "mask": name}, {"axes": "true" |
-    "grid"}, {"crs": any that pyproj knows}, {a dimension's name: index}; it overrides what is found.
-    units: of the values where the file is silent or wrong. times: {"start": ..., "interval": ...} or one time a
-    slice, where the file's are meaningless; {"zone": "-06:00"}, hours that the file's are ahead of UTC; {"stamp": "start"
+    variables: the case's own {"east", "north", "lon", "lat", "time", "angle", "mask": name},
+    {"axes": "true" | "grid"}, {"crs": any that pyproj knows}, {a dimension's name: index}; it
+    overrides what is found. units: of the values where the file is silent or wrong. times:
+    {"start": ..., "interval": ...} or one time a slice, where the file's are meaningless; {"zone":
+    "-06:00"}, hours that the file's are ahead of UTC; {"stamp": "start"
     | "middle" | "end" | "instant"}, where in the interval of a mean its time stands. steady: the first slice holds at all times. box: what is needed; two
-    nodes more are read. depth: wanted level [m]. lenient: accept a lone slice, to describe it. plausible: the user
-    vouches for its values: no speed is refused, no value taken as an undeclared fill value for standing apart.
-    timeout: how long the server of an address may leave a question unanswered [s]. members: whether what is opened is
-    an ensemble, or the dimension along which its members lie; entries: the files of each, where no dimension holds them.
+    nodes more are read. depth: wanted level [m]. lenient: accept a lone slice, to describe it.
+    plausible: the user vouches for its values: no speed is refused, no value taken as an undeclared
+    fill value for standing apart. timeout: how long the server of an address may leave a question
+    unanswered [s]. members: whether what is opened is an ensemble, or the dimension along which its
+    members lie; entries: the files of each, where no dimension holds them.
     """
     asked, listed = _request(
-        quantity, paths, variables, units, times, steady, box, depth, lenient, plausible, timeout, members,
+        quantity,
+        paths,
+        variables,
+        units,
+        times,
+        steady,
+        box,
+        depth,
+        lenient,
+        plausible,
+        timeout,
+        members,
         tuple(map(tuple, entries)),
-    )  # fmt: skip
+    )
     with dataset.readable(_titles(listed), quantity):
         reading = reader.open_reader(asked, listed)
     return _source(asked, name, reading)
@@ -196,9 +219,20 @@ def open_shared(
 ) -> reader.Opened:
     """Open files as `open_source` does, for several cases: `keep` and `cut` give each its part."""
     asked, listed = _request(
-        quantity, paths, variables, units, times, steady, None, depth, False, plausible, timeout, members,
+        quantity,
+        paths,
+        variables,
+        units,
+        times,
+        steady,
+        None,
+        depth,
+        False,
+        plausible,
+        timeout,
+        members,
         tuple(map(tuple, entries)),
-    )  # fmt: skip
+    )
     with dataset.readable(_titles(listed), quantity):
         return reader.open_all(asked, listed)
 
@@ -209,13 +243,18 @@ def keep(opened: reader.Opened, box: Box) -> reader.Opened:
 
 
 def part_of_source(opened: reader.Opened, box: Box, name: str | None = None) -> Source:
-    """Return the part of an opened source that `open_source` would give for a box; without a fingerprint."""
+    """Return the part of an opened source that `open_source` would give for a box; without a
+    fingerprint.
+    """
     with dataset.readable(_titles(opened.paths), opened.request.quantity):
         return _source(opened.request, name, reader.cut_source(opened, box))
 
 
 def _request(
-    quantity: str, paths: dataset.Paths | memory.Held, variables: Mapping[str, Any] | None, *how: Any
+    quantity: str,
+    paths: dataset.Paths | memory.Held,
+    variables: Mapping[str, Any] | None,
+    *how: Any,
 ) -> tuple[reader.Request, Any]:
     """Return a request, and what it is made of."""
     if quantity not in QUANTITIES:
@@ -233,18 +272,36 @@ def _titles(paths: Any) -> Any:
 
 def _source(asked: reader.Request, name: str | None, reading: reader.Reading) -> Source:
     first = Source(
-        asked.quantity, name or asked.name, reading.grid, reading.times, reading.read, reading.missing, reading.notes,
-        reading.fingerprint, reading.domain, label=reading.label, edges=reading.edges,
+        asked.quantity,
+        name or asked.name,
+        reading.grid,
+        reading.times,
+        reading.read,
+        reading.missing,
+        reading.notes,
+        reading.fingerprint,
+        reading.domain,
+        label=reading.label,
+        edges=reading.edges,
         blank=reading.blank,
-    )  # fmt: skip
-    return replace(first, others=tuple(replace(first, read=read, label=label) for label, read in reading.others))
+    )
+    return replace(
+        first,
+        others=tuple(replace(first, read=read, label=label) for label, read in reading.others),
+    )
 
 
 def constant(
-    quantity: str, east: float, north: float, name: str = "as reported", about: tuple[float, float] | None = None
+    quantity: str,
+    east: float,
+    north: float,
+    name: str = "as reported",
+    about: tuple[float, float] | None = None,
 ) -> Source:
     """Return a steady, uniform field [m/s] over the globe; about: see `table`."""
-    return _uniform(quantity, np.empty(0, "datetime64[s]"), np.array([east]), np.array([north]), name, about)
+    return _uniform(
+        quantity, np.empty(0, "datetime64[s]"), np.array([east]), np.array([north]), name, about
+    )
 
 
 def uniform_field(
@@ -263,8 +320,9 @@ def uniform_field(
         east: component [m/s], shape (nt,).
         north: component [m/s], shape (nt,).
         name: of the source.
-        about: the place (lon, lat) [deg] for which the field is stated, where the domain holds a pole: then the field has one
-            direction in the plane of the pole, and not one to true north, which there turns from place to place.
+        about: the place (lon, lat) [deg] for which the field is stated, where the domain holds a
+            pole: then the field has one direction in the plane of the pole, and not one to true
+            north, which there turns from place to place.
 
     Raises:
         UserError: the table is too short, or its times do not increase.
@@ -272,7 +330,9 @@ def uniform_field(
     when = np.asarray(times).astype("datetime64[s]").reshape(-1)
     u, v = np.asarray(east, float).reshape(-1), np.asarray(north, float).reshape(-1)
     if not len(when) == len(u) == len(v) or len(when) < 2:
-        raise UserError(f"[[{quantity}]] table: {len(when)} times for {len(u)} values; give at least two rows")
+        raise UserError(
+            f"[[{quantity}]] table: {len(when)} times for {len(u)} values; give at least two rows"
+        )
     if (np.diff(when) <= np.timedelta64(0, "s")).any():
         raise UserError(f"[[{quantity}]] table: times must increase")
     return _uniform(quantity, when, u, v, name, about)
@@ -289,7 +349,9 @@ def _uniform(
     if not (np.isfinite(east).all() and np.isfinite(north).all()):
         raise UserError(f"[[{quantity}]] {name}: a speed is not a finite number")
     values = np.stack((east, north), axis=-1).astype(np.float32)
-    digest = hashlib.sha256(quantity.encode() + times.astype(np.int64).tobytes() + values.tobytes()).hexdigest()[:16]
+    digest = hashlib.sha256(
+        quantity.encode() + times.astype(np.int64).tobytes() + values.tobytes()
+    ).hexdigest()[:16]
 
     def read(i: int) -> NDArray[np.float32]:
         return np.ascontiguousarray(np.broadcast_to(values[i], (2, 2, 2)))
@@ -301,7 +363,8 @@ def _uniform(
         return np.ascontiguousarray(np.broadcast_to(row.astype(np.float32), (2, *row.shape)))
 
     spoken = " then ".join(
-        as_said(quantity, *vector) for vector in zip(east[:3].tolist(), north[:3].tolist(), strict=True)
+        as_said(quantity, *vector)
+        for vector in zip(east[:3].tolist(), north[:3].tolist(), strict=True)
     )
     rest = f" and {len(values) - 3} more" if len(values) > 3 else ""
     note = f"the same everywhere: {spoken}{rest}"
@@ -323,11 +386,18 @@ def as_said(quantity: str, east: float, north: float) -> str:
 
 
 def analytic(
-    quantity: str, kind: str, box: Box, start: np.datetime64, end: np.datetime64, **parameters: float
+    quantity: str,
+    kind: str,
+    box: Box,
+    start: np.datetime64,
+    end: np.datetime64,
+    **parameters: float,
 ) -> Source:
-    """Return a built-in synthetic flow over a box, hourly from before start to after end (either order).
+    """Return a built-in synthetic flow over a box, hourly from before start to after end (either
+    order).
 
-    parameters: those of the flow in `geo.forcing.analytic`; spacing [deg] overrides that of its tile.
+    parameters: those of the flow in `geo.forcing.analytic`; spacing [deg] overrides that of its
+    tile.
     """
     spacing = parameters.pop("spacing", None)
     flow, usual = flows.build_flow(quantity, kind, box, **parameters)
@@ -339,8 +409,18 @@ def analytic(
     # Nodes stand at multiples of the step, so that their places do not depend on the box.
     west = np.floor(box.west / step)
     east = min(np.ceil(box.east / step), west + np.ceil(360.0 / step))
-    south, north = np.floor(max(box.south / step, -90 / step + 1)), np.ceil(min(box.north / step, 90 / step - 1))
-    grid = Grid(west * step, south * step, step, step, int(max(east - west, 1)) + 1, int(max(north - south, 1)) + 1)
+    south, north = (
+        np.floor(max(box.south / step, -90 / step + 1)),
+        np.ceil(min(box.north / step, 90 / step - 1)),
+    )
+    grid = Grid(
+        west * step,
+        south * step,
+        step,
+        step,
+        int(max(east - west, 1)) + 1,
+        int(max(north - south, 1)) + 1,
+    )
     hour = np.timedelta64(3600, "s")
     first, last = sorted((_second(start), _second(end)))
     first = first.astype("datetime64[h]").astype("datetime64[s]")
@@ -351,13 +431,17 @@ def analytic(
 
     def read(i: int) -> NDArray[np.float32]:
         result = np.empty((grid.nlat, grid.nlon, 2), np.float32)
-        result[..., 0], result[..., 1] = velocity(float((times[i] - flows.EPOCH) / np.timedelta64(1, "s")))
+        result[..., 0], result[..., 1] = velocity(
+            float((times[i] - flows.EPOCH) / np.timedelta64(1, "s"))
+        )
         result[np.abs(grid.lat) > 89.0] = np.nan
         return result
 
     given = ", ".join(f"{k} = {v:g}" for k, v in sorted(parameters.items()))
     digest = hashlib.sha256(f"{kind} {given} {grid} {first} {last}".encode()).hexdigest()[:16]
-    notes = (f'SYNTHETIC: built-in flow "{kind}"{" with " + given if given else ""}, no observation or model',)
+    notes = (
+        f'SYNTHETIC: built-in flow "{kind}"{" with " + given if given else ""}, no observation or model',
+    )
     missing = float((np.abs(grid.lat) > 89.0).mean())
     return Source(quantity, f"synthetic {kind}", grid, times, read, missing, notes, digest)
 

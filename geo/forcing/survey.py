@@ -1,7 +1,8 @@
 """What a source holds as a whole: its speeds, undeclared fill values, and whether its land is zero.
 
-Judged once a source, from fixed slices and evenly strided points of all that the files hold, never from the part that a
-case needs: so no answer depends on the case's domain. At most READ bytes of values are read.
+Judged once a source, from fixed slices and evenly strided points of all that the files hold, never
+from the part that a case needs: so no answer depends on the case's domain. At most READ bytes of
+values are read.
 """
 
 import math
@@ -26,11 +27,13 @@ LOOKED_AT = 8  # slices at most: the first, the last and some between
 DRY = 0.005  # share of exact zeros from which they are land
 RECURS = 3  # times that an extreme value must occur at least to be a fill value
 VARIED = 10  # different values that the rest must hold before one can stand apart from it
-GAP = 0.25  # share of the range of all other values by which a number of nines stands apart from them
+# share of the range of all other values by which a number of nines stands apart from them
+GAP = 0.25
 SLOW_WIND = 2.0  # [m/s]
 
 
-PERCENTILE = 99.9  # percentile of a current's speeds that must stay under the fastest: points of a race may exceed it
+# percentile of a current's speeds that must stay under the fastest: points of a race may exceed it
+PERCENTILE = 99.9
 
 
 @dataclass(frozen=True)
@@ -38,23 +41,32 @@ class Survey:
     """What some slices of a source say of all of it."""
 
     looked_at: tuple[int, ...]  # indices of the slices
-    fills: tuple[tuple[float, ...], tuple[float, ...]]  # of each component, in the file's units: numbers for "missing"
+    # of each component, in the file's units: numbers for "missing"
+    fills: tuple[tuple[float, ...], tuple[float, ...]]
     dry: bool  # whether points that are exactly zero in all those slices are land
     notes: tuple[str, ...]  # all that in words
 
 
-def survey_slices(components: tuple[Component, Component], count: int, plausible: bool, name: str) -> Survey:
+def survey_slices(
+    components: tuple[Component, Component], count: int, plausible: bool, name: str
+) -> Survey:
     """Survey the first `count` slices of a source.
 
     plausible: the user vouches for its values, so that nothing is refused.
     Raises UserError, with the figures, where the speeds can't be those of the quantity.
     """
-    looked_at = tuple(int(k) for k in np.unique(np.linspace(0, count - 1, min(count, LOOKED_AT)).round()))
+    looked_at = tuple(
+        int(k) for k in np.unique(np.linspace(0, count - 1, min(count, LOOKED_AT)).round())
+    )
     samples = [_sample(component, looked_at) for component in components]
     notes: list[str] = []
     fills: list[tuple[float, ...]] = []
     for component, values in zip(components, samples, strict=True):
-        stray = () if plausible else undeclared(values, component.factor, component.quantity, _packed(component))
+        stray = (
+            ()
+            if plausible
+            else undeclared(values, component.factor, component.quantity, _packed(component))
+        )
         fills.append(stray)
         for fill in stray:
             share = float(np.mean(values == fill))
@@ -64,7 +76,9 @@ def survey_slices(components: tuple[Component, Component], count: int, plausible
                 "as a fill value that the file does not declare (plausible = true to take it as a value)"
             )
         with np.errstate(invalid="ignore", over="ignore"):
-            values[np.abs(values) * component.factor > QUANTITIES[component.quantity].impossible] = np.nan
+            values[
+                np.abs(values) * component.factor > QUANTITIES[component.quantity].impossible
+            ] = np.nan
     slow = () if plausible else _shared(samples)
     for fill in slow:
         share = float(np.mean(samples[0] == fill))
@@ -91,7 +105,9 @@ def _sample(component: Component, looked_at: tuple[int, ...]) -> Array:
     """
     data, path, _, _ = component.segments[0]
     sizes = [int(data.sizes[dim]) for dim in component.dims]
-    itemsize = np.dtype(data[component.name].encoding.get("dtype") or data[component.name].dtype).itemsize
+    itemsize = np.dtype(
+        data[component.name].encoding.get("dtype") or data[component.name].dtype
+    ).itemsize
     most = (READ_REMOTE if remote(path) else READ) / (2 * len(looked_at) * itemsize)
     stride = max(1, int(np.ceil((np.prod(sizes) / most) ** (1 / len(sizes)))))
     every = (slice(None, None, stride),) * len(sizes)
@@ -103,21 +119,30 @@ def _sample(component: Component, looked_at: tuple[int, ...]) -> Array:
 
 
 def _packed(component: Component) -> tuple[float, ...]:
-    """Return what a packed variable decodes the numbers to that libraries fill with where nothing is declared."""
+    """Return what a packed variable decodes the numbers to that libraries fill with where nothing
+    is declared.
+    """
     packing = component.segments[0][0][component.name].encoding
     kind = np.dtype(packing.get("dtype") or np.float64)
     if kind.kind != "i":
         return ()
     limits = np.iinfo(kind)
-    scale, offset = (float(packing.get(key, usual)) for key, usual in (("scale_factor", 1.0), ("add_offset", 0.0)))
+    scale, offset = (
+        float(packing.get(key, usual))
+        for key, usual in (("scale_factor", 1.0), ("add_offset", 0.0))
+    )
     return tuple(number * scale + offset for number in (limits.min, limits.min + 1, limits.max))
 
 
-def undeclared(values: Array, factor: float, quantity: str, packed: tuple[float, ...] = ()) -> tuple[float, ...]:
-    """Return the values that must be fill values: extreme, recurring, and apart from all others by a gap.
+def undeclared(
+    values: Array, factor: float, quantity: str, packed: tuple[float, ...] = ()
+) -> tuple[float, ...]:
+    """Return the values that must be fill values: extreme, recurring, and apart from all others by
+    a gap.
 
-    values: in the file's own units, NaN missing; factor: to m/s. A recurring extreme alone proves nothing: packed
-    fields saturate. One apart by a gap must also be faster than anything real, or what a packed number is by default.
+    values: in the file's own units, NaN missing; factor: to m/s. A recurring extreme alone proves
+    nothing: packed fields saturate. One apart by a gap must also be faster than anything real, or
+    what a packed number is by default.
     """
     finite = values[np.isfinite(values)]
     fastest = QUANTITIES[quantity].fastest
@@ -149,8 +174,8 @@ def undeclared(values: Array, factor: float, quantity: str, packed: tuple[float,
 def _shared(samples: list[Array]) -> tuple[float, ...]:
     """Return a number of nines that both components hold at the same points, apart from all else.
 
-    That is a slow fill value.
-    99 cm/s is a speed like others; that both components have exactly it, in many places, and nothing near it, is not.
+    That is a slow fill value. 99 cm/s is a speed like others; that both components have exactly it,
+    in many places, and nothing near it, is not.
     """
     if samples[0].shape != samples[1].shape:
         return ()
@@ -161,7 +186,11 @@ def _shared(samples: list[Array]) -> tuple[float, ...]:
             if at.mean() <= DRY:
                 continue
             rest = np.concatenate([values[~at & np.isfinite(values)] for values in samples])
-            if rest.size and len(np.unique(rest[:10_000])) >= VARIED and np.abs(rest - fill).min() > GAP * np.ptp(rest):
+            if (
+                rest.size
+                and len(np.unique(rest[:10_000])) >= VARIED
+                and np.abs(rest - fill).min() > GAP * np.ptp(rest)
+            ):
                 fills.append(float(samples[0][at][0]))
     return tuple(fills)
 
@@ -169,27 +198,40 @@ def _shared(samples: list[Array]) -> tuple[float, ...]:
 def _still(
     components: tuple[Component, Component], samples: list[Array], looked_at: tuple[int, ...]
 ) -> tuple[float, float]:
-    """Return the shares of the present points of each component that are exactly zero in all slices."""
+    """Return the shares of the present points of each component that are exactly zero in all
+    slices.
+    """
     zero = []
     for component, values in zip(components, samples, strict=True):
-        still = np.stack([slices.still(slab, component, i) for slab, i in zip(values, looked_at, strict=True)])
+        still = np.stack(
+            [slices.still(slab, component, i) for slab, i in zip(values, looked_at, strict=True)]
+        )
         zero.append(np.all(still | np.isnan(values), axis=0) & np.any(still, axis=0))
     if samples[0].shape == samples[1].shape:
-        zero = [zero[0] & zero[1]] * 2  # both must be zero, because a packed component is often zero by itself
+        # both must be zero, because a packed component is often zero by itself
+        zero = [zero[0] & zero[1]] * 2
     present = [np.any(np.isfinite(values), axis=0) for values in samples]
     first, second = (float(z.sum() / max(p.sum(), 1)) for z, p in zip(zero, present, strict=True))
     return first, second
 
 
 def _may_be_dry(components: tuple[Component, Component], samples: list[Array]) -> bool:
-    """Whether zeros can be land: not in a wind, nor where a mask or the case says which water is still.
+    """Whether zeros can be land: not in a wind, nor where a mask or the case says which water is
+    still.
 
-    Stokes drift really is zero in the lee, once packed: there only a file that has no missing value can mean land.
+    Stokes drift really is zero in the lee, once packed: there only a file that has no missing value
+    can mean land.
     """
     first = components[0]
-    if QUANTITIES[first.quantity].in_air or first.unmasked or any(c.mask is not None for c in components):
+    if (
+        QUANTITIES[first.quantity].in_air
+        or first.unmasked
+        or any(c.mask is not None for c in components)
+    ):
         return False
-    return QUANTITIES[first.quantity].zeros_are_land or not any(np.isnan(values).any() for values in samples)
+    return QUANTITIES[first.quantity].zeros_are_land or not any(
+        np.isnan(values).any() for values in samples
+    )
 
 
 def _judged(
@@ -204,7 +246,11 @@ def _judged(
     speed = _speeds(components, samples)
     if not speed.size:
         return []
-    mean, high, largest = float(speed.mean()), float(np.percentile(speed, PERCENTILE)), float(speed.max())
+    mean, high, largest = (
+        float(speed.mean()),
+        float(np.percentile(speed, PERCENTILE)),
+        float(speed.max()),
+    )
     figures = f"mean {mean:.2g}, {PERCENTILE:g}th percentile {high:.3g}, largest {largest:.3g} m/s"
     spoken, fastest = QUANTITIES[quantity].spoken, QUANTITIES[quantity].fastest
     strong = QUANTITIES[quantity].strong_mean
@@ -230,11 +276,17 @@ def _judged(
 
 
 def _speeds(components: tuple[Component, Component], samples: list[Array]) -> NDArray[Any]:
-    """Return the speeds [m/s] where both components are, raveled; of staggered ones those of one index."""
+    """Return the speeds [m/s] where both components are, raveled; of staggered ones those of one
+    index.
+    """
     shape = tuple(min(a, b) for a, b in zip(samples[0].shape, samples[1].shape, strict=True))
     part = tuple(slice(0, n) for n in shape)
-    with np.errstate(invalid="ignore", over="ignore"):  # damaged files hold signalling NaNs and numbers of any size
-        x, y = (values[part] * component.factor for values, component in zip(samples, components, strict=True))
+    # damaged files hold signalling NaNs and numbers of any size
+    with np.errstate(invalid="ignore", over="ignore"):
+        x, y = (
+            values[part] * component.factor
+            for values, component in zip(samples, components, strict=True)
+        )
         speed = np.hypot(x, y)
     kept: NDArray[Any] = speed[np.isfinite(speed) & (speed > 0)]
     return kept if kept.size else speed[np.isfinite(speed)]

@@ -1,9 +1,9 @@
 """Which values of a variable its file says are valid: its valid range, and its quality flags.
 
-The range (`valid_range`, `valid_min`, `valid_max`) of packed values counts packed numbers, unless it is of a floating
-type and they are not (NetCDF Users' Guide, appendix A). Flags are those of the CF conventions, section 3.5: variables
-that `ancillary_variables` lists or whose standard name says that they are flags of the variable. Their meanings, in
-words, say which values are bad.
+The range (`valid_range`, `valid_min`, `valid_max`) of packed values counts packed numbers, unless
+it is of a floating type and they are not (NetCDF Users' Guide, appendix A). Flags are those of the
+CF conventions, section 3.5: variables that `ancillary_variables` lists or whose standard name says
+that they are flags of the variable. Their meanings, in words, say which values are bad.
 """
 
 import re
@@ -33,7 +33,9 @@ FLAGS = ("quality_flag", "status_flag", "aggregate_quality_flag")
 
 @dataclass(frozen=True)
 class Flags:
-    """A flag variable: its name, a test of its numbers for bad ones, and the meanings of bad ones and of the others."""
+    """A flag variable: its name, a test of its numbers for bad ones, and the meanings of bad ones
+    and of the others.
+    """
 
     name: str
     variable: xr.Variable
@@ -79,15 +81,22 @@ def apply(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
     return derive(variable, read)
 
 
-def valid_limits(attributes: Mapping[str, Any], packing: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Return the (least, greatest) valid value of a variable once unpacked; None where its attributes state none."""
+def valid_limits(
+    attributes: Mapping[str, Any], packing: Mapping[str, Any]
+) -> tuple[float, float] | None:
+    """Return the (least, greatest) valid value of a variable once unpacked;
+
+    None where its attributes state none.
+    """
     low, high = -np.inf, np.inf
     whole, ends = _numbers(attributes.get("valid_range"), packing), []
     if whole is not None and whole.size == 2:
         low, high = float(whole.min()), float(whole.max())
     for key in ("valid_min", "valid_max"):
         end = _numbers(attributes.get(key), packing)
-        ends.append(float(end[0]) if end is not None and end.size == 1 and np.isfinite(end[0]) else None)
+        ends.append(
+            float(end[0]) if end is not None and end.size == 1 and np.isfinite(end[0]) else None
+        )
     packed_upside_down = float(packing.get("scale_factor", 1.0)) < 0 and None not in ends
     if packed_upside_down:
         ends = ends[::-1]
@@ -100,12 +109,16 @@ def _grain(limits: tuple[float, float], packing: Mapping[str, Any]) -> float:
     kind = np.dtype(packing.get("dtype") or np.float32)
     if kind.kind in "iu" and _packed(packing):
         return abs(float(packing.get("scale_factor", 1.0))) / 2
-    ends = [abs(end) for end in (*limits, float(packing.get("add_offset", 0.0))) if np.isfinite(end)]
+    ends = [
+        abs(end) for end in (*limits, float(packing.get("add_offset", 0.0))) if np.isfinite(end)
+    ]
     return 4 * float(np.finfo(np.float32).eps) * max(ends)
 
 
 def unpacked(attributes: Mapping[Any, Any], packing: Mapping[str, Any]) -> dict[Any, Any]:
-    """Return attributes whose limits, of a variable that is unpacked already, count unpacked values."""
+    """Return attributes whose limits, of a variable that is unpacked already, count unpacked
+    values.
+    """
     if not _packed(packing) or not any(key in attributes for key in LIMITS):
         return dict(attributes)
     limits = valid_limits(attributes, packing)
@@ -130,12 +143,17 @@ def _numbers(stated: Any, packing: Mapping[str, Any]) -> Array | None:
     if not np.issubdtype(numbers.dtype, np.number):
         return None
     kind = np.dtype(packing.get("dtype") or np.float64)
-    unsigned = kind.kind == "u" or (kind.kind == "i" and str(packing.get("_Unsigned", "")).lower() == "true")
+    unsigned = kind.kind == "u" or (
+        kind.kind == "i" and str(packing.get("_Unsigned", "")).lower() == "true"
+    )
     if unsigned and numbers.dtype.kind == "i":
         numbers = numbers.astype(np.int64) % (1 << (8 * kind.itemsize))
     unpacked = numbers.dtype.kind == "f" and kind.kind in "iu"
     if _packed(packing) and not unpacked:
-        scale, offset = float(packing.get("scale_factor", 1.0)), float(packing.get("add_offset", 0.0))
+        scale, offset = (
+            float(packing.get("scale_factor", 1.0)),
+            float(packing.get("add_offset", 0.0)),
+        )
         return numbers.astype(np.float64) * scale + offset
     return numbers.astype(np.float64)
 
@@ -144,7 +162,11 @@ def _flags(data: xr.Dataset, name: str) -> list[Flags]:
     """Return the flags of a variable that call some of their numbers bad."""
     variable = data.variables[name]
     listed = str(variable.attrs.get("ancillary_variables", "")).replace(",", " ").split()
-    others = {n for v in data.variables.values() for n in str(v.attrs.get("ancillary_variables", "")).split()}
+    others = {
+        n
+        for v in data.variables.values()
+        for n in str(v.attrs.get("ancillary_variables", "")).split()
+    }
     standard = str(variable.attrs.get("standard_name", "")).strip()
     own = {f"{standard} {flag}" for flag in FLAGS} if standard else set()
     found = []
@@ -200,7 +222,11 @@ def _whole(variable: xr.Variable, key: str) -> NDArray[np.int64] | None:
     if stated is None:
         return None
     numbers = np.ravel(np.asarray(stated))
-    if not numbers.size or not np.issubdtype(numbers.dtype, np.number) or not np.isfinite(numbers).all():
+    if (
+        not numbers.size
+        or not np.issubdtype(numbers.dtype, np.number)
+        or not np.isfinite(numbers).all()
+    ):
         return None
     return numbers.astype(np.int64) & _bits(variable)
 
@@ -211,4 +237,6 @@ def _along(flag: xr.Variable, variable: xr.Variable, part: Part) -> Array:
     own = [dim for dim in flag.dims if dim in dims]
     values = values_of(flag, part)
     values = values.transpose([own.index(dim) for dim in dims if dim in own])
-    return values.reshape([values.shape[[d for d in dims if d in own].index(d)] if d in own else 1 for d in dims])
+    return values.reshape(
+        [values.shape[[d for d in dims if d in own].index(d)] if d in own else 1 for d in dims]
+    )

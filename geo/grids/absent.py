@@ -2,8 +2,9 @@
 
 They are fill values, or blocks of land that a model leaves out.
 
-NEMO writes lon = lat = 0 (or -1) where it runs no process because all is land; other files leave coordinates out
-wherever there is land. Such points have no position: no cell has them as a corner, and no extent includes them.
+NEMO writes lon = lat = 0 (or -1) where it runs no process because all is land; other files leave
+coordinates out wherever there is land. Such points have no position: no cell has them as a corner,
+and no extent includes them.
 """
 
 from dataclasses import replace
@@ -21,16 +22,21 @@ AROUND = [(dj, di) for dj in (-1, 0, 1) for di in (-1, 0, 1) if (dj, di) != (0, 
 
 
 def without(lon: Array, lat: Array, notes: list[str]) -> tuple[Array, Array]:
-    """Return coordinates [deg] with NaN where they are a fill value: one number beyond all degrees, or a block.
+    """Return coordinates [deg] with NaN where they are a fill value: one number beyond all degrees,
+    or a block.
 
-    A block is one pair of numbers that the points of two neighbouring rows and columns share; outside a block the same
-    pair may be a point like any other.
+    A block is one pair of numbers that the points of two neighbouring rows and columns share;
+    outside a block the same pair may be a point like any other.
     """
     coordinates = [np.array(lon), np.array(lat)]
     with np.errstate(invalid="ignore"):
         for values, most in zip(coordinates, FARTHEST, strict=True):
             fill_value = np.abs(values) > most
-            if fill_value.any() and not fill_value.all() and len(np.unique(values[fill_value])) == 1:
+            if (
+                fill_value.any()
+                and not fill_value.all()
+                and len(np.unique(values[fill_value])) == 1
+            ):
                 values[fill_value] = np.nan
         if lon.ndim == 2 and lon.shape == lat.shape:
             block = _blocks(*coordinates)
@@ -55,7 +61,9 @@ def _blocks(lon: Array, lat: Array) -> NDArray[np.bool_]:
         equal = (lon == place[0]) & (lat == place[1])
         padded = np.pad(equal, 1)
         shape = equal.shape
-        beside = [padded[1 + dj : 1 + dj + shape[0], 1 + di : 1 + di + shape[1]] for dj, di in AROUND]
+        beside = [
+            padded[1 + dj : 1 + dj + shape[0], 1 + di : 1 + di + shape[1]] for dj, di in AROUND
+        ]
         in_block |= equal & np.any(beside, axis=0)
     return in_block
 
@@ -63,8 +71,9 @@ def _blocks(lon: Array, lat: Array) -> NDArray[np.bool_]:
 def extended(curved: Curved) -> Curved:
     """Return a grid in which points next to points with coordinates have coordinates too.
 
-    A wet point next to land needs all four corners of its cells. A missing point becomes the mean of what all straight
-    lines and parallelograms through its known neighbours say, which is exact to second order in the cell.
+    A wet point next to land needs all four corners of its cells. A missing point becomes the mean
+    of what all straight lines and parallelograms through its known neighbours say, which is exact
+    to second order in the cell.
     """
     present = np.isfinite(curved.lon) & np.isfinite(curved.lat)
     if present.all() or not present.any():
@@ -83,7 +92,10 @@ def extended(curved: Curved) -> Curved:
     guesses = [2 * at(dj, di) - at(2 * dj, 2 * di) for dj, di in AROUND]
     guesses += [at(dj, 0) + at(0, di) - at(dj, di) for dj in (-1, 1) for di in (-1, 1)]
     usable = [np.asarray(np.isfinite(guess).all(axis=1), bool) for guess in guesses]
-    total = sum((np.where(ok[:, None], guess, 0.0) for ok, guess in zip(usable, guesses, strict=True)), np.zeros(3))
+    total = sum(
+        (np.where(ok[:, None], guess, 0.0) for ok, guess in zip(usable, guesses, strict=True)),
+        np.zeros(3),
+    )
     reached = np.asarray(np.any(np.stack(usable), axis=0), bool)
     x, y, z = total[reached].T
     lon, lat = curved.lon.copy(), curved.lat.copy()

@@ -2,7 +2,8 @@
 
 They are found by running over cells, not by searching for nodes.
 
-A tile is finer than its source, so every cell holds a few of the tile's nodes: those in the cell's own box are tried.
+A tile is finer than its source, so every cell holds a few of the tile's nodes: those in the cell's
+own box are tried.
 """
 
 from collections.abc import Iterator
@@ -17,18 +18,23 @@ from geo.grids.grid import Grid
 from geo.grids.layout import Curved, Index, Triangles
 
 CHUNK = 2_000_000  # candidate pairs of cell and node handled at a time
-NEAR = 0.5  # cosine of the largest angle, 60 degrees, from a cell's middle to its corners; wider cells are left out
-RIM = 0.01  # share of a cell: a node so little outside a grid counts as on its rim; parallels bulge less
+# cosine of the largest angle, 60 degrees, from a cell's middle to its corners; wider cells are left
+# out
+NEAR = 0.5
+# share of a cell: a node so little outside a grid counts as on its rim; parallels bulge less
+RIM = 0.01
 SLACK = 1e-6  # share of a cell: error of rounding
 
-Part = tuple[Index, Index, Array, Array]  # (node, points, weights of points, how far outside the cell the node is)
+# (node, points, weights of points, how far outside the cell the node is)
+Part = tuple[Index, Index, Array, Array]
 
 
 def of_curved(curved: Curved, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
     """Return bilinear weights in the cells of a curved grid, shape (nodes, points).
 
-    The cells include those across the seam and the fold of a grid that goes round the Earth. mirrored: sign of weights
-    on points beyond the fold: -1 for components along the grid's own axes, which reverse there.
+    The cells include those across the seam and the fold of a grid that goes round the Earth.
+    mirrored: sign of weights on points beyond the fold: -1 for components along the grid's own
+    axes, which reverse there.
     """
     ny, nx = curved.lon.shape
     lon, lat = np.ravel(curved.lon), np.ravel(curved.lat)
@@ -37,7 +43,9 @@ def of_curved(curved: Curved, grid: Grid, mirrored: float = 1.0) -> sp.csr_matri
     for j in range(0, ny - 1, band):
         corners = layout.cells(curved, np.arange(j, min(j + band, ny - 1))).reshape(-1, 4)
         parts += _bilinear(lon, lat, corners, grid, np.ones(4))
-    parts += _bilinear(lon, lat, layout.across(curved), grid, np.array([1.0, 1.0, mirrored, mirrored]))
+    parts += _bilinear(
+        lon, lat, layout.across(curved), grid, np.array([1.0, 1.0, mirrored, mirrored])
+    )
     return _assemble(parts, grid, ny * nx)
 
 
@@ -60,9 +68,10 @@ def _bilinear(lon: Array, lat: Array, corners: Index, grid: Grid, sign: Array) -
 def of_triangles(mesh: Triangles, grid: Grid) -> sp.csr_matrix:
     """Return linear weights in triangles, shape (nodes of the grid, values).
 
-    Values at nodes of the mesh are interpolated inside its triangles. Values at centres are interpolated inside the
-    triangles of a centre and two neighbouring nodes, where a node's value is the weighted mean of the elements round
-    it, with Holmes and Connell's (1989, doi:10.2514/6.1989-1932) pseudo-Laplacian weights (exact for linear fields).
+    Values at nodes of the mesh are interpolated inside its triangles. Values at centres are
+    interpolated inside the triangles of a centre and two neighbouring nodes, where a node's value
+    is the weighted mean of the elements round it, with Holmes and Connell's (1989,
+    doi:10.2514/6.1989-1932) pseudo-Laplacian weights (exact for linear fields).
     """
     if mesh.lonc is None or mesh.latc is None:
         return _linear(mesh.lon, mesh.lat, mesh.cells, grid)
@@ -80,12 +89,16 @@ def of_triangles(mesh: Triangles, grid: Grid) -> sp.csr_matrix:
 
 
 def _pseudo_laplacian(mesh: Triangles) -> sp.csr_matrix:
-    """Return the matrix (nodes, elements) of means of the elements round each node, exact for linear fields."""
+    """Return the matrix (nodes, elements) of means of the elements round each node, exact for
+    linear fields.
+    """
     assert mesh.lonc is not None
     assert mesh.latc is not None
     n, corner = len(mesh.lon), mesh.cells >= 0
     element, node = np.nonzero(corner)[0], mesh.cells[corner]
-    dx = sphere.wrap_degrees(mesh.lonc[element] - mesh.lon[node]) * np.cos(np.radians(mesh.lat[node]))
+    dx = sphere.wrap_degrees(mesh.lonc[element] - mesh.lon[node]) * np.cos(
+        np.radians(mesh.lat[node])
+    )
     dy = mesh.latc[element] - mesh.lat[node]
 
     def total(values: Array) -> Array:
@@ -97,8 +110,11 @@ def _pseudo_laplacian(mesh: Triangles) -> sp.csr_matrix:
         lx, ly = (xy * ry - yy * rx) / det, (xy * rx - xx * ry) / det
         usable = np.isfinite(lx) & np.isfinite(ly) & (det > 1e-6 * xx * yy)
     lx, ly = np.where(usable, lx, 0.0), np.where(usable, ly, 0.0)
-    weight = np.clip(1 + lx[node] * dx + ly[node] * dy, 1e-3, 2.0)  # out of range where all elements are on one side
-    return sp.csr_matrix((weight / total(weight)[node], (node, element)), shape=(n, len(mesh.cells)))
+    # out of range where all elements are on one side
+    weight = np.clip(1 + lx[node] * dx + ly[node] * dy, 1e-3, 2.0)
+    return sp.csr_matrix(
+        (weight / total(weight)[node], (node, element)), shape=(n, len(mesh.cells))
+    )
 
 
 def _linear(lon: Array, lat: Array, cells: Index, grid: Grid) -> sp.csr_matrix:
@@ -121,10 +137,11 @@ Candidates = tuple[Index, Index, Array, Array, Array, Array]
 def _candidates(lon: Array, lat: Array, grid: Grid) -> Iterator[Candidates]:
     """Yield every pair of a cell and a node inside the cell's own box, in chunks.
 
-    lon, lat: corners (m, k) [deg]. Yields (cell, node, corner x, corner y, node x, node y). x and y are gnomonic: they
-    lie in the plane that touches the sphere at the cell's middle, seen from the centre of the Earth. Great circles are
-    straight there, so that cells meet without gaps everywhere, also at the poles. Cells with missing corners are left
-    out, and so are those with corners farther than 60 degrees from their middle.
+    lon, lat: corners (m, k) [deg]. Yields (cell, node, corner x, corner y, node x, node y). x and y
+    are gnomonic: they lie in the plane that touches the sphere at the cell's middle, seen from the
+    centre of the Earth. Great circles are straight there, so that cells meet without gaps
+    everywhere, also at the poles. Cells with missing corners are left out, and so are those with
+    corners farther than 60 degrees from their middle.
     """
     west, width, south, north = layout.extents(lon, lat)
     corner = _unit(np.radians(lon), np.radians(lat))
@@ -139,7 +156,10 @@ def _candidates(lon: Array, lat: Array, grid: Grid) -> Iterator[Candidates]:
     level = np.hypot(middle[:, 0], middle[:, 1])[:, None]
     east = np.where(level > 0, east / np.where(level > 0, level, 1), (0.0, 1.0, 0.0))
     up = np.cross(middle, east)
-    x, y = (corner * east[:, None]).sum(axis=2) / cosines, (corner * up[:, None]).sum(axis=2) / cosines
+    x, y = (
+        (corner * east[:, None]).sum(axis=2) / cosines,
+        (corner * up[:, None]).sum(axis=2) / cosines,
+    )
     first, last = (west[chosen] - grid.lon0) % 360.0 / grid.dlon, width[chosen] / grid.dlon
     low_y = np.maximum(np.ceil((south[chosen] - grid.lat0) / grid.dlat - 1e-6), 0)
     high_y = np.minimum(np.floor((north[chosen] - grid.lat0) / grid.dlat + 1e-6), grid.nlat - 1)
@@ -156,13 +176,18 @@ def _candidates(lon: Array, lat: Array, grid: Grid) -> Iterator[Candidates]:
             if len(part) == 0:
                 continue
             cell = np.repeat(part, count[part])
-            rank = np.arange(len(cell)) - np.repeat(np.cumsum(count[part]) - count[part], count[part])
+            rank = np.arange(len(cell)) - np.repeat(
+                np.cumsum(count[part]) - count[part], count[part]
+            )
             column = (low_x[cell] + rank % wide[cell]).astype(np.int64) % grid.columns
             row = (low_y[cell] + rank // wide[cell]).astype(np.int64)
             node = _unit(lam[column], phi[row])
             cosine = (node * middle[cell]).sum(axis=1)
             with np.errstate(invalid="ignore", divide="ignore"):
-                px, py = (node * east[cell]).sum(axis=1) / cosine, (node * up[cell]).sum(axis=1) / cosine
+                px, py = (
+                    (node * east[cell]).sum(axis=1) / cosine,
+                    (node * up[cell]).sum(axis=1) / cosine,
+                )
             px[cosine <= 0] = np.nan  # nodes on the far side of the Earth
             yield chosen[cell], row * grid.columns + column, x[cell], y[cell], px, py
 
@@ -176,8 +201,20 @@ def _inverse_bilinear(px: Array, py: Array, x: Array, y: Array) -> tuple[Array, 
     """Return (s, t) of points in quadrilaterals with corners (00, 10, 11, 01), by Newton's method."""
     s, t = np.full(len(px), 0.5), np.full(len(px), 0.5)
     for _ in range(8):  # quadratic: convex cells settle in four
-        fx = (1 - s) * (1 - t) * x[:, 0] + s * (1 - t) * x[:, 1] + s * t * x[:, 2] + (1 - s) * t * x[:, 3] - px
-        fy = (1 - s) * (1 - t) * y[:, 0] + s * (1 - t) * y[:, 1] + s * t * y[:, 2] + (1 - s) * t * y[:, 3] - py
+        fx = (
+            (1 - s) * (1 - t) * x[:, 0]
+            + s * (1 - t) * x[:, 1]
+            + s * t * x[:, 2]
+            + (1 - s) * t * x[:, 3]
+            - px
+        )
+        fy = (
+            (1 - s) * (1 - t) * y[:, 0]
+            + s * (1 - t) * y[:, 1]
+            + s * t * y[:, 2]
+            + (1 - s) * t * y[:, 3]
+            - py
+        )
         xs, xt = (
             (1 - t) * (x[:, 1] - x[:, 0]) + t * (x[:, 2] - x[:, 3]),
             (1 - s) * (x[:, 3] - x[:, 0]) + s * (x[:, 2] - x[:, 1]),
@@ -196,7 +233,8 @@ def _inverse_bilinear(px: Array, py: Array, x: Array, y: Array) -> tuple[Array, 
 def _assemble(parts: list[Part], grid: Grid, count: int) -> sp.csr_matrix:
     """Return the matrix (nodes, count) of all parts.
 
-    A node on an edge or a rim may be in several cells: the one that it is least outside of counts, the first of equals.
+    A node on an edge or a rim may be in several cells: the one that it is least outside of counts,
+    the first of equals.
     """
     size = grid.nlat * grid.columns
     if not parts:
@@ -207,6 +245,8 @@ def _assemble(parts: list[Part], grid: Grid, count: int) -> sp.csr_matrix:
     node, first = np.unique(node[order], return_index=True)
     corner, share = corner[order[first]], share[order[first]]
     k = corner.shape[1]
-    matrix = sp.csr_matrix((share.ravel(), (np.repeat(node, k), corner.ravel())), shape=(size, count))
+    matrix = sp.csr_matrix(
+        (share.ravel(), (np.repeat(node, k), corner.ravel())), shape=(size, count)
+    )
     matrix.eliminate_zeros()
     return matrix

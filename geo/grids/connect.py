@@ -13,24 +13,36 @@ from geo.grids import naming
 from geo.grids.layout import Index, Triangles
 from geo.grids.ugrid import Mesh
 
-LONGEST = 4.0  # times the local shortest edge; without connectivity, longer edges are taken to bridge land
+# times the local shortest edge; without connectivity, longer edges are taken to bridge land
+LONGEST = 4.0
 
 
 def triangles(
-    data: xr.Dataset, name: str, dim: str, lon: Array | None, lat: Array | None, notes: list[str],
+    data: xr.Dataset,
+    name: str,
+    dim: str,
+    lon: Array | None,
+    lat: Array | None,
+    notes: list[str],
     mesh: Mesh | None = None,
-) -> Triangles:  # fmt: skip
-    """Return the triangles on which a variable of one horizontal dimension stands, at nodes or at centres.
+) -> Triangles:
+    """Return the triangles on which a variable of one horizontal dimension stands, at nodes or at
+    centres.
 
-    lon, lat: its points [deg]; None at faces whose centres the file does not give: the means of their nodes are taken.
+    lon, lat: its points [deg]; None at faces whose centres the file does not give: the means of
+    their nodes are taken.
     """
     size = int(data.sizes[dim])
-    node_lon, node_lat = (None, None) if mesh is None or not mesh.nodes else (_values(data, n) for n in mesh.nodes)
+    node_lon, node_lat = (
+        (None, None) if mesh is None or not mesh.nodes else (_values(data, n) for n in mesh.nodes)
+    )
     table = _connectivity(data, dim, mesh, None if node_lon is None else len(node_lon))
     if table is None:
         assert lon is not None
         assert lat is not None
-        notes.append("no connectivity in the file: points joined by a Delaunay triangulation without its long edges")
+        notes.append(
+            "no connectivity in the file: points joined by a Delaunay triangulation without its long edges"
+        )
         return Triangles(lon, lat, _delaunay(lon, lat), 0)
     cells, at_faces = table
     count, nodes = len(cells), int(cells.max()) + 1
@@ -47,7 +59,9 @@ def triangles(
         if node_lon is not None and node_lat is not None:
             notes.append(f"triangles: {count} elements with values at their centres")
             return Triangles(node_lon, node_lat, cells, 0, lon, lat)
-        notes.append("values at centres of elements, whose nodes the file lacks: centres joined by triangulation")
+        notes.append(
+            "values at centres of elements, whose nodes the file lacks: centres joined by triangulation"
+        )
         return Triangles(lon, lat, _delaunay(lon, lat), 0)
     if nodes > size or lon is None or lat is None:
         raise UserError(f'"{name}" has {size} points, but its triangles name {nodes} nodes')
@@ -60,32 +74,47 @@ def _values(data: xr.Dataset, name: str) -> Array:
 
 
 def _centres(lon: Array, lat: Array, cells: Index) -> tuple[Array, Array]:
-    """Return the mean positions [deg] of the nodes of cells (m, k); those with fewer nodes end in -1."""
+    """Return the mean positions [deg] of the nodes of cells (m, k); those with fewer nodes end in
+    -1.
+    """
     phi, lam, there = np.radians(lat)[cells], np.radians(lon)[cells], cells >= 0
     x, y, z = (
-        np.where(there, v, 0.0).sum(axis=1) for v in (np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi))
+        np.where(there, v, 0.0).sum(axis=1)
+        for v in (np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi))
     )
     return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
 
 
-def _connectivity(data: xr.Dataset, dim: str, mesh: Mesh | None, nodes: int | None) -> tuple[Index, bool] | None:
+def _connectivity(
+    data: xr.Dataset, dim: str, mesh: Mesh | None, nodes: int | None
+) -> tuple[Index, bool] | None:
     """Return cells (m, k) of node indices from 0, and whether `dim` counts the cells.
 
-    Returns None without connectivity. Cells with fewer nodes end in -1. nodes: how many nodes there are, where that is
-    known: larger indices are fill values that the file does not declare.
+    Returns None without connectivity. Cells with fewer nodes end in -1. nodes: how many nodes there
+    are, where that is known: larger indices are fill values that the file does not declare.
     """
     names = [mesh.connectivity] if mesh is not None and mesh.connectivity else []
-    names += [str(n) for n, v in data.variables.items() if str(v.attrs.get("cf_role", "")) == "face_node_connectivity"]
+    names += [
+        str(n)
+        for n, v in data.variables.items()
+        if str(v.attrs.get("cf_role", "")) == "face_node_connectivity"
+    ]
     for other in map(str, data.variables):
         if str(data[other].attrs.get("face_node_connectivity", "")) in data.variables:
             names.append(str(data[other].attrs["face_node_connectivity"]))
-    names += [str(n) for n, v in data.variables.items() if naming.CONNECTIVITY.match(str(n)) and v.ndim == 2]
+    names += [
+        str(n)
+        for n, v in data.variables.items()
+        if naming.CONNECTIVITY.match(str(n)) and v.ndim == 2
+    ]
     for name in names:
         variable = data[name]
         values, dims = np.asarray(variable.values, np.float64), tuple(map(str, variable.dims))
         if values.ndim != 2 or not 3 <= min(values.shape) <= 8:
             continue
-        cell_dim = next((d for d in (mesh.dims.get("face") if mesh else None, dim) if d in dims), None)
+        cell_dim = next(
+            (d for d in (mesh.dims.get("face") if mesh else None, dim) if d in dims), None
+        )
         across = dims.index(cell_dim) == 1 if cell_dim else values.shape[0] < values.shape[1]
         values = values.T if across else values
         valid = values[np.isfinite(values) & (values >= 0)]
@@ -131,7 +160,8 @@ def _delaunay(lon: Array, lat: Array) -> Index:
 
     A triangle is left out if one of its edges is far longer than others at its points.
     """
-    from scipy.spatial import Delaunay, QhullError  # imported here because it takes 0.25 s and few files need it
+    # imported here because it takes 0.25 s and few files need it
+    from scipy.spatial import Delaunay, QhullError
 
     present = np.flatnonzero(np.isfinite(lon) & np.isfinite(lat))
     lon, lat = lon[present], lat[present]
@@ -144,7 +174,13 @@ def _delaunay(lon: Array, lat: Array) -> Index:
         raise UserError(
             f"{len(present)} points with a longitude and a latitude span no triangle: there is no grid"
         ) from error
-    edges = np.stack([np.hypot(*(plane[cells[:, a]] - plane[cells[:, b]]).T) for a, b in ((0, 1), (1, 2), (2, 0))], 1)
+    edges = np.stack(
+        [
+            np.hypot(*(plane[cells[:, a]] - plane[cells[:, b]]).T)
+            for a, b in ((0, 1), (1, 2), (2, 0))
+        ],
+        1,
+    )
     shortest = np.full(len(lon), np.inf)
     for k in range(3):
         np.minimum.at(shortest, cells[:, k], edges.min(axis=1))

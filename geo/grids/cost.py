@@ -2,8 +2,9 @@
 
 The result is sampled as particles will sample it.
 
-There are two errors: at the source's points, where interpolating twice is worst, and at one scattered place in every
-cell, where the source's own interpolation is the truth, which is what a particle meets on average.
+There are two errors: at the source's points, where interpolating twice is worst, and at one
+scattered place in every cell, where the source's own interpolation is the truth, which is what a
+particle meets on average.
 """
 
 from collections.abc import Sequence
@@ -21,11 +22,18 @@ Probe = tuple[tuple[Array, Array], Array]  # ((lon, lat) [deg], value there)
 
 
 def describe_cost(
-    grid: Grid, layouts: tuple[Layout, Layout], carried: tuple[Array, Array], source: tuple[Array, Array]
+    grid: Grid,
+    layouts: tuple[Layout, Layout],
+    carried: tuple[Array, Array],
+    source: tuple[Array, Array],
 ) -> str:
-    """Return in words what regridding cost: errors of the tile at the source's points and between them."""
+    """Return in words what regridding cost: errors of the tile at the source's points and between
+    them.
+    """
     source = _off_the_fold(layouts[0], source[0]), _off_the_fold(layouts[1], source[1])
-    at_points = _error(grid, carried, [(layout.points(i), v) for i, v in zip(layouts, source, strict=True)])
+    at_points = _error(
+        grid, carried, [(layout.points(i), v) for i, v in zip(layouts, source, strict=True)]
+    )
     between = _error(grid, carried, [_between(i, v) for i, v in zip(layouts, source, strict=True)])
     return (
         f"regridding cost: rms error {between[0]:.1%} of the rms speed between the points, {at_points[0]:.1%} at "
@@ -34,7 +42,9 @@ def describe_cost(
 
 
 def _off_the_fold(item: Layout, values: Array) -> Array:
-    """Return values without those at the fold of a tripolar grid, where the axes that they refer to reverse."""
+    """Return values without those at the fold of a tripolar grid, where the axes that they refer to
+    reverse.
+    """
     if not isinstance(item, Curved) or item.mirror is None:
         return values
     return np.where(np.arange(len(values))[:, None] < len(values) - 2, values, np.nan)
@@ -61,11 +71,15 @@ def _between(item: Layout, values: Array) -> Probe:
 
     if not isinstance(item, Curved):
         return (blend(unwrapped), blend(_corners(lat))), blend(_corners(values))
-    phi, lam = np.radians(lat), np.radians(lon)  # blended as vectors in space, because a cell may hold the pole
+    # blended as vectors in space, because a cell may hold the pole
+    phi, lam = np.radians(lat), np.radians(lon)
     x, y = (blend(_corners(np.cos(phi) * f(lam))) for f in (np.cos, np.sin))
     truth = blend(_corners(values))
     truth[:, ~layout.joins(item)[:-1]] = np.nan  # between columns that are not neighbours
-    return (np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(blend(_corners(np.sin(phi))), np.hypot(x, y)))), truth
+    return (
+        np.degrees(np.arctan2(y, x)),
+        np.degrees(np.arctan2(blend(_corners(np.sin(phi))), np.hypot(x, y))),
+    ), truth
 
 
 def _corners(values: Array) -> list[Array]:
@@ -77,11 +91,15 @@ def _scatter(count: int, axis: int) -> Array:
 
     The sequence covers the unit square evenly without a seed.
     """
-    return np.asarray((0.5 + np.arange(1, count + 1) * (0.7548776662466927, 0.5698402909980532)[axis]) % 1.0)
+    return np.asarray(
+        (0.5 + np.arange(1, count + 1) * (0.7548776662466927, 0.5698402909980532)[axis]) % 1.0
+    )
 
 
 def _error(grid: Grid, carried: tuple[Array, Array], probes: list[Probe]) -> tuple[float, float]:
-    """Return the rms error of both components as a share of the rms speed, and the share of wet probes lost."""
+    """Return the rms error of both components as a share of the rms speed, and the share of wet
+    probes lost.
+    """
     square = error = 0.0
     wet = kept = 0
     for values, ((lon, lat), truth) in zip(carried, probes, strict=True):
@@ -89,7 +107,9 @@ def _error(grid: Grid, carried: tuple[Array, Array], probes: list[Probe]) -> tup
         with np.errstate(invalid="ignore"):
             inside = (lat >= box.south - 1e-6) & (lat <= box.north + 1e-6) & np.isfinite(truth)
             inside &= (lon - box.west + 1e-6) % 360.0 <= box.east - box.west + 2e-6
-        sampled = grids.sample(grid, grids.widen(np.asarray(values, np.float32), grid), lon[inside], lat[inside])
+        sampled = grids.sample(
+            grid, grids.widen(np.asarray(values, np.float32), grid), lon[inside], lat[inside]
+        )
         present = np.isfinite(sampled)
         square += float((truth[inside][present] ** 2).sum())
         error += float(((sampled - truth[inside])[present] ** 2).sum())

@@ -1,8 +1,8 @@
 """Missing values next to the coast, filled from their wet neighbours for sampling only.
 
-The few cells next to wet ones are filled ring by ring, which smooths them. Farther in, bays and channels narrower than
-the grid take the value of the nearest wet node, up to a stated distance: this costs one look-up at any distance, where
-each ring costs a pass over the grid.
+The few cells next to wet ones are filled ring by ring, which smooths them. Farther in, bays and
+channels narrower than the grid take the value of the nearest wet node, up to a stated distance:
+this costs one look-up at any distance, where each ring costs a pass over the grid.
 """
 
 import functools
@@ -14,14 +14,18 @@ from scipy import ndimage
 from geo import sphere
 from geo.grids.grid import Grid
 
-# [deg of latitude] In a band of this height a degree of longitude counts as one length, 4 % off at its edges at 60 deg.
+# [deg of latitude] In a band of this height a degree of longitude counts as one length, 4 % off at
+# its edges at 60 deg.
 BAND = 5.0
-# [m] A bay or channel that the source does not resolve gets a value as far as this from the nearest wet node.
+# [m] A bay or channel that the source does not resolve gets a value as far as this from the nearest
+# wet node.
 REACH = 30_000.0
-MASKS = 16  # masks whose fillings are kept; a source has one mask for all its slices unless it dries and floods
+# masks whose fillings are kept; a source has one mask for all its slices unless it dries and floods
+MASKS = 16
 
 Mask = NDArray[np.bool_]
-Bands = tuple[tuple[int, int, tuple[float, float]], ...]  # (first row, row after the last, spacing of rows and columns)
+# (first row, row after the last, spacing of rows and columns)
+Bands = tuple[tuple[int, int, tuple[float, float]], ...]
 
 
 def fill(
@@ -33,13 +37,15 @@ def fill(
     bands: Bands | None = None,
     within: Mask | None = None,
 ) -> NDArray[np.float32]:
-    """Return values (nlat, nlon, k) with missing nodes filled: `cells` rings, then all up to `reach`.
+    """Return values (nlat, nlon, k) with missing nodes filled: `cells` rings, then all up to
+    `reach`.
 
-    A ring's node is the mean of those of its eight neighbours that are valid or were filled before; what was valid
-    keeps every bit. seamless: the last column is the first one, so that rings go on across the seam. reach: a node no
-    farther than this from a wet one, and in no ring, takes the nearest wet node's value; in the unit of the bands'
-    spacing: [m] with those of `bands`, else cells. within: (nlat, nlon) nodes that the reach may fill, such as those
-    inside a model's own domain: outside it a missing value means that the water is unknown, not that there is land.
+    A ring's node is the mean of those of its eight neighbours that are valid or were filled before;
+    what was valid keeps every bit. seamless: the last column is the first one, so that rings go on
+    across the seam. reach: a node no farther than this from a wet one, and in no ring, takes the
+    nearest wet node's value; in the unit of the bands' spacing: [m] with those of `bands`, else
+    cells. within: (nlat, nlon) nodes that the reach may fill, such as those inside a model's own
+    domain: outside it a missing value means that the water is unknown, not that there is land.
     """
     result = np.array(values, np.float32, order="C")
     if not seamless and np.isfinite(result).all():
@@ -49,7 +55,9 @@ def fill(
     if wet is not None and wet.any() and not wet.all():
         allowed = None if within is None else np.packbits(within).tobytes()
         all_bands = bands or ((0, wet.shape[0], (1.0, 1.0)),)
-        node, source = _nearest(np.packbits(wet).tobytes(), wet.shape, seamless, float(reach), all_bands, allowed)
+        node, source = _nearest(
+            np.packbits(wet).tobytes(), wet.shape, seamless, float(reach), all_bands, allowed
+        )
         flat = result.reshape(-1, result.shape[2])
         missing = ~np.isfinite(flat[node]).all(axis=1)
         flat[node[missing]] = flat[source[missing]]
@@ -59,7 +67,8 @@ def fill(
 def bands(grid: Grid) -> Bands:
     """Return a grid's rows in bands of latitude, with the spacing [m] of rows and columns there.
 
-    Bands do not depend on where a grid begins, so that a node's filling does not depend on which part a case needs.
+    Bands do not depend on where a grid begins, so that a node's filling does not depend on which
+    part a case needs.
     """
     metres = np.deg2rad(1.0) * sphere.RADIUS
     number = np.floor(grid.lat / BAND).astype(int)
@@ -99,20 +108,33 @@ def _rings(result: NDArray[np.float32], cells: int, seamless: bool) -> None:
 
 
 def _wet(values: NDArray[np.float32]) -> Mask:
-    """Return the nodes (nlat, nlon) none of whose k values is missing; `all(axis=2)` of few values takes five times as long."""
-    return functools.reduce(np.logical_and, (np.isfinite(values[..., k]) for k in range(values.shape[2])))
+    """Return the nodes (nlat, nlon) none of whose k values is missing;
+
+    `all(axis=2)` of few values takes five times as long.
+    """
+    return functools.reduce(
+        np.logical_and, (np.isfinite(values[..., k]) for k in range(values.shape[2]))
+    )
 
 
 @functools.lru_cache(MASKS)
 def _nearest(
-    bits: bytes, shape: tuple[int, int], seamless: bool, reach: float, bands: Bands, allowed: bytes | None
+    bits: bytes,
+    shape: tuple[int, int],
+    seamless: bool,
+    reach: float,
+    bands: Bands,
+    allowed: bytes | None,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return (node, source), flat indices: missing nodes within reach, and the wet node nearest to each."""
+    """Return (node, source), flat indices: missing nodes within reach, and the wet node nearest to
+    each.
+    """
     wet = _mask(bits, shape)
     fillable = np.ones(shape, bool) if allowed is None else _mask(allowed, shape)
     nodes, sources = [], []
     for first, last, spacing in bands:
-        margin = int(min(shape[0], np.ceil(reach / spacing[0])))  # rows of other bands that may hold the nearest node
+        # rows of other bands that may hold the nearest node
+        margin = int(min(shape[0], np.ceil(reach / spacing[0])))
         low, high = max(first - margin, 0), min(last + margin, shape[0])
         distance, row, column = _distances(wet[low:high], seamless, reach, spacing)
         own = slice(first - low, last - low)
@@ -130,18 +152,30 @@ def _distances(
     The distance is inf where there is no wet node.
     """
     if not wet.any():
-        return np.full(wet.shape, np.inf), np.zeros(wet.shape, np.int32), np.zeros(wet.shape, np.int64)
+        return (
+            np.full(wet.shape, np.inf),
+            np.zeros(wet.shape, np.int32),
+            np.zeros(wet.shape, np.int64),
+        )
     own = wet.shape[1] - seamless
     turns = np.arange(wet.shape[1])
     margin = 0
     if seamless:  # add to each side as much of the other end as is within reach
         margin = int(min(own // 2, np.ceil(reach / spacing[1])))
         turns = np.arange(-margin, own + 1 + margin) % own
-    distance, (row, column) = ndimage.distance_transform_edt(~wet[:, turns], spacing, return_indices=True)
+    distance, (row, column) = ndimage.distance_transform_edt(
+        ~wet[:, turns], spacing, return_indices=True
+    )
     middle = slice(margin, margin + own + 1) if seamless else slice(None)
     return distance[:, middle], row[:, middle], turns[column[:, middle]]
 
 
 def _mask(bits: bytes, shape: tuple[int, int]) -> Mask:
-    """Return a mask from its packed bits, which are bytes because a cache needs a key that can be hashed."""
-    return np.unpackbits(np.frombuffer(bits, np.uint8), count=shape[0] * shape[1]).view(bool).reshape(shape)
+    """Return a mask from its packed bits, which are bytes because a cache needs a key that can be
+    hashed.
+    """
+    return (
+        np.unpackbits(np.frombuffer(bits, np.uint8), count=shape[0] * shape[1])
+        .view(bool)
+        .reshape(shape)
+    )

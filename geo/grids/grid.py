@@ -1,7 +1,8 @@
-"""Regular longitude-latitude grids: the only kind that kernels sample, and the target of every regridding.
+"""Regular longitude-latitude grids: the only kind that kernels sample, and the target of every
+regridding.
 
-Nodes ascend in both directions. A grid that goes round the Earth repeats its first column at its end, so that no
-sampler needs to know about the seam.
+Nodes ascend in both directions. A grid that goes round the Earth repeats its first column at its
+end, so that no sampler needs to know about the seam.
 """
 
 from dataclasses import dataclass
@@ -49,7 +50,12 @@ class Grid:
     def box(self) -> Box:
         """The box that the nodes span, with its west edge in [-180, 180)."""
         west = sphere.wrap_degrees(self.lon0)
-        return Box(west, self.lat0, west + (self.nlon - 1) * self.dlon, self.lat0 + (self.nlat - 1) * self.dlat)
+        return Box(
+            west,
+            self.lat0,
+            west + (self.nlon - 1) * self.dlon,
+            self.lat0 + (self.nlat - 1) * self.dlat,
+        )
 
 
 def nodes(grid: Grid) -> tuple[Array, Array]:
@@ -66,11 +72,13 @@ def widen(values: NDArray[np.float32], grid: Grid) -> NDArray[np.float32]:
 def sample(grid: Grid, values: NDArray[np.floating], lon: ArrayLike, lat: ArrayLike) -> Array:
     """Return values (nlat, nlon, ...) interpolated bilinearly at points [deg], shape (n, ...).
 
-    A point outside the grid, or in a cell with a missing corner of non-zero weight, gives NaN. This is what a
-    particle sees before missing values are filled; it serves measurements of error and tests.
+    A point outside the grid, or in a cell with a missing corner of non-zero weight, gives NaN. This
+    is what a particle sees before missing values are filled; it serves measurements of error and
+    tests.
     """
     x = (np.asarray(lon, float) - grid.lon0) % 360.0 / grid.dlon
-    x = np.where(x > 360.0 / grid.dlon - 1e-6, 0.0, x)  # a rounding error west of the first node counts as on it
+    # a rounding error west of the first node counts as on it
+    x = np.where(x > 360.0 / grid.dlon - 1e-6, 0.0, x)
     y = (np.asarray(lat, float) - grid.lat0) / grid.dlat
     inside = (x <= grid.nlon - 1 + 1e-6) & (y >= -1e-6) & (y <= grid.nlat - 1 + 1e-6)
     x, y = np.clip(x, 0, grid.nlon - 1), np.clip(y, 0, grid.nlat - 1)

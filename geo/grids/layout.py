@@ -1,7 +1,7 @@
 """Where the points of a variable lie: records of layouts, and their geometry.
 
-Points lie on longitude and latitude axes, in a projection's plane, on a curved grid, or on triangles. `locate.py` finds
-these layouts in a file and `regrid.py` makes weights of them.
+Points lie on longitude and latitude axes, in a projection's plane, on a curved grid, or on
+triangles. `locate.py` finds these layouts in a file and `regrid.py` makes weights of them.
 
 Angles are degrees. Longitudes are unwrapped where neighbours matter, so they may leave [-180, 180).
 """
@@ -24,8 +24,8 @@ Index = NDArray[np.int64]
 class Axes:
     """A rectilinear grid: lon (nx,) and lat (ny,) [deg], both ascending.
 
-    columns, rows: their indices in the file. round: whether the columns go round the Earth; each longitude then stands
-    once.
+    columns, rows: their indices in the file. round: whether the columns go round the Earth; each
+    longitude then stands once.
     """
 
     lon: Array
@@ -39,8 +39,9 @@ class Axes:
 class Plane:
     """A projection's plane.
 
-    x (nx,), y (ny,): in the projection's unit (m or deg), monotonic, in the file's order; columns, rows: their indices
-    in the file; turn: period of x (360 for a rotated pole, whose x is an angle), 0 for none.
+    x (nx,), y (ny,): in the projection's unit (m or deg), monotonic, in the file's order; columns,
+    rows: their indices in the file; turn: period of x (360 for a rotated pole, whose x is an
+    angle), 0 for none.
     """
 
     x: Array
@@ -68,9 +69,10 @@ class Plane:
 class Curved:
     """A curved grid: lon, lat (ny, nx) [deg]; columns, rows: their indices in the file.
 
-    angle: (ny, nx) [rad] of the grid's x axis from east, if the file has it. joined: (nx,) whether each column's next
-    one is its neighbour (that of the last is the first); None: this holds for all but the last. mirror: (nx,) columns
-    that the last row's points face across the fold of a tripolar grid, -1 for none.
+    angle: (ny, nx) [rad] of the grid's x axis from east, if the file has it. joined: (nx,) whether
+    each column's next one is its neighbour (that of the last is the first); None: this holds for
+    all but the last. mirror: (nx,) columns that the last row's points face across the fold of a
+    tripolar grid, -1 for none.
     """
 
     lon: Array
@@ -86,9 +88,9 @@ class Curved:
 class Triangles:
     """Triangles: lon, lat (n,) [deg] of nodes, cells (m, 3) indices of nodes.
 
-    first: index in the file of point 0. With lonc, latc (m,) the values stand at the cells' centres, and cells may have
-    more corners, (m, k); those with fewer end in -1. projection: from the plane along whose axes components count to
-    (lon, lat); None where they count along none.
+    first: index in the file of point 0. With lonc, latc (m,) the values stand at the cells'
+    centres, and cells may have more corners, (m, k); those with fewer end in -1. projection: from
+    the plane along whose axes components count to (lon, lat); None where they count along none.
     """
 
     lon: Array
@@ -116,7 +118,9 @@ UNIFORM = 0.01  # share of a cell: an axis whose coordinates jitter by no more c
 def uniform(values: Array) -> bool:
     """Whether an axis's steps are equal except for errors of rounding in its storage."""
     line = np.linspace(values[0], values[-1], len(values))
-    return bool(np.abs(values - line).max() <= UNIFORM * (values[-1] - values[0]) / (len(values) - 1))
+    return bool(
+        np.abs(values - line).max() <= UNIFORM * (values[-1] - values[0]) / (len(values) - 1)
+    )
 
 
 def points(layout: Layout) -> tuple[Array, Array]:
@@ -132,7 +136,8 @@ def points(layout: Layout) -> tuple[Array, Array]:
 
 
 def spacing(layout: Layout) -> float:
-    """Return how far apart neighbouring points are [deg of a great circle]: the median in the finer direction.
+    """Return how far apart neighbouring points are [deg of a great circle]: the median in the finer
+    direction.
 
     Raises UserError where no two neighbours have coordinates.
     """
@@ -142,9 +147,14 @@ def spacing(layout: Layout) -> float:
         edges = _apart(layout.lon[a], layout.lat[a], layout.lon[b], layout.lat[b])
         return _quantile(10, edges)  # the fine elements near the coast matter, the slivers do not
     lon, lat = points(layout)
-    step = max(1, lon.shape[0] // 500), max(1, lon.shape[1] // 500)  # 250,000 points are enough for a median
-    across = _apart(lon[:: step[0], :-1], lat[:: step[0], :-1], lon[:: step[0], 1:], lat[:: step[0], 1:])
-    along = _apart(lon[:-1, :: step[1]], lat[:-1, :: step[1]], lon[1:, :: step[1]], lat[1:, :: step[1]])
+    # 250,000 points are enough for a median
+    step = max(1, lon.shape[0] // 500), max(1, lon.shape[1] // 500)
+    across = _apart(
+        lon[:: step[0], :-1], lat[:: step[0], :-1], lon[:: step[0], 1:], lat[:: step[0], 1:]
+    )
+    along = _apart(
+        lon[:-1, :: step[1]], lat[:-1, :: step[1]], lon[1:, :: step[1]], lat[1:, :: step[1]]
+    )
     return min(_quantile(50, across), _quantile(50, along))
 
 
@@ -152,7 +162,9 @@ def _quantile(percent: float, distances: Array) -> float:
     """Return a quantile of finite distances; raise UserError where there is none."""
     finite = distances[np.isfinite(distances)]
     if not finite.size:
-        raise UserError("no two neighbouring points have a longitude and a latitude: there is no grid")
+        raise UserError(
+            "no two neighbouring points have a longitude and a latitude: there is no grid"
+        )
     return float(np.percentile(finite, percent))
 
 
@@ -164,14 +176,18 @@ def _apart(lon1: Array, lat1: Array, lon2: Array, lat2: Array) -> Array:
 
 
 def joins(curved: Curved) -> NDArray[np.bool_]:
-    """Return which columns of a curved grid are neighbours of the next one (of the first for the last), (nx,)."""
+    """Return which columns of a curved grid are neighbours of the next one (of the first for the
+    last), (nx,).
+    """
     if curved.joined is not None:
         return curved.joined
     return np.asarray(np.arange(curved.lon.shape[1]) < curved.lon.shape[1] - 1)
 
 
 def cells(curved: Curved, rows: Index) -> Index:
-    """Return the corners, as raveled points, of the cells between rows and the next ones, (rows, cells, 4)."""
+    """Return the corners, as raveled points, of the cells between rows and the next ones, (rows,
+    cells, 4).
+    """
     nx = curved.lon.shape[1]
     left = np.nonzero(joins(curved))[0]
     right, row = (left + 1) % nx, np.asarray(rows)[:, None] * nx
@@ -179,7 +195,9 @@ def cells(curved: Curved, rows: Index) -> Index:
 
 
 def across(curved: Curved) -> Index:
-    """Return the corners, as raveled points, of the cells across the fold of a tripolar grid, (cells, 4)."""
+    """Return the corners, as raveled points, of the cells across the fold of a tripolar grid,
+    (cells, 4).
+    """
     if curved.mirror is None:
         return np.empty((0, 4), np.int64)
     ny, nx = curved.lon.shape
@@ -194,15 +212,22 @@ def extents(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array]:
 
     Cells of which a corner is missing get NaN.
 
-    lon, lat: corners in turn (m, k) [deg]. A cell that holds a pole is 360 wide. Edges bulge poleward, and at most as
-    much as an edge at the cell's highest latitude that is as wide as the cell.
+    lon, lat: corners in turn (m, k) [deg]. A cell that holds a pole is 360 wide. Edges bulge
+    poleward, and at most as much as an edge at the cell's highest latitude that is as wide as the
+    cell.
     """
     phi, lam = np.radians(lat), np.radians(lon)
-    middle = np.degrees(np.arctan2((np.cos(phi) * np.sin(lam)).sum(1), (np.cos(phi) * np.cos(lam)).sum(1)))[:, None]
+    middle = np.degrees(
+        np.arctan2((np.cos(phi) * np.sin(lam)).sum(1), (np.cos(phi) * np.cos(lam)).sum(1))
+    )[:, None]
     unwrapped = sphere.wrap_degrees(lon - middle)
-    unwrapped = np.where(np.abs(lat) > 90.0 - 1e-6, 0.0 * unwrapped, unwrapped)  # a pole has no longitude
+    # a pole has no longitude
+    unwrapped = np.where(np.abs(lat) > 90.0 - 1e-6, 0.0 * unwrapped, unwrapped)
     with np.errstate(invalid="ignore"):
-        around = np.abs(sphere.wrap_degrees(np.roll(unwrapped, -1, axis=1) - unwrapped).sum(axis=1)) > 180.0
+        around = (
+            np.abs(sphere.wrap_degrees(np.roll(unwrapped, -1, axis=1) - unwrapped).sum(axis=1))
+            > 180.0
+        )
         width = np.where(around, 360.0, np.ptp(unwrapped, axis=1))
         half = np.cos(np.radians(np.minimum(width, 180.0) / 2))
         south, north = lat.min(axis=1), lat.max(axis=1)
@@ -214,7 +239,9 @@ def extents(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def within(lon: Array, lat: Array, box: Box, margin: float) -> NDArray[np.bool_]:
-    """Return which points [deg] lie in a box grown by a margin [deg of a great circle] on every side."""
+    """Return which points [deg] lie in a box grown by a margin [deg of a great circle] on every
+    side.
+    """
     south, north = box.south - margin, box.north + margin
     cosine = np.cos(np.radians(min(89.0, max(abs(south), abs(north)))))
     grown = box.grown(margin / cosine, margin)
@@ -243,7 +270,11 @@ def crop(layout: Layout, box: Box | None) -> Layout | None:
     j, i = np.nonzero(inside.any(axis=1))[0], np.nonzero(inside.any(axis=0))[0]
     rows, columns = slice(j[0], j[-1] + 1), slice(i[0], i[-1] + 1)
     return replace(
-        layout, x=layout.x[columns], y=layout.y[rows], columns=layout.columns[columns], rows=layout.rows[rows]
+        layout,
+        x=layout.x[columns],
+        y=layout.y[rows],
+        columns=layout.columns[columns],
+        rows=layout.rows[rows],
     )
 
 
@@ -268,24 +299,40 @@ def _crop_axes(axes: Axes, box: Box) -> Axes | None:
         if len(columns) == 0:
             return None
         k = np.arange(columns[0], columns[-1] + 1)
-        k = np.arange(max(0, min(k[0], n - 2)), k[-1] + 1) if len(k) > 1 else np.arange(max(k[0] - 1, 0), k[0] + 1)
+        k = (
+            np.arange(max(0, min(k[0], n - 2)), k[-1] + 1)
+            if len(k) > 1
+            else np.arange(max(k[0] - 1, 0), k[0] + 1)
+        )
         if len(k) < 2:
             k = np.arange(0, 2)
     goes_round = axes.round and len(k) == n
-    return Axes(axes.lon[k % n] + 360.0 * (k // n), axes.lat[rows], axes.columns[k % n], axes.rows[rows], goes_round)
+    return Axes(
+        axes.lon[k % n] + 360.0 * (k // n),
+        axes.lat[rows],
+        axes.columns[k % n],
+        axes.rows[rows],
+        goes_round,
+    )
 
 
 def _crop_curved(curved: Curved, box: Box) -> Curved | None:
-    """Return the cells that meet a box, and one more row and column on each side; None where no cell does.
+    """Return the cells that meet a box, and one more row and column on each side; None where no
+    cell does.
 
     Of a grid that goes round the Earth the columns may be in up to three pieces.
     """
     margin = 3 * spacing(curved)
-    grown = box.grown(margin / np.cos(np.radians(min(89.0, max(abs(box.south), abs(box.north)) + margin))), margin)
+    grown = box.grown(
+        margin / np.cos(np.radians(min(89.0, max(abs(box.south), abs(box.north)) + margin))), margin
+    )
     ny, nx = curved.lon.shape
     lowest, highest = np.fmin.reduce(curved.lat, axis=1), np.fmax.reduce(curved.lat, axis=1)
     # Near the poles edges bulge far poleward.
-    lowest, highest = np.where(lowest < -75.0, -90.0, lowest), np.where(highest > 75.0, 90.0, highest)
+    lowest, highest = (
+        np.where(lowest < -75.0, -90.0, lowest),
+        np.where(highest > 75.0, 90.0, highest),
+    )
     with np.errstate(invalid="ignore"):
         near_rows = (np.fmin(lowest[:-1], lowest[1:]) <= grown.north) & (
             np.fmax(highest[:-1], highest[1:]) >= grown.south
@@ -293,7 +340,8 @@ def _crop_curved(curved: Curved, box: Box) -> Curved | None:
     row_needed, column_needed = np.zeros(ny, bool), np.zeros(nx, bool)
     lon, lat = np.ravel(curved.lon), np.ravel(curved.lat)
     band = np.nonzero(near_rows)[0]
-    for rows in [band[k : k + 64] for k in range(0, len(band), 64)]:  # 64 rows at a time, to save memory
+    # 64 rows at a time, to save memory
+    for rows in [band[k : k + 64] for k in range(0, len(band), 64)]:
         corners = cells(curved, rows).reshape(-1, 4)
         met = corners[_meet(lon[corners], lat[corners], grown)]
         row_needed[met // nx] = column_needed[met % nx] = True
@@ -312,21 +360,31 @@ def _crop_curved(curved: Curved, box: Box) -> Curved | None:
         place[order] = np.arange(len(order))
         mirror = place[curved.mirror[order]]
     return replace(
-        curved, lon=curved.lon[part][:, order], lat=curved.lat[part][:, order], columns=curved.columns[order],
-        rows=curved.rows[part], angle=None if curved.angle is None else curved.angle[part][:, order], joined=joined,
+        curved,
+        lon=curved.lon[part][:, order],
+        lat=curved.lat[part][:, order],
+        columns=curved.columns[order],
+        rows=curved.rows[part],
+        angle=None if curved.angle is None else curved.angle[part][:, order],
+        joined=joined,
         mirror=mirror,
-    )  # fmt: skip
+    )
 
 
 def _meet(lon: Array, lat: Array, box: Box) -> NDArray[np.bool_]:
     """Return which cells with corners (m, k) [deg] meet a box.
 
-    Edges of cells up to WIDE bulge poleward by at most width^2 / 16; a tenth is added for the next order. The extents
-    of wider cells are computed in full.
+    Edges of cells up to WIDE bulge poleward by at most width^2 / 16; a tenth is added for the next
+    order. The extents of wider cells are computed in full.
     """
     unwrapped = sphere.wrap_degrees(lon - lon[:, :1])
     low = unwrapped.min(axis=1)
-    west, width, south, north = lon[:, 0] + low, unwrapped.max(axis=1) - low, lat.min(axis=1), lat.max(axis=1)
+    west, width, south, north = (
+        lon[:, 0] + low,
+        unwrapped.max(axis=1) - low,
+        lat.min(axis=1),
+        lat.max(axis=1),
+    )
     with np.errstate(invalid="ignore"):
         bulge = np.degrees(1.1 * np.radians(width) ** 2 / 16)
         south, north = south - bulge, north + bulge
@@ -338,9 +396,11 @@ def _meet(lon: Array, lat: Array, box: Box) -> NDArray[np.bool_]:
 
 
 def _pieces(needed: NDArray[np.bool_], around: bool) -> Index:
-    """Return the needed columns and one more on both sides, in turn, with all gaps filled but the three widest.
+    """Return the needed columns and one more on both sides, in turn, with all gaps filled but the
+    three widest.
 
-    The first column follows the widest gap, so that what is needed on both sides of the seam stays together.
+    The first column follows the widest gap, so that what is needed on both sides of the seam stays
+    together.
     """
     n = len(needed)
     beside = np.roll(needed, 1) | np.roll(needed, -1)
@@ -363,18 +423,30 @@ def _pieces(needed: NDArray[np.bool_], around: bool) -> Index:
 def _crop_triangles(mesh: Triangles, box: Box) -> Triangles | None:
     margin = 3 * spacing(mesh)
     corners = np.where(mesh.cells < 0, mesh.cells[:, :1], mesh.cells)
-    # The cell's own box is tested, not its corners, because elements may be larger than the whole case.
-    grown = box.grown(margin / max(0.02, np.cos(np.radians(max(abs(box.south), abs(box.north))))), margin)
+    # The cell's own box is tested, not its corners, because elements may be larger than the whole
+    # case.
+    grown = box.grown(
+        margin / max(0.02, np.cos(np.radians(max(abs(box.south), abs(box.north))))), margin
+    )
     meets = _meet(mesh.lon[corners], mesh.lat[corners], grown)
     kept = np.nonzero(meets)[0]
     if len(kept) == 0:
         return None
-    if mesh.lonc is not None and mesh.latc is not None:  # values stand at centres, so nodes are kept as they are
+    # values stand at centres, so nodes are kept as they are
+    if mesh.lonc is not None and mesh.latc is not None:
         part = slice(int(kept[0]), int(kept[-1]) + 1)
         return replace(
-            mesh, cells=mesh.cells[part], first=mesh.first + part.start, lonc=mesh.lonc[part], latc=mesh.latc[part]
+            mesh,
+            cells=mesh.cells[part],
+            first=mesh.first + part.start,
+            lonc=mesh.lonc[part],
+            latc=mesh.latc[part],
         )
     low, high = int(mesh.cells[kept].min()), int(mesh.cells[kept].max()) + 1
     return replace(
-        mesh, lon=mesh.lon[low:high], lat=mesh.lat[low:high], cells=mesh.cells[kept] - low, first=mesh.first + low
+        mesh,
+        lon=mesh.lon[low:high],
+        lat=mesh.lat[low:high],
+        cells=mesh.cells[kept] - low,
+        first=mesh.first + low,
     )

@@ -1,4 +1,6 @@
-"""Finding where a variable's points lie, from what a file says: coordinates, grid mapping, connectivity."""
+"""Finding where a variable's points lie, from what a file says: coordinates, grid mapping,
+connectivity.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -21,7 +23,8 @@ FINEST = 1e-5  # [deg] a metre; every grid as a whole is larger
 class Component:
     """A variable whose points are sought.
 
-    dims: its horizontal dimensions; side: 0 for u, 1 for v; chosen: what the case says of coordinates, by key.
+    dims: its horizontal dimensions; side: 0 for u, 1 for v; chosen: what the case says of
+    coordinates, by key.
     """
 
     data: xr.Dataset
@@ -36,7 +39,8 @@ def locate(
 ) -> tuple[Layout, list[str]]:
     """Return the layout of a variable, and remarks for the user.
 
-    dims: its horizontal dimensions; side: 0 for u, 1 for v; chosen: what the case says of coordinates, by key.
+    dims: its horizontal dimensions; side: 0 for u, 1 for v; chosen: what the case says of
+    coordinates, by key.
     """
     notes: list[str] = []
     component = Component(data, name, dims, side, chosen)
@@ -59,7 +63,9 @@ def locate(
             f"or faces with variables = {{ east = ..., north = ... }}"
         )
     if mesh and mesh.place == "face" and lon_name is None and mesh.nodes and mesh.connectivity:
-        return replace(connect.triangles(data, name, dims[0], None, None, notes, mesh), projection=along), notes
+        return replace(
+            connect.triangles(data, name, dims[0], None, None, notes, mesh), projection=along
+        ), notes
     if plane is not None:
         if lon_name and lat_name:
             own_lon, own_lat = (_at_first(component, n) for n in (lon_name, lat_name))
@@ -77,10 +83,18 @@ def locate(
             f"set variables = {{ lon = ..., lat = ... }} or variables.crs"
         )
     lon, lat = absent.without(_at_first(component, lon_name), _at_first(component, lat_name), notes)
-    if not np.isfinite(lon).any() or np.nanmax(np.abs(lat)) > 90.001 or np.nanmax(np.abs(lon)) > 720:
-        raise UserError(f'"{lon_name}" and "{lat_name}" are no degrees; set variables = {{ lon = ..., lat = ... }}')
+    if (
+        not np.isfinite(lon).any()
+        or np.nanmax(np.abs(lat)) > 90.001
+        or np.nanmax(np.abs(lon)) > 720
+    ):
+        raise UserError(
+            f'"{lon_name}" and "{lat_name}" are no degrees; set variables = {{ lon = ..., lat = ... }}'
+        )
     if len(dims) == 1:
-        return replace(connect.triangles(data, name, dims[0], lon, lat, notes, mesh), projection=along), notes
+        return replace(
+            connect.triangles(data, name, dims[0], lon, lat, notes, mesh), projection=along
+        ), notes
     if lon.ndim == 1 and lat.ndim == 1:
         sizes = tuple(int(data.sizes[d]) for d in dims)
         crossed = dims[0] in data[lon_name].dims or dims[1] in data[lat_name].dims
@@ -101,13 +115,19 @@ def locate(
 def coordinates(
     data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], side: int
 ) -> tuple[str, str] | None:
-    """Return the names of a variable's longitudes and latitudes; None without. dims, chosen, side: as in `locate`."""
+    """Return the names of a variable's longitudes and latitudes;
+
+    None without. dims, chosen, side: as in `locate`.
+    """
     lon, lat = _names(Component(data, name, dims, side, chosen), None)
     return (lon, lat) if lon is not None and lat is not None else None
 
 
 def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, str | None]:
-    """Return the names of the longitudes and latitudes that go with a variable; None where it has none."""
+    """Return the names of the longitudes and latitudes that go with a variable;
+
+    None where it has none.
+    """
     data, chosen = component.data, component.chosen
     mesh_names = None if mesh is None else {"node": mesh.nodes, "face": mesh.faces}.get(mesh.place)
     if mesh_names and not {"lon", "lat"} & set(chosen):
@@ -137,25 +157,38 @@ def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, s
         for key, other in (("lon", lon), ("lat", lat)):
             odd = "" if key in chosen else naming.contradiction(other, data[other].attrs)
             if odd:
-                raise UserError(f"{odd}; say which it is: set variables = {{ lon = ..., lat = ... }}")
+                raise UserError(
+                    f"{odd}; say which it is: set variables = {{ lon = ..., lat = ... }}"
+                )
         return lon, lat
-    for key, others, other_axis in (("lon", scores_of[1], "latitudes"), ("lat", scores_of[0], "longitudes")):
+    for key, others, other_axis in (
+        ("lon", scores_of[1], "latitudes"),
+        ("lat", scores_of[0], "longitudes"),
+    ):
         if key in chosen and others:
             raise UserError(
                 f'variables.{key} = "{chosen[key]}" does not go with the {other_axis} of "{component.name}" '
                 f"({', '.join(others)}): they have other dimensions; set variables.lon and variables.lat"
             )
-    return (max(scores_of[0], default=None), None) if scores_of[0] else (None, max(scores_of[1], default=None))
+    return (
+        (max(scores_of[0], default=None), None)
+        if scores_of[0]
+        else (None, max(scores_of[1], default=None))
+    )
 
 
 def _go_together(component: Component, lon: str, lat: str) -> bool:
-    """Whether longitudes and latitudes are those of the same points, or axes, or both named by the case."""
+    """Whether longitudes and latitudes are those of the same points, or axes, or both named by the
+    case.
+    """
     own = [_lasting(component, component.data[name].variable) for name in (lon, lat)]
     return own[0] == own[1] or max(map(len, own)) == 1 or {"lon", "lat"} <= set(component.chosen)
 
 
 def _lasting(component: Component, variable: xr.Variable) -> tuple[str, ...]:
-    """Return the dimensions of coordinates without the one, such as time, along which a file repeats them."""
+    """Return the dimensions of coordinates without the one, such as time, along which a file
+    repeats them.
+    """
     own = tuple(map(str, variable.dims))
     stands = map(str, component.data[component.name].dims)
     repeated = len(own) > 1 and own[0] not in component.dims and own[0] in stands
@@ -171,7 +204,10 @@ def _fit(component: Component, other: str) -> float | None:
     variable = data[other]
     if not variable.ndim or not np.issubdtype(variable.dtype, np.number):
         return None
-    own = set(_lasting(component, variable.variable)) <= set(dims) or tuple(map(str, variable.dims[1:])) == dims
+    own = (
+        set(_lasting(component, variable.variable)) <= set(dims)
+        or tuple(map(str, variable.dims[1:])) == dims
+    )
     place = stagger.place_of(other) if len(dims) == 2 else None
     beside = place in (None, "t") and _beside(data, variable, dims)
     if not own and not beside:
@@ -179,16 +215,26 @@ def _fit(component: Component, other: str) -> float | None:
     values = _at_first(component, other)
     finite = values[np.isfinite(values)]
     if values.size > 1 and (finite.size == 0 or finite.min() == finite.max()):
-        return None  # FVCOM in metres writes lon = lat = 0 everywhere, ROMS zeros or fill values at u and v
+        # FVCOM in metres writes lon = lat = 0 everywhere, ROMS zeros or fill values at u and v
+        return None
     listed = other in str(data[component.name].attrs.get("coordinates", "")).split()
-    return 20 * own + 10 * listed + (variable.ndim == len(dims)) + 3 * (place == "uv"[component.side])
+    return (
+        20 * own + 10 * listed + (variable.ndim == len(dims)) + 3 * (place == "uv"[component.side])
+    )
 
 
 def _beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> bool:
-    """Whether sizes and dimensions say that points lie half a cell beside those of a component over `dims`."""
+    """Whether sizes and dimensions say that points lie half a cell beside those of a component over
+    `dims`.
+    """
     wanted = tuple(int(data.sizes[d]) for d in dims)
-    repeated = variable.ndim == 3 and "time" in str(variable.dims[0]).lower()  # WRF repeats them for every time
-    if variable.ndim != 2 + repeated or len(dims) != 2 or (not repeated and "time" in str(variable.dims[0]).lower()):
+    # WRF repeats them for every time
+    repeated = variable.ndim == 3 and "time" in str(variable.dims[0]).lower()
+    if (
+        variable.ndim != 2 + repeated
+        or len(dims) != 2
+        or (not repeated and "time" in str(variable.dims[0]).lower())
+    ):
         return False
     shape = variable.shape[-2:]
     more = [have - want for have, want in zip(shape, wanted, strict=True)]
@@ -206,7 +252,9 @@ def _at_first(component: Component, name: str) -> Array:
 
 
 def _staggered_shape(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
-    """Whether points of this shape lie half a cell beside points of the wanted one (ROMS: rho beside u)."""
+    """Whether points of this shape lie half a cell beside points of the wanted one (ROMS: rho
+    beside u).
+    """
     if len(shape) != 2 or len(wanted) != 2:
         return False
     more = shape[0] - wanted[0], shape[1] - wanted[1]
@@ -222,12 +270,20 @@ def _averaged(values: Array, wanted: tuple[int, ...]) -> Array:
     return values
 
 
-def _at_points(component: Component, lon_name: str, lon: Array, lat: Array, notes: list[str]) -> tuple[Array, Array]:
+def _at_points(
+    component: Component, lon_name: str, lon: Array, lat: Array, notes: list[str]
+) -> tuple[Array, Array]:
     """Return (lon, lat) [deg] of a component's own points, (ny, nx).
 
     The given coordinates may be those of points beside them.
     """
-    data, name, dims, side, chosen = component.data, component.name, component.dims, component.side, component.chosen
+    data, name, dims, side, chosen = (
+        component.data,
+        component.name,
+        component.dims,
+        component.side,
+        component.chosen,
+    )
     wanted = tuple(int(data.sizes[d]) for d in dims)
     own = tuple(map(str, data[lon_name].dims))[-2:]
     if set(own) == set(dims) and own != dims:
@@ -237,7 +293,9 @@ def _at_points(component: Component, lon_name: str, lon: Array, lat: Array, note
     along = stagger.offsets(data, name, dims, side, lon_name, chosen, lon.shape)
     if along == (0.0, 0.0):
         return lon, lat
-    notes.append(f"{name} has no places of its own: taken midway between the points of {lon_name}{_direction(along)}")
+    notes.append(
+        f"{name} has no places of its own: taken midway between the points of {lon_name}{_direction(along)}"
+    )
     if _separable(lon, lat):
         line = stagger.moved_line(np.unwrap(lon[0], period=360.0), wanted[1], along[1])
         x, y = np.meshgrid(line, stagger.moved_line(lat[:, 0], wanted[0], along[0]))
@@ -247,7 +305,9 @@ def _at_points(component: Component, lon_name: str, lon: Array, lat: Array, note
 
 
 def _direction(along: tuple[float | None, float | None]) -> str:
-    """Return in words on which side of the given points a component's points lie, where sizes do not tell it."""
+    """Return in words on which side of the given points a component's points lie, where sizes do
+    not tell it.
+    """
     phrases = [
         f", half a cell {'after' if offset > 0 else 'before'} them along the {axis}"
         for offset, axis in zip(along, ("columns", "rows"), strict=True)
@@ -264,18 +324,27 @@ def _separable(lon: Array, lat: Array) -> bool:
     dlon, dlat = np.abs(np.diff(lon[0])), np.abs(np.diff(lat[:, 0]))
     if np.median(dlon) == 0 or np.median(dlat) == 0:
         return False
-    return bool(np.abs(turn).max() < 1e-3 * np.median(dlon) and np.ptp(lat, axis=1).max() < 1e-3 * np.median(dlat))
+    return bool(
+        np.abs(turn).max() < 1e-3 * np.median(dlon)
+        and np.ptp(lat, axis=1).max() < 1e-3 * np.median(dlat)
+    )
 
 
 def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
-    """Return rectilinear axes in ascending order, with longitudes unwrapped and without repeated columns."""
+    """Return rectilinear axes in ascending order, with longitudes unwrapped and without repeated
+    columns.
+    """
     for values, axis in ((lon, lon_name), (lat, lat_name)):
         if len(values) < 2:
-            raise UserError(f'"{axis}" has one value: at least two columns and two rows are needed to interpolate')
+            raise UserError(
+                f'"{axis}" has one value: at least two columns and two rows are needed to interpolate'
+            )
         if not np.isfinite(values).all():
             raise UserError(f'"{axis}" has missing values')
         if 0 < np.ptp(values) < FINEST:
-            raise UserError(f'"{axis}" spans {np.ptp(values):.2g} degrees in all: is it in degrees?')
+            raise UserError(
+                f'"{axis}" spans {np.ptp(values):.2g} degrees in all: is it in degrees?'
+            )
     rows = np.argsort(lat, kind="stable")
     if (np.diff(lat[rows]) <= 0).any():
         raise UserError(f'"{lat_name}" holds the same latitude twice')
@@ -301,7 +370,9 @@ def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
     return Axes(ordered, lat[rows], columns, rows, goes_round)
 
 
-def _angle(data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, notes: list[str]) -> Array | None:
+def _angle(
+    data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, notes: list[str]
+) -> Array | None:
     """Return the file's own angle of the x axis from east [rad], (ny, nx).
 
     Returns None where none fits the points.
@@ -322,9 +393,14 @@ def _angle(data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, 
     computed = rotation.curved_angle(lon, lat)
 
     def at_points(turn: Array) -> Array:
-        return np.asarray(np.arctan2(_averaged(np.sin(turn), lon.shape), _averaged(np.cos(turn), lon.shape)))
+        return np.asarray(
+            np.arctan2(_averaged(np.sin(turn), lon.shape), _averaged(np.cos(turn), lon.shape))
+        )
 
-    for factor, remark in ((1.0, f'"{name}" gives'), (np.pi / 180.0, f'"{name}", in degrees, gives')):
+    for factor, remark in (
+        (1.0, f'"{name}" gives'),
+        (np.pi / 180.0, f'"{name}", in degrees, gives'),
+    ):
         turn = at_points(angle * factor)
         difference = np.abs(sphere.wrap(turn - computed))
         finite = difference[np.isfinite(difference)]

@@ -1,6 +1,8 @@
-"""Positions of a moving grid: files that give its coordinates for every time, or one file for each time.
+"""Positions of a moving grid: files that give its coordinates for every time, or one file for each
+time.
 
-WRF's moving nests are of the first kind, those of hurricane models that follow a storm often of the second.
+WRF's moving nests are of the first kind, those of hurricane models that follow a storm often of the
+second.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,14 +16,16 @@ from numpy.typing import NDArray
 from geo.grids import locate, naming
 from geo.grids.layout import Layout
 
-DIGITS = 5  # decimals of a degree, a metre, to which coordinates of two times must agree to be the same place
+# decimals of a degree, a metre, to which coordinates of two times must agree to be the same place
+DIGITS = 5
 
 
 @dataclass(frozen=True)
 class Places:
     """The places of a variable's grid.
 
-    held: the file, the dimension of time and the index along it at which each place is first given; number: the place of (id of the file, index).
+    held: the file, the dimension of time and the index along it at which each place is first given;
+    number: the place of (id of the file, index).
     """
 
     name: str
@@ -54,8 +58,8 @@ def moving_places(
 ) -> Places | None:
     """Return the places of a variable's grid in its files; None where it does not move.
 
-    It moves where a file gives coordinates for every time, or where every file has one time. dims: its horizontal
-    dimensions; chosen, side: as in `locate.locate`.
+    It moves where a file gives coordinates for every time, or where every file has one time. dims:
+    its horizontal dimensions; chosen, side: as in `locate.locate`.
     """
     if len(dims) != 2 or not _may_move(files, dims, chosen, time_dim):
         return None
@@ -78,11 +82,16 @@ def moving_places(
 
 
 def _may_move(
-    files: Sequence[tuple[str, xr.Dataset]], dims: tuple[str, ...], chosen: Mapping[str, Any], time_dim: str | None
+    files: Sequence[tuple[str, xr.Dataset]],
+    dims: tuple[str, ...],
+    chosen: Mapping[str, Any],
+    time_dim: str | None,
 ) -> bool:
     """Whether there are several files, or coordinates along time."""
     return len(files) > 1 or any(
-        time_dim in v.dims and set(v.dims) & set(dims) and (naming.role(str(n), v.attrs) or n in chosen.values())
+        time_dim in v.dims
+        and set(v.dims) & set(dims)
+        and (naming.role(str(n), v.attrs) or n in chosen.values())
         for n, v in files[0][1].variables.items()
     )
 
@@ -92,12 +101,18 @@ def _count(data: xr.Dataset, name: str, time_dim: str | None) -> int:
 
 
 def _probe(data: xr.Dataset, pair: tuple[str, str], along: str | None) -> NDArray[np.float64]:
-    """Return coordinates of a few points at every index along a dimension, (n, points); without a dimension n is 1."""
+    """Return coordinates of a few points at every index along a dimension, (n, points); without a
+    dimension n is 1.
+    """
     count = int(data.sizes[along]) if along is not None else 1
     found = []
     for other in pair:
         variable = data[other].variable
-        few = {d: np.unique(np.linspace(0, n - 1, 3).astype(int)) for d, n in variable.sizes.items() if d != along}
+        few = {
+            d: np.unique(np.linspace(0, n - 1, 3).astype(int))
+            for d, n in variable.sizes.items()
+            if d != along
+        }
         values = np.asarray(variable.isel(few).values, np.float64)
         if along in variable.dims:
             found.append(np.moveaxis(values, variable.dims.index(along), 0).reshape(count, -1))

@@ -1,7 +1,9 @@
-"""Coordinates in metres of a projection's plane, on meshes and curved grids: converted to longitudes and latitudes.
+"""Coordinates in metres of a projection's plane, on meshes and curved grids: converted to
+longitudes and latitudes.
 
-Delft3D FM in UTM and FVCOM with Cartesian coordinates write them. The projection is the one that the case names, else
-that of the file: a grid mapping, an EPSG code, a PROJ or WKT text, or FVCOM's `CoordinateProjection`.
+Delft3D FM in UTM and FVCOM with Cartesian coordinates write them. The projection is the one that
+the case names, else that of the file: a grid mapping, an EPSG code, a PROJ or WKT text, or FVCOM's
+`CoordinateProjection`.
 """
 
 import functools
@@ -31,11 +33,20 @@ def pairs(data: xr.Dataset, chosen: Mapping[str, Any] | None = None) -> list[tup
         found.append((str(own["x"]), str(own["y"])))
     for topology in data.variables.values():
         for key, listed in topology.attrs.items():
-            if str(key).endswith("_coordinates") and str(topology.attrs.get("cf_role", "")) == "mesh_topology":
-                found += _pair([name for name in str(listed).split() if name in data.variables], data)
+            if (
+                str(key).endswith("_coordinates")
+                and str(topology.attrs.get("cf_role", "")) == "mesh_topology"
+            ):
+                found += _pair(
+                    [name for name in str(listed).split() if name in data.variables], data
+                )
     over: dict[tuple[Any, ...], list[str]] = {}
     for name, variable in data.variables.items():
-        if 1 <= variable.ndim <= 2 and np.issubdtype(variable.dtype, np.number) and variable.dims != (name,):
+        if (
+            1 <= variable.ndim <= 2
+            and np.issubdtype(variable.dtype, np.number)
+            and variable.dims != (name,)
+        ):
             over.setdefault(variable.dims, []).append(str(name))
     for names in over.values():
         found += _pair(names, data)
@@ -45,7 +56,11 @@ def pairs(data: xr.Dataset, chosen: Mapping[str, Any] | None = None) -> list[tup
 def _pair(names: list[str], data: xr.Dataset) -> list[tuple[str, str]]:
     sides = [[name for name in names if _axis(data, name) == axis] for axis in ("x", "y")]
     alone = len(sides[0]) == 1 and len(sides[1]) == 1
-    return [(sides[0][0], sides[1][0])] if alone and data[sides[0][0]].dims == data[sides[1][0]].dims else []
+    return (
+        [(sides[0][0], sides[1][0])]
+        if alone and data[sides[0][0]].dims == data[sides[1][0]].dims
+        else []
+    )
 
 
 def _axis(data: xr.Dataset, name: str) -> str | None:
@@ -65,8 +80,13 @@ def _cartesian(data: xr.Dataset) -> bool:
     return str(data.attrs.get("CoordinateSystem", "")).strip().lower() == "cartesian"
 
 
-def transformer(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str]) -> pyproj.Transformer | None:
-    """Return the map of a variable's plane to longitudes and latitudes; None where no projection is known."""
+def transformer(
+    data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str]
+) -> pyproj.Transformer | None:
+    """Return the map of a variable's plane to longitudes and latitudes;
+
+    None where no projection is known.
+    """
     crs = projection.crs_of(data, name, chosen, notes) or projection.of_attributes(data.attrs)
     if crs is None or not crs.is_projected:
         return None
@@ -75,7 +95,9 @@ def transformer(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: l
 
 @functools.lru_cache(8)
 def _transformer(wkt: str) -> pyproj.Transformer:
-    """Return one object for each projection, so that layouts of both components are seen to be the same."""
+    """Return one object for each projection, so that layouts of both components are seen to be the
+    same.
+    """
     crs = pyproj.CRS.from_wkt(wkt)
     return pyproj.Transformer.from_crs(crs, crs.geodetic_crs or "EPSG:4326", always_xy=True)
 
@@ -83,9 +105,11 @@ def _transformer(wkt: str) -> pyproj.Transformer:
 def unprojected(
     data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], notes: list[str]
 ) -> tuple[xr.Dataset, pyproj.Transformer] | None:
-    """Return a dataset whose coordinates in a plane are longitudes and latitudes, and the map that made them so.
+    """Return a dataset whose coordinates in a plane are longitudes and latitudes, and the map that
+    made them so.
 
-    dims: horizontal dimensions of the variable; notes is added to. Returns None where it has no such coordinates.
+    dims: horizontal dimensions of the variable; notes is added to. Returns None where it has no
+    such coordinates.
     """
     found = [pair for pair in pairs(data, chosen) if data[pair[0]].ndim == len(dims)]
     if not found:

@@ -1,4 +1,6 @@
-"""Grids in a projection's plane: x and y axes, and the grid mapping (CF, PROJ or WKT text) that defines it."""
+"""Grids in a projection's plane: x and y axes, and the grid mapping (CF, PROJ or WKT text) that
+defines it.
+"""
 
 import re
 from collections.abc import Mapping
@@ -17,15 +19,26 @@ from geo.grids.layout import Plane, points
 
 WKT = re.compile(r"\s*[A-Z]\w*\s*\[", re.IGNORECASE)
 MAPPINGS = (
-    "proj4", "proj4text", "proj4_string", "proj4_params", "crs_wkt", "wkt", "spatial_ref", "epsg_code", "CoordinateProjection",
-)  # fmt: skip
+    "proj4",
+    "proj4text",
+    "proj4_string",
+    "proj4_params",
+    "crs_wkt",
+    "wkt",
+    "spatial_ref",
+    "epsg_code",
+    "CoordinateProjection",
+)
 EPSG = re.compile(r"epsg", re.IGNORECASE)  # epsg, EPSG_code, horizontal_epsg
 
 
 def plane(
     data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], notes: list[str]
 ) -> Plane | None:
-    """Return the plane of a variable that has x and y axes and a projection; None for other variables."""
+    """Return the plane of a variable that has x and y axes and a projection;
+
+    None for other variables.
+    """
     if len(dims) != 2:
         return None
     axis: list[Array] = []
@@ -36,9 +49,15 @@ def plane(
         variable = data[axis_name]
         if not np.issubdtype(variable.dtype, np.number):
             return None
-        standard, units = (str(variable.attrs.get(k, "")).strip() for k in ("standard_name", "units"))
+        standard, units = (
+            str(variable.attrs.get(k, "")).strip() for k in ("standard_name", "units")
+        )
         rotated = standard in ("grid_longitude", "grid_latitude")
-        planar = standard in (f"projection_{key}_coordinate", "projection_x_coordinate", "projection_y_coordinate")
+        planar = standard in (
+            f"projection_{key}_coordinate",
+            "projection_x_coordinate",
+            "projection_y_coordinate",
+        )
         if not (planar or rotated or units in ("m", "km", "meter", "metre", "meters", "metres")):
             return None
         axis.append(np.asarray(variable.values, np.float64) * (1000.0 if units == "km" else 1.0))
@@ -56,17 +75,26 @@ def plane(
     method = crs.coordinate_operation.method_name if crs.coordinate_operation else crs.name
     notes.append(f"grid in a projection's plane ({method})")
     turn = 360.0 if crs.is_geographic else 0.0
-    return Plane(axis[1], axis[0], np.arange(len(axis[1])), np.arange(len(axis[0])), transform, turn)
+    return Plane(
+        axis[1], axis[0], np.arange(len(axis[1])), np.arange(len(axis[0])), transform, turn
+    )
 
 
-def crs_of(data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str]) -> pyproj.CRS | None:
-    """Return the reference system that the case chooses or the file describes; None where neither does."""
+def crs_of(
+    data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str]
+) -> pyproj.CRS | None:
+    """Return the reference system that the case chooses or the file describes;
+
+    None where neither does.
+    """
     if chosen.get("crs"):
         fence.check_crs(chosen["crs"])
         try:
             return pyproj.CRS.from_user_input(chosen["crs"])
         except pyproj.exceptions.CRSError as error:
-            raise UserError(f'variables.crs = "{chosen["crs"]}" is no coordinate reference system') from error
+            raise UserError(
+                f'variables.crs = "{chosen["crs"]}" is no coordinate reference system'
+            ) from error
     mapping = str(data[name].attrs.get("grid_mapping", "")).split(":")[0].strip()
     if mapping in data.variables:
         return _described(data, mapping, notes)
@@ -106,16 +134,24 @@ def _texts(attributes: Mapping[str, Any]) -> list[str]:
 def of_attributes(
     attributes: Mapping[str, Any], notes: list[str] | None = None, called: str = "projection"
 ) -> pyproj.CRS | None:
-    """Return the reference system that a PROJ or WKT text, or an EPSG code, among attributes defines; None without."""
+    """Return the reference system that a PROJ or WKT text, or an EPSG code, among attributes
+    defines; None without.
+    """
     for key in _texts(attributes):
         written = attributes[key]
         number = re.fullmatch(
-            r"\s*(?:urn:ogc:def:crs:)?(?:EPSG:*)?\s*(\d{4,6})(?:\.0)?\s*", str(written), re.IGNORECASE
+            r"\s*(?:urn:ogc:def:crs:)?(?:EPSG:*)?\s*(\d{4,6})(?:\.0)?\s*",
+            str(written),
+            re.IGNORECASE,
         )
         if not number and not WKT.match(str(written)):
             fence.check_crs(written)
         try:
-            crs = pyproj.CRS.from_epsg(int(number[1])) if number else pyproj.CRS.from_user_input(str(written))
+            crs = (
+                pyproj.CRS.from_epsg(int(number[1]))
+                if number
+                else pyproj.CRS.from_user_input(str(written))
+            )
         except pyproj.exceptions.CRSError:
             continue
         if notes is not None:

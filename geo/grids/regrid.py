@@ -1,8 +1,9 @@
 """Sparse weights that carry values from any layout to a regular grid.
 
-Interpolation is bilinear inside cells of structured grids and linear inside triangles. The weights are made once; each
-slice then costs one product with their matrix. A node whose weight on present values is at least one half takes their
-weighted mean and is missing otherwise, so that land keeps its outline to within half a source cell.
+Interpolation is bilinear inside cells of structured grids and linear inside triangles. The weights
+are made once; each slice then costs one product with their matrix. A node whose weight on present
+values is at least one half takes their weighted mean and is missing otherwise, so that land keeps
+its outline to within half a source cell.
 """
 
 import numpy as np
@@ -19,11 +20,12 @@ WET = 0.5  # least weight on present values with which a node has a value
 
 
 def weights(layout: Layout, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
-    """Return the matrix (nodes, points) that interpolates raveled values at points to raveled nodes of a grid.
+    """Return the matrix (nodes, points) that interpolates raveled values at points to raveled nodes
+    of a grid.
 
-    The last column of a seamless grid, which repeats the first, is not among the nodes. Rows of nodes outside the
-    layout are empty; other rows add up to 1, except that weights beyond the fold of a tripolar grid have the sign
-    `mirrored`.
+    The last column of a seamless grid, which repeats the first, is not among the nodes. Rows of
+    nodes outside the layout are empty; other rows add up to 1, except that weights beyond the fold
+    of a tripolar grid have the sign `mirrored`.
     """
     if isinstance(layout, Axes):
         matrix = _of_axes(layout, grid)
@@ -47,11 +49,15 @@ def carry(matrix: sp.csr_matrix, values: NDArray[np.floating]) -> NDArray[np.flo
     plain = matrix if matrix.data.min(initial=0) >= 0 else abs(matrix)
     weight = plain @ present.astype(np.float32)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(np.where(weight >= WET - 1e-4, total / weight, np.float32(np.nan)), np.float32)
+        return np.asarray(
+            np.where(weight >= WET - 1e-4, total / weight, np.float32(np.nan)), np.float32
+        )
 
 
 def _line(nodes: Array, where: Array) -> tuple[Index, Array, NDArray[np.bool_]]:
-    """Return (i, fraction, inside) of points along monotonic nodes, where i is the lower index of two nodes."""
+    """Return (i, fraction, inside) of points along monotonic nodes, where i is the lower index of
+    two nodes.
+    """
     falling = nodes[0] > nodes[-1]
     up = nodes[::-1] if falling else nodes
     slack = 1e-5 * (up[-1] - up[0]) / (len(up) - 1)
@@ -82,7 +88,9 @@ def _of_axes(axes: Axes, grid: Grid) -> sp.csr_matrix:
     """Return bilinear weights in a rectilinear grid, shape (nodes, points)."""
     lon = np.concatenate((axes.lon, axes.lon[:1] + 360.0)) if axes.round else axes.lon
     east = lon[0] + (grid.lon[: grid.columns] - lon[0] + 1e-7) % 360.0 - 1e-7
-    matrix = sp.kron(_band(axes.lat, grid.lat, len(axes.lat)), _band(lon, east, len(axes.lon)), format="csr")
+    matrix = sp.kron(
+        _band(axes.lat, grid.lat, len(axes.lat)), _band(lon, east, len(axes.lon)), format="csr"
+    )
     matrix.eliminate_zeros()
     return matrix
 
@@ -94,9 +102,16 @@ def _of_plane(plane: Plane, grid: Grid) -> sp.csr_matrix:
     j, fy, inside_y = _line(plane.y, y)
     keep = np.nonzero(inside_x & inside_y)[0]
     i, fx, j, fy = i[keep], fx[keep], j[keep], fy[keep]
-    corner = ((0, 0, (1 - fx) * (1 - fy)), (0, 1, fx * (1 - fy)), (1, 0, (1 - fx) * fy), (1, 1, fx * fy))
+    corner = (
+        (0, 0, (1 - fx) * (1 - fy)),
+        (0, 1, fx * (1 - fy)),
+        (1, 0, (1 - fx) * fy),
+        (1, 1, fx * fy),
+    )
     column = np.concatenate([(j + dj) * len(plane.x) + i + di for dj, di, _ in corner])
     data = np.concatenate([weight for _, _, weight in corner])
-    matrix = sp.csr_matrix((data, (np.tile(keep, 4), column)), shape=(x.size, len(plane.x) * len(plane.y)))
+    matrix = sp.csr_matrix(
+        (data, (np.tile(keep, 4), column)), shape=(x.size, len(plane.x) * len(plane.y))
+    )
     matrix.eliminate_zeros()
     return matrix

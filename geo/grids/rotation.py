@@ -1,4 +1,6 @@
-"""Directions of a grid's own axes on the Earth, and vectors turned from them to true east and north."""
+"""Directions of a grid's own axes on the Earth, and vectors turned from them to true east and
+north.
+"""
 
 import numpy as np
 import scipy.sparse as sp
@@ -8,15 +10,19 @@ from geo import sphere
 from geo.array import Array
 from geo.grids.layout import Plane, Triangles
 
-LEAST = 0.1  # smallest area that two carried unit axes may span; it is smaller where axes meet, at a pole of the grid
+# smallest area that two carried unit axes may span; it is smaller where axes meet, at a pole of the
+# grid
+LEAST = 0.1
 STEP = 1e-4  # [rad] of a finite difference on the Earth: 640 m; the direction's error is below 1e-8
 
 
 def curved_angle(lon: Array, lat: Array, joined: NDArray[np.bool_] | None = None) -> Array:
-    """Return the angle [rad] of the x axis (growing column index) from east at points (ny, nx) [deg].
+    """Return the angle [rad] of the x axis (growing column index) from east at points (ny, nx)
+    [deg].
 
-    It is the mean of the great-circle directions to the next column and from the one before: second order in the cell.
-    joined: as in `layout.Curved`. The angle is NaN where neither neighbour is present.
+    It is the mean of the great-circle directions to the next column and from the one before: second
+    order in the cell. joined: as in `layout.Curved`. The angle is NaN where neither neighbour is
+    present.
     """
     nx = lon.shape[1]
     lon, lat = np.radians(lon), np.radians(lat)
@@ -34,10 +40,12 @@ def curved_angle(lon: Array, lat: Array, joined: NDArray[np.bool_] | None = None
 def carried_axis(
     matrix: sp.csr_matrix, lon: Array, lat: Array, angle: Array, node_lon: Array, node_lat: Array
 ) -> NDArray[np.float32]:
-    """Return (east, north) at nodes [deg] of unit vectors that lie at an angle [rad] from east at points [deg].
+    """Return (east, north) at nodes [deg] of unit vectors that lie at an angle [rad] from east at
+    points [deg].
 
-    They are carried as vectors in space, so that neither the pole nor the antimeridian is a special place. The result,
-    shape (..., 2), is a little shorter than 1 where the vectors turn, and 0 where there is no weight.
+    They are carried as vectors in space, so that neither the pole nor the antimeridian is a special
+    place. The result, shape (..., 2), is a little shorter than 1 where the vectors turn, and 0
+    where there is no weight.
     """
     phi, lam = np.radians(np.ravel(lat)), np.radians(np.ravel(lon))
     c, s = (np.nan_to_num(np.ravel(f(angle))) for f in (np.cos, np.sin))
@@ -51,11 +59,12 @@ def carried_axis(
 
 
 def undone(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the four numbers that `turn` takes for components along carried axes x and y, each (east, north).
+    """Return the four numbers that `turn` takes for components along carried axes x and y, each
+    (east, north).
 
-    A component is carried like its axis, so that a vector that is the same at all corners of a cell comes back
-    unchanged, however the axes turn inside: only the error of interpolating the vector is left. Shape (..., 4), NaN
-    where there are no axes.
+    A component is carried like its axis, so that a vector that is the same at all corners of a cell
+    comes back unchanged, however the axes turn inside: only the error of interpolating the vector
+    is left. Shape (..., 4), NaN where there are no axes.
     """
     det = x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -66,10 +75,12 @@ def undone(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32
 def plane_axes(plane: Plane | Triangles, lon: Array, lat: Array) -> NDArray[np.float32]:
     """Return the unit vectors of a projection's axes at points [deg], shape (..., 4).
 
-    The four numbers are (x's east, x's north, y's east, y's north), NaN where the projection has no image.
+    The four numbers are (x's east, x's north, y's east, y's north), NaN where the projection has no
+    image.
 
-    They are found by steps on the Earth, where a metre east and a metre north are equal everywhere: the inverse of the
-    2 x 2 matrix that maps a step to the plane needs no convention about the convergence of meridians.
+    They are found by steps on the Earth, where a metre east and a metre north are equal everywhere:
+    the inverse of the 2 x 2 matrix that maps a step to the plane needs no convention about the
+    convergence of meridians.
     """
     phi, lam = np.radians(lat), np.radians(lon)
     columns = []
@@ -83,7 +94,9 @@ def plane_axes(plane: Plane | Triangles, lon: Array, lat: Array) -> NDArray[np.f
         sign = np.sign(a * d - b * c)
         x_east, x_north, y_east, y_north = sign * d, sign * -c, sign * -b, sign * a
         x_size, y_size = np.hypot(x_east, x_north), np.hypot(y_east, y_north)
-        result = np.stack((x_east / x_size, x_north / x_size, y_east / y_size, y_north / y_size), axis=-1)
+        result = np.stack(
+            (x_east / x_size, x_north / x_size, y_east / y_size, y_north / y_size), axis=-1
+        )
     return np.asarray(np.where(np.isfinite(result), result, np.nan), np.float32)
 
 

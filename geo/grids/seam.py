@@ -1,8 +1,10 @@
-"""Curved grids that go round the Earth: repeated columns and rows, the seam, the fold of a tripolar grid.
+"""Curved grids that go round the Earth: repeated columns and rows, the seam, the fold of a tripolar
+grid.
 
-Models store halos: the first columns again after the last ones, and beyond the fold of a tripolar grid (a line between
-its two northern poles, on land) rows that lie on others in reverse. Both are left out, and the grid is joined with
-itself by `Curved.joined` and `Curved.mirror`, so that it does not matter whether a file's halos hold values.
+Models store halos: the first columns again after the last ones, and beyond the fold of a tripolar
+grid (a line between its two northern poles, on land) rows that lie on others in reverse. Both are
+left out, and the grid is joined with itself by `Curved.joined` and `Curved.mirror`, so that it does
+not matter whether a file's halos hold values.
 """
 
 from dataclasses import replace
@@ -28,12 +30,18 @@ def close(curved: Curved, notes: list[str]) -> Curved:
     columns = np.arange(first, nx - (repeated - first))
     curved = _part(curved, np.arange(ny), columns)
     curved = replace(curved, joined=np.ones(len(columns), bool))
-    notes.append("the grid goes round the Earth" + (f": {repeated} repeated columns left out" if repeated else ""))
+    notes.append(
+        "the grid goes round the Earth"
+        + (f": {repeated} repeated columns left out" if repeated else "")
+    )
     return _folded(curved, notes)
 
 
 def follower(curved: Curved) -> int | None:
-    """Return which column follows the last one of a grid that goes round the Earth; None for other grids."""
+    """Return which column follows the last one of a grid that goes round the Earth;
+
+    None for other grids.
+    """
     if min(curved.lon.shape) < 2 or curved.lon.shape[1] < FEWEST:
         return None
     repeated = next((k for k in range(HALO, 0, -1) if _repeats(curved, k)), 0)
@@ -43,7 +51,14 @@ def follower(curved: Curved) -> int | None:
 def _part(curved: Curved, rows: Index, columns: Index) -> Curved:
     lon, lat = curved.lon[np.ix_(rows, columns)], curved.lat[np.ix_(rows, columns)]
     angle = None if curved.angle is None else curved.angle[np.ix_(rows, columns)]
-    return replace(curved, lon=lon, lat=lat, angle=angle, columns=curved.columns[columns], rows=curved.rows[rows])
+    return replace(
+        curved,
+        lon=lon,
+        lat=lat,
+        angle=angle,
+        columns=curved.columns[columns],
+        rows=curved.rows[rows],
+    )
 
 
 def _apart(lon1: Array, lat1: Array, lon2: Array, lat2: Array) -> Array:
@@ -86,8 +101,13 @@ def _folded(curved: Curved, notes: list[str]) -> Curved:
     facing, dropped = _facing(curved), 0
     if facing is None:
         return curved
-    while curved.lon.shape[0] > HALO and any(_lies_on(curved, back, facing) for back in range(2, HALO + 1)):
-        curved, dropped = _part(curved, np.arange(curved.lon.shape[0] - 1), np.arange(nx)), dropped + 1
+    while curved.lon.shape[0] > HALO and any(
+        _lies_on(curved, back, facing) for back in range(2, HALO + 1)
+    ):
+        curved, dropped = (
+            _part(curved, np.arange(curved.lon.shape[0] - 1), np.arange(nx)),
+            dropped + 1,
+        )
     lon, lat = curved.lon, curved.lat
     row = _apart(lon[-1], lat[-1], lon[-2], lat[-2])
     if not _mostly(_apart(lon[-1], lat[-1], lon[-1, facing], lat[-1, facing]), 2 * row):
@@ -98,10 +118,11 @@ def _folded(curved: Curved, notes: list[str]) -> Curved:
 
 
 def _facing(curved: Curved) -> Index | None:
-    """Return the columns that the last row's points face across a fold, (nx,); None where there is none.
+    """Return the columns that the last row's points face across a fold, (nx,); None where there is
+    none.
 
-    They run backwards, so that column i faces column s - i for one s. Each point's nearest one of the same row that is
-    no neighbour along the row gives an s; the most frequent counts.
+    They run backwards, so that column i faces column s - i for one s. Each point's nearest one of
+    the same row that is no neighbour along the row gives an s; the most frequent counts.
     """
     lon, lat = curved.lon[-1], curved.lat[-1]
     n, column = len(lon), np.arange(len(lon))
@@ -114,11 +135,17 @@ def _facing(curved: Curved) -> Index | None:
     if not sums:
         return None
     values, counts = np.unique(sums, return_counts=True)
-    return np.asarray((values[np.argmax(counts)] - column) % n, np.int64) if counts.max() > len(sums) / 2 else None
+    return (
+        np.asarray((values[np.argmax(counts)] - column) % n, np.int64)
+        if counts.max() > len(sums) / 2
+        else None
+    )
 
 
 def _lies_on(curved: Curved, back: int, facing: Index) -> bool:
-    """Whether the last row lies on the row `back` rows from the end (1 is the last itself), in reverse."""
+    """Whether the last row lies on the row `back` rows from the end (1 is the last itself), in
+    reverse.
+    """
     lon, lat = curved.lon, curved.lat
     step = _apart(lon[-1], lat[-1], np.roll(lon[-1], 1), np.roll(lat[-1], 1))
     return _mostly(_apart(lon[-1], lat[-1], lon[-back, facing], lat[-back, facing]), SAME * step)

@@ -2,9 +2,10 @@
 
 The file gives only the positions of the points between them.
 
-u stands midway between two neighbouring rho (or T) points of a row, v between two of a column, on the great circle
-through them. Which two they are follows from the sizes where they differ (ROMS, WRF), otherwise from the model's
-convention: u lies after its T point in NEMO and before it in MITgcm. Where nothing tells, the case must say it.
+u stands midway between two neighbouring rho (or T) points of a row, v between two of a column, on
+the great circle through them. Which two they are follows from the sizes where they differ (ROMS,
+WRF), otherwise from the model's convention: u lies after its T point in NEMO and before it in
+MITgcm. Where nothing tells, the case must say it.
 """
 
 import re
@@ -17,14 +18,20 @@ import xarray as xr
 from geo.array import Array
 from geo.errors import UserError
 
-STATED = {"after": 0.5, "before": -0.5, "none": 0.0}  # [cells] from rho points to u and v, by what a case may say
-PLACE = re.compile(r"(?:^(?:glam|gphi)|_)(rho|psi|[tuvfw])(?:_?grid)?$|^(?:ulon|ulat)()$|_grid_([tuvfw])(?:_|$)", re.I)
+# [cells] from rho points to u and v, by what a case may say
+STATED = {"after": 0.5, "before": -0.5, "none": 0.0}
+PLACE = re.compile(
+    r"(?:^(?:glam|gphi)|_)(rho|psi|[tuvfw])(?:_?grid)?$|^(?:ulon|ulat)()$|_grid_([tuvfw])(?:_|$)",
+    re.I,
+)
 AT_U = re.compile(r"_at_([uv])_location$")
 NEMO = ({"vozocrtx", "sozocrtx"}, {"vomecrty", "somecrty"})
 
 
 def place_of(name: str) -> str | None:
-    """Return the points to which a name says that it belongs: "t" (rho), "u", "v", "f" (psi) or None."""
+    """Return the points to which a name says that it belongs: "t" (rho), "u", "v", "f" (psi) or
+    None.
+    """
     if name in ("XC", "YC"):
         return "t"
     match = PLACE.search(name)
@@ -61,8 +68,8 @@ def offsets(
 ) -> tuple[float | None, float | None]:
     """Return how far [cells] along (rows, columns) a component lies from points of the given shape.
 
-    None means midway between all neighbours along that axis, and beyond both ends where the component has one point
-    more.
+    None means midway between all neighbours along that axis, and beyond both ends where the
+    component has one point more.
     """
     wanted = tuple(int(data.sizes[d]) for d in dims)
     if shape != wanted:
@@ -98,7 +105,9 @@ def stated(name: str, lon_name: str, chosen: Mapping[str, Any]) -> float:
             f'MITgcm) or "none" (at the points)'
         )
     if chosen["stagger"] not in STATED:
-        raise UserError(f'variables.stagger = "{chosen["stagger"]}": allowed are {", ".join(STATED)}')
+        raise UserError(
+            f'variables.stagger = "{chosen["stagger"]}": allowed are {", ".join(STATED)}'
+        )
     return STATED[str(chosen["stagger"])]
 
 
@@ -109,19 +118,27 @@ def _shift(data: xr.Dataset, dim: str, other: str) -> float | None:
     """
     if dim == other:
         return 0.0
-    shifts = [data[d].attrs.get("c_grid_axis_shift") if d in data.variables else None for d in (dim, other)]
+    shifts = [
+        data[d].attrs.get("c_grid_axis_shift") if d in data.variables else None
+        for d in (dim, other)
+    ]
     if shifts[0] is None and shifts[1] is None:
         return None
     return float(shifts[0] or 0.0) - float(shifts[1] or 0.0)
 
 
 def midpoints(
-    lon: Array, lat: Array, wanted: tuple[int, ...], along: tuple[float | None, float | None], follower: int | None
+    lon: Array,
+    lat: Array,
+    wanted: tuple[int, ...],
+    along: tuple[float | None, float | None],
+    follower: int | None,
 ) -> tuple[Array, Array]:
-    """Return (lon, lat) [deg], of the wanted shape, midway on great circles between points (ny, nx) [deg].
+    """Return (lon, lat) [deg], of the wanted shape, midway on great circles between points (ny, nx)
+    [deg].
 
-    along: as `offsets` returns it. follower: the column that follows the last one on a grid that goes round the Earth.
-    At other ends a row is extrapolated in a straight line by half a cell.
+    along: as `offsets` returns it. follower: the column that follows the last one on a grid that
+    goes round the Earth. At other ends a row is extrapolated in a straight line by half a cell.
     """
     phi, lam = np.radians(lat), np.radians(lon)
     place = np.stack((np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)))
@@ -141,7 +158,9 @@ def midpoints(
             if offset is None or offset > 0:
                 middle = np.concatenate((middle, last))
         place = np.moveaxis(middle, 0, axis + 1)
-    return np.degrees(np.arctan2(place[1], place[0])), np.degrees(np.arctan2(place[2], np.hypot(place[0], place[1])))
+    return np.degrees(np.arctan2(place[1], place[0])), np.degrees(
+        np.arctan2(place[2], np.hypot(place[0], place[1]))
+    )
 
 
 def moved_line(values: Array, wanted: int, offset: float | None) -> Array:

@@ -12,14 +12,18 @@ from geo.grids import layout as lay
 from geo.grids.grid import Grid
 from geo.grids.layout import Axes, Curved, Layout, Plane, Triangles, uniform
 
-FINER = 2.0  # times the source's resolution (NorKyst-800: rms error of a component 0.7 %, at its own resolution 1.9 %)
+# times the source's resolution (NorKyst-800: rms error of a component 0.7 %, at its own resolution
+# 1.9 %)
+FINER = 2.0
 MOST_NODES = 4_000_000  # most nodes of a tile, which is 32 MB a slice
 POLAR = 75.0  # [deg] beyond this latitude cells may hold a pole
 
 
 @dataclass
 class Extent:
-    """What layouts cover together: their longitudes to a hundredth of a degree, latitudes and finest spacing [deg]."""
+    """What layouts cover together: their longitudes to a hundredth of a degree, latitudes and
+    finest spacing [deg].
+    """
 
     lon: Array = field(default_factory=lambda: np.empty(0))
     south: float = np.inf
@@ -43,7 +47,9 @@ def over(extent: Extent, box: Box | None) -> tuple[Grid, bool]:
 
 
 def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
-    """Return the regular grid to carry layouts to, and whether MOST_NODES made it coarser than wanted."""
+    """Return the regular grid to carry layouts to, and whether MOST_NODES made it coarser than
+    wanted.
+    """
     first = layouts[0]
     if all(isinstance(item, Axes) for item in layouts):
         grid = _target_of_axes([item for item in layouts if isinstance(item, Axes)])
@@ -62,12 +68,15 @@ def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
 
 
 def _around(lon: Array, low: float, high: float, step: float, box: Box | None) -> Grid:
-    """Return the regular grid over longitudes and from one latitude to another, of a spacing [deg of a great circle]."""
+    """Return the regular grid over longitudes and from one latitude to another, of a spacing [deg
+    of a great circle].
+    """
     south, north = low, high
     if box is not None:
         south, north = max(south, box.south - 2 * step), min(north, box.north + 2 * step)
     nearest_equator = 0.0 if south < 0 < north else min(abs(south), abs(north))
-    dlon = step / max(0.02, np.cos(np.radians(nearest_equator)))  # fine enough at the widest parallel
+    # fine enough at the widest parallel
+    dlon = step / max(0.02, np.cos(np.radians(nearest_equator)))
     west, width = _hull(lon, 4 * FINER * dlon)
     if box is not None and box.east - box.west < 350.0:
         west, width = _shared(west, width, box.west - 2 * dlon, box.east - box.west + 4 * dlon)
@@ -97,7 +106,9 @@ def _latitudes(item: Layout, lat: Array) -> tuple[float, float]:
     if not isinstance(item, Curved) or max(-south, north) < POLAR:
         return south, north
     polar = (np.fmax.reduce(np.abs(item.lat), axis=1) > POLAR)[:-1]
-    corners = np.concatenate((lay.cells(item, np.nonzero(polar)[0]).reshape(-1, 4), lay.across(item)))
+    corners = np.concatenate(
+        (lay.cells(item, np.nonzero(polar)[0]).reshape(-1, 4), lay.across(item))
+    )
     _, _, low, high = lay.extents(np.ravel(item.lon)[corners], np.ravel(item.lat)[corners])
     return float(np.fmin.reduce(low, initial=south)), float(np.fmax.reduce(high, initial=north))
 
@@ -124,7 +135,14 @@ def _grid(west: float, south: float, width: float, height: float, dlon: float, d
         return Grid(-180.0, float(south), 360.0 / n, float(height / (nlat - 1)), n + 1, nlat)
     nlon = max(2, int(np.ceil(width / dlon - 1e-6)) + 1)
     west = sphere.wrap_degrees(west)
-    return Grid(float(west), float(south), float(max(width, dlon) / (nlon - 1)), float(height / (nlat - 1)), nlon, nlat)
+    return Grid(
+        float(west),
+        float(south),
+        float(max(width, dlon) / (nlon - 1)),
+        float(height / (nlat - 1)),
+        nlon,
+        nlat,
+    )
 
 
 def _hull(lon: Array, gap: float) -> tuple[float, float]:
@@ -151,7 +169,9 @@ def _target_of_axes(several: Sequence[Axes]) -> Grid:
     def line(key: str) -> tuple[float, float, float]:
         all_values = [getattr(a, key) for a in several]
         values = all_values[0]
-        shared = all(len(v) == len(values) and np.allclose(v, values, atol=1e-6) for v in all_values)
+        shared = all(
+            len(v) == len(values) and np.allclose(v, values, atol=1e-6) for v in all_values
+        )
         low, high = max(float(v[0]) for v in all_values), min(float(v[-1]) for v in all_values)
         if shared and uniform(values):
             return low, high, (high - low) / (len(values) - 1)

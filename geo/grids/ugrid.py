@@ -1,8 +1,9 @@
-"""What a UGRID mesh says of itself: where a variable stands on it, and which variables are its coordinates.
+"""What a UGRID mesh says of itself: where a variable stands on it, and which variables are its
+coordinates.
 
-A variable's attribute `mesh` names its topology; without it, the topology that has the variable's dimension counts.
-Only attributes of the UGRID conventions 1.0 count; names count only where coordinates have neither standard name nor
-units.
+A variable's attribute `mesh` names its topology; without it, the topology that has the variable's
+dimension counts. Only attributes of the UGRID conventions 1.0 count; names count only where
+coordinates have neither standard name nor units.
 """
 
 from dataclasses import dataclass
@@ -18,9 +19,9 @@ PLACES = ("node", "face", "edge")
 class Mesh:
     """The mesh of a variable.
 
-    place: "node", "face" or "edge", where the variable stands; dims: the dimension of each place; nodes, faces: names
-    of their (longitudes, latitudes), None where the file has none in degrees; connectivity: name of the table of the
-    nodes of every face, None where the file has none.
+    place: "node", "face" or "edge", where the variable stands; dims: the dimension of each place;
+    nodes, faces: names of their (longitudes, latitudes), None where the file has none in degrees;
+    connectivity: name of the table of the nodes of every face, None where the file has none.
     """
 
     name: str
@@ -32,9 +33,15 @@ class Mesh:
 
 
 def mesh_of(data: xr.Dataset, name: str, dim: str) -> Mesh | None:
-    """Return the mesh along whose dimension `dim` a variable stands, None where the file describes none."""
+    """Return the mesh along whose dimension `dim` a variable stands, None where the file describes
+    none.
+    """
     topology_name = str(data[name].attrs.get("mesh", ""))
-    roles = [str(n) for n, v in data.variables.items() if str(v.attrs.get("cf_role", "")) == "mesh_topology"]
+    roles = [
+        str(n)
+        for n, v in data.variables.items()
+        if str(v.attrs.get("cf_role", "")) == "mesh_topology"
+    ]
     for topology in [topology_name] if topology_name in data.variables else roles:
         attributes = {key: str(value) for key, value in data[topology].attrs.items()}
         nodes = _degrees(data, attributes.get("node_coordinates", ""))
@@ -46,7 +53,10 @@ def mesh_of(data: xr.Dataset, name: str, dim: str) -> Mesh | None:
             if dim_of_place:
                 dims[place] = dim_of_place
         stated = str(data[name].attrs.get("location", ""))
-        place = next((p for p in PLACES if dims.get(p) == dim), stated if topology_name and stated not in dims else "")
+        place = next(
+            (p for p in PLACES if dims.get(p) == dim),
+            stated if topology_name and stated not in dims else "",
+        )
         if place:
             table = connectivity if connectivity in data.variables else None
             return Mesh(topology, place, dims, nodes, faces, table)
@@ -71,15 +81,21 @@ def _dimension(data: xr.Dataset, attributes: dict[str, str], place: str) -> str 
 
 
 def _degrees(data: xr.Dataset, listed: str) -> tuple[str, str] | None:
-    """Return the names of longitudes and latitudes among coordinates, which may hold a plane's x and y as well."""
+    """Return the names of longitudes and latitudes among coordinates, which may hold a plane's x
+    and y as well.
+    """
     candidates = [n for n in listed.split() if n in data.variables and data[n].ndim == 1]
     chosen = []
     for standard, units, pattern in (
         ("longitude", naming.EAST_UNITS, naming.LON),
         ("latitude", naming.NORTH_UNITS, naming.LAT),
     ):
-        matching = [n for n in candidates if str(data[n].attrs.get("standard_name", "")) == standard]
-        matching += [n for n in candidates if units.match(str(data[n].attrs.get("units", "")).strip())]
+        matching = [
+            n for n in candidates if str(data[n].attrs.get("standard_name", "")) == standard
+        ]
+        matching += [
+            n for n in candidates if units.match(str(data[n].attrs.get("units", "")).strip())
+        ]
         unnamed = [n for n in candidates if not {"standard_name", "units"} & set(data[n].attrs)]
         matching += [n for n in unnamed if pattern.match(n)]
         chosen.append(matching[0] if matching else None)

@@ -1,19 +1,24 @@
-"""The lambda-sigma process: how long a passive sonar goes on hearing nothing of a target whose signal excess changes.
+"""The lambda-sigma process: how long a passive sonar goes on hearing nothing of a target whose
+signal excess changes.
 
-The signal excess has a fluctuation that keeps its value until it jumps, at a rate lambda, to an independent one. Written
-with the fluctuation's own probability u, uniform on (0, 1), a target is heard as soon as u < p(t), p the probability that
-signal excess and a fluctuation drawn anew are above 0. With M(t) the probability of having heard nothing,
+The signal excess has a fluctuation that keeps its value until it jumps, at a rate lambda, to an
+independent one. Written with the fluctuation's own probability u, uniform on (0, 1), a target is
+heard as soon as u < p(t), p the probability that signal excess and a fluctuation drawn anew are
+above 0. With M(t) the probability of having heard nothing,
 
-    M(t) = e^(-lambda t) (1 - max p[0, t]) + integral of lambda e^(-lambda (t - s)) M(s) (1 - max p[s, t]) ds
+    M(t) = e^(-lambda t) (1 - max p[0, t]) + integral of lambda e^(-lambda (t - s)) M(s) (1 - max
+    p[s, t]) ds
 
-(McCabe and Belkin 1973; Wagner, Mylander and Sanders 1999, Naval Operations Analysis, 3rd ed., chapter 5). Here M is
-carried along instead: the density h(u) of having heard nothing, with a fluctuation of u, is 0 below p and obeys
-h' = lambda (M - h) above, where p is constant; so M' = -lambda p M. h is a staircase. Where p rises it cuts steps off, where
-p falls it adds one. A target that is not heard for a while forgets its stairs: all are as likely as M then.
+(McCabe and Belkin 1973; Wagner, Mylander and Sanders 1999, Naval Operations Analysis, 3rd ed.,
+chapter 5). Here M is carried along instead: the density h(u) of having heard nothing, with a
+fluctuation of u, is 0 below p and obeys h' = lambda (M - h) above, where p is constant; so M' =
+-lambda p M. h is a staircase. Where p rises it cuts steps off, where p falls it adds one. A target
+that is not heard for a while forgets its stairs: all are as likely as M then.
 
-In units of M the height of a step, h / M, obeys y' = lambda (1 - (1 - p) y), the same for all. So a time multiplies all of
-them by one number and adds another to all: these two are carried along, and the steps only change where p does. Where there
-is one step, its height is 1 / (1 - its edge). A step is the higher, the earlier it was added.
+In units of M the height of a step, h / M, obeys y' = lambda (1 - (1 - p) y), the same for all. So a
+time multiplies all of them by one number and adds another to all: these two are carried along, and
+the steps only change where p does. Where there is one step, its height is 1 / (1 - its edge). A
+step is the higher, the earlier it was added.
 """
 
 import taichi as ti
@@ -21,28 +26,31 @@ import taichi as ti
 # Most steps; where there are more, the two most alike become one: several peaks err by 1 % of M.
 STAIRS = 8
 SURE = 1.0 - 1e-7  # p is at most this: float32 has no number nearer to 1
-QUIET = (
-    -5.3
-)  # deviations of the fluctuation below which nothing is heard: p is 6e-8, less than float32 tells from 0 beside 1
+# deviations of the fluctuation below which nothing is heard: p is 6e-8, less than float32 tells
+# from 0 beside 1
+QUIET = -5.3
 EVEN = 1e-5  # share by which steps may differ and count as forgotten
-HIGH = 4.0  # what is added to all steps is at most this when one is added: the new one's 0 is known to 4 * 6e-8
+# what is added to all steps is at most this when one is added: the new one's 0 is known to 4 * 6e-8
+HIGH = 4.0
 LEAST = 1e-18  # what a cut leaves is at least this: float32 holds the product of two
 FADED = 1e-4  # and what they are multiplied by is at least this
 
 Steps = ti.types.vector(STAIRS, ti.f32)
 
-# What is known of a target of which nothing has been heard. A step goes from its own edge to that of the step before, the
-# first to 1; the last edge is p now. The height of a step is `faded` * `held` + `anew`, in units in which M is 1.
-# The log of M is `log` + log(`left`).
+# What is known of a target of which nothing has been heard. A step goes from its own edge to that
+# of the step before, the first to 1; the last edge is p now. The height of a step is `faded` *
+# `held` + `anew`, in units in which M is 1. The log of M is `log` + log(`left`).
 Silence = ti.types.struct(
     log=ti.f32, left=ti.f32, many=ti.i32, edge=Steps, held=Steps, faded=ti.f32, anew=ti.f32
-)  # fmt: skip
+)
 
 
 @ti.func
 def at_first() -> Silence:
     """Return the silence before a target could be heard: its log probability is 0."""
-    silence = Silence(log=0.0, left=1.0, many=1, edge=Steps(0.0), held=Steps(0.0), faded=1.0, anew=0.0)
+    silence = Silence(
+        log=0.0, left=1.0, many=1, edge=Steps(0.0), held=Steps(0.0), faded=1.0, anew=0.0
+    )
     silence.held[0] = 1.0
     return silence
 
@@ -167,8 +175,8 @@ def settle(silence: ti.template(), rate: ti.f32, lasting: ti.f32):
 def chance(deviations: ti.f32) -> ti.f32:
     """Return the probability that a standard normal number is below a number, error 3e-7.
 
-    Abramowitz and Stegun 1964, Handbook of Mathematical Functions, eq. 26.2.17: 7.5e-8 and what float32 rounds. Its
-    polynomial and its exponential do not wait for each other.
+    Abramowitz and Stegun 1964, Handbook of Mathematical Functions, eq. 26.2.17: 7.5e-8 and what
+    float32 rounds. Its polynomial and its exponential do not wait for each other.
     """
     z = ti.abs(deviations)
     t = 1.0 / (1.0 + 0.2316419 * z)
@@ -187,13 +195,17 @@ def _exp(x: ti.f32) -> ti.f32:
     n = ti.floor(x * 1.4426950408889634 + 0.5)
     r = (x - n * 0.693359375) + n * 2.12194440e-4  # n log 2 in two parts, so that nothing is lost
     rr = r * r
-    e = (1.0 + r) + rr * ((0.5 + r * 0.16666577) + rr * (0.04166646 + r * 0.00836318 + rr * 0.00139336))
+    e = (1.0 + r) + rr * (
+        (0.5 + r * 0.16666577) + rr * (0.04166646 + r * 0.00836318 + rr * 0.00139336)
+    )
     return e * ti.bit_cast((ti.cast(n, ti.i32) + 127) << 23, ti.f32)
 
 
 @ti.func
 def hear(silence: ti.template(), over: ti.f32, spread: ti.f32, rate: ti.f32, lasting: ti.f32):
-    """Have a silence go on for a while [s] with a signal excess `over` [dB], whose fluctuation is `spread`."""
+    """Have a silence go on for a while [s] with a signal excess `over` [dB], whose fluctuation is
+    `spread`.
+    """
     deviations = over / spread
     if deviations > QUIET:
         go_on(silence, chance(deviations), rate, lasting)

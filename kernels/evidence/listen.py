@@ -1,8 +1,10 @@
-"""What a passive sonar has heard of each particle: nothing, with a probability that grows smaller (kernels.evidence.jumps).
+"""What a passive sonar has heard of each particle: nothing, with a probability that grows smaller
+(kernels.evidence.jumps).
 
-Its signal excess depends on bearing and range. Particles and sonar go straight within a step; the vector from the sonar to
-a particle is exact at both ends of a stretch of way, and straight in between. A stretch is taken in parts, on either side of
-its nearest point, with the excess at their ends (the trapezium rule). How long they may be the tables say: see `limits`.
+Its signal excess depends on bearing and range. Particles and sonar go straight within a step; the
+vector from the sonar to a particle is exact at both ends of a stretch of way, and straight in
+between. A stretch is taken in parts, on either side of its nearest point, with the excess at their
+ends (the trapezium rule). How long they may be the tables say: see `limits`.
 """
 
 import math
@@ -18,12 +20,17 @@ from kernels.runtime import bundle
 
 STEEP = 2.0  # [dB] by which losses, and gains, may change within a part
 HIDDEN = 0.4  # [dB] by which they may be better within a part than at its ends
-FINE = 400.0  # [m] but parts need not be shorter than this, nor than half of what the table of losses resolves,
-NARROW = 0.025  # but for what comes near: they need not be shorter than this share of the least range
+# [m] but parts need not be shorter than this, nor than half of what the table of losses resolves,
+FINE = 400.0
+# but for what comes near: they need not be shorter than this share of the least range
+NARROW = 0.025
 CLOSE = 40.0  # [m] nor than this
 MOST_PARTS = 256  # of a stretch; and they need not be shorter than its share
-AHEAD = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # rings or bearings that a part is tried to pass, one after the other
-NODES = 16  # ends of parts whose excess is taken before the silence is made to go on: so the processor need not wait
+# rings or bearings that a part is tried to pass, one after the other
+AHEAD = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
+# ends of parts whose excess is taken before the silence is made to go on: so the processor need not
+# wait
+NODES = 16
 NOTHING = -1e6  # [dB] excess of what is beyond the table
 MARGIN = 100.0  # [m] by which what is out of reach is farther
 TURN = 6.283185307179586
@@ -48,18 +55,22 @@ Ear = ti.types.struct(
     paces=ti.i32,  # speeds of the table of levels
     spread=ti.f32,  # [dB] standard deviation of the fluctuation
     unit=ti.f32,  # [1/dB] 1 / spread
-    rate=ti.f32,  # [1/s] of its jumps; of a table of POD (kernels.evidence.glimpse) 1 / the time for which that is there
+    # [1/s] of its jumps; of a table of POD (kernels.evidence.glimpse) 1 / the time for which that
+    # is there
+    rate=ti.f32,
     turns=ti.i32,  # bearings of the table of gains and limits, evenly round from north
     reach=ti.f32,  # [m] beyond which nothing can be heard
     moves=ti.f32,  # [m] as far as it goes on the stretch, or farther
-    cell_lon=ti.f32,  # [binary angle] from column to column of a table of POD by place, whose middle is at lon, lat
+    # [binary angle] from column to column of a table of POD by place, whose middle is at lon, lat
+    cell_lon=ti.f32,
     cell_lat=ti.f32,  # from row to row
 )
 
 
 @ti.func
 def share_of_turn(way: f32x2) -> ti.f32:
-    """Return the bearing of (east, north) as a share of a turn, at least 0 and below 1; error 1e-5 rad, 3 m at 300 km.
+    """Return the bearing of (east, north) as a share of a turn, at least 0 and below 1; error 1e-5
+    rad, 3 m at 300 km.
 
     Abramowitz and Stegun 1964, Handbook of Mathematical Functions, eq. 4.4.47.
     """
@@ -77,7 +88,9 @@ def share_of_turn(way: f32x2) -> ti.f32:
 
 @ti.func
 def between(table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, turn: ti.f32) -> ti.f32:
-    """Return what a table has at a share of a turn, straight between its entries, which go round the circle."""
+    """Return what a table has at a share of a turn, straight between its entries, which go round
+    the circle.
+    """
     found = table[at]
     if many > 1:
         place = turn * many
@@ -92,7 +105,9 @@ def between(table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, turn
 
 
 @ti.func
-def round_table(table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, bearing: ti.f32) -> ti.f32:
+def round_table(
+    table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, bearing: ti.f32
+) -> ti.f32:
     """Return what a table has at a bearing [rad]: see `between`."""
     turned = bearing * ti.f32(1.0 / TURN)
     return between(table, many, stride, at, turned - ti.floor(turned))
@@ -100,12 +115,19 @@ def round_table(table: ti.template(), many: ti.i32, stride: ti.i32, at: ti.i32, 
 
 @ti.func
 def excess(
-    ear: Ear, losses: ti.template(), around: ti.template(), limits: ti.template(), way: f32x2, aside: ti.f32
+    ear: Ear,
+    losses: ti.template(),
+    around: ti.template(),
+    limits: ti.template(),
+    way: f32x2,
+    aside: ti.f32,
 ) -> f32x2:
-    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from a sonar, and how long a part may be [m].
+    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from a sonar, and how
+    long a part may be [m].
 
-    losses: [dB] (rays + 1, rings), the last row as the first; around: (turns + 1, 2), array gain less noise and threshold
-    [dB] by true bearing, and the last of `limits`. aside: [m] by which its line passes the sonar.
+    losses: [dB] (rays + 1, rings), the last row as the first; around: (turns + 1, 2), array gain
+    less noise and threshold [dB] by true bearing, and the last of `limits`. aside: [m] by which its
+    line passes the sonar.
     """
     far = ti.sqrt(way[0] * way[0] + way[1] * way[1])
     ring = ti.max((far - ear.nearest) * ear.dense, 0.0)
@@ -133,7 +155,9 @@ def excess(
 
 @ti.func
 def level(levels: ti.template(), paces: ti.template(), scenario: ti.i32, speed: ti.f32) -> ti.f32:
-    """Return the source level [dB] of a scenario at a speed [m/s]; levels: (scenarios * speeds,), paces: (speeds,)."""
+    """Return the source level [dB] of a scenario at a speed [m/s]; levels: (scenarios * speeds,),
+    paces: (speeds,).
+    """
     many = paces.shape[0]
     k = 0
     while k < many - 2 and speed > paces[k + 1]:
@@ -169,10 +193,11 @@ def hear(
     lasting: ti.f32,
     source: ti.f32,
 ):
-    """Have a silence go on for a stretch of way from a to b (east, north) [m] from the sonar, in so many seconds.
+    """Have a silence go on for a stretch of way from a to b (east, north) [m] from the sonar, in so
+    many seconds.
 
-    source: its level, and what else the excess of all of it has in common [dB]; quiet: [s] before, and then at the end,
-    in which nothing can be heard and of which the silence does not yet know.
+    source: its level, and what else the excess of all of it has in common [dB]; quiet: [s] before,
+    and then at the end, in which nothing can be heard and of which the silence does not yet know.
     """
     d = b - a
     dd = d[0] * d[0] + d[1] * d[1]
@@ -187,7 +212,8 @@ def hear(
         least = ti.max(fine * unit, 1.0 / MOST_PARTS)
         aside = ti.abs(a[1] * d[0] - a[0] * d[1]) * unit
         chances, parts = Nodes(0.0), Nodes(0.0)
-        nodes = ti.static(1 if bundle.alone() else NODES)  # a card need not wait, and holds two numbers in registers
+        # a card need not wait, and holds two numbers in registers
+        nodes = ti.static(1 if bundle.alone() else NODES)
         here, before = 0.0, 0.0  # shares of the stretch
         while here <= 1.0:
             many = 0
@@ -221,7 +247,8 @@ def taken(i: ti.i32, size: ti.i32, edges: ti.template(), held: ti.template()) ->
         silence.edge[0] = edge
         silence.held[0] = held[i]
         many = 1
-        while many < STAIRS and edge > 0.0:  # below an edge of 0 is none, and after the last stands -1
+        # below an edge of 0 is none, and after the last stands -1
+        while many < STAIRS and edge > 0.0:
             edge = edges[many * size + i]
             if edge >= 0.0:
                 silence.edge[many], silence.held[many] = edge, held[many * size + i]
@@ -254,7 +281,9 @@ def put(
 
 @ti.func
 def to(ear: Ear, time: ti.f32, lon: ti.i32, lat: ti.i32) -> f32x2:
-    """Return the vector (east, north) [m] from where a sonar is at a time of its stretch to a place [binary angle]."""
+    """Return the vector (east, north) [m] from where a sonar is at a time of its stretch to a place
+    [binary angle].
+    """
     share = (time - ear.begin) / ti.max(ear.end - ear.begin, 1e-6)
     x = ear.lon + ti.cast(ti.round(share * ti.cast(ear.to_lon - ear.lon, ti.f32)), ti.i32)
     y = ear.lat + ti.cast(ti.round(share * ti.cast(ear.to_lat - ear.lat, ti.f32)), ti.i32)
@@ -262,8 +291,11 @@ def to(ear: Ear, time: ti.f32, lon: ti.i32, lat: ti.i32) -> f32x2:
 
 
 @ti.func
-def out_of_reach(ear: Ear, lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32, stray: ti.f32) -> ti.i32:
-    """Return 1 if nothing can be heard of what goes from one place [binary angle] to another and strays [m] from that.
+def out_of_reach(
+    ear: Ear, lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32, stray: ti.f32
+) -> ti.i32:
+    """Return 1 if nothing can be heard of what goes from one place [binary angle] to another and
+    strays [m] from that.
 
     It may be 0 then, too.
     """
@@ -275,9 +307,13 @@ def out_of_reach(ear: Ear, lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.
 
 
 class Tables(NamedTuple):
-    """The tables of a sonar on a stretch of its way, on the host; see `excess` and `level`. All float32."""
+    """The tables of a sonar on a stretch of its way, on the host; see `excess` and `level`.
 
-    losses: np.ndarray  # [dB] (rays, rings), rays evenly round from north, rings evenly from `nearest`
+    All float32.
+    """
+
+    # [dB] (rays, rings), rays evenly round from north, rings evenly from `nearest`
+    losses: np.ndarray
     nearest: float  # [m]
     between: float  # [m]
     gains: np.ndarray  # [dB] (sides,)
@@ -297,7 +333,9 @@ class Stretch(NamedTuple):
 
 
 def columns(n: int, factors: int) -> dict[str, np.ndarray]:
-    """Return what a sonar that begins to listen keeps of n particles, for each factor of its unknown, by name."""
+    """Return what a sonar that begins to listen keeps of n particles, for each factor of its
+    unknown, by name.
+    """
     return {
         "log_missed": np.zeros(n * factors, np.float32),
         "edges": np.zeros(n * factors * STAIRS, np.float32),
@@ -306,18 +344,21 @@ def columns(n: int, factors: int) -> dict[str, np.ndarray]:
 
 
 def limits(tables: Tables) -> np.ndarray:
-    """Return the longest integration sub-step and the largest possible signal excess, float32 (2 rings + turns,).
+    """Return the longest integration sub-step and the largest possible signal excess, float32 (2
+    rings + turns,).
 
-    For each ring, as far as one may go from between it and the next [m], in or out, so that losses change by no more than
-    STEEP and are nowhere lower by more than HIDDEN than at both ends, on any
-    bearing; for each ring, the highest excess of
-    a source of 0 dB from it on; for each bearing, as far as one may go round [rad] until the same holds for losses and
-    gains. That goes by what lies between entries; where it is nothing, a part is as short as `hear` makes them.
+    For each ring, as far as one may go from between it and the next [m], in or out, so that losses
+    change by no more than STEEP and are nowhere lower by more than HIDDEN than at both ends, on any
+    bearing; for each ring, the highest excess of a source of 0 dB from it on; for each bearing, as
+    far as one may go round [rad] until the same holds for losses and gains. That goes by what lies
+    between entries; where it is nothing, a part is as short as `hear` makes them.
     """
     losses, gains = tables.losses, tables.gains
     rings, turns = losses.shape[1], _turns(tables)
     best = np.maximum.accumulate((-losses.min(axis=0))[::-1])[::-1].astype(np.float64) + gains.max()
-    longest = _free(np.pad(losses, ((0, 0), (AHEAD[-1], AHEAD[-1] + 1)), "edge"), rings) * tables.between
+    longest = (
+        _free(np.pad(losses, ((0, 0), (AHEAD[-1], AHEAD[-1] + 1)), "edge"), rings) * tables.between
+    )
     widest = np.full(turns, float(turns))
     for table in (gains[:, None], losses):
         many = len(table)
@@ -325,21 +366,29 @@ def limits(tables: Tables) -> np.ndarray:
             rows = np.pad(table.T, ((0, 0), (AHEAD[-1], AHEAD[-1] + 1)), "wrap")
             own = _free(rows, many) * (turns / many)
             widest = np.minimum(widest, own[np.arange(turns) * many // turns])
-    return np.concatenate([longest, np.maximum(best, NOTHING), widest * (TURN / turns)]).astype(np.float32)
+    return np.concatenate([longest, np.maximum(best, NOTHING), widest * (TURN / turns)]).astype(
+        np.float32
+    )
 
 
 def _free(rows: np.ndarray, many: int) -> np.ndarray:
-    """Return how many entries one may pass from between each and the next, either way, (many,); see `limits`.
+    """Return how many entries one may pass from between each and the next, either way, (many,); see
+    `limits`.
 
     rows: tables side by side, (tables, AHEAD[-1] + many + AHEAD[-1] + 1).
     """
     values, first = rows.astype(np.float64), AHEAD[-1]
     step = np.diff(values, axis=1)
-    # What crosses one entry: of a way of a share of the distance to the next, so much is hidden, and it changes so much.
+    # What crosses one entry: of a way of a share of the distance to the next, so much is hidden,
+    # and it changes so much.
     before, after = step[:, :-1], step[:, 1:]
-    turned = np.where(before * after < 0, 0.5 * np.minimum(np.abs(before), np.abs(after)), 0.0).max(axis=0)
+    turned = np.where(before * after < 0, 0.5 * np.minimum(np.abs(before), np.abs(after)), 0.0).max(
+        axis=0
+    )
     steep = np.abs(step).max(axis=0)
-    share = 1 / np.maximum(1, np.maximum(turned / HIDDEN, np.maximum(steep[:-1], steep[1:]) / STEEP))
+    share = 1 / np.maximum(
+        1, np.maximum(turned / HIDDEN, np.maximum(steep[:-1], steep[1:]) / STEEP)
+    )
     found = np.minimum(share[first - 1 : first - 1 + many], share[first : first + many])
     # What passes more of them.
     up = np.cumsum(np.abs(np.diff(values, axis=1, prepend=values[:, :1])), axis=1)
@@ -355,7 +404,9 @@ def _free(rows: np.ndarray, many: int) -> np.ndarray:
 
 
 def _turns(tables: Tables) -> int:
-    """Return how many bearings a table has that holds the gains as they are and is no coarser than the losses."""
+    """Return how many bearings a table has that holds the gains as they are and is no coarser than
+    the losses.
+    """
     sides = len(tables.gains)
     return sides * math.ceil(len(tables.losses) / sides)
 
@@ -364,7 +415,8 @@ class Laid(NamedTuple):
     """A sonar on a stretch of its way, as kernels take it."""
 
     ear: Any
-    tables: tuple[np.ndarray, ...]  # losses, around (see `excess`), levels, speeds, offsets, limits, all flat
+    # losses, around (see `excess`), levels, speeds, offsets, limits, all flat
+    tables: tuple[np.ndarray, ...]
 
 
 def laid(stretch: Stretch, tables: Tables, offsets: np.ndarray) -> Laid:
@@ -380,11 +432,27 @@ def laid(stretch: Stretch, tables: Tables, offsets: np.ndarray) -> Laid:
     reach = tables.nearest + tables.between * audible + MARGIN if audible else -1e9
     x, y = ((b - a + 2**31) % 2**32 - 2**31 for a, b in zip(stretch.place, stretch.to, strict=True))
     ear = Ear(
-        lon=stretch.place[0], lat=stretch.place[1], to_lon=stretch.to[0], to_lat=stretch.to[1], begin=stretch.begin,
-        end=stretch.end, rays=rays, rings=rings, nearest=tables.nearest, between=tables.between, dense=1.0 / tables.between,
-        paces=len(tables.paces), spread=tables.spread, unit=1.0 / tables.spread, rate=tables.rate, turns=turns,
-        reach=reach, moves=(abs(x) + abs(y)) * sphere.UNIT * sphere.RADIUS, cell_lon=1.0, cell_lat=1.0,
-    )  # fmt: skip
+        lon=stretch.place[0],
+        lat=stretch.place[1],
+        to_lon=stretch.to[0],
+        to_lat=stretch.to[1],
+        begin=stretch.begin,
+        end=stretch.end,
+        rays=rays,
+        rings=rings,
+        nearest=tables.nearest,
+        between=tables.between,
+        dense=1.0 / tables.between,
+        paces=len(tables.paces),
+        spread=tables.spread,
+        unit=1.0 / tables.spread,
+        rate=tables.rate,
+        turns=turns,
+        reach=reach,
+        moves=(abs(x) + abs(y)) * sphere.UNIT * sphere.RADIUS,
+        cell_lon=1.0,
+        cell_lat=1.0,
+    )
     losses = np.concatenate([tables.losses, tables.losses[:1]])
     every = losses, around, tables.levels, tables.paces, offsets, own[: 2 * rings]
     return Laid(ear, tuple(np.ascontiguousarray(x, np.float32).reshape(-1) for x in every))

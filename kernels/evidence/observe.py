@@ -1,13 +1,17 @@
-"""What a sensor that stands still tells of a target's way: a line that is manned, a field in which it is or is not.
+"""What a sensor that stands still tells of a target's way: a line that is manned, a field in which
+it is or is not.
 
-All is said of one *piece* of way, straight or a Brownian bridge between two places (kernels.steering.pieces): what drifts makes one
-piece a step, what steers makes several, which are cut to the window in which the sensor looks on. `observe` takes a piece and returns the probability that things stay as they are on
-it: that the line or the field is not touched, or that the target stays in the field. Pieces are independent of each
-other given their ends, so that the probabilities of all pieces multiply, whatever the step.
+All is said of one *piece* of way, straight or a Brownian bridge between two places
+(kernels.steering.pieces): what drifts makes one piece a step, what steers makes several, which are
+cut to the window in which the sensor looks on. `observe` takes a piece and returns the probability
+that things stay as they are on it: that the line or the field is not touched, or that the target
+stays in the field. Pieces are independent of each other given their ends, so that the probabilities
+of all pieces multiply, whatever the step.
 
-Where the law of a straight line is not enough, the piece is cut in two at a place drawn from the law of the bridge's
-middle (Levy's construction: the mean of the ends and a normal deviation of K sqrt(dt) / 2), and so on. What comes
-out is then not the probability itself but a number of which it is the mean: weights are as right with it.
+Where the law of a straight line is not enough, the piece is cut in two at a place drawn from the
+law of the bridge's middle (Levy's construction: the mean of the ends and a normal deviation of K
+sqrt(dt) / 2), and so on. What comes out is then not the probability itself but a number of which it
+is the mean: weights are as right with it.
 """
 
 from typing import Any, NamedTuple
@@ -28,7 +32,9 @@ DEPTH = 14  # times that a piece is cut in two: to parts of K sqrt(dt) / 128
 NODES = 1 << (DEPTH + 1)  # numbers of words for each piece of way
 CUTS = 64  # windows of a step that have random numbers of their own
 PARTS = 4.0  # parts of an error of time [1] in which the time of a touch is told
-BULGE = 0.05  # share of a piece's length by which its great circle leaves its box in longitude and latitude, at most
+# share of a piece's length by which its great circle leaves its box in longitude and latitude, at
+# most
+BULGE = 0.05
 METRES = sphere.RADIUS * sphere.UNIT
 
 # What is asked of a piece. Of a line: is it touched. Of a box or disc: is it touched, or stayed in.
@@ -63,8 +69,8 @@ Sensor = ti.types.struct(
 def _place(kind: ti.template(), sensor: ti.template(), lon: ti.i32, lat: ti.i32) -> f32x2:
     """Return a position in the plane of a sensor [m].
 
-    Of a box or disc that is the tangent plane of its middle, in which distances and bearings from there are true. Of a
-    line it is the gnomonic plane, in which great circles are straight.
+    Of a box or disc that is the tangent plane of its middle, in which distances and bearings from
+    there are true. Of a line it is the gnomonic plane, in which great circles are straight.
     """
     way = sphere.offset(sensor.lon, sensor.lat, lon, lat)
     if ti.static(kind == LINE):
@@ -79,8 +85,8 @@ def _place(kind: ti.template(), sensor: ti.template(), lon: ti.i32, lat: ti.i32)
 def _stretched(kind: ti.template(), a: f32x2) -> ti.f32:
     """Return by how much a variance is larger in the plane of a sensor than on the Earth.
 
-    The gnomonic plane stretches by 1 / cos^2 outward and by 1 / cos across; this is the mean of both: for a line 500
-    km to either side of its middle K is right to 0.2 %.
+    The gnomonic plane stretches by 1 / cos^2 outward and by 1 / cos across; this is the mean of
+    both: for a line 500 km to either side of its middle K is right to 0.2 %.
     """
     larger = 1.0
     if ti.static(kind == LINE):
@@ -112,9 +118,15 @@ def _near(sensor: ti.template(), piece: ti.template()):
 
 @ti.func
 def _known(
-    kind: ti.template(), sensor: ti.template(), a: f32x2, b: f32x2, variance: ti.f32, corners: ti.template()
+    kind: ti.template(),
+    sensor: ti.template(),
+    a: f32x2,
+    b: f32x2,
+    variance: ti.f32,
+    corners: ti.template(),
 ) -> f32x4:
-    """Return what is known of a piece from a to b in a sensor's plane, see kernels.evidence.touch.polyline.
+    """Return what is known of a piece from a to b in a sensor's plane, see
+    kernels.evidence.touch.polyline.
 
     p is the probability that things do not stay as they are.
     """
@@ -142,27 +154,36 @@ def _known(
 
 @ti.func
 def fit(time: ti.f32, sensor: ti.template()) -> ti.f32:
-    """Return the density [1/s] with which a touch at a time is reported when the sensor's report says."""
+    """Return the density [1/s] with which a touch at a time is reported when the sensor's report
+    says.
+    """
     z = (time - sensor.tau) / sensor.error
     return ti.exp(-0.5 * z * z) * 0.3989422804014327 / sensor.error
 
 
 @ti.func
-def _fits(sensor: ti.template(), known: f32x4, variance: ti.f32, begin: ti.f32, lasting: ti.f32) -> ti.f32:
-    """Return the integral of the density of the first touch on a piece, times how it fits the report [1/s].
+def _fits(
+    sensor: ti.template(), known: f32x4, variance: ti.f32, begin: ti.f32, lasting: ti.f32
+) -> ti.f32:
+    """Return the integral of the density of the first touch on a piece, times how it fits the
+    report [1/s].
 
-    Where the piece goes straight, its touch has one time. Else the fit is taken in the middle of parts of a fourth of
-    the report's error; beyond six errors there is none.
+    Where the piece goes straight, its touch has one time. Else the fit is taken in the middle of
+    parts of a fourth of the report's error; beyond six errors there is none.
     """
     before, after = known[2], known[3]
     total = 0.0
     if variance <= 0.0:
-        total = known[1] * fit(begin + lasting * ti.abs(before) / ti.max(ti.abs(before - after), 1e-30), sensor)
+        total = known[1] * fit(
+            begin + lasting * ti.abs(before) / ti.max(ti.abs(before - after), 1e-30), sensor
+        )
     else:
         low = ti.max((sensor.tau - 6.0 * sensor.error - begin) / lasting, 0.0)
         high = ti.min((sensor.tau + 6.0 * sensor.error - begin) / lasting, 1.0)
         if low < high:
-            many = ti.max(ti.cast(ti.ceil(PARTS * (high - low) * lasting / sensor.error), ti.i32), 1)
+            many = ti.max(
+                ti.cast(ti.ceil(PARTS * (high - low) * lasting / sensor.error), ti.i32), 1
+            )
             share = (high - low) / many
             past = touch.by(before, after, variance, low)
             for part in range(many):
@@ -183,13 +204,14 @@ def observe(
 ) -> f32x3:
     """Return (stays, fits, when) of one piece of way.
 
-    kind: what is asked, LINE to IN_DISC; besides: WHETHER, REPORT or WHEN. piece: a kernels.steering.pieces.Piece; sensor: a `Sensor`;
-    corners: of a line or box in its plane, (x, y, x, y, ...) [m]. key: of chance, with seed0, seed1, slot, step, and
-    count, the number of the piece in the step: a kernels.steering.itinerary.Chance.
+    kind: what is asked, LINE to IN_DISC; besides: WHETHER, REPORT or WHEN. piece: a
+    kernels.steering.pieces.Piece; sensor: a `Sensor`; corners: of a line or box in its plane, (x,
+    y, x, y, ...) [m]. key: of chance, with seed0, seed1, slot, step, and count, the number of the
+    piece in the step: a kernels.steering.itinerary.Chance.
 
-    stays: the probability that things stay as they are on the piece. fits: of REPORT, the integral over the piece of
-    the density of the first touch times that of the report, given the touch [1/s]. when: of WHEN, the time of the first
-    touch, drawn from its law; -1: there was none.
+    stays: the probability that things stay as they are on the piece. fits: of REPORT, the integral
+    over the piece of the density of the first touch times that of the report, given the touch
+    [1/s]. when: of WHEN, the time of the first touch, drawn from its law; -1: there was none.
     """
     stays, fits, when = 1.0, 0.0, -1.0
     near = _near(sensor, piece)
@@ -218,12 +240,16 @@ def observe(
             else:
                 if ti.static(besides == REPORT):
                     if known[1] > 0.0:
-                        fits += stays * _fits(sensor, known, variance, piece.begin + span * begin, span * size)
+                        fits += stays * _fits(
+                            sensor, known, variance, piece.begin + span * begin, span * size
+                        )
                 if ti.static(besides == WHEN):
                     if when < 0.0 and known[1] > 0.0:
                         w = _words(key, node)
                         if noise.uniform(w[2]) < known[1]:
-                            share = _first(known, variance, noise.normals(w[0], w[1])[0], noise.uniform(w[3]))
+                            share = _first(
+                                known, variance, noise.normals(w[0], w[1])[0], noise.uniform(w[3])
+                            )
                             when = piece.begin + span * (begin + size * share)
                 stays *= 1.0 - known[1]
                 left, begin = b, begin + size
@@ -238,12 +264,14 @@ def observe(
 
 
 @ti.func
-def told_by(besides: ti.template(), log_stayed: ti.f32, told: ti.f32, found: f32x3, since: ti.f32) -> ti.f32:
+def told_by(
+    besides: ti.template(), log_stayed: ti.f32, told: ti.f32, found: f32x3, since: ti.f32
+) -> ti.f32:
     """Return what a sensor tells of a way with one more piece.
 
-    log_stayed: the log of the probability that things had stayed as they were before the piece. told: what it has told
-    of the way before, 0 (REPORT) or -1 (WHEN) at first. found: of the piece, see `observe`; since: what the times of
-    the piece count from [s after the run's start].
+    log_stayed: the log of the probability that things had stayed as they were before the piece.
+    told: what it has told of the way before, 0 (REPORT) or -1 (WHEN) at first. found: of the piece,
+    see `observe`; since: what the times of the piece count from [s after the run's start].
     """
     now = told
     if ti.static(besides == REPORT):
@@ -256,8 +284,12 @@ def told_by(besides: ti.template(), log_stayed: ti.f32, told: ti.f32, found: f32
 
 @ti.func
 def _words(key, node: ti.i32):
-    """Return the random words of a node of a piece of way: 1 is the whole, 2 n and 2 n + 1 the halves of n."""
-    return noise.further(key.seed0, key.seed1, noise.STREAM_TOUCH, key.slot, key.step, key.count * NODES + node)
+    """Return the random words of a node of a piece of way: 1 is the whole, 2 n and 2 n + 1 the
+    halves of n.
+    """
+    return noise.further(
+        key.seed0, key.seed1, noise.STREAM_TOUCH, key.slot, key.step, key.count * NODES + node
+    )
 
 
 @ti.func
@@ -268,7 +300,10 @@ def _first(known: f32x4, variance: ti.f32, normal: ti.f32, uniform: ti.f32) -> t
 
 
 def _observing(Ways: Any, steers: bool) -> Any:
-    """Return the kernel for paths of one kind: `Straights` of what drifts, or `Pieces` of what steers."""
+    """Return the kernel for paths of one kind:
+
+    `Straights` of what drifts, or `Pieces` of what steers.
+    """
 
     @ti.kernel
     def _observe(
@@ -306,7 +341,9 @@ def _observing(Ways: Any, steers: bool) -> Any:
             state, log_stayed, stays = status[i], stayed[i], 1.0
             here = pieces.first_piece(steers, paths, i, state, since, 0)
             if ti.static(not steers):
-                times = life.behind(state, paths.release[i], status_since[i], paths.moving_since[i], since, lasting)
+                times = life.behind(
+                    state, paths.release[i], status_since[i], paths.moving_since[i], since, lasting
+                )
                 there = times[3] > times[0]
                 if ti.static(kind == IN_BOX or kind == IN_DISC):
                     there = there_since[there_at + i] <= since and times[3] >= since + lasting
@@ -316,13 +353,19 @@ def _observing(Ways: Any, steers: bool) -> Any:
                     if here == NONE and state <= life.PENDING:  # else it is still under way
                         stays = 0.0
             while here != NONE and stays > 0.0 and log_stayed > -ti.math.inf:
-                piece = pieces.load_piece(steers, paths, i, here, state, status_since[i], since, lasting, 1)
+                piece = pieces.load_piece(
+                    steers, paths, i, here, state, status_since[i], since, lasting, 1
+                )
                 asked, number = True, count
                 if ti.static(steers):
                     whole = ti.cast(lasting, ti.f32)
-                    asked, number = piece.end > 0.0 and piece.begin < whole, paths.piece_count[here] * CUTS + count
+                    asked, number = (
+                        piece.end > 0.0 and piece.begin < whole,
+                        paths.piece_count[here] * CUTS + count,
+                    )
                     if ti.static(kind == IN_BOX or kind == IN_DISC):
-                        if here == i and piece.begin > 0.0 and piece.begin < whole:  # it got under way later
+                        # it got under way later
+                        if here == i and piece.begin > 0.0 and piece.begin < whole:
                             stays = 0.0
                     if piece.begin < 0.0:
                         piece.lon, piece.lat, piece.begin = before_lon[i], before_lat[i], 0.0
@@ -388,8 +431,10 @@ def observe_along(
 
     Args:
         ensemble: a drift.engine.particles.ensemble.Ensemble, after the step.
-        paths: of some of its particles: of what drifts over the part alone, of what steers over the whole step.
-        before: lon, lat [binary angle] at the begin of the part, on the device. Paths of what steers are cut there.
+        paths: of some of its particles: of what drifts over the part alone, of what steers over the
+            whole step.
+        before: lon, lat [binary angle] at the begin of the part, on the device. Paths of what
+            steers are cut there.
         after: lon, lat at its end.
         window: the part.
         k: K of the bridges of what drifts [m/sqrt(s)].
@@ -397,22 +442,50 @@ def observe_along(
         besides: WHETHER, REPORT or WHEN.
         report: its time [s after the run's start] and its error [s].
         stayed: device (n,), the log of the probability that things have stayed as they were.
-        told: device (n,), of REPORT the sum of the fits [1/s], of WHEN the time of the first touch [s], -1 before it; any
-            column of WHETHER.
+        told: device (n,), of REPORT the sum of the fits [1/s], of WHEN the time of the first touch
+            [s], -1 before it; any column of WHETHER.
     """
     e, kernel = ensemble, _steering if paths.steers else _drifting
     kernel(
-        shape.kind, besides, *paths.own.launched, e.scenario, e.status, e.status_since,
-        *rows.located(e.own.get("departure", e.release)), paths.pack, *before, *after, window.since, window.lasting, window.step,
-        window.count, *noise.key(e.seed), float(k), sensor(shape, window, report), *runtime.residents(shape.corners), stayed, told,
-    )  # fmt: skip
+        shape.kind,
+        besides,
+        *paths.own.launched,
+        e.scenario,
+        e.status,
+        e.status_since,
+        *rows.located(e.own.get("departure", e.release)),
+        paths.pack,
+        *before,
+        *after,
+        window.since,
+        window.lasting,
+        window.step,
+        window.count,
+        *noise.key(e.seed),
+        float(k),
+        sensor(shape, window, report),
+        *runtime.residents(shape.corners),
+        stayed,
+        told,
+    )
 
 
 def sensor(shape: Shape, window: Window, report: tuple[float, float]) -> Any:
-    """Return a sensor as the kernels take it, with times from the window's begin on; report: its time and error [s]."""
+    """Return a sensor as the kernels take it, with times from the window's begin on; report: its
+    time and error [s].
+    """
     west, south, width, height = shape.box
     return Sensor(
-        lon=shape.lon, lat=shape.lat, turn_cos=shape.turn_cos, turn_sin=shape.turn_sin, half_width=shape.half_width,
-        half_height=shape.half_height, west=west, south=south, width=width, height=height,
-        tau=float(report[0] - window.since), error=float(report[1]),
-    )  # fmt: skip
+        lon=shape.lon,
+        lat=shape.lat,
+        turn_cos=shape.turn_cos,
+        turn_sin=shape.turn_sin,
+        half_width=shape.half_width,
+        half_height=shape.half_height,
+        west=west,
+        south=south,
+        width=width,
+        height=height,
+        tau=float(report[0] - window.since),
+        error=float(report[1]),
+    )

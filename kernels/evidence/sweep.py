@@ -1,13 +1,15 @@
 """What a sensor's track has done to each particle: its exposure, and what that makes of weights.
 
-A stretch of a step is given by nodes: times [s after the stretch's begin] and places of the sensor, straight in between.
-A particle's path is pieces (kernels.steering.pieces): what drifts goes straight from where the stretch began to where it ended.
-All is worked out in the frame of the particle, in metres.
+A stretch of a step is given by nodes: times [s after the stretch's begin] and places of the sensor,
+straight in between. A particle's path is pieces (kernels.steering.pieces): what drifts goes
+straight from where the stretch began to where it ended. All is worked out in the frame of the
+particle, in metres.
 
-On a Brownian bridge a target has no finite length of track, so that a hazard per unit of relative track would grow
-without bound as steps shrink. The hazard is one per time instead, of the speed of the sensor against the mean velocity
-of the target's leg, at the place where the bridge has the target. Where that place matters, near the sensor or an edge,
-the piece is halved again and again, until the bridge strays by less than a quarter of the range.
+On a Brownian bridge a target has no finite length of track, so that a hazard per unit of relative
+track would grow without bound as steps shrink. The hazard is one per time instead, of the speed of
+the sensor against the mean velocity of the target's leg, at the place where the bridge has the
+target. Where that place matters, near the sensor or an edge, the piece is halved again and again,
+until the bridge strays by less than a quarter of the range.
 """
 
 from typing import Any, NamedTuple
@@ -39,12 +41,14 @@ HAZARD, SHARE, MISS = range(3)
 
 
 @ti.func
-def relative(x: ti.i32, y: ti.i32, at_lon: ti.i32, at_lat: ti.i32, c: ti.f32, bend: ti.f32) -> f32x2:
+def relative(
+    x: ti.i32, y: ti.i32, at_lon: ti.i32, at_lat: ti.i32, c: ti.f32, bend: ti.f32
+) -> f32x2:
     """Return the vector (east, north) [m] from a sensor to a particle, to second order.
 
-    It lies in the particle's tangent plane. c: cosine of the sensor's latitude; bend: half its sine times its cosine,
-    per unit of binary angle. Great circles past the particle are straight in this plane up to terms of third order: 0.1
-    m within 20 km.
+    It lies in the particle's tangent plane. c: cosine of the sensor's latitude; bend: half its sine
+    times its cosine, per unit of binary angle. Great circles past the particle are straight in this
+    plane up to terms of third order: 0.1 m within 20 km.
     """
     dlon, dlat = ti.cast(x - at_lon, ti.f32), ti.cast(y - at_lat, ti.f32)
     return f32x2(dlon * c, dlat - dlon * dlon * bend) * ti.f32(METRES)
@@ -56,8 +60,9 @@ def hazard(a: f32x2, b: f32x2, far_a: ti.f32, far_b: ti.f32) -> ti.f32:
 
     far_a, far_b: the lengths of a and b.
 
-    It is 1/2 1/x^2 [s / r] between the ends, x the lateral range; written as the field of a wire, |b - a| (ra + rb) /
-    (2 ra rb (ra rb + a.b)), it needs no lateral range and loses no digits where that is small.
+    It is 1/2 1/x^2 [s / r] between the ends, x the lateral range; written as the field of a wire,
+    |b - a| (ra + rb) / (2 ra rb (ra rb + a.b)), it needs no lateral range and loses no digits where
+    that is small.
     """
     d = b - a
     product, dot = far_a * far_b, a[0] * b[0] + a[1] * b[1]
@@ -65,15 +70,22 @@ def hazard(a: f32x2, b: f32x2, far_a: ti.f32, far_b: ti.f32) -> ti.f32:
     if dot < 0.0:
         cross = a[0] * b[1] - a[1] * b[0]
         open_angle = cross * cross / (product - dot)
-    return 0.5 * ti.sqrt(d[0] * d[0] + d[1] * d[1]) * (far_a + far_b) / ti.max(product * open_angle, TINY)
+    return (
+        0.5
+        * ti.sqrt(d[0] * d[0] + d[1] * d[1])
+        * (far_a + far_b)
+        / ti.max(product * open_angle, TINY)
+    )
 
 
 @ti.func
 def lateral(a: f32x2, b: f32x2, along_a: ti.f32, along_b: ti.f32) -> ti.f32:
-    """Return the lateral range [m] of the relative track from a to b, or -1 if the particle never comes abeam.
+    """Return the lateral range [m] of the relative track from a to b, or -1 if the particle never
+    comes abeam.
 
-    along_a, along_b: distance along the leg's own course from the particle to the sensor. The particle is abeam where
-    its sign changes; 0 counts as positive, so that a pass at the joint of two pieces counts once.
+    along_a, along_b: distance along the leg's own course from the particle to the sensor. The
+    particle is abeam where its sign changes; 0 counts as positive, so that a pass at the joint of
+    two pieces counts once.
     """
     x = -1.0
     if (along_a < 0.0) != (along_b < 0.0):
@@ -171,8 +183,8 @@ def piece(
 ) -> ti.f32:
     """Return what a piece from a to b adds up to; passes abeam are written to particle i at once.
 
-    lasting [s]; first, last: where `course` has the leg's direction at its begin and end. own, scales: where `scale`
-    has the numbers of the particle's scenario, and how many.
+    lasting [s]; first, last: where `course` has the leg's direction at its begin and end. own,
+    scales: where `scale` has the numbers of the particle's scenario, and how many.
     """
     found = 0.0
     if ti.static(kind == CUBE):
@@ -181,7 +193,11 @@ def piece(
         found = scale[own] * lasting * inside(a, b, table)
     elif ti.static(kind == ZONES):
         for z in range(scales):
-            found += scale[own + z] * lasting * (within(a, b, table[2 * z + 1]) - within(a, b, table[2 * z]))
+            found += (
+                scale[own + z]
+                * lasting
+                * (within(a, b, table[2 * z + 1]) - within(a, b, table[2 * z]))
+            )
     else:
         along_a = -(a[0] * course[first] + a[1] * course[first + 1])
         along_b = -(b[0] * course[last] + b[1] * course[last + 1])
@@ -194,16 +210,25 @@ def piece(
 
 @ti.func
 def _at(
-    polar: ti.template(), x: ti.i32, y: ti.i32, to_x: ti.i32, to_y: ti.i32, share: ti.f32, node: ti.i32,
-    place: ti.template(), trig: ti.template(),
-) -> f32x2:  # fmt: skip
+    polar: ti.template(),
+    x: ti.i32,
+    y: ti.i32,
+    to_x: ti.i32,
+    to_y: ti.i32,
+    share: ti.f32,
+    node: ti.i32,
+    place: ti.template(),
+    trig: ti.template(),
+) -> f32x2:
     """Return the way [m] from the sensor at a node to a particle at a share of its way."""
     at_x, at_y = _target(polar, x, y, to_x, to_y, share)
     way = f32x2(0.0)
     if ti.static(polar):
         way = _relative_polar(at_x, at_y, place[2 * node], place[2 * node + 1])
     else:
-        way = relative(at_x, at_y, place[2 * node], place[2 * node + 1], trig[2 * node], trig[2 * node + 1])
+        way = relative(
+            at_x, at_y, place[2 * node], place[2 * node + 1], trig[2 * node], trig[2 * node + 1]
+        )
     return way
 
 
@@ -212,14 +237,20 @@ def _target(polar: ti.template(), x: ti.i32, y: ti.i32, to_x: ti.i32, to_y: ti.i
     """Return where a particle is at a share of its way."""
     at_x, at_y = to_x, to_y
     if share < 1.0:
-        at_x, at_y = curve.end_of_way(polar, x, y, curve.inside(polar, x, y, to_x, to_y, share, f32x2(0.0)))
+        at_x, at_y = curve.end_of_way(
+            polar, x, y, curve.inside(polar, x, y, to_x, to_y, share, f32x2(0.0))
+        )
     return at_x, at_y
 
 
 @ti.func
 def _relative_polar(x: ti.i32, y: ti.i32, at_lon: ti.i32, at_lat: ti.i32) -> f32x2:
-    """Return what `relative` does, near a pole: along the great circle, carried to the meridian of 0."""
-    return sphere.carried_back(sphere.offset_near(at_lon, at_lat, x, y), sphere.meridian(at_lon, at_lat))
+    """Return what `relative` does, near a pole: along the great circle, carried to the meridian of
+    0.
+    """
+    return sphere.carried_back(
+        sphere.offset_near(at_lon, at_lat, x, y), sphere.meridian(at_lon, at_lat)
+    )
 
 
 @ti.func
@@ -244,11 +275,14 @@ def apart(
     share = ti.min(ti.max((when - leaves) * pace, 0.0), 1.0)
     node = k + ti.cast(when == time[k + 1], ti.i32)
     way = _at(polar, x, y, to_x, to_y, share, node, place, trig)
-    if when != time[node]:  # cut by the particle's own times: along the great circle, to second order
+    # cut by the particle's own times: along the great circle, to second order
+    if when != time[node]:
         part = (when - time[k]) / (time[k + 1] - time[k])
         at_x, at_y = _target(polar, x, y, to_x, to_y, share)
         if ti.static(polar):
-            led = part * sphere.offset_near(place[2 * k], place[2 * k + 1], place[2 * k + 2], place[2 * k + 3])
+            led = part * sphere.offset_near(
+                place[2 * k], place[2 * k + 1], place[2 * k + 2], place[2 * k + 3]
+            )
             at_lon, at_lat = sphere.exponential(place[2 * k], place[2 * k + 1], led[0], led[1])
             way = _relative_polar(at_x, at_y, at_lon, at_lat)
         else:
@@ -264,12 +298,18 @@ def apart(
 
 @ti.func
 def _range(
-    kind: ti.template(), a: f32x2, b: f32x2, first: ti.i32, last: ti.i32, course: ti.template(), table: ti.template()
+    kind: ti.template(),
+    a: f32x2,
+    b: f32x2,
+    first: ti.i32,
+    last: ti.i32,
+    course: ti.template(),
+    table: ti.template(),
 ) -> ti.f32:
     """Return how far [m] the way from a to b stays from where it matters to a sensor.
 
-    That is the sensor itself; of a watch the edges of its zones; of an area its outline; of a sensor that counts passes
-    abeam the line abeam of it, if it is within range.
+    That is the sensor itself; of a watch the edges of its zones; of an area its outline; of a
+    sensor that counts passes abeam the line abeam of it, if it is within range.
     """
     d = b - a
     dd = ti.max(d[0] * d[0] + d[1] * d[1], 1e-12)
@@ -300,7 +340,8 @@ def _range(
         along_a = -(a[0] * course[first] + a[1] * course[first + 1])
         along_b = -(b[0] * course[last] + b[1] * course[last + 1])
         beyond = near - table[table.shape[0] - 2]
-        near = ti.min(ti.abs(along_a), ti.abs(along_b))  # a pass out of range counts too: none after it does
+        # a pass out of range counts too: none after it does
+        near = ti.min(ti.abs(along_a), ti.abs(along_b))
         if (along_a < 0.0) != (along_b < 0.0):
             near = ti.max(beyond, 0.0)
     return near
@@ -323,10 +364,11 @@ def _pass(
     size: ti.i32,
     i: ti.i32,
 ):
-    """Write the log of a miss where a part of a bridge from a to b comes abeam of a leg for the first time.
+    """Write the log of a miss where a part of a bridge from a to b comes abeam of a leg for the
+    first time.
 
-    A Brownian bridge crosses the abeam line infinitely often; only the first crossing on each leg is counted. number: of the
-    leg; the rest is as in `piece`.
+    A Brownian bridge crosses the abeam line infinitely often; only the first crossing on each leg
+    is counted. number: of the leg; the rest is as in `piece`.
     """
     along_a = a[0] * course[first] + a[1] * course[first + 1]
     along_b = b[0] * course[last] + b[1] * course[last + 1]
@@ -339,11 +381,25 @@ def _pass(
 
 @ti.func
 def _all_along(
-    kind: ti.template(), polar: ti.template(), way: Piece, time: ti.template(), place: ti.template(),
-    trig: ti.template(), course: ti.template(), leg: ti.template(), table: ti.template(), scale: ti.template(),
-    own: ti.i32, scales: ti.i32, exposure: ti.template(), size: ti.i32, i: ti.i32,
-) -> ti.f32:  # fmt: skip
-    """Return what the whole track adds up to for a particle that goes straight all the while, a fifth faster."""
+    kind: ti.template(),
+    polar: ti.template(),
+    way: Piece,
+    time: ti.template(),
+    place: ti.template(),
+    trig: ti.template(),
+    course: ti.template(),
+    leg: ti.template(),
+    table: ti.template(),
+    scale: ti.template(),
+    own: ti.i32,
+    scales: ti.i32,
+    exposure: ti.template(),
+    size: ti.i32,
+    i: ti.i32,
+) -> ti.f32:
+    """Return what the whole track adds up to for a particle that goes straight all the while, a
+    fifth faster.
+    """
     total, pace = 0.0, 1.0 / ti.max(way.end - way.begin, 1e-6)
     x, y, to_x, to_y = way.lon, way.lat, way.to_lon, way.to_lat
     a = _at(polar, x, y, to_x, to_y, (time[0] - way.begin) * pace, 0, place, trig)
@@ -353,15 +409,32 @@ def _all_along(
         far_b = ti.sqrt(b[0] * b[0] + b[1] * b[1])
         if leg[k] > 0:
             total += piece(
-                kind, a, b, far_a, far_b, time[k + 1] - time[k], 4 * k, 4 * k + 2, course, table, scale, own, scales,
-                exposure, size, i,
-            )  # fmt: skip
+                kind,
+                a,
+                b,
+                far_a,
+                far_b,
+                time[k + 1] - time[k],
+                4 * k,
+                4 * k + 2,
+                course,
+                table,
+                scale,
+                own,
+                scales,
+                exposure,
+                size,
+                i,
+            )
         a, far_a = b, far_b  # each piece hands its end on to the next one
     return total
 
 
 def _exposing(Ways: Any, steers: bool) -> Any:
-    """Return the kernel for paths of one kind: `Straights` of what drifts, or `Pieces` of what steers."""
+    """Return the kernel for paths of one kind:
+
+    `Straights` of what drifts, or `Pieces` of what steers.
+    """
 
     @ti.kernel
     def _expose(
@@ -407,20 +480,47 @@ def _exposing(Ways: Any, steers: bool) -> Any:
             total, nodes = 0.0, time.shape[0] - 1
             if ti.static(not steers):
                 if here != NONE:
-                    way = pieces.load_piece(steers, paths, i, MOVES, state, status_since[i], elapsed, duration, shore)
+                    way = pieces.load_piece(
+                        steers, paths, i, MOVES, state, status_since[i], elapsed, duration, shore
+                    )
                     if way.begin <= time[0] and way.end >= time[nodes]:  # as most do
-                        total, here = _all_along(
-                            kind, polar, way, time, place, trig, course, leg, table, scale, own, scales, exposure,
-                            size, i,
-                        ), NONE  # fmt: skip
+                        total, here = (
+                            _all_along(
+                                kind,
+                                polar,
+                                way,
+                                time,
+                                place,
+                                trig,
+                                course,
+                                leg,
+                                table,
+                                scale,
+                                own,
+                                scales,
+                                exposure,
+                                size,
+                                i,
+                            ),
+                            NONE,
+                        )
             while here != NONE:
-                way = pieces.load_piece(steers, paths, i, here, state, status_since[i], elapsed, duration, shore)
+                way = pieces.load_piece(
+                    steers, paths, i, here, state, status_since[i], elapsed, duration, shore
+                )
                 part, later = pieces.whole_piece(way), pieces.no_later()
                 if ti.static(steers):
                     if way.begin >= time[nodes] or way.end <= time[0]:
                         part.depth = -1
                 while part.depth >= 0:
-                    x, y, to_x, to_y, begin, end = part.lon, part.lat, part.to_lon, part.to_lat, part.begin, part.end
+                    x, y, to_x, to_y, begin, end = (
+                        part.lon,
+                        part.lat,
+                        part.to_lon,
+                        part.to_lat,
+                        part.begin,
+                        part.end,
+                    )
                     pace = 1.0 / ti.max(end - begin, 1e-6)
                     halve, found = 0, 0.0
                     stage = ADDS
@@ -430,9 +530,16 @@ def _exposing(Ways: Any, steers: bool) -> Any:
                         for k in range(nodes):
                             low, high = ti.max(time[k], begin), ti.min(time[k + 1], end)
                             if leg[k] > 0 and low < high and halve == 0:
-                                a = apart(polar, x, y, to_x, to_y, begin, pace, low, k, time, place, trig)
-                                b = apart(polar, x, y, to_x, to_y, begin, pace, high, k, time, place, trig)
-                                node, to_node = 4 * k, 4 * k + 2 * ti.cast(high == time[k + 1], ti.i32)
+                                a = apart(
+                                    polar, x, y, to_x, to_y, begin, pace, low, k, time, place, trig
+                                )
+                                b = apart(
+                                    polar, x, y, to_x, to_y, begin, pace, high, k, time, place, trig
+                                )
+                                node, to_node = (
+                                    4 * k,
+                                    4 * k + 2 * ti.cast(high == time[k + 1], ti.i32),
+                                )
                                 adds = asks == ADDS
                                 if ti.static(steers):
                                     if asks == NEARS:
@@ -443,8 +550,34 @@ def _exposing(Ways: Any, steers: bool) -> Any:
                                     elif way.k > 0.0:
                                         if ti.static(kind == CUBE):
                                             # Past the middle of the part, at the speed of the leg.
-                                            s0 = apart(polar, x, y, x, y, begin, 0.0, low, k, time, place, trig)
-                                            s1 = apart(polar, x, y, x, y, begin, 0.0, high, k, time, place, trig)
+                                            s0 = apart(
+                                                polar,
+                                                x,
+                                                y,
+                                                x,
+                                                y,
+                                                begin,
+                                                0.0,
+                                                low,
+                                                k,
+                                                time,
+                                                place,
+                                                trig,
+                                            )
+                                            s1 = apart(
+                                                polar,
+                                                x,
+                                                y,
+                                                x,
+                                                y,
+                                                begin,
+                                                0.0,
+                                                high,
+                                                k,
+                                                time,
+                                                place,
+                                                trig,
+                                            )
                                             v = pieces.leg_velocity(paths, here)
                                             half = 0.5 * (s1 - s0 + v * (high - low))
                                             middle = 0.5 * (a + b)
@@ -452,20 +585,48 @@ def _exposing(Ways: Any, steers: bool) -> Any:
                                         if ti.static(kind == ABEAM):
                                             adds = False
                                             _pass(
-                                                a, b, node, to_node, ti.cast(leg[k], ti.f32), course, table, scale,
-                                                own, scales, exposure, passed, size, i,
-                                            )  # fmt: skip
+                                                a,
+                                                b,
+                                                node,
+                                                to_node,
+                                                ti.cast(leg[k], ti.f32),
+                                                course,
+                                                table,
+                                                scale,
+                                                own,
+                                                scales,
+                                                exposure,
+                                                passed,
+                                                size,
+                                                i,
+                                            )
                                 if adds:
                                     found += piece(
-                                        kind, a, b, a.norm(), b.norm(), high - low, node, to_node, course, table,
-                                        scale, own, scales, exposure, size, i,
-                                    )  # fmt: skip
+                                        kind,
+                                        a,
+                                        b,
+                                        a.norm(),
+                                        b.norm(),
+                                        high - low,
+                                        node,
+                                        to_node,
+                                        course,
+                                        table,
+                                        scale,
+                                        own,
+                                        scales,
+                                        exposure,
+                                        size,
+                                        i,
+                                    )
                     if halve == 0:
                         total += found
                     if ti.static(steers):
                         if halve == 1:
                             count = paths.piece_count[here]
-                            pieces.halve_part(part, later, way, seed0, seed1, i + shift[which], step, count)
+                            pieces.halve_part(
+                                part, later, way, seed0, seed1, i + shift[which], step, count
+                            )
                         else:
                             pieces.next_part(part, later, way)
                     else:
@@ -488,8 +649,10 @@ class Track(NamedTuple):
 
     time: np.ndarray  # float32 [s after the step's begin], (k + 1,), ascending
     place: np.ndarray  # int32 binary angle, lon and lat of each node, (2 (k + 1),)
-    trig: np.ndarray  # float32, of each node the cosine of its latitude and `bend`, see `relative`, (2 (k + 1),)
-    course: np.ndarray  # float32, the leg's course east and north at begin and end of each piece, (4 k,)
+    # float32, of each node the cosine of its latitude and `bend`, see `relative`, (2 (k + 1),)
+    trig: np.ndarray
+    # float32, the leg's course east and north at begin and end of each piece, (4 k,)
+    course: np.ndarray
     searching: np.ndarray  # int32, (k,): 1 where it searches
     leg: np.ndarray  # int32, (k,): number of the leg of which it is a part, from 1
 
@@ -508,28 +671,47 @@ def expose(
 ) -> None:
     """Add to the exposure of particles what a sensor does along their paths in the step just made.
 
-    ensemble: a drift.engine.particles.ensemble.Ensemble, after the step; paths: of some of its particles. Times of the track
-    count from the begin of these.
-    kind: CUBE adds the integral of ds / 2 r^3 [1/m2], where scale is above 0; ABEAM the log of a miss wherever it comes
-    abeam, for each factor of W, table a lateral range curve and scale 1 / W by factor [1/m], 0 for what is not seen;
-    ZONES hazards, table radii in pairs [m] and scale rates [1/s]; INSIDE the time inside the ring `table` [m] round the
-    track, times scale. scale: numbers (m,), or by scenario of the run (scenarios, m). exposure: device, (n,), for ABEAM
-    (factors * n,). shore: whether what lies ashore or has run aground is seen.
-    unit, passed: of what steers. unit [m]: by scenario, the range below which nothing finer matters to the sensor.
-    passed: device, float32 (n,): for ABEAM, number of the leg on which each target has last been passed.
+    ensemble: a drift.engine.particles.ensemble.Ensemble, after the step; paths: of some of its
+    particles. Times of the track count from the begin of these. kind: CUBE adds the integral of ds
+    / 2 r^3 [1/m2], where scale is above 0; ABEAM the log of a miss wherever it comes abeam, for
+    each factor of W, table a lateral range curve and scale 1 / W by factor [1/m], 0 for what is not
+    seen; ZONES hazards, table radii in pairs [m] and scale rates [1/s]; INSIDE the time inside the
+    ring `table` [m] round the track, times scale. scale: numbers (m,), or by scenario of the run
+    (scenarios, m). exposure: device, (n,), for ABEAM (factors * n,). shore: whether what lies
+    ashore or has run aground is seen. unit, passed: of what steers. unit [m]: by scenario, the
+    range below which nothing finer matters to the sensor. passed: device, float32 (n,): for ABEAM,
+    number of the leg on which each target has last been passed.
     """
     e, scale = ensemble, np.asarray(scale, np.float32)
     stride = scale.shape[1] if scale.ndim == 2 else 0
     kernel = _steering if paths.steers else _drifting
     read = runtime.residents(
-        *track[:4], track.leg * track.searching, np.asarray(table, np.float32), scale.reshape(-1),
+        *track[:4],
+        track.leg * track.searching,
+        np.asarray(table, np.float32),
+        scale.reshape(-1),
         UNKNOWN if unit is None else np.asarray(unit, np.float32),
-    )  # fmt: skip
+    )
     kernel(
-        kind, paths.polar, *paths.own.launched, e.scenario, e.status, e.status_since, paths.pack, paths.elapsed,
-        paths.duration, paths.step, *noise.key(e.seed), *read, stride, scale.shape[-1], exposure,
-        exposure if passed is None else passed, e.n, int(shore),
-    )  # fmt: skip
+        kind,
+        paths.polar,
+        *paths.own.launched,
+        e.scenario,
+        e.status,
+        e.status_since,
+        paths.pack,
+        paths.elapsed,
+        paths.duration,
+        paths.step,
+        *noise.key(e.seed),
+        *read,
+        stride,
+        scale.shape[-1],
+        exposure,
+        exposure if passed is None else passed,
+        e.n,
+        int(shore),
+    )
 
 
 @ti.func
@@ -547,7 +729,9 @@ def _log_miss(
     other: ti.f32,
     other_coefficient: ti.f32,
 ) -> ti.f32:
-    """Return the log of a miss of what was adrift; both: and under way, with an exposure and coefficient of its own."""
+    """Return the log of a miss of what was adrift; both: and under way, with an exposure and
+    coefficient of its own.
+    """
     miss = exposure
     if ti.static(meaning == HAZARD):
         miss = -exposure * coefficient
@@ -592,8 +776,8 @@ def _fail(
                     meaning, both, exposure[i], coefficient[own], under_way, other_coefficient[own]
                 )
             elif log_weight[i] > -ti.math.inf:
-                # The weight changes by the ratio of two means over the factor: of the product of all misses so far,
-                # after and before this one.
+                # The weight changes by the ratio of two means over the factor: of the product of
+                # all misses so far, after and before this one.
                 top_before = top_after = ti.f32(-ti.math.inf)
                 mean_before = mean_after = 0.0
                 for f in range(factors):
@@ -604,7 +788,12 @@ def _fail(
                     if ti.static(meaning == MISS):
                         at += f * size
                     shared[f * size + i] += _log_miss(
-                        meaning, both, exposure[at], coefficient[own + f], under_way, other_coefficient[own + f]
+                        meaning,
+                        both,
+                        exposure[at],
+                        coefficient[own + f],
+                        under_way,
+                        other_coefficient[own + f],
                     )
                     top_after = ti.max(top_after, shared[f * size + i])
                 if top_after == -ti.math.inf:
@@ -612,7 +801,9 @@ def _fail(
                 else:
                     for f in range(factors):
                         mean_after += chances[f] * ti.exp(shared[f * size + i] - top_after)
-                    log_weight[i] += top_after + ti.log(mean_after) - top_before - ti.log(mean_before)
+                    log_weight[i] += (
+                        top_after + ti.log(mean_after) - top_before - ti.log(mean_before)
+                    )
 
 
 def fail(
@@ -627,11 +818,12 @@ def fail(
 ) -> None:
     """Multiply all weights by the chance that a sortie missed each particle, in place.
 
-    scenario: device (n,), to which each slot belongs. meaning: of exposure: HAZARD (miss = exp(-exposure *
-    coefficient)), SHARE (miss = 1 - exposure * coefficient), or MISS (the log of the miss itself, one column a factor).
-    coefficient: by scenario and factor of the sweep width, (scenarios, factors); a scenario that has none above 0 was
-    not searched. chances: by factor, (factors,). shared: device (factors * n,), the logs of the misses of all sorties
-    that share the unknown factor, so far; used only for several factors, whose mean is taken after their product.
+    scenario: device (n,), to which each slot belongs. meaning: of exposure: HAZARD (miss =
+    exp(-exposure * coefficient)), SHARE (miss = 1 - exposure * coefficient), or MISS (the log of
+    the miss itself, one column a factor). coefficient: by scenario and factor of the sweep width,
+    (scenarios, factors); a scenario that has none above 0 was not searched. chances: by factor,
+    (factors,). shared: device (factors * n,), the logs of the misses of all sorties that share the
+    unknown factor, so far; used only for several factors, whose mean is taken after their product.
     also: exposure of what was under way, and coefficients of the same shape; None: nothing was.
     """
     other, by = also or (exposure, coefficient)
@@ -639,6 +831,15 @@ def fail(
         *(np.asarray(x, np.float32).reshape(-1) for x in (coefficient, by, chances))
     )
     _fail(
-        meaning, also is not None, scenario, exposure, coefficients, other, others, each, shared, log_weight,
+        meaning,
+        also is not None,
+        scenario,
+        exposure,
+        coefficients,
+        other,
+        others,
+        each,
+        shared,
+        log_weight,
         log_weight.shape[0],
-    )  # fmt: skip
+    )

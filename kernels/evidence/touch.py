@@ -1,23 +1,29 @@
-"""Whether a Brownian bridge touches a line, and when first; whether it stays in a strip, a box or a disc.
+"""Whether a Brownian bridge touches a line, and when first; whether it stays in a strip, a box or a
+disc.
 
-All lies in a plane, in metres. A bridge goes from one place to another and wanders about the straight way between them
-with a variance K^2 dt that a free walk of as long would have: midway it has a quarter of that, in each component.
-Variance 0 is the straight way itself. Laws of the bridge and a line: Karatzas and Shreve 1991, Brownian Motion and
-Stochastic Calculus, eq. 4.3.40; Nunez, Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, eqs. 10 and 11.
+All lies in a plane, in metres. A bridge goes from one place to another and wanders about the
+straight way between them with a variance K^2 dt that a free walk of as long would have: midway it
+has a quarter of that, in each component. Variance 0 is the straight way itself. Laws of the bridge
+and a line: Karatzas and Shreve 1991, Brownian Motion and Stochastic Calculus, eq. 4.3.40; Nunez,
+Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, eqs. 10 and 11.
 
-`polyline` and `disc` say whether the law of one straight line is enough for a piece of way. Where it is not, near an end
-or a corner of a line, or where a circle bends, `kernels.evidence.observe` cuts the piece in two.
+`polyline` and `disc` say whether the law of one straight line is enough for a piece of way. Where
+it is not, near an end or a corner of a line, or where a circle bends, `kernels.evidence.observe`
+cuts the piece in two.
 """
 
 import taichi as ti
 
 from kernels.maths import angles
 
-REACH = 3.0  # a bridge goes farther than REACH K sqrt(dt) from its straight way with probability exp(-2 REACH^2)
+# a bridge goes farther than REACH K sqrt(dt) from its straight way with probability exp(-2 REACH^2)
+REACH = 3.0
 SLIGHT = 1e-7  # probability of a touch that does not count
-FLAT = 0.125  # a circle is taken for its tangent by bridges that go at most this share of its radius
+# a circle is taken for its tangent by bridges that go at most this share of its radius
+FLAT = 0.125
 
-FAR, TOLD, OPEN = range(3)  # what is known of a piece: it touches nothing; its law is a line's; it must be cut
+# what is known of a piece: it touches nothing; its law is a line's; it must be cut
+FAR, TOLD, OPEN = range(3)
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
@@ -25,7 +31,9 @@ f32x4 = ti.types.vector(4, ti.f32)
 
 @ti.func
 def line(before: ti.f32, after: ti.f32, variance: ti.f32) -> ti.f32:
-    """Return the probability that a bridge touches a line, from distances [m] with signs at its begin and its end."""
+    """Return the probability that a bridge touches a line, from distances [m] with signs at its
+    begin and its end.
+    """
     touched = 1.0
     if before * after > 0.0:
         touched = 0.0
@@ -36,7 +44,9 @@ def line(before: ti.f32, after: ti.f32, variance: ti.f32) -> ti.f32:
 
 @ti.func
 def _tail(z: ti.f32) -> ti.f32:
-    """Return exp(z^2) erfc(z) for z >= 0, relative error 1.2e-7 (Press et al. 1992, Numerical Recipes, section 6.2)."""
+    """Return exp(z^2) erfc(z) for z >= 0, relative error 1.2e-7 (Press et al. 1992, Numerical
+    Recipes, section 6.2).
+    """
     t = 1.0 / (1.0 + 0.5 * z)
     p = -0.82215223 + t * 0.17087277
     p = -1.13520398 + t * (1.48851587 + t * p)
@@ -68,10 +78,14 @@ def by(before: ti.f32, after: ti.f32, variance: ti.f32, share: ti.f32) -> ti.f32
         touched = ti.cast(b * (1.0 - share) + a * share <= 0.0, ti.f32)
     elif share > 0.0:
         spread = ti.sqrt(variance * share * (1.0 - share))
-        mean, mirrored = (b * (1.0 - share) + a * share) / spread, (b * (1.0 - share) - a * share) / spread
+        mean, mirrored = (
+            (b * (1.0 - share) + a * share) / spread,
+            (b * (1.0 - share) - a * share) / spread,
+        )
         touched = normal_below(-mean)
         # The mirror image counts the bridges that have been over the line and are back.
-        if mirrored >= 0.0:  # exp(-2 a b / variance) may be too large to be written down; its product with this is not
+        # exp(-2 a b / variance) may be too large to be written down; its product with this is not
+        if mirrored >= 0.0:
             touched += 0.5 * ti.exp(-0.5 * mean * mean) * _tail(mirrored * 0.7071067811865476)
         else:
             touched += ti.exp(-2.0 * a * b / variance) * normal_below(-mirrored)
@@ -80,10 +94,12 @@ def by(before: ti.f32, after: ti.f32, variance: ti.f32, share: ti.f32) -> ti.f32
 
 @ti.func
 def strip(before: ti.f32, after: ti.f32, width: ti.f32, variance: ti.f32) -> ti.f32:
-    """Return the probability that a bridge stays within a strip; before, after: distances [m] from one of its sides.
+    """Return the probability that a bridge stays within a strip; before, after: distances [m] from
+    one of its sides.
 
-    While K^2 dt is below half the square of the width, the images in both sides count, of which the third pair is
-    below exp(-24). Above it the eigenfunctions of the strip do, of which the fourth is below exp(-37) of the first.
+    While K^2 dt is below half the square of the width, the images in both sides count, of which the
+    third pair is below exp(-24). Above it the eigenfunctions of the strip do, of which the fourth
+    is below exp(-37) of the first.
     """
     stays = 0.0
     if before > 0.0 and after > 0.0 and before < width and after < width:
@@ -93,21 +109,29 @@ def strip(before: ti.f32, after: ti.f32, width: ti.f32, variance: ti.f32) -> ti.
             if t < 0.5:
                 total = 0.0
                 for m in ti.static(range(-2, 3)):
-                    total += ti.exp(-2.0 * m * (m + b - a) / t) - ti.exp(-2.0 * (m + a) * (m + b) / t)
+                    total += ti.exp(-2.0 * m * (m + b - a) / t) - ti.exp(
+                        -2.0 * (m + a) * (m + b) / t
+                    )
                 stays = total
             else:
                 total = 0.0
                 for m in ti.static(range(1, 4)):
                     pi = 3.141592653589793 * m
                     total += angles.sin(pi * a) * angles.sin(pi * b) * ti.exp(-0.5 * pi * pi * t)
-                stays = 2.0 * ti.sqrt(6.283185307179586 * t) * ti.exp(0.5 * (b - a) * (b - a) / t) * total
+                stays = (
+                    2.0
+                    * ti.sqrt(6.283185307179586 * t)
+                    * ti.exp(0.5 * (b - a) * (b - a) / t)
+                    * total
+                )
             stays = ti.min(ti.max(stays, 0.0), 1.0)
     return stays
 
 
 @ti.func
 def box(a: f32x2, b: f32x2, half: f32x2, variance: ti.f32) -> ti.f32:
-    """Return the probability that a bridge from a to b stays in a box about the origin, with sides along the axes.
+    """Return the probability that a bridge from a to b stays in a box about the origin, with sides
+    along the axes.
 
     half: half its width and height [m]. The components of a bridge are independent of each other.
     """
@@ -123,13 +147,17 @@ def within(a: f32x2, half: f32x2) -> ti.i32:
 
 @ti.func
 def disc(a: f32x2, b: f32x2, radius: ti.f32, variance: ti.f32) -> f32x4:
-    """Return what is known of whether a bridge from a to b meets a circle about the origin: see `polyline`.
+    """Return what is known of whether a bridge from a to b meets a circle about the origin: see
+    `polyline`.
 
-    It is a line's law where the circle is flat: all that the bridge does is short against the radius. The curvature
-    then shifts the circle by less than FLAT^2 / 8 of its radius.
+    It is a line's law where the circle is flat: all that the bridge does is short against the
+    radius. The curvature then shifts the circle by less than FLAT^2 / 8 of its radius.
     """
     way, reach = b - a, REACH * ti.sqrt(variance)
-    far_a, far_b = ti.sqrt(a[0] * a[0] + a[1] * a[1]) - radius, ti.sqrt(b[0] * b[0] + b[1] * b[1]) - radius
+    far_a, far_b = (
+        ti.sqrt(a[0] * a[0] + a[1] * a[1]) - radius,
+        ti.sqrt(b[0] * b[0] + b[1] * b[1]) - radius,
+    )
     length = ti.sqrt(way[0] * way[0] + way[1] * way[1])
     share = 0.0
     if length > 0.0:
@@ -139,7 +167,9 @@ def disc(a: f32x2, b: f32x2, radius: ti.f32, variance: ti.f32) -> f32x4:
     found = f32x4(ti.cast(OPEN, ti.f32), line(far_a, far_b, variance), far_a, far_b)
     if nearest > reach or ti.max(far_a, far_b) < -reach:
         found = f32x4(ti.cast(FAR, ti.f32), 0.0, far_a, far_b)
-    elif far_a * far_b <= 0.0 or (length <= FLAT * radius and variance <= FLAT * FLAT * radius * radius):
+    elif far_a * far_b <= 0.0 or (
+        length <= FLAT * radius and variance <= FLAT * FLAT * radius * radius
+    ):
         found[0] = ti.cast(TOLD, ti.f32)
     elif far_a > 0.0 and nearest < -reach:  # it goes right through
         found = f32x4(ti.cast(TOLD, ti.f32), 1.0, far_a, -far_b)
@@ -148,11 +178,13 @@ def disc(a: f32x2, b: f32x2, radius: ti.f32, variance: ti.f32) -> f32x4:
 
 @ti.func
 def polyline(a: f32x2, b: f32x2, variance: ti.f32, corners: ti.template()) -> f32x4:
-    """Return what is known of whether a bridge from a to b touches a line of straight parts: (state, p, before, after).
+    """Return what is known of whether a bridge from a to b touches a line of straight parts:
+    (state, p, before, after).
 
-    corners: (x, y, x, y, ...) [m]. state: FAR, TOLD or OPEN. p: the probability of a touch; of an OPEN piece it is a
-    rough one, by the place at which the bridge would most likely touch each part's straight line. before, after: distances
-    [m] with signs of a and b from the straight line that is touched, for the law of the time, see `by`.
+    corners: (x, y, x, y, ...) [m]. state: FAR, TOLD or OPEN. p: the probability of a touch; of an
+    OPEN piece it is a rough one, by the place at which the bridge would most likely touch each
+    part's straight line. before, after: distances [m] with signs of a and b from the straight line
+    that is touched, for the law of the time, see `by`.
     """
     reach = REACH * ti.sqrt(variance)
     told, told_before, told_after, many, open_ = 0.0, 1.0, 1.0, 0, 0
@@ -165,11 +197,17 @@ def polyline(a: f32x2, b: f32x2, variance: ti.f32, corners: ti.template()) -> f3
         aside_a, aside_b = ex * (a[1] - py) - ey * (a[0] - px), ex * (b[1] - py) - ey * (b[0] - px)
         p = line(aside_a, aside_b, variance)
         if p > SLIGHT:
-            along_a, along_b = ex * (a[0] - px) + ey * (a[1] - py), ex * (b[0] - px) + ey * (b[1] - py)
+            along_a, along_b = (
+                ex * (a[0] - px) + ey * (a[1] - py),
+                ex * (b[0] - px) + ey * (b[1] - py),
+            )
             # Only where its straight way is within reach of the line may the bridge touch it.
             low, high, likely = 0.0, 1.0, 0.0
             if aside_a != aside_b:
-                one, other = (aside_a - reach) / (aside_a - aside_b), (aside_a + reach) / (aside_a - aside_b)
+                one, other = (
+                    (aside_a - reach) / (aside_a - aside_b),
+                    (aside_a + reach) / (aside_a - aside_b),
+                )
                 low = ti.min(ti.max(ti.min(one, other), 0.0), 1.0)
                 high = ti.min(ti.max(ti.max(one, other), 0.0), 1.0)
             if aside_a != 0.0:

@@ -1,8 +1,10 @@
-"""What a sensor that watches along particles' paths has heard or seen: a passive sonar, or a table of POD.
+"""What a sensor that watches along particles' paths has heard or seen: a passive sonar, or a table
+of POD.
 
-See kernels.evidence.listen and kernels.evidence.glimpse, and kernels.steering.pieces for the paths. A Brownian bridge is halved where the sensor may
-tell of it (a sonar: where it may be heard), until it strays by no more than the table of losses resolves, or half a cell
-of POD. Its speed, which the level may depend on, is that of its leg.
+See kernels.evidence.listen and kernels.evidence.glimpse, and kernels.steering.pieces for the paths.
+A Brownian bridge is halved where the sensor may tell of it (a sonar: where it may be heard), until
+it strays by no more than the table of losses resolves, or half a cell of POD. Its speed, which the
+level may depend on, is that of its leg.
 """
 
 from typing import Any
@@ -24,7 +26,10 @@ NOTHING = np.zeros(1, np.float32)  # a table that no kernel asks for
 
 
 def _watching(Ways: Any, steers: bool) -> Any:
-    """Return the kernel for paths of one kind: `Straights` of what drifts, or `Pieces` of what steers."""
+    """Return the kernel for paths of one kind:
+
+    `Straights` of what drifts, or `Pieces` of what steers.
+    """
 
     @ti.kernel
     def _watch(
@@ -75,21 +80,35 @@ def _watching(Ways: Any, steers: bool) -> Any:
                 if ti.static(kind == HEARD):
                     silence = listen.taken(f * size + i, size * many, edges, held)
                 while here != NONE:
-                    way = pieces.load_piece(steers, paths, i, here, state, status_since[i], elapsed, duration, shore)
+                    way = pieces.load_piece(
+                        steers, paths, i, here, state, status_since[i], elapsed, duration, shore
+                    )
                     part, later, source = pieces.whole_piece(way), pieces.no_later(), 0.0
                     if way.begin >= ear.end or way.end <= ear.begin:
                         part.depth = -1
                     if ti.static(kind == HEARD):
                         stray = glimpse.FAR * way.k * ti.sqrt(ti.max(way.end - way.begin, 0.0))
-                        if listen.out_of_reach(ear, way.lon, way.lat, way.to_lon, way.to_lat, stray) == 1:
+                        if (
+                            listen.out_of_reach(
+                                ear, way.lon, way.lat, way.to_lon, way.to_lat, stray
+                            )
+                            == 1
+                        ):
                             part.depth = -1
                         source = offsets[f] + listen.level(
                             levels, paces, which, _speed(steers, paths, here, way, paces)
                         )
                     while part.depth >= 0:
-                        low, high, halve = ti.max(ear.begin, part.begin), ti.min(ear.end, part.end), 0
+                        low, high, halve = (
+                            ti.max(ear.begin, part.begin),
+                            ti.min(ear.end, part.end),
+                            0,
+                        )
                         if low < high:
-                            dx, dy = ti.cast(part.to_lon - part.lon, ti.f32), ti.cast(part.to_lat - part.lat, ti.f32)
+                            dx, dy = (
+                                ti.cast(part.to_lon - part.lon, ti.f32),
+                                ti.cast(part.to_lat - part.lat, ti.f32),
+                            )
                             pace = 1.0 / ti.max(part.end - part.begin, 1e-6)
                             a, b = f32x2(0.0), f32x2(0.0)
                             for side in range(2):
@@ -110,14 +129,27 @@ def _watching(Ways: Any, steers: bool) -> Any:
                                 pass
                             elif ti.static(kind == HEARD):
                                 quiet += low - now
-                                listen.hear(silence, quiet, ear, losses, around, limits, a, b, high - low, source)
+                                listen.hear(
+                                    silence,
+                                    quiet,
+                                    ear,
+                                    losses,
+                                    around,
+                                    limits,
+                                    a,
+                                    b,
+                                    high - low,
+                                    source,
+                                )
                                 now = high
                             else:
                                 total += glimpse.hazard(kind, ear, losses, a, b, high - low)
                         if ti.static(steers):
                             if halve == 1:
                                 count = paths.piece_count[here]
-                                pieces.halve_part(part, later, way, seed0, seed1, i + shift[which], step, count)
+                                pieces.halve_part(
+                                    part, later, way, seed0, seed1, i + shift[which], step, count
+                                )
                             else:
                                 pieces.next_part(part, later, way)
                         else:
@@ -138,9 +170,15 @@ def _watching(Ways: Any, steers: bool) -> Any:
 
 @ti.func
 def _speed(
-    steers: ti.template(), paths: ti.template(), here: ti.i32, way: pieces.Piece, paces: ti.template()
+    steers: ti.template(),
+    paths: ti.template(),
+    here: ti.i32,
+    way: pieces.Piece,
+    paces: ti.template(),
 ) -> ti.f32:
-    """Return the speed [m/s] on a piece, of a bridge that of its leg; 0 where no level depends on it."""
+    """Return the speed [m/s] on a piece, of a bridge that of its leg; 0 where no level depends on
+    it.
+    """
     speed = 0.0
     if paces.shape[0] > 1:
         if way.k <= 0.0:
@@ -154,9 +192,15 @@ def _speed(
 
 @ti.func
 def _halves(
-    kind: ti.template(), ear: Ear, limits: ti.template(), a: f32x2, b: f32x2, stray: ti.f32, depth: ti.i32,
+    kind: ti.template(),
+    ear: Ear,
+    limits: ti.template(),
+    a: f32x2,
+    b: f32x2,
+    stray: ti.f32,
+    depth: ti.i32,
     source: ti.f32,
-) -> ti.i32:  # fmt: skip
+) -> ti.i32:
     """Return 1 where a part of a bridge from a to b that strays [m] so far is to be halved."""
     halve = 0
     fine = 0.5 * ear.between
@@ -179,9 +223,18 @@ _drifting, _steering = _watching(Straights, False), _watching(Pieces, True)
 def _launch(ensemble: Any, paths: Paths, kind: int, *sensor: Any) -> None:
     e, kernel = ensemble, _steering if paths.steers else _drifting
     kernel(
-        kind, *paths.own.launched, e.scenario, e.status, e.status_since, paths.pack, paths.elapsed, paths.duration,
-        paths.step, *noise.key(e.seed), *sensor,
-    )  # fmt: skip
+        kind,
+        *paths.own.launched,
+        e.scenario,
+        e.status,
+        e.status_since,
+        paths.pack,
+        paths.elapsed,
+        paths.duration,
+        paths.step,
+        *noise.key(e.seed),
+        *sensor,
+    )
 
 
 def listen_along(ensemble: Any, paths: Paths, sonar: Laid, kept: tuple[Any, Any, Any]) -> None:
@@ -196,8 +249,11 @@ def listen_along(ensemble: Any, paths: Paths, sonar: Laid, kept: tuple[Any, Any,
     _launch(ensemble, paths, HEARD, sonar.ear, *runtime.residents(*sonar.tables), *kept, 0)
 
 
-def look_along(ensemble: Any, paths: Paths, stretch: Stretch, pods: Pods, shore: bool, log_missed: Any) -> None:
-    """Add to the logs of misses what a sensor with a table of POD does along particles' paths in the step just made.
+def look_along(
+    ensemble: Any, paths: Paths, stretch: Stretch, pods: Pods, shore: bool, log_missed: Any
+) -> None:
+    """Add to the logs of misses what a sensor with a table of POD does along particles' paths in
+    the step just made.
 
     Args:
         ensemble: a drift.engine.particles.ensemble.Ensemble, after the step.
@@ -210,4 +266,13 @@ def look_along(ensemble: Any, paths: Paths, stretch: Stretch, pods: Pods, shore:
     table = np.ascontiguousarray(pods.table, np.float32).reshape(-1)
     columns = (log_missed,) * 3  # only the first of them is used
     table, nothing = runtime.residents(table, NOTHING)
-    _launch(ensemble, paths, pods.kind, glimpse.ear(stretch, pods), table, *(nothing,) * 5, *columns, int(shore))
+    _launch(
+        ensemble,
+        paths,
+        pods.kind,
+        glimpse.ear(stretch, pods),
+        table,
+        *(nothing,) * 5,
+        *columns,
+        int(shore),
+    )

@@ -1,17 +1,29 @@
-"""Sine, cosine, tangent, arc tangent and arc sine of float32, by series: the same on every backend to the last bits.
+"""Sine, cosine, tangent, arc tangent and arc sine of float32, by series: the same on every backend
+to the last bits.
 
-A graphics card's own are faster and worse: Vulkan promises 2**-11 of a sine, which is 3 km of the Earth's radius.
-Arguments are at most some thousand turns. `kernels.maths.doubles` has those of float64.
+A graphics card's own are faster and worse: Vulkan promises 2**-11 of a sine, which is 3 km of the
+Earth's radius. Arguments are at most some thousand turns. `kernels.maths.doubles` has those of
+float64.
 """
 
 import taichi as ti
 
-# pi/2 in three parts, of 11, 11 and 24 bits, so that the first two times a number of quarters below 2**13 are exact.
+# pi/2 in three parts, of 11, 11 and 24 bits, so that the first two times a number of quarters below
+# 2**13 are exact.
 QUARTERS = (1.5703125, 1014 / 2097152, 3.139164786504813e-07)
-SINE = (6.0, 20.0, 42.0, 72.0)  # (2 k) (2 k + 1): the series of the sine to x**9, within 2e-9 for 45 degrees
+# (2 k) (2 k + 1): the series of the sine to x**9, within 2e-9 for 45 degrees
+SINE = (6.0, 20.0, 42.0, 72.0)
 COSINE = (2.0, 12.0, 30.0, 56.0, 90.0)  # (2 k - 1) (2 k): that of the cosine to x**10, within 1e-10
-# atan(x) / x in powers of x**2, interpolated at Chebyshev's points of 0 <= x <= tan(pi/8), within 7e-10.
-ARC_TANGENT = (0.9999999994, -0.3333330689, 0.1999818304, -0.1423953267, 0.1056982879, -0.06026305214)
+# atan(x) / x in powers of x**2, interpolated at Chebyshev's points of 0 <= x <= tan(pi/8), within
+# 7e-10.
+ARC_TANGENT = (
+    0.9999999994,
+    -0.3333330689,
+    0.1999818304,
+    -0.1423953267,
+    0.1056982879,
+    -0.06026305214,
+)
 EIGHTH = 0.41421356237309503  # tan(pi/8)
 
 
@@ -23,7 +35,8 @@ def series(
     sine_terms: ti.template(),
     cosine_terms: ti.template(),
 ):
-    """Return sine and cosine of an angle of so many quarter turns and x [rad], by the Taylor series about 0.
+    """Return sine and cosine of an angle of so many quarter turns and x [rad], by the Taylor series
+    about 0.
 
     Args:
         kind: type of the numbers, ti.f32 or ti.f64.
@@ -79,7 +92,9 @@ def tan(angle: ti.f32) -> ti.f32:
 
 @ti.func
 def atan2(y: ti.f32, x: ti.f32) -> ti.f32:
-    """Return the angle [rad] of (x, y) from the x axis, in (-pi, pi], relative error 3e-7; 0 for (0, 0)."""
+    """Return the angle [rad] of (x, y) from the x axis, in (-pi, pi], relative error 3e-7; 0 for
+    (0, 0).
+    """
     far, near = ti.max(ti.abs(x), ti.abs(y)), ti.min(ti.abs(x), ti.abs(y))
     # atan(t) is 45 degrees less the arc tangent of (1 - t) / (1 + t), where t = near / far.
     over, under, base = near, far, ti.f32(0.0)

@@ -1,8 +1,9 @@
 """Random numbers as a function of (seed, stream, slot, step): Philox-4x32-10.
 
-Salmon, Moraes, Dror and Shaw 2011, "Parallel random numbers: as easy as 1, 2, 3", doi:10.1145/2063384.2063405.
-There is no state: the same call gives the same bits on any thread, in any order, in any shard. The integer stream is
-the same on every backend; normals differ between backends in the last bits of log, sin and cos.
+Salmon, Moraes, Dror and Shaw 2011, "Parallel random numbers: as easy as 1, 2, 3",
+doi:10.1145/2063384.2063405. There is no state: the same call gives the same bits on any thread, in
+any order, in any shard. The integer stream is the same on every backend; normals differ between
+backends in the last bits of log, sin and cos.
 """
 
 import copy
@@ -28,7 +29,9 @@ STREAM_WAY = 12  # how it wanders about its way
 STREAM_MIDWAY = 13  # the same at times within a piece of its way
 STREAM_LEVY = 15  # midpoints of ways, where a sensor looks closely
 STREAM_TOUCH = 14  # places that cut it in two, where a sensor asks closely what it touched
-STREAM_CLOUD = -1  # particles drawn for a cloud that follows a target; below all, for classes of debris count on upward
+# particles drawn for a cloud that follows a target; below all, for classes of debris count on
+# upward
+STREAM_CLOUD = -1
 STREAM_ACT = -2  # what they do at times of their own
 STREAM_DEBRIS = 16  # the first of many: each class of debris has its own
 
@@ -56,16 +59,32 @@ def philox(c0: ti.u32, c1: ti.u32, c2: ti.u32, c3: ti.u32, key0: ti.u32, key1: t
 @ti.func
 def noise_words(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, slot: ti.i32, step: ti.i32) -> u32x4:
     """Return four words of a stream for one slot and lattice step."""
-    return philox(ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.cast(stream, ti.u32), ti.u32(0), seed0, seed1)
+    return philox(
+        ti.cast(slot, ti.u32),
+        ti.cast(step, ti.u32),
+        ti.cast(stream, ti.u32),
+        ti.u32(0),
+        seed0,
+        seed1,
+    )
 
 
 @ti.func
-def further(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, slot: ti.i32, step: ti.i32, number: ti.i32) -> u32x4:
-    """Return four words of a stream for one slot and lattice step; number: from 1 where one needs several.
+def further(
+    seed0: ti.u32, seed1: ti.u32, stream: ti.i32, slot: ti.i32, step: ti.i32, number: ti.i32
+) -> u32x4:
+    """Return four words of a stream for one slot and lattice step; number: from 1 where one needs
+    several.
 
-    They are those of `philox`, whose rounds are looped here: what is drawn seldom compiles in a tenth of the time.
+    They are those of `philox`, whose rounds are looped here: what is drawn seldom compiles in a
+    tenth of the time.
     """
-    x0, x1, x2, x3 = ti.cast(slot, ti.u32), ti.cast(step, ti.u32), ti.cast(stream, ti.u32), ti.cast(number, ti.u32)
+    x0, x1, x2, x3 = (
+        ti.cast(slot, ti.u32),
+        ti.cast(step, ti.u32),
+        ti.cast(stream, ti.u32),
+        ti.cast(number, ti.u32),
+    )
     k0, k1 = seed0, seed1
     for _ in range(10):
         a = ti.cast(x0, ti.u64) * ti.u64(0xD2511F53)
@@ -81,24 +100,31 @@ def further(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, slot: ti.i32, step: ti
 
 @ti.func
 def uniform(word: ti.u32) -> ti.f32:
-    """Return a uniform number in (0, 1), never 0 and never 1: the middle of one of 2**23 equal intervals."""
+    """Return a uniform number in (0, 1), never 0 and never 1: the middle of one of 2**23 equal
+    intervals.
+    """
     return (ti.cast(word >> ti.u32(9), ti.f32) + 0.5) * (1.0 / 8388608.0)
 
 
 @ti.func
 def normals(a: ti.u32, b: ti.u32) -> f32x2:
-    """Return two independent standard normals (Box and Muller 1958), tails to 5.8 standard deviations."""
+    """Return two independent standard normals (Box and Muller 1958), tails to 5.8 standard
+    deviations.
+    """
     return turned(ti.log(uniform(a)), b)
 
 
 @ti.func
 def turned(log: ti.f32, b: ti.u32) -> f32x2:
-    """Return the two normals of the logarithm of `uniform(a)`: `normals` without its call of a library."""
+    """Return the two normals of the logarithm of `uniform(a)`:
+
+    `normals` without its call of a library.
+    """
     r = ti.sqrt(-log)  # sqrt(-2 log u), times the diagonal's sqrt(1/2)
     t = 4.0 * uniform(b)
     quadrant = ti.cast(t, ti.i32)
-    # Cosine and sine of the angle from the quadrant's diagonal, at most 45 degrees, come from their series, with an
-    # error of 3e-8: without a call of libm they are the same on every backend.
+    # Cosine and sine of the angle from the quadrant's diagonal, at most 45 degrees, come from their
+    # series, with an error of 3e-8: without a call of libm they are the same on every backend.
     x = (t - ti.cast(quadrant, ti.f32) - 0.5) * 1.5707963267948966
     y = x * x
     c = 1.0 - y * (1 / 2 - y * (1 / 24 - y * (1 / 720 - y * (1 / 40320))))
@@ -128,7 +154,9 @@ class Purpose(enum.IntEnum):
     BACKWARD_PLACES = 11  # where and when they begin
     BACKWARD_WORLDS = 12
     BACKWARD_PRIOR = 13  # releases from which the prior's map is made
-    DEBRIS_COAST = 14  # of a class of debris at the coast: walks near it, landings, waits; number: of the class, from 1
+    # of a class of debris at the coast: walks near it, landings, waits; number: of the class, from
+    # 1
+    DEBRIS_COAST = 14
     TARGET = 15  # the way of a target that acts, which is followed
     PURSUIT = 16  # the cloud by which a path is judged that was planned on another
     FILLING = 17  # particles placed anew where a contact may have been; number: of the contact
@@ -138,9 +166,9 @@ class Purpose(enum.IntEnum):
 def seed_for(seed: int, purpose: Purpose, number: int = 0) -> int:
     """Return the seed (0 <= seed < 2**64) of a purpose, from that of a case or of another purpose.
 
-    The particles of a run keep the run's own seed. Any other purpose has a hash of seed, purpose and number
-    (0 <= number < 2**32), so that no two of them draw the same numbers, whatever seeds users choose: two equal hashes
-    are as likely as two equal random numbers of 64 bits.
+    The particles of a run keep the run's own seed. Any other purpose has a hash of seed, purpose
+    and number (0 <= number < 2**32), so that no two of them draw the same numbers, whatever seeds
+    users choose: two equal hashes are as likely as two equal random numbers of 64 bits.
     """
     if not 0 <= number < 2**32:
         raise ValueError(f"number of a purpose: {number}; from 0 to 2**32 - 1")
@@ -178,9 +206,12 @@ def generator(
 
 
 def later(rng: np.random.Generator, count: int) -> np.random.Generator:
-    """Return a copy of a generator as it is after so many more `random()`, without drawing all of them."""
+    """Return a copy of a generator as it is after so many more `random()`, without drawing all of
+    them.
+    """
     ahead = copy.deepcopy(rng)
-    left = min(4 - ahead.bit_generator.state["buffer_pos"], count)  # a step of its counter gives four numbers
+    # a step of its counter gives four numbers
+    left = min(4 - ahead.bit_generator.state["buffer_pos"], count)
     ahead.random(left)
     steps, rest = divmod(count - left, 4)
     if steps:

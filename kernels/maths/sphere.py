@@ -1,7 +1,8 @@
 """The exponential map on binary angles, in float32 on differences only.
 
-The cosine of a latitude comes from the integer colatitude 2**30 - |lat|, which keeps its relative precision up to the
-pole; increments are formed without cancellation, so that 10 km is right to 0.05 m at |lat| <= 89.9 degrees.
+The cosine of a latitude comes from the integer colatitude 2**30 - |lat|, which keeps its relative
+precision up to the pole; increments are formed without cancellation, so that 10 km is right to 0.05
+m at |lat| <= 89.9 degrees.
 """
 
 import taichi as ti
@@ -22,7 +23,15 @@ def _sine(x: ti.f32) -> ti.f32:
     y = x * x
     return x * (
         1.0
-        - y * (1 / 6 - y * (1 / 120 - y * (1 / 5040 - y * (1 / 362880 - y * (1 / 39916800 - y * (1 / 6227020800))))))
+        - y
+        * (
+            1 / 6
+            - y
+            * (
+                1 / 120
+                - y * (1 / 5040 - y * (1 / 362880 - y * (1 / 39916800 - y * (1 / 6227020800))))
+            )
+        )
     )
 
 
@@ -44,8 +53,9 @@ def exponential(lon: ti.i32, lat: ti.i32, east: ti.f32, north: ti.f32):
 
     The way may lead over a pole.
 
-    With x, y the sines of the arc towards east and north, z its cosine, c and s those of the latitude:
-    up = z c - y s, q = x^2 / (hypot(x, up) + up), sin(dlat) = y - q s. No term is a difference of large numbers.
+    With x, y the sines of the arc towards east and north, z its cosine, c and s those of the
+    latitude: up = z c - y s, q = x^2 / (hypot(x, up) + up), sin(dlat) = y - q s. No term is a
+    difference of large numbers.
     """
     c, s = cos_lat(lat), sin_lat(lat)
     length = ti.sqrt(east * east + north * north)
@@ -70,18 +80,25 @@ def exponential(lon: ti.i32, lat: ti.i32, east: ti.f32, north: ti.f32):
 
 @ti.func
 def offset(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types.vector(2, ti.f32):
-    """Return (east, north) [m] of the great circle to another position: the inverse of `exponential`.
+    """Return (east, north) [m] of the great circle to another position: the inverse of
+    `exponential`.
 
-    The longer of two ways is never taken. Haversines keep the relative precision of short ways; of antipodes, which
-    have no shortest way, the direction means nothing.
+    The longer of two ways is never taken. Haversines keep the relative precision of short ways; of
+    antipodes, which have no shortest way, the direction means nothing.
     """
-    dlon, dlat = ti.cast(to_lon - lon, ti.f32) * ti.f32(UNIT), ti.cast(to_lat - lat, ti.f32) * ti.f32(UNIT)
+    dlon, dlat = (
+        ti.cast(to_lon - lon, ti.f32) * ti.f32(UNIT),
+        ti.cast(to_lat - lat, ti.f32) * ti.f32(UNIT),
+    )
     c, s, to_c = cos_lat(lat), sin_lat(lat), cos_lat(to_lat)
     half_lon, half_lat = _sine(0.5 * dlon), _sine(0.5 * dlat)
     squared = half_lat * half_lat + c * to_c * half_lon * half_lon
     arc = 2.0 * angles.atan2(ti.sqrt(squared), ti.sqrt(ti.max(1.0 - squared, 0.0)))
     x = to_c * 2.0 * half_lon * ti.sqrt(ti.max(1.0 - half_lon * half_lon, 0.0))
-    y = 2.0 * half_lat * ti.sqrt(ti.max(1.0 - half_lat * half_lat, 0.0)) + s * to_c * 2.0 * half_lon * half_lon
+    y = (
+        2.0 * half_lat * ti.sqrt(ti.max(1.0 - half_lat * half_lat, 0.0))
+        + s * to_c * 2.0 * half_lon * half_lon
+    )
     sine = ti.sqrt(x * x + y * y)
     scale = ti.f32(RADIUS)
     if sine > 0.0:
@@ -90,11 +107,15 @@ def offset(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types
 
 
 @ti.func
-def convergence(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types.vector(2, ti.f32):
-    """Return cosine and sine of the angle by which a course turns along the great circle to another position.
+def convergence(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types.vector(
+    2, ti.f32
+):
+    """Return cosine and sine of the angle by which a course turns along the great circle to another
+    position.
 
-    By Napier's analogies, tan(turn / 2) = tan(dlon / 2) sin(mean latitude) / cos(half the difference of latitudes). A
-    vector (east, north) there is `carried_back` to here, or from here `carried_on`, by it.
+    By Napier's analogies, tan(turn / 2) = tan(dlon / 2) sin(mean latitude) / cos(half the
+    difference of latitudes). A vector (east, north) there is `carried_back` to here, or from here
+    `carried_on`, by it.
     """
     half_lon, half_lat = (to_lon - lon) >> 1, (to_lat - lat) >> 1
     s, c = sin_lat(half_lon) * sin_lat(lat + half_lat), cos_lat(half_lon) * cos_lat(half_lat)
@@ -104,9 +125,11 @@ def convergence(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.
 
 @ti.func
 def meridian(lon: ti.i32, lat: ti.i32) -> ti.types.vector(2, ti.f32):
-    """Return cosine and sine of the convergence from the meridian of 0, as it is at the nearer pole.
+    """Return cosine and sine of the convergence from the meridian of 0, as it is at the nearer
+    pole.
 
-    Vectors near a pole that are `carried_back` by it share one frame: that of the plane tangent at the pole.
+    Vectors near a pole that are `carried_back` by it share one frame: that of the plane tangent at
+    the pole.
     """
     angle = ti.cast(lon, ti.f32) * ti.f32(UNIT)
     s, c = angles.sincos(angle)
@@ -114,15 +137,27 @@ def meridian(lon: ti.i32, lat: ti.i32) -> ti.types.vector(2, ti.f32):
 
 
 @ti.func
-def carried_back(vector: ti.types.vector(2, ti.f32), turn: ti.types.vector(2, ti.f32)) -> ti.types.vector(2, ti.f32):
-    """Return a vector (east, north) from the far end of a way, as it is at the near end; turn: see `convergence`."""
-    return ti.Vector([vector[0] * turn[0] - vector[1] * turn[1], vector[1] * turn[0] + vector[0] * turn[1]])
+def carried_back(
+    vector: ti.types.vector(2, ti.f32), turn: ti.types.vector(2, ti.f32)
+) -> ti.types.vector(2, ti.f32):
+    """Return a vector (east, north) from the far end of a way, as it is at the near end; turn: see
+    `convergence`.
+    """
+    return ti.Vector(
+        [vector[0] * turn[0] - vector[1] * turn[1], vector[1] * turn[0] + vector[0] * turn[1]]
+    )
 
 
 @ti.func
-def carried_on(vector: ti.types.vector(2, ti.f32), turn: ti.types.vector(2, ti.f32)) -> ti.types.vector(2, ti.f32):
-    """Return a vector (east, north) from the near end of a way, as it is at the far end; turn: see `convergence`."""
-    return ti.Vector([vector[0] * turn[0] + vector[1] * turn[1], vector[1] * turn[0] - vector[0] * turn[1]])
+def carried_on(
+    vector: ti.types.vector(2, ti.f32), turn: ti.types.vector(2, ti.f32)
+) -> ti.types.vector(2, ti.f32):
+    """Return a vector (east, north) from the near end of a way, as it is at the far end; turn: see
+    `convergence`.
+    """
+    return ti.Vector(
+        [vector[0] * turn[0] + vector[1] * turn[1], vector[1] * turn[0] - vector[0] * turn[1]]
+    )
 
 
 NEAR = 0.04  # haversine of the arc below which `offset_near` takes a series: 2,565 km
@@ -131,26 +166,40 @@ NEAR = 0.04  # haversine of the arc below which `offset_near` takes a series: 2,
 @ti.func
 def haversine(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.f32:
     """Return the square of the sine of half the arc to another position."""
-    dlon, dlat = ti.cast(to_lon - lon, ti.f32) * ti.f32(UNIT), ti.cast(to_lat - lat, ti.f32) * ti.f32(UNIT)
+    dlon, dlat = (
+        ti.cast(to_lon - lon, ti.f32) * ti.f32(UNIT),
+        ti.cast(to_lat - lat, ti.f32) * ti.f32(UNIT),
+    )
     half_lon, half_lat = _sine(0.5 * dlon), _sine(0.5 * dlat)
     return half_lat * half_lat + cos_lat(lat) * cos_lat(to_lat) * half_lon * half_lon
 
 
 @ti.func
-def offset_near(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types.vector(2, ti.f32):
-    """Return what `offset` does, in less time where that is less than 2,565 km, relative error 4e-8 there.
+def offset_near(lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32) -> ti.types.vector(
+    2, ti.f32
+):
+    """Return what `offset` does, in less time where that is less than 2,565 km, relative error 4e-8
+    there.
 
     With h the haversine of an arc, arc / sin arc is the sum of (2^k k!)^2 / (2k + 1)! h^k.
     """
-    dlon, dlat = ti.cast(to_lon - lon, ti.f32) * ti.f32(UNIT), ti.cast(to_lat - lat, ti.f32) * ti.f32(UNIT)
+    dlon, dlat = (
+        ti.cast(to_lon - lon, ti.f32) * ti.f32(UNIT),
+        ti.cast(to_lat - lat, ti.f32) * ti.f32(UNIT),
+    )
     c, s, to_c = cos_lat(lat), sin_lat(lat), cos_lat(to_lat)
     half_lon, half_lat = _sine(0.5 * dlon), _sine(0.5 * dlat)
     h = half_lat * half_lat + c * to_c * half_lon * half_lon
     found = ti.Vector([ti.f32(0.0), ti.f32(0.0)])
     if h < NEAR:
         x = to_c * 2.0 * half_lon * ti.sqrt(ti.max(1.0 - half_lon * half_lon, 0.0))
-        y = 2.0 * half_lat * ti.sqrt(ti.max(1.0 - half_lat * half_lat, 0.0)) + s * to_c * 2.0 * half_lon * half_lon
-        scale = ti.f32(RADIUS) * (1.0 + h * (2 / 3 + h * (8 / 15 + h * (16 / 35 + h * (128 / 315)))))
+        y = (
+            2.0 * half_lat * ti.sqrt(ti.max(1.0 - half_lat * half_lat, 0.0))
+            + s * to_c * 2.0 * half_lon * half_lon
+        )
+        scale = ti.f32(RADIUS) * (
+            1.0 + h * (2 / 3 + h * (8 / 15 + h * (16 / 35 + h * (128 / 315))))
+        )
         found = ti.Vector([x * scale, y * scale])
     else:
         found = offset(lon, lat, to_lon, to_lat)
@@ -169,5 +218,7 @@ def _displace(
 
 
 def displace(lon, lat, east, north) -> None:
-    """Move positions (lon, lat) [binary angle, int32, shape (n,)] by (east, north) [m, float32], in place."""
+    """Move positions (lon, lat) [binary angle, int32, shape (n,)] by (east, north) [m, float32], in
+    place.
+    """
     _displace(lon, lat, east, north)

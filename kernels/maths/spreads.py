@@ -9,8 +9,9 @@ f32x4 = ti.types.vector(4, ti.f32)
 def triangle(law: f32x4, u: ti.f32, v: ti.f32) -> ti.f32:
     """Return a number from a truncated triangle (Richardson et al. 2003, section 4.2: CAST).
 
-    law: low, high, mode and the share of the law that is uniform. The density is highest at the mode, r times that at
-    both ends: a mixture of a uniform law, of weight 2 / (1 + r), and a triangle. u, v: uniform in (0, 1).
+    law: low, high, mode and the share of the law that is uniform. The density is highest at the
+    mode, r times that at both ends: a mixture of a uniform law, of weight 2 / (1 + r), and a
+    triangle. u, v: uniform in (0, 1).
     """
     low, span = law[0], law[1] - law[0]
     t = v

@@ -1,7 +1,7 @@
 """What effort that is spread over cells finds, and what a little more of it in each cell would add.
 
-In each time bin a particle (m of them) is in one cell or in none (-1); different bins have different cells. Effort is
-by unit and cell.
+In each time bin a particle (m of them) is in one cell or in none (-1); different bins have
+different cells. Effort is by unit and cell.
 """
 
 import numpy as np
@@ -17,7 +17,9 @@ BLOCK = 512
 
 @ti.func
 def look(curve: ti.template(), at: ti.f32) -> ti.f32:
-    """Return a tabulated curve at `at` steps from its begin: straight in between, level beyond the end."""
+    """Return a tabulated curve at `at` steps from its begin: straight in between, level beyond the
+    end.
+    """
     last = curve.shape[0] - 1
     k = ti.min(ti.cast(at, ti.i32), last - 1)
     part = ti.min(at - ti.cast(k, ti.f32), 1.0)
@@ -26,7 +28,9 @@ def look(curve: ti.template(), at: ti.f32) -> ti.f32:
 
 @ti.func
 def _rate(sweep: ti.f32, ratio: ti.f32) -> ti.f32:
-    """Return the largest area swept past a drifting particle [m2/s]: against its drift, the speeds add up."""
+    """Return the largest area swept past a drifting particle [m2/s]: against its drift, the speeds
+    add up.
+    """
     return sweep * (1.0 + ratio)
 
 
@@ -59,7 +63,9 @@ def _spend(
                 k = cell[t * m + i]
                 if k >= 0:
                     for u in range(units):
-                        r = _rate(sweep[scenario[t * m + i] * units + u], pace[t * m + i] * slowness[u])
+                        r = _rate(
+                            sweep[scenario[t * m + i] * units + u], pace[t * m + i] * slowness[u]
+                        )
                         c += density[k * units + u] * r
                 gradient[t * m + i] = 0.0
                 if fall[t * m + i] > 0.0:
@@ -109,38 +115,58 @@ class Field:
 
     The arrays are as the kernels take them again and again: see kernels.runtime.runtime.residents.
 
-    cell: int32 (b, m), -1: none; best in an order where neighbours are near; fall: by how much finding a particle after
-    a bin is worth less, (b, m) (POS: 1 at the last bin, else 0); pace: speed of a particle [m/s] (b, m); scenario: row of
-    `sweep` that a particle has, (m,), or in each bin (b, m); sweep: sweep width times speed [m2/s] (rows, units); slowness: one over the speed of each unit [s/m], 0 where a particle's
-    own pace does not count; curve: value, slope and conjugate of drift.planning.search.concave, and its step of coverage.
+    cell: int32 (b, m), -1: none; best in an order where neighbours are near; fall: by how much
+    finding a particle after a bin is worth less, (b, m) (POS: 1 at the last bin, else 0); pace:
+    speed of a particle [m/s] (b, m); scenario: row of `sweep` that a particle has, (m,), or in each
+    bin (b, m); sweep: sweep width times speed [m2/s] (rows, units); slowness: one over the speed of
+    each unit [s/m], 0 where a particle's own pace does not count; curve: value, slope and conjugate
+    of drift.planning.search.concave, and its step of coverage.
     """
 
-    def __init__(self, cell, cells: int, fall, pace, scenario, weight, sweep, slowness, curve, step: float):
+    def __init__(
+        self, cell, cells: int, fall, pace, scenario, weight, sweep, slowness, curve, step: float
+    ):
         """Sort the particles by cell."""
         self.bins, self.m = cell.shape
         self.units, self.cells = len(slowness), cells
         flat = np.ascontiguousarray(cell.reshape(-1), np.int32)
         self.step = step
         own = (sweep, slowness, fall, pace, weight, *curve)
-        self.sweep, self.slowness, self.fall, self.pace, self.weight, *self.curve = runtime.residents(
-            *(np.ascontiguousarray(v, np.float32).reshape(-1) for v in own)
+        self.sweep, self.slowness, self.fall, self.pace, self.weight, *self.curve = (
+            runtime.residents(*(np.ascontiguousarray(v, np.float32).reshape(-1) for v in own))
         )
         rows = np.ascontiguousarray(np.broadcast_to(scenario, cell.shape), np.int32).reshape(-1)
         entry = np.argsort(flat, kind="stable")
         entry = entry[np.searchsorted(flat[entry], 0) :].astype(np.int32)
         first = np.searchsorted(flat[entry], np.arange(cells + 1)).astype(np.int32)
-        self.cell, self.scenario, self.entry, self.first = runtime.residents(flat, rows, entry, first)
+        self.cell, self.scenario, self.entry, self.first = runtime.residents(
+            flat, rows, entry, first
+        )
         (self.gradient,) = runtime.residents(np.zeros(flat.size, np.float32))
         self.gains = np.zeros(cells * self.units, np.float32)
 
     def spend(self, density: np.ndarray) -> tuple[float, float]:
-        """Return P(f) and the sum of w b*(y) for effort [s/m2] by cell and unit; keep the slopes w y."""
+        """Return P(f) and the sum of w b*(y) for effort [s/m2] by cell and unit; keep the slopes w
+        y.
+        """
         sums = np.zeros(2 * -(-self.m // BLOCK), np.float32)
         (flat,) = runtime.residents(np.ascontiguousarray(density, np.float32).reshape(-1))
         _spend(
-            self.bins, self.units, 1 / self.step, self.cell, flat, self.sweep, self.slowness, self.pace, self.fall,
-            self.scenario, self.weight, *self.curve, self.gradient, sums,
-        )  # fmt: skip
+            self.bins,
+            self.units,
+            1 / self.step,
+            self.cell,
+            flat,
+            self.sweep,
+            self.slowness,
+            self.pace,
+            self.fall,
+            self.scenario,
+            self.weight,
+            *self.curve,
+            self.gradient,
+            sums,
+        )
         found, most = sums.astype(np.float64).reshape(-1, 2).sum(axis=0)
         return float(found), float(most)
 
@@ -150,7 +176,16 @@ class Field:
         squared: return the sum of mass times squared rate instead.
         """
         _gain(
-            self.units, squared, self.first, self.entry, self.sweep, self.slowness, self.pace, self.scenario,
-            self.weight, self.gradient, self.gains,
-        )  # fmt: skip
+            self.units,
+            squared,
+            self.first,
+            self.entry,
+            self.sweep,
+            self.slowness,
+            self.pace,
+            self.scenario,
+            self.weight,
+            self.gradient,
+            self.gains,
+        )
         return self.gains.reshape(self.cells, self.units).astype(np.float64)

@@ -1,8 +1,10 @@
-"""What each beam of a passive sonar would hear of moving particles whose tracks are kept, over a slot of time.
+"""What each beam of a passive sonar would hear of moving particles whose tracks are kept, over a
+slot of time.
 
-The mathematics is that of the search itself (kernels.evidence.listen, kernels.evidence.jumps). Sonars and particles go straight between the
-edges of time bins, as in kernels.planning.stations; of each bin, parts are taken that are short beside the range, so that a
-bearing crosses a narrow beam in several of them. What a beam has heard or missed before a slot is not known in it.
+The mathematics is that of the search itself (kernels.evidence.listen, kernels.evidence.jumps).
+Sonars and particles go straight between the edges of time bins, as in kernels.planning.stations; of
+each bin, parts are taken that are short beside the range, so that a bearing crosses a narrow beam
+in several of them. What a beam has heard or missed before a slot is not known in it.
 """
 
 from typing import NamedTuple
@@ -15,9 +17,12 @@ from kernels.maths import angles, sphere
 from kernels.planning.stations import BESIDE, Sonar, Swarm, Tables
 from kernels.runtime import runtime
 
-NARROW = 0.06  # longest part of a stretch of way, as a share of its least range: 3.4 degrees of bearing
+# longest part of a stretch of way, as a share of its least range: 3.4 degrees of bearing
+NARROW = 0.06
 CLOSE = 100.0  # [m] parts are not made shorter than this
-NEVER = -5.3  # standard deviations of the fluctuation below which nothing is heard, as in kernels.evidence.jumps: once in 10^7 draws
+# standard deviations of the fluctuation below which nothing is heard, as in kernels.evidence.jumps:
+# once in 10^7 draws
+NEVER = -5.3
 
 f32x2 = ti.types.vector(2, ti.f32)
 HostReals = ti.types.ndarray(dtype=ti.f32, ndim=1)
@@ -27,10 +32,18 @@ HostBytes = ti.types.ndarray(dtype=ti.u8, ndim=1)
 
 @ti.func
 def _without_gain(
-    sonar: Sonar, losses: ti.template(), noise: ti.template(), which: ti.template(), weight: ti.template(), bin_: ti.i32,
-    far: ti.f32, bearing: ti.f32,
-) -> ti.f32:  # fmt: skip
-    """Return minus loss and noise [dB] at a true bearing [rad] and range [m]; -inf out of its range."""
+    sonar: Sonar,
+    losses: ti.template(),
+    noise: ti.template(),
+    which: ti.template(),
+    weight: ti.template(),
+    bin_: ti.i32,
+    far: ti.f32,
+    bearing: ti.f32,
+) -> ti.f32:
+    """Return minus loss and noise [dB] at a true bearing [rad] and range [m]; -inf out of its
+    range.
+    """
     ring = (far - sonar.nearest) / sonar.between
     found = -ti.math.inf
     if ring <= sonar.rings - 1.0:
@@ -50,16 +63,35 @@ def _without_gain(
 
 @ti.kernel
 def _missed(
-    sonar: Sonar, first: ti.i32, last: ti.i32, losses: HostReals, gains: HostReals, rows: HostInts,
-    noise: HostReals, levels: HostReals, paces: HostReals, offset: HostReals, time: HostReals, lon: HostInts, lat: HostInts,
-    there: HostBytes, scenario: HostInts, own_lon: HostInts, own_lat: HostInts, heading: HostReals, listens: HostBytes,
-    which: HostInts, weight: HostReals, log: HostReals,
-):  # fmt: skip
+    sonar: Sonar,
+    first: ti.i32,
+    last: ti.i32,
+    losses: HostReals,
+    gains: HostReals,
+    rows: HostInts,
+    noise: HostReals,
+    levels: HostReals,
+    paces: HostReals,
+    offset: HostReals,
+    time: HostReals,
+    lon: HostInts,
+    lat: HostInts,
+    there: HostBytes,
+    scenario: HostInts,
+    own_lon: HostInts,
+    own_lat: HostInts,
+    heading: HostReals,
+    listens: HostBytes,
+    which: HostInts,
+    weight: HostReals,
+    log: HostReals,
+):
     m, edges = scenario.shape[0], time.shape[0]
     beams = log.shape[0] // m
     reach = sonar.nearest + sonar.between * (sonar.rings - 1)
     for i in range(m):
-        # Turn -1 asks which beams can hear it at all, which few can; the others are the beams. A bit stands for every 64th.
+        # Turn -1 asks which beams can hear it at all, which few can; the others are the beams. A
+        # bit stands for every 64th.
         can = ti.u64(0)
         for turn in range(beams + 1):
             beam = turn - 1
@@ -68,11 +100,21 @@ def _missed(
                 for t in range(first, last):
                     lasting = time[t + 1] - time[t]
                     row = 0 if beam < 0 else rows[beam * (edges - 1) + t]
-                    heard = listens[t] == 1 and there[i * edges + t] == 1 and there[i * edges + t + 1] == 1 and row >= 0
+                    heard = (
+                        listens[t] == 1
+                        and there[i * edges + t] == 1
+                        and there[i * edges + t + 1] == 1
+                        and row >= 0
+                    )
                     if heard:
-                        a = sphere.offset(own_lon[t], own_lat[t], lon[i * edges + t], lat[i * edges + t])
+                        a = sphere.offset(
+                            own_lon[t], own_lat[t], lon[i * edges + t], lat[i * edges + t]
+                        )
                         b = sphere.offset(
-                            own_lon[t + 1], own_lat[t + 1], lon[i * edges + t + 1], lat[i * edges + t + 1]
+                            own_lon[t + 1],
+                            own_lat[t + 1],
+                            lon[i * edges + t + 1],
+                            lat[i * edges + t + 1],
                         )
                         d = b - a
                         dd = d.dot(d)
@@ -98,18 +140,24 @@ def _missed(
                                 bearing = angles.atan2(way[0], way[1])
                                 over = source + _without_gain(
                                     sonar, losses, noise, which, weight, t, way.norm(), bearing
-                                )  # fmt: skip
+                                )
                                 relative = bearing - heading[t]
                                 if beam < 0:
                                     for other in range(beams):
                                         of = rows[other * (edges - 1) + t]
                                         if of >= 0:
-                                            gain = listen.round_table(gains, sonar.sides, 1, of * sonar.sides, relative)
+                                            gain = listen.round_table(
+                                                gains, sonar.sides, 1, of * sonar.sides, relative
+                                            )
                                             if over + gain > NEVER * sonar.spread:
                                                 can |= ti.u64(1) << ti.cast(other % 64, ti.u64)
                                 else:
-                                    over += listen.round_table(gains, sonar.sides, 1, row * sonar.sides, relative)
-                                    jumps.hear(silence, over, sonar.spread, sonar.rate, lasting / parts)
+                                    over += listen.round_table(
+                                        gains, sonar.sides, 1, row * sonar.sides, relative
+                                    )
+                                    jumps.hear(
+                                        silence, over, sonar.spread, sonar.rate, lasting / parts
+                                    )
                     else:
                         jumps.settle(silence, sonar.rate, lasting)
             if beam >= 0:
@@ -117,7 +165,9 @@ def _missed(
 
 
 class Course(NamedTuple):
-    """Where a sonar is at the edges of bins (e), how it lies, and where its losses are those of which places."""
+    """Where a sonar is at the edges of bins (e), how it lies, and where its losses are those of
+    which places.
+    """
 
     lon: np.ndarray  # int32 (e,) binary angle
     lat: np.ndarray
@@ -135,28 +185,48 @@ class Beams(NamedTuple):
 
 
 def missed(
-    swarm: Swarm, tables: Tables, course: Course, beams: Beams, bins: tuple[int, int], offset: np.ndarray, part: float
+    swarm: Swarm,
+    tables: Tables,
+    course: Course,
+    beams: Beams,
+    bins: tuple[int, int],
+    offset: np.ndarray,
+    part: float,
 ) -> np.ndarray:
-    """Return the logs of the probabilities that beams miss particles from a bin to another, float32 (beams, m).
+    """Return the logs of the probabilities that beams miss particles from a bin to another, float32
+    (beams, m).
 
-    tables: of the sonar; those of its gains and offsets are not looked at. offset: [dB] of each particle's excess (m,).
-    part [m]: longest part of a stretch in which the signal excess is taken once. Every beam begins as if it had never
-    listened.
+    tables: of the sonar; those of its gains and offsets are not looked at. offset: [dB] of each
+    particle's excess (m,). part [m]: longest part of a stretch in which the signal excess is taken
+    once. Every beam begins as if it had never listened.
     """
     m = len(swarm.scenario)
     log = np.zeros(len(beams.rows) * m, np.float32)
     sonar = Sonar(
-        rays=tables.losses.shape[1], rings=tables.losses.shape[2], nearest=tables.nearest, between=tables.between,
-        sides=beams.gains.shape[1], winds=tables.noise.shape[1], paces=tables.paces.size, spread=tables.spread,
-        rate=tables.rate, part=part,
-    )  # fmt: skip
+        rays=tables.losses.shape[1],
+        rings=tables.losses.shape[2],
+        nearest=tables.nearest,
+        between=tables.between,
+        sides=beams.gains.shape[1],
+        winds=tables.noise.shape[1],
+        paces=tables.paces.size,
+        spread=tables.spread,
+        rate=tables.rate,
+        part=part,
+    )
     read = (
         *_flat(np.float32, tables.losses, beams.gains),
-        *_flat(np.int32, beams.rows), *_flat(np.float32, tables.noise, tables.levels, tables.paces, offset, swarm.time),
-        *_flat(np.int32, swarm.lon, swarm.lat), *_flat(np.uint8, swarm.there), *_flat(np.int32, swarm.scenario),
-        *_flat(np.int32, course.lon, course.lat), *_flat(np.float32, course.heading), *_flat(np.uint8, course.listens),
-        *_flat(np.int32, course.which), *_flat(np.float32, course.weight),
-    )  # fmt: skip
+        *_flat(np.int32, beams.rows),
+        *_flat(np.float32, tables.noise, tables.levels, tables.paces, offset, swarm.time),
+        *_flat(np.int32, swarm.lon, swarm.lat),
+        *_flat(np.uint8, swarm.there),
+        *_flat(np.int32, swarm.scenario),
+        *_flat(np.int32, course.lon, course.lat),
+        *_flat(np.float32, course.heading),
+        *_flat(np.uint8, course.listens),
+        *_flat(np.int32, course.which),
+        *_flat(np.float32, course.weight),
+    )
     _missed(sonar, *bins, *runtime.residents(*read), log)
     return log.reshape(-1, m)
 

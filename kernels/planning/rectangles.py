@@ -1,9 +1,11 @@
-"""What rectangles that are searched by parallel sweeps find of moving particles, without their single legs.
+"""What rectangles that are searched by parallel sweeps find of moving particles, without their
+single legs.
 
-Swept laws: the legs are smeared out into a front that creeps across the rectangle. A particle is covered where the
-front passes it, with W / S times the creep's speed over the front's speed past the particle: what drifts along with the
-creep is covered more. Random search: the share of the search time that the particle spends inside. Tracks are straight
-within a bin, in a plane. What is under way before a time of its own, its turn, is covered as such until then.
+Swept laws: the legs are smeared out into a front that creeps across the rectangle. A particle is
+covered where the front passes it, with W / S times the creep's speed over the front's speed past
+the particle: what drifts along with the creep is covered more. Random search: the share of the
+search time that the particle spends inside. Tracks are straight within a bin, in a plane. What is
+under way before a time of its own, its turn, is covered as such until then.
 """
 
 from dataclasses import dataclass, fields
@@ -17,7 +19,8 @@ from kernels.planning.allocate import HostInts, HostReals, look
 from kernels.runtime import runtime
 
 BLOCK = 256
-# Numbers of a rectangle: x, y, sine and cosine of the orientation, length, width, start, duration, side of the creep.
+# Numbers of a rectangle: x, y, sine and cosine of the orientation, length, width, start, duration,
+# side of the creep.
 PARAMETERS = 9
 FULL = 8.0  # coverage beyond which more is not counted
 ROUNDING = 10.0  # [m] more than places on the plane are rounded by
@@ -25,10 +28,20 @@ ROUNDING = 10.0  # [m] more than places on the plane are rounded by
 
 @ti.func
 def _cover(
-    random: ti.template(), i: ti.i32, c: ti.i32, edges: ti.i32, time: ti.template(), x: ti.template(), y: ti.template(),
-    value: ti.template(), box: ti.template(), turn: ti.f32, rectangle: ti.template(),
-):  # fmt: skip
-    """Return the coverage of particle i while adrift and while under way, and what finding it then is worth.
+    random: ti.template(),
+    i: ti.i32,
+    c: ti.i32,
+    edges: ti.i32,
+    time: ti.template(),
+    x: ti.template(),
+    y: ti.template(),
+    value: ti.template(),
+    box: ti.template(),
+    turn: ti.f32,
+    rectangle: ti.template(),
+):
+    """Return the coverage of particle i while adrift and while under way, and what finding it then
+    is worth.
 
     Coverage is in units of the pattern's own. turn: when the particle goes adrift [s].
     """
@@ -40,7 +53,10 @@ def _cover(
     # A particle whose box lies beside the rectangle never comes into it, where alone it is covered.
     east, north = box[3 * i] - cx, box[3 * i + 1] - cy
     reach = (box[3 * i + 2] + ROUNDING) * (ti.abs(sin) + ti.abs(cos))
-    if ti.abs(east * sin + north * cos) < half + reach and ti.abs(east * cos - north * sin) < wide + reach:
+    if (
+        ti.abs(east * sin + north * cos) < half + reach
+        and ti.abs(east * cos - north * sin) < wide + reach
+    ):
         end = start + duration
         creep = 2.0 * wide / duration
         t = 0
@@ -52,7 +68,10 @@ def _cover(
                 first, last = ti.max(time[t], start), ti.min(time[t + 1], end)
                 long = time[t + 1] - time[t]
                 s0, s1 = (first - time[t]) / long, (last - time[t]) / long
-                dx, dy = x[i * edges + t + 1] - x[i * edges + t], y[i * edges + t + 1] - y[i * edges + t]
+                dx, dy = (
+                    x[i * edges + t + 1] - x[i * edges + t],
+                    y[i * edges + t + 1] - y[i * edges + t],
+                )
                 px, py = x[i * edges + t] - cx, y[i * edges + t] - cy
                 ax, ay, bx, by = px + s0 * dx, py + s0 * dy, px + s1 * dx, py + s1 * dy
                 a0, a1 = ax * sin + ay * cos, bx * sin + by * cos
@@ -102,36 +121,70 @@ def _cover(
 
 @ti.kernel
 def _gains(
-    random: ti.template(), edges: ti.i32, time: HostReals, x: HostReals, y: HostReals, value: HostReals, box: HostReals,
-    scenario: HostInts, turn: HostReals, rectangle: HostReals, coverage: HostReals, scenarios: ti.i32,
-    factor: HostReals, steps: ti.f32, curve: HostReals, before: HostReals, later: HostReals, sums: HostReals,
-):  # fmt: skip
+    random: ti.template(),
+    edges: ti.i32,
+    time: HostReals,
+    x: HostReals,
+    y: HostReals,
+    value: HostReals,
+    box: HostReals,
+    scenario: HostInts,
+    turn: HostReals,
+    rectangle: HostReals,
+    coverage: HostReals,
+    scenarios: ti.i32,
+    factor: HostReals,
+    steps: ti.f32,
+    curve: HostReals,
+    before: HostReals,
+    later: HostReals,
+    sums: HostReals,
+):
     m, nodes = scenario.shape[0], factor.shape[0]
     blocks = (m + BLOCK - 1) // BLOCK
     for cb in range(rectangle.shape[0] // PARAMETERS * blocks):
         c, block = cb // blocks, cb % blocks
         total = 0.0
         for i in range(block * BLOCK, ti.min(block * BLOCK + BLOCK, m)):
-            share, steered, worth = _cover(random, i, c, edges, time, x, y, value, box, turn[i], rectangle)
+            share, steered, worth = _cover(
+                random, i, c, edges, time, x, y, value, box, turn[i], rectangle
+            )
             if share + steered > 0.0:
                 own = 2 * c * scenarios + scenario[i]
                 full = share * coverage[own] + steered * coverage[own + scenarios]
                 for k in range(nodes):
                     total += (
-                        before[i * nodes + k] * (worth - later[i * nodes + k]) * look(curve, full * factor[k] * steps)
+                        before[i * nodes + k]
+                        * (worth - later[i * nodes + k])
+                        * look(curve, full * factor[k] * steps)
                     )
         sums[cb] = total
 
 
 @ti.kernel
 def _found(
-    random: ti.template(), edges: ti.i32, time: HostReals, x: HostReals, y: HostReals, value: HostReals, box: HostReals,
-    scenario: HostInts, turn: HostReals, rectangle: HostReals, coverage: HostReals, factor: HostReals, steps: ti.f32,
-    curve: HostReals, found: HostReals, when: HostReals,
-):  # fmt: skip
+    random: ti.template(),
+    edges: ti.i32,
+    time: HostReals,
+    x: HostReals,
+    y: HostReals,
+    value: HostReals,
+    box: HostReals,
+    scenario: HostInts,
+    turn: HostReals,
+    rectangle: HostReals,
+    coverage: HostReals,
+    factor: HostReals,
+    steps: ti.f32,
+    curve: HostReals,
+    found: HostReals,
+    when: HostReals,
+):
     nodes, scenarios = factor.shape[0], coverage.shape[0] // 2
     for i in range(scenario.shape[0]):
-        share, steered, worth = _cover(random, i, 0, edges, time, x, y, value, box, turn[i], rectangle)
+        share, steered, worth = _cover(
+            random, i, 0, edges, time, x, y, value, box, turn[i], rectangle
+        )
         when[i] = worth
         full = share * coverage[scenario[i]] + steered * coverage[scenarios + scenario[i]]
         for k in range(nodes):
@@ -148,11 +201,15 @@ class Swarm:
     value: np.ndarray  # what finding it is worth there; negative: it cannot be found
     box: np.ndarray  # (3 m,): middle of its box and the larger half of its sides [m]
     scenario: np.ndarray  # int32 (m,)
-    turn: np.ndarray  # [s] when a particle goes adrift that is under way until then (m,); NEVER: it drifts all along
-    # Mean velocity [m/s] from each edge on, (m * edges,): that of a bridge's leg, whatever its noise; (0,): as tracks go.
+    # [s] when a particle goes adrift that is under way until then (m,); NEVER: it drifts all along
+    turn: np.ndarray
+    # Mean velocity [m/s] from each edge on, (m * edges,): that of a bridge's leg, whatever its
+    # noise; (0,): as tracks go.
     flow_x: np.ndarray
     flow_y: np.ndarray
-    k: np.ndarray  # spread rate of that bridge [m/sqrt(s)] (m * edges,), 0 where a track is straight; (0,): all are
+    # spread rate of that bridge [m/sqrt(s)] (m * edges,), 0 where a track is straight; (0,): all
+    # are
+    k: np.ndarray
 
     @cached_property
     def resident(self) -> tuple[Any, ...]:
@@ -174,8 +231,8 @@ def swarm(
 ) -> Swarm:
     """Return tracks at edges, x, y [m] and value (edges, m), for the kernels.
 
-    turn: when each particle goes adrift (m,), by default before all; flow: mean velocities [m/s] and spread rates of
-    bridges [m/sqrt(s)], (edges, m) each.
+    turn: when each particle goes adrift (m,), by default before all; flow: mean velocities [m/s]
+    and spread rates of bridges [m/sqrt(s)], (edges, m) each.
     """
     box = np.stack(
         [
@@ -187,37 +244,52 @@ def swarm(
     )
     flat = [np.ascontiguousarray(v.T, np.float32).reshape(-1) for v in (x, y, value)]
     none = np.zeros(0, np.float32)
-    flows = (none, none, none) if flow is None else (np.ascontiguousarray(v.T, np.float32).reshape(-1) for v in flow)
+    flows = (
+        (none, none, none)
+        if flow is None
+        else (np.ascontiguousarray(v.T, np.float32).reshape(-1) for v in flow)
+    )
     turns = np.full(x.shape[1], NEVER, np.float32) if turn is None else np.asarray(turn, np.float32)
     boxes = box.astype(np.float32).reshape(-1)
-    return Swarm(np.asarray(time, np.float32), *flat, boxes, scenario.astype(np.int32), turns, *flows)
+    return Swarm(
+        np.asarray(time, np.float32), *flat, boxes, scenario.astype(np.int32), turns, *flows
+    )
 
 
 def by_state(values: np.ndarray, leading: int = 0) -> np.ndarray:
     """Return numbers by state, adrift and under way, and scenario: (..., 2, scenarios).
 
-    values: (..., scenarios), the same in both states, or (..., 2, scenarios); leading: how many dimensions ... are.
+    values: (..., scenarios), the same in both states, or (..., 2, scenarios); leading: how many
+    dimensions ... are.
     """
     values = np.asarray(values)
     return values if values.ndim == leading + 2 else np.repeat(values[..., None, :], 2, axis=-2)
 
 
 def gains(
-    particles: Swarm, random: bool, rectangle: np.ndarray, coverage: np.ndarray, factor: np.ndarray, step: float,
-    curve: np.ndarray, before: np.ndarray, later: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+    particles: Swarm,
+    random: bool,
+    rectangle: np.ndarray,
+    coverage: np.ndarray,
+    factor: np.ndarray,
+    step: float,
+    curve: np.ndarray,
+    before: np.ndarray,
+    later: np.ndarray,
+) -> np.ndarray:
     """Return what each rectangle finds, float64 (c,).
 
     This is the sum of before * (worth - later) * b over particles and nodes.
 
-    rectangle: (c, PARAMETERS), SI; coverage: of its pattern, (c, scenarios), or by state (c, 2, scenarios); factor: of the sweep width at each node;
-    curve: b at multiples of a step of coverage; before, later: (m, nodes), the weight that is left, and what it will
-    still bring.
+    rectangle: (c, PARAMETERS), SI; coverage: of its pattern, (c, scenarios), or by state (c, 2,
+    scenarios); factor: of the sweep width at each node; curve: b at multiples of a step of
+    coverage; before, later: (m, nodes), the weight that is left, and what it will still bring.
     """
     m, coverage = particles.scenario.shape[0], by_state(coverage, 1)
     sums = np.zeros(len(rectangle) * -(-m // BLOCK), np.float32)
     read = [
-        np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, coverage, factor, curve, before, later)
+        np.ascontiguousarray(v, np.float32).reshape(-1)
+        for v in (rectangle, coverage, factor, curve, before, later)
     ]
     place, covered, factors, *last = runtime.residents(*read)
     edges = particles.time.shape[0]
@@ -227,16 +299,26 @@ def gains(
 
 
 def found(
-    particles: Swarm, random: bool, rectangle: np.ndarray, coverage: np.ndarray, factor: np.ndarray, step: float,
+    particles: Swarm,
+    random: bool,
+    rectangle: np.ndarray,
+    coverage: np.ndarray,
+    factor: np.ndarray,
+    step: float,
     curve: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return what one rectangle finds of each particle; coverage: (scenarios,), or by state (2, scenarios).
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what one rectangle finds of each particle; coverage: (scenarios,), or by state (2,
+    scenarios).
 
-    The results are b for each particle and node, float32 (m, nodes), and what finding the particle then is worth, (m,).
+    The results are b for each particle and node, float32 (m, nodes), and what finding the particle
+    then is worth, (m,).
     """
     m = particles.scenario.shape[0]
     b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)
-    read = [np.ascontiguousarray(v, np.float32).reshape(-1) for v in (rectangle, by_state(coverage), factor, curve)]
+    read = [
+        np.ascontiguousarray(v, np.float32).reshape(-1)
+        for v in (rectangle, by_state(coverage), factor, curve)
+    ]
     *arrays, table = runtime.residents(*read)
     edges = particles.time.shape[0]
     _found(random, edges, *particles.resident[:-3], *arrays, 1 / step, table, b, worth)

@@ -1,7 +1,8 @@
-"""What passive sonars on many ways would hear of moving particles whose tracks are kept: the numbers a plan is made of.
+"""What passive sonars on many ways would hear of moving particles whose tracks are kept: the
+numbers a plan is made of.
 
-The mathematics is that of the search itself (kernels.evidence.listen, kernels.evidence.jumps). Sonars and particles go straight between the
-edges of time bins.
+The mathematics is that of the search itself (kernels.evidence.listen, kernels.evidence.jumps).
+Sonars and particles go straight between the edges of time bins.
 """
 
 from typing import NamedTuple
@@ -37,10 +38,20 @@ Sonar = ti.types.struct(
 
 @ti.func
 def _excess(
-    sonar: Sonar, losses: ti.template(), gains: ti.template(), noise: ti.template(), which: ti.template(),
-    weight: ti.template(), at: ti.i32, bin_: ti.i32, heading: ti.f32, way: f32x2,
-) -> ti.f32:  # fmt: skip
-    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from a sonar; -inf out of its range."""
+    sonar: Sonar,
+    losses: ti.template(),
+    gains: ti.template(),
+    noise: ti.template(),
+    which: ti.template(),
+    weight: ti.template(),
+    at: ti.i32,
+    bin_: ti.i32,
+    heading: ti.f32,
+    way: f32x2,
+) -> ti.f32:
+    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from a sonar; -inf out
+    of its range.
+    """
     far = ti.sqrt(way[0] * way[0] + way[1] * way[1])
     ring = (far - sonar.nearest) / sonar.between
     found = -ti.math.inf
@@ -63,11 +74,26 @@ def _excess(
 
 @ti.kernel
 def _missed(
-    sonar: Sonar, losses: HostReals, gains: HostReals, noise: HostReals, levels: HostReals, paces: HostReals,
-    offsets: HostReals, time: HostReals, lon: HostInts, lat: HostInts, there: HostBytes, scenario: HostInts,
-    way_lon: HostInts, way_lat: HostInts, heading: HostReals, listens: HostBytes, which: HostInts, weight: HostReals,
+    sonar: Sonar,
+    losses: HostReals,
+    gains: HostReals,
+    noise: HostReals,
+    levels: HostReals,
+    paces: HostReals,
+    offsets: HostReals,
+    time: HostReals,
+    lon: HostInts,
+    lat: HostInts,
+    there: HostBytes,
+    scenario: HostInts,
+    way_lon: HostInts,
+    way_lat: HostInts,
+    heading: HostReals,
+    listens: HostBytes,
+    which: HostInts,
+    weight: HostReals,
     log: HostReals,
-):  # fmt: skip
+):
     m, factors, edges = scenario.shape[0], offsets.shape[0], time.shape[0]
     bins = edges - 1
     reach = sonar.nearest + sonar.between * (sonar.rings - 1)
@@ -81,18 +107,28 @@ def _missed(
         a, begun = f32x2(0.0), 0
         for t in range(bins):
             lasting = time[t + 1] - time[t]
-            heard = listens[c * bins + t] == 1 and there[i * edges + t] == 1 and there[i * edges + t + 1] == 1
+            heard = (
+                listens[c * bins + t] == 1
+                and there[i * edges + t] == 1
+                and there[i * edges + t + 1] == 1
+            )
             if not heard:
                 jumps.settle(silence, sonar.rate, lasting)
                 begun = 0
             else:
                 if begun == 0:
                     a = sphere.offset_near(
-                        way_lon[c * edges + t], way_lat[c * edges + t], lon[i * edges + t], lat[i * edges + t]
+                        way_lon[c * edges + t],
+                        way_lat[c * edges + t],
+                        lon[i * edges + t],
+                        lat[i * edges + t],
                     )
                 to = t + 1
                 b = sphere.offset_near(
-                    way_lon[c * edges + to], way_lat[c * edges + to], lon[i * edges + to], lat[i * edges + to]
+                    way_lon[c * edges + to],
+                    way_lat[c * edges + to],
+                    lon[i * edges + to],
+                    lat[i * edges + to],
                 )
                 d = b - a
                 dd = d.dot(d)
@@ -103,7 +139,10 @@ def _missed(
                     speed = 0.0
                     if sonar.paces > 1:
                         gone = sphere.offset_near(
-                            lon[i * edges + t], lat[i * edges + t], lon[i * edges + to], lat[i * edges + to]
+                            lon[i * edges + t],
+                            lat[i * edges + t],
+                            lon[i * edges + to],
+                            lat[i * edges + to],
                         )
                         speed = gone.norm() / lasting
                     source = listen.level(levels, paces, scenario[i], speed) + offsets[f]
@@ -111,9 +150,21 @@ def _missed(
                     parts = ti.max(ti.cast(ti.ceil(ti.sqrt(dd) / part), ti.i32), 1)
                     for k in range(parts):
                         way = a + (k + 0.5) / parts * d
-                        over = _excess(
-                            sonar, losses, gains, noise, which, weight, c * bins + t, t, heading[c * bins + t], way
-                        ) + source  # fmt: skip
+                        over = (
+                            _excess(
+                                sonar,
+                                losses,
+                                gains,
+                                noise,
+                                which,
+                                weight,
+                                c * bins + t,
+                                t,
+                                heading[c * bins + t],
+                                way,
+                            )
+                            + source
+                        )
                         jumps.hear(silence, over, sonar.spread, sonar.rate, lasting / parts)
                 a, begun = b, 1
         log[nth] = jumps.log_missed(silence)
@@ -121,10 +172,21 @@ def _missed(
 
 @ti.kernel
 def _best(
-    sonar: Sonar, best: HostReals, levels: HostReals, paces: HostReals, offsets: HostReals, time: HostReals,
-    lon: HostInts, lat: HostInts, there: HostBytes, scenario: HostInts, cell_lon: HostInts, cell_lat: HostInts,
-    first: HostInts, hazard: HostReals,
-):  # fmt: skip
+    sonar: Sonar,
+    best: HostReals,
+    levels: HostReals,
+    paces: HostReals,
+    offsets: HostReals,
+    time: HostReals,
+    lon: HostInts,
+    lat: HostInts,
+    there: HostBytes,
+    scenario: HostInts,
+    cell_lon: HostInts,
+    cell_lat: HostInts,
+    first: HostInts,
+    hazard: HostReals,
+):
     m, factors, edges = scenario.shape[0], offsets.shape[0], time.shape[0]
     cells = cell_lon.shape[0]
     reach = sonar.nearest + sonar.between * (sonar.rings - 1)
@@ -137,15 +199,22 @@ def _best(
         for t in range(first[slot], first[slot + 1]):
             lasting = time[t + 1] - time[t]
             if there[i * edges + t] == 1 and there[i * edges + t + 1] == 1:
-                a = sphere.offset_near(cell_lon[c], cell_lat[c], lon[i * edges + t], lat[i * edges + t])
-                b = sphere.offset_near(cell_lon[c], cell_lat[c], lon[i * edges + t + 1], lat[i * edges + t + 1])
+                a = sphere.offset_near(
+                    cell_lon[c], cell_lat[c], lon[i * edges + t], lat[i * edges + t]
+                )
+                b = sphere.offset_near(
+                    cell_lon[c], cell_lat[c], lon[i * edges + t + 1], lat[i * edges + t + 1]
+                )
                 d = b - a
                 dd = d.dot(d)
                 nearest = ti.min(ti.max(-a.dot(d) / ti.max(dd, 1e-12), 0.0), 1.0)
                 speed = 0.0
                 if sonar.paces > 1:
                     gone = sphere.offset_near(
-                        lon[i * edges + t], lat[i * edges + t], lon[i * edges + t + 1], lat[i * edges + t + 1]
+                        lon[i * edges + t],
+                        lat[i * edges + t],
+                        lon[i * edges + t + 1],
+                        lat[i * edges + t + 1],
                     )
                     speed = gone.norm() / lasting
                 source = listen.level(levels, paces, scenario[i], speed) + offsets[f]
@@ -157,7 +226,10 @@ def _best(
                         if ring <= sonar.rings - 1.0:
                             j = ti.min(ti.cast(ring, ti.i32), sonar.rings - 2)
                             # The higher of both ends: between them nothing is higher.
-                            over = ti.max(best[c * sonar.rings + j], best[c * sonar.rings + j + 1]) + source
+                            over = (
+                                ti.max(best[c * sonar.rings + j], best[c * sonar.rings + j + 1])
+                                + source
+                            )
                             jumps.hear(silence, over, sonar.spread, sonar.rate, lasting / parts)
                         else:
                             jumps.settle(silence, sonar.rate, lasting / parts)
@@ -194,7 +266,9 @@ class Tables(NamedTuple):
 
 
 class Ways(NamedTuple):
-    """Ways of a sonar (c), at the edges of bins (e), and where its losses are those of which places."""
+    """Ways of a sonar (c), at the edges of bins (e), and where its losses are those of which
+    places.
+    """
 
     lon: np.ndarray  # int32 (c, e) binary angle
     lat: np.ndarray
@@ -204,12 +278,26 @@ class Ways(NamedTuple):
     weight: np.ndarray  # float32 (c, e - 1, BESIDE), of sum 1
 
 
-def _sonar(tables: Tables, part: float, share: float = 0.0, rings: int | None = None, rays: int | None = None):
+def _sonar(
+    tables: Tables,
+    part: float,
+    share: float = 0.0,
+    rings: int | None = None,
+    rays: int | None = None,
+):
     return Sonar(
-        rays=rays or tables.losses.shape[1], rings=rings or tables.losses.shape[2], nearest=tables.nearest,
-        between=tables.between, sides=tables.gains.size, winds=tables.noise.shape[1], paces=tables.paces.size,
-        spread=tables.spread, rate=tables.rate, part=part, share=share,
-    )  # fmt: skip
+        rays=rays or tables.losses.shape[1],
+        rings=rings or tables.losses.shape[2],
+        nearest=tables.nearest,
+        between=tables.between,
+        sides=tables.gains.size,
+        winds=tables.noise.shape[1],
+        paces=tables.paces.size,
+        spread=tables.spread,
+        rate=tables.rate,
+        part=part,
+        share=share,
+    )
 
 
 def _flat(*columns: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -218,26 +306,35 @@ def _flat(*columns: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def _particles(swarm: Swarm) -> tuple[np.ndarray, ...]:
     return (
-        np.ascontiguousarray(swarm.time, np.float32), np.ascontiguousarray(swarm.lon).reshape(-1),
-        np.ascontiguousarray(swarm.lat).reshape(-1), np.ascontiguousarray(swarm.there, np.uint8).reshape(-1),
+        np.ascontiguousarray(swarm.time, np.float32),
+        np.ascontiguousarray(swarm.lon).reshape(-1),
+        np.ascontiguousarray(swarm.lat).reshape(-1),
+        np.ascontiguousarray(swarm.there, np.uint8).reshape(-1),
         np.ascontiguousarray(swarm.scenario, np.int32),
-    )  # fmt: skip
+    )
 
 
 def missed(swarm: Swarm, tables: Tables, ways: Ways, part: float, share: float = 0.0) -> np.ndarray:
-    """Return the logs of the probabilities that a sonar on each way hears nothing of each particle, float32 (c, m, factors).
+    """Return the logs of the probabilities that a sonar on each way hears nothing of each particle,
+    float32 (c, m, factors).
 
-    part [m]: longest part of a stretch in which the signal excess is taken once, or this share of the least range in the
-    bin, where that is longer.
+    part [m]: longest part of a stretch in which the signal excess is taken once, or this share of
+    the least range in the bin, where that is longer.
     """
     many = len(ways.lon)
     log = np.empty(many * len(swarm.scenario) * len(tables.offsets), np.float32)
     read = (
-        *_flat(tables.losses, tables.gains, tables.noise, tables.levels, tables.paces, tables.offsets), *_particles(swarm),
-        np.ascontiguousarray(ways.lon).reshape(-1), np.ascontiguousarray(ways.lat).reshape(-1),
-        *_flat(ways.heading), np.ascontiguousarray(ways.listens, np.uint8).reshape(-1),
-        np.ascontiguousarray(ways.which, np.int32).reshape(-1), *_flat(ways.weight),
-    )  # fmt: skip
+        *_flat(
+            tables.losses, tables.gains, tables.noise, tables.levels, tables.paces, tables.offsets
+        ),
+        *_particles(swarm),
+        np.ascontiguousarray(ways.lon).reshape(-1),
+        np.ascontiguousarray(ways.lat).reshape(-1),
+        *_flat(ways.heading),
+        np.ascontiguousarray(ways.listens, np.uint8).reshape(-1),
+        np.ascontiguousarray(ways.which, np.int32).reshape(-1),
+        *_flat(ways.weight),
+    )
     _missed(_sonar(tables, part, share), *runtime.residents(*read), log)
     return log.reshape(many, len(swarm.scenario), -1)
 
@@ -250,17 +347,22 @@ def best(
     first: np.ndarray,
     part: float,
 ) -> np.ndarray:
-    """Return -log of the probability that a sonar anywhere in a cell hears nothing of each particle in a slot of time.
+    """Return -log of the probability that a sonar anywhere in a cell hears nothing of each particle
+    in a slot of time.
 
-    cells: lon, lat [binary angle] of their middles, int32 (c,); excess: [dB] by range from there, the highest that a
-    sonar of 0 dB anywhere in the cell can have (c, rings); first: number of each slot's first bin and, last, of all bins
-    (slots + 1,). It is an upper limit, float32 (slots, c, m, factors).
+    cells: lon, lat [binary angle] of their middles, int32 (c,); excess: [dB] by range from there,
+    the highest that a sonar of 0 dB anywhere in the cell can have (c, rings); first: number of each
+    slot's first bin and, last, of all bins (slots + 1,). It is an upper limit, float32 (slots, c,
+    m, factors).
     """
     slots, many = len(first) - 1, len(cells[0])
     hazard = np.empty(slots * many * len(swarm.scenario) * len(tables.offsets), np.float32)
     read = (
-        *_flat(excess, tables.levels, tables.paces, tables.offsets), *_particles(swarm),
-        np.ascontiguousarray(cells[0], np.int32), np.ascontiguousarray(cells[1], np.int32), np.asarray(first, np.int32),
-    )  # fmt: skip
+        *_flat(excess, tables.levels, tables.paces, tables.offsets),
+        *_particles(swarm),
+        np.ascontiguousarray(cells[0], np.int32),
+        np.ascontiguousarray(cells[1], np.int32),
+        np.asarray(first, np.int32),
+    )
     _best(_sonar(tables, part, rings=excess.shape[1], rays=1), *runtime.residents(*read), hazard)
     return hazard.reshape(slots, many, len(swarm.scenario), -1)

@@ -2,11 +2,13 @@
 
 This is the exact detection that a plan is refined on.
 
-The mathematics is that of the search itself (kernels.evidence.sweep), in a plane instead of on the sphere: two straight motions
-at a time, of a leg and of a particle within a time bin. What is under way before a time of its own, its turn, is seen
-as such until then. A Brownian bridge is passed at the mean velocity of its leg, not along its noise, and abeam of a leg
-once, as in kernels.evidence.sweep. Near a sensor it is followed within a bin, at Levy's midpoints: if all of its hazard
-in a bin fell on one place, fewer particles would have more of it, and fewer would be found.
+The mathematics is that of the search itself (kernels.evidence.sweep), in a plane instead of on the
+sphere: two straight motions at a time, of a leg and of a particle within a time bin. What is under
+way before a time of its own, its turn, is seen as such until then. A Brownian bridge is passed at
+the mean velocity of its leg, not along its noise, and abeam of a leg once, as in
+kernels.evidence.sweep. Near a sensor it is followed within a bin, at Levy's midpoints: if all of
+its hazard in a bin fell on one place, fewer particles would have more of it, and fewer would be
+found.
 """
 
 import numpy as np
@@ -19,20 +21,26 @@ from kernels.planning.rectangles import Swarm, by_state
 from kernels.runtime import runtime
 
 BLOCK = 128
-FAR = 5.0  # sweep widths from all legs beyond which comparisons leave a particle out: one leg finds 0.3 % there
+# sweep widths from all legs beyond which comparisons leave a particle out: one leg finds 0.3 %
+# there
+FAR = 5.0
 DEPTH = 5  # a bridge is halved so many times in a bin: five minutes to 9 s
-NEAR = 4.0  # strays of a bridge in a bin within which of a sensor it is followed, as in kernels.evidence.sweep
+# strays of a bridge in a bin within which of a sensor it is followed, as in kernels.evidence.sweep
+NEAR = 4.0
 SEED = 20260601  # of the midpoints: they are the same for all legs that are compared
-AREA = 0.07957747154594767  # 1 / (4 pi): the hazard's coefficient is W^2 / (4 pi) (Koopman 1980, inverse cube)
+# 1 / (4 pi): the hazard's coefficient is W^2 / (4 pi) (Koopman 1980, inverse cube)
+AREA = 0.07957747154594767
 
 f32x2 = sweep.f32x2
 
 
 @ti.func
 def _bend(i: ti.i32, t: ti.i32, share: ti.f32, stray: ti.f32) -> f32x2:
-    """Return how far a bridge is off its chord at a share of bin t: midpoints of midpoints, straight in between.
+    """Return how far a bridge is off its chord at a share of bin t: midpoints of midpoints,
+    straight in between.
 
-    stray: K sqrt(length of the bin) [m]; a midpoint's standard deviation is half of that of its part.
+    stray: K sqrt(length of the bin) [m]; a midpoint's standard deviation is half of that of its
+    part.
     """
     off = f32x2(0.0, 0.0)
     for level in range(DEPTH):
@@ -47,15 +55,30 @@ def _bend(i: ti.i32, t: ti.i32, share: ti.f32, stray: ti.f32) -> f32x2:
 
 @ti.func
 def _exposure(
-    cube: ti.template(), bridged: ti.template(), i: ti.i32, first: ti.i32, last: ti.i32, edges: ti.i32,
-    time: ti.template(), x: ti.template(), y: ti.template(), value: ti.template(), turn: ti.f32, flow_x: ti.template(),
-    flow_y: ti.template(), spread: ti.template(), node: ti.template(), table: ti.template(), scale: ti.f32,
+    cube: ti.template(),
+    bridged: ti.template(),
+    i: ti.i32,
+    first: ti.i32,
+    last: ti.i32,
+    edges: ti.i32,
+    time: ti.template(),
+    x: ti.template(),
+    y: ti.template(),
+    value: ti.template(),
+    turn: ti.f32,
+    flow_x: ti.template(),
+    flow_y: ti.template(),
+    spread: ti.template(),
+    node: ti.template(),
+    table: ti.template(),
+    scale: ti.f32,
     scale_under_way: ti.f32,
-):  # fmt: skip
+):
     """Return -log of the miss of nodes [first, last), and what finding the particle then is worth.
 
-    node: (time, x, y, seeks). scale: one over the sweep width [1/m], 0 where nothing is seen. cube: the integral of ds
-    / (2 r^3) instead, while adrift and while under way, which scales leave alone.
+    node: (time, x, y, seeks). scale: one over the sweep width [1/m], 0 where nothing is seen. cube:
+    the integral of ds / (2 r^3) instead, while adrift and while under way, which scales leave
+    alone.
     """
     total, under_way, worth = 0.0, 0.0, 0.0
     t = 0
@@ -106,12 +129,22 @@ def _exposure(
                 if ti.static(cube):
                     if ti.static(bridged):
                         middle = 0.5 * (a + b)
-                        half = 0.5 * f32x2(flow_x[i * edges + t] - vx, flow_y[i * edges + t] - vy) * (till - now)
+                        half = (
+                            0.5
+                            * f32x2(flow_x[i * edges + t] - vx, flow_y[i * edges + t] - vy)
+                            * (till - now)
+                        )
                         a, b = middle - half, middle + half
-                    far_a, far_b = ti.sqrt(a[0] * a[0] + a[1] * a[1]), ti.sqrt(b[0] * b[0] + b[1] * b[1])
+                    far_a, far_b = (
+                        ti.sqrt(a[0] * a[0] + a[1] * a[1]),
+                        ti.sqrt(b[0] * b[0] + b[1] * b[1]),
+                    )
                     more = sweep.hazard(a, b, far_a, far_b)
                 else:
-                    ahead_a, ahead_b = -(a[0] * vx + a[1] * vy) / pace, -(b[0] * vx + b[1] * vy) / pace
+                    ahead_a, ahead_b = (
+                        -(a[0] * vx + a[1] * vy) / pace,
+                        -(b[0] * vx + b[1] * vy) / pace,
+                    )
                     lateral = sweep.lateral(a, b, ahead_a, ahead_b)
                     if lateral >= 0.0 and passed == 0:
                         more = -ti.log(ti.max(1.0 - sweep.chance(table, lateral * own), 1e-30))
@@ -133,9 +166,16 @@ def _exposure(
 
 @ti.func
 def _hazard(
-    cube: ti.template(), total: ti.f32, under_way: ti.f32, w: ti.f32, w_under_way: ti.f32, factor: ti.f32
+    cube: ti.template(),
+    total: ti.f32,
+    under_way: ti.f32,
+    w: ti.f32,
+    w_under_way: ti.f32,
+    factor: ti.f32,
 ) -> ti.f32:
-    """Return -log of the miss of what `_exposure` has returned, for sweep widths [m] and a factor of them."""
+    """Return -log of the miss of what `_exposure` has returned, for sweep widths [m] and a factor
+    of them.
+    """
     exponent = total + under_way
     if ti.static(cube):
         exponent = total * ti.f32(AREA) * w * w * factor * factor
@@ -154,11 +194,29 @@ def _scale(w: ti.f32, factor: ti.f32) -> ti.f32:
 
 @ti.kernel
 def _gains(
-    cube: ti.template(), bridged: ti.template(), edges: ti.i32, time: HostReals, x: HostReals, y: HostReals,
-    value: HostReals, box: HostReals, scenario: HostInts, turn: HostReals, flow_x: HostReals, flow_y: HostReals, spread: HostReals,
-    start: HostInts, extent: HostReals, node: HostReals, table: HostReals, width: HostReals,
-    factor: HostReals, before: HostReals, later: HostReals, sums: HostReals,
-):  # fmt: skip
+    cube: ti.template(),
+    bridged: ti.template(),
+    edges: ti.i32,
+    time: HostReals,
+    x: HostReals,
+    y: HostReals,
+    value: HostReals,
+    box: HostReals,
+    scenario: HostInts,
+    turn: HostReals,
+    flow_x: HostReals,
+    flow_y: HostReals,
+    spread: HostReals,
+    start: HostInts,
+    extent: HostReals,
+    node: HostReals,
+    table: HostReals,
+    width: HostReals,
+    factor: HostReals,
+    before: HostReals,
+    later: HostReals,
+    sums: HostReals,
+):
     m, nodes, scenarios = scenario.shape[0], factor.shape[0], width.shape[0] // 2
     blocks = (m + BLOCK - 1) // BLOCK
     for cb in range(sums.shape[0]):
@@ -177,23 +235,60 @@ def _gains(
                 for k in range(nodes):
                     if ti.static(not cube) or k == 0:
                         h, steered, worth = _exposure(
-                            cube, bridged, i, start[c], start[c + 1], edges, time, x, y, value, turn[i], flow_x,
-                            flow_y, spread, node, table, _scale(w, factor[k]), _scale(w_under_way, factor[k]),
-                        )  # fmt: skip
+                            cube,
+                            bridged,
+                            i,
+                            start[c],
+                            start[c + 1],
+                            edges,
+                            time,
+                            x,
+                            y,
+                            value,
+                            turn[i],
+                            flow_x,
+                            flow_y,
+                            spread,
+                            node,
+                            table,
+                            _scale(w, factor[k]),
+                            _scale(w_under_way, factor[k]),
+                        )
                     exponent = _hazard(cube, h, steered, w, w_under_way, factor[k])
-                    total += before[i * nodes + k] * (worth - later[i * nodes + k]) * (1.0 - ti.exp(-exponent))
+                    total += (
+                        before[i * nodes + k]
+                        * (worth - later[i * nodes + k])
+                        * (1.0 - ti.exp(-exponent))
+                    )
         sums[cb] = total
 
 
 @ti.kernel
 def _found(
-    cube: ti.template(), bridged: ti.template(), edges: ti.i32, time: HostReals, x: HostReals, y: HostReals,
-    value: HostReals, box: HostReals, scenario: HostInts, turn: HostReals, flow_x: HostReals, flow_y: HostReals, spread: HostReals,
-    node: HostReals, table: HostReals, width: HostReals, factor: HostReals, found: HostReals, when: HostReals,
-):  # fmt: skip
+    cube: ti.template(),
+    bridged: ti.template(),
+    edges: ti.i32,
+    time: HostReals,
+    x: HostReals,
+    y: HostReals,
+    value: HostReals,
+    box: HostReals,
+    scenario: HostInts,
+    turn: HostReals,
+    flow_x: HostReals,
+    flow_y: HostReals,
+    spread: HostReals,
+    node: HostReals,
+    table: HostReals,
+    width: HostReals,
+    factor: HostReals,
+    found: HostReals,
+    when: HostReals,
+):
     nodes, scenarios = factor.shape[0], width.shape[0] // 2
     for i in range(scenario.shape[0]):
-        when[i] = 0.0  # every element is written: a card brings back the whole array, and took none of it
+        # every element is written: a card brings back the whole array, and took none of it
+        when[i] = 0.0
         w, w_under_way = width[scenario[i]], width[scenarios + scenario[i]]
         h, steered, worth = 0.0, 0.0, 0.0
         for k in range(nodes):
@@ -201,9 +296,25 @@ def _found(
             if ti.max(w, w_under_way) > 0.0:
                 if ti.static(not cube) or k == 0:
                     h, steered, worth = _exposure(
-                        cube, bridged, i, 0, node.shape[0] // 4, edges, time, x, y, value, turn[i], flow_x, flow_y,
-                        spread, node, table, _scale(w, factor[k]), _scale(w_under_way, factor[k]),
-                    )  # fmt: skip
+                        cube,
+                        bridged,
+                        i,
+                        0,
+                        node.shape[0] // 4,
+                        edges,
+                        time,
+                        x,
+                        y,
+                        value,
+                        turn[i],
+                        flow_x,
+                        flow_y,
+                        spread,
+                        node,
+                        table,
+                        _scale(w, factor[k]),
+                        _scale(w_under_way, factor[k]),
+                    )
                     when[i] = ti.max(when[i], worth)
                 exponent = _hazard(cube, h, steered, w, w_under_way, factor[k])
                 found[i * nodes + k] = 1.0 - ti.exp(-exponent)
@@ -215,7 +326,9 @@ def _nodes(path: np.ndarray) -> np.ndarray:
     The kernels step through four numbers a node, and would misread any others.
     """
     if path.ndim != 2 or path.shape[1] != 4:
-        raise ValueError(f"a path has nodes (time, x, y, seeks), shape (k, 4); this one has shape {path.shape}")
+        raise ValueError(
+            f"a path has nodes (time, x, y, seeks), shape (k, 4); this one has shape {path.shape}"
+        )
     return path
 
 
@@ -226,16 +339,22 @@ def _extent(points: np.ndarray) -> np.ndarray:
 
 
 def gains(
-    particles: Swarm, table: np.ndarray | None, paths: list[np.ndarray], width: np.ndarray, factor: np.ndarray,
-    before: np.ndarray, later: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+    particles: Swarm,
+    table: np.ndarray | None,
+    paths: list[np.ndarray],
+    width: np.ndarray,
+    factor: np.ndarray,
+    before: np.ndarray,
+    later: np.ndarray,
+) -> np.ndarray:
     """Return what each path finds, float64.
 
     This is the sum of before * (worth - later) * (1 - miss) over particles and nodes.
 
-    table: a lateral range curve (range / W, chance, ...), None: inverse cube; paths: nodes (time [s], x, y [m], whether
-    the leg to the next one searches), straight in between; what is far from all of one (FAR) is left out; width: sweep
-    width [m] by scenario, (scenarios,), or by state (2, scenarios); factor: of it at each node; before, later: (m, nodes).
+    table: a lateral range curve (range / W, chance, ...), None: inverse cube; paths: nodes (time
+    [s], x, y [m], whether the leg to the next one searches), straight in between; what is far from
+    all of one (FAR) is left out; width: sweep width [m] by scenario, (scenarios,), or by state (2,
+    scenarios); factor: of it at each node; before, later: (m, nodes).
     """
     start = np.concatenate([[0], np.cumsum([len(p) for p in paths])]).astype(np.int32)
     extent = np.concatenate([_extent(p[:, 1:3]) for p in paths]).astype(np.float32)
@@ -258,17 +377,22 @@ def gains(
 
 
 def found(
-    particles: Swarm, table: np.ndarray | None, path: np.ndarray, width: np.ndarray, factor: np.ndarray
+    particles: Swarm,
+    table: np.ndarray | None,
+    path: np.ndarray,
+    width: np.ndarray,
+    factor: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return what one path finds of each particle.
 
-    The results are 1 - miss for each particle and node, float32 (m, nodes), and what finding the particle then is
-    worth, (m,).
+    The results are 1 - miss for each particle and node, float32 (m, nodes), and what finding the
+    particle then is worth, (m,).
     """
     m = particles.scenario.shape[0]
     b, worth = np.zeros(m * len(factor), np.float32), np.zeros(m, np.float32)
     node, widths, factors = (
-        np.ascontiguousarray(v, np.float32).reshape(-1) for v in (_nodes(path), by_state(width), factor)
+        np.ascontiguousarray(v, np.float32).reshape(-1)
+        for v in (_nodes(path), by_state(width), factor)
     )
     curve = np.zeros(4, np.float32) if table is None else np.asarray(table, np.float32).reshape(-1)
     bridged, edges = len(particles.flow_x) > 0, particles.time.shape[0]

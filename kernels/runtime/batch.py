@@ -1,12 +1,15 @@
-"""The slots that one launch works on: those of one or of hundreds of scenarios, and how a kernel finds them.
+"""The slots that one launch works on: those of one or of hundreds of scenarios, and how a kernel
+finds them.
 
-Slots of a scenario are contiguous. Where those of all scenarios of a batch are, a batch is a range of slots, else it
-lists them. A kernel takes `listed`, `first`, `last`, `slots` and `shift` of a batch, and does
+Slots of a scenario are contiguous. Where those of all scenarios of a batch are, a batch is a range
+of slots, else it lists them. A kernel takes `listed`, `first`, `last`, `slots` and `shift` of a
+batch, and does
 
     for k in range(first, last):
         i = batch.slot(listed, slots, k)
 
-What differs between scenarios it reads from tables by the slot's scenario, a column of the ensemble: see `table`.
+What differs between scenarios it reads from tables by the slot's scenario, a column of the
+ensemble: see `table`.
 """
 
 from collections.abc import Sequence
@@ -26,7 +29,8 @@ class Batch(NamedTuple):
     first: int  # the first slot, or where its number is listed
     last: int  # the one after the last
     slots: Any  # int32 (last,) on the device, ascending; unused where they are a range
-    shift: Any  # int32 (scenarios of the run,) on the device: from a slot to its number in the whole run
+    # int32 (scenarios of the run,) on the device: from a slot to its number in the whole run
+    shift: Any
 
     @property
     def launched(self) -> tuple[bool, int, int, Any, Any]:
@@ -34,7 +38,8 @@ class Batch(NamedTuple):
         return self.listed, self.first, self.last, self.slots, self.shift
 
     def table(self, rows: Sequence[Any]) -> Any:
-        """Return numbers by scenario on the device, float32, flat: (scenarios of the run * numbers in a row,).
+        """Return numbers by scenario on the device, float32, flat: (scenarios of the run * numbers
+        in a row,).
 
         rows: of each scenario of the batch, in their order; all others have zeros.
         """
@@ -65,21 +70,29 @@ def listed_slot(listed: ti.i32, slots: ti.template(), k: ti.i32) -> ti.i32:
 def batch_of(bounds: Sequence[int], numbers: Sequence[int], scenarios: Sequence[int]) -> Batch:
     """Return the slots of some scenarios (ascending).
 
-    bounds: the first slot of each scenario of the run and, last, n; numbers: of each one's first slot in the whole run.
+    bounds: the first slot of each scenario of the run and, last, n; numbers: of each one's first
+    slot in the whole run.
     """
     edges = np.asarray(bounds, np.int64)
     shift = runtime.upload((np.asarray(numbers, np.int64) - edges[:-1]).astype(np.int32))
     chosen = np.asarray([s for s in scenarios if edges[s] < edges[s + 1]], np.int64)
     first, last = edges[chosen], edges[chosen + 1]
-    if (first[1:] == last[:-1]).all():  # one after the other, but for scenarios without slots between them
+    # one after the other, but for scenarios without slots between them
+    if (first[1:] == last[:-1]).all():
         whole = (int(first[0]), int(last[-1])) if chosen.size else (0, 0)
         return Batch(tuple(scenarios), False, *whole, runtime.empty(1, ti.i32), shift)
-    slots = np.concatenate([np.arange(a, b, dtype=np.int32) for a, b in zip(first, last, strict=True)])
+    slots = np.concatenate(
+        [np.arange(a, b, dtype=np.int32) for a, b in zip(first, last, strict=True)]
+    )
     return Batch(tuple(scenarios), True, 0, slots.size, runtime.upload(slots), shift)
 
 
 def among(own: Batch, chosen: np.ndarray) -> Batch:
     """Return those slots of a batch that are chosen, bool (n,) over all slots."""
-    slots = own.slots.to_numpy()[own.first : own.last] if own.listed else np.arange(own.first, own.last, dtype=np.int32)
+    slots = (
+        own.slots.to_numpy()[own.first : own.last]
+        if own.listed
+        else np.arange(own.first, own.last, dtype=np.int32)
+    )
     slots = slots[chosen[slots]]
     return own._replace(listed=True, first=0, last=slots.size, slots=runtime.upload(slots))

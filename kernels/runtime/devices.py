@@ -1,4 +1,5 @@
-"""Graphics cards: what is known of one, whether kernels can run on it, and which one `--backend auto` takes.
+"""Graphics cards: what is known of one, whether kernels can run on it, and which one `--backend
+auto` takes.
 
 kernels.runtime.drivers asks for them; here nothing is asked, and nothing is started.
 """
@@ -11,15 +12,20 @@ from dataclasses import dataclass
 from geo import notation
 from geo.errors import UserError
 
-WORTH = 100_000  # particles, an estimate: a step costs the host 0.5 ms, as 40,000 do on 16 cores (docs/backends.md)
+# particles, an estimate: a step costs the host 0.5 ms, as 40,000 do on 16 cores (docs/backends.md)
+WORTH = 100_000
 LEAST = (
     2**30
 )  # [bytes] of a card for its context, kernels, forcing and coast; Taichi 1.7.4 takes as many of old drivers
-CAPABILITY = (6, 0)  # of CUDA: the first that adds float64 atomically (CUDA C++ Programming Guide, "Atomic Functions")
+# of CUDA: the first that adds float64 atomically (CUDA C++ Programming Guide, "Atomic Functions")
+CAPABILITY = (6, 0)
 DRIVER = 10_000  # CUDA 10.0: Taichi 1.7.4 starts on no older driver ("requires at least CUDA 10.0")
 VULKAN = (1, 1)  # subgroups, and 8 bits in storage buffers
-BUFFERS = 31  # of the largest kernel, steer._steer: its arrays, and what Taichi adds (tests/test_kernel_constructs.py)
-MESA = 25  # software devices of older Mesa compute wrongly and say nothing; 22.3 was tried (docs/backends.md)
+# of the largest kernel, steer._steer: its arrays, and what Taichi adds
+# (tests/test_kernel_constructs.py)
+BUFFERS = 31
+# software devices of older Mesa compute wrongly and say nothing; 22.3 was tried (docs/backends.md)
+MESA = 25
 KINDS = ("other", "integrated", "discrete", "virtual", "software")  # by VkPhysicalDeviceType
 SHARING = ("integrated", "software")  # that have the processor's memory
 BEST_FIRST = ("discrete", "integrated", "virtual", "other", "software")
@@ -48,7 +54,10 @@ class Device:
 
     @property
     def room(self) -> int | None:
-        """Return how much of its own memory is free [bytes]; None where it uses the processor's, or where it is unknown."""
+        """Return how much of its own memory is free [bytes];
+
+        None where it uses the processor's, or where it is unknown.
+        """
         return None if self.kind in SHARING else self.total if self.free is None else self.free
 
     @property
@@ -71,7 +80,10 @@ class Listed:
 
     @property
     def taken(self) -> Device | None:
-        """Return the device that the backend starts: CUDA's first; of Vulkan the one that is named, else the best."""
+        """Return the device that the backend starts:
+
+        CUDA's first; of Vulkan the one that is named, else the best.
+        """
         named = os.environ.get(PICKING, "") if self.backend == "vulkan" else "0"
         if named.isdecimal() and int(named) < len(self.devices):
             return self.devices[int(named)]
@@ -97,14 +109,19 @@ class Choice:
 
 
 def automatic(lanes: int | None, ask: Callable[[str], Listed]) -> Choice:
-    """Return what `--backend auto` takes: the first backend with a usable card of its own, where it is worth it.
+    """Return what `--backend auto` takes: the first backend with a usable card of its own, where it
+    is worth it.
 
-    lanes: particles, or of a tracking case clouds, that kernels can move side by side; None: unknown. ask: lists the
-    devices of a backend (kernels.runtime.drivers.ask). A graphics unit inside a processor shares the memory that bounds a step,
-    and a software device is the processor: auto takes neither.
+    lanes: particles, or of a tracking case clouds, that kernels can move side by side; None:
+    unknown. ask: lists the devices of a backend (kernels.runtime.drivers.ask). A graphics unit
+    inside a processor shares the memory that bounds a step, and a software device is the processor:
+    auto takes neither.
     """
     if lanes is not None and lanes < WORTH:
-        return Choice(None, f"a card is worth it from {WORTH:,} particles or clouds on, and this has {lanes:,}")
+        return Choice(
+            None,
+            f"a card is worth it from {WORTH:,} particles or clouds on, and this has {lanes:,}",
+        )
     whys, missed = [], False
     for backend in CARDS:
         listed = ask(backend)
@@ -114,14 +131,18 @@ def automatic(lanes: int | None, ask: Callable[[str], Listed]) -> Choice:
         there = device is not None and device.kind == "discrete"
         missed |= there
         alone = (
-            "" if device is None else f"{device.name} is {'an' if device.kind[0] in 'io' else 'a'} {device.kind} device"
+            ""
+            if device is None
+            else f"{device.name} is {'an' if device.kind[0] in 'io' else 'a'} {device.kind} device"
         )
         whys.append(f"{backend}: {unfit or alone}{f' ({remedy})' if there else ''}")
     return Choice(None, "; ".join(whys), missed)
 
 
 def usable(listed: Listed) -> Device:
-    """Return the device that a backend takes; raise UserError, saying what to do, where kernels cannot run on it."""
+    """Return the device that a backend takes; raise UserError, saying what to do, where kernels
+    cannot run on it.
+    """
     device, (unfit, remedy) = listed.taken, listed.unfit
     if device is None or unfit:
         ways = f"{remedy}, or use --backend cpu" if remedy else "use --backend cpu"
@@ -158,13 +179,24 @@ def vulkan_unfit(
 ) -> tuple[str, str]:
     """Return why kernels cannot run on a device of Vulkan, and what to do; empty where they can."""
     if version < VULKAN:
-        return f"it knows Vulkan {version[0]}.{version[1]}, and kernels need 1.1", "update its driver"
+        return (
+            f"it knows Vulkan {version[0]}.{version[1]}, and kernels need 1.1",
+            "update its driver",
+        )
     mesa = re.search(r"Mesa (\d+)", driver)
     if kind == "software" and (mesa is None or int(mesa[1]) < MESA):
-        remedy = f"install Mesa {MESA} or later (Debian 12: mesa-vulkan-drivers of bookworm-backports)"
-        return f"software of {driver or 'an unknown driver'}, which may compute wrongly and say nothing", remedy
+        remedy = (
+            f"install Mesa {MESA} or later (Debian 12: mesa-vulkan-drivers of bookworm-backports)"
+        )
+        return (
+            f"software of {driver or 'an unknown driver'}, which may compute wrongly and say nothing",
+            remedy,
+        )
     if lacks:
         return f"it lacks {', '.join(lacks)}, which kernels need", "take another card"
     if buffers < BUFFERS:
-        return f"it hands {buffers} buffers to a kernel, and kernels take up to {BUFFERS}", "update its driver"
+        return (
+            f"it hands {buffers} buffers to a kernel, and kernels take up to {BUFFERS}",
+            "update its driver",
+        )
     return "", ""

@@ -1,4 +1,6 @@
-"""How much memory this process may still take: what its machine has left, and what its container, batch job and own limits grant."""
+"""How much memory this process may still take: what its machine has left, and what its container,
+batch job and own limits grant.
+"""
 
 import contextlib
 import os
@@ -12,7 +14,9 @@ except ImportError:  # Windows knows no such limits
 
 MEMINFO, STATUS = Path("/proc/meminfo"), Path("/proc/self/status")
 MEMBERSHIP, CGROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
-VERSIONS = (  # of Linux control groups: where the memory's lie, the files of their limit and their use, what it is told of first
+# of Linux control groups: where the memory's lie, the files of their limit and their use, what it
+# is told of first
+VERSIONS = (
     (CGROUPS, "memory.max", "memory.current", ""),
     (CGROUPS / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_"),
 )
@@ -29,9 +33,17 @@ def _machine() -> int:
     """Return how much the machine has left; where that is not told, how much it has."""
     try:
         told = MEMINFO.read_text(encoding="ascii")
-        return next(int(line.split()[1]) * 1024 for line in told.splitlines() if line.startswith("MemAvailable"))
+        return next(
+            int(line.split()[1]) * 1024
+            for line in told.splitlines()
+            if line.startswith("MemAvailable")
+        )
     except (OSError, StopIteration):
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else UNKNOWN
+        return (
+            os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+            if hasattr(os, "sysconf")
+            else UNKNOWN
+        )
 
 
 def _limited() -> Iterator[int]:
@@ -62,7 +74,9 @@ def _granted() -> Iterator[int]:
                 break
             try:
                 most, used = (int((group / name).read_text()) for name in (limit, use))
-                stat = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
+                stat = dict(
+                    line.split() for line in (group / "memory.stat").read_text().splitlines()
+                )
                 yield most - used + sum(int(stat.get(told_as + name, 0)) for name in CACHED)
             except (OSError, ValueError):  # it is not seen from here, or has no limit ("max")
                 continue

@@ -1,8 +1,9 @@
 """Columns of one type in one device array, row after row, each of them still known by its name.
 
-A graphics card binds few arrays to a kernel (Metal 31 in all), so columns that belong together stand
-in one: slot i of the column in row r of an array of n slots a row is its element r * n + i. Kernels
-take the array; for the host each column is a `Row`, which is read and written as an array of its own.
+A graphics card binds few arrays to a kernel (Metal 31 in all), so columns that belong together
+stand in one: slot i of the column in row r of an array of n slots a row is its element r * n + i.
+Kernels take the array; for the host each column is a `Row`, which is read and written as an array
+of its own.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

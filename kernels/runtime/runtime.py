@@ -24,12 +24,16 @@ from kernels.runtime.dtypes import DTYPES
 from kernels.runtime.memory import CGROUPS
 from kernels.runtime.taichi_way import way
 
-LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
+# warnings come to standard error unless a program sends them elsewhere
+LOG = logging.getLogger("drift")
 LEAST_SPACE = "2 to 3 GiB"  # that a small run maps, of which it uses a tenth
-NAMED = "TI_OFFLINE_CACHE_FILE_PATH"  # environment variable that tells Taichi where compiled kernels are kept
+# environment variable that tells Taichi where compiled kernels are kept
+NAMED = "TI_OFFLINE_CACHE_FILE_PATH"
 BACKENDS = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan, "metal": ti.metal}
-AUTO = "auto"  # in place of a backend: a card where there is one and it is worth it, else the processor
-FULL = ("out of memory", "out_of_memory", "OUT_OF_DEVICE_MEMORY", "OUT_OF_HOST_MEMORY")  # in what backends say of that
+# in place of a backend: a card where there is one and it is worth it, else the processor
+AUTO = "auto"
+# in what backends say of that
+FULL = ("out of memory", "out_of_memory", "OUT_OF_DEVICE_MEMORY", "OUT_OF_HOST_MEMORY")
 
 _started: dict[str, object] = {}
 _use = threading.RLock()  # held by the thread that uses Taichi
@@ -39,8 +43,8 @@ _use = threading.RLock()  # held by the thread that uses Taichi
 def alone() -> Iterator[None]:
     """Wait until no other thread uses Taichi, and keep it for this one meanwhile; may be nested.
 
-    Taichi's compiler keeps what it compiles at the moment in variables of the process: a second thread that launches
-    meanwhile gets errors from the middle of the compiler, or ends the process.
+    Taichi's compiler keeps what it compiles at the moment in variables of the process: a second
+    thread that launches meanwhile gets errors from the middle of the compiler, or ends the process.
     """
     with waiting.turn(_use):
         yield
@@ -77,14 +81,17 @@ def _quota() -> float | None:
 def start(backend: str = "cpu", threads: int | None = None, lanes: int | None = None) -> None:
     """Start Taichi on a backend with a number of CPU threads; once started, keep it.
 
-    backend: one of BACKENDS, or AUTO, which keeps what runs already; threads: `cores()` by default and at most; lanes:
-    how many particles, or clouds of a tracking case, are to be moved side by side, for AUTO.
+    backend: one of BACKENDS, or AUTO, which keeps what runs already; threads: `cores()` by default
+    and at most; lanes: how many particles, or clouds of a tracking case, are to be moved side by
+    side, for AUTO.
 
-    Raises UserError when the backend is unknown or this machine lacks it, when another one runs already, or on a
-    graphics card from another thread than the one that started it.
+    Raises UserError when the backend is unknown or this machine lacks it, when another one runs
+    already, or on a graphics card from another thread than the one that started it.
     """
     if backend not in (*BACKENDS, AUTO):
-        raise UserError(f"--backend: unknown backend {backend!r}; allowed: {', '.join((*BACKENDS, AUTO))}")
+        raise UserError(
+            f"--backend: unknown backend {backend!r}; allowed: {', '.join((*BACKENDS, AUTO))}"
+        )
     if threads is not None and threads < 1:
         raise UserError(f"--threads {threads} must be at least 1")
     with alone():
@@ -104,13 +111,19 @@ def start(backend: str = "cpu", threads: int | None = None, lanes: int | None = 
         taken = choice.device.backend if choice.device else "cpu"
         told = f"--backend {AUTO} takes {taken}: {choice.why}" if backend == AUTO else ""
         if told:
-            LOG.log(logging.WARNING if choice.missed else logging.INFO, "drift: %s", errors.named(told))
-        _started.update(backend=taken, threads=count, thread=threading.get_ident(), device=choice.device)
+            LOG.log(
+                logging.WARNING if choice.missed else logging.INFO, "drift: %s", errors.named(told)
+            )
+        _started.update(
+            backend=taken, threads=count, thread=threading.get_ident(), device=choice.device
+        )
         _started["told"] = "" if choice.missed else told
 
 
 def _automatic(lanes: int | None, threads: int) -> Choice:
-    """Start what AUTO takes, and return it; where a card does not start that should, start the processor."""
+    """Start what AUTO takes, and return it; where a card does not start that should, start the
+    processor.
+    """
     choice = devices.automatic(lanes, drivers.ask)
     if choice.device is not None:
         try:
@@ -126,21 +139,24 @@ def _automatic(lanes: int | None, threads: int) -> Choice:
 def _init(backend: str, threads: int, device: Device | None) -> None:
     """Start Taichi; raise UserError where it does not start."""
     if backend == "vulkan" and device is not None:
-        os.environ[devices.PICKING] = str(device.number)  # Taichi ranks devices in another way, and ends at "abc"
+        # Taichi ranks devices in another way, and ends at "abc"
+        os.environ[devices.PICKING] = str(device.number)
     try:
         with contextlib.redirect_stdout(io.StringIO()):
-            # fast_math reorders sums, so that results would depend on the compiler; it would save 3 to 10 %.
+            # fast_math reorders sums, so that results would depend on the compiler; it would save 3
+            # to 10 %.
             ti.init(
                 arch=BACKENDS[backend],
                 enable_fallback=False,
                 default_fp=ti.f32,
                 default_ip=ti.i32,
                 fast_math=False,
-                # The machine's compiler finds again whatever this pass finds in a kernel, and the pass takes time
-                # in proportion to the square of the kernel's length.
+                # The machine's compiler finds again whatever this pass finds in a kernel, and the
+                # pass takes time in proportion to the square of the kernel's length.
                 cfg_optimization=False,
                 advanced_optimization=backend != "cpu",  # likewise: half of the time of compiling
-                # A card's errors are raised, and would be printed too: a run prints one line of its own.
+                # A card's errors are raised, and would be printed too: a run prints one line of its
+                # own.
                 log_level=ti.ERROR if backend == "cpu" else ti.CRITICAL,
                 **_caching(),
                 cpu_max_num_threads=threads,
@@ -153,15 +169,19 @@ def _init(backend: str, threads: int, device: Device | None) -> None:
 
 
 def _forsake() -> None:
-    """Have a copy of this process, such as one that draws, free no arrays of the card: its driver serves no copies."""
+    """Have a copy of this process, such as one that draws, free no arrays of the card: its driver
+    serves no copies.
+    """
     ti.ScalarNdarray.__del__ = lambda self: None
 
 
 def _caching() -> dict[str, object]:
-    """Return Taichi's options for keeping compiled kernels from run to run, where its folder can be written.
+    """Return Taichi's options for keeping compiled kernels from run to run, where its folder can be
+    written.
 
-    Where it cannot, as in a read-only home, Taichi would end the process by a segmentation fault, last of all, when it
-    makes the folder. So kernels are not kept, and it is given a folder that is there: its own.
+    Where it cannot, as in a read-only home, Taichi would end the process by a segmentation fault,
+    last of all, when it makes the folder. So kernels are not kept, and it is given a folder that is
+    there: its own.
     """
     cache = Path(os.environ.get(NAMED) or way.cache())
     try:
@@ -197,7 +217,11 @@ def _not_started(backend: str, error: Exception) -> UserError:
             f"not enough memory to start the backend {backend!r} ({why}); it needs {LEAST_SPACE} of address space: "
             "raise the limit (ulimit -v), or give the process more memory"
         )
-    remedy = "reinstall taichi (pip install --force-reinstall taichi)" if backend == "cpu" else "use --backend cpu"
+    remedy = (
+        "reinstall taichi (pip install --force-reinstall taichi)"
+        if backend == "cpu"
+        else "use --backend cpu"
+    )
     return UserError(f"--backend: {backend!r} is not available on this machine ({why}); {remedy}")
 
 
@@ -206,7 +230,9 @@ def _first_line(error: BaseException) -> str:
 
 
 def _check_same(backend: str, threads: int | None) -> None:
-    """Refuse another backend or number of threads than those that run, and a graphics card from another thread."""
+    """Refuse another backend or number of threads than those that run, and a graphics card from
+    another thread.
+    """
     if backend != _started["backend"] or threads not in (None, _started["threads"]):
         raise UserError(
             f"--backend and --threads: this process already runs {_started['backend']} with {_started['threads']} threads; "
@@ -230,21 +256,29 @@ def backend() -> str:
 
 
 def about() -> dict[str, str]:
-    """Return what files say of the running backend: its name, and its device where that is a graphics card.
+    """Return what files say of the running backend: its name, and its device where that is a
+    graphics card.
 
     The driver is part of the device: it compiles what runs.
     """
     device = _started.get("device")
-    return {"backend": backend()} | ({"device": device.identity} if isinstance(device, Device) else {})
+    return {"backend": backend()} | (
+        {"device": device.identity} if isinstance(device, Device) else {}
+    )
 
 
 def told() -> str:
-    """Return what AUTO took and why, in a line; "" where it was not asked, or a warning has said it."""
+    """Return what AUTO took and why, in a line; "" where it was not asked, or a warning has said
+    it.
+    """
     return str(_started.get("told", ""))
 
 
 def room() -> int | None:
-    """Return how much of the running device's own memory is free [bytes]; None where it uses the processor's, or where it is unknown."""
+    """Return how much of the running device's own memory is free [bytes];
+
+    None where it uses the processor's, or where it is unknown.
+    """
     device = _started.get("device")
     if not isinstance(device, Device):
         return None
@@ -254,7 +288,9 @@ def room() -> int | None:
 
 @contextlib.contextmanager
 def telling_full() -> Iterator[None]:
-    """Turn what a backend raises when its card is full into a line that says what to do (UserError)."""
+    """Turn what a backend raises when its card is full into a line that says what to do
+    (UserError).
+    """
     try:
         yield
     except RuntimeError as error:
@@ -281,7 +317,8 @@ def empty_nodes(n: int) -> ti.Ndarray:
 
 
 def pairs(nodes: ti.Ndarray) -> np.ndarray | None:
-    """Return an array of `empty_nodes` where it lies, each node as two pairs of float32 in 64 bits (n, 2).
+    """Return an array of `empty_nodes` where it lies, each node as two pairs of float32 in 64 bits
+    (n, 2).
 
     Return None where that is not to be had, as on any backend but the CPU.
     """
@@ -298,21 +335,24 @@ def upload(values: np.ndarray) -> ti.Ndarray:
 
 
 def resident(values: np.ndarray) -> np.ndarray | ti.Ndarray:
-    """Return a host array as kernels take it that read it again and again: a card holds a copy of it."""
+    """Return a host array as kernels take it that read it again and again: a card holds a copy of
+    it.
+    """
     return values if _started.get("backend") == "cpu" else upload(values)
 
 
 def residents(*values: np.ndarray) -> list[np.ndarray | ti.Ndarray]:
     """Return host arrays as a kernel takes them that only reads them.
 
-    CUDA would copy NumPy arrays back, too, and have the host wait for it. On Vulkan a copy of one's own is a launch with
-    a NumPy array, which gains nothing.
+    CUDA would copy NumPy arrays back, too, and have the host wait for it. On Vulkan a copy of one's
+    own is a launch with a NumPy array, which gains nothing.
     """
     return [upload(each) for each in values] if _started.get("backend") == "cuda" else list(values)
 
 
 def copy(values: ti.Ndarray, into: ti.Ndarray | None = None) -> ti.Ndarray:
-    """Return a copy of a device array of scalars; into: an earlier one, in whose place it is made where that is as large.
+    """Return a copy of a device array of scalars; into: an earlier one, in whose place it is made
+    where that is as large.
 
     New memory costs more than what is copied into it.
     """

@@ -1,7 +1,8 @@
-"""Tables in device arrays of two dimensions: a row for each thing, a column for each of its numbers.
+"""Tables in device arrays of two dimensions: a row for each thing, a column for each of its
+numbers.
 
-Where one thread reads many numbers of one thing they lie side by side so; where neighbouring threads
-read the same number of many things, kernels.runtime.rows is the layout.
+Where one thread reads many numbers of one thing they lie side by side so; where neighbouring
+threads read the same number of many things, kernels.runtime.rows is the layout.
 """
 
 from typing import Any

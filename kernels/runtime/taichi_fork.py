@@ -1,8 +1,10 @@
-"""A fork of Taichi in place of it, with groups of arguments (`ti.types.argpack`), which forks do not have.
+"""A fork of Taichi in place of it, with groups of arguments (`ti.types.argpack`), which forks do
+not have.
 
-A fork's kernel takes an object that holds arrays as a template, and compiles again for each object. So every launch of a
-kernel hands its groups over in the same objects, which take up the arrays of the groups and keep them until the next
-one. A template's numbers are part of what is compiled: numbers of a group go in as an array.
+A fork's kernel takes an object that holds arrays as a template, and compiles again for each object.
+So every launch of a kernel hands its groups over in the same objects, which take up the arrays of
+the groups and keep them until the next one. A template's numbers are part of what is compiled:
+numbers of a group go in as an array.
 """
 
 import functools
@@ -26,7 +28,10 @@ class Kind:
 
     def __call__(self, **values: Any) -> "Group":
         """Return a group with these values."""
-        return Group(self, values | {name: _numbers(self.members[name], values[name]) for name in self.vectors})
+        return Group(
+            self,
+            values | {name: _numbers(self.members[name], values[name]) for name in self.vectors},
+        )
 
 
 class Group:
@@ -39,13 +44,17 @@ class Group:
 def register(name: str) -> None:
     """Have `import taichi` give the fork of this name, which prints no banner then."""
     if "taichi" in sys.modules:
-        raise ImportError("DRIFT_TAICHI: this program has imported taichi already; import drift first")
+        raise ImportError(
+            "DRIFT_TAICHI: this program has imported taichi already; import drift first"
+        )
     os.environ.setdefault(f"ENABLE_{name.upper()}_HEADER_PRINT", "False")
     os.environ.setdefault("QD_ENABLE_PYBUF", "0")
     fork = importlib.import_module(name)
     types, taichi = ModuleType("taichi.types"), ModuleType("taichi")
     vars(types).update(vars(fork.types), argpack=Kind)
-    vars(taichi).update(vars(fork), types=types, ArgPack=Group, kernel=functools.partial(_kernel, fork))
+    vars(taichi).update(
+        vars(fork), types=types, ArgPack=Group, kernel=functools.partial(_kernel, fork)
+    )
     sys.modules |= {"taichi": taichi, "taichi.types": types}
 
 
@@ -92,7 +101,9 @@ def _kernel(fork: ModuleType, function: Callable[..., None]) -> Callable[..., No
     signature = inspect.signature(function)
     notes = {name: one.annotation for name, one in signature.parameters.items()}
     places = [place for place, kind in enumerate(notes.values()) if isinstance(kind, Kind)]
-    function.__annotations__ |= {name: fork.template() for name, kind in notes.items() if isinstance(kind, Kind)}
+    function.__annotations__ |= {
+        name: fork.template() for name, kind in notes.items() if isinstance(kind, Kind)
+    }
     compiled = fork.kernel(function)
     shells: dict[tuple[int, ...], list[Any]] = {}
 

@@ -1,8 +1,10 @@
-"""Taichi 1.7.4 by its insides: what its public interface does not offer, or does several times slower.
+"""Taichi 1.7.4 by its insides: what its public interface does not offer, or does several times
+slower.
 
-Everything that reaches into Taichi stands here, and kernels.runtime.taichi_public has the same functions without it, for any
-other release; kernels.runtime.taichi_way chooses. A kernel with its arguments set once relies on kernel_impl.Kernel.launch_kernel,
-a column that is read where it lies on Program.get_ndarray_data_ptr_as_int.
+Everything that reaches into Taichi stands here, and kernels.runtime.taichi_public has the same
+functions without it, for any other release; kernels.runtime.taichi_way chooses. A kernel with its
+arguments set once relies on kernel_impl.Kernel.launch_kernel, a column that is read where it lies
+on Program.get_ndarray_data_ptr_as_int.
 """
 
 import ctypes
@@ -47,8 +49,8 @@ def cache() -> Path:
 def begin(backend: str) -> None:
     """Make ready what has just been started.
 
-    Only the thread of ti.init may lay out the (empty) tree of fields, which otherwise happens at the first launch, in
-    whatever thread; kernels are compiled and launched from any.
+    Only the thread of ti.init may lay out the (empty) tree of fields, which otherwise happens at
+    the first launch, in whatever thread; kernels are compiled and launched from any.
     """
     global _backend
     _backend = backend
@@ -63,10 +65,12 @@ def _place(self: Any, node: Any) -> str:
 
 
 def _quicken() -> None:
-    """Have Taichi read each source once, and say of an error in which line it is: two fifths of the time of reading.
+    """Have Taichi read each source once, and say of an error in which line it is: two fifths of the
+    time of reading.
 
-    It lays out the source of every single expression in lines of 80 characters, in case that there is an error in it, and
-    looks up, reads and lays out the source of a function wherever it is called. What is compiled does not change.
+    It lays out the source of every single expression in lines of 80 characters, in case that there
+    is an error in it, and looks up, reads and lays out the source of a function wherever it is
+    called. What is compiled does not change.
     """
     ast_transformer_utils.ASTTransformerContext.get_pos_info = _place
     once = functools.lru_cache(None)
@@ -82,8 +86,8 @@ class Column(ti.ScalarNdarray):
 
     Taichi would launch a kernel for each copy.
 
-    It is made without the trace of the caller that Taichi's own array keeps for its messages: the trace takes most of
-    the time of making one.
+    It is made without the trace of the caller that Taichi's own array keeps for its messages: the
+    trace takes most of the time of making one.
     """
 
     def __init__(self, dtype, n: int, zeroed: bool = True) -> None:
@@ -150,7 +154,9 @@ def _copied(way: str, to: int, of: int, size: int) -> None:
 
 @functools.cache
 def _driver() -> tuple[Any, Any]:
-    """Return CUDA's driver and the context in which Taichi has its arrays: the first card's primary one."""
+    """Return CUDA's driver and the context in which Taichi has its arrays: the first card's primary
+    one.
+    """
     driver = ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so")
     device, context = ctypes.c_int(), ctypes.c_void_p()
     driver.cuDeviceGet(ctypes.byref(device), 0)
@@ -175,14 +181,18 @@ def copy_into(values: Column, fresh: Column) -> None:
 
 
 def lying(held: Column) -> np.ndarray | None:
-    """Return a column where it lies in a CPU's memory; None on a card. It must not be used after the column is gone."""
+    """Return a column where it lies in a CPU's memory; None on a card.
+
+    It must not be used after the column is gone.
+    """
     return held._memory() if _backend == "cpu" else None
 
 
 def nodes(n: int) -> ti.Ndarray:
     """Return a zeroed device array of n vectors of four float32.
 
-    Taichi 1.7.4 frees scalar ndarrays but forgets vector ones (ScalarNdarray has __del__, VectorNdarray has none).
+    Taichi 1.7.4 frees scalar ndarrays but forgets vector ones (ScalarNdarray has __del__,
+    VectorNdarray has none).
     """
     made = ti.Vector.ndarray(4, ti.f32, shape=(n,))
     weakref.finalize(made, _free, impl.get_runtime().prog, made.arr, os.getpid()).atexit = False
@@ -190,13 +200,18 @@ def nodes(n: int) -> ti.Ndarray:
 
 
 def _free(program: Any, array: Any, owner: int) -> None:
-    """Free an array, in the process that made it: the driver of a card serves no copies of the process."""
+    """Free an array, in the process that made it: the driver of a card serves no copies of the
+    process.
+    """
     if os.getpid() == owner:
         program.delete_ndarray(array)
 
 
 def pairs(held: ti.Ndarray) -> np.ndarray | None:
-    """Return an array of `nodes` where it lies, each as two pairs of float32 in 64 bits (n, 2); None on a card."""
+    """Return an array of `nodes` where it lies, each as two pairs of float32 in 64 bits (n, 2);
+
+    None on a card.
+    """
     n = held.shape[0]
     return _memory(held.arr, 2 * n, ctypes.c_int64).reshape(n, 2) if _backend == "cpu" else None
 
@@ -213,7 +228,11 @@ class Pack(ArgPack):
         self._ArgPack__annotations = kind.members
         self._ArgPack__dtype = kind.dtype
         self._ArgPack__argpack = impl.get_runtime().prog.create_argpack(kind.dtype)
-        numbers = [name for name, member in kind.members.items() if not isinstance(member, ndarray_type.NdarrayType)]
+        numbers = [
+            name
+            for name, member in kind.members.items()
+            if not isinstance(member, ndarray_type.NdarrayType)
+        ]
         for place, name in enumerate(numbers):
             self._write_to_device(kind.members[name], type(members[name]), members[name], place)
 
@@ -224,25 +243,38 @@ pack = Pack
 def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
     """Return a function that launches a kernel with these arguments.
 
-    The function takes the whole numbers named in `changing`; all other arguments stay as they are. Arrays are
-    `ti.Ndarray`s, and stay alive as long as the function does, alone or in a `pack`; a structure comes as a dict.
+    The function takes the whole numbers named in `changing`; all other arguments stay as they are.
+    Arrays are `ti.Ndarray`s, and stay alive as long as the function does, alone or in a `pack`; a
+    structure comes as a dict.
     """
     primal = kernel._primal
     program = impl.get_runtime().prog
     each = zip(primal.arguments, args, strict=True)
-    key = (primal, *(value for argument, value in each if isinstance(argument.annotation, template)))
+    key = (
+        primal,
+        *(value for argument, value in each if isinstance(argument.annotation, template)),
+    )
     if key not in _known:
         compiled = primal.compiled_kernels[primal.ensure_compiled(*_structured(primal, args))]
-        _known[key] = compiled, program.compile_kernel(program.config(), program.get_device_caps(), compiled)
+        _known[key] = (
+            compiled,
+            program.compile_kernel(program.config(), program.get_device_caps(), compiled),
+        )
     compiled, code = _known[key]
-    real = [(a, v) for a, v in zip(primal.arguments, args, strict=True) if not isinstance(a.annotation, template)]
+    real = [
+        (a, v)
+        for a, v in zip(primal.arguments, args, strict=True)
+        if not isinstance(a.annotation, template)
+    ]
     arrays, packed = [], []
     for place, (argument, value) in enumerate(real):
         if isinstance(argument.annotation, ndarray_type.NdarrayType):
             arrays.append(((place,), value.arr))
         elif isinstance(argument.annotation, ArgPackType):
             members = zip(argument.annotation.members.values(), value._members, strict=True)
-            packed += [own.arr for kind, own in members if isinstance(kind, ndarray_type.NdarrayType)]
+            packed += [
+                own.arr for kind, own in members if isinstance(kind, ndarray_type.NdarrayType)
+            ]
     # Taichi puts the arrays of groups after all else.
     arrays += [((len(real) + k,), array) for k, array in enumerate(packed)]
     slots = [(next(k for k, (a, _) in enumerate(real) if a.name == name),) for name in changing]
@@ -256,7 +288,8 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
                 _set(context, place, argument.annotation, value)
         return context
 
-    # A launch on CUDA frees a buffer of the context, and leaves its address there: such a context serves once.
+    # A launch on CUDA frees a buffer of the context, and leaves its address there: such a context
+    # serves once.
     lasting = None if _backend == "cuda" else fresh()
 
     def launch_bound(*values: int, kept: tuple = args) -> None:
@@ -273,13 +306,19 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
 def _structured(primal: Any, args: tuple) -> list:
     """Return the arguments with structures as Taichi takes them, which are slow to make."""
     each = zip(primal.arguments, args, strict=True)
-    return [a.annotation(**_typed(a.annotation, v)) if isinstance(a.annotation, StructType) else v for a, v in each]
+    return [
+        a.annotation(**_typed(a.annotation, v)) if isinstance(a.annotation, StructType) else v
+        for a, v in each
+    ]
 
 
 def _typed(kind: StructType, numbers: dict[str, float]) -> dict[str, float]:
     """Return numbers as floats where a structure holds floats: it takes no others."""
     real = primitive_types.real_types
-    return {name: float(numbers[name]) if dtype in real else numbers[name] for name, dtype in kind.members.items()}
+    return {
+        name: float(numbers[name]) if dtype in real else numbers[name]
+        for name, dtype in kind.members.items()
+    }
 
 
 def _set(context: Any, place: int, kind: Any, value: Any) -> None:

@@ -1,7 +1,9 @@
-"""Taichi by its public interface alone: for releases other than 1.7.4, whose insides are not known here.
+"""Taichi by its public interface alone: for releases other than 1.7.4, whose insides are not known
+here.
 
-It has the functions of kernels.runtime.taichi_inside, with the same bits and more time: a launch looks at all arguments again,
-columns are copied by kernels, and arrays of nodes are freed as that release does it (1.7.4 never does).
+It has the functions of kernels.runtime.taichi_inside, with the same bits and more time: a launch
+looks at all arguments again, columns are copied by kernels, and arrays of nodes are freed as that
+release does it (1.7.4 never does).
 """
 
 import inspect
@@ -22,7 +24,9 @@ def cache() -> Path:
 
 
 def begin(backend: str) -> None:
-    """Make ready what has just been started: only the thread of ti.init may lay out the (empty) tree of fields."""
+    """Make ready what has just been started: only the thread of ti.init may lay out the (empty)
+    tree of fields.
+    """
     ti.sync()
 
 
@@ -57,7 +61,9 @@ def pack(kind: Any, members: dict[str, Any]) -> Any:
 
 
 def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
-    """Return a function that launches a kernel with these arguments, as kernels.runtime.taichi_inside.bind does."""
+    """Return a function that launches a kernel with these arguments, as
+    kernels.runtime.taichi_inside.bind does.
+    """
     parameters = list(inspect.signature(kernel).parameters.values())
     places = [next(k for k, one in enumerate(parameters) if one.name == name) for name in changing]
     own = [_structured(one.annotation, value) for one, value in zip(parameters, args, strict=True)]
@@ -71,8 +77,15 @@ def bind(kernel: Any, args: tuple, changing: tuple[str, ...]) -> Launch:
 
 
 def _structured(kind: Any, value: Any) -> Any:
-    """Return an argument as Taichi takes it: a structure holds floats where its kind does, and takes no others."""
+    """Return an argument as Taichi takes it: a structure holds floats where its kind does, and
+    takes no others.
+    """
     if not isinstance(kind, _Structure):
         return value
     real = (ti.f32, ti.f64)
-    return kind(**{name: float(value[name]) if dtype in real else value[name] for name, dtype in kind.members.items()})
+    return kind(
+        **{
+            name: float(value[name]) if dtype in real else value[name]
+            for name, dtype in kind.members.items()
+        }
+    )

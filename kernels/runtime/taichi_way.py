@@ -1,11 +1,14 @@
-"""How Taichi is used: by the insides of the release that is known, else by its public interface alone."""
+"""How Taichi is used: by the insides of the release that is known, else by its public interface
+alone.
+"""
 
 import os
 
 import taichi as ti
 
 KNOWN = (1, 7, 4)  # release whose insides kernels.runtime.taichi_inside uses
-PLAIN = "DRIFT_PLAIN_TAICHI"  # environment variable: 1 takes the public interface whatever the release, for tests
+# environment variable: 1 takes the public interface whatever the release, for tests
+PLAIN = "DRIFT_PLAIN_TAICHI"
 
 fork = ti.__name__ != "taichi"  # see kernels.runtime.taichi_fork
 inside = not fork and ti.__version__ == KNOWN and os.environ.get(PLAIN) != "1"

@@ -1,9 +1,11 @@
-"""How fast the current sets targets under way off their reckoned way, where they do not make it good.
+"""How fast the current sets targets under way off their reckoned way, where they do not make it
+good.
 
-A vessel that keeps its course by dead reckoning heads and goes through the water as its itinerary has it, and the
-current at the place where it really is carries it besides: dX/dt = way through the water + current(X, t). Its course is
-a compass course: at a higher latitude than reckoned the same way east spans more longitude. What sets it off is held
-constant over a step, as it is in the step's middle (the explicit midpoint rule, of order 2).
+A vessel that keeps its course by dead reckoning heads and goes through the water as its itinerary
+has it, and the current at the place where it really is carries it besides: dX/dt = way through the
+water + current(X, t). Its course is a compass course: at a higher latitude than reckoned the same
+way east spans more longitude. What sets it off is held constant over a step, as it is in the step's
+middle (the explicit midpoint rule, of order 2).
 """
 
 from typing import Any
@@ -60,8 +62,12 @@ def _feel(
             old = f32x2(error_rows[east_at], error_rows[east_at + n])
             error, since = old, ti.cast(begin - elapsed, ti.f32)
             if middle == 1:
-                w = noise.noise_words(seed0, seed1, noise.STREAM_FELT, i + shift[columns.scenario[i]], step)
-                new = errors.transition(old, std, errors.kept(memory, dt), noise.normals(w[0], w[1]))
+                w = noise.noise_words(
+                    seed0, seed1, noise.STREAM_FELT, i + shift[columns.scenario[i]], step
+                )
+                new = errors.transition(
+                    old, std, errors.kept(memory, dt), noise.normals(w[0], w[1])
+                )
                 error_rows[east_at], error_rows[east_at + n] = new[0], new[1]
                 error, since = 0.5 * (old + new), since + 0.5 * dt
             fraction = since / ti.cast(duration, ti.f32)
@@ -69,7 +75,15 @@ def _feel(
             if ti.static(members):
                 among = member[i]
             r = sample(
-                members, sea, 0, sea.ranges[CURRENT_FROM], sea.ranges[CURRENT_TO], lon[i], lat[i], fraction, among
+                members,
+                sea,
+                0,
+                sea.ranges[CURRENT_FROM],
+                sea.ranges[CURRENT_TO],
+                lon[i],
+                lat[i],
+                fraction,
+                among,
             )
             u, v = r[0] + error[0] + error_rows[bias_at], r[1] + error[1] + error_rows[bias_at + n]
             per_metre = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
@@ -100,11 +114,14 @@ def feel(
     memory: float,
     step: Any,
 ) -> None:
-    """Write how fast the current sets targets off during the step about to be made, and make a step of its error.
+    """Write how fast the current sets targets off during the step about to be made, and make a step
+    of its error.
 
-    columns: by name, those of kernels.steering.steer.COLUMNS; own, plan, seed, coast: see kernels.steering.steer. error: by name, the
-    columns of errors.ROWS [m/s], float32 (n,), and of members where the tiles have any. tiles, ranges: of the current
-    over the step. std [m/s], memory [s]: of the current's error, a component. A target where the current is not known is lost: it has no forcing.
+    columns: by name, those of kernels.steering.steer.COLUMNS; own, plan, seed, coast: see
+    kernels.steering.steer. error: by name, the columns of errors.ROWS [m/s], float32 (n,), and of
+    members where the tiles have any. tiles, ranges: of the current over the step. std [m/s], memory
+    [s]: of the current's error, a component. A target where the current is not known is lost: it
+    has no forcing.
     """
     for middle in (0, 1):
         lon, lat = runtime.copy(columns["lon"]), runtime.copy(columns["lat"])
@@ -112,9 +129,36 @@ def feel(
             runtime.upload(np.zeros(lon.shape[0], np.float32)),
             runtime.upload(np.zeros(lon.shape[0], np.float32)),
         )
-        steer.inside(columns, own, plan, seed, None, coast, step, (lon, lat), step.elapsed, 0, 0, velocity, middle)
+        steer.inside(
+            columns,
+            own,
+            plan,
+            seed,
+            None,
+            coast,
+            step,
+            (lon, lat),
+            step.elapsed,
+            0,
+            0,
+            velocity,
+            middle,
+        )
         _feel(
-            tiles.members > 1, *own.launched, steer.packed(columns),
-            rows.whole(error, errors.ROWS), members_of(error, tiles), tiles.sea(ranges),
-            lon, lat, *velocity, std, memory, *noise.key(seed), step.elapsed, step.duration, step.number, middle,
-        )  # fmt: skip
+            tiles.members > 1,
+            *own.launched,
+            steer.packed(columns),
+            rows.whole(error, errors.ROWS),
+            members_of(error, tiles),
+            tiles.sea(ranges),
+            lon,
+            lat,
+            *velocity,
+            std,
+            memory,
+            *noise.key(seed),
+            step.elapsed,
+            step.duration,
+            step.number,
+            middle,
+        )

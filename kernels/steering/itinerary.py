@@ -1,8 +1,10 @@
-"""Itineraries: the phases of what steers, and how each draws the next way point when one is reached.
+"""Itineraries: the phases of what steers, and how each draws the next way point when one is
+reached.
 
-A target follows way points with times, one after the other. What is settled at its birth (when it starts, how fast it
-is, on which side of a lane it keeps, where it goes in the end) is a function of its birth slot, so that a copy made by
-resampling keeps it; what chance decides later has the target's own slot in its key, so that copies part.
+A target follows way points with times, one after the other. What is settled at its birth (when it
+starts, how fast it is, on which side of a lane it keeps, where it goes in the end) is a function of
+its birth slot, so that a copy made by resampling keeps it; what chance decides later has the
+target's own slot in its key, so that copies part.
 
 All phases of all scenarios lie in one `Plan`. Times are whole seconds after the run's start.
 """
@@ -28,51 +30,58 @@ NORMAL, BOX, DISC, RING, ACROSS, ASIDE = range(6)  # laws of a way point's place
 BY_SPEED, AT_TIME, NORMAL_TIME = range(3)  # laws of its time
 
 AWAY, BETWEEN, RATE, SHARE = range(4)  # laws of distress; the first: there is none
-WET, STOPPED = 1, 2  # bits of what land means: way points are drawn in water; a target that meets the shore stops there
+# bits of what land means: way points are drawn in water; a target that meets the shore stops there
+WET, STOPPED = 1, 2
 
 NEVER = 2**31 - 1  # [s] a time that does not come
 TRIES = 256  # candidates of a way point: place in water and time in order; the last one stays
 TIMES = 256  # the first number of words for times, after those for places
 WORDS = 512  # numbers of words for each piece of way
-INWARD = 10.0  # [m] before the edge of its polygon at which a loiterer turns, so that rounding puts it on no wrong side
+# [m] before the edge of its polygon at which a loiterer turns, so that rounding puts it on no wrong
+# side
+INWARD = 10.0
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
 
-# The tables of all itineraries, those of whole numbers in one array, the others in another. `_at`: where a table begins
-# in its array. Those by phase, which are read most, stand first.
+# The tables of all itineraries, those of whole numbers in one array, the others in another. `_at`:
+# where a table begins in its array. Those by phase, which are read most, stand first.
 Plan = ti.types.argpack(
-    # By phase: kind; first way point, those all targets pass, destinations to choose from after them; first vertex of a
-    # ring, its vertices; when it is over [s], how long it lasts at most [s]; when it starts at the earliest [s], for
-    # times of way points; row of its behaviour.
+    # By phase: kind; first way point, those all targets pass, destinations to choose from after
+    # them; first vertex of a ring, its vertices; when it is over [s], how long it lasts at most
+    # [s]; when it starts at the earliest [s], for times of way points; row of its behaviour.
     numbers=Ints,
-    # By phase: course [rad] (4), speed [m/s] (4), start after the earliest [s] (4): see spreads.triangle; mean time
-    # between changes of course [s], 0: none; mean length of a leg [m]; K [m/sqrt(s)], standard deviation of its
-    # logarithm; lowest and highest speed made good between way points with times [m/s].
+    # By phase: course [rad] (4), speed [m/s] (4), start after the earliest [s] (4): see
+    # spreads.triangle; mean time between changes of course [s], 0: none; mean length of a leg [m];
+    # K [m/sqrt(s)], standard deviation of its logarithm; lowest and highest speed made good between
+    # way points with times [m/s].
     laws=Reals,
     # Vertices (lon, lat) of rings; this one counts in pairs of numbers.
     vertices_at=ti.i32,
-    # By scenario: first phase, the one after its last; bits of what land means; law of the distress, and its
-    # earliest time [s].
+    # By scenario: first phase, the one after its last; bits of what land means; law of the
+    # distress, and its earliest time [s].
     stories_at=ti.i32,
-    # By way point: law of the place; lon, lat; first vertex of a ring, its vertices; the ring's box (west, south, width,
-    # height); law of the time, and its beginning or mean [s after the start].
+    # By way point: law of the place; lon, lat; first vertex of a ring, its vertices; the ring's box
+    # (west, south, width, height); law of the time, and its beginning or mean [s after the start].
     points_at=ti.i32,
     # By vertex of the trackers' ways: time [s], ascending in each; lon, lat
     tracks_at=ti.i32,
-    # By scenario: distress after the earliest time [s], or by share of the voyage (4), see spreads.triangle; its
-    # rate [1/s].
+    # By scenario: distress after the earliest time [s], or by share of the voyage (4), see
+    # spreads.triangle; its rate [1/s].
     story_laws_at=ti.i32,
-    # By way point: major, minor axis [m] and orientation [rad from north] (of a lane: half width, -, bearing of the
-    # displacement); distance from the way point before [m]; how much of the deviation from the way point before it has,
-    # east of east, east of north, north of east, north of north; time (4), see spreads.triangle, or its standard
-    # deviation [s]; largest cos(lat) in the ring; probability of this destination and those before.
+    # By way point: major, minor axis [m] and orientation [rad from north] (of a lane: half width,
+    # -, bearing of the displacement); distance from the way point before [m]; how much of the
+    # deviation from the way point before it has, east of east, east of north, north of east, north
+    # of north; time (4), see spreads.triangle, or its standard deviation [s]; largest cos(lat) in
+    # the ring; probability of this destination and those before.
     point_laws_at=ti.i32,
-    # By behaviour: least and longest time between acts [s]; probability to change, to seek, to hide and to leave that;
-    # sector on either side in which one hides [rad]; highest speed [m/s]. Its phase's vertices are those of `tracks`.
+    # By behaviour: least and longest time between acts [s]; probability to change, to seek, to hide
+    # and to leave that; sector on either side in which one hides [rad]; highest speed [m/s]. Its
+    # phase's vertices are those of `tracks`.
     behaviours_at=ti.i32,
 )
-NUMBERS = ("phases", "vertices", "stories", "points", "tracks")  # tables in the order in which they stand
+# tables in the order in which they stand
+NUMBERS = ("phases", "vertices", "stories", "points", "tracks")
 LAWS = ("phase_laws", "story_laws", "point_laws", "behaviours")
 
 
@@ -81,7 +90,10 @@ def packed(tables: Mapping[str, np.ndarray]) -> Any:
 
     `vertices` holds lon, lat of rings.
     """
-    whole = {**tables, "phases": np.append(tables["phases"], np.zeros(tables["phases"].size % 2, np.int32))}
+    whole = {
+        **tables,
+        "phases": np.append(tables["phases"], np.zeros(tables["phases"].size % 2, np.int32)),
+    }
     arrays, begins = [], {}
     for names in (NUMBERS, LAWS):
         ends = np.cumsum([whole[name].size for name in names]).tolist()
@@ -93,13 +105,17 @@ def packed(tables: Mapping[str, np.ndarray]) -> Any:
 
 @ti.dataclass
 class Target:
-    """Where a target is and where it goes next, by its reckoning; and how far the current has set it off that."""
+    """Where a target is and where it goes next, by its reckoning; and how far the current has set
+    it off that.
+    """
 
     lon: ti.i32
     lat: ti.i32
     time: ti.i32  # [s]
     phase: ti.i32  # number in the `Plan`
-    leg: ti.i32  # number of the next way point; of a loiter, see `_loiter`; of what acts, FREE, SEEKING or HIDING
+    # number of the next way point; of a loiter, see `_loiter`; of what acts, FREE, SEEKING or
+    # HIDING
+    leg: ti.i32
     to_lon: ti.i32
     to_lat: ti.i32
     to_time: ti.i32  # [s] when the way point is reached, or the course is changed
@@ -107,7 +123,8 @@ class Target:
     course: ti.f32  # [rad]
     speed: ti.f32  # [m/s]
     over: ti.i32  # 1: it has reached its last way point
-    set_lon: ti.i32  # [binary angle] how far off it was at `set_since`; nothing of what makes good the current
+    # [binary angle] how far off it was at `set_since`; nothing of what makes good the current
+    set_lon: ti.i32
     set_lat: ti.i32
     rate_lon: ti.f32  # [binary angle/s] how fast it is set off
     rate_lat: ti.f32
@@ -130,7 +147,8 @@ class Chance:
 def settled(key: Chance, phase: ti.i32, number: ti.i32) -> ti.types.vector(4, ti.u32):
     """Return words of what is settled at birth for a phase.
 
-    number: 0 for speed and destination, 1 for the start and K, 2 for the first course, 3 for the side of the way.
+    number: 0 for speed and destination, 1 for the start and K, 2 for the first course, 3 for the
+    side of the way.
     """
     return noise.further(key.seed0, key.seed1, noise.STREAM_BIRTH, key.birth, 8 * phase + number, 0)
 
@@ -138,7 +156,9 @@ def settled(key: Chance, phase: ti.i32, number: ti.i32) -> ti.types.vector(4, ti
 @ti.func
 def drawn(key: Chance, number: ti.i32) -> ti.types.vector(4, ti.u32):
     """Return words of what is drawn on the way."""
-    return noise.further(key.seed0, key.seed1, noise.STREAM_AIM, key.slot, key.step, key.count * WORDS + number + 1)
+    return noise.further(
+        key.seed0, key.seed1, noise.STREAM_AIM, key.slot, key.step, key.count * WORDS + number + 1
+    )
 
 
 @ti.func
@@ -151,7 +171,9 @@ def first(key: Chance, phase: ti.i32) -> Chance:
 
 @ti.func
 def course_of(plan: ti.template(), key: Chance, phase: ti.i32):
-    """Return a course [rad] and a speed [m/s] of a phase that keeps them, and a word for when it changes them."""
+    """Return a course [rad] and a speed [m/s] of a phase that keeps them, and a word for when it
+    changes them.
+    """
     at = phase * PHASE_LAW
     w, v = drawn(key, 0), drawn(key, 1)
     course = spreads.triangle(law(plan.laws, at), noise.uniform(w[0]), noise.uniform(w[1]))
@@ -179,7 +201,9 @@ def own_speed(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.f32:
 
 @ti.func
 def own_start(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.i32:
-    """Return when [s] the itinerary of a phase starts: the time that offsets of its way points count from."""
+    """Return when [s] the itinerary of a phase starts: the time that offsets of its way points
+    count from.
+    """
     w = settled(key, phase, 1)
     starts = law(plan.laws, phase * PHASE_LAW + 8)
     after = spreads.triangle(starts, noise.uniform(w[0]), noise.uniform(w[1]))
@@ -217,7 +241,9 @@ def own_destination(plan: ti.template(), key: Chance, phase: ti.i32) -> ti.i32:
 
 
 @ti.func
-def _in_ring(plan: ti.template(), lon: ti.i32, lat: ti.i32, west: ti.i32, first: ti.i32, many: ti.i32):
+def _in_ring(
+    plan: ti.template(), lon: ti.i32, lat: ti.i32, west: ti.i32, first: ti.i32, many: ti.i32
+):
     return inside_ring(lon, lat, west, plan.numbers, plan.vertices_at + first, many)
 
 
@@ -230,7 +256,8 @@ def draw_waypoint(
     before: f32x2,
     words: ti.types.vector(4, ti.u32),
 ):
-    """Return (lon, lat, found) of a way point: a candidate from its law; found: 0 if it missed the ring.
+    """Return (lon, lat, found) of a way point: a candidate from its law; found: 0 if it missed the
+    ring.
 
     before: deviation (east, north) [m] of the target from the centre of the way point before.
     """
@@ -239,11 +266,17 @@ def draw_waypoint(
     found = 1
     if kind == RING:
         width, height = ti.cast(plan.numbers[n + 7], ti.u32), ti.cast(plan.numbers[n + 8], ti.u32)
-        x = plan.numbers[n + 5] + ti.cast(ti.cast(words[0], ti.u64) * ti.cast(width, ti.u64) >> ti.u64(32), ti.i32)
-        y = plan.numbers[n + 6] + ti.cast(ti.cast(words[1], ti.u64) * ti.cast(height, ti.u64) >> ti.u64(32), ti.i32)
+        x = plan.numbers[n + 5] + ti.cast(
+            ti.cast(words[0], ti.u64) * ti.cast(width, ti.u64) >> ti.u64(32), ti.i32
+        )
+        y = plan.numbers[n + 6] + ti.cast(
+            ti.cast(words[1], ti.u64) * ti.cast(height, ti.u64) >> ti.u64(32), ti.i32
+        )
         found = 0
         if noise.uniform(words[2]) * plan.laws[at + 12] < sphere.cos_lat(y):
-            found = _in_ring(plan, x, y, plan.numbers[n + 5], plan.numbers[n + 3], plan.numbers[n + 4])
+            found = _in_ring(
+                plan, x, y, plan.numbers[n + 5], plan.numbers[n + 3], plan.numbers[n + 4]
+            )
     else:
         major, minor, turn = plan.laws[at], plan.laws[at + 1], plan.laws[at + 2]
         along, across = 0.0, 0.0
@@ -253,17 +286,27 @@ def draw_waypoint(
             if kind == ASIDE:
                 along = major * noise.normals(w[0], w[1])[0]
         elif kind == BOX:
-            along, across = major * (2 * noise.uniform(words[0]) - 1), minor * (2 * noise.uniform(words[1]) - 1)
+            along, across = (
+                major * (2 * noise.uniform(words[0]) - 1),
+                minor * (2 * noise.uniform(words[1]) - 1),
+            )
         elif kind == DISC:
-            r, t = major * ti.sqrt(noise.uniform(words[0])), 6.283185307179586 * noise.uniform(words[1])
+            r, t = (
+                major * ti.sqrt(noise.uniform(words[0])),
+                6.283185307179586 * noise.uniform(words[1]),
+            )
             s, c = angles.sincos(t)
             along, across = r * c, r * s
         else:
             g = noise.normals(words[0], words[1])
             along, across = major * g[0], minor * g[1]
         s, c = angles.sincos(turn)
-        east = along * s + across * c + plan.laws[at + 4] * before[0] + plan.laws[at + 5] * before[1]
-        north = along * c - across * s + plan.laws[at + 6] * before[0] + plan.laws[at + 7] * before[1]
+        east = (
+            along * s + across * c + plan.laws[at + 4] * before[0] + plan.laws[at + 5] * before[1]
+        )
+        north = (
+            along * c - across * s + plan.laws[at + 6] * before[0] + plan.laws[at + 7] * before[1]
+        )
         x, y = sphere.exponential(x, y, east, north)
     return x, y, found
 
@@ -277,12 +320,16 @@ def when(plan: ti.template(), point: ti.i32, start: ti.i32, word: ti.u32, other:
         after = spreads.triangle(law(plan.laws, at), noise.uniform(word), noise.uniform(other))
     else:
         after = plan.laws[at] * noise.normals(word, other)[0]
-    return start + plan.numbers[plan.points_at + point * POINT + 10] + ti.cast(ti.round(after), ti.i32)
+    return (
+        start + plan.numbers[plan.points_at + point * POINT + 10] + ti.cast(ti.round(after), ti.i32)
+    )
 
 
 @ti.func
 def set_at(target: Target, time: ti.i32):
-    """Return (dlon, dlat) [binary angle] by which the current has set a target off its reckoned way at a time [s]."""
+    """Return (dlon, dlat) [binary angle] by which the current has set a target off its reckoned way
+    at a time [s].
+    """
     lasting = ti.cast(time - target.set_since, ti.f32)
     dlon = target.set_lon + ti.cast(ti.round(target.rate_lon * lasting), ti.i32)
     return dlon, target.set_lat + ti.cast(ti.round(target.rate_lat * lasting), ti.i32)
@@ -296,7 +343,14 @@ def on_course(plan: ti.template(), phase: ti.i32) -> ti.i32:
 
 
 @ti.func
-def aim(coastal: ti.i32, plan: ti.template(), key: Chance, story: ti.i32, target: Target, coast: ti.template()):
+def aim(
+    coastal: ti.i32,
+    plan: ti.template(),
+    key: Chance,
+    story: ti.i32,
+    target: Target,
+    coast: ti.template(),
+):
     """Return a target that has reached its way point with the next one drawn; over: there is none."""
     t = target
     t.over = 0
@@ -352,7 +406,9 @@ def _way_point(
     point: ti.i32,
     coast: ti.template(),
 ):
-    """Return a target with a way point drawn: of a route, a track or a bridge, or one inside a polygon."""
+    """Return a target with a way point drawn: of a route, a track or a bridge, or one inside a
+    polygon.
+    """
     t = target
     before = f32x2(0.0)
     if t.leg > 0:
@@ -411,9 +467,11 @@ def _course(plan: ti.template(), key: Chance, target: Target):
 def _act(plan: ti.template(), key: Chance, target: Target):
     """Return a target that has acted, and when it acts next.
 
-    It keeps its course, takes any other at any speed, or seeks or hides from then on: at each of its acts it aims where it
-    would meet the tracker, who is taken to keep its course, or about the reciprocal of the bearing to it (Borovies 2007,
-    Naval Postgraduate School, hdl.handle.net/10945/3648, figure 50). kernels.tracking.follower does the same for a tracker's clouds.
+    It keeps its course, takes any other at any speed, or seeks or hides from then on: at each of
+    its acts it aims where it would meet the tracker, who is taken to keep its course, or about the
+    reciprocal of the bearing to it (Borovies 2007, Naval Postgraduate School,
+    hdl.handle.net/10945/3648, figure 50). kernels.tracking.follower does the same for a tracker's
+    clouds.
     """
     t = target
     row = plan.behaviours_at + plan.numbers[t.phase * PHASE + 8] * BEHAVIOUR
@@ -457,7 +515,8 @@ def _reaction(plan: ti.template(), t: Target, row: ti.i32, uniform: ti.f32) -> t
     if t.leg == HIDING:
         course += 3.141592653589793 + (2.0 * uniform - 1.0) * plan.laws[row + 6]
     else:
-        # What is across the line of sight must be the same for both: then the bearing stays and they meet.
+        # What is across the line of sight must be the same for both: then the bearing stays and
+        # they meet.
         back = sphere.offset(x, y, t.lon + dlon, t.lat + dlat)
         far = ti.sqrt(back[0] * back[0] + back[1] * back[1])
         lead = (pace[1] * back[0] - pace[0] * back[1]) / ti.max(far * t.speed, 1e-6)
@@ -469,7 +528,9 @@ def _reaction(plan: ti.template(), t: Target, row: ti.i32, uniform: ti.f32) -> t
 
 @ti.func
 def tracker_at(plan: ti.template(), vertex: ti.i32, many: ti.i32, time: ti.i32):
-    """Return (lon, lat, velocity east and north [m/s]) of a tracker at a time [s]; before and after its way it stays."""
+    """Return (lon, lat, velocity east and north [m/s]) of a tracker at a time [s]; before and after
+    its way it stays.
+    """
     low, high = 0, many - 1
     while low < high:
         middle = (low + high) // 2
@@ -485,7 +546,9 @@ def tracker_at(plan: ti.template(), vertex: ti.i32, many: ti.i32, time: ti.i32):
         x, y = plan.numbers[a + 1], plan.numbers[a + 2]
         if plan.numbers[a] <= time:
             way = sphere.offset(x, y, plan.numbers[b + 1], plan.numbers[b + 2])
-            share = ti.cast(time - plan.numbers[a], ti.f32) / ti.cast(plan.numbers[b] - plan.numbers[a], ti.f32)
+            share = ti.cast(time - plan.numbers[a], ti.f32) / ti.cast(
+                plan.numbers[b] - plan.numbers[a], ti.f32
+            )
             x, y = sphere.exponential(x, y, share * way[0], share * way[1])
             # By the farther of both ends: positions are whole units of 9 mm.
             if share < 0.5:
@@ -501,11 +564,12 @@ def tracker_at(plan: ti.template(), vertex: ti.i32, many: ti.i32, time: ti.i32):
 def _loiter(plan: ti.template(), key: Chance, target: Target):
     """Return a target with the next leg inside the polygon of its phase, and -1.
 
-    The leg is a great circle of exponential length in any direction; at the polygon's edge it is reflected, with a
-    length drawn anew: an exponential law has no memory. So the law uniform in the polygon stays uniform. leg: 0 as the
-    phase begins, 1 inside, 2 + k at edge k.
+    The leg is a great circle of exponential length in any direction; at the polygon's edge it is
+    reflected, with a length drawn anew: an exponential law has no memory. So the law uniform in the
+    polygon stays uniform. leg: 0 as the phase begins, 1 inside, 2 + k at edge k.
 
-    A target that comes from outside goes in first, to any place in the polygon: the way point of the number returned.
+    A target that comes from outside goes in first, to any place in the polygon: the way point of
+    the number returned.
     """
     t = target
     row, first = t.phase * PHASE, t.phase * PHASE_LAW
@@ -516,12 +580,15 @@ def _loiter(plan: ti.template(), key: Chance, target: Target):
     else:
         a, b = vertex + t.leg - 2, vertex + ti.select(t.leg - 1 < many, t.leg - 1, 0)
         a, b = 2 * (plan.vertices_at + a), 2 * (plan.vertices_at + b)
-        edge = sphere.offset(plan.numbers[a], plan.numbers[a + 1], plan.numbers[b], plan.numbers[b + 1])
+        edge = sphere.offset(
+            plan.numbers[a], plan.numbers[a + 1], plan.numbers[b], plan.numbers[b + 1]
+        )
         t.course = 2.0 * angles.atan2(edge[0], edge[1]) - t.course
     length = spreads.waiting(plan.laws[first + 13], noise.uniform(w[1]))
     length = ti.min(length, t.speed * ti.cast(t.phase_end - t.time, ti.f32))
     s, c = angles.sincos(t.course)
-    # Great circles are straight in the gnomonic plane of the target, where the tangent of an arc is its length.
+    # Great circles are straight in the gnomonic plane of the target, where the tangent of an arc is
+    # its length.
     hit, crossed = -1, 0
     reach = angles.tan(ti.min(length * ti.f32(1.0 / sphere.RADIUS), 1.5))
     before = f32x2(0.0)
@@ -534,7 +601,8 @@ def _loiter(plan: ti.template(), key: Chance, target: Target):
             if along > 0.0:
                 crossed += 1
                 if along < reach:
-                    reach, hit = along, (k + many - 2) % many  # the edge from the vertex before to this one
+                    # the edge from the vertex before to this one
+                    reach, hit = along, (k + many - 2) % many
         before = q
     point = -1
     if crossed & 1 == 1:

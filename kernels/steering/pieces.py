@@ -1,12 +1,14 @@
 """The pieces of particles' paths in a step, as every kernel of evidence takes them: `Paths`.
 
-What drifts goes straight in a step, or in each of a few parts of it: `straight` has the ends of that one piece in
-columns. Before it moves and after it went ashore it lies still, which makes a piece at either end.
+What drifts goes straight in a step, or in each of a few parts of it: `straight` has the ends of
+that one piece in columns. Before it moves and after it went ashore it lies still, which makes a
+piece at either end.
 
-What steers makes a list of pieces, which kernels.steering.steer writes once for every sensor that asks. The first piece stands at
-the target's own slot, all others behind the slots, wherever there was room; each says where the next one stands. What
-has arrived or lies aground has one piece more, on which it does not move. A piece may be a Brownian bridge. Where its
-shape matters it is halved at Levy's midpoints (`Part`), which are the same for every sensor that asks (kernels.maths.noise).
+What steers makes a list of pieces, which kernels.steering.steer writes once for every sensor that
+asks. The first piece stands at the target's own slot, all others behind the slots, wherever there
+was room; each says where the next one stands. What has arrived or lies aground has one piece more,
+on which it does not move. A piece may be a Brownian bridge. Where its shape matters it is halved at
+Levy's midpoints (`Part`), which are the same for every sensor that asks (kernels.maths.noise).
 """
 
 from collections.abc import Callable
@@ -39,8 +41,8 @@ Pieces = ti.types.argpack(
     piece_count=Ints,  # its number in the step, the key of its noise; NONE: the target has no piece
     piece_next=Ints,  # where the next piece stands, or NONE
     piece_k=Reals,  # K of the bridge [m/sqrt(s)]; 0: it goes straight
-    # East and north, one after the other [m/s]: of a bridge, the mean velocity of the leg of which it is a part. One
-    # array, for `_steer` of kernels.steering.steer has no buffer left on Metal.
+    # East and north, one after the other [m/s]: of a bridge, the mean velocity of the leg of which
+    # it is a part. One array, for `_steer` of kernels.steering.steer has no buffer left on Metal.
     piece_velocity=Reals,
     piece_used=Ints,  # (1,) how many pieces there are, slots and all
 )
@@ -76,7 +78,8 @@ Part = ti.types.struct(
 )
 
 Later = ti.types.struct(
-    many=ti.i32,  # of the parts that come later; where they end and their depths, the nearest one last
+    # of the parts that come later; where they end and their depths, the nearest one last
+    many=ti.i32,
     lons=Ends,
     lats=Ends,
     depths=Ends,
@@ -85,9 +88,15 @@ Later = ti.types.struct(
 
 @ti.func
 def first_piece(
-    steers: ti.template(), paths: ti.template(), i: ti.i32, status: ti.i32, elapsed: ti.i32, shore: ti.i32
+    steers: ti.template(),
+    paths: ti.template(),
+    i: ti.i32,
+    status: ti.i32,
+    elapsed: ti.i32,
+    shore: ti.i32,
 ) -> ti.i32:
-    """Return the first piece of a particle, or NONE: of what steers where it stands, of what drifts WAITS or MOVES.
+    """Return the first piece of a particle, or NONE: of what steers where it stands, of what drifts
+    WAITS or MOVES.
 
     shore: 1 if what lies ashore is seen.
     """
@@ -104,7 +113,9 @@ def first_piece(
 
 
 @ti.func
-def next_piece(steers: ti.template(), paths: ti.template(), here: ti.i32, status: ti.i32, shore: ti.i32) -> ti.i32:
+def next_piece(
+    steers: ti.template(), paths: ti.template(), here: ti.i32, status: ti.i32, shore: ti.i32
+) -> ti.i32:
     """Return the piece after another one, or NONE."""
     then = NONE
     if ti.static(steers):
@@ -117,10 +128,18 @@ def next_piece(steers: ti.template(), paths: ti.template(), here: ti.i32, status
 
 @ti.func
 def load_piece(
-    steers: ti.template(), paths: ti.template(), i: ti.i32, here: ti.i32, status: ti.i32, status_since: ti.i32,
-    elapsed: ti.i32, duration: ti.i32, shore: ti.i32,
-) -> Piece:  # fmt: skip
-    """Return a piece of particle i. It is empty where the particle lies aground and that is not seen.
+    steers: ti.template(),
+    paths: ti.template(),
+    i: ti.i32,
+    here: ti.i32,
+    status: ti.i32,
+    status_since: ti.i32,
+    elapsed: ti.i32,
+    duration: ti.i32,
+    shore: ti.i32,
+) -> Piece:
+    """Return a piece of particle i. It is empty where the particle lies aground and that is not
+    seen.
 
     elapsed, duration: of the part of the step that the paths cover [s].
     """
@@ -134,7 +153,9 @@ def load_piece(
         if shore == 0 and status == life.AGROUND and paths.piece_begin[here] >= status_since:
             piece.end = piece.begin
     else:
-        times = life.behind(status, paths.release[i], status_since, paths.moving_since[i], elapsed, duration)
+        times = life.behind(
+            status, paths.release[i], status_since, paths.moving_since[i], elapsed, duration
+        )
         seen, left, finish, gone = times[0], times[1], times[2], times[3]
         piece.lon, piece.lat = paths.straight_lon[i], paths.straight_lat[i]
         piece.to_lon, piece.to_lat = paths.straight_to_lon[i], paths.straight_to_lat[i]
@@ -160,9 +181,15 @@ def leg_velocity(paths: ti.template(), here: ti.i32) -> ti.types.vector(2, ti.f3
 def whole_piece(piece: Piece) -> Part:
     """Return a piece as its only part."""
     return Part(
-        lon=piece.lon, lat=piece.lat, to_lon=piece.to_lon, to_lat=piece.to_lat, begin=piece.begin, end=piece.end,
-        at=0, depth=0,
-    )  # fmt: skip
+        lon=piece.lon,
+        lat=piece.lat,
+        to_lon=piece.to_lon,
+        to_lat=piece.to_lat,
+        begin=piece.begin,
+        end=piece.end,
+        at=0,
+        depth=0,
+    )
 
 
 @ti.func
@@ -173,16 +200,27 @@ def no_later() -> Later:
 
 @ti.func
 def halve_part(
-    part: ti.template(), later: ti.template(), piece: Piece, seed0: ti.u32, seed1: ti.u32, slot: ti.i32, step: ti.i32,
+    part: ti.template(),
+    later: ti.template(),
+    piece: Piece,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    slot: ti.i32,
+    step: ti.i32,
     count: ti.i32,
-):  # fmt: skip
+):
     """Make a part of a bridge its first half, which ends at Levy's midpoint.
 
-    slot, step, count: number of the target in the whole run, of the step, and of the piece in the step: the key of
-    what chance decides.
+    slot, step, count: number of the target in the whole run, of the step, and of the piece in the
+    step: the key of what chance decides.
     """
     n = later.many
-    later.lons[n], later.lats[n], later.depths[n], later.many = part.to_lon, part.to_lat, part.depth + 1, n + 1
+    later.lons[n], later.lats[n], later.depths[n], later.many = (
+        part.to_lon,
+        part.to_lat,
+        part.depth + 1,
+        n + 1,
+    )
     middle = part.at + (1 << (DEPTH - part.depth - 1))
     w = noise.further(seed0, seed1, noise.STREAM_LEVY, slot, step, (count << (DEPTH + 1)) + middle)
     normal, half = noise.normals(w[0], w[1]), 0.5 * (part.end - part.begin)
@@ -198,7 +236,12 @@ def next_part(part: ti.template(), later: ti.template(), piece: Piece):
     part.lon, part.lat, part.depth = part.to_lon, part.to_lat, -1
     if later.many > 0:
         n = later.many - 1
-        part.to_lon, part.to_lat, part.depth, later.many = later.lons[n], later.lats[n], later.depths[n], n
+        part.to_lon, part.to_lat, part.depth, later.many = (
+            later.lons[n],
+            later.lats[n],
+            later.depths[n],
+            n,
+        )
         _time_part(part, piece)
 
 
@@ -207,17 +250,28 @@ def _time_part(part: ti.template(), piece: Piece):
     """Write when a part of a piece begins and ends."""
     whole = piece.end - piece.begin
     part.begin = piece.begin + whole * ti.cast(part.at, ti.f32) * (1.0 / (1 << DEPTH))
-    part.end = part.begin + whole * ti.cast(1 << (DEPTH - part.depth), ti.f32) * (1.0 / (1 << DEPTH))
+    part.end = part.begin + whole * ti.cast(1 << (DEPTH - part.depth), ti.f32) * (
+        1.0 / (1 << DEPTH)
+    )
 
 
 @ti.func
 def note(
-    pieces: ti.template(), slot: ti.i32, last: ti.i32, target: Target, x: ti.i32, y: ti.i32, end: ti.i32, k: ti.f32,
+    pieces: ti.template(),
+    slot: ti.i32,
+    last: ti.i32,
+    target: Target,
+    x: ti.i32,
+    y: ti.i32,
+    end: ti.i32,
+    k: ti.f32,
     count: ti.i32,
-):  # fmt: skip
-    """Write a piece of way of the target in a slot, from where it is to (x, y) at `end` [s]; return where it stands.
+):
+    """Write a piece of way of the target in a slot, from where it is to (x, y) at `end` [s]; return
+    where it stands.
 
-    last: where the piece before it stands, or NONE. Where there is no more room, a piece is only counted.
+    last: where the piece before it stands, or NONE. Where there is no more room, a piece is only
+    counted.
     """
     here, room = slot, pieces.piece_lon.shape[0]
     if last != NONE:
@@ -232,12 +286,17 @@ def note(
         if k > 0.0:
             far = sphere.offset(target.lon, target.lat, target.to_lon, target.to_lat)
             pace = 1.0 / ti.max(ti.cast(target.to_time - target.time, ti.f32), 1.0)
-            pieces.piece_velocity[2 * here], pieces.piece_velocity[2 * here + 1] = far[0] * pace, far[1] * pace
+            pieces.piece_velocity[2 * here], pieces.piece_velocity[2 * here + 1] = (
+                far[0] * pace,
+                far[1] * pace,
+            )
     return here if here < room else last
 
 
 class Paths(NamedTuple):
-    """The paths of some particles over a step just made or, of what drifts, over a part of it in which it goes straight."""
+    """The paths of some particles over a step just made or, of what drifts, over a part of it in
+    which it goes straight.
+    """
 
     own: Batch  # the particles
     steers: bool
@@ -264,39 +323,51 @@ def straight(
 ) -> Paths:
     """Return the paths of drifting particles over a part of a step in which they go straight.
 
-    ensemble: a drift.engine.particles.ensemble.Ensemble after the step. before, after: lon, lat [binary angle] at both ends of
-    the part, int32 on the device, (n,) each. The rest: see `Paths`.
+    ensemble: a drift.engine.particles.ensemble.Ensemble after the step. before, after: lon, lat
+    [binary angle] at both ends of the part, int32 on the device, (n,) each. The rest: see `Paths`.
     """
     pack = launch.pack(Straights, *before, *after, ensemble.release, ensemble.moving_since)
     return Paths(own, False, pack, elapsed, duration, step, polar)
 
 
 def steered(own: Batch, pack: Any, step: Any) -> Paths:
-    """Return the paths of targets in a step; pack: their pieces, see kernels.steering.steer.write_pieces; step: kernels.step.advance.Step."""
+    """Return the paths of targets in a step; pack: their pieces, see
+    kernels.steering.steer.write_pieces; step: kernels.step.advance.Step.
+    """
     return Paths(own, True, pack, step.elapsed, step.duration, step.number)
 
 
 class Room:
-    """The pieces of one step on the device; their columns are kept from step to step, and grow as need be."""
+    """The pieces of one step on the device; their columns are kept from step to step, and grow as
+    need be.
+    """
 
     def __init__(self, slots: int) -> None:
         self._slots, self._used = slots, runtime.empty(1, ti.i32)
         self._of(slots)
 
     def _of(self, size: int) -> None:
-        self.size, self.pack, self.columns = size, None, {}  # what was there goes before as much again comes
+        # what was there goes before as much again comes
+        self.size, self.pack, self.columns = size, None, {}
         sizes = dict.fromkeys(Pieces.members, size) | {"piece_velocity": 2 * size}
-        self.columns = {name: runtime.empty(sizes[name], member.dtype) for name, member in Pieces.members.items()}
+        self.columns = {
+            name: runtime.empty(sizes[name], member.dtype)
+            for name, member in Pieces.members.items()
+        }
         self.columns["piece_used"] = self._used
         self.pack = launch.pack(Pieces, *self.columns.values())
 
     def fill(self, write: Callable[[Any], None]) -> None:
-        """Have pieces written by what takes the pack, and again with more room until there is enough."""
+        """Have pieces written by what takes the pack, and again with more room until there is
+        enough.
+        """
         while not self.enough(write):
             pass
 
     def enough(self, write: Callable[[Any], None]) -> bool:
-        """Have pieces written by what takes the pack; return whether there was room for all, else make it."""
+        """Have pieces written by what takes the pack; return whether there was room for all, else
+        make it.
+        """
         self._used.from_numpy(np.array([self._slots], np.int32))
         write(self.pack)
         used = int(self._used.to_numpy()[0])

@@ -1,6 +1,7 @@
 """What is settled at the birth of each target that steers, and what no column holds.
 
-It is a function of the birth slot, which copies made by resampling inherit, so that it may be asked for at any time.
+It is a function of the birth slot, which copies made by resampling inherit, so that it may be asked
+for at any time.
 """
 
 import taichi as ti
@@ -15,20 +16,24 @@ from kernels.step.coast import Ints, Reals
 
 SPEED, FIRST_COURSE, DESTINATION, SPREAD_RATE, ARRIVAL = range(5)  # numbers in a row of `wanted`
 WANTED = 5
-FIELDS = ("speed", "course", "destination", "k", "arrival")  # of `Settled`, in the order of these numbers
+# of `Settled`, in the order of these numbers
+FIELDS = ("speed", "course", "destination", "k", "arrival")
 
 Settled = ti.types.argpack(
     speed=Reals,  # [m/s]
     course=Reals,  # [rad] clockwise from north; may be beyond a turn
     destination=Ints,  # number among the phase's destinations
     k=Reals,  # [m/sqrt(s)]
-    arrival=Ints,  # [s] when it comes to the end of its itinerary, unless its distress comes first; NEVER: unknown
+    # [s] when it comes to the end of its itinerary, unless its distress comes first; NEVER: unknown
+    arrival=Ints,
 )
 
 
 @ti.func
 def own_arrival(plan: ti.template(), key: Chance, phase: ti.i32, departure: ti.i32) -> ti.i32:
-    """Return when [s] a target reaches the last way point of a phase whose way points have no times of their own."""
+    """Return when [s] a target reaches the last way point of a phase whose way points have no times
+    of their own.
+    """
     speed, time = itinerary.own_speed(plan, key, phase), departure
     row = phase * PHASE
     for k in range(1, plan.numbers[row + 2]):
@@ -81,12 +86,21 @@ def _settle(
 def settle(columns, own: Batch, plan, seed: int, wanted, out) -> None:
     """Write what is settled of targets that steer.
 
-    columns: by name, `scenario` and those of kernels.steering.steer.WHOLE, int32 (n,). own: the slots that steer. wanted: int32
-    (scenarios * WANTED,), of which phase each is asked for, a number in the `Plan`, -1: of none, and nothing is
-    written. The phase of an arrival is the only one of its itinerary, and leads along way points without times. out: by
-    name, the columns (n,) of `Settled`.
+    columns: by name, `scenario` and those of kernels.steering.steer.WHOLE, int32 (n,). own: the
+    slots that steer. wanted: int32 (scenarios * WANTED,), of which phase each is asked for, a
+    number in the `Plan`, -1: of none, and nothing is written. The phase of an arrival is the only
+    one of its itinerary, and leads along way points without times. out: by name, the columns (n,)
+    of `Settled`.
     """
     _settle(
-        own.listed, own.first, own.last, own.slots, columns["scenario"], rows.whole(columns, steer.WHOLE), wanted,
-        plan, launch.pack(Settled, *(out[name] for name in FIELDS)), *noise.key(seed),
-    )  # fmt: skip
+        own.listed,
+        own.first,
+        own.last,
+        own.slots,
+        columns["scenario"],
+        rows.whole(columns, steer.WHOLE),
+        wanted,
+        plan,
+        launch.pack(Settled, *(out[name] for name in FIELDS)),
+        *noise.key(seed),
+    )

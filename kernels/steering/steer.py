@@ -1,12 +1,13 @@
 """One lattice step of all targets that steer, and where they are inside it.
 
-A target goes from one event of its itinerary to the next in pieces, each by a rhumb line, or along or about a great
-circle (kernels.steering.ways). The same pieces are made again, bit by bit, from what was kept of the step's begin, wherever
-something inside the step is asked for: where a target is at a time, and, once for all sensors, what these have seen
-of it (kernels.steering.pieces).
+A target goes from one event of its itinerary to the next in pieces, each by a rhumb line, or along
+or about a great circle (kernels.steering.ways). The same pieces are made again, bit by bit, from
+what was kept of the step's begin, wherever something inside the step is asked for: where a target
+is at a time, and, once for all sensors, what these have seen of it (kernels.steering.pieces).
 
-A target that feels the current keeps to its itinerary by dead reckoning, and the current sets it off its reckoned way,
-steadily within a step (kernels.steering.felt). What the columns hold is where it is; itineraries know only the reckoned place.
+A target that feels the current keeps to its itinerary by dead reckoning, and the current sets it
+off its reckoned way, steadily within a step (kernels.steering.felt). What the columns hold is where
+it is; itineraries know only the reckoned place.
 """
 
 from typing import Any
@@ -41,7 +42,16 @@ from kernels.steering.itinerary import (
 )
 from kernels.steering.pieces import NONE, Pieces, Room, note
 from kernels.step import life
-from kernels.step.coast import Coast, DeviceCoast, Ints, Reals, first_crossing, is_clear, is_wet, open_sea
+from kernels.step.coast import (
+    Coast,
+    DeviceCoast,
+    Ints,
+    Reals,
+    first_crossing,
+    is_clear,
+    is_wet,
+    open_sea,
+)
 
 MOVED, NOTED, BOTH = range(3)  # what a launch does with targets
 BIRTH = -(2**31)  # number of the lattice step, as a key, of what is drawn before any step
@@ -51,10 +61,22 @@ Longs = ti.types.ndarray(dtype=ti.i64, ndim=1)
 
 f32x2 = ti.types.vector(2, ti.f32)
 
-# The columns of an ensemble that the itinerary of a target needs, of shape (n,) each: those of the core, and those in
-# the rows of one array of whole numbers and of one of others (kernels.runtime.rows).
+# The columns of an ensemble that the itinerary of a target needs, of shape (n,) each: those of the
+# core, and those in the rows of one array of whole numbers and of one of others
+# (kernels.runtime.rows).
 CORE = ("lon", "lat", "status", "release", "status_since", "edge", "scenario")
-WHOLE = ("birth", "departure", "phase", "leg", "to_lon", "to_lat", "to_time", "phase_end", "set_lon", "set_lat")
+WHOLE = (
+    "birth",
+    "departure",
+    "phase",
+    "leg",
+    "to_lon",
+    "to_lat",
+    "to_time",
+    "phase_end",
+    "set_lon",
+    "set_lat",
+)
 REAL = ("course", "speed", "set_rate_lon", "set_rate_lat")
 COLUMNS = {**dict.fromkeys((*CORE, *WHOLE), Ints), **dict.fromkeys(REAL, Reals)}
 Columns = ti.types.argpack(**dict.fromkeys(CORE, Ints), steer_whole=Ints, steer_real=Reals)
@@ -79,19 +101,32 @@ Terms = ti.types.struct(
 
 @ti.func
 def loaded(columns: ti.template(), i: ti.i32, elapsed: ti.i32) -> Target:
-    """Return target i as its columns have it at the begin of a step [s], or at its departure in the step."""
+    """Return target i as its columns have it at the begin of a step [s], or at its departure in the
+    step.
+    """
     own, real = ti.static(columns.steer_whole, columns.steer_real)
     n = columns.lon.shape[0]  # a row's length
     begin = ti.max(elapsed, departure(columns, i))
     set_lon, set_lat = own[Own.SET_LON * n + i], own[Own.SET_LAT * n + i]
     return Target(
-        lon=columns.lon[i] - set_lon, lat=columns.lat[i] - set_lat, time=begin,
-        phase=own[Own.PHASE * n + i], leg=own[Own.LEG * n + i],
-        to_lon=own[Own.TO_LON * n + i], to_lat=own[Own.TO_LAT * n + i], to_time=own[Own.TO_TIME * n + i],
-        phase_end=own[Own.PHASE_END * n + i], course=real[Own.COURSE * n + i], speed=real[Own.SPEED * n + i], over=0,
-        set_lon=set_lon, set_lat=set_lat,
-        rate_lon=real[Own.SET_RATE_LON * n + i], rate_lat=real[Own.SET_RATE_LAT * n + i], set_since=begin,
-    )  # fmt: skip
+        lon=columns.lon[i] - set_lon,
+        lat=columns.lat[i] - set_lat,
+        time=begin,
+        phase=own[Own.PHASE * n + i],
+        leg=own[Own.LEG * n + i],
+        to_lon=own[Own.TO_LON * n + i],
+        to_lat=own[Own.TO_LAT * n + i],
+        to_time=own[Own.TO_TIME * n + i],
+        phase_end=own[Own.PHASE_END * n + i],
+        course=real[Own.COURSE * n + i],
+        speed=real[Own.SPEED * n + i],
+        over=0,
+        set_lon=set_lon,
+        set_lat=set_lat,
+        rate_lon=real[Own.SET_RATE_LON * n + i],
+        rate_lat=real[Own.SET_RATE_LAT * n + i],
+        set_since=begin,
+    )
 
 
 @ti.func
@@ -124,29 +159,42 @@ def wanders(plan: ti.template(), key: Chance, target: Target) -> ti.f32:
 
 @ti.func
 def piece(plan: ti.template(), key: Chance, target: Target, k: ti.f32, until: ti.i32):
-    """Return (lon, lat, time) where the next piece of a target's way ends: at `until` [s], or at its next event.
+    """Return (lon, lat, time) where the next piece of a target's way ends: at `until` [s], or at
+    its next event.
 
     k: see `wanders`.
     """
     end = ti.min(until, target.to_time)
     x, y = target.to_lon, target.to_lat
     if on_course(plan, target.phase):
-        x, y = ways.rhumb(target.lon, target.lat, target.course, target.speed * ti.cast(end - target.time, ti.f32))
+        x, y = ways.rhumb(
+            target.lon, target.lat, target.course, target.speed * ti.cast(end - target.time, ti.f32)
+        )
     elif end < target.to_time:
         dt, rest = ti.cast(end - target.time, ti.f32), ti.cast(target.to_time - end, ti.f32)
         normal = f32x2(0.0)
         if k > 0.0:
             w = noise.further(key.seed0, key.seed1, noise.STREAM_WAY, key.slot, key.step, key.count)
             normal = noise.normals(w[0], w[1])
-        x, y = ways.toward(target.lon, target.lat, target.to_lon, target.to_lat, dt, rest, k, normal)
+        x, y = ways.toward(
+            target.lon, target.lat, target.to_lon, target.to_lat, dt, rest, k, normal
+        )
     return x, y, end
 
 
 @ti.func
 def amid(
-    plan: ti.template(), target: Target, k: ti.f32, x: ti.i32, y: ti.i32, end: ti.i32, time: ti.f32, normal: f32x2
+    plan: ti.template(),
+    target: Target,
+    k: ti.f32,
+    x: ti.i32,
+    y: ti.i32,
+    end: ti.i32,
+    time: ti.f32,
+    normal: f32x2,
 ):
-    """Return where a target is at a time within a piece of its way that ends at (x, y) at `end` [s].
+    """Return where a target is at a time within a piece of its way that ends at (x, y) at `end`
+    [s].
 
     normal: two standard normal numbers of a Brownian bridge between the ends of the piece.
     """
@@ -155,7 +203,9 @@ def amid(
     if on_course(plan, target.phase):
         at_x, at_y = ways.rhumb(target.lon, target.lat, target.course, target.speed * dt)
     elif dt > 0.0:
-        at_x, at_y = ways.toward(target.lon, target.lat, x, y, dt, ti.cast(end, ti.f32) - time, k, normal)
+        at_x, at_y = ways.toward(
+            target.lon, target.lat, x, y, dt, ti.cast(end, ti.f32) - time, k, normal
+        )
     return at_x, at_y
 
 
@@ -171,7 +221,8 @@ def stretch(
     until: ti.i32,
     coast: ti.template(),
 ):
-    """Return (lon, lat, time, state, edge) at the expected end of a target's next piece, or where it meets the shore.
+    """Return (lon, lat, time, state, edge) at the expected end of a target's next piece, or where
+    it meets the shore.
 
     apart: whether the state is LATER where a way point is reached or the shore may be met.
     """
@@ -191,7 +242,9 @@ def stretch(
             else:
                 hit, x_stop, y_stop, share, number = first_crossing(ax, ay, bx - ax, by - ay, coast)
                 if hit == 1:
-                    time = target.time + ti.cast(share * ti.cast(time - target.time, ti.f32), ti.i32)
+                    time = target.time + ti.cast(
+                        share * ti.cast(time - target.time, ti.f32), ti.i32
+                    )
                     bx, by = set_at(target, time)
                     x, y, state, edge = x_stop - bx, y_stop - by, life.AGROUND, number
     return x, y, time, state, edge
@@ -242,7 +295,9 @@ def _moved(
     pieces: ti.template(),
     aside: ti.template(),
 ):
-    """Do with target i what `_steer` does; apart: whether it is put aside where `stretch` says LATER."""
+    """Do with target i what `_steer` does; apart: whether it is put aside where `stretch` says
+    LATER.
+    """
     end = elapsed + duration
     resting = columns.status[i] == life.ARRIVED or columns.status[i] == life.AGROUND
     if noted != MOVED:
@@ -261,7 +316,9 @@ def _moved(
             if state == life.UNDER_WAY:
                 key.count += 1
                 k = wanders(plan, key, t)
-                x, y, time, state_then, met = stretch(apart, coastal, plan, key, which, t, k, until, coast)
+                x, y, time, state_then, met = stretch(
+                    apart, coastal, plan, key, which, t, k, until, coast
+                )
             if ti.static(apart):
                 if state_then == LATER:
                     state = LATER
@@ -285,7 +342,8 @@ def _moved(
             if state != life.UNDER_WAY:
                 until = end if noted != MOVED else t.time
             if ti.static(apart):
-                break  # all the way was one piece: the compiler need not hold what a second one takes
+                # all the way was one piece: the compiler need not hold what a second one takes
+                break
         if state == LATER:
             _put_aside(i, aside)
         elif noted != NOTED and not resting:
@@ -295,10 +353,14 @@ def _moved(
                 if state == life.AGROUND:
                     columns.edge[i] = met
             x, y = _placed(columns, i, t)
-            # Every column that is touched costs: arrays as large as each other get into each other's way in a cache.
+            # Every column that is touched costs: arrays as large as each other get into each
+            # other's way in a cache.
             if turned == 1:
                 _aimed(columns, i, t)
-            outside = ti.cast(x - terms.west, ti.u32) > terms.width or ti.cast(y - terms.south, ti.u32) > terms.height
+            outside = (
+                ti.cast(x - terms.west, ti.u32) > terms.width
+                or ti.cast(y - terms.south, ti.u32) > terms.height
+            )
             if state == life.UNDER_WAY and outside:
                 state = life.LEFT
                 columns.status_since[i] = end
@@ -324,9 +386,12 @@ def _steer(
     pieces: Pieces,
     aside: Ints,
 ):
-    """Move targets, or note their pieces and leave the columns as they are, or both; noted: MOVED, NOTED or BOTH."""
-    # On a card what reaches a way point or comes near the shore has a loop of its own: it takes three times the registers
-    # of all else, which each thread would be given.
+    """Move targets, or note their pieces and leave the columns as they are, or both; noted:
+
+    MOVED, NOTED or BOTH.
+    """
+    # On a card what reaches a way point or comes near the shore has a loop of its own: it takes
+    # three times the registers of all else, which each thread would be given.
     apart = ti.static(bundle.alone())
     if ti.static(apart):
         aside[0] = 0
@@ -335,16 +400,41 @@ def _steer(
     for j in range(first, last):
         i = batch.listed_slot(listed, slots, j)
         _moved(
-            apart, coastal, i, shift, columns, plan, coast, terms, elapsed, duration, step, noted, pieces, aside
-        )  # fmt: skip
+            apart,
+            coastal,
+            i,
+            shift,
+            columns,
+            plan,
+            coast,
+            terms,
+            elapsed,
+            duration,
+            step,
+            noted,
+            pieces,
+            aside,
+        )
     if ti.static(apart):
         if ti.static(bundle.threads(256)):
             ti.loop_config(block_dim=256)
         for p in range(aside[0]):
             _moved(
-                False, coastal, aside[1 + p], shift, columns, plan, coast, terms, elapsed, duration, step, noted,
-                pieces, aside,
-            )  # fmt: skip
+                False,
+                coastal,
+                aside[1 + p],
+                shift,
+                columns,
+                plan,
+                coast,
+                terms,
+                elapsed,
+                duration,
+                step,
+                noted,
+                pieces,
+                aside,
+            )
 
 
 @ti.func
@@ -367,8 +457,16 @@ def _aimed(columns: ti.template(), i: ti.i32, t: Target):
     """Write where target i goes next."""
     own, real = ti.static(columns.steer_whole, columns.steer_real)
     n = columns.lon.shape[0]  # a row's length
-    own[Own.PHASE * n + i], own[Own.LEG * n + i], own[Own.PHASE_END * n + i] = t.phase, t.leg, t.phase_end
-    own[Own.TO_LON * n + i], own[Own.TO_LAT * n + i], own[Own.TO_TIME * n + i] = t.to_lon, t.to_lat, t.to_time
+    own[Own.PHASE * n + i], own[Own.LEG * n + i], own[Own.PHASE_END * n + i] = (
+        t.phase,
+        t.leg,
+        t.phase_end,
+    )
+    own[Own.TO_LON * n + i], own[Own.TO_LAT * n + i], own[Own.TO_TIME * n + i] = (
+        t.to_lon,
+        t.to_lat,
+        t.to_time,
+    )
     real[Own.COURSE * n + i], real[Own.SPEED * n + i] = t.course, t.speed
 
 
@@ -409,7 +507,9 @@ def _found_inside(
         while t.time < when and state == life.UNDER_WAY:
             key.count += 1
             k = wanders(plan, key, t)
-            x, y, time, state_then, _edge = stretch(apart, coastal, plan, key, which, t, k, until, coast)
+            x, y, time, state_then, _edge = stretch(
+                apart, coastal, plan, key, which, t, k, until, coast
+            )
             if ti.static(apart):
                 if state_then == LATER:
                     state = LATER
@@ -418,7 +518,9 @@ def _found_inside(
                 if t.time < since and since < time:
                     off_lon, off_lat = set_at(t, since)
                     t.lon, t.lat, t.time = at_lon[i] - off_lon, at_lat[i] - off_lat, since
-                w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_MIDWAY, key.slot, moment)
+                w = noise.noise_words(
+                    terms.seed0, terms.seed1, noise.STREAM_MIDWAY, key.slot, moment
+                )
                 normal = noise.normals(w[0], w[1])
                 t.lon, t.lat = amid(plan, t, k, x, y, time, ti.cast(when, ti.f32), normal)
                 t.time = when
@@ -478,22 +580,60 @@ def _inside(
     for j in range(first, last):
         i = batch.listed_slot(listed, slots, j)
         _found_inside(
-            apart, coastal, i, shift, before, plan, coast, terms, elapsed, duration, step, then, half, since, moment,
-            at_lon, at_lat, east, north, aside,
-        )  # fmt: skip
+            apart,
+            coastal,
+            i,
+            shift,
+            before,
+            plan,
+            coast,
+            terms,
+            elapsed,
+            duration,
+            step,
+            then,
+            half,
+            since,
+            moment,
+            at_lon,
+            at_lat,
+            east,
+            north,
+            aside,
+        )
     if ti.static(apart):
         if ti.static(bundle.threads(256)):
             ti.loop_config(block_dim=256)
         for p in range(aside[0]):
             _found_inside(
-                False, coastal, aside[1 + p], shift, before, plan, coast, terms, elapsed, duration, step, then, half,
-                since, moment, at_lon, at_lat, east, north, aside,
-            )  # fmt: skip
+                False,
+                coastal,
+                aside[1 + p],
+                shift,
+                before,
+                plan,
+                coast,
+                terms,
+                elapsed,
+                duration,
+                step,
+                then,
+                half,
+                since,
+                moment,
+                at_lon,
+                at_lat,
+                east,
+                north,
+                aside,
+            )
 
 
 @ti.func
 def velocity(plan: ti.template(), target: Target) -> f32x2:
-    """Return (east, north) [m/s] with which a target goes by its reckoning: on its course, or to its way point in time."""
+    """Return (east, north) [m/s] with which a target goes by its reckoning: on its course, or to
+    its way point in time.
+    """
     s, c = angles.sincos(target.course)
     found = target.speed * f32x2(s, c)
     if not on_course(plan, target.phase):
@@ -527,13 +667,21 @@ def _born(
         key = Chance(terms.seed0, terms.seed1, slot, slot, BIRTH, 0)
         story = plan.stories_at + which * STORY
         first_phase = plan.numbers[story]
-        t = Target(lon=columns.lon[i], lat=columns.lat[i], time=columns.release[i], phase=first_phase, leg=0)
+        t = Target(
+            lon=columns.lon[i],
+            lat=columns.lat[i],
+            time=columns.release[i],
+            phase=first_phase,
+            leg=0,
+        )
         if plan.numbers[first_phase * PHASE] == itinerary.WAY:
             point = plan.numbers[first_phase * PHASE + 1]
             found, tried = 0, 0
             while found == 0 and tried < MOST_TRIES:
                 w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_PRIOR, slot, tried)
-                t.lon, t.lat, found = itinerary.draw_waypoint(plan, key, first_phase, point, f32x2(0.0), w)
+                t.lon, t.lat, found = itinerary.draw_waypoint(
+                    plan, key, first_phase, point, f32x2(0.0), w
+                )
                 if found == 1:
                     tries[2 * which] += 1
                 if coastal == 1:
@@ -563,8 +711,12 @@ def _distress(plan: ti.template(), key: Chance, scenario: ti.i32, departure: ti.
         tries = 0
         time = departure - 1
         while time < departure and tries < TRIES:
-            w = noise.further(key.seed0, key.seed1, noise.STREAM_BIRTH, key.birth, 8 * phase + 4, tries + 1)
-            after = spreads.triangle(itinerary.law(plan.laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
+            w = noise.further(
+                key.seed0, key.seed1, noise.STREAM_BIRTH, key.birth, 8 * phase + 4, tries + 1
+            )
+            after = spreads.triangle(
+                itinerary.law(plan.laws, law), noise.uniform(w[0]), noise.uniform(w[1])
+            )
             time = plan.numbers[story + 4] + ti.cast(ti.round(after), ti.i32)
             tries += 1
         time = ti.max(time, departure)
@@ -575,7 +727,9 @@ def _distress(plan: ti.template(), key: Chance, scenario: ti.i32, departure: ti.
             time = departure + ti.cast(ti.round(wait), ti.i32)
     elif kind == SHARE:
         w = itinerary.settled(key, phase, 4)
-        share = spreads.triangle(itinerary.law(plan.laws, law), noise.uniform(w[0]), noise.uniform(w[1]))
+        share = spreads.triangle(
+            itinerary.law(plan.laws, law), noise.uniform(w[0]), noise.uniform(w[1])
+        )
         length = 0.0
         row = phase * PHASE
         for k in range(1, plan.numbers[row + 2]):
@@ -585,7 +739,9 @@ def _distress(plan: ti.template(), key: Chance, scenario: ti.i32, departure: ti.
 
 
 def terms(seed: int, domain: Any = None) -> dict[str, int]:
-    """Return the numbers that do not change in a run; domain: a kernels.step.advance.Domain, if targets are to leave it."""
+    """Return the numbers that do not change in a run; domain: a kernels.step.advance.Domain, if
+    targets are to leave it.
+    """
     seed0, seed1 = noise.key(seed)
     box = domain._asdict() if domain else {"west": 0, "south": 0, "width": 0, "height": 0}
     return {"seed0": seed0, "seed1": seed1, **box}
@@ -602,30 +758,49 @@ def packed(columns: Any) -> Any:
     return launch.pack(Columns, *(columns[name] for name in CORE), *together)
 
 
-def born(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, tries) -> None:
+def born(
+    columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, tries
+) -> None:
     """Draw where and when targets begin and go adrift, and their first way points.
 
-    columns: by name, those of COLUMNS. Where a scenario's first phase has no way point of its own to begin at, lon, lat
-    and release hold the place and time of its beginning. own: the slots that steer. tries: int64 (2 scenarios,) on the
-    device, to which are added candidates drawn and slots that found no water.
+    columns: by name, those of COLUMNS. Where a scenario's first phase has no way point of its own
+    to begin at, lon, lat and release hold the place and time of its beginning. own: the slots that
+    steer. tries: int64 (2 scenarios,) on the device, to which are added candidates drawn and slots
+    that found no water.
     """
     _born(
-        coast is not None, *own.launched, packed(columns), plan, (coast or open_sea()).pack,
-        Terms(**terms(seed, domain)), tries,
-    )  # fmt: skip
+        coast is not None,
+        *own.launched,
+        packed(columns),
+        plan,
+        (coast or open_sea()).pack,
+        Terms(**terms(seed, domain)),
+        tries,
+    )
 
 
 def mover(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None):
-    """Return a function that moves targets over one lattice step, in place, until each one's distress.
+    """Return a function that moves targets over one lattice step, in place, until each one's
+    distress.
 
     See `born`; the function takes a kernels.step.advance.Step.
     """
     sea = (coast or open_sea()).pack
     none = Room(0).pack
     args = (
-        coast is not None, *own.launched, packed(columns), plan, sea, terms(seed, domain), 0, 1, 0, MOVED, none,
+        coast is not None,
+        *own.launched,
+        packed(columns),
+        plan,
+        sea,
+        terms(seed, domain),
+        0,
+        1,
+        0,
+        MOVED,
+        none,
         _room_aside(own),
-    )  # fmt: skip
+    )
     move = launch.bind(_steer, args, ("elapsed", "duration", "step"))
     return lambda step: move(step.elapsed, step.duration, step.number)
 
@@ -633,7 +808,8 @@ def mover(columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast 
 def move_targets(
     columns, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, room: Room
 ) -> bool:
-    """Move targets as a `mover` does, and write the pieces of way that they make; return whether there was room for all.
+    """Move targets as a `mover` does, and write the pieces of way that they make; return whether
+    there was room for all.
 
     Where there was not, they are moved, and `made` is to be asked for the pieces.
     """
@@ -642,30 +818,69 @@ def move_targets(
     return room.enough(lambda pack: _steer(*every, pack, _room_aside(own)))
 
 
-def write_pieces(before, own: Batch, plan, seed: int, coast: DeviceCoast | None, step, room: Room) -> None:
+def write_pieces(
+    before, own: Batch, plan, seed: int, coast: DeviceCoast | None, step, room: Room
+) -> None:
     """Write the pieces of way of targets in a step that has been made.
 
-    before: the columns at the step's begin, by name, those of COLUMNS. room: for all slots of the ensemble.
+    before: the columns at the step's begin, by name, those of COLUMNS. room: for all slots of the
+    ensemble.
     """
-    fixed = coast is not None, *own.launched, packed(before), plan, (coast or open_sea()).pack, Terms(**terms(seed))
-    room.fill(lambda pack: _steer(*fixed, step.elapsed, step.duration, step.number, NOTED, pack, _room_aside(own)))
+    fixed = (
+        coast is not None,
+        *own.launched,
+        packed(before),
+        plan,
+        (coast or open_sea()).pack,
+        Terms(**terms(seed)),
+    )
+    room.fill(
+        lambda pack: _steer(
+            *fixed, step.elapsed, step.duration, step.number, NOTED, pack, _room_aside(own)
+        )
+    )
 
 
 def inside(
-    before, own: Batch, plan, seed: int, domain: Any, coast: DeviceCoast | None, step, begin, since: int, when: int,
+    before,
+    own: Batch,
+    plan,
+    seed: int,
+    domain: Any,
+    coast: DeviceCoast | None,
+    step,
+    begin,
+    since: int,
+    when: int,
     moment: int,
-    velocity=None, half: int = -1,
-) -> None:  # fmt: skip
+    velocity=None,
+    half: int = -1,
+) -> None:
     """Write where targets under way are at a time inside a step that has been made.
 
-    before: the columns at the step's begin, by name, those of COLUMNS. begin: lon, lat [binary angle] at `since` [s], on
-    the device, which are overwritten where a target is under way at `when` [s]. moment: together with seed and slot the
-    key of the noise there. velocity: east, north [m/s], float32 (n,) on the device, written likewise if it is asked for.
-    half: 0 or 1 asks instead of `when` for the begin or the middle of what each makes of the step.
+    before: the columns at the step's begin, by name, those of COLUMNS. begin: lon, lat [binary
+    angle] at `since` [s], on the device, which are overwritten where a target is under way at
+    `when` [s]. moment: together with seed and slot the key of the noise there. velocity: east,
+    north [m/s], float32 (n,) on the device, written likewise if it is asked for. half: 0 or 1 asks
+    instead of `when` for the begin or the middle of what each makes of the step.
     """
     east, north = velocity or (runtime.empty(begin[0].shape[0]), runtime.empty(begin[0].shape[0]))
     _inside(
-        coast is not None, *own.launched, packed(before), plan, (coast or open_sea()).pack,
-        Terms(**terms(seed, domain)), step.elapsed, step.duration, step.number, when, half, since, moment, *begin,
-        east, north, _room_aside(own),
-    )  # fmt: skip
+        coast is not None,
+        *own.launched,
+        packed(before),
+        plan,
+        (coast or open_sea()).pack,
+        Terms(**terms(seed, domain)),
+        step.elapsed,
+        step.duration,
+        step.number,
+        when,
+        half,
+        since,
+        moment,
+        *begin,
+        east,
+        north,
+        _room_aside(own),
+    )

@@ -1,9 +1,11 @@
-"""The ways of targets that steer: a rhumb line, and a great circle about which they may wander as a Brownian bridge.
+"""The ways of targets that steer: a rhumb line, and a great circle about which they may wander as a
+Brownian bridge.
 
-Nunez, Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, has the bridge in the plane. On a sphere of radius
-R the same law holds along the way; across it, great circles that leave a place come together again, and the deviation
-of a bridge from X at t to P at T has variance K^2 dt sin(b) sin(a - b) / ((a - b) sin(a)) after dt, with a the angle
-from X to P, and b = a (T - t - dt) / (T - t) what is left of it. Both laws are exact for any dt.
+Nunez, Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, has the bridge in the plane. On
+a sphere of radius R the same law holds along the way; across it, great circles that leave a place
+come together again, and the deviation of a bridge from X at t to P at T has variance K^2 dt sin(b)
+sin(a - b) / ((a - b) sin(a)) after dt, with a the angle from X to P, and b = a (T - t - dt) / (T -
+t) what is left of it. Both laws are exact for any dt.
 """
 
 import taichi as ti
@@ -19,27 +21,37 @@ SHORT = 1e-3  # [rad] a way so short is flat: the curvature's share of a varianc
 def rhumb(lon: ti.i32, lat: ti.i32, course: ti.f32, distance: ti.f32):
     """Return (lon, lat) [binary angle] after a distance [m] on a constant course [rad from north].
 
-    Longitude grows with the mean of 1 / cos(lat) along the way, by Simpson's rule: for 500 km at 60 degrees it errs by
-    1e-5 of the way. A way across a pole ends on it.
+    Longitude grows with the mean of 1 / cos(lat) along the way, by Simpson's rule: for 500 km at 60
+    degrees it errs by 1e-5 of the way. A way across a pole ends on it.
     """
     arc = distance * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
     quarter = ti.cast(sphere.QUARTER, ti.f32) - 64.0
     s, c = angles.sincos(course)
     rise = ti.min(ti.max(arc * c, -quarter - ti.cast(lat, ti.f32)), quarter - ti.cast(lat, ti.f32))
     end, middle = lat + ti.cast(ti.round(rise), ti.i32), lat + ti.cast(ti.round(0.5 * rise), ti.i32)
-    secant = (1.0 / sphere.cos_lat(lat) + 4.0 / sphere.cos_lat(middle) + 1.0 / sphere.cos_lat(end)) * ti.f32(1.0 / 6.0)
+    secant = (
+        1.0 / sphere.cos_lat(lat) + 4.0 / sphere.cos_lat(middle) + 1.0 / sphere.cos_lat(end)
+    ) * ti.f32(1.0 / 6.0)
     east = ti.cast(ti.round(arc * s * secant), ti.i64)
     return lon + ti.cast(east, ti.i32), end
 
 
 @ti.func
 def toward(
-    lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32, dt: ti.f32, rest: ti.f32, k: ti.f32, normal: f32x2
+    lon: ti.i32,
+    lat: ti.i32,
+    to_lon: ti.i32,
+    to_lat: ti.i32,
+    dt: ti.f32,
+    rest: ti.f32,
+    k: ti.f32,
+    normal: f32x2,
 ):
-    """Return (lon, lat) [binary angle] dt [s] later, on the way to a place that is reached after dt + rest [s].
+    """Return (lon, lat) [binary angle] dt [s] later, on the way to a place that is reached after dt
+    + rest [s].
 
-    k [m/sqrt(s)]: K of the bridge; 0: the target keeps to the great circle. normal: two standard normal numbers, along
-    and across the way.
+    k [m/sqrt(s)]: K of the bridge; 0: the target keeps to the great circle. normal: two standard
+    normal numbers, along and across the way.
     """
     share = dt / (dt + rest)
     x, y = lon, lat

@@ -1,14 +1,16 @@
 """Lattice steps of all particles: drift in current, wind and waves, errors, diffusion, coast.
 
-A step from position (lon, lat) integrates dlon/dt = u / (R cos lat), dlat/dt = v / R by an explicit Runge-Kutta scheme;
-adds a random walk; and ends at its first crossing of the shore, or goes on along it. Positions are integers; within the
-step everything is float32 on differences from the position at its begin. Writing of the increment is one rounding of at
-most 5 mm.
+A step from position (lon, lat) integrates dlon/dt = u / (R cos lat), dlat/dt = v / R by an explicit
+Runge-Kutta scheme; adds a random walk; and ends at its first crossing of the shore, or goes on
+along it. Positions are integers; within the step everything is float32 on differences from the
+position at its begin. Writing of the increment is one rounding of at most 5 mm.
 
-One launch does it all, so that the columns are read once, and takes particles in bundles (kernels.runtime.bundle), each
-over all the steps that it makes: what a bundle needs stays in the cache. The parts are functions that another model of motion shares: kernels.step.life says when in the step a particle moves and writes how the step
-ends for it, errors what chance does to a bundle, integrate leads a particle along any field of velocity, shore says what
-the coast does to it; velocity.drift is this model's own.
+One launch does it all, so that the columns are read once, and takes particles in bundles
+(kernels.runtime.bundle), each over all the steps that it makes: what a bundle needs stays in the
+cache. The parts are functions that another model of motion shares: kernels.step.life says when in
+the step a particle moves and writes how the step ends for it, errors what chance does to a bundle,
+integrate leads a particle along any field of velocity, shore says what the coast does to it;
+velocity.drift is this model's own.
 """
 
 from collections.abc import Sequence
@@ -23,7 +25,7 @@ from kernels.runtime.batch import Batch
 from kernels.step import curve, errors, guide, integrate, life, shore
 from kernels.step.coast import POLEWARD, Coast, DeviceCoast, Ints, Reals, open_sea
 from kernels.step.errors import Physics
-from kernels.step.features import (  # fmt: skip
+from kernels.step.features import (
     BIAS,
     COAST,
     DEBRIS,
@@ -48,17 +50,21 @@ from kernels.step.life import ASHORE, SUNK
 from kernels.step.sample import Ranges, Sea, Tiles, members_of, numbers_of
 from kernels.step.velocity import Drifter, drift
 
-FARTHEST = 5.0e8  # longest step accepted [binary angle units], 42 degrees; a longer one counts as invalid
+# longest step accepted [binary angle units], 42 degrees; a longer one counts as invalid
+FARTHEST = 5.0e8
 LONGEST = 1.0e6  # [m] the same where the domain holds a pole
 ASIDE = 10  # numbers that a card puts aside of a particle near the shore
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
 
-# The columns of an ensemble, of shape (n,) each: those that every model of motion has, and those of this one, some of
-# which stand in the rows of one array (kernels.runtime.rows).
+# The columns of an ensemble, of shape (n,) each: those that every model of motion has, and those of
+# this one, some of which stand in the rows of one array (kernels.runtime.rows).
 CORE = {
-    **dict.fromkeys(("lon", "lat", "status", "release", "status_since", "edge", "sink_time", "moving_since"), Ints),
+    **dict.fromkeys(
+        ("lon", "lat", "status", "release", "status_since", "edge", "sink_time", "moving_since"),
+        Ints,
+    ),
     "scenario": Ints,
     "log_weight": Reals,
 }
@@ -94,7 +100,9 @@ Terms = ti.types.struct(
 
 
 def _rows(features: int) -> dict[str, dict[str, int]]:
-    """Return what the kernel holds of its particles with these features, rows by name: see kernels.runtime.bundle."""
+    """Return what the kernel holds of its particles with these features, rows by name: see
+    kernels.runtime.bundle.
+    """
     chance, lines = bool(features & (DIFFUSION | ERRORS)), bool(features & LINES)
     walks, wanders, beached = (bool(features & bit) for bit in (DIFFUSION, ERRORS, REFLOAT))
     reals = {
@@ -102,7 +110,8 @@ def _rows(features: int) -> dict[str, dict[str, int]]:
         "begin": 1,  # share of the lattice step at which it sets out
         "share": 1,  # of the lattice step
         "trig": 2,  # cosine and sine of its latitude then
-        "line": 6 * lines,  # leeway: slope and offset downwind, across to the right, across to the left
+        # leeway: slope and offset downwind, across to the right, across to the left
+        "line": 6 * lines,
         "errors": 4 * wanders,
         "nudge": 4 * bool(wanders and features & GUIDED),  # added to the normals of the errors
         "bias": 2,
@@ -156,7 +165,9 @@ def _muster(
     state, due, sinking = core.status[i], life.NEVER, life.NEVER
     if ti.static(features & REFLOAT):
         if state == ASHORE:
-            w = noise.further(terms.coast0, terms.coast1, noise.STREAM_REFLOAT, slot, core.status_since[i], 0)
+            w = noise.further(
+                terms.coast0, terms.coast1, noise.STREAM_REFLOAT, slot, core.status_since[i], 0
+            )
             due = life.refloats(core.status_since[i], noise.uniform(w[0]), terms.stay)
     if ti.static(features & SINK):
         sinking = core.sink_time[i]
@@ -194,7 +205,9 @@ def _muster(
 
 @ti.func
 def _keep(features: ti.template(), j: ti.i32, held: ti.template(), own: ti.template(), n: ti.i32):
-    """Keep the errors and the side of particle j of the bundle that have been drawn; n: length of a row."""
+    """Keep the errors and the side of particle j of the bundle that have been drawn; n: length of a
+    row.
+    """
     i = held.i[0, j]
     if ti.static(features & ERRORS):
         for k in ti.static(range(4 if features & WIND else 2)):
@@ -205,16 +218,27 @@ def _keep(features: ti.template(), j: ti.i32, held: ti.template(), own: ti.templ
 
 @ti.func
 def _carry(
-    features: ti.template(), held: ti.template(), j: ti.i32, turn: f32x2, own: ti.template(), n: ti.i32
-):  # fmt: skip
+    features: ti.template(),
+    held: ti.template(),
+    j: ti.i32,
+    turn: f32x2,
+    own: ti.template(),
+    n: ti.i32,
+):
     """Carry the errors of particle j of the bundle along its way, on which east and north turn.
 
     See sphere.convergence; n: length of a row.
     """
     i = held.i[0, j]
     if ti.static(features & ERRORS):
-        for k in ti.static((errors.CURRENT_ERROR, errors.WIND_ERROR) if features & WIND else (errors.CURRENT_ERROR,)):
-            error = sphere.carried_on(f32x2(own.error_rows[k * n + i], own.error_rows[(k + 1) * n + i]), turn)
+        for k in ti.static(
+            (errors.CURRENT_ERROR, errors.WIND_ERROR)
+            if features & WIND
+            else (errors.CURRENT_ERROR,)
+        ):
+            error = sphere.carried_on(
+                f32x2(own.error_rows[k * n + i], own.error_rows[(k + 1) * n + i]), turn
+            )
             own.error_rows[k * n + i], own.error_rows[(k + 1) * n + i] = error[0], error[1]
     if ti.static(features & BIAS):
         first = errors.CURRENT_BIAS * n + i
@@ -223,8 +247,12 @@ def _carry(
 
 
 @ti.func
-def _drifter(features: ti.template(), held: ti.template(), j: ti.i32, row: ti.i32, asks: ti.f32) -> Drifter:
-    """Return what of particle j of the bundle its drift depends on; asks: 0 where the drift does not count."""
+def _drifter(
+    features: ti.template(), held: ti.template(), j: ti.i32, row: ti.i32, asks: ti.f32
+) -> Drifter:
+    """Return what of particle j of the bundle its drift depends on; asks: 0 where the drift does
+    not count.
+    """
     line = f32x4(0.0)
     if ti.static(features & LINES):
         left = held.side[0, j] < 0
@@ -246,12 +274,16 @@ def _drifter(features: ti.template(), held: ti.template(), j: ti.i32, row: ti.i3
 def _way(held: ti.template(), j: ti.i32) -> integrate.Way:
     """Return how far particle j of the bundle has been led."""
     last, total = f32x2(held.last[0, j], held.last[1, j]), f32x2(held.total[0, j], held.total[1, j])
-    return integrate.Way(last=last, total=total, valid=held.valid[0, j], sets_off=held.sets_off[0, j])
+    return integrate.Way(
+        last=last, total=total, valid=held.valid[0, j], sets_off=held.sets_off[0, j]
+    )
 
 
 @ti.func
 def _bend(features: ti.template(), held: ti.template(), j: ti.i32) -> f32x4:
-    """Return how the drift of particle j of the bundle departs from its chord: see kernels.step.curve."""
+    """Return how the drift of particle j of the bundle departs from its chord: see
+    kernels.step.curve.
+    """
     chord = f32x2(held.total[0, j], held.total[1, j])
     first = f32x2(held.first[0, j], held.first[1, j]) - chord
     last = -first  # of the midpoint scheme: the parabola through its stages
@@ -262,7 +294,10 @@ def _bend(features: ti.template(), held: ti.template(), j: ti.i32) -> f32x4:
 
 @ti.func
 def _flat(features: ti.template(), bend: f32x4, c: ti.f32) -> f32x4:
-    """Return a bend in binary angle units; c: cosine of the latitude. Where the domain holds a pole it is in metres."""
+    """Return a bend in binary angle units; c: cosine of the latitude.
+
+    Where the domain holds a pole it is in metres.
+    """
     flat = bend
     if ti.static(features & POLAR):
         north = ti.f32(1.0 / shore.METRES)
@@ -281,15 +316,28 @@ def _off(features: ti.template(), held: ti.template(), j: ti.i32) -> f32x2:
 
 @ti.func
 def _refloat(
-    features: ti.template(), velocity: ti.template(), held: ti.template(), j: ti.i32, core: ti.template(),
-    sea: ti.template(), coast: ti.template(), terms: ti.template(), elapsed: ti.i32, duration: ti.i32, row: ti.i32,
-):  # fmt: skip
-    """Place particle j of the bundle off its beach, from when in the step the drift there leads off it.
+    features: ti.template(),
+    velocity: ti.template(),
+    held: ti.template(),
+    j: ti.i32,
+    core: ti.template(),
+    sea: ti.template(),
+    coast: ti.template(),
+    terms: ti.template(),
+    elapsed: ti.i32,
+    duration: ti.i32,
+    row: ti.i32,
+):
+    """Place particle j of the bundle off its beach, from when in the step the drift there leads off
+    it.
 
-    Where it leads onto the beach as the wait ends, and off it at the step's end, it is taken to turn linearly in between.
+    Where it leads onto the beach as the wait ends, and off it at the step's end, it is taken to
+    turn linearly in between.
     """
     c = sphere.cos_lat(held.place[1, j])
-    x, y, east, north = shore.leave(held.place[0, j], held.place[1, j], c, terms.offing, core.edge[held.i[0, j]], coast)
+    x, y, east, north = shore.leave(
+        held.place[0, j], held.place[1, j], c, terms.offing, core.edge[held.i[0, j]], coast
+    )
     held.place[0, j], held.place[1, j] = x, y
     held.off[0, j], held.off[1, j] = terms.direction * east, terms.direction * north
     if ti.static(features & ERRORS):
@@ -306,7 +354,9 @@ def _refloat(
         led[k] = r[0] * held.off[0, j] + r[1] * held.off[1, j]
     if led[0] <= 0.0 and led[1] > 0.0:
         waits = led[0] / (led[0] - led[1]) * ti.cast(held.finish[0, j] - held.left[0, j], ti.f32)
-        held.left[0, j] = ti.min(held.left[0, j] + ti.cast(ti.ceil(waits), ti.i32) + 1, held.finish[0, j] - 1)
+        held.left[0, j] = ti.min(
+            held.left[0, j] + ti.cast(ti.ceil(waits), ti.i32) + 1, held.finish[0, j] - 1
+        )
 
 
 @ti.func
@@ -318,15 +368,30 @@ def _put_aside(held: ti.template(), j: ti.i32, bend: f32x4, aside: ti.template()
         aside[row + 1 + m] = held.move[m, j]
     for m in ti.static(range(4)):
         aside[row + 3 + m] = ti.bit_cast(bend[m], ti.i32)
-    aside[row + 7], aside[row + 8], aside[row + 9] = held.place[0, j], held.place[1, j], held.left[0, j]
+    aside[row + 7], aside[row + 8], aside[row + 9] = (
+        held.place[0, j],
+        held.place[1, j],
+        held.left[0, j],
+    )
 
 
 @ti.func
 def _end(
-    features: ti.template(), held: ti.template(), j: ti.i32, bend: f32x4, core: ti.template(), own: ti.template(),
-    coast: ti.template(), terms: ti.template(), n: ti.i32, elapsed: ti.i32, duration: ti.i32, step: ti.i32,
-):  # fmt: skip
-    """End the step of particle j of the bundle, which moves: on the shore, where it meets it, or where it leads to.
+    features: ti.template(),
+    held: ti.template(),
+    j: ti.i32,
+    bend: f32x4,
+    core: ti.template(),
+    own: ti.template(),
+    coast: ti.template(),
+    terms: ti.template(),
+    n: ti.i32,
+    elapsed: ti.i32,
+    duration: ti.i32,
+    step: ti.i32,
+):
+    """End the step of particle j of the bundle, which moves: on the shore, where it meets it, or
+    where it leads to.
 
     bend: of its way, see `_bend`; n: length of a row.
     """
@@ -337,13 +402,25 @@ def _end(
     curved = bend
     met, number, part = 0, -1, ti.cast(1.0, ti.f32)
     if ti.static(features & COAST):
-        # The shore is asked first: a stage may lie inland, behind it, and find no forcing only for that.
+        # The shore is asked first: a stage may lie inland, behind it, and find no forcing only for
+        # that.
         if held.far[0, j] == 0:
             met, x_end, y_end, part, number = shore.meet(
-                ti.static(bool(features & DIFFUSION)), ti.static(bool(features & SLIDE)),
-                x, y, move_lon, move_lat, _flat(features, curved, held.trig[0, j]), held.trig[0, j],
-                held.variance[0, j], terms.coast0, terms.coast1, slot, step, coast,
-            )  # fmt: skip
+                ti.static(bool(features & DIFFUSION)),
+                ti.static(bool(features & SLIDE)),
+                x,
+                y,
+                move_lon,
+                move_lat,
+                _flat(features, curved, held.trig[0, j]),
+                held.trig[0, j],
+                held.variance[0, j],
+                terms.coast0,
+                terms.coast1,
+                slot,
+                step,
+                coast,
+            )
         if ti.static(features & SLIDE):
             if x_end != x + move_lon or y_end != y + move_lat:
                 known = True  # it slid along the shore: a stage that found no forcing lay inland
@@ -362,47 +439,72 @@ def _end(
             curved = f32x4(at_first[0], at_first[1], at_last[0], at_last[1])
         for k in ti.static(range(4)):
             own.bend[4 * i + k] = curved[k]
-    life.ending(core, terms, i, met, number, part, known, x_end, y_end, left, finish, elapsed + duration)
+    life.ending(
+        core, terms, i, met, number, part, known, x_end, y_end, left, finish, elapsed + duration
+    )
 
 
 def _late(features: int) -> bool:
-    """Return whether the shore has a part of the kernel of its own, for the few particles that are near it.
+    """Return whether the shore has a part of the kernel of its own, for the few particles that are
+    near it.
 
-    So it is on a card: its integers of 64 bits take twice the registers of all else, which each thread would be given.
+    So it is on a card: its integers of 64 bits take twice the registers of all else, which each
+    thread would be given.
     """
     return bool(features & COAST) and bundle.alone()
 
 
 @ti.func
 def _lead(
-    features: ti.template(), velocity: ti.template(), width: ti.template(), held: ti.template(), table: ti.template(),
-    core: ti.template(), own: ti.template(), sea: ti.template(), coast: ti.template(), terms: ti.template(),
-    aside: ti.template(), place: ti.i32, n: ti.i32, elapsed: ti.i32, duration: ti.i32, step: ti.i32, row: ti.i32,
-):  # fmt: skip
+    features: ti.template(),
+    velocity: ti.template(),
+    width: ti.template(),
+    held: ti.template(),
+    table: ti.template(),
+    core: ti.template(),
+    own: ti.template(),
+    sea: ti.template(),
+    coast: ti.template(),
+    terms: ti.template(),
+    aside: ti.template(),
+    place: ti.i32,
+    n: ti.i32,
+    elapsed: ti.i32,
+    duration: ti.i32,
+    step: ti.i32,
+    row: ti.i32,
+):
     """Lead a bundle over one step.
 
-    place: of its first particle in the batch; n: length of a row in arrays of several columns; row: see `Drifter`.
+    place: of its first particle in the batch; n: length of a row in arrays of several columns; row:
+    see `Drifter`.
     """
     if ti.static(features & REFLOAT):
         for j in range(width):
             if held.waits[0, j] == 1:
-                _refloat(features, velocity, held, j, core, sea, coast, terms, elapsed, duration, row)
+                _refloat(
+                    features, velocity, held, j, core, sea, coast, terms, elapsed, duration, row
+                )
     for j in range(width):
         held.dt[0, j] = ti.cast(held.finish[0, j] - held.left[0, j], ti.f32)
         held.begin[0, j] = ti.cast(held.left[0, j] - elapsed, ti.f32) / duration
         held.share[0, j] = held.dt[0, j] / duration
-        held.trig[0, j], held.trig[1, j] = sphere.cos_lat(held.place[1, j]), sphere.sin_lat(held.place[1, j])
+        held.trig[0, j], held.trig[1, j] = (
+            sphere.cos_lat(held.place[1, j]),
+            sphere.sin_lat(held.place[1, j]),
+        )
         held.valid[0, j], held.sets_off[0, j] = 1.0, 1.0
     errors.draw_errors(features, width, held, table, terms, step)
     if ti.static(bundle.alone() and features & DIFFUSION):
-        # The walk is asked for here, so that a card holds it during the stages, and not the dozen numbers of which
-        # it is made.
+        # The walk is asked for here, so that a card holds it during the stages, and not the dozen
+        # numbers of which it is made.
         held.valid[0, 0] = ti.select(held.walk[0, 0] + held.walk[1, 0] < sphere.RADIUS, 1.0, 0.0)
     for j in range(width):
         if held.moving[0, j] == 1:
             _keep(features, j, held, own, n)
     scheme = ti.static(integrate.CLASSICAL if features & RK4 else integrate.MIDPOINT)
-    # The loop runs at run time: unrolled it takes three times as long to compile and runs no faster.
+    # The loop runs at run time: unrolled it takes three times as long to compile and runs no
+    # faster.
     for stage in range(ti.static(len(scheme[0]))):
         entry = integrate.tableau(scheme, stage)
         for j in range(width):
@@ -410,17 +512,36 @@ def _lead(
             own_drift = _drifter(features, held, j, row, way.valid)
             if ti.static(features & POLAR):
                 way = integrate.lead_over_pole(
-                    velocity, ti.static(bool(features & REFLOAT)), features, sea, own_drift, way,
-                    held.place[0, j], held.place[1, j], terms.direction * held.dt[0, j],
-                    held.begin[0, j] + entry[0] * held.share[0, j], entry, _off(features, held, j),
-                )  # fmt: skip
+                    velocity,
+                    ti.static(bool(features & REFLOAT)),
+                    features,
+                    sea,
+                    own_drift,
+                    way,
+                    held.place[0, j],
+                    held.place[1, j],
+                    terms.direction * held.dt[0, j],
+                    held.begin[0, j] + entry[0] * held.share[0, j],
+                    entry,
+                    _off(features, held, j),
+                )
             else:
                 way = integrate.lead(
-                    velocity, ti.static(bool(features & REFLOAT)), features, sea, own_drift, way,
-                    held.place[0, j], held.place[1, j], held.trig[0, j], held.trig[1, j],
-                    terms.direction * held.dt[0, j], held.begin[0, j] + entry[0] * held.share[0, j], entry,
+                    velocity,
+                    ti.static(bool(features & REFLOAT)),
+                    features,
+                    sea,
+                    own_drift,
+                    way,
+                    held.place[0, j],
+                    held.place[1, j],
+                    held.trig[0, j],
+                    held.trig[1, j],
+                    terms.direction * held.dt[0, j],
+                    held.begin[0, j] + entry[0] * held.share[0, j],
+                    entry,
                     _off(features, held, j),
-                )  # fmt: skip
+                )
             for k in ti.static(range(2)):
                 held.first[k, j] = ti.select(stage == 0, way.last[k], held.first[k, j])
                 held.last[k, j], held.total[k, j] = way.last[k], way.total[k]
@@ -434,12 +555,16 @@ def _lead(
                 way += f32x2(held.walk[0, j], held.walk[1, j])
             near = way.norm() < LONGEST
             x, y = held.place[0, j], held.place[1, j]
-            x_end, y_end = sphere.exponential(x, y, ti.select(near, way[0], 0.0), ti.select(near, way[1], 0.0))
+            x_end, y_end = sphere.exponential(
+                x, y, ti.select(near, way[0], 0.0), ti.select(near, way[1], 0.0)
+            )
             held.move[0, j], held.move[1, j] = x_end - x, y_end - y
             held.known[0, j] = ti.cast(near & (held.valid[0, j] > 0.5), ti.i32)
         else:
             if ti.static(features & DIFFUSION):
-                way += errors.walked(f32x2(held.walk[0, j], held.walk[1, j]), held.trig[0, j], held.trig[1, j])
+                way += errors.walked(
+                    f32x2(held.walk[0, j], held.walk[1, j]), held.trig[0, j], held.trig[1, j]
+                )
             near = ti.max(ti.abs(way[0]), ti.abs(way[1])) < FARTHEST
             for k in ti.static(range(2)):
                 held.move[k, j] = ti.cast(ti.round(ti.select(near, way[k], 0.0)), ti.i32)
@@ -447,12 +572,21 @@ def _lead(
         if ti.static(features & COAST):
             off = curve.bulge(_flat(features, _bend(features, held, j), held.trig[0, j]))
             far = shore.is_far(
-                ti.static(bool(features & DIFFUSION)), held.place[0, j], held.place[1, j],
-                held.move[0, j], held.move[1, j], ti.cast(ti.max(off[0], off[1]), ti.i32) + 1,
-                held.trig[0, j], held.variance[0, j], coast,
-            )  # fmt: skip
+                ti.static(bool(features & DIFFUSION)),
+                held.place[0, j],
+                held.place[1, j],
+                held.move[0, j],
+                held.move[1, j],
+                ti.cast(ti.max(off[0], off[1]), ti.i32) + 1,
+                held.trig[0, j],
+                held.variance[0, j],
+                coast,
+            )
             if ti.static(features & POLAR):
-                far |= ti.min(ti.abs(held.place[1, j]), ti.abs(held.place[1, j] + held.move[1, j])) > POLEWARD
+                far |= (
+                    ti.min(ti.abs(held.place[1, j]), ti.abs(held.place[1, j] + held.move[1, j]))
+                    > POLEWARD
+                )
             held.far[0, j] = ti.cast(far, ti.i32)
     for j in range(width):
         # Where the drift leads onto the beach, the particle waits for one that leads off it.
@@ -466,24 +600,51 @@ def _lead(
                     y + ti.cast(0.5 * held.total[1, j], ti.i32),
                 )
                 if ti.static(features & POLAR):
-                    x_half, y_half = sphere.exponential(x, y, 0.5 * held.total[0, j], 0.5 * held.total[1, j])
+                    x_half, y_half = sphere.exponential(
+                        x, y, 0.5 * held.total[0, j], 0.5 * held.total[1, j]
+                    )
                 core.log_weight[i] -= held.dt[0, j] * integrate.divergence(
-                    velocity, features, sea, _drifter(features, held, j, row, 1.0), x_half, y_half,
+                    velocity,
+                    features,
+                    sea,
+                    _drifter(features, held, j, row, 1.0),
+                    x_half,
+                    y_half,
                     held.begin[0, j] + 0.5 * held.share[0, j],
-                )  # fmt: skip
+                )
             if ti.static(_late(features)):
                 if held.far[0, j] == 0:
                     _put_aside(held, j, _bend(features, held, j), aside, place + j)
                 else:
                     _end(
-                        ti.static(features & ~(COAST | SLIDE)), held, j, _bend(features, held, j),
-                        core, own, coast, terms, n, elapsed, duration, step,
-                    )  # fmt: skip
+                        ti.static(features & ~(COAST | SLIDE)),
+                        held,
+                        j,
+                        _bend(features, held, j),
+                        core,
+                        own,
+                        coast,
+                        terms,
+                        n,
+                        elapsed,
+                        duration,
+                        step,
+                    )
             else:
                 _end(
-                    features, held, j, _bend(features, held, j),
-                    core, own, coast, terms, n, elapsed, duration, step,
-                )  # fmt: skip
+                    features,
+                    held,
+                    j,
+                    _bend(features, held, j),
+                    core,
+                    own,
+                    coast,
+                    terms,
+                    n,
+                    elapsed,
+                    duration,
+                    step,
+                )
 
 
 @ti.kernel
@@ -513,7 +674,8 @@ def _advance(
     late = ti.static(_late(features))
     if ti.static(late):
         aside[0] = 0
-    threads = ti.static(bundle.threads(448 if features & DIFFUSION else 512))  # more would spill registers
+    # more would spill registers
+    threads = ti.static(bundle.threads(448 if features & DIFFUSION else 512))
     if ti.static(threads):
         ti.loop_config(block_dim=threads)
     for block in range((last - first + width - 1) // width):
@@ -529,9 +691,24 @@ def _advance(
                 if held.moving[0, 0] == 0:
                     continue
             _lead(
-                features, velocity, width, held, table, core, own, sea, coast, terms, aside, begin - first, n,
-                since, duration, number, (row + k) * numbers_of(sea),
-            )  # fmt: skip
+                features,
+                velocity,
+                width,
+                held,
+                table,
+                core,
+                own,
+                sea,
+                coast,
+                terms,
+                aside,
+                begin - first,
+                n,
+                since,
+                duration,
+                number,
+                (row + k) * numbers_of(sea),
+            )
     if ti.static(late):
         for p in range(aside[0]):
             held = held_of()
@@ -544,7 +721,11 @@ def _advance(
                 held.move[m, 0] = aside[q + 1 + m]
             curved = f32x4([ti.bit_cast(aside[q + 3 + m], ti.f32) for m in ti.static(range(4))])
             if ti.static(features & REFLOAT):  # where it left the beach to, and when
-                held.place[0, 0], held.place[1, 0], held.left[0, 0] = aside[q + 7], aside[q + 8], aside[q + 9]
+                held.place[0, 0], held.place[1, 0], held.left[0, 0] = (
+                    aside[q + 7],
+                    aside[q + 8],
+                    aside[q + 9],
+                )
             held.trig[0, 0] = sphere.cos_lat(held.place[1, 0])
             if ti.static(features & DIFFUSION):
                 dt = ti.cast(held.finish[0, 0] - held.left[0, 0], ti.f32)
@@ -553,7 +734,9 @@ def _advance(
 
 
 class Beach(NamedTuple):
-    """What happens to a particle that reaches the coast: it stays for good, for a while, or slides along."""
+    """What happens to a particle that reaches the coast: it stays for good, for a while, or slides
+    along.
+    """
 
     stay: float = 0.0  # [s] mean wait before it is afloat again; 0: it stays for good
     offing: float = 0.0  # [m] distance off the beach at which it is afloat again
@@ -594,9 +777,10 @@ class Surroundings(NamedTuple):
     beach: Beach = Beach()
     bias: bool = False  # whether particles have an error of the current that lasts
     sinks: bool = False
-    divergence: bool = False  # log weights lose the divergence along the track: a backward run's likelihood
-    # Number of a class of debris, 0: none. It shares the errors of the forcing with the object, slot by slot, but has a
-    # random walk and jibes of its own.
+    # log weights lose the divergence along the track: a backward run's likelihood
+    divergence: bool = False
+    # Number of a class of debris, 0: none. It shares the errors of the forcing with the object,
+    # slot by slot, but has a random walk and jibes of its own.
     debris: int = 0
     scheme: str = "rk4"
     polar: bool = False  # whether the domain holds a pole
@@ -631,7 +815,9 @@ def features(ranges: Ranges, physics: Sequence[Physics], place: Surroundings) ->
 
 
 def _set_aside(needed: int, count: int) -> int:
-    """Return how many numbers a card puts aside at most in a step of so many particles: see `_put_aside`."""
+    """Return how many numbers a card puts aside at most in a step of so many particles: see
+    `_put_aside`.
+    """
     return 1 + ASIDE * count if bundle.alone() and needed & COAST else 1
 
 
@@ -647,8 +833,8 @@ def advance(
 ) -> None:
     """Move slots of an ensemble of one scenario over one lattice step, in place: see `mover`.
 
-    slots: the first, the one after the last, and the number of the first in the whole run, which is the key of its
-    noise.
+    slots: the first, the one after the last, and the number of the first in the whole run, which is
+    the key of its noise.
     """
     first, last, number = slots
     own = batch.batch_of((first, last), (number,), (0,))
@@ -671,18 +857,22 @@ def mover(
 
     Several take one launch; on a card with a coast one each, which wait for nothing.
 
-    ensemble: a drift.engine.particles.ensemble.Ensemble. own: its slots that are moved; the number of each in the whole run is
-    the key of its noise. ranges: first and last tile by quantity. physics: of each scenario of the batch. direction: of
-    all its steps. velocity: a function as kernels.step.integrate takes it, so that the order of the scheme can be measured
-    on an analytic flow; parameters: whether it takes those that a user's own has (kernels.step.own_velocity). bend: float32 (4 n,) on the device, which takes how each way departs from its chord
-    (kernels.step.curve); None: nothing is kept of that. A particle moves only while adrift, from its release on; it ends ashore, sunk, outside the
-    forcing or the domain.
+    ensemble: a drift.engine.particles.ensemble.Ensemble. own: its slots that are moved; the number
+    of each in the whole run is the key of its noise. ranges: first and last tile by quantity.
+    physics: of each scenario of the batch. direction: of all its steps. velocity: a function as
+    kernels.step.integrate takes it, so that the order of the scheme can be measured on an analytic
+    flow; parameters: whether it takes those that a user's own has (kernels.step.own_velocity).
+    bend: float32 (4 n,) on the device, which takes how each way departs from its chord
+    (kernels.step.curve); None: nothing is kept of that. A particle moves only while adrift, from
+    its release on; it ends ashore, sunk, outside the forcing or the domain.
     """
     seed0, seed1 = noise.key(ensemble.seed)
     coastal = Purpose.DEBRIS_COAST if place.debris else Purpose.RUN
     coast0, coast1 = noise.key(ensemble.seed, coastal, place.debris)
     keeps = bend is not None
-    needed = features(ranges, physics, place) | MEMBERS * (tiles.members > 1) | PARAMETERS * parameters
+    needed = (
+        features(ranges, physics, place) | MEMBERS * (tiles.members > 1) | PARAMETERS * parameters
+    )
     args = (
         needed,
         velocity,

@@ -1,4 +1,5 @@
-"""Where particles are inside a step that ended with them adrift: a Brownian bridge about the way of their drift.
+"""Where particles are inside a step that ended with them adrift: a Brownian bridge about the way of
+their drift.
 
 The way of the drift alone would make the cloud of a random walk too narrow there.
 """
@@ -15,11 +16,17 @@ from kernels.step.coast import POLEWARD, Coast, DeviceCoast, Ints, Reals, first_
 
 
 class Inside(NamedTuple):
-    """A time inside a step that has just been made, and where its particles were at an earlier time in it."""
+    """A time inside a step that has just been made, and where its particles were at an earlier time
+    in it.
+    """
 
-    lon: Any  # [binary angle] where they were at `since`, int32 (n,) on the device; then where they are at `time`
+    # [binary angle] where they were at `since`, int32 (n,) on the device; then where they are at
+    # `time`
+    lon: Any
     lat: Any
-    bend: Any  # how each one's whole way in the step departs from its chord (kernels.step.curve), float32 (4 n,), there too
+    # how each one's whole way in the step departs from its chord (kernels.step.curve), float32 (4
+    # n,), there too
+    bend: Any
     begin: int  # [s after the run's start] of the step
     end: int
     since: int
@@ -30,7 +37,9 @@ class Inside(NamedTuple):
 
 @ti.func
 def covered(left: ti.i32, finish: ti.i32, time: ti.i32) -> ti.f32:
-    """Return the share, 0 to 1, that a particle has covered by a time of a way that takes it from `left` to `finish` [s]."""
+    """Return the share, 0 to 1, that a particle has covered by a time of a way that takes it from
+    `left` to `finish` [s].
+    """
     lasting = ti.cast(ti.max(finish - left, 1), ti.f32)
     return ti.min(ti.max(ti.cast(time - left, ti.f32) / lasting, 0.0), 1.0)
 
@@ -80,7 +89,13 @@ def _between(
             share = covered(left, finish, time)
             spread = 0.0
             if status[i] == life.ADRIFT:
-                spread = ti.sqrt(2.0 * spreads * share * (1.0 - share) * ti.cast(ti.max(finish - left, 1), ti.f32))
+                spread = ti.sqrt(
+                    2.0
+                    * spreads
+                    * share
+                    * (1.0 - share)
+                    * ti.cast(ti.max(finish - left, 1), ti.f32)
+                )
             x, y = lon[i], lat[i]
             own = curve.f32x4([bend[4 * i + k] for k in ti.static(range(4))])
             # From a position inside the step the track continues along the rest of the curve.
@@ -91,7 +106,9 @@ def _between(
             line_lon, line_lat = x_line - x, y_line - y
             move_lon, move_lat = line_lon, line_lat
             if spread > 0.0:
-                w = noise.noise_words(seed0, seed1, noise.STREAM_BRIDGE, i + shift[scenario[i]], moment)
+                w = noise.noise_words(
+                    seed0, seed1, noise.STREAM_BRIDGE, i + shift[scenario[i]], moment
+                )
                 n = noise.normals(w[0], w[1]) * spread
                 if ti.static(not polar):
                     n *= ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
@@ -106,7 +123,8 @@ def _between(
                 for _ in range(2):
                     if hit == 1:
                         hit, x_end, y_end, _p, _e = first_crossing(x, y, move_lon, move_lat, coast)
-                        # If it hits, keep to the drift; where that leads round a cape, to the water before it.
+                        # If it hits, keep to the drift; where that leads round a cape, to the water
+                        # before it.
                         move_lon, move_lat = line_lon, line_lat
                 lon[i], lat[i] = x_end, y_end
             else:
@@ -114,19 +132,42 @@ def _between(
 
 
 def between(
-    ensemble: Any, inside: Inside, diffusivity: np.ndarray, shift: Any, coast: DeviceCoast | None, polar: bool = False
+    ensemble: Any,
+    inside: Inside,
+    diffusivity: np.ndarray,
+    shift: Any,
+    coast: DeviceCoast | None,
+    polar: bool = False,
 ) -> None:
     """Move positions from a time inside the step just made to a later one, in water and in place.
 
-    ensemble: a drift.engine.particles.ensemble.Ensemble, after the step. diffusivity: [m2/s] by scenario, negative where its
-    particles are left alone. shift: from slots to their numbers in the whole run, by scenario (kernels.runtime.batch). polar:
-    whether the domain holds a pole.
+    ensemble: a drift.engine.particles.ensemble.Ensemble, after the step. diffusivity: [m2/s] by
+    scenario, negative where its particles are left alone. shift: from slots to their numbers in the
+    whole run, by scenario (kernels.runtime.batch). polar: whether the domain holds a pole.
     """
     e, own = ensemble, inside
-    columns = e.lon, e.lat, e.status, e.release, e.status_since, e.moving_since, e.scenario, own.bend
+    columns = (
+        e.lon,
+        e.lat,
+        e.status,
+        e.release,
+        e.status_since,
+        e.moving_since,
+        e.scenario,
+        own.bend,
+    )
     table = runtime.upload(np.asarray(diffusivity, np.float32))
     times = own.begin, own.end, own.since, own.time
     key = *noise.key(own.seed), own.moment
     _between(
-        coast is not None, polar, own.lon, own.lat, *columns, table, shift, *times, *key, (coast or open_sea()).pack
+        coast is not None,
+        polar,
+        own.lon,
+        own.lat,
+        *columns,
+        table,
+        shift,
+        *times,
+        *key,
+        (coast or open_sea()).pack,
     )

@@ -2,9 +2,10 @@
 
 The geometry is in exact integers, on the grid of geo.coast.edges.
 
-Steps and shoreline edges are straight lines between lattice points of binary-angle lon-lat. Signs of determinants are
-taken in 64-bit integers, so no answer depends on rounding; steps and edges must be shorter than 2**29 units (45
-degrees). A point on an edge is land, and a step that touches an edge has crossed it. Outside the grid all is water.
+Steps and shoreline edges are straight lines between lattice points of binary-angle lon-lat. Signs
+of determinants are taken in 64-bit integers, so no answer depends on rounding; steps and edges must
+be shorter than 2**29 units (45 degrees). A point on an edge is land, and a step that touches an
+edge has crossed it. Outside the grid all is water.
 """
 
 from dataclasses import dataclass
@@ -16,8 +17,8 @@ import taichi as ti
 from geo.coast import edges as shore_grid
 from kernels.runtime import launch, runtime
 
-# lon0, lat0, shift, nx, ny, reference x, reference y of geo.coast.edges.Coast; where edges, their numbers and the lines
-# begin in `shoreline`.
+# lon0, lat0, shift, nx, ny, reference x, reference y of geo.coast.edges.Coast; where edges, their
+# numbers and the lines begin in `shoreline`.
 Frame = ti.types.vector(10, ti.i32)
 EDGES_AT, NUMBERS_AT, LINES_AT = 7, 8, 9  # of the last three of these
 Bytes = ti.types.ndarray(dtype=ti.u8, ndim=1)
@@ -30,8 +31,8 @@ NEVER = ONE + 1
 
 Coast = ti.types.argpack(
     cell=Bytes,  # (ny * nx,)
-    # One after another: where the edges of each cell begin in the list (ny * nx + 1,); edges as listed by cell (4 * n,);
-    # the number of each (n,); the line of each number (4 * m,).
+    # One after another: where the edges of each cell begin in the list (ny * nx + 1,); edges as
+    # listed by cell (4 * n,); the number of each (n,); the line of each number (4 * m,).
     shoreline=Ints,
     frame=Frame,
 )
@@ -46,25 +47,34 @@ class DeviceCoast:
 
 def upload(coast: shore_grid.Coast) -> DeviceCoast:
     """Return the device copy of a coast."""
-    tables = [np.ravel(a) for a in (coast.start, coast.edge, coast.edge_id, shore_grid.edges(coast))]
+    tables = [
+        np.ravel(a) for a in (coast.start, coast.edge, coast.edge_id, shore_grid.edges(coast))
+    ]
     begins = np.cumsum([table.size for table in tables[:-1]]).tolist()
-    frame = Frame([coast.lon0, coast.lat0, coast.shift, coast.nx, coast.ny, *coast.reference, *begins])
+    frame = Frame(
+        [coast.lon0, coast.lat0, coast.shift, coast.nx, coast.ny, *coast.reference, *begins]
+    )
     shoreline = runtime.upload(np.concatenate(tables, dtype=np.int32, casting="same_kind"))
     return DeviceCoast(launch.pack(Coast, runtime.upload(coast.cell), shoreline, frame))
 
 
 def open_sea() -> DeviceCoast:
-    """Return a coast of no cells, to stand for the arguments of a kernel that was compiled without one."""
-    return DeviceCoast(launch.pack(Coast, runtime.empty(1, ti.u8), runtime.empty(1, ti.i32), Frame([0] * Frame.n)))
+    """Return a coast of no cells, to stand for the arguments of a kernel that was compiled without
+    one.
+    """
+    return DeviceCoast(
+        launch.pack(Coast, runtime.empty(1, ti.u8), runtime.empty(1, ti.i32), Frame([0] * Frame.n))
+    )
 
 
 @ti.func
 def is_wet(lon, lat, coast: ti.template()):
     """Return 1 if a point [binary angles] lies in the water of a `Coast`, else 0.
 
-    The edges between the point and the reference point of its cell are counted: if their number is odd, the two lie on
-    different sides of the shore. An end of an edge on the line from the reference to the point counts as right of it
-    (half-open), so a line through a vertex crosses once or not at all.
+    The edges between the point and the reference point of its cell are counted: if their number is
+    odd, the two lie on different sides of the shore. An end of an edge on the line from the
+    reference to the point counts as right of it (half-open), so a line through a vertex crosses
+    once or not at all.
     """
     cell, line = ti.static(coast.cell, coast.shoreline)
     frame = coast.frame
@@ -92,7 +102,9 @@ def is_wet(lon, lat, coast: ti.template()):
             of_reference = ax * by - ay * bx
             of_point = of_reference + side_a - side_b
             if of_point == 0:
-                if ti.min(ax, bx) <= px <= ti.max(ax, bx) and ti.min(ay, by) <= py <= ti.max(ay, by):
+                if ti.min(ax, bx) <= px <= ti.max(ax, bx) and ti.min(ay, by) <= py <= ti.max(
+                    ay, by
+                ):
                     on_edge = 1
             elif (side_a > 0) != (side_b > 0) and (of_reference > 0) != (of_point > 0):
                 wet = 1 - wet
@@ -103,7 +115,10 @@ def is_wet(lon, lat, coast: ti.template()):
 
 @ti.func
 def _fraction(sx, sy, ax, ay, bx, by):
-    """Return where the step (0, 0)-(sx, sy) first touches the edge A-B, in 2**-30 of it; NEVER if it doesn't."""
+    """Return where the step (0, 0)-(sx, sy) first touches the edge A-B, in 2**-30 of it;
+
+    NEVER if it doesn't.
+    """
     at = NEVER
     side_a = sx * ay - sy * ax
     side_b = sx * by - sy * bx
@@ -131,9 +146,11 @@ def _fraction(sx, sy, ax, ay, bx, by):
 
 @ti.func
 def _first(lon, lat, sx, sy, coast: ti.template()):
-    """Return (fraction in 2**-30, listed edge) of a step's first touch, over the cells that it goes through.
+    """Return (fraction in 2**-30, listed edge) of a step's first touch, over the cells that it goes
+    through.
 
-    The cells are visited row by row: in each row, the columns between where the step enters and leaves it.
+    The cells are visited row by row: in each row, the columns between where the step enters and
+    leaves it.
     """
     line = ti.static(coast.shoreline)
     frame = coast.frame
@@ -185,7 +202,8 @@ POLEWARD = 1_008_000_000
 
 @ti.func
 def clearance(lon, lat, coast: ti.template()):
-    """Return how far a move may lead along each axis [binary angle] without meeting the coast, wherever; 0 where nobody knows.
+    """Return how far a move may lead along each axis [binary angle] without meeting the coast,
+    wherever; 0 where nobody knows.
 
     This costs one look-up of a cell's byte, and no branch.
     """
@@ -194,7 +212,8 @@ def clearance(lon, lat, coast: ti.template()):
     row = ti.cast((ti.cast(lat, ti.i64) - frame[1]) >> frame[2], ti.i32)
     inside = (column < frame[3]) & (row >= 0) & (row < frame[4])
     away = ti.cast(coast.cell[ti.select(inside, row * frame[3] + column, 0)], ti.i32) & 127
-    # A move of k cells' width ends at most k cells away, wherever in the cell it begins; k < away is clear.
+    # A move of k cells' width ends at most k cells away, wherever in the cell it begins; k < away
+    # is clear.
     return ti.select(inside, (away - 1) << frame[2], 0)
 
 
@@ -206,12 +225,14 @@ def is_clear(lon, lat, reach, coast: ti.template()):
 
 @ti.func
 def first_crossing(lon, lat, dlon, dlat, coast: ti.template()):
-    """Return (hit, lon, lat, fraction, edge_id): how a step (dlon, dlat) from water ends [binary angles].
+    """Return (hit, lon, lat, fraction, edge_id): how a step (dlon, dlat) from water ends [binary
+    angles].
 
-    Without a hit: (0, where the step leads, 1.0, -1). With one: the last lattice point in water before the crossing
-    (verified: the way to it touches no edge; at worst the start), the crossing's fraction of the step, and the number
-    of the shoreline edge. In open sea it costs one look-up: a cell's byte says how far the coast is. A kernel that asks
-    several times asks in a loop: each place where this is written costs it half a second of compilation.
+    Without a hit: (0, where the step leads, 1.0, -1). With one: the last lattice point in water
+    before the crossing (verified: the way to it touches no edge; at worst the start), the
+    crossing's fraction of the step, and the number of the shoreline edge. In open sea it costs one
+    look-up: a cell's byte says how far the coast is. A kernel that asks several times asks in a
+    loop: each place where this is written costs it half a second of compilation.
     """
     hit = 0
     stop_lon = lon + dlon
@@ -242,7 +263,8 @@ def first_crossing(lon, lat, dlon, dlat, coast: ti.template()):
                 if along <= 0:
                     along = 0
                     seeking = 0
-                # Round towards the start. The point may still lie across an edge, so the way to it is tested as a step.
+                # Round towards the start. The point may still lie across an edge, so the way to it
+                # is tested as a step.
                 sx = ti.cast(abs(dlon), ti.i64) * along // reach
                 sy = ti.cast(abs(dlat), ti.i64) * along // reach
                 if dlon < 0:
@@ -284,7 +306,9 @@ def _meets(lon: Ints, lat: Ints, dlon: Ints, dlat: Ints, fraction: Reals, coast:
     for i in range(lon.shape[0]):
         met = ti.f32(ti.math.inf)
         if not is_clear(lon[i], lat[i], ti.max(abs(dlon[i]), abs(dlat[i])), coast):
-            at, _ = _first(lon[i], lat[i], ti.cast(dlon[i], ti.i64), ti.cast(dlat[i], ti.i64), coast)
+            at, _ = _first(
+                lon[i], lat[i], ti.cast(dlon[i], ti.i64), ti.cast(dlat[i], ti.i64), coast
+            )
             if at != NEVER:
                 met = ti.cast(at, ti.f32) * ti.cast(1.0 / ONE, ti.f32)
         fraction[i] = met  # of every step: a card brings back the whole array, and took none of it
@@ -309,8 +333,11 @@ def wet(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
     return out == 1
 
 
-def meets(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.ndarray, dlat: np.ndarray) -> np.ndarray:
-    """Return at which fraction steps from wet points first touch the coast; inf for those that do not.
+def meets(
+    coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.ndarray, dlat: np.ndarray
+) -> np.ndarray:
+    """Return at which fraction steps from wet points first touch the coast; inf for those that do
+    not.
 
     Points and steps are binary angles of shape (n,).
     """
@@ -321,12 +348,18 @@ def meets(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.ndarray
     return fraction
 
 
-def crossings(coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.ndarray, dlat: np.ndarray) -> Crossings:
-    """Return where steps from wet points [binary angles], shape (n,), end: at the coast or where they lead."""
+def crossings(
+    coast: DeviceCoast, lon: np.ndarray, lat: np.ndarray, dlon: np.ndarray, dlat: np.ndarray
+) -> Crossings:
+    """Return where steps from wet points [binary angles], shape (n,), end: at the coast or where
+    they lead.
+    """
     steps = [np.ascontiguousarray(a, np.int32) for a in (lon, lat, dlon, dlat)]
     n = steps[0].size
     hit, stop_lon, stop_lat, number = (np.zeros(n, np.int32) for _ in range(4))
     fraction = np.ones(n, np.float32)
     if n:
-        _crossings(*runtime.residents(*steps), hit, stop_lon, stop_lat, fraction, number, coast.pack)
+        _crossings(
+            *runtime.residents(*steps), hit, stop_lon, stop_lat, fraction, number, coast.pack
+        )
     return Crossings(hit == 1, stop_lon, stop_lat, fraction, number)

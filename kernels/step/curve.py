@@ -1,16 +1,19 @@
-"""Where a particle is inside a step: the cubic that a Runge-Kutta step describes, as a departure from its chord.
+"""Where a particle is inside a step: the cubic that a Runge-Kutta step describes, as a departure
+from its chord.
 
-With k1 and k4 the displacements over the whole step at the velocity of its first and its last stage, and M the
-displacement of the step, the continuous extension of third order of the classical scheme (Zennaro 1986,
-doi:10.1090/S0025-5718-1986-0815835-4; Hairer, Norsett and Wanner 1993, II.6) is the cubic Hermite interpolant with
-the end slopes k1 and k4. With d0 = k1 - M and d1 = k4 - M it departs from the chord, at a share s of the way, by
+With k1 and k4 the displacements over the whole step at the velocity of its first and its last
+stage, and M the displacement of the step, the continuous extension of third order of the classical
+scheme (Zennaro 1986, doi:10.1090/S0025-5718-1986-0815835-4; Hairer, Norsett and Wanner 1993, II.6)
+is the cubic Hermite interpolant with the end slopes k1 and k4. With d0 = k1 - M and d1 = k4 - M it
+departs from the chord, at a share s of the way, by
 
     b(s) = s (1 - s)^2 d0 - s^2 (1 - s) d1
 
 It costs no further stage. Where the forcing is linear in time and uniform in space, it is exact.
 
-A `bend` is (d0 lon, d0 lat, d1 lon, d1 lat) [binary angle units]. Where the domain holds a pole, chords are great circles
-and a bend is (d0 east, d0 north, d1 east, d1 north) [m], carried to the meridian of 0: see kernels.maths.sphere.meridian.
+A `bend` is (d0 lon, d0 lat, d1 lon, d1 lat) [binary angle units]. Where the domain holds a pole,
+chords are great circles and a bend is (d0 east, d0 north, d1 east, d1 north) [m], carried to the
+meridian of 0: see kernels.maths.sphere.meridian.
 """
 
 from typing import Any
@@ -31,13 +34,17 @@ f32x4 = ti.types.vector(4, ti.f32)
 
 
 def edges(elapsed: int, duration: int, pieces: int) -> list[int]:
-    """Return where the straight pieces of a step begin and, last, where the step ends [s after the run's start]."""
+    """Return where the straight pieces of a step begin and, last, where the step ends [s after the
+    run's start].
+    """
     return [elapsed + duration * k // pieces for k in range(pieces + 1)]
 
 
 @ti.func
 def off_chord(bend: f32x4, share: ti.f32) -> f32x2:
-    """Return by how much (lon, lat) a way departs from its chord at a share of it [binary angle units]."""
+    """Return by how much (lon, lat) a way departs from its chord at a share of it [binary angle
+    units].
+    """
     a, b = share * (1.0 - share) * (1.0 - share), share * share * (1.0 - share)
     return f32x2(a * bend[0] - b * bend[2], a * bend[1] - b * bend[3])
 
@@ -53,18 +60,27 @@ def slope_off_chord(bend: f32x4, share: ti.f32) -> f32x2:
 def cut_short(bend: f32x4, part: ti.f32) -> f32x4:
     """Return the bend of a track that ends after a part of the step."""
     end, slope = off_chord(bend, part), slope_off_chord(bend, part)
-    return f32x4(part * bend[0] - end[0], part * bend[1] - end[1], part * slope[0] - end[0], part * slope[1] - end[1])
+    return f32x4(
+        part * bend[0] - end[0],
+        part * bend[1] - end[1],
+        part * slope[0] - end[0],
+        part * slope[1] - end[1],
+    )
 
 
 @ti.func
 def bulge(bend: f32x4) -> f32x2:
-    """Return a bound on the largest (lon, lat) distance of a track from its chord, at most 1.2 times the true one."""
+    """Return a bound on the largest (lon, lat) distance of a track from its chord, at most 1.2
+    times the true one.
+    """
     return MOST * f32x2(ti.abs(bend[0]) + ti.abs(bend[2]), ti.abs(bend[1]) + ti.abs(bend[3]))
 
 
 @ti.func
 def pieces(bend: f32x4, c: ti.f32, most: ti.i32) -> ti.i32:
-    """Return into how many pieces a way is cut so that each is straight, by CHORD; c: cosine of the latitude."""
+    """Return into how many pieces a way is cut so that each is straight, by CHORD; c: cosine of the
+    latitude.
+    """
     off = bulge(bend) * ti.f32(sphere.RADIUS * sphere.UNIT)
     far = ti.sqrt(off[0] * off[0] * c * c + off[1] * off[1])
     return ti.min(ti.max(ti.cast(ti.ceil(ti.sqrt(far * ti.f32(1.0 / CHORD))), ti.i32), 1), most)
@@ -79,16 +95,24 @@ def slopes(bend: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 @ti.func
 def inside(
-    polar: ti.template(), lon: ti.i32, lat: ti.i32, to_lon: ti.i32, to_lat: ti.i32, share: ti.f32, off: f32x2
+    polar: ti.template(),
+    lon: ti.i32,
+    lat: ti.i32,
+    to_lon: ti.i32,
+    to_lat: ti.i32,
+    share: ti.f32,
+    off: f32x2,
 ) -> f32x2:
     """Return how far a way has led at a share of it, from (lon, lat) on.
 
-    off: by how much it departs from its chord there. Both are (lon, lat) [binary angle units], in a domain with a pole
-    (east, north) [m].
+    off: by how much it departs from its chord there. Both are (lon, lat) [binary angle units], in a
+    domain with a pole (east, north) [m].
     """
     led = f32x2(ti.cast(to_lon - lon, ti.f32), ti.cast(to_lat - lat, ti.f32)) * share + off
     if ti.static(polar):
-        led = sphere.offset(lon, lat, to_lon, to_lat) * share + sphere.carried_on(off, sphere.meridian(lon, lat))
+        led = sphere.offset(lon, lat, to_lon, to_lat) * share + sphere.carried_on(
+            off, sphere.meridian(lon, lat)
+        )
     return led
 
 
@@ -122,7 +146,9 @@ def _places(
     at_lat: Ints,
 ):
     for i in range(lon.shape[0]):
-        times = life.behind(status[i], release[i], status_since[i], moving_since[i], elapsed, duration)
+        times = life.behind(
+            status[i], release[i], status_since[i], moving_since[i], elapsed, duration
+        )
         left, finish = times[1], times[2]
         share = ti.cast(time - left, ti.f32) / ti.max(ti.cast(finish - left, ti.f32), 1.0)
         x, y = before_lon[i], before_lat[i]
@@ -135,13 +161,21 @@ def _places(
 
 
 def places(
-    ensemble: Any, before: tuple[Any, Any], bend: Any, elapsed: int, duration: int, time: int, polar: bool = False
+    ensemble: Any,
+    before: tuple[Any, Any],
+    bend: Any,
+    elapsed: int,
+    duration: int,
+    time: int,
+    polar: bool = False,
 ) -> tuple[Any, Any]:
-    """Return where drifting particles were at a time inside the step just made, without the noise inside it.
+    """Return where drifting particles were at a time inside the step just made, without the noise
+    inside it.
 
     Args:
         ensemble: a drift.engine.particles.ensemble.Ensemble of n particles, after the step.
-        before: lon and lat at the begin of the step [binary angle, int32], on the device, shape (n,) each.
+        before: lon and lat at the begin of the step [binary angle, int32], on the device, shape
+            (n,) each.
         bend: of each particle's way, float32 on the device, shape (4 n,).
         elapsed: begin of the step [s after the run's start].
         duration: of the step [s].

@@ -1,4 +1,6 @@
-"""What chance does to a step: errors of the forcing that decorrelate in time, a random walk, and jibes."""
+"""What chance does to a step: errors of the forcing that decorrelate in time, a random walk, and
+jibes.
+"""
 
 from typing import NamedTuple
 
@@ -9,8 +11,9 @@ from kernels.step.features import BIAS, DEBRIS, DIFFUSION, ERRORS, GUIDED, JIBE,
 
 f32x2 = ti.types.vector(2, ti.f32)
 
-# Columns [m/s] in the rows of one array (kernels.runtime.rows): errors of the current and of the wind at
-# present, and the current's bias, which lasts. Here are the first rows of each, of the east component.
+# Columns [m/s] in the rows of one array (kernels.runtime.rows): errors of the current and of the
+# wind at present, and the current's bias, which lasts. Here are the first rows of each, of the east
+# component.
 ROWS = (
     *("current_error_east", "current_error_north", "wind_error_east", "wind_error_north"),
     *("current_bias_east", "current_bias_north"),
@@ -31,13 +34,16 @@ class Physics(NamedTuple):
 
 @ti.func
 def kept(time: ti.f32, dt: ti.f32) -> ti.f32:
-    """Return the share of itself that an Ornstein-Uhlenbeck process of decorrelation time `time` [s] keeps over dt [s]."""
+    """Return the share of itself that an Ornstein-Uhlenbeck process of decorrelation time `time`
+    [s] keeps over dt [s].
+    """
     return ti.exp(-dt / time)
 
 
 @ti.func
 def transition(old: f32x2, std: ti.f32, keep: ti.f32, normal: f32x2) -> f32x2:
-    """Return an Ornstein-Uhlenbeck process some time after it was `old`, of which it keeps `keep`: see `kept`.
+    """Return an Ornstein-Uhlenbeck process some time after it was `old`, of which it keeps `keep`:
+    see `kept`.
 
     Its standard deviation is std. The transition is exact for any time (Gillespie 1996,
     doi:10.1103/PhysRevE.54.2084, eq. 1.9).
@@ -50,8 +56,8 @@ def transition(old: f32x2, std: ti.f32, keep: ti.f32, normal: f32x2) -> f32x2:
 def jibed(rate: ti.f32, dt: ti.f32, uniform: ti.f32):
     """Return whether an odd number of jibes at a rate [1/s] falls within dt [s].
 
-    The law does not depend on how a time is cut into steps. A Poisson number of mean m is odd with probability
-    (1 - exp(-2 m)) / 2.
+    The law does not depend on how a time is cut into steps. A Poisson number of mean m is odd with
+    probability (1 - exp(-2 m)) / 2.
     """
     odd = 0.5 - 0.5 * ti.exp(-2.0 * rate * dt)
     return uniform < odd
@@ -67,8 +73,8 @@ def variance(table: ti.template(), story: ti.i32, dt: ti.f32) -> ti.f32:
 def walked(walk: f32x2, c: ti.f32, s: ti.f32) -> f32x2:
     """Return (dlon, dlat) [binary angle units] of a random walk (east, north) [m].
 
-    c, s: cosine and sine of the latitude where it begins. This is the exponential map to second order: without its last
-    term a walk drifts poleward by D tan(lat) / R.
+    c, s: cosine and sine of the latitude where it begins. This is the exponential map to second
+    order: without its last term a walk drifts poleward by D tan(lat) / R.
     """
     unit = ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
     dlat = (walk[1] - walk[0] * walk[0] * s / c * ti.f32(0.5 / sphere.RADIUS)) * unit
@@ -86,24 +92,32 @@ def draw_errors(
 ):
     """Draw what chance does to the particles of a bundle over their parts dt [s] of a lattice step.
 
-    held: see kernels.step.advance. Read: story, slot (in the whole run, the key of its noise), dt, bias, and `nudge`, which is added to the normals of
-    the errors where particles are guided (kernels.step.guide). Made new: errors of
-    current and wind, east and north [m/s], and the side. Written: `error`, the mean of those at begin and end of the
-    step, with the bias, and `walk`, east and north [m], of the variance 2 D dt [m2]. table: the `Physics` of
-    each scenario; terms: see kernels.step.advance.
+    held: see kernels.step.advance. Read: story, slot (in the whole run, the key of its noise), dt,
+    bias, and `nudge`, which is added to the normals of the errors where particles are guided
+    (kernels.step.guide). Made new: errors of current and wind, east and north [m/s], and the side.
+    Written: `error`, the mean of those at begin and end of the step, with the bias, and `walk`,
+    east and north [m], of the variance 2 D dt [m2]. table: the `Physics` of each scenario; terms:
+    see kernels.step.advance.
     """
     wind = ti.static(bool(features & (JIBE | ERRORS) and features & WIND))
     # What calls a library stands in a loop of its own: see kernels.runtime.bundle.
     for j in range(width):
-        at, slot, dt = held.story[0, j] * ti.static(len(Physics._fields)), held.slot[0, j], held.dt[0, j]
+        at, slot, dt = (
+            held.story[0, j] * ti.static(len(Physics._fields)),
+            held.slot[0, j],
+            held.dt[0, j],
+        )
         if ti.static(features & (DIFFUSION | ERRORS)):
             w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_STEP, slot, step)
             if ti.static(features & ERRORS):
                 held.log[1, j], held.word[1, j] = ti.log(noise.uniform(w[2])), w[3]
                 held.keep[0, j] = kept(table[at + 1], dt)
             if ti.static(features & DIFFUSION):
-                if ti.static(features & DEBRIS):  # debris shares only the errors of the forcing with the object
-                    w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
+                # debris shares only the errors of the forcing with the object
+                if ti.static(features & DEBRIS):
+                    w = noise.noise_words(
+                        terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step
+                    )
                 held.log[0, j], held.word[0, j] = ti.log(noise.uniform(w[0])), w[1]
         if ti.static(wind):
             w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_WIND, slot, step)
@@ -112,7 +126,9 @@ def draw_errors(
                 held.keep[1, j] = kept(table[at + 3], dt)
             if ti.static(features & JIBE):
                 if ti.static(features & DEBRIS):
-                    w = noise.noise_words(terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step)
+                    w = noise.noise_words(
+                        terms.seed0, terms.seed1, noise.STREAM_DEBRIS + terms.debris, slot, step
+                    )
                 if jibed(table[at + 5], dt, noise.uniform(w[2])):
                     held.side[0, j] = -held.side[0, j]
     for j in range(width):

@@ -24,7 +24,8 @@ What is not asked for is not compiled.
     GUIDED,
     PARAMETERS,
 ) = (1 << k for k in range(19))
-# LAYERS: a quantity of the forcing has several tiles; POLAR: the domain holds a pole; PARAMETERS: a velocity of the
-# user's own, whose parameters stand in the columns of the leeway lines.
+# LAYERS: a quantity of the forcing has several tiles; POLAR: the domain holds a pole; PARAMETERS: a
+# velocity of the user's own, whose parameters stand in the columns of the leeway lines.
 LINES = WIND | PARAMETERS  # what has these columns read
-FORCING = {"current": CURRENT, "wind": WIND, "stokes": STOKES}  # terms of kernels.step.velocity, by quantity
+# terms of kernels.step.velocity, by quantity
+FORCING = {"current": CURRENT, "wind": WIND, "stokes": STOKES}

@@ -1,9 +1,10 @@
 """Noise that guides particles toward finds: projections of it, and nudges added to it.
 
-A guided particle's errors of current and wind keep the numbers of their streams (kernels.maths.noise), to
-whose standard normals a shift is added. drift.evidence.filter.debris.guide chooses the shift, and weighs the particle
-for it. Here the normals of all steps are summed, each times how far it moves what drifts by the time
-of a find; and the shift of one step is computed from a particle's pull toward each find.
+A guided particle's errors of current and wind keep the numbers of their streams
+(kernels.maths.noise), to whose standard normals a shift is added.
+drift.evidence.filter.debris.guide chooses the shift, and weighs the particle for it. Here the
+normals of all steps are summed, each times how far it moves what drifts by the time of a find; and
+the shift of one step is computed from a particle's pull toward each find.
 """
 
 from collections.abc import Mapping
@@ -22,7 +23,9 @@ f32x2 = ti.types.vector(2, ti.f32)
 
 
 def nudges_of(columns: Mapping[str, Any], guided: bool) -> Any:
-    """Return the array of nudges, float32 (4 n,), where particles are guided; else one never read, (1,)."""
+    """Return the array of nudges, float32 (4 n,), where particles are guided; else one never read,
+    (1,).
+    """
     return rows.whole(columns, NUDGES) if guided else runtime.empty(1, ti.f32)
 
 
@@ -81,7 +84,8 @@ def nudge(current: ti.f32, wind: ti.f32, begin: ti.i32, east: Reals, north: Real
         begin: 1: write; 0: add to the present values.
         east: pull of each particle toward the find [1/m], shape (n,).
         north: its other component.
-        nudges: written: shifts of the current's and the wind's normals, shape (4 n,) in rows NUDGES.
+        nudges: written: shifts of the current's and the wind's normals, shape (4 n,) in rows
+            NUDGES.
     """
     n = east.shape[0]
     for i in range(n):

@@ -3,8 +3,8 @@
 The step is taken in lon and lat.
 
 A velocity is a `ti.func` (features, sea, own, lon, lat, fraction) -> (east, north, valid) [m/s], as
-`kernels.step.velocity.drift` is. features: what it is compiled for; sea: kernels.step.sample.Sea; own: what of the particle it
-depends on; lon, lat [binary angle]; fraction: of the lattice step.
+`kernels.step.velocity.drift` is. features: what it is compiled for; sea: kernels.step.sample.Sea;
+own: what of the particle it depends on; lon, lat [binary angle]; fraction: of the lattice step.
 """
 
 import taichi as ti
@@ -14,7 +14,8 @@ from kernels.step.velocity import Drifter
 
 ASIDE = 200.0  # [m] to either side, the distance over which a divergence is measured
 
-# Where each stage stands in the step, and its part of the sum. A stage starts along the velocity of the one before.
+# Where each stage stands in the step, and its part of the sum. A stage starts along the velocity of
+# the one before.
 MIDPOINT = ((0.0, 1 / 2), (0.0, 1.0))
 CLASSICAL = ((0.0, 1 / 2, 1 / 2, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6))
 
@@ -28,7 +29,8 @@ def tableau(scheme: ti.template(), stage: ti.i32) -> f32x2:
     """Return where a stage of a scheme stands in the step, and its part of the sum."""
     at, part = ti.cast(scheme[0][0], ti.f32), ti.cast(scheme[1][0], ti.f32)
     for k in ti.static(range(1, len(scheme[0]))):
-        # Compare only where an entry differs from the one before: a comparison for each stage costs 3 % of a step.
+        # Compare only where an entry differs from the one before: a comparison for each stage costs
+        # 3 % of a step.
         if ti.static(scheme[0][k] != scheme[0][k - 1] or scheme[1][k] != scheme[1][k - 1]):
             if stage >= k:
                 at, part = scheme[0][k], scheme[1][k]
@@ -37,17 +39,24 @@ def tableau(scheme: ti.template(), stage: ti.i32) -> f32x2:
 
 @ti.dataclass
 class Way:
-    """How far a step has led, stage after stage [binary angle units]; the first stage is given zeros, valid of 1."""
+    """How far a step has led, stage after stage [binary angle units]; the first stage is given
+    zeros, valid of 1.
+    """
 
-    last: f32x2  # (dlon, dlat) over the whole step at the velocity of its last stage that found forcing
+    # (dlon, dlat) over the whole step at the velocity of its last stage that found forcing
+    last: f32x2
     total: f32x2  # the sum of the stages so far
     valid: ti.f32  # 0 once a stage has found no forcing
     sets_off: ti.f32  # 0 where the first stage did not lead off the beach
 
 
 @ti.func
-def _sets_off(beached: ti.template(), way: ti.template(), entry: f32x2, r: f32x3, off: f32x2) -> ti.f32:
-    """Return 0 where the first stage's drift (east, north, valid) does not lead off the beach, else what it was."""
+def _sets_off(
+    beached: ti.template(), way: ti.template(), entry: f32x2, r: f32x3, off: f32x2
+) -> ti.f32:
+    """Return 0 where the first stage's drift (east, north, valid) does not lead off the beach, else
+    what it was.
+    """
     sets_off = way.sets_off
     if ti.static(beached):
         first = (entry[0] == 0.0) & ((off[0] != 0.0) | (off[1] != 0.0))
@@ -75,18 +84,25 @@ def lead(
 ) -> Way:
     """Return the `Way` after a further stage of a step over dt [s, signed] from (lon, lat).
 
-    The scheme is MIDPOINT, of order 2, or CLASSICAL, of order 4 (Kutta 1901), in the coordinates lon and lat themselves:
-    stages of east and north metres, added up and wrapped afterwards, would be of first order. entry: of its `tableau`;
-    fraction: of the lattice step, at which the stage stands. c0, s0: cosine and sine of lat.
+    The scheme is MIDPOINT, of order 2, or CLASSICAL, of order 4 (Kutta 1901), in the coordinates
+    lon and lat themselves: stages of east and north metres, added up and wrapped afterwards, would
+    be of first order. entry: of its `tableau`; fraction: of the lattice step, at which the stage
+    stands. c0, s0: cosine and sine of lat.
 
-    beached: whether a particle may lie on a beach. Then `off` (east, north) points off the beach, and the particle sets
-    off only if the drift of the first stage has a component along it; `off` is zero for a particle that is afloat. If
-    the particle does not set off, the displacement means nothing. There is no branch in it: see kernels.runtime.bundle.
+    beached: whether a particle may lie on a beach. Then `off` (east, north) points off the beach,
+    and the particle sets off only if the drift of the first stage has a component along it; `off`
+    is zero for a particle that is afloat. If the particle does not set off, the displacement means
+    nothing. There is no branch in it: see kernels.runtime.bundle.
     """
-    scale_lat = dt * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))  # m/s -> units of latitude in this step
+    # m/s -> units of latitude in this step
+    scale_lat = dt * ti.f32(1.0 / (sphere.RADIUS * sphere.UNIT))
     d = entry[0] * way.last[1] * ti.f32(sphere.UNIT)
-    c = c0 - d * (s0 + d * (0.5 * c0 - d * s0 * (1.0 / 6.0)))  # cos(lat + d), |d| < 0.02: error 7e-9
-    x, y = lon + ti.cast(entry[0] * way.last[0], ti.i32), lat + ti.cast(entry[0] * way.last[1], ti.i32)
+    # cos(lat + d), |d| < 0.02: error 7e-9
+    c = c0 - d * (s0 + d * (0.5 * c0 - d * s0 * (1.0 / 6.0)))
+    x, y = (
+        lon + ti.cast(entry[0] * way.last[0], ti.i32),
+        lat + ti.cast(entry[0] * way.last[1], ti.i32),
+    )
     r = velocity(features, sea, own, x, y, fraction)
     sets_off = _sets_off(beached, way, entry, r, off)
     valid = way.valid * r[2]
@@ -111,10 +127,12 @@ def lead_over_pole(
     entry: f32x2,
     off: f32x2,
 ) -> Way:
-    """Return what `lead` does where meridians meet: stages and errors lie in the plane tangent at the step's begin.
+    """Return what `lead` does where meridians meet: stages and errors lie in the plane tangent at
+    the step's begin.
 
-    Displacements are (east, north) [m] there, to which velocities are carried along great circles: by the exponential
-    map the step is that of the scheme, but for the curvature over one step, (20 km / R)^2 / 6 of it at most.
+    Displacements are (east, north) [m] there, to which velocities are carried along great circles:
+    by the exponential map the step is that of the scheme, but for the curvature over one step, (20
+    km / R)^2 / 6 of it at most.
     """
     x, y = sphere.exponential(lon, lat, entry[0] * way.last[0], entry[0] * way.last[1])
     turn = sphere.convergence(lon, lat, x, y)
@@ -126,7 +144,10 @@ def lead_over_pole(
     here = sphere.carried_back(f32x2(r[0], r[1]), turn)
     sets_off = _sets_off(beached, way, entry, f32x3(here[0], here[1], r[2]), off)
     valid = way.valid * r[2]
-    last = f32x2(ti.select(valid > 0.5, dt * here[0], way.last[0]), ti.select(valid > 0.5, dt * here[1], way.last[1]))
+    last = f32x2(
+        ti.select(valid > 0.5, dt * here[0], way.last[0]),
+        ti.select(valid > 0.5, dt * here[1], way.last[1]),
+    )
     return Way(last=last, total=way.total + entry[1] * last, valid=valid, sets_off=sets_off)
 
 
@@ -134,11 +155,13 @@ def lead_over_pole(
 def led(way: ti.template()) -> f32x2:
     """Return (dlon, dlat) [binary angle units] of a whole step.
 
-    Where a stage found no forcing it is that of the last stage that found some: the coast may still stop the particle on
-    the way.
+    Where a stage found no forcing it is that of the last stage that found some: the coast may still
+    stop the particle on the way.
     """
     known = way.valid >= 0.5
-    return f32x2(ti.select(known, way.total[0], way.last[0]), ti.select(known, way.total[1], way.last[1]))
+    return f32x2(
+        ti.select(known, way.total[0], way.last[0]), ti.select(known, way.total[1], way.last[1])
+    )
 
 
 @ti.func

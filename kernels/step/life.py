@@ -1,7 +1,8 @@
 """A particle's life: its states, during which part of a step it moves, and how the step ends.
 
-Times are whole seconds after the run's start, also of a run backward in time. A particle waits for its release, drifts,
-and ends ashore, outside of the forcing, outside of the domain or sunk; what refloats goes on from the beach.
+Times are whole seconds after the run's start, also of a run backward in time. A particle waits for
+its release, drifts, and ends ashore, outside of the forcing, outside of the domain or sunk; what
+refloats goes on from the beach.
 """
 
 import taichi as ti
@@ -15,13 +16,20 @@ LONGEST = 2.0e9  # [s] longest wait on a beach that whole seconds can hold
 
 
 @ti.func
-def ahead(status: ti.i32, release: ti.i32, due: ti.i32, sink_time: ti.i32, elapsed: ti.i32, duration: ti.i32):
+def ahead(
+    status: ti.i32,
+    release: ti.i32,
+    due: ti.i32,
+    sink_time: ti.i32,
+    elapsed: ti.i32,
+    duration: ti.i32,
+):
     """Return (moves, left, finish) of the step that begins at `elapsed`, before the step is made.
 
-    moves: whether the particle moves in it; left, finish: from when to when [s]. due: when its wait on the beach ends,
-    `NEVER` where nothing refloats; sink_time: when it sinks, `NEVER` where nothing sinks. A particle whose time to sink
-    comes before it would begin to move has finish equal to left: adrift it sinks at once; on the beach it stays,
-    waterlogged.
+    moves: whether the particle moves in it; left, finish: from when to when [s]. due: when its wait
+    on the beach ends, `NEVER` where nothing refloats; sink_time: when it sinks, `NEVER` where
+    nothing sinks. A particle whose time to sink comes before it would begin to move has finish
+    equal to left: adrift it sinks at once; on the beach it stays, waterlogged.
     """
     end = elapsed + duration
     begins = release
@@ -52,12 +60,14 @@ def ending(
     finish: ti.i32,
     over: ti.i32,
 ):
-    """Write how a step ends for particle i, which moved in it from `left` to `finish` [s]: its place, state and time.
+    """Write how a step ends for particle i, which moved in it from `left` to `finish` [s]: its
+    place, state and time.
 
-    core: columns lon, lat, status, status_since and edge. domain: has west, south, width, height, the box outside which
-    it has left. met, number, part: whether and where it met the shore, as kernels.step.shore.meet returns them; lon, lat: its
-    place there, or at the way's end. known: whether the forcing was known all along the way; without it the particle
-    stays where it was. over: the end of the step [s]. The shore comes first: what strands has neither left nor sunk.
+    core: columns lon, lat, status, status_since and edge. domain: has west, south, width, height,
+    the box outside which it has left. met, number, part: whether and where it met the shore, as
+    kernels.step.shore.meet returns them; lon, lat: its place there, or at the way's end. known:
+    whether the forcing was known all along the way; without it the particle stays where it was.
+    over: the end of the step [s]. The shore comes first: what strands has neither left nor sunk.
     """
     if met == 1:
         core.lon[i], core.lat[i] = lon, lat
@@ -67,7 +77,10 @@ def ending(
     elif known:
         core.lon[i], core.lat[i] = lon, lat
         core.status[i] = ADRIFT
-        if ti.cast(lon - domain.west, ti.u32) > domain.width or ti.cast(lat - domain.south, ti.u32) > domain.height:
+        if (
+            ti.cast(lon - domain.west, ti.u32) > domain.width
+            or ti.cast(lat - domain.south, ti.u32) > domain.height
+        ):
             core.status[i] = LEFT
             core.status_since[i] = over
         elif finish < over:
@@ -80,13 +93,20 @@ def ending(
 
 @ti.func
 def behind(
-    status: ti.i32, release: ti.i32, status_since: ti.i32, moving_since: ti.i32, elapsed: ti.i32, duration: ti.i32
+    status: ti.i32,
+    release: ti.i32,
+    status_since: ti.i32,
+    moving_since: ti.i32,
+    elapsed: ti.i32,
+    duration: ti.i32,
 ):
-    """Return (seen, left, finish, gone) [s] of the step just made, or of a part of it, which began at `elapsed`.
+    """Return (seen, left, finish, gone) [s] of the step just made, or of a part of it, which began
+    at `elapsed`.
 
-    Pending particles are not allowed. The particle was there to be seen from `seen` until `gone`, and moved straight
-    from `left` to `finish`: not before its release, nor before it refloated (`moving_since`), nor after it ended
-    (`status_since`). What lies ashore is still there to be seen.
+    Pending particles are not allowed. The particle was there to be seen from `seen` until `gone`,
+    and moved straight from `left` to `finish`: not before its release, nor before it refloated
+    (`moving_since`), nor after it ended (`status_since`). What lies ashore is still there to be
+    seen.
     """
     finish = elapsed + duration
     gone = finish
@@ -95,7 +115,8 @@ def behind(
         if status != ASHORE:
             gone = finish
     seen = ti.max(elapsed, release)
-    left = ti.max(seen, ti.min(moving_since, finish))  # the latter: it refloats after this part of the step
+    # the latter: it refloats after this part of the step
+    left = ti.max(seen, ti.min(moving_since, finish))
     return seen, left, finish, gone
 
 
@@ -103,8 +124,8 @@ def behind(
 def refloats(status_since: ti.i32, uniform: ti.f32, stay: ti.f32) -> ti.i32:
     """Return when [s] a particle that went ashore at `status_since` is afloat again.
 
-    The wait on the beach is exponential of mean `stay` [s]. uniform: a number in (0, 1) of this landing, so that no
-    step draws the wait anew.
+    The wait on the beach is exponential of mean `stay` [s]. uniform: a number in (0, 1) of this
+    landing, so that no step draws the wait anew.
     """
     wait = ti.min(-ti.log(uniform) * stay, LONGEST)
     return status_since + ti.cast(ti.min(wait, LONGEST - ti.cast(status_since, ti.f32)), ti.i32)

@@ -33,7 +33,8 @@ def load(path: Path, digest: str) -> Callable[..., Any]:
 
     Args:
         path: of the file.
-        digest: of its bytes, by which its module is named: a file that has changed is another module.
+        digest: of its bytes, by which its module is named: a file that has changed is another
+            module.
 
     Raises:
         UserError: where the file has changed, or running it fails.
@@ -55,25 +56,42 @@ def load(path: Path, digest: str) -> Callable[..., Any]:
     except (Exception, SystemExit) as error:  # whatever a user's file raises
         del sys.modules[name]
         told = " ".join(str(error).split())
-        raise UserError(f"{path.name}: running it failed: {type(error).__name__}: {told}") from error
+        raise UserError(
+            f"{path.name}: running it failed: {type(error).__name__}: {told}"
+        ) from error
     for own, value in list(vars(module).items()):
-        if inspect.isfunction(value) and value.__module__ == name and not hasattr(value, "_is_taichi_function"):
+        if (
+            inspect.isfunction(value)
+            and value.__module__ == name
+            and not hasattr(value, "_is_taichi_function")
+        ):
             setattr(module, own, ti.func(value))
     return getattr(module, FUNCTION)
 
 
 def in_sea(function: Callable[..., Any], by_latitude: bool) -> Any:
-    """Return a field of velocity, as kernels.step.advance.mover takes it, made of a user's function.
+    """Return a field of velocity, as kernels.step.advance.mover takes it, made of a user's
+    function.
 
-    by_latitude: whether the function takes the latitude [rad] besides current, wind, waves and parameters. Errors of
-    the forcing are added to the current and to the wind that the function is given.
+    by_latitude: whether the function takes the latitude [rad] besides current, wind, waves and
+    parameters. Errors of the forcing are added to the current and to the wind that the function is
+    given.
     """
 
     @ti.func
     def velocity(
-        features: ti.template(), sea: ti.template(), own: ti.template(), lon: ti.i32, lat: ti.i32, fraction: ti.f32
+        features: ti.template(),
+        sea: ti.template(),
+        own: ti.template(),
+        lon: ti.i32,
+        lat: ti.i32,
+        fraction: ti.f32,
     ) -> f32x3:
-        current, wind, waves = f32x2(own.error[0], own.error[1]), f32x2(own.error[2], own.error[3]), f32x2(0.0)
+        current, wind, waves = (
+            f32x2(own.error[0], own.error[1]),
+            f32x2(own.error[2], own.error[3]),
+            f32x2(0.0),
+        )
         valid = 1.0
         if ti.static(features & CURRENT):
             c = forcing_at(features, sea, own, CURRENT_FROM, lon, lat, fraction)
@@ -95,9 +113,14 @@ def in_sea(function: Callable[..., Any], by_latitude: bool) -> Any:
 
 
 @ti.kernel
-def _through(function: ti.template(), by_latitude: ti.template(), given: Reals, way: Reals, latitude: ti.f32):
+def _through(
+    function: ti.template(), by_latitude: ti.template(), given: Reals, way: Reals, latitude: ti.f32
+):
     for i in range(way.shape[0] >> 1):
-        current, wind = f32x2(given[10 * i], given[10 * i + 1]), f32x2(given[10 * i + 2], given[10 * i + 3])
+        current, wind = (
+            f32x2(given[10 * i], given[10 * i + 1]),
+            f32x2(given[10 * i + 2], given[10 * i + 3]),
+        )
         waves = f32x2(given[10 * i + 4], given[10 * i + 5])
         parameters = f32x4([given[10 * i + 6 + k] for k in ti.static(range(4))])
         v = f32x2(0.0)

@@ -1,9 +1,12 @@
-"""Draw initial positions and release times: a position report, an area, a trackline; always in water.
+"""Draw initial positions and release times: a position report, an area, a trackline; always in
+water.
 
-Each slot tries up to TRIES candidates of its own random stream and keeps the first that lies in water: the prior
-conditioned on water. How many candidates were drawn tells the share of the prior that lay on land.
+Each slot tries up to TRIES candidates of its own random stream and keeps the first that lies in
+water: the prior conditioned on water. How many candidates were drawn tells the share of the prior
+that lay on land.
 
-first, last: the slots, from the first to before the last; number: of the first in the whole run, the key of its noise.
+first, last: the slots, from the first to before the last; number: of the first in the whole run,
+the key of its noise.
 """
 
 from typing import Any
@@ -15,15 +18,21 @@ from kernels.runtime import rows
 from kernels.step.coast import Coast, Ints, Reals, is_wet
 
 TRIES = 4096  # a prior with less than 1 % of water still fails with probability 1e-18 only
-REDRAWS = 64  # draws of a slope: at least half of all draws pass, so that all fail with probability 2**-64 at most
-LINES = 3  # leeway lines of an object: the first draw of line k is number k of its stream, the next one k + LINES
+# draws of a slope: at least half of all draws pass, so that all fail with probability 2**-64 at
+# most
+REDRAWS = 64
+# leeway lines of an object: the first draw of line k is number k of its stream, the next one k +
+# LINES
+LINES = 3
 
 f32x2 = ti.types.vector(2, ti.f32)
 I64s = ti.types.ndarray(dtype=ti.i64, ndim=1)
 
 
 @ti.func
-def _wrapped_normal(lon: ti.i32, lat: ti.i32, n: f32x2, major: ti.f32, minor: ti.f32, orientation: ti.f32):
+def _wrapped_normal(
+    lon: ti.i32, lat: ti.i32, n: f32x2, major: ti.f32, minor: ti.f32, orientation: ti.f32
+):
     """Return a position displaced by a bivariate normal in the tangent plane.
 
     orientation: of the major axis, clockwise from north [rad].
@@ -55,11 +64,12 @@ def draw_position(
     sector: ti.f32,
     coast: Coast,
 ):
-    """Draw positions [binary angle] around (lon0, lat0): a bivariate normal, then a displacement of its own.
+    """Draw positions [binary angle] around (lon0, lat0): a bivariate normal, then a displacement of
+    its own.
 
-    major, minor [m] and orientation [rad from north]: standard deviations of the report. nearest, farthest [m]: range
-    of a uniform distance; bearing, sector [rad]: begin and width of a uniform direction. tries[0] += candidates drawn,
-    tries[1] += slots that found no water.
+    major, minor [m] and orientation [rad from north]: standard deviations of the report. nearest,
+    farthest [m]: range of a uniform distance; bearing, sector [rad]: begin and width of a uniform
+    direction. tries[0] += candidates drawn, tries[1] += slots that found no water.
     """
     for i in range(first, last):
         found = 0
@@ -82,11 +92,13 @@ def draw_position(
 
 
 @ti.func
-def inside_ring(lon: ti.i32, lat: ti.i32, west: ti.i32, vertices: ti.template(), first: ti.i32, n: ti.i32):
+def inside_ring(
+    lon: ti.i32, lat: ti.i32, west: ti.i32, vertices: ti.template(), first: ti.i32, n: ti.i32
+):
     """Return 1 inside a polygon, else 0.
 
-    vertices: [lon0, lat0, lon1, ...], of which n from number `first` on are the polygon's; west: a longitude to the west
-    of all of it, by less than a turn.
+    vertices: [lon0, lat0, lon1, ...], of which n from number `first` on are the polygon's; west: a
+    longitude to the west of all of it, by less than a turn.
 
     It counts crossings, exactly, in 64-bit integers.
     """
@@ -99,7 +111,8 @@ def inside_ring(lon: ti.i32, lat: ti.i32, west: ti.i32, vertices: ti.template(),
         xb = ti.cast(ti.cast(vertices[b] - west, ti.u32), ti.i64)
         ya, yb = ti.cast(vertices[a + 1], ti.i64), ti.cast(vertices[b + 1], ti.i64)
         if (ya > y) != (yb > y):
-            # The edge crosses the point's parallel; count it if the crossing lies east of the point.
+            # The edge crosses the point's parallel; count it if the crossing lies east of the
+            # point.
             turn = (xb - xa) * (y - ya) - (x - xa) * (yb - ya)
             if (turn > 0) == (yb > ya):
                 odd = 1 - odd
@@ -129,18 +142,22 @@ def draw_area(
 
     The polygon's sides are straight in lon-lat, so that parallels stay parallels.
 
-    west, south, width, height: its bounding box [binary angle]; broadest: the largest cos(lat) in it. tries[0] counts
-    the candidates inside the polygon, tries[1] the slots that found no water.
+    west, south, width, height: its bounding box [binary angle]; broadest: the largest cos(lat) in
+    it. tries[0] counts the candidates inside the polygon, tries[1] the slots that found no water.
     """
     for i in range(first, last):
-        found, inside = 0, 0  # counted here, and added once: particles leave this loop at different times
+        # counted here, and added once: particles leave this loop at different times
+        found, inside = 0, 0
         k = 0
         while found == 0 and k < 16 * TRIES:
             w = noise.noise_words(seed0, seed1, noise.STREAM_PRIOR, number + i - first, k)
             k += 1
             x = west + ti.cast(ti.cast(w[0], ti.u64) * ti.cast(width, ti.u64) >> ti.u64(32), ti.i32)
-            y = south + ti.cast(ti.cast(w[1], ti.u64) * ti.cast(height, ti.u64) >> ti.u64(32), ti.i32)
-            # Uniform in lon and lat, thinned by cos(lat): uniform on the sphere without rounding of sin(lat).
+            y = south + ti.cast(
+                ti.cast(w[1], ti.u64) * ti.cast(height, ti.u64) >> ti.u64(32), ti.i32
+            )
+            # Uniform in lon and lat, thinned by cos(lat): uniform on the sphere without rounding of
+            # sin(lat).
             if (
                 noise.uniform(w[2]) * broadest < sphere.cos_lat(y)
                 and inside_ring(x, y, west, vertices, 0, vertices.shape[0] // 2) == 1
@@ -180,10 +197,10 @@ def draw_trackline(
 ):
     """Draw the share of the voyage done at the time of distress, and the place on the track there.
 
-    The place gets a cross-track error. points [lon0, lat0, ...]: begins of short great-circle pieces; courses [rad],
-    lengths [m] and ends (share of the voyage done at the piece's end), one a piece. The share is uniform over
-    [earliest, latest], or triangular with its peak at mode if mode >= 0. release [s after start] = departure + share *
-    voyage. cross_track: standard deviation [m].
+    The place gets a cross-track error. points [lon0, lat0, ...]: begins of short great-circle
+    pieces; courses [rad], lengths [m] and ends (share of the voyage done at the piece's end), one a
+    piece. The share is uniform over [earliest, latest], or triangular with its peak at mode if mode
+    >= 0. release [s after start] = departure + share * voyage. cross_track: standard deviation [m].
     """
     for i in range(first, last):
         found = 0
@@ -262,7 +279,9 @@ def _draw_object(
         own, n = least, (least - mean_slope) / ti.max(slope_std, 1e-30)
         k, found = 0, 0
         while found == 0 and k < REDRAWS:
-            w = noise.noise_words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, line + k * LINES)
+            w = noise.noise_words(
+                seed0, seed1, noise.STREAM_OBJECT, number + i - first, line + k * LINES
+            )
             drawn = noise.normals(w[0], w[1])[0]
             k += 1
             if mean_slope + slope_std * drawn >= least:
@@ -286,19 +305,27 @@ def draw_object(
     offset_std: float,
     least: float,
 ) -> None:
-    """Draw each particle's own slope and offset [m/s] of one leeway line; both move with one normal number.
+    """Draw each particle's own slope and offset [m/s] of one leeway line; both move with one normal
+    number.
 
     So the standard deviation at wind speed W is slope_std W + offset_std (Breivik and Allen 2008,
-    doi:10.1016/j.jmarsys.2007.02.010). A slope below `least` is drawn anew with its offset, which cuts the normal law
-    there (docs/leeway.md). No more than half of the law may lie below. A slope that fails REDRAWS times is `least`.
+    doi:10.1016/j.jmarsys.2007.02.010). A slope below `least` is drawn anew with its offset, which
+    cuts the normal law there (docs/leeway.md). No more than half of the law may lie below. A slope
+    that fails REDRAWS times is `least`.
     """
     law = mean_slope, mean_offset, slope_std, offset_std, least
-    _draw_object(first, last, number, *rows.located(slope), *rows.located(offset), line, seed0, seed1, *law)
+    _draw_object(
+        first, last, number, *rows.located(slope), *rows.located(offset), line, seed0, seed1, *law
+    )
 
 
 @ti.kernel
-def draw_side(first: ti.i32, last: ti.i32, number: ti.i32, side: Ints, seed0: ti.u32, seed1: ti.u32):
-    """Draw the side to which each object drifts off the wind at first: +1 right, -1 left, equally likely."""
+def draw_side(
+    first: ti.i32, last: ti.i32, number: ti.i32, side: Ints, seed0: ti.u32, seed1: ti.u32
+):
+    """Draw the side to which each object drifts off the wind at first: +1 right, -1 left, equally
+    likely.
+    """
     for i in range(first, last):
         w = noise.noise_words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -1)
         side[i] = 1 - 2 * ti.cast(w[0] >> ti.u32(31), ti.i32)
@@ -326,13 +353,23 @@ def _draw_error(
 
 
 def draw_error(
-    first: int, last: int, number: int, east: Any, north: Any, which: int, seed0: int, seed1: int, std: float
+    first: int,
+    last: int,
+    number: int,
+    east: Any,
+    north: Any,
+    which: int,
+    seed0: int,
+    seed1: int,
+    std: float,
 ) -> None:
     """Draw errors [m/s], normal with standard deviation `std` a component.
 
     which: 0 for errors of the current, 1 for errors of the wind, 2 for biases of the current.
     """
-    _draw_error(first, last, number, *rows.located(east), *rows.located(north), which, seed0, seed1, std)
+    _draw_error(
+        first, last, number, *rows.located(east), *rows.located(north), which, seed0, seed1, std
+    )
 
 
 @ti.kernel
@@ -359,10 +396,12 @@ def draw_objects(
 ):
     """Draw the objects of worlds, per_world slots each, about the world's release [binary angle].
 
-    They are released from the time of the world's release on. base: number of the class's first slot in the whole run.
+    They are released from the time of the world's release on. base: number of the class's first
+    slot in the whole run.
 
-    scatter [m]: standard deviation of a component; lasting [s]: over which releases are uniform. tries[0] += candidates
-    drawn, tries[1] += slots that found no water and lie at their world's release itself.
+    scatter [m]: standard deviation of a component; lasting [s]: over which releases are uniform.
+    tries[0] += candidates drawn, tries[1] += slots that found no water and lie at their world's
+    release itself.
     """
     for i in range(first, last):
         k = (number - base + i - first) // per_world
@@ -406,7 +445,15 @@ def _draw_immersion(
 
 
 def draw_immersion(
-    first: int, last: int, number: int, slope: Any, seed0: int, seed1: int, low: float, high: float, ratio: float
+    first: int,
+    last: int,
+    number: int,
+    slope: Any,
+    seed0: int,
+    seed1: int,
+    low: float,
+    high: float,
+    ratio: float,
 ) -> None:
     """Draw each object's immersion I, uniform in [low, high], and write its downwind slope.
 
@@ -416,7 +463,9 @@ def draw_immersion(
 
 
 @ti.kernel
-def _scale_windage(first: ti.i32, last: ti.i32, column: Reals, column_at: ti.i32, world: Ints, factor: Reals):
+def _scale_windage(
+    first: ti.i32, last: ti.i32, column: Reals, column_at: ti.i32, world: Ints, factor: Reals
+):
     """See `scale_windage`; column_at: first element of the column in its array."""
     for i in range(first, last):
         column[column_at + i] *= factor[world[i]]
@@ -444,7 +493,8 @@ def draw_sinking(
 
     The time until then is lognormal, of median time[world] [s], or follows a constant hazard.
 
-    spread: standard deviation of the time's logarithm; 0 for a hazard of half-life time[world]. Infinite: never.
+    spread: standard deviation of the time's logarithm; 0 for a hazard of half-life time[world].
+    Infinite: never.
     """
     for i in range(first, last):
         w = noise.noise_words(seed0, seed1, noise.STREAM_OBJECT, number + i - first, -3)
@@ -452,5 +502,6 @@ def draw_sinking(
         if spread > 0.0:
             after *= ti.exp(spread * noise.normals(w[0], w[1])[0])
         else:
-            after *= -ti.log(noise.uniform(w[0])) * ti.f32(1.4426950408889634)  # per half-life: 1 / ln 2
+            # per half-life: 1 / ln 2
+            after *= -ti.log(noise.uniform(w[0])) * ti.f32(1.4426950408889634)
         sink_time[i] = ti.cast(ti.min(ti.cast(release[i], ti.f32) + after, 2.0e9), ti.i32)

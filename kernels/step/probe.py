@@ -1,4 +1,6 @@
-"""The arithmetic of the device: values of its functions, which differ in the last bit between kinds of processors."""
+"""The arithmetic of the device: values of its functions, which differ in the last bit between kinds
+of processors.
+"""
 
 import numpy as np
 import taichi as ti
@@ -11,12 +13,18 @@ def _values(x: Reals, y: Reals):
     for i in range(x.shape[0]):
         v = x[i]
         y[i] = (
-            ti.sin(v) + ti.cos(0.7 * v) * ti.exp(-0.1 * v) + ti.log(v) * ti.sqrt(v) + ti.atan2(ti.sin(v), v) + v**0.37
+            ti.sin(v)
+            + ti.cos(0.7 * v) * ti.exp(-0.1 * v)
+            + ti.log(v) * ti.sqrt(v)
+            + ti.atan2(ti.sin(v), v)
+            + v**0.37
         )
 
 
 def values(x: np.ndarray) -> np.ndarray:
-    """Return values of the functions that kernels use, float32 (n,), at positive arguments, float32 (n,)."""
+    """Return values of the functions that kernels use, float32 (n,), at positive arguments, float32
+    (n,).
+    """
     y = np.zeros_like(x)
     _values(x, y)
     return y

@@ -2,18 +2,21 @@
 
 Several tiles answer by priority, or are added up.
 
-All tiles of a run lie in one flat array. A node holds four numbers side by side: (east, north) at the earlier and at
-the later of two times, so that one look-up fetches both. A missing value is NaN. The tiles of a quantity stand in
-groups: of a group the first tile that knows the point answers, and the answers of all groups are added up; where a
-whole group is silent the answer is not valid, never zero.
+All tiles of a run lie in one flat array. A node holds four numbers side by side: (east, north) at
+the earlier and at the later of two times, so that one look-up fetches both. A missing value is NaN.
+The tiles of a quantity stand in groups: of a group the first tile that knows the point answers, and
+the answers of all groups are added up; where a whole group is silent the answer is not valid, never
+zero.
 
-Where a source is an ensemble, its tile holds the nodes of one member after those of the other, and a particle is told by
-the nodes of its own member; a tile without members tells all alike.
+Where a source is an ensemble, its tile holds the nodes of one member after those of the other, and
+a particle is told by the nodes of its own member; a tile without members tells all alike.
 
-`scale` says that of each of the next steps, one after the other. Per tile, `where` (int32) holds WHERE numbers: its first node, lon0, lat0 [binary angle], nlon, the tile after the last
-one of its group, and the nodes from one member to the next (0: it has none); `scale` (float32) SCALE numbers: nodes per unit east and north, the last node's coordinates
-(nlon - 1, nlat - 1; negative: nothing for this step), and the weight of the later slice at the begin of the step and
-its change over the step.
+`scale` says that of each of the next steps, one after the other. Per tile, `where` (int32) holds
+WHERE numbers: its first node, lon0, lat0 [binary angle], nlon, the tile after the last one of its
+group, and the nodes from one member to the next (0: it has none); `scale` (float32) SCALE numbers:
+nodes per unit east and north, the last node's coordinates (nlon - 1, nlat - 1; negative: nothing
+for this step), and the weight of the later slice at the begin of the step and its change over the
+step.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,7 +38,8 @@ f32x3 = ti.types.vector(3, ti.f32)
 f32x4 = ti.types.vector(4, ti.f32)
 # First and last tile of each quantity in `Sea.ranges`, in the order of QUANTITIES; see `ordered`.
 ORDER = tuple(QUANTITIES)
-Ranges = Mapping[str, tuple[int, int]]  # first and last tile by quantity; a quantity may be left out
+# first and last tile by quantity; a quantity may be left out
+Ranges = Mapping[str, tuple[int, int]]
 i32xN = ti.types.vector(2 * len(ORDER), ti.i32)
 Nodes = ti.types.ndarray(dtype=f32x4, ndim=1)
 Sea = ti.types.argpack(
@@ -69,17 +73,19 @@ def of_tile(
 ) -> f32x3:
     """Return (east, north, valid) of one tile; zeros where it does not know the point.
 
-    row: where `scale` begins for the step; fraction: of the step. members: whether any tile has members, known when this is compiled; member: the point's own.
+    row: where `scale` begins for the step; fraction: of the step. members: whether any tile has
+    members, known when this is compiled; member: the point's own.
 
     It reads four nodes even then, and so does without a branch: see kernels.runtime.bundle.
     """
     nodes, where, scale = ti.static(sea.nodes, sea.where, sea.scale)
     w, s = tile * WHERE, row + tile * SCALE
-    # Differences are taken modulo a turn: a tile may lie across the antimeridian, and what lies west or south of it
-    # comes out far east or north.
+    # Differences are taken modulo a turn: a tile may lie across the antimeridian, and what lies
+    # west or south of it comes out far east or north.
     x = ti.cast(ti.cast(lon - where[w + 1], ti.u32), ti.f32) * scale[s]
     y = ti.cast(ti.cast(lat - where[w + 2], ti.u32), ti.f32) * scale[s + 1]
-    ix = ti.max(ti.cast(ti.min(x, scale[s + 2] - 0.5), ti.i32), 0)  # the last node belongs to the cell before it
+    # the last node belongs to the cell before it
+    ix = ti.max(ti.cast(ti.min(x, scale[s + 2] - 0.5), ti.i32), 0)
     iy = ti.max(ti.cast(ti.min(y, scale[s + 3] - 0.5), ti.i32), 0)
     fx, fy = x - ix, y - iy
     a = where[w] + iy * where[w + 3] + ix
@@ -110,9 +116,9 @@ def sample(
 ) -> f32x3:
     """Return (east, north, valid), added up over the groups of tiles in [first, last).
 
-    Of each group the first tile that knows the point answers. sea: a `Sea`; row: where its `scale` begins for the step;
-    fraction: of the step. first must begin a
-    group, last end one. members: whether any tile has members, known when this is compiled; member: the point's own.
+    Of each group the first tile that knows the point answers. sea: a `Sea`; row: where its `scale`
+    begins for the step; fraction: of the step. first must begin a group, last end one. members:
+    whether any tile has members, known when this is compiled; member: the point's own.
     """
     where = ti.static(sea.where)
     east, north, valid = 0.0, 0.0, 0.0
@@ -137,12 +143,20 @@ def numbers_of(sea: ti.template()) -> ti.i32:
 
 
 def members_of(columns: Mapping[str, Any], tiles: "Tiles") -> Any:
-    """Return the column of members, int32 (n,), where tiles have any; else one that is never read, (1,)."""
+    """Return the column of members, int32 (n,), where tiles have any; else one that is never read,
+    (1,).
+    """
     return columns["member"] if tiles.members > 1 else runtime.empty(1, ti.i32)
 
 
 @ti.kernel
-def _place(nodes: Nodes, values: ti.types.ndarray(dtype=ti.f32, ndim=1), first: ti.i32, later: ti.i32, shift: ti.i32):
+def _place(
+    nodes: Nodes,
+    values: ti.types.ndarray(dtype=ti.f32, ndim=1),
+    first: ti.i32,
+    later: ti.i32,
+    shift: ti.i32,
+):
     for i in range(values.shape[0] >> 1):  # `//` in the bound of a loop does not compile for Vulkan
         node = nodes[first + i]
         if shift == 1:
@@ -173,13 +187,16 @@ def _sample_all(
 
 
 class Tiles:
-    """The tiles of a run on the device; `place` puts a time slice in, `blend` says where in time a step lies.
+    """The tiles of a run on the device; `place` puts a time slice in, `blend` says where in time a
+    step lies.
 
-    ends: for each tile the one after the last of its group; by default all are one group. members: of each tile, by
-    default one.
+    ends: for each tile the one after the last of its group; by default all are one group. members:
+    of each tile, by default one.
     """
 
-    def __init__(self, grids: list[Grid], ends: list[int] | None = None, members: list[int] | None = None) -> None:
+    def __init__(
+        self, grids: list[Grid], ends: list[int] | None = None, members: list[int] | None = None
+    ) -> None:
         many = members or [1] * len(grids)
         self._own = [g.nlon * g.nlat for g in grids]  # nodes of one member
         sizes = [nodes * number for nodes, number in zip(self._own, many, strict=True)]
@@ -197,14 +214,32 @@ class Tiles:
         ends = [len(grids)] * len(grids) if ends is None else ends
         for row, (grid, begin, end) in enumerate(zip(grids, self.offsets, ends, strict=True)):
             stride = self._own[row] if many[row] > 1 else 0
-            self._where[row] = begin, sphere.to_binary(grid.lon0), sphere.to_binary(grid.lat0), grid.nlon, end, stride
-            self._scale[row] = 360 / sphere.TURN / grid.dlon, 360 / sphere.TURN / grid.dlat, -1, -1, 0, 0
+            self._where[row] = (
+                begin,
+                sphere.to_binary(grid.lon0),
+                sphere.to_binary(grid.lat0),
+                grid.nlon,
+                end,
+                stride,
+            )
+            self._scale[row] = (
+                360 / sphere.TURN / grid.dlon,
+                360 / sphere.TURN / grid.dlat,
+                -1,
+                -1,
+                0,
+                0,
+            )
         self.where = runtime.upload(self._where)
         self.scale = runtime.upload(np.tile(self._scale, (MOST, 1)))
         self._seas: dict[tuple[int, ...], ti.ArgPack] = {}
 
-    def place(self, tile: int, values: np.ndarray, *, later: bool, shift: bool = False, member: int = 0) -> None:
-        """Put a member's slice (nlat, nlon, 2) [m/s] in as the later or earlier one; shift: the later becomes the earlier."""
+    def place(
+        self, tile: int, values: np.ndarray, *, later: bool, shift: bool = False, member: int = 0
+    ) -> None:
+        """Put a member's slice (nlat, nlon, 2) [m/s] in as the later or earlier one; shift: the
+        later becomes the earlier.
+        """
         first = self.offsets[tile] + member * self._own[tile]
         flat = np.ascontiguousarray(values, np.float32).reshape(-1)
         own = runtime.pairs(self.nodes)
@@ -220,7 +255,8 @@ class Tiles:
         """Say where in time the next steps lie, at most MOST.
 
         Args:
-            steps: of each, per tile, the later slice's weight at its begin and end; None: nothing for this step.
+            steps: of each, per tile, the later slice's weight at its begin and end; None: nothing
+                for this step.
         """
         scale = np.tile(self._scale, (MOST, 1, 1))
         for own, weights in zip(scale, steps, strict=False):
@@ -231,9 +267,16 @@ class Tiles:
         self.scale.from_numpy(scale.reshape(-1))
 
     def at(
-        self, first: int, last: int, lon: np.ndarray, lat: np.ndarray, fraction: float, member: np.ndarray | None = None
+        self,
+        first: int,
+        last: int,
+        lon: np.ndarray,
+        lat: np.ndarray,
+        fraction: float,
+        member: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Return (east, north, valid) [m/s, m/s, 0 or 1], shape (n, 3), at binary angles: for tests and checks.
+        """Return (east, north, valid) [m/s, m/s, 0 or 1], shape (n, 3), at binary angles: for tests
+        and checks.
 
         member: int32 (n,) of each place; by default the first.
         """

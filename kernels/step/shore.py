@@ -1,7 +1,9 @@
-"""What the shore does to a step: touches on the way, the time of landing, sliding along, refloating.
+"""What the shore does to a step: touches on the way, the time of landing, sliding along,
+refloating.
 
-Where a step meets the shore is exact (kernels.step.coast). What happens there is reckoned in float32 metres on the plane
-tangent at the particle, with the shore near it taken as a straight line.
+Where a step meets the shore is exact (kernels.step.coast). What happens there is reckoned in
+float32 metres on the plane tangent at the particle, with the shore near it taken as a straight
+line.
 """
 
 import taichi as ti
@@ -11,10 +13,14 @@ from kernels.step import curve
 from kernels.step.coast import EDGES_AT, LINES_AT, first_crossing, is_clear
 
 METRES = sphere.RADIUS * sphere.UNIT  # [m] of a binary angle unit along a meridian
-OFF = 0.5  # [m] that a sliding particle keeps off the shore, so that rounding does not put it ashore
-PIECE = 150.0  # [m] standard deviation of a walk's pieces near the shore: islets and channels of that size are met
+# [m] that a sliding particle keeps off the shore, so that rounding does not put it ashore
+OFF = 0.5
+# [m] standard deviation of a walk's pieces near the shore: islets and channels of that size are met
+PIECE = 150.0
 MOST_PIECES = 64
-SLID = 50.0  # [m] a way that may slide is cut into pieces of that: the rest of a piece goes on along an edge past its corner
+# [m] a way that may slide is cut into pieces of that: the rest of a piece goes on along an edge
+# past its corner
+SLID = 50.0
 CORNERS = 6  # edges that a step slides along at most
 
 f32x2 = ti.types.vector(2, ti.f32)
@@ -23,7 +29,8 @@ f32x3 = ti.types.vector(3, ti.f32)
 
 @ti.func
 def nearest(lon, lat, reach, c, coast: ti.template()) -> f32x3:
-    """Return (distance, east, north) [m] from a point to the nearest point of the shore, within reach [m].
+    """Return (distance, east, north) [m] from a point to the nearest point of the shore, within
+    reach [m].
 
     c: cosine of the latitude. A distance above reach says that there is none.
     """
@@ -37,9 +44,13 @@ def nearest(lon, lat, reach, c, coast: ti.template()) -> f32x3:
     y0 = ti.cast(lat, ti.i64) - frame[1]
     best, east, north = reach * reach * 1.0001 + 1e-6, 0.0, 0.0
     limit = best
-    for row in range(ti.cast((y0 - tall) >> shift, ti.i32), ti.cast((y0 + tall) >> shift, ti.i32) + 1):
+    for row in range(
+        ti.cast((y0 - tall) >> shift, ti.i32), ti.cast((y0 + tall) >> shift, ti.i32) + 1
+    ):
         if row >= 0 and row < frame[4]:
-            for k in range(ti.cast((x0 - wide) >> shift, ti.i32), ti.cast((x0 + wide) >> shift, ti.i32) + 1):
+            for k in range(
+                ti.cast((x0 - wide) >> shift, ti.i32), ti.cast((x0 + wide) >> shift, ti.i32) + 1
+            ):
                 column = k & around
                 if column < frame[3]:
                     i = row * frame[3] + column
@@ -62,7 +73,8 @@ def nearest(lon, lat, reach, c, coast: ti.template()) -> f32x3:
 
 @ti.func
 def facing(lon, lat, c, number, coast: ti.template()) -> f32x3:
-    """Return (distance [m], east, north): how far a point is from an edge's straight line, and the normal.
+    """Return (distance [m], east, north): how far a point is from an edge's straight line, and the
+    normal.
 
     The unit normal (east, north) points to the side of the point.
     """
@@ -86,14 +98,16 @@ def touch(lon, lat, dlon, dlat, chance, c, coast: ti.template()):
 
     The step ends in water.
 
-    A Brownian bridge over a time t between points at distances d1 and d2 on one side of a line meets it with
-    probability exp(-d1 d2 / (D t)) (Karatzas and Shreve 1991, eq. 4.3.40). With chance [m2] = -D t log(u), u uniform,
-    it meets the line where d1 d2 < chance. The line is the shore's tangent at the point nearest to either end. before,
-    after: d1, d2 [m]; east, north: the line's unit normal towards the water.
+    A Brownian bridge over a time t between points at distances d1 and d2 on one side of a line
+    meets it with probability exp(-d1 d2 / (D t)) (Karatzas and Shreve 1991, eq. 4.3.40). With
+    chance [m2] = -D t log(u), u uniform, it meets the line where d1 d2 < chance. The line is the
+    shore's tangent at the point nearest to either end. before, after: d1, d2 [m]; east, north: the
+    line's unit normal towards the water.
     """
     sx = ti.cast(dlon, ti.f32) * (c * ti.f32(METRES))
     sy = ti.cast(dlat, ti.f32) * ti.f32(METRES)
-    reach = ti.sqrt(chance)  # where the bridge met the shore, one of its ends lies within this distance
+    # where the bridge met the shore, one of its ends lies within this distance
+    reach = ti.sqrt(chance)
     touched, before, after, nx, ny = 0, 0.0, 0.0, 0.0, 0.0
     for end in range(2):
         if touched == 0:
@@ -113,11 +127,12 @@ def touch(lon, lat, dlon, dlat, chance, c, coast: ti.template()):
 def landing(fraction, before, variance, normal, uniform):
     """Return the share of a step [1] after which a random walk first meets a line.
 
-    fraction: the share after which its straight way meets the line. before: distance [m] to the line at the step's
-    begin; variance [m2]: 2 D t of the walk over the step. In the clock s = share / (1 - share) a bridge is Brownian
-    motion with drift, so s is inverse Gaussian with mean fraction / (1 - fraction) and shape before^2 / variance; drawn
-    by Michael, Schucany and Haas 1976 (doi:10.1080/00031305.1976.10479147). The same law holds for a bridge that comes
-    back, to its mirror image.
+    fraction: the share after which its straight way meets the line. before: distance [m] to the
+    line at the step's begin; variance [m2]: 2 D t of the walk over the step. In the clock s = share
+    / (1 - share) a bridge is Brownian motion with drift, so s is inverse Gaussian with mean
+    fraction / (1 - fraction) and shape before^2 / variance; drawn by Michael, Schucany and Haas
+    1976 (doi:10.1080/00031305.1976.10479147). The same law holds for a bridge that comes back, to
+    its mirror image.
     """
     share = fraction
     if variance > 0.0 and fraction < 0.9999 and before > 0.0:
@@ -135,10 +150,11 @@ def landing(fraction, before, variance, normal, uniform):
 def pushed(sx, sy, before, nx, ny, chance) -> f32x2:
     """Return a step (sx, sy) [m] pushed off the shore's line by as much as it went over it.
 
-    The line lies at distance `before` [m] and has the normal (nx, ny). chance [m2]: see `touch`; 0 without diffusion.
-    With it, the lowest point of the bridge over the step is drawn from its law, and the push makes the motion a
-    reflected Brownian motion in a half-plane, exact in law (Lepingle 1995, doi:10.1016/0378-4754(93)E0083-H). Without
-    diffusion the push is the projection onto the shore.
+    The line lies at distance `before` [m] and has the normal (nx, ny). chance [m2]: see `touch`; 0
+    without diffusion. With it, the lowest point of the bridge over the step is drawn from its law,
+    and the push makes the motion a reflected Brownian motion in a half-plane, exact in law
+    (Lepingle 1995, doi:10.1016/0378-4754(93)E0083-H). Without diffusion the push is the projection
+    onto the shore.
     """
     after = before + sx * nx + sy * ny
     lowest = 0.5 * (before + after - ti.sqrt((before - after) * (before - after) + 4.0 * chance))
@@ -158,9 +174,11 @@ def along(sx, sy, nx, ny) -> f32x2:
 
 @ti.func
 def leave(lon, lat, c, offing, number, coast: ti.template()):
-    """Return (lon, lat, east, north): where a particle leaves the beach to, and the unit vector there.
+    """Return (lon, lat, east, north): where a particle leaves the beach to, and the unit vector
+    there.
 
-    The place lies an offing [m] straight off the beach, or half-way to another shore that is nearer.
+    The place lies an offing [m] straight off the beach, or half-way to another shore that is
+    nearer.
     """
     f = facing(lon, lat, c, number, coast)
     move_x = ti.cast(ti.round(offing * f[1] / (c * ti.f32(METRES))), ti.i32)
@@ -177,15 +195,18 @@ def leave(lon, lat, c, offing, number, coast: ti.template()):
 def piece(j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step):
     """Return (dlon, dlat, chance): piece j of a random walk, and the `chance` of its touch.
 
-    v: variance [m2] of each piece. rest_lon, rest_lat: what is left to walk; the last piece takes all of it, which
-    makes the walk a Brownian bridge. seed0, seed1, slot, step: the key of its noise.
+    v: variance [m2] of each piece. rest_lon, rest_lat: what is left to walk; the last piece takes
+    all of it, which makes the walk a Brownian bridge. seed0, seed1, slot, step: the key of its
+    noise.
     """
     w = noise.further(seed0, seed1, noise.STREAM_COAST, slot, step, 2 * j)
     left = ti.cast(pieces - j, ti.f32)
     dlon, dlat = rest_lon, rest_lat
     if j < pieces - 1:
         n = noise.normals(w[0], w[1]) * ti.sqrt(v * (left - 1.0) / left)
-        dlon = ti.cast(ti.round(ti.cast(rest_lon, ti.f32) / left + n[0] / (c * ti.f32(METRES))), ti.i32)
+        dlon = ti.cast(
+            ti.round(ti.cast(rest_lon, ti.f32) / left + n[0] / (c * ti.f32(METRES))), ti.i32
+        )
         dlat = ti.cast(ti.round(ti.cast(rest_lat, ti.f32) / left + n[1] / ti.f32(METRES)), ti.i32)
     chance = -0.5 * v * ti.log(noise.uniform(w[2]))
     return dlon, dlat, chance
@@ -193,7 +214,8 @@ def piece(j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step):
 
 @ti.func
 def mirrored(dlon, dlat, after, nx, ny, c):
-    """Return (dlon, dlat): a step that ends before the shore's line, mirrored to end as far behind it.
+    """Return (dlon, dlat): a step that ends before the shore's line, mirrored to end as far behind
+    it.
 
     after: distance [m] of its end from the line; nx, ny: the line's normal.
     """
@@ -232,28 +254,34 @@ def meet(
     step,
     coast: ti.template(),
 ):
-    """Return (met, lon, lat, part, edge number): how a step (dlon, dlat) from water ends that is not `is_far`.
+    """Return (met, lon, lat, part, edge number): how a step (dlon, dlat) from water ends that is
+    not `is_far`.
 
     met: whether it ends on the shore.
 
-    bend: how the way departs from its chord (kernels.step.curve): it is taken in pieces that are straight, so that a bent
-    way meets the shore where small steps meet it.
+    bend: how the way departs from its chord (kernels.step.curve): it is taken in pieces that are
+    straight, so that a bent way meets the shore where small steps meet it.
 
-    walks: whether the step is a random walk of variance [m2] = 2 D t, with the noise of a slot and a step. A walk is a Brownian bridge, taken in pieces of at most PIECE, so that a shore smaller than the step's
-    spread is met as often as at small steps; each piece is tested for a crossing and for a touch. part: share of the
-    step [1] after which the shore is met.
+    walks: whether the step is a random walk of variance [m2] = 2 D t, with the noise of a slot and
+    a step. A walk is a Brownian bridge, taken in pieces of at most PIECE, so that a shore smaller
+    than the step's spread is met as often as at small steps; each piece is tested for a crossing
+    and for a touch. part: share of the step [1] after which the shore is met.
 
-    slides: whether what meets the shore goes on along it instead of ending there: it is `pushed` off the shore's line
-    and led `along` each further edge in turn.
+    slides: whether what meets the shore goes on along it instead of ending there: it is `pushed`
+    off the shore's line and led `along` each further edge in turn.
     """
     k = ti.f32(METRES)
     pieces = curve.pieces(bend, c, MOST_PIECES)
     bent = pieces > 1
     if ti.static(walks):
-        pieces = ti.min(ti.max(ti.cast(ti.ceil(variance / (PIECE * PIECE)), ti.i32), pieces), MOST_PIECES)
+        pieces = ti.min(
+            ti.max(ti.cast(ti.ceil(variance / (PIECE * PIECE)), ti.i32), pieces), MOST_PIECES
+        )
     if ti.static(slides):
         way = f32x2(ti.cast(dlon, ti.f32) * c, ti.cast(dlat, ti.f32)).norm() * k
-        pieces = ti.min(ti.max(ti.cast(ti.ceil(way * ti.f32(1.0 / SLID)), ti.i32), pieces), MOST_PIECES)
+        pieces = ti.min(
+            ti.max(ti.cast(ti.ceil(way * ti.f32(1.0 / SLID)), ti.i32), pieces), MOST_PIECES
+        )
     v = variance / ti.cast(pieces, ti.f32)
     x, y, rest_lon, rest_lat = lon, lat, dlon, dlat
     off_lon, off_lat = 0, 0  # how far the way is off its chord
@@ -262,36 +290,59 @@ def meet(
         if met == 0:
             move_lon, move_lat, chance = rest_lon, rest_lat, ti.cast(0.0, ti.f32)
             if ti.static(walks):
-                move_lon, move_lat, chance = piece(j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step)
+                move_lon, move_lat, chance = piece(
+                    j, pieces, rest_lon, rest_lat, v, c, seed0, seed1, slot, step
+                )
             elif pieces > 1:
                 move_lon, move_lat = rest_lon // (pieces - j), rest_lat // (pieces - j)
             rest_lon, rest_lat = rest_lon - move_lon, rest_lat - move_lat
             if bent:
                 off = curve.off_chord(bend, ti.cast(j + 1, ti.f32) / ti.cast(pieces, ti.f32))
-                to_lon, to_lat = ti.cast(ti.round(off[0]), ti.i32), ti.cast(ti.round(off[1]), ti.i32)
+                to_lon, to_lat = (
+                    ti.cast(ti.round(off[0]), ti.i32),
+                    ti.cast(ti.round(off[1]), ti.i32),
+                )
                 move_lon, move_lat = move_lon + to_lon - off_lon, move_lat + to_lat - off_lat
                 off_lon, off_lat = to_lon, to_lat
 
-            # The first attempt is the piece itself; later ones are what the shore makes of a piece that has met it.
+            # The first attempt is the piece itself; later ones are what the shore makes of a piece
+            # that has met it.
             x_from, y_from, way_lon, way_lat, going = x, y, move_lon, move_lat, 1
-            x_end, y_end, before, share, struck = x, y, ti.cast(0.0, ti.f32), ti.cast(1.0, ti.f32), -1
+            x_end, y_end, before, share, struck = (
+                x,
+                y,
+                ti.cast(0.0, ti.f32),
+                ti.cast(1.0, ti.f32),
+                -1,
+            )
             sx, sy = ti.cast(move_lon, ti.f32) * (c * k), ti.cast(move_lat, ti.f32) * k
             for attempt in range(ti.static(1 + CORNERS if slides else 2 if walks else 1)):
                 if going == 1:
-                    hit, x_stop, y_stop, at, edge = first_crossing(x_from, y_from, way_lon, way_lat, coast)
+                    hit, x_stop, y_stop, at, edge = first_crossing(
+                        x_from, y_from, way_lon, way_lat, coast
+                    )
                     going = 0
                     if attempt == 0:
                         met, x_end, y_end, share, struck = hit, x_stop, y_stop, at, edge
-                        after, nx, ny = ti.cast(0.0, ti.f32), ti.cast(0.0, ti.f32), ti.cast(0.0, ti.f32)
+                        after, nx, ny = (
+                            ti.cast(0.0, ti.f32),
+                            ti.cast(0.0, ti.f32),
+                            ti.cast(0.0, ti.f32),
+                        )
                         if hit == 1:
                             if ti.static(walks or slides):
                                 f = facing(x, y, c, edge, coast)
                                 before, nx, ny = f[0], f[1], f[2]
                         elif ti.static(walks):
-                            met, before, after, nx, ny = touch(x, y, move_lon, move_lat, chance, c, coast)
+                            met, before, after, nx, ny = touch(
+                                x, y, move_lon, move_lat, chance, c, coast
+                            )
                             if ti.static(not slides):
-                                if met == 1:  # the bridge's mirror image goes ashore where it touched
-                                    way_lon, way_lat = mirrored(move_lon, move_lat, after, nx, ny, c)
+                                # the bridge's mirror image goes ashore where it touched
+                                if met == 1:
+                                    way_lon, way_lat = mirrored(
+                                        move_lon, move_lat, after, nx, ny, c
+                                    )
                                     going = 1
                         if ti.static(slides):
                             if met == 1:
@@ -311,7 +362,10 @@ def meet(
                         if hit == 1:
                             x_end, y_end, share, struck = x_stop, y_stop, at, edge
                     if ti.static(slides):
-                        way_lon, way_lat = ti.cast(ti.round(sx / (c * k)), ti.i32), ti.cast(ti.round(sy / k), ti.i32)
+                        way_lon, way_lat = (
+                            ti.cast(ti.round(sx / (c * k)), ti.i32),
+                            ti.cast(ti.round(sy / k), ti.i32),
+                        )
             if ti.static(slides):
                 met = 0
             elif met == 1:

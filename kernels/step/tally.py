@@ -1,7 +1,8 @@
 """What particles add up to: sums by block of slots, and fixed-point amounts by cell of a map.
 
-One thread sums a block, slot after slot, and amounts in cells are whole numbers: the bits are the same on any number
-of threads. Sums take float64's sine and 64-bit atomics, which Vulkan and Metal lack on many cards: NumPy makes them there.
+One thread sums a block, slot after slot, and amounts in cells are whole numbers: the bits are the
+same on any number of threads. Sums take float64's sine and 64-bit atomics, which Vulkan and Metal
+lack on many cards: NumPy makes them there.
 """
 
 import itertools
@@ -23,10 +24,18 @@ from kernels.runtime.dtypes import NUMPY
 ABLE = ("cpu", "cuda")  # backends that have both
 LEAST = 0.5 / fixed_point.ONE  # probabilities above it count in fixed point
 HIDDEN, MOVING, RESTING = 0, 1, 2  # what a status is on a map
-# Sums of a block: probability, its square; weight (probability on the map), its square; weight times cosine and sine of
-# the longitude; weight times x, y, z of what moves, then of what rests; probability by status, then its square.
-PROBABILITY, WEIGHT, DIRECTION, VECTORS, STATUS = (slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 12), slice(12, None))
-WHOLE = 6755399441055744.0  # 1.5 * 2^52: a float64 of up to 2^51 that it is added to is rounded to a whole number
+# Sums of a block: probability, its square; weight (probability on the map), its square; weight
+# times cosine and sine of the longitude; weight times x, y, z of what moves, then of what rests;
+# probability by status, then its square.
+PROBABILITY, WEIGHT, DIRECTION, VECTORS, STATUS = (
+    slice(0, 2),
+    slice(2, 4),
+    slice(4, 6),
+    slice(6, 12),
+    slice(12, None),
+)
+# 1.5 * 2^52: a float64 of up to 2^51 that it is added to is rounded to a whole number
+WHOLE = 6755399441055744.0
 
 Reals = ti.types.ndarray(dtype=ti.f64, ndim=1)
 Wide = ti.types.ndarray(dtype=ti.i64, ndim=1)
@@ -134,9 +143,13 @@ def _summed(swarm: Swarm, edges: Array) -> Summed:
     values = [p, p * p, weight, weight * weight, weight * np.cos(lon), weight * np.sin(lon)]
     values += [np.where(kind == way, axis, 0.0) for way in (MOVING, RESTING) for axis in vector]
     cell = np.repeat(np.arange(many), np.diff(edges)) * statuses + swarm.status
-    by_status = [np.bincount(cell, own, many * statuses).reshape(many, statuses) for own in (p, p * p)]
+    by_status = [
+        np.bincount(cell, own, many * statuses).reshape(many, statuses) for own in (p, p * p)
+    ]
     spans = [slice(a, b) for a, b in itertools.pairwise(edges)]
-    first = np.array([[own[span].sum() for own in values] for span in spans]).reshape(many, len(values))
+    first = np.array([[own[span].sum() for own in values] for span in spans]).reshape(
+        many, len(values)
+    )
     seen = np.where(kind != HIDDEN, p, 1.0)
     return Summed(
         np.concatenate([first, *by_status], axis=1),
@@ -184,12 +197,14 @@ def laid(
         groups: number of groups.
         media: number of media.
         shown: number of scenarios that are shown.
-        heaviest: largest probability of a particle, in units of which squares are summed; 0: squares are left out.
+        heaviest: largest probability of a particle, in units of which squares are summed; 0:
+            squares are left out.
 
     Returns:
-        Weights by group and medium, squared weights likewise, and weights by scenario and medium: int64, of shape
-        (groups, media, h), (groups, media, h), (shown, media, h). What is left out, as scenarios are where one is
-        shown, is zero.
+        Weights by group and medium, squared weights likewise, and weights by scenario and medium:
+            int64, of shape
+        (groups, media, h), (groups, media, h), (shown, media, h). What is left out, as scenarios
+        are where one is shown, is zero.
     """
     place = np.full(window.nlon * window.nlat, -1, np.int32)
     place[cells] = np.arange(cells.size)
@@ -212,11 +227,16 @@ def laid(
             code = (place[cell] * shown + marks.shown[marks.scenario[slot]]) * media + medium
             np.add.at(by_scenario, code, amount)
     both = np.moveaxis(_read(sums, math.prod(shape)).reshape(shape), 0, -1)
-    return both[:, :, 0], both[:, :, 1], np.moveaxis(_read(by_scenario, math.prod(alone)).reshape(alone), 0, -1)
+    return (
+        both[:, :, 0],
+        both[:, :, 1],
+        np.moveaxis(_read(by_scenario, math.prod(alone)).reshape(alone), 0, -1),
+    )
 
 
 def _zeros(many: int, kind: Any = ti.i64) -> Any:
-    # Taichi 1.7.4 zeroes whole words of 32 bits: bytes beyond the last one would keep what was there.
+    # Taichi 1.7.4 zeroes whole words of 32 bits: bytes beyond the last one would keep what was
+    # there.
     return runtime.empty(many + -many % 4, kind) if able() else np.zeros(many, NUMPY[kind])
 
 
@@ -231,7 +251,9 @@ def _bounds(window: Cells) -> tuple[int, ...]:
 
 
 def _found(swarm: Swarm, window: Cells) -> tuple[Array, Array, Array]:
-    """Return the slots of what lies in the cells of a map, its cell and its fixed-point probability."""
+    """Return the slots of what lies in the cells of a map, its cell and its fixed-point
+    probability.
+    """
     slot = np.flatnonzero((swarm.kinds[swarm.status] != HIDDEN) & (swarm.probability > LEAST))
     cell = fixed_point.index(swarm.lon[slot], swarm.lat[slot], window)
     slot, cell = slot[cell >= 0], cell[cell >= 0]
@@ -240,7 +262,14 @@ def _found(swarm: Swarm, window: Cells) -> tuple[Array, Array, Array]:
 
 @ti.func
 def _cell(
-    lon: ti.i32, lat: ti.i32, west: ti.u32, south: ti.u32, width: ti.u32, height: ti.u32, nlon: ti.u32, nlat: ti.u32
+    lon: ti.i32,
+    lat: ti.i32,
+    west: ti.u32,
+    south: ti.u32,
+    width: ti.u32,
+    height: ti.u32,
+    nlon: ti.u32,
+    nlat: ti.u32,
 ) -> ti.i32:
     """Return the flat index of the cell that holds a place; -1 off the grid (see geo.cells.index)."""
     x, y = (ti.cast(lon, ti.u32) - west) // width, (ti.cast(lat, ti.u32) - south) // height
@@ -253,14 +282,26 @@ def _cell(
 @ti.func
 def _fixed(probability: ti.f64) -> ti.i64:
     """Return a probability in fixed point (see geo.cells.fixed)."""
-    return ti.cast(probability * ti.f64(float(fixed_point.ONE)) + ti.f64(WHOLE) - ti.f64(WHOLE), ti.i64)
+    return ti.cast(
+        probability * ti.f64(float(fixed_point.ONE)) + ti.f64(WHOLE) - ti.f64(WHOLE), ti.i64
+    )
 
 
 @ti.kernel
 def _mark(
-    lon: Ints, lat: Ints, probability: Reals, status: Ints, kinds: Ints, west: ti.u32, south: ti.u32, width: ti.u32,
-    height: ti.u32, nlon: ti.u32, nlat: ti.u32, marks: Bytes,
-):  # fmt: skip
+    lon: Ints,
+    lat: Ints,
+    probability: Reals,
+    status: Ints,
+    kinds: Ints,
+    west: ti.u32,
+    south: ti.u32,
+    width: ti.u32,
+    height: ti.u32,
+    nlon: ti.u32,
+    nlat: ti.u32,
+    marks: Bytes,
+):
     """Mark the cells of a map that hold anything."""
     for i in range(lon.shape[0]):
         if kinds[status[i]] != HIDDEN and probability[i] > LEAST:
@@ -271,10 +312,29 @@ def _mark(
 
 @ti.kernel
 def _lay(
-    lon: Ints, lat: Ints, probability: Reals, status: Ints, kinds: Ints, group: Ints, medium: Ints, scenario: Ints,
-    shown: Ints, west: ti.u32, south: ti.u32, width: ti.u32, height: ti.u32, nlon: ti.u32, nlat: ti.u32, place: Ints,
-    groups: ti.i32, media: ti.i32, of: ti.i32, heaviest: ti.f64, sums: Wide, by_scenario: Wide,
-):  # fmt: skip
+    lon: Ints,
+    lat: Ints,
+    probability: Reals,
+    status: Ints,
+    kinds: Ints,
+    group: Ints,
+    medium: Ints,
+    scenario: Ints,
+    shown: Ints,
+    west: ti.u32,
+    south: ti.u32,
+    width: ti.u32,
+    height: ti.u32,
+    nlon: ti.u32,
+    nlat: ti.u32,
+    place: Ints,
+    groups: ti.i32,
+    media: ti.i32,
+    of: ti.i32,
+    heaviest: ti.f64,
+    sums: Wide,
+    by_scenario: Wide,
+):
     """Add up what lies in the cells of a map."""
     for i in range(lon.shape[0]):
         p = probability[i]
@@ -287,4 +347,6 @@ def _lay(
                 if heaviest > 0.0:
                     ti.atomic_add(sums[code + 1], _fixed(p * (p / heaviest)))
                 if of > 1:
-                    ti.atomic_add(by_scenario[(where * of + shown[scenario[i]]) * media + own], amount)
+                    ti.atomic_add(
+                        by_scenario[(where * of + shown[scenario[i]]) * media + own], amount
+                    )

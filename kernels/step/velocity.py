@@ -7,7 +7,9 @@ from kernels.step.features import CURRENT, LAYERS, MEMBERS, STOKES, WIND
 from kernels.step.sample import of_tile, position, sample
 
 # Where `Sea.ranges` holds the first and the last tile of each.
-CURRENT_FROM, WIND_FROM, STOKES_FROM = (position(quantity) for quantity in ("current", "wind", "stokes"))
+CURRENT_FROM, WIND_FROM, STOKES_FROM = (
+    position(quantity) for quantity in ("current", "wind", "stokes")
+)
 CURRENT_TO = CURRENT_FROM + 1
 
 f32x3 = ti.types.vector(3, ti.f32)
@@ -29,13 +31,15 @@ class Drifter:
 def leeway(line: f32x4, wind_east: ti.f32, wind_north: ti.f32) -> ti.types.vector(2, ti.f32):
     """Return (east, north) [m/s] of an object's leeway in a wind [m/s].
 
-    line: slope and offset [m/s] downwind and to the right of downwind (Allen and Plourde 1999; Breivik and Allen 2008,
-    doi:10.1016/j.jmarsys.2007.02.010, eq. 1-2).
+    line: slope and offset [m/s] downwind and to the right of downwind (Allen and Plourde 1999;
+    Breivik and Allen 2008, doi:10.1016/j.jmarsys.2007.02.010, eq. 1-2).
     """
     slowness = 1.0 / (ti.sqrt(wind_east * wind_east + wind_north * wind_north) + 1e-9)
     along = line[0] + line[1] * slowness  # per m/s of wind
     across = line[2] + line[3] * slowness
-    return ti.Vector([wind_east * along + wind_north * across, wind_north * along - wind_east * across])
+    return ti.Vector(
+        [wind_east * along + wind_north * across, wind_north * along - wind_east * across]
+    )
 
 
 @ti.func
@@ -48,15 +52,19 @@ def forcing_at(
     lat: ti.i32,
     fraction: ti.f32,
 ) -> f32x3:
-    """Return (east, north, valid) [m/s] of a quantity of the forcing, whose tiles stand at a place of `Sea.ranges`."""
+    """Return (east, north, valid) [m/s] of a quantity of the forcing, whose tiles stand at a place
+    of `Sea.ranges`.
+    """
     members = ti.static(bool(features & MEMBERS))
     first, r = sea.ranges[place], f32x3(0.0)
     if ti.static(bundle.alone()):
-        # What counts changes from stage to stage. So a card reads the numbers of a tile at each stage, from its cache,
-        # and does not hold them in two dozen registers all through the step.
+        # What counts changes from stage to stage. So a card reads the numbers of a tile at each
+        # stage, from its cache, and does not hold them in two dozen registers all through the step.
         first = ti.select(own.asks > 0.5, first, 0)
     if ti.static(features & LAYERS):
-        r = sample(members, sea, own.row, first, sea.ranges[place + 1], lon, lat, fraction, own.member)
+        r = sample(
+            members, sea, own.row, first, sea.ranges[place + 1], lon, lat, fraction, own.member
+        )
     else:
         r = of_tile(members, sea, own.row, first, lon, lat, fraction, own.member)
     return r
@@ -64,12 +72,18 @@ def forcing_at(
 
 @ti.func
 def drift(
-    features: ti.template(), sea: ti.template(), own: ti.template(), lon: ti.i32, lat: ti.i32, fraction: ti.f32
+    features: ti.template(),
+    sea: ti.template(),
+    own: ti.template(),
+    lon: ti.i32,
+    lat: ti.i32,
+    fraction: ti.f32,
 ) -> f32x3:
-    """Return (east, north, valid) [m/s] of a drifting object: current + Stokes drift + leeway + errors.
+    """Return (east, north, valid) [m/s] of a drifting object: current + Stokes drift + leeway +
+    errors.
 
-    sea: kernels.step.sample.Sea; own: a `Drifter`; lon, lat [binary angle]; fraction: of the step. valid: 0 where forcing is
-    missing.
+    sea: kernels.step.sample.Sea; own: a `Drifter`; lon, lat [binary angle]; fraction: of the step.
+    valid: 0 where forcing is missing.
     """
     u, v, valid = own.error[0], own.error[1], 1.0
     if ti.static(features & CURRENT):

@@ -1,14 +1,16 @@
-"""Clouds of particles that follow targets which are rarely seen: moved, cut by sweeps of sensors and filled again.
+"""Clouds of particles that follow targets which are rarely seen: moved, cut by sweeps of sensors
+and filled again.
 
-A cloud is one tracker's particle set for one target: at most `size` particles, those that count first, each as
-`kernels.tracking.follower` has it. A sweep that detected something keeps the particles in the box of the detection; one that found
-nothing keeps those outside the sensor's reach. What is left of too few is filled again by duplicates, by a new draw from
-the detection's box, or the track is lost.
+A cloud is one tracker's particle set for one target: at most `size` particles, those that count
+first, each as `kernels.tracking.follower` has it. A sweep that detected something keeps the
+particles in the box of the detection; one that found nothing keeps those outside the sensor's
+reach. What is left of too few is filled again by duplicates, by a new draw from the detection's
+box, or the track is lost.
 
 Where there is a coast particles are drawn in water, and keep to it.
 
-The methods are the heuristics of Borovies 2007 (see drift.tracking.tracker), no Bayes. One thread takes one cloud, so that no
-number depends on how many threads there are.
+The methods are the heuristics of Borovies 2007 (see drift.tracking.tracker), no Bayes. One thread
+takes one cloud, so that no number depends on how many threads there are.
 """
 
 from typing import Any
@@ -50,11 +52,14 @@ from kernels.tracking.follower import (
 )
 from kernels.tracking.levels import level
 
-SILENT, DETECTED, MARK = range(3)  # what a sweep came to; MARK: nothing was swept, the estimate is asked for
-DUPLICATE, WEIGHTED, AIMED, COMBINED = range(4)  # how a cloud is filled: the last three from a detection's box
+# what a sweep came to; MARK: nothing was swept, the estimate is asked for
+SILENT, DETECTED, MARK = range(3)
+# how a cloud is filled: the last three from a detection's box
+DUPLICATE, WEIGHTED, AIMED, COMBINED = range(4)
 
 BLOCK = 512  # turns of a loop that Taichi never parts between threads: one cloud in each
-LEAST = 0.1 / 32  # least weight, as a share of the fastest speed: a tenth of a knot where that is 32
+# least weight, as a share of the fastest speed: a tenth of a knot where that is 32
+LEAST = 0.1 / 32
 PLACES = 64  # places drawn for a particle until one is in water; without one it is not there
 
 
@@ -63,8 +68,8 @@ class Track:
 
     ESTIMATE = 0  # stored: unit vector, speed [rad/s] (< 0: there is none yet) and time [s]
     LOST = 5  # [s] when it was lost last; NaN: never
-    # Of the last time of detections: share of the cloud that they left before it was filled, < 0: there was none; 1 where
-    # so few were left that it was drawn anew; and that time [s].
+    # Of the last time of detections: share of the cloud that they left before it was filled, < 0:
+    # there was none; 1 where so few were left that it was drawn anew; and that time [s].
     LEFT = 6
     REAL = 9
 
@@ -99,8 +104,9 @@ class Sweep:
 Tracks = ti.types.argpack(track_real=DoubleTable, track_whole=IntTable)
 Sweeps = ti.types.argpack(sweep_real=DoubleTable, sweep_whole=IntTable)
 
-# Of an estimate; velocities [rad/s]. level: share of the cloud that lies where it is denser than at the target; NaN: not asked.
-# lost: when the track was lost last [s]; left, anew: see Tracks: these are told without a track too
+# Of an estimate; velocities [rad/s]. level: share of the cloud that lies where it is denser than at
+# the target; NaN: not asked. lost: when the track was lost last [s]; left, anew: see Tracks: these
+# are told without a track too
 FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total", "level", "lost", "left", "anew")
 WIDE = len(FIELDS)
 
@@ -108,14 +114,27 @@ WIDE = len(FIELDS)
 @ti.func
 def apply_sweep(
     coastal: ti.template(),
-    cloud: ti.template(), rules: ti.template(), sweeps: ti.template(), legs: ti.template(), e: ti.i32, base: ti.i32,
-    count: ti.i32, law: ti.i32, first_leg: ti.i32, last_leg: ti.i32, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
+    cloud: ti.template(),
+    rules: ti.template(),
+    sweeps: ti.template(),
+    legs: ti.template(),
+    e: ti.i32,
+    base: ti.i32,
+    count: ti.i32,
+    law: ti.i32,
+    first_leg: ti.i32,
+    last_leg: ti.i32,
+    run: ti.i32,
+    seed0: ti.u32,
+    seed1: ti.u32,
     coast: ti.template(),
-):  # fmt: skip
-    """Have particles act until sweep e, and keep those that it does not contradict, closed up to the front.
+):
+    """Have particles act until sweep e, and keep those that it does not contradict, closed up to
+    the front.
 
-    Returns how many are left, the least squared chord from the sensor to any that there was, the sum of weights that there
-    was, and the sums over what is left: of weights, and by weight of speeds, places and velocities.
+    Returns how many are left, the least squared chord from the sensor to any that there was, the
+    sum of weights that there was, and the sums over what is left: of weights, and by weight of
+    speeds, places and velocities.
     """
     time, outcome, bearing, half = (
         sweeps.sweep_real[e, Sweep.TIME],
@@ -167,7 +186,8 @@ def apply_sweep(
             inside = squared <= far * far and squared >= near * near
             nearest = ti.min(nearest, squared)
             if inside and not all_round:
-                # The angle off the bearing is at most `half`, of 0 to pi, where sin(half - angle) is not negative.
+                # The angle off the bearing is at most `half`, of 0 to pi, where sin(half - angle)
+                # is not negative.
                 inside = sine * p.dot(ahead) >= cosine * ti.abs(p.dot(aside))
             keep = inside == (outcome == DETECTED)
         if keep:
@@ -191,12 +211,24 @@ def chord(angle: ti.f64) -> ti.f64:
 @ti.func
 def drawn_anew(
     coastal: ti.template(),
-    cloud: ti.template(), tracks: ti.template(), rules: ti.template(), sweeps: ti.template(), e: ti.i32, k: ti.i32,
-    count: ti.i32, size: ti.i32, drawn: ti.i32, seed0: ti.u32, seed1: ti.u32, coast: ti.template(),
-):  # fmt: skip
-    """Fill a cloud from the box of a detection; return how many particles it has now, and how many it has drawn so far.
+    cloud: ti.template(),
+    tracks: ti.template(),
+    rules: ti.template(),
+    sweeps: ti.template(),
+    e: ti.i32,
+    k: ti.i32,
+    count: ti.i32,
+    size: ti.i32,
+    drawn: ti.i32,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    coast: ti.template(),
+):
+    """Fill a cloud from the box of a detection; return how many particles it has now, and how many
+    it has drawn so far.
 
-    The last estimate tells which of them are likely, or where they come from; without one all are alike.
+    The last estimate tells which of them are likely, or where they come from; without one all are
+    alike.
     """
     law, run, base, time, bearing = (
         tracks.track_whole[k, Track.RULES],
@@ -259,7 +291,11 @@ def drawn_anew(
         if by_place:
             weight = ti.max(need - low if need < pace else high - need, least)
         anchor(cloud, i, p, u, time)
-        cloud.own_real[i, Own.RATE], cloud.own_real[i, Own.WEIGHT], cloud.own_whole[i, Own.MODE] = rate, weight, ACTING
+        cloud.own_real[i, Own.RATE], cloud.own_real[i, Own.WEIGHT], cloud.own_whole[i, Own.MODE] = (
+            rate,
+            weight,
+            ACTING,
+        )
         cloud.own_whole[i, Own.SERIAL], cloud.own_whole[i, Own.ACTS], cloud.own_real[i, Own.DUE] = (
             serial,
             0,
@@ -272,10 +308,20 @@ def drawn_anew(
 
 @ti.func
 def duplicated(
-    cloud: ti.template(), rules: ti.template(), base: ti.i32, count: ti.i32, size: ti.i32, drawn: ti.i32, law: ti.i32,
-    time: ti.f64, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
-):  # fmt: skip
-    """Fill a cloud with duplicates of what is left, by weight; return how many particles it has drawn so far.
+    cloud: ti.template(),
+    rules: ti.template(),
+    base: ti.i32,
+    count: ti.i32,
+    size: ti.i32,
+    drawn: ti.i32,
+    law: ti.i32,
+    time: ti.f64,
+    run: ti.i32,
+    seed0: ti.u32,
+    seed1: ti.u32,
+):
+    """Fill a cloud with duplicates of what is left, by weight; return how many particles it has
+    drawn so far.
 
     A duplicate keeps its weight, and neither what it is about nor when it acts.
     """
@@ -294,14 +340,20 @@ def duplicated(
             else:
                 high = middle
         copied(cloud, base + low, i)
-        cloud.own_whole[i, Own.MODE], cloud.own_whole[i, Own.SERIAL], cloud.own_whole[i, Own.ACTS] = ACTING, serial, 0
+        (
+            cloud.own_whole[i, Own.MODE],
+            cloud.own_whole[i, Own.SERIAL],
+            cloud.own_whole[i, Own.ACTS],
+        ) = ACTING, serial, 0
         cloud.own_real[i, Own.DUE] = clock(rules, law, time, b[1])
     return drawn + size - count
 
 
 @ti.func
 def summed(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64):
-    """Return the sums of a cloud at a time [s]: of weights, and by weight of speeds, places and velocities."""
+    """Return the sums of a cloud at a time [s]: of weights, and by weight of speeds, places and
+    velocities.
+    """
     total, rate = ti.f64(0.0), ti.f64(0.0)
     mean, velocity = f64x3(0.0, 0.0, 0.0), f64x3(0.0, 0.0, 0.0)
     for j in range(count):
@@ -320,17 +372,30 @@ def summed(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64):
 def followed(
     coastal: ti.template(),
     areas: ti.i32,
-    k: ti.i32, size: ti.i32, seed0: ti.u32, seed1: ti.u32, cloud: ti.template(), tracks: ti.template(),
-    rules: ti.template(), sweeps: ti.template(), legs: ti.template(), estimates: ti.template(),
+    k: ti.i32,
+    size: ti.i32,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    cloud: ti.template(),
+    tracks: ti.template(),
+    rules: ti.template(),
+    sweeps: ti.template(),
+    legs: ti.template(),
+    estimates: ti.template(),
     coast: ti.template(),
-):  # fmt: skip
+):
     """Take cloud k through its sweeps."""
     law, run, base = tracks.track_whole[k, Track.RULES], tracks.track_whole[k, Track.RUN], k * size
-    first_leg, last_leg = tracks.track_whole[k, Track.FIRST_LEG], tracks.track_whole[k, Track.LAST_LEG]
+    first_leg, last_leg = (
+        tracks.track_whole[k, Track.FIRST_LEG],
+        tracks.track_whole[k, Track.LAST_LEG],
+    )
     count, drawn = tracks.track_whole[k, Track.COUNT], tracks.track_whole[k, Track.DRAWN]
     quickest = rules.rule_real[law, Rule.FASTEST]
     for leg in range(first_leg, last_leg):
-        quickest = ti.max(quickest, rules.rule_real[law, Rule.FASTEST] + legs.leg_real[leg, Leg.RATE])
+        quickest = ti.max(
+            quickest, rules.rule_real[law, Rule.FASTEST] + legs.leg_real[leg, Leg.RATE]
+        )
     # No particle comes within a chord of `clear` of the tracker before `clear_until`.
     clear, clear_until = ti.f64(0.0), ti.f64(-NEVER)
     for e in range(tracks.track_whole[k, Track.FIRST], tracks.track_whole[k, Track.LAST]):
@@ -344,7 +409,21 @@ def followed(
             continue
         before = count
         count, nearest, whole, total, rate, mean, velocity = apply_sweep(
-            coastal, cloud, rules, sweeps, legs, e, base, before, law, first_leg, last_leg, run, seed0, seed1, coast
+            coastal,
+            cloud,
+            rules,
+            sweeps,
+            legs,
+            e,
+            base,
+            before,
+            law,
+            first_leg,
+            last_leg,
+            run,
+            seed0,
+            seed1,
+            coast,
         )
         clear_until = ti.f64(-NEVER)
         if outcome == SILENT and count == before:
@@ -388,16 +467,32 @@ def followed(
             if outcome == DETECTED:
                 for d in ti.static(range(3)):
                     tracks.track_real[k, Track.ESTIMATE + d] = mean[d]
-                tracks.track_real[k, Track.ESTIMATE + 3], tracks.track_real[k, Track.ESTIMATE + 4] = rate, time
+                (
+                    tracks.track_real[k, Track.ESTIMATE + 3],
+                    tracks.track_real[k, Track.ESTIMATE + 4],
+                ) = rate, time
             if row >= 0:
                 own_east, own_north = frame(mean)
                 for d in ti.static(range(3)):
                     estimates[place + d] = mean[d]
-                estimates[place + 3], estimates[place + 4] = velocity.dot(own_east), velocity.dot(own_north)
-                estimates[place + 5], estimates[place + 6], estimates[place + 7] = rate, ti.cast(count, ti.f64), total
+                estimates[place + 3], estimates[place + 4] = (
+                    velocity.dot(own_east),
+                    velocity.dot(own_north),
+                )
+                estimates[place + 5], estimates[place + 6], estimates[place + 7] = (
+                    rate,
+                    ti.cast(count, ti.f64),
+                    total,
+                )
                 if areas == 1 and outcome == MARK and count > 1:
                     estimates[place + 8] = level(
-                        cloud, base, count, time, mean, total, vector(sweeps.sweep_real, e, Sweep.PLACE)
+                        cloud,
+                        base,
+                        count,
+                        time,
+                        mean,
+                        total,
+                        vector(sweeps.sweep_real, e, Sweep.PLACE),
                     )
     tracks.track_whole[k, Track.COUNT], tracks.track_whole[k, Track.DRAWN] = count, drawn
 
@@ -406,33 +501,81 @@ def followed(
 def _follow(
     coastal: ti.template(),
     areas: ti.i32,
-    clouds: ti.i32, size: ti.i32, seed0: ti.u32, seed1: ti.u32, cloud: Cloud, tracks: Tracks, rules: Rules,
-    sweeps: Sweeps, legs: Legs, estimates: Doubles, coast: Coast,
-):  # fmt: skip
+    clouds: ti.i32,
+    size: ti.i32,
+    seed0: ti.u32,
+    seed1: ti.u32,
+    cloud: Cloud,
+    tracks: Tracks,
+    rules: Rules,
+    sweeps: Sweeps,
+    legs: Legs,
+    estimates: Doubles,
+    coast: Coast,
+):
     """Take every cloud through its sweeps, each by a thread of its own."""
     for turn in range(clouds * BLOCK):
         if turn % BLOCK == 0:
             followed(
-                coastal, areas, turn // BLOCK, size, seed0, seed1, cloud, tracks, rules, sweeps, legs, estimates, coast
+                coastal,
+                areas,
+                turn // BLOCK,
+                size,
+                seed0,
+                seed1,
+                cloud,
+                tracks,
+                rules,
+                sweeps,
+                legs,
+                estimates,
+                coast,
             )
 
 
 def follow(
-    areas: bool, size: int, seed: int, cloud: Any, tracks: Any, rules: Any, sweeps: Any, legs: Any, estimates: Any,
+    areas: bool,
+    size: int,
+    seed: int,
+    cloud: Any,
+    tracks: Any,
+    rules: Any,
+    sweeps: Any,
+    legs: Any,
+    estimates: Any,
     coast: DeviceCoast | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Take clouds through their sweeps.
 
-    areas: whether the level of the target is asked for at marks. size: most particles of a cloud. cloud, tracks, rules,
-    sweeps, legs: device tables by name, the members of Cloud (clouds * size rows), Tracks, Rules, Sweeps and Legs.
-    estimates: (rows * 12,), the FIELDS of each. coast: on whose land no particle is, None: anywhere.
+    areas: whether the level of the target is asked for at marks. size: most particles of a cloud.
+    cloud, tracks, rules, sweeps, legs: device tables by name, the members of Cloud (clouds * size
+    rows), Tracks, Rules, Sweeps and Legs. estimates: (rows * 12,), the FIELDS of each. coast: on
+    whose land no particle is, None: anywhere.
     """
     if runtime.backend() == "metal":
-        raise UserError("--backend metal: tracks are followed in float64, which Metal lacks; use --backend cpu")
+        raise UserError(
+            "--backend metal: tracks are followed in float64, which Metal lacks; use --backend cpu"
+        )
     seed0, seed1 = noise.key(seed)
     packs = [
         launch.pack(kind, *(columns[name] for name in kind.members))
-        for kind, columns in ((Cloud, cloud), (Tracks, tracks), (Rules, rules), (Sweeps, sweeps), (Legs, legs))
+        for kind, columns in (
+            (Cloud, cloud),
+            (Tracks, tracks),
+            (Rules, rules),
+            (Sweeps, sweeps),
+            (Legs, legs),
+        )
     ]
     sea = (coast or open_sea()).pack
-    _follow(coast is not None, areas, tracks["track_whole"].shape[0], size, seed0, seed1, *packs, estimates, sea)
+    _follow(
+        coast is not None,
+        areas,
+        tracks["track_whole"].shape[0],
+        size,
+        seed0,
+        seed1,
+        *packs,
+        estimates,
+        sea,
+    )

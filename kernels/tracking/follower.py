@@ -1,7 +1,9 @@
-"""One particle of a cloud that follows a target which is rarely seen: where it is, what it does, how it keeps off the land.
+"""One particle of a cloud that follows a target which is rarely seen: where it is, what it does,
+how it keeps off the land.
 
-It keeps a great circle at its own speed from an anchor, and acts at times of its own (`Rules`): it takes another course
-and speed, seeks a tracker or hides from it. One that comes to the shore takes another course there.
+It keeps a great circle at its own speed from an anchor, and acts at times of its own (`Rules`): it
+takes another course and speed, seeks a tracker or hides from it. One that comes to the shore takes
+another course there.
 """
 
 import taichi as ti
@@ -16,16 +18,21 @@ f64x3 = ti.types.vector(3, ti.f64)
 
 ACTING, SEEKING, HIDING = range(3)  # what a particle is about
 
-FAR = 0.05  # [rad] of way after which the anchor moves on; to twice that the series below hold to 1e-12
+# [rad] of way after which the anchor moves on; to twice that the series below hold to 1e-12
+FAR = 0.05
 NEVER = 1e300  # [s]
 UNIT = 6.283185307179586 / 4294967296.0  # [rad] of a binary angle
-ALONG = 2e-4  # [rad] of way that is held against the shore as a straight line in longitude and latitude: 1.3 km, 3 cm off at 60 degrees
-TURNS = 16  # courses that a particle tries at a place on the shore; then it goes back where it came from
+# [rad] of way that is held against the shore as a straight line in longitude and latitude: 1.3 km,
+# 3 cm off at 60 degrees
+ALONG = 2e-4
+# courses that a particle tries at a place on the shore; then it goes back where it came from
+TURNS = 16
 NOWHERE = 1e-6  # [rad] of way: what makes less between two turns has not got away
 
 
-# Each thing has a row of a table of real numbers, and of one of whole numbers where it has any. The classes say what
-# stands in which column; REAL and WHOLE are the numbers of columns. A vector takes three.
+# Each thing has a row of a table of real numbers, and of one of whole numbers where it has any. The
+# classes say what stands in which column; REAL and WHOLE are the numbers of columns. A vector takes
+# three.
 class Own:
     """Of a particle."""
 
@@ -84,10 +91,17 @@ def unit(word: ti.u32) -> ti.f64:
 
 
 @ti.func
-def cloud_words(seed0: ti.u32, seed1: ti.u32, stream: ti.i32, run: ti.i32, serial: ti.i32, number: ti.i32):
+def cloud_words(
+    seed0: ti.u32, seed1: ti.u32, stream: ti.i32, run: ti.i32, serial: ti.i32, number: ti.i32
+):
     """Return four words for a particle of a run's clouds."""
     return noise.philox(
-        ti.cast(serial, ti.u32), ti.cast(number, ti.u32), ti.cast(stream, ti.u32), ti.cast(run, ti.u32), seed0, seed1
+        ti.cast(serial, ti.u32),
+        ti.cast(number, ti.u32),
+        ti.cast(stream, ti.u32),
+        ti.cast(run, ti.u32),
+        seed0,
+        seed1,
     )
 
 
@@ -109,7 +123,9 @@ def frame(p: f64x3):
 
 @ti.func
 def turned(p: f64x3, u: f64x3, angle: ti.f64):
-    """Return (place, tangent) after a way of an angle [rad], of at most twice FAR, from place and tangent."""
+    """Return (place, tangent) after a way of an angle [rad], of at most twice FAR, from place and
+    tangent.
+    """
     y = angle * angle
     c = ti.f64(1.0) - y * (ti.f64(1 / 2) - y * (ti.f64(1 / 24) - y * ti.f64(1 / 720)))
     s = angle * (ti.f64(1.0) - y * (ti.f64(1 / 6) - y * (ti.f64(1 / 120) - y * ti.f64(1 / 5040))))
@@ -118,7 +134,9 @@ def turned(p: f64x3, u: f64x3, angle: ti.f64):
 
 @ti.func
 def along(p: f64x3, u: f64x3, angle: ti.f64):
-    """Return (place, tangent) after a way of any angle [rad], as `turned` does: nobody may have looked for days."""
+    """Return (place, tangent) after a way of any angle [rad], as `turned` does: nobody may have
+    looked for days.
+    """
     q, v = turned(p, u, angle)
     if angle > 2 * FAR:
         s, c = doubles.sincos(angle)
@@ -152,7 +170,11 @@ def copied(cloud: ti.template(), i: ti.i32, to: ti.i32):
         cloud.own_real[i, Own.WEIGHT],
     )
     cloud.own_real[to, Own.FREE] = cloud.own_real[i, Own.FREE]
-    cloud.own_whole[to, Own.MODE], cloud.own_whole[to, Own.SERIAL], cloud.own_whole[to, Own.ACTS] = (
+    (
+        cloud.own_whole[to, Own.MODE],
+        cloud.own_whole[to, Own.SERIAL],
+        cloud.own_whole[to, Own.ACTS],
+    ) = (
         cloud.own_whole[i, Own.MODE],
         cloud.own_whole[i, Own.SERIAL],
         cloud.own_whole[i, Own.ACTS],
@@ -168,7 +190,9 @@ def headed(north: f64x3, east: f64x3, course: ti.f64) -> f64x3:
 
 @ti.func
 def tracker_at(legs: ti.template(), first: ti.i32, last: ti.i32, time: ti.f64):
-    """Return (place, tangent, rate) of a tracker at a time [s]; before its way and after it, it stays."""
+    """Return (place, tangent, rate) of a tracker at a time [s]; before its way and after it, it
+    stays.
+    """
     leg = first
     while leg + 1 < last and legs.leg_real[leg + 1, Leg.TIME] <= time:
         leg += 1
@@ -182,16 +206,29 @@ def tracker_at(legs: ti.template(), first: ti.i32, last: ti.i32, time: ti.f64):
 
 @ti.func
 def act(
-    cloud: ti.template(), rules: ti.template(), legs: ti.template(), i: ti.i32, law: ti.i32, first: ti.i32,
-    last: ti.i32, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
-):  # fmt: skip
+    cloud: ti.template(),
+    rules: ti.template(),
+    legs: ti.template(),
+    i: ti.i32,
+    law: ti.i32,
+    first: ti.i32,
+    last: ti.i32,
+    run: ti.i32,
+    seed0: ti.u32,
+    seed1: ti.u32,
+):
     """Have a particle act at its own time: keep its course, take another, seek or hide."""
     time = cloud.own_real[i, Own.DUE]
     p0, u0 = anchor_and_tangent(cloud, i)
     p, u = along(p0, u0, cloud.own_real[i, Own.RATE] * (time - cloud.own_real[i, Own.SINCE]))
     cloud.own_whole[i, Own.ACTS] += 1
     drawn = cloud_words(
-        seed0, seed1, noise.STREAM_ACT, run, cloud.own_whole[i, Own.SERIAL], cloud.own_whole[i, Own.ACTS]
+        seed0,
+        seed1,
+        noise.STREAM_ACT,
+        run,
+        cloud.own_whole[i, Own.SERIAL],
+        cloud.own_whole[i, Own.ACTS],
     )
     choice, mode = unit(drawn[0]), cloud.own_whole[i, Own.MODE]
     if mode != ACTING:
@@ -211,15 +248,20 @@ def act(
         e, n = s.dot(east), s.dot(north)
         course = doubles.atan2(e, n)
         if mode == HIDING:
-            course += ti.f64(3.141592653589793) + (2.0 * unit(drawn[1]) - 1.0) * rules.rule_real[law, Rule.SPREAD]
+            course += (
+                ti.f64(3.141592653589793)
+                + (2.0 * unit(drawn[1]) - 1.0) * rules.rule_real[law, Rule.SPREAD]
+            )
         else:
-            # What is across the line of sight must be the same for both: then the bearing stays and they meet.
+            # What is across the line of sight must be the same for both: then the bearing stays and
+            # they meet.
             right = p.cross(s).normalized(ti.f64(1e-15)) * ti.f64(-1.0)
             lead = rate * v.dot(right) / ti.max(cloud.own_real[i, Own.RATE], ti.f64(1e-12))
             recedes = rate * v.dot((s * p.dot(s) - p).normalized(ti.f64(1e-15)))
             if (
                 ti.abs(lead) < 1.0
-                and cloud.own_real[i, Own.RATE] * ti.sqrt(ti.max(1.0 - lead * lead, ti.f64(0.0))) > recedes
+                and cloud.own_real[i, Own.RATE] * ti.sqrt(ti.max(1.0 - lead * lead, ti.f64(0.0)))
+                > recedes
             ):
                 course += doubles.asin(lead)
         u = headed(north, east, course)
@@ -251,12 +293,20 @@ def on_sphere(lon: ti.i32, lat: ti.i32) -> f64x3:
 
 @ti.func
 def keep_off(
-    cloud: ti.template(), i: ti.i32, until: ti.f64, fastest: ti.f64, run: ti.i32, seed0: ti.u32, seed1: ti.u32,
+    cloud: ti.template(),
+    i: ti.i32,
+    until: ti.f64,
+    fastest: ti.f64,
+    run: ti.i32,
+    seed0: ti.u32,
+    seed1: ti.u32,
     coast: ti.template(),
-):  # fmt: skip
-    """Hold a particle's way against the shore until a time [s]: where it meets it, it takes any other course, at its speed.
+):
+    """Hold a particle's way against the shore until a time [s]: where it meets it, it takes any
+    other course, at its speed.
 
-    It is looked ahead in pieces that do not depend on `until`, so that no sweep more or less changes where it turns.
+    It is looked ahead in pieces that do not depend on `until`, so that no sweep more or less
+    changes where it turns.
     """
     turns, going, back = 0, 1, f64x3(0.0, 0.0, 0.0)
     while going == 1 and cloud.own_real[i, Own.FREE] < until:
@@ -265,7 +315,8 @@ def keep_off(
         p, _u = along(p0, u0, rate * (time - cloud.own_real[i, Own.SINCE]))
         lon, lat = binary(p)
         far = ti.cast(clearance(lon, lat, coast), ti.f64) * ti.f64(UNIT)
-        far *= ti.sqrt(p[0] * p[0] + p[1] * p[1]) - far  # the least cosine of a latitude that far off
+        # the least cosine of a latitude that far off
+        far *= ti.sqrt(p[0] * p[0] + p[1] * p[1]) - far
         if far > ti.f64(ALONG):
             cloud.own_real[i, Own.FREE] = time + far / ti.max(fastest, rate)
         elif rate <= 0.0:
@@ -287,7 +338,12 @@ def keep_off(
                 turns += 1
                 cloud.own_whole[i, Own.ACTS] += 1
                 drawn = cloud_words(
-                    seed0, seed1, noise.STREAM_ACT, run, cloud.own_whole[i, Own.SERIAL], cloud.own_whole[i, Own.ACTS]
+                    seed0,
+                    seed1,
+                    noise.STREAM_ACT,
+                    run,
+                    cloud.own_whole[i, Own.SERIAL],
+                    cloud.own_whole[i, Own.ACTS],
                 )
                 course = unit(drawn[1]) * ti.f64(6.283185307179586)
                 east, north = frame(stop)
@@ -295,7 +351,8 @@ def keep_off(
                 if turns > TURNS:
                     onward = back
                 if turns > TURNS + 1 or onward.norm() < 0.5:
-                    onward, cloud.own_real[i, Own.RATE] = north, 0.0  # hemmed in: it stays there until it acts
+                    # hemmed in: it stays there until it acts
+                    onward, cloud.own_real[i, Own.RATE] = north, 0.0
                 anchor(cloud, i, stop, onward, met)
                 cloud.own_real[i, Own.FREE] = met
 

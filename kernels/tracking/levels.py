@@ -10,27 +10,44 @@ PICKS = 101  # particles among which the target is ranked by density
 
 
 @ti.func
-def level(cloud: ti.template(), base: ti.i32, count: ti.i32, time: ti.f64, mean: f64x3, total: ti.f64, target: f64x3):
-    """Return the share of a cloud that lies where it is denser than at a place: which of its areas hold that.
+def level(
+    cloud: ti.template(),
+    base: ti.i32,
+    count: ti.i32,
+    time: ti.f64,
+    mean: f64x3,
+    total: ti.f64,
+    target: f64x3,
+):
+    """Return the share of a cloud that lies where it is denser than at a place: which of its areas
+    hold that.
 
-    Densities are Epanechnikov's about every particle but the one that asks, with his own share of the spread (Silverman
-    1986, Density estimation, table 4.1): of 101 particles and the target none knows which it is.
+    Densities are Epanechnikov's about every particle but the one that asks, with his own share of
+    the spread (Silverman 1986, Density estimation, table 4.1): of 101 particles and the target none
+    knows which it is.
     """
     squared = ti.f64(0.0)
     for j in range(count):
         p0, u0 = anchor_and_tangent(cloud, base + j)
-        p, _u = turned(p0, u0, cloud.own_real[base + j, Own.RATE] * (time - cloud.own_real[base + j, Own.SINCE]))
+        p, _u = turned(
+            p0,
+            u0,
+            cloud.own_real[base + j, Own.RATE] * (time - cloud.own_real[base + j, Own.SINCE]),
+        )
         for d in ti.static(range(3)):
             cloud.own_real[base + j, Own.SCRATCH + d] = p[d]
         apart, w = p - mean, cloud.own_real[base + j, Own.WEIGHT]
         squared += w * apart.dot(apart)
     picks = ti.min(count, PICKS)
-    # Duplicates that have not parted tell no more than one of them: each pick's weight is that of all that are where it is.
+    # Duplicates that have not parted tell no more than one of them: each pick's weight is that of
+    # all that are where it is.
     picked, together = ti.f64(0.0), ti.f64(0.0)
     for pick in range(picks):
         i = base + pick * count // picks
         picked += cloud.own_real[i, Own.WEIGHT]
-        together += cloud.own_real[i, Own.WEIGHT] * at_one(cloud, base, count, vector(cloud.own_real, i, Own.SCRATCH))
+        together += cloud.own_real[i, Own.WEIGHT] * at_one(
+            cloud, base, count, vector(cloud.own_real, i, Own.SCRATCH)
+        )
     effective = total * picked / together
     reach = ti.f64(2.4 * 2.4) * squared / total * ti.f64(0.5) * doubles.inverse_cube_root(effective)
     there = density(cloud, base, count, target, -1, reach)
@@ -54,12 +71,18 @@ def at_one(cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3) -> t
 
 
 @ti.func
-def density(cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3, without: ti.i32, reach: ti.f64) -> ti.f64:
-    """Return a cloud's density at a place, but for a factor, by all particles but one; reach: squared [rad2]."""
+def density(
+    cloud: ti.template(), base: ti.i32, count: ti.i32, place: f64x3, without: ti.i32, reach: ti.f64
+) -> ti.f64:
+    """Return a cloud's density at a place, but for a factor, by all particles but one; reach:
+    squared [rad2].
+    """
     found = ti.f64(0.0)
     for j in range(count):
         i = base + j
         apart = vector(cloud.own_real, i, Own.SCRATCH) - place
         if i != without:
-            found += cloud.own_real[i, Own.WEIGHT] * ti.max(1.0 - apart.dot(apart) / reach, ti.f64(0.0))
+            found += cloud.own_real[i, Own.WEIGHT] * ti.max(
+                1.0 - apart.dot(apart) / reach, ti.f64(0.0)
+            )
     return found

@@ -1,4 +1,6 @@
-"""On a card of NVIDIA's a column is copied once, by the driver: held against a stub of it that keeps what it is given."""
+"""On a card of NVIDIA's a column is copied once, by the driver: held against a stub of it that
+keeps what it is given.
+"""
 
 import subprocess
 import sys
@@ -8,7 +10,9 @@ from pathlib import Path
 import cuda_stub
 import pytest
 
-pytestmark = pytest.mark.skipif(bool(cuda_stub.why_not()), reason=cuda_stub.why_not() or "the stub can be made")
+pytestmark = pytest.mark.skipif(
+    bool(cuda_stub.why_not()), reason=cuda_stub.why_not() or "the stub can be made"
+)
 
 ROUND_TRIP = """
 import sys, numpy as np, taichi as ti
@@ -36,6 +40,10 @@ def test_columns_come_back_as_they_went_and_are_copied_once(tmp_path: Path) -> N
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
     calls = [line.split() for line in done.stdout.splitlines()]
-    copies = Counter((what, int(size)) for what, size in (call for call in calls if call[0] in WAYS))
-    assert copies == {(way, size): BYTES.count(size) * times for way, times in WAYS.items() for size in BYTES}
+    copies = Counter(
+        (what, int(size)) for what, size in (call for call in calls if call[0] in WAYS)
+    )
+    assert copies == {
+        (way, size): BYTES.count(size) * times for way, times in WAYS.items() for size in BYTES
+    }
     assert not [call for call in calls if call[0] == "launch"]

@@ -1,4 +1,6 @@
-"""Every benchmark still runs: each in its smallest mode, in a process of its own, as a reader of the README starts it."""
+"""Every benchmark still runs: each in its smallest mode, in a process of its own, as a reader of
+the README starts it.
+"""
 
 import os
 import subprocess
@@ -12,7 +14,8 @@ pytestmark = pytest.mark.benchmarks
 FOLDER = ROOT / "benchmarks"
 FILES = sorted(FOLDER.glob("*.py"))
 SCRIPTS = [path.stem for path in FILES if "__main__" in path.read_text(encoding="utf-8")]
-LIMIT = 250  # [s] with nothing compiled, and others at work: it hangs. Compiled, and at rest, none takes 20.
+# [s] with nothing compiled, and others at work: it hangs. Compiled, and at rest, none takes 20.
+LIMIT = 250
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
@@ -33,6 +36,10 @@ def test_the_smallest_mode_runs_and_prints(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", sorted({path.stem for path in FILES} - set(SCRIPTS)))
 def test_what_does_not_start_is_used(name: str) -> None:
     """A file that no test starts is a part of one that is."""
-    users = [path for path in FILES if path.stem != name and f"import {name}" in path.read_text(encoding="utf-8")]
+    users = [
+        path
+        for path in FILES
+        if path.stem != name and f"import {name}" in path.read_text(encoding="utf-8")
+    ]
     users += [path for path in FILES if f"from {name} import" in path.read_text(encoding="utf-8")]
     assert users

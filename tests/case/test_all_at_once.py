@@ -1,4 +1,6 @@
-"""All errors of a case come at once: any two of these give the lines that each gives alone, and no other."""
+"""All errors of a case come at once: any two of these give the lines that each gives alone, and no
+other.
+"""
 
 import itertools
 from pathlib import Path
@@ -91,8 +93,13 @@ MISTAKES = {  # what stands there, and what in its place
     "area that is not made": ("areas = { 75 =", "areas = { 77 ="),
     "expected value": ("adrift = [1, 1]", "adrift = [1, 2]"),
 }
-TOUCH = {  # pairs in one table, whose value that cannot be read hides what the table as a whole does not fit
-    frozenset(pair) for pair in [("area that is not made", "expected value"), ("look's value", "look outside the run")]
+# pairs in one table, whose value that cannot be read hides what the table as a whole does not fit
+TOUCH = {
+    frozenset(pair)
+    for pair in [
+        ("area that is not made", "expected value"),
+        ("look's value", "look outside the run"),
+    ]
 }
 
 
@@ -134,6 +141,10 @@ def test_any_two_are_told_together(alone, tmp_path):
 
 
 def test_all_are_told_together(alone, tmp_path):
-    """But for those that stand where another does, or in a table of which another value cannot be read."""
-    names = [name for name in MISTAKES if name not in ("strange key", "expected value", "look's value")]
+    """But for those that stand where another does, or in a table of which another value cannot be
+    read.
+    """
+    names = [
+        name for name in MISTAKES if name not in ("strange key", "expected value", "look's value")
+    ]
     assert set(load(tmp_path, *names)) == {line for name in names for line in alone[name]}

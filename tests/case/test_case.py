@@ -1,4 +1,6 @@
-"""The case file: what it turns into, and every refusal as one line that says what, where and what is allowed."""
+"""The case file: what it turns into, and every refusal as one line that says what, where and what
+is allowed.
+"""
 
 import math
 import re
@@ -74,17 +76,28 @@ def test_case_in_si(tmp_path: Path) -> None:
     assert (found.direction, found.particles, found.seed, found.max_lost) == (1, 1000, 1, 0.2)
     assert (found.step, found.scheme, found.tolerance) == (None, "rk4", 20.0)
     assert found.forcing["current"][0].constant == pytest.approx(
-        (0.8 * 1852 / 3600 * math.cos(math.radians(30)), -0.8 * 1852 / 3600 * math.sin(math.radians(30)))
+        (
+            0.8 * 1852 / 3600 * math.cos(math.radians(30)),
+            -0.8 * 1852 / 3600 * math.sin(math.radians(30)),
+        )
     )
     # Wind from 240 degrees blows toward 60.
     assert found.forcing["wind"][0].constant == pytest.approx(
-        (12 * 1852 / 3600 * math.sin(math.radians(60)), 12 * 1852 / 3600 * math.cos(math.radians(60)))
+        (
+            12 * 1852 / 3600 * math.sin(math.radians(60)),
+            12 * 1852 / 3600 * math.cos(math.radians(60)),
+        )
     )
     only = found.scenarios[0]
-    assert (only.weight, only.sources) == (1.0, {"current": ("set",), "wind": ("report",), "stokes": ()})
+    assert (only.weight, only.sources) == (
+        1.0,
+        {"current": ("set",), "wind": ("report",), "stokes": ()},
+    )
     assert only.jibe_rate == pytest.approx(0.04 / 3600)
     assert isinstance(only.prior, PositionPrior)
-    assert (only.prior.lon, only.prior.lat) == pytest.approx((math.radians(-88.25), math.radians(27 + 30.5 / 60)))
+    assert (only.prior.lon, only.prior.lat) == pytest.approx(
+        (math.radians(-88.25), math.radians(27 + 30.5 / 60))
+    )
     assert only.prior.major == only.prior.minor == 5 * 1852
     assert only.prior.release_start == only.prior.release_end == found.start
 
@@ -111,9 +124,15 @@ def test_backward_with_an_end(tmp_path: Path) -> None:
     [
         ('std = ["6 nmi", "3 nmi"]\norientation = 30', 6 * 1852, 3 * 1852, 30),
         ('std = ["3 nmi", "6 nmi"]\norientation = 30', 6 * 1852, 3 * 1852, 120),
-        # 1 - exp(-k^2/2) = p: k = 1.17741 for 50 %, 2.44775 for 95 % (circular and elliptical normal, tables)
+        # 1 - exp(-k^2/2) = p: k = 1.17741 for 50 %, 2.44775 for 95 % (circular and elliptical
+        # normal, tables)
         ('error = "3 nmi"', 3 * 1852 / 1.177410, 3 * 1852 / 1.177410, 0),
-        ('ellipse = { major = "4 km", minor = "1 km", orientation = 75 }', 4000 / 1.177410, 1000 / 1.177410, 75),
+        (
+            'ellipse = { major = "4 km", minor = "1 km", orientation = 75 }',
+            4000 / 1.177410,
+            1000 / 1.177410,
+            75,
+        ),
         (
             'ellipse = { major = "4 km", minor = "1 km", orientation = 75, probability = 0.95 }',
             4000 / 2.447747,
@@ -122,7 +141,9 @@ def test_backward_with_an_end(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_errors_of_a_position(tmp_path: Path, error: str, major: float, minor: float, orientation: float) -> None:
+def test_errors_of_a_position(
+    tmp_path: Path, error: str, major: float, minor: float, orientation: float
+) -> None:
     prior = load(tmp_path, CASE.replace('std = "5 nmi"', error)).scenarios[0].prior
     assert isinstance(prior, PositionPrior)
     assert (prior.major, prior.minor) == pytest.approx((major, minor), rel=1e-6)
@@ -130,7 +151,10 @@ def test_errors_of_a_position(tmp_path: Path, error: str, major: float, minor: f
 
 
 def test_displacement_and_unknown_time(tmp_path: Path) -> None:
-    text = CASE + 'until = "+3 h"\ndisplacement = { distance = ["2 nmi", "10 nmi"], direction = [350, 20] }\n'
+    text = (
+        CASE
+        + 'until = "+3 h"\ndisplacement = { distance = ["2 nmi", "10 nmi"], direction = [350, 20] }\n'
+    )
     prior = load(tmp_path, text).scenarios[0].prior
     assert isinstance(prior, PositionPrior)
     assert prior.displacement is not None
@@ -140,7 +164,9 @@ def test_displacement_and_unknown_time(tmp_path: Path) -> None:
 
 
 def test_area_over_the_antimeridian_has_no_jump(tmp_path: Path) -> None:
-    text = with_prior('[scenario.area]\npolygon = ["10S 179E", "10S 178W", "12S 179W", "13S 178E", "10S 179E"]\n')
+    text = with_prior(
+        '[scenario.area]\npolygon = ["10S 179E", "10S 178W", "12S 179W", "13S 178E", "10S 179E"]\n'
+    )
     prior = load(tmp_path, text).scenarios[0].prior
     assert isinstance(prior, AreaPrior)
     assert np.degrees(prior.lon) == pytest.approx([179, 182, 181, 178])
@@ -160,11 +186,17 @@ def test_trackline_lasts_as_long_as_its_legs(tmp_path: Path) -> None:
     assert (prior.low, prior.high, prior.mode) == (0, 1, None)
     assert (prior.release_start, prior.release_end) == (prior.departure, prior.arrival)
 
-    between = load(tmp_path, text + 'distress = { between = ["+3 h", "+9 h"] }\n').scenarios[0].prior
+    between = (
+        load(tmp_path, text + 'distress = { between = ["+3 h", "+9 h"] }\n').scenarios[0].prior
+    )
     assert isinstance(between, TracklinePrior)
     assert (between.low, between.high) == pytest.approx((3 * 3600 / seconds, 9 * 3600 / seconds))
-    assert (between.release_end - between.release_start).astype(int) == pytest.approx(6 * 3600, abs=1)
-    peaked = load(tmp_path, text + "distress = { triangular = { mode = 0.6 } }\n").scenarios[0].prior
+    assert (between.release_end - between.release_start).astype(int) == pytest.approx(
+        6 * 3600, abs=1
+    )
+    peaked = (
+        load(tmp_path, text + "distress = { triangular = { mode = 0.6 } }\n").scenarios[0].prior
+    )
     assert isinstance(peaked, TracklinePrior)
     assert peaked.mode == 0.6
 
@@ -179,13 +211,18 @@ def test_objects(tmp_path: Path) -> None:
     assert (own.down.slope, own.down.offset, own.down.std) == pytest.approx((0.03, 0.01, 0.05))
     assert (own.right.slope, own.left.slope) == (0.02, -0.01)
     sail = drifter('{ windage = "3 %", spread = "0.5 %" }')
-    assert (sail.down.slope, sail.down.slope_std, sail.down.offset_std) == pytest.approx((0.03, 0.005, 0))
+    assert (sail.down.slope, sail.down.slope_std, sail.down.offset_std) == pytest.approx(
+        (0.03, 0.005, 0)
+    )
     assert not sail.jibes
     assert not drifter('"water"').uses_wind
 
 
 def test_weights_are_normalised_and_sources_chosen(tmp_path: Path) -> None:
-    text = CASE.replace("[[wind]]", '[[current]]\nname = "rival"\nconstant = { east = 0.1, north = -0.3 }\n\n[[wind]]')
+    text = CASE.replace(
+        "[[wind]]",
+        '[[current]]\nname = "rival"\nconstant = { east = 0.1, north = -0.3 }\n\n[[wind]]',
+    )
     text += '[[scenario]]\nname = "other"\nweight = 3\nobject = "water"\ncurrents = ["rival"]\n'
     text += "[scenario.position]\nat = [-88, 27]\nerror = 100\n"
     one, other = load(tmp_path, text).scenarios
@@ -197,7 +234,9 @@ def test_weights_are_normalised_and_sources_chosen(tmp_path: Path) -> None:
 def test_table_by_time(tmp_path: Path) -> None:
     rows = '[{ time = "+0 h", speed = "10 kn", from = 270 }, { time = "221830ZNOV26", speed = "20 kn", from = 0 }]'
     table = (
-        load(tmp_path, CASE.replace('constant = { speed = "12 kn", from = 240 }', f"table = {rows}"))
+        load(
+            tmp_path, CASE.replace('constant = { speed = "12 kn", from = 240 }', f"table = {rows}")
+        )
         .forcing["wind"][0]
         .table
     )
@@ -207,7 +246,9 @@ def test_table_by_time(tmp_path: Path) -> None:
     assert table.north == pytest.approx((0, -20 * 1852 / 3600), abs=1e-12)
 
 
-def test_files_relative_and_through_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_relative_and_through_the_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = tmp_path / "data"
     folder.mkdir()
     for name in ("b.nc", "a.nc", "c.txt"):
@@ -216,12 +257,18 @@ def test_files_relative_and_through_the_environment(tmp_path: Path, monkeypatch:
     names = [str(folder / "a.nc"), str(folder / "b.nc")]
     for written in ('"data/*.nc"', '["${SOME_DATA}/a.nc", "data/b.nc"]'):
         monkeypatch.setenv("SOME_DATA", str(folder))
-        found = load(tmp_path, CASE.replace("[[wind]]", current.format(written))).forcing["current"][1]
+        found = load(tmp_path, CASE.replace("[[wind]]", current.format(written))).forcing[
+            "current"
+        ][1]
         assert (list(found.files), found.name, found.steady) == (names, "current 2", True)
         assert found.variables == {"east": "u", "north": "v"}
-    far = load(tmp_path, CASE.replace("[[wind]]", current.format('"https://host/dap/x.nc"'))).forcing["current"][1]
+    far = load(
+        tmp_path, CASE.replace("[[wind]]", current.format('"https://host/dap/x.nc"'))
+    ).forcing["current"][1]
     assert far.files == ("https://host/dap/x.nc",)
-    timed = current.format('"data/a.nc"').replace("steady = true", 'times = { start = "+1 h", every = "6 h" }')
+    timed = current.format('"data/a.nc"').replace(
+        "steady = true", 'times = { start = "+1 h", every = "6 h" }'
+    )
     times = load(tmp_path, CASE.replace("[[wind]]", timed)).forcing["current"][1].times
     assert times == Slices(np.datetime64("2026-11-21T19:30:00"), np.timedelta64(21_600, "s"))
     for text, meant in (
@@ -248,14 +295,24 @@ def test_domain_over_the_antimeridian(tmp_path: Path) -> None:
 
 
 def test_uncertainty_and_clock(tmp_path: Path) -> None:
-    text = CASE + '[uncertainty]\nwind = { std = "1.5 m/s", time = "6 h" }\ndiffusivity = "10 m2/s"\n'
+    text = (
+        CASE + '[uncertainty]\nwind = { std = "1.5 m/s", time = "6 h" }\ndiffusivity = "10 m2/s"\n'
+    )
     found = load(tmp_path, text, clock__step="10 min", clock__scheme="rk2")
-    assert (found.wind_error.std, found.wind_error.time, found.current_error.std) == (1.5, 21_600, 0)
+    assert (found.wind_error.std, found.wind_error.time, found.current_error.std) == (
+        1.5,
+        21_600,
+        0,
+    )
     assert (found.diffusivity, found.step, found.scheme) == (10, 600, "rk2")
 
 
 def test_overrides_are_toml_and_are_kept(tmp_path: Path) -> None:
-    found = load(tmp_path, scenario__0__position__std='["2 nmi", "1 nmi"]', scenario__0__position__orientation="45")
+    found = load(
+        tmp_path,
+        scenario__0__position__std='["2 nmi", "1 nmi"]',
+        scenario__0__position__orientation="45",
+    )
     assert isinstance(found.scenarios[0].prior, PositionPrior)
     assert found.scenarios[0].prior.minor == 1852
     assert "# --set scenario.0.position.orientation=45" in found.text
@@ -333,7 +390,9 @@ REFUSED: list[tuple[dict[str, str], str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("changes", "words"), REFUSED, ids=[next(iter(changes)) for changes, _ in REFUSED])
+@pytest.mark.parametrize(
+    ("changes", "words"), REFUSED, ids=[next(iter(changes)) for changes, _ in REFUSED]
+)
 def test_refused(tmp_path: Path, changes: dict[str, str], words: str) -> None:
     message = refusal(tmp_path, changes=changes)
     assert re.search(words, message), message
@@ -359,8 +418,12 @@ def beginnings(tmp_path: Path, text: str, changes: dict[str, str] | None = None)
 
 
 def test_all_mistakes_in_tables_are_told_and_none_that_only_follows(tmp_path: Path) -> None:
-    """Not that duration and a place are missing, whose keys are misspelled, nor that the source "set" is none."""
-    text = CASE.replace("duration", "durration").replace('constant = { speed = "0.8 kn"', "constnt = { speed = 1", 1)
+    """Not that duration and a place are missing, whose keys are misspelled, nor that the source
+    "set" is none.
+    """
+    text = CASE.replace("duration", "durration").replace(
+        'constant = { speed = "0.8 kn"', "constnt = { speed = 1", 1
+    )
     text = text.replace("[scenario.position]", "[scenario.positon]") + MORE
     changes = {
         "particles": "0",
@@ -410,7 +473,11 @@ search_speed = "15 kn"
 endurance = "4 h"
 sweep_width = "2 nmi"
 """
-    changes = {"output.times": "['+99 h']", "coast.source": "'no.bna'", "coast.lakes": "'no.geojson'"}
+    changes = {
+        "output.times": "['+99 h']",
+        "coast.source": "'no.bna'",
+        "coast.lakes": "'no.geojson'",
+    }
     assert beginnings(tmp_path, CASE + MORE + search, changes) == [
         'wind "model": no file "no.nc"',
         'stokes 1: no file "neither.nc"',
@@ -432,7 +499,9 @@ def test_more_mistakes_than_help_are_counted(tmp_path: Path) -> None:
     corners = ", ".join(f'"95N {k}E"' for k in range(27))
     found = beginnings(tmp_path, with_prior(f"[scenario.area]\npolygon = [{corners}]\n"))
     assert len(found) == 21
-    assert found[0].startswith('scenario "raft".area.polygon 1: latitude "95N" is outside -90 to 90')
+    assert found[0].startswith(
+        'scenario "raft".area.polygon 1: latitude "95N" is outside -90 to 90'
+    )
     assert found[-1] == "and 7 more"
 
 
@@ -447,12 +516,15 @@ def test_who_makes_it(tmp_path: Path) -> None:
 
 def test_end_before_start(tmp_path: Path) -> None:
     text = CASE.replace('duration = "24 h"', 'end = "201830ZNOV26"')
-    assert "end 201830ZNOV26 is before start 211830ZNOV26 in a forward run; give an end after" in refusal(
-        tmp_path, text
+    assert (
+        "end 201830ZNOV26 is before start 211830ZNOV26 in a forward run; give an end after"
+        in refusal(tmp_path, text)
     )
     text = CASE.replace('duration = "24 h"', 'end = "221830ZNOV26"\ndirection = "backward"')
     assert "give an end before the start" in refusal(tmp_path, text)
-    assert "nothing to forecast" in refusal(tmp_path, CASE.replace('duration = "24 h"', 'end = "+0 h"'))
+    assert "nothing to forecast" in refusal(
+        tmp_path, CASE.replace('duration = "24 h"', 'end = "+0 h"')
+    )
 
 
 @pytest.mark.parametrize(
@@ -460,8 +532,14 @@ def test_end_before_start(tmp_path: Path) -> None:
     [
         ('["27N 88W", "28N 88W"]', "2 corners; at least 3"),
         ('["27N 88W", "28N 88W", "27N 88W"]', "2 corners; at least 3"),
-        ('["27N 88W", "28N 87W", "28N 88W", "27N 87W"]', r"crosses itself near \[-87.500, 27.500\]"),
-        ('["27N 179E", "28N 179W", "28N 179E", "27N 179W"]', r"crosses itself near \[-180.000, 27.500\]"),
+        (
+            '["27N 88W", "28N 87W", "28N 88W", "27N 87W"]',
+            r"crosses itself near \[-87.500, 27.500\]",
+        ),
+        (
+            '["27N 179E", "28N 179W", "28N 179E", "27N 179W"]',
+            r"crosses itself near \[-180.000, 27.500\]",
+        ),
         ('["27N 88W", "28N 88W", "29N 88W"]', "polygon"),
         ('["80N 0E", "80N 120E", "80N 120W"]', "round a pole"),
         ('["27N 88W", "95N 88W", "27N 87W"]', r"polygon 2: latitude"),
@@ -490,18 +568,24 @@ def test_names_once(tmp_path: Path) -> None:
     twice = CASE + CASE[CASE.index("[[scenario]]") :]
     assert 'scenario "raft": two scenarios have this name' in refusal(tmp_path, twice)
     source = '[[current]]\nname = "set"\nconstant = { east = 0, north = 0 }\n[[wind]]'
-    assert 'current "set": two sources have this name' in refusal(tmp_path, CASE.replace("[[wind]]", source))
+    assert 'current "set": two sources have this name' in refusal(
+        tmp_path, CASE.replace("[[wind]]", source)
+    )
 
 
 def test_no_place_or_two(tmp_path: Path) -> None:
-    assert "exactly one of position, area, trackline must be given; found none" in refusal(tmp_path, with_prior(""))
+    assert "exactly one of position, area, trackline must be given; found none" in refusal(
+        tmp_path, with_prior("")
+    )
     both = CASE + '[scenario.area]\npolygon = ["27N 88W", "28N 88W", "28N 87W"]\n'
     assert "found position and area" in refusal(tmp_path, both)
 
 
 def test_no_current_at_all(tmp_path: Path) -> None:
     without = CASE[: CASE.index("[[current]]")] + CASE[CASE.index("[[wind]]") :]
-    assert 'has no current: add [[current]] with files, or constant = { speed = "0 kn"' in refusal(tmp_path, without)
+    assert 'has no current: add [[current]] with files, or constant = { speed = "0 kn"' in refusal(
+        tmp_path, without
+    )
 
 
 def test_a_model_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -524,7 +608,9 @@ def test_files_that_are_no_case(tmp_path: Path) -> None:
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00CDF")
     with pytest.raises(UserError, match="not text in UTF-8"):
         case_file.load(tmp_path / "binary.toml")
-    with pytest.raises(UserError, match=r'no case "no_such": .*\(.*overdue_boat.*\). See: drift cases'):
+    with pytest.raises(
+        UserError, match=r'no case "no_such": .*\(.*overdue_boat.*\). See: drift cases'
+    ):
         case_file.load("no_such")
     (tmp_path / "folder.toml").mkdir()
     with pytest.raises(UserError, match="cannot read case"):
@@ -543,7 +629,14 @@ def test_a_folder_hides_no_shipped_case(tmp_path: Path, monkeypatch: pytest.Monk
 def test_shipped_cases_are_valid(monkeypatch: pytest.MonkeyPatch) -> None:
     data = DATA
     names = [name for name, title in case_file.shipped() if title]
-    with_data = {"norkyst_raft", "washington_piw", "biscay_drifter", "paria_boat", "paria", "washington_drums"}
+    with_data = {
+        "norkyst_raft",
+        "washington_piw",
+        "biscay_drifter",
+        "paria_boat",
+        "paria",
+        "washington_drums",
+    }
     assert with_data | {"overdue_boat", "gulf_containers"} <= set(names)
     for name in names if data.is_dir() else ["overdue_boat"]:
         monkeypatch.setenv("DRIFT_DATA", str(data))

@@ -31,16 +31,36 @@ LONG = "x" * 100_000
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("weight = 0.5", "weight = 1e308", 'scenario "raft".weight: weight 1e+308 must be 0, or 1e-30 to 1e+30'),
-        ("weight = 0.5", "weight = 1e-300", 'scenario "raft".weight: weight 1e-300 must be 0, or 1e-30 to 1e+30'),
-        ("weight = 0.5", f"weight = 1{'0' * 400}", "10000000000000000000... is too large for a weight"),
+        (
+            "weight = 0.5",
+            "weight = 1e308",
+            'scenario "raft".weight: weight 1e+308 must be 0, or 1e-30 to 1e+30',
+        ),
+        (
+            "weight = 0.5",
+            "weight = 1e-300",
+            'scenario "raft".weight: weight 1e-300 must be 0, or 1e-30 to 1e+30',
+        ),
+        (
+            "weight = 0.5",
+            f"weight = 1{'0' * 400}",
+            "10000000000000000000... is too large for a weight",
+        ),
         ("weight = 0.5", 'weight = "1e400"', "'1e400' is not finite"),
         ("weight = 0.5", "weight = nan", "nan is not finite"),
         ('"1 h"\npart', '"1e-300 h"\npart', "duration '1e-300 h' must be at least 0.001 s"),
-        ('"1 h"\npart', '"0.4 s"\npart', "duration 0.4 s is less than a second: nothing to forecast"),
+        (
+            '"1 h"\npart',
+            '"0.4 s"\npart',
+            "duration 0.4 s is less than a second: nothing to forecast",
+        ),
         ('"1 h"\npart', '"1e9 d"\npart', "duration '1e9 d' must be at most"),
         ('every = "1 h"', 'every = "0.5 s"', "output.every: 0.5 s must be at least 1 s"),
-        ('"limits"', f'"{LONG}"', "title: 'xxxxxxxxxxxxxxxxxxxx'... has 100,000 letters; at most 1,000"),
+        (
+            '"limits"',
+            f'"{LONG}"',
+            "title: 'xxxxxxxxxxxxxxxxxxxx'... has 100,000 letters; at most 1,000",
+        ),
         ('"raft"', f'"{LONG}"', "has 100,000 letters; at most 1,000"),
         ('"tide"', f'"{LONG}"', "has 100,000 letters; at most 1,000"),
         ('"raft"', '""', "'' must be one line of letters"),
@@ -48,9 +68,17 @@ LONG = "x" * 100_000
         ('"PIW-1"', f'"{LONG}"', 'or "water" for a pure water drifter'),
         ("particles", LONG, "(100,003 letters) Allowed: title"),
         ('"1 h"\npart', f'"1 {LONG}"\npart', "has 100,002 letters, too many for a duration"),
-        ('"60 00N 000 00E"', f'"{"6" * 100_000}N 0E"', "has 100,004 letters, too many for a position"),
+        (
+            '"60 00N 000 00E"',
+            f'"{"6" * 100_000}N 0E"',
+            "has 100,004 letters, too many for a position",
+        ),
         ('"60 00N 000 00E"', "[0, 90.0000001]", "latitude 90.0000001 is outside -90 to 90"),
-        ('"60 00N 000 00E"', f"[1{'0' * 400}, 0]", "10000000000000000000... is too large for a longitude"),
+        (
+            '"60 00N 000 00E"',
+            f"[1{'0' * 400}, 0]",
+            "10000000000000000000... is too large for a longitude",
+        ),
         ("2026-11-21", "0001-01-01", "is in the year 1; 1800 to 2200 are allowed"),
         ("2026-11-21", "9999-12-31", "is in the year 9999; 1800 to 2200 are allowed"),
         ("particles = 100", "particles = 1e400", "particles: inf is not a whole number"),
@@ -63,7 +91,8 @@ def test_one_line_at_once(tmp_path: Path, old: str, new: str, words: str) -> Non
     begun = time.process_time()
     with pytest.raises(UserError) as refused:
         case_file.load(path)
-    assert time.process_time() - begun < 5  # [s]; arithmetic of units over 100,000 letters took minutes
+    # [s]; arithmetic of units over 100,000 letters took minutes
+    assert time.process_time() - begun < 5
     (line,) = refused.value.lines
     assert words in line
     assert len(line) < 700

@@ -1,4 +1,6 @@
-"""Members as a case writes them: what they become, what is refused, and which errors hold beside their spread."""
+"""Members as a case writes them: what they become, what is refused, and which errors hold beside
+their spread.
+"""
 
 from pathlib import Path
 
@@ -46,7 +48,11 @@ def file(folder: Path, members: int = 3) -> str:
     names = (("uo", "eastward"), ("vo", "northward"))
     xr.Dataset(
         {
-            name: (dims, values.astype("f4"), {"units": "m s-1", "standard_name": f"{side}_sea_water_velocity"})
+            name: (
+                dims,
+                values.astype("f4"),
+                {"units": "m s-1", "standard_name": f"{side}_sea_water_velocity"},
+            )
             for name, side in names
         },
         coords={
@@ -93,14 +99,18 @@ def test_members_of_a_built_in_flow_add_to_its_parameters(tmp_path: Path) -> Non
     assert run_metadata.synthetic(case)
     told = check.check(case)
     assert "speed = 0.1, speed = 0.3" in told["current current 1"]
-    assert told["members"].startswith("2, all as likely; each particle drifts in one of them for its life, about 300")
+    assert told["members"].startswith(
+        "2, all as likely; each particle drifts in one of them for its life, about 300"
+    )
 
 
 def test_the_fastest_of_the_members_sets_the_domain(tmp_path: Path) -> None:
     def north(case: drift.Case) -> float:
         return domain.utmost(run_setup.ensemble_spec(case), run_setup.environment_spec(case)).north
 
-    assert north(load(tmp_path, TYPED.replace("east = 0.2", "east = 6"))) > north(load(tmp_path)) + 0.1
+    assert (
+        north(load(tmp_path, TYPED.replace("east = 0.2", "east = 6"))) > north(load(tmp_path)) + 0.1
+    )
 
 
 def test_the_spread_of_members_stands_for_the_default_error(tmp_path: Path) -> None:
@@ -109,11 +119,16 @@ def test_the_spread_of_members_stands_for_the_default_error(tmp_path: Path) -> N
     silent = load(tmp_path, ocean)
     assert silent.current_error.std == 0
     assert silent.current_error.by[0] == MEMBERS
-    assert "no error of the current (the spread of its members stands for it)" in run_metadata.errors(silent)
+    assert (
+        "no error of the current (the spread of its members stands for it)"
+        in run_metadata.errors(silent)
+    )
     assert not run_metadata.caution(silent)
     stated = load(tmp_path, ocean, more='[uncertainty]\ncurrent = { std = "0.1 m/s" }')
     assert stated.current_error.std == pytest.approx(0.1)
-    assert run_metadata.errors(stated).endswith("; added to the spread of the members of the current")
+    assert run_metadata.errors(stated).endswith(
+        "; added to the spread of the members of the current"
+    )
     none = load(tmp_path, ocean, more='[uncertainty]\ncurrent = "none"')
     assert run_metadata.caution(none) == "NO ERROR of current in this forecast"
     one = load(tmp_path, ocean.replace("members = true", "variables = { number = 0 }"))
@@ -132,7 +147,9 @@ def test_what_a_run_tells_of_members(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "members.csv").exists()
     assert result.summary["members"]["number"] == 3
     assert result.summary["members"]["effective"] == pytest.approx(3)
-    assert "Members of the winds and currents" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Members of the winds and currents" in (tmp_path / "out" / "report.html").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_a_dataset_with_members(tmp_path: Path) -> None:
@@ -151,7 +168,9 @@ def test_many_forecasts_have_members_too(tmp_path: Path) -> None:
     for one, alone in zip(drift.run_many(cases, maps=True), cases, strict=True):
         assert one.error is None
         assert one.forecast is not None
-        np.testing.assert_array_equal(one.forecast.probability.values[-1], drift.run(alone).probability.values[-1])
+        np.testing.assert_array_equal(
+            one.forecast.probability.values[-1], drift.run(alone).probability.values[-1]
+        )
 
 
 def test_info_takes_the_same_keys(
@@ -166,4 +185,7 @@ def test_info_takes_the_same_keys(
     assert commands.main(["info", "m_0.nc", "m_1.nc", "m_2.nc", "--set", "members=true"]) == 0
     assert "3 members of an ensemble, by file: m_0, m_1, m_2" in capsys.readouterr().out
     assert commands.main(["info", "ens.nc"]) == 0
-    assert "3 members of an ensemble along number: 0, 1, 2; members = true to drift in all" in capsys.readouterr().out
+    assert (
+        "3 members of an ensemble along number: 0, 1, 2; members = true to drift in all"
+        in capsys.readouterr().out
+    )

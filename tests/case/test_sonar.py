@@ -1,4 +1,6 @@
-"""[[sensor]] tables of passive sonars: what is wrong with them is one line that says what, and where."""
+"""[[sensor]] tables of passive sonars: what is wrong with them is one line that says what, and
+where.
+"""
 
 from pathlib import Path
 
@@ -33,9 +35,7 @@ start = "+1 h"
 end = "+5 h"
 watch = { sensor = "west" }
 """
-OTHER = (
-    '[[sensor]]\nname = "east"\ngroup = "west"\nat = "27 30N 087 30W"\n[sensor.sonar]\nsource_level = 140\nnoise = 70\n'
-)
+OTHER = '[[sensor]]\nname = "east"\ngroup = "west"\nat = "27 30N 087 30W"\n[sensor.sonar]\nsource_level = 140\nnoise = 70\n'
 LOOK = '[[look]]\ntime = "+6 h"\nsees = "nothing"\nsensor = "west"\n'
 
 

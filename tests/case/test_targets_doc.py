@@ -1,4 +1,6 @@
-"""docs/targets.md names every key of itineraries and no other, and its examples are TOML that loads."""
+"""docs/targets.md names every key of itineraries and no other, and its examples are TOML that
+loads.
+"""
 
 import re
 import tomllib
@@ -36,9 +38,13 @@ def test_every_kind_of_phase_has_its_section() -> None:
 
 @pytest.mark.parametrize("heading", HEADINGS)
 def test_sections_name_every_key(heading: str) -> None:
-    (section,) = re.findall(rf"^##+ `?{re.escape(heading)}`?\n(.*?)(?=^##|\Z)", TEXT, re.MULTILINE | re.DOTALL)
+    (section,) = re.findall(
+        rf"^##+ `?{re.escape(heading)}`?\n(.*?)(?=^##|\Z)", TEXT, re.MULTILINE | re.DOTALL
+    )
     named = re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)
-    assert sorted(named) == sorted(field.alias or name for name, field in HEADINGS[heading].model_fields.items())
+    assert sorted(named) == sorted(
+        field.alias or name for name, field in HEADINGS[heading].model_fields.items()
+    )
 
 
 def test_the_example_of_a_scenario_loads(tmp_path: Path) -> None:
@@ -53,7 +59,9 @@ def test_the_example_of_a_scenario_loads(tmp_path: Path) -> None:
 
 
 def test_the_example_of_a_family_loads(tmp_path: Path) -> None:
-    (example,) = [text for text in re.findall(r"```toml\n(.*?)```", TEXT, re.DOTALL) if "[[family]]" in text]
+    (example,) = [
+        text for text in re.findall(r"```toml\n(.*?)```", TEXT, re.DOTALL) if "[[family]]" in text
+    ]
     path = tmp_path / "trial.toml"
     head = 'title = "trial"\nstart = "141800ZOCT26"\nduration = "84 h"\ncoast.source = "none"\n'
     path.write_text(head + example)

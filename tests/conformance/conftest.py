@@ -17,7 +17,9 @@ TRACK = [(0.0, 0.0), (0.02, 0.01), (0.05, 0.01), (0.07, 0.03)]
 
 @pytest.fixture(scope="session")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with those of a plan (plan), a spill, its origin, a verification, and exports of plan and spill by format."""
+    """A folder with those of a plan (plan), a spill, its origin, a verification, and exports of
+    plan and spill by format.
+    """
     folder = tmp_path_factory.mktemp("written")
     with pytest.MonkeyPatch.context() as patch:
         for name, number in plans.FEW_TRIALS.items():
@@ -28,9 +30,14 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "found.toml").write_text((folder / "case.toml").read_text() + FIND)
     drift.origin(drift.load(folder / "found.toml"), folder / "origin")
     start = np.datetime64("2026-06-01T20:00", "s")
-    rows = [f"b,{start + np.timedelta64(8 * k, 'h')}Z,{179.9 + x},{-41 + y}" for k, (x, y) in enumerate(TRACK)]
+    rows = [
+        f"b,{start + np.timedelta64(8 * k, 'h')}Z,{179.9 + x},{-41 + y}"
+        for k, (x, y) in enumerate(TRACK)
+    ]
     (folder / "buoys.csv").write_text("\n".join(["id,time,lon,lat", *rows]))
-    (folder / "water.toml").write_text(finished.CASE[: finished.CASE.index('[[scenario]]\nname = "drift')])
+    (folder / "water.toml").write_text(
+        finished.CASE[: finished.CASE.index('[[scenario]]\nname = "drift')]
+    )
     water = drift.load(folder / "water.toml")
     drift.verify(water, folder / "buoys.csv", folder / "verify", particles=500, gap=9 * 3600.0)
     for name in ("kml", "gpx"):

@@ -1,4 +1,6 @@
-"""Exports and plan files by the schemas of GPX 1.1 and KML 2.2, and read by fastkml, gpxpy and rasterio."""
+"""Exports and plan files by the schemas of GPX 1.1 and KML 2.2, and read by fastkml, gpxpy and
+rasterio.
+"""
 
 import importlib.util
 import json
@@ -50,7 +52,11 @@ def test_schemas(written: Path, file: str, schema: str) -> None:
 def test_fastkml_reads_the_places(written: Path, forecast: xr.Dataset) -> None:
     document = fastkml.KML.parse(written / "kml" / "forecast.kml").features[0]
     folders = {folder.name: folder for folder in document.features}
-    datum = [place for place in folders["Datum (mean of those adrift)"].features if place.geometry.geom_type == "Point"]
+    datum = [
+        place
+        for place in folders["Datum (mean of those adrift)"].features
+        if place.geometry.geom_type == "Point"
+    ]
     lon, lat = np.array([place.geometry.coords[0][:2] for place in datum]).T
     assert np.abs((lon - forecast["datum_lon"].values + 180) % 360 - 180).max() <= HALF
     assert np.abs(lat - forecast["datum_lat"].values).max() <= HALF
@@ -67,7 +73,9 @@ def test_fastkml_reads_the_coast_of_a_spill(written: Path) -> None:
     ]
     for place, feature in zip(coast.features, told, strict=True):
         lines = [[point[:2] for point in line.coords] for line in place.geometry.geoms]
-        np.testing.assert_allclose(np.concatenate(lines), np.concatenate(feature["geometry"]["coordinates"]), atol=HALF)
+        np.testing.assert_allclose(
+            np.concatenate(lines), np.concatenate(feature["geometry"]["coordinates"]), atol=HALF
+        )
 
 
 def test_gpxpy_reads_the_datum_and_the_routes(written: Path, forecast: xr.Dataset) -> None:
@@ -79,7 +87,9 @@ def test_gpxpy_reads_the_datum_and_the_routes(written: Path, forecast: xr.Datase
     np.testing.assert_array_equal(times, forecast["time"].values.astype("datetime64[s]"))
     routes = gpxpy.parse((written / "plan" / "plan.gpx").read_text(encoding="utf-8")).routes
     taskings = json.loads((written / "plan" / "plan.json").read_text())["taskings"]
-    assert [route.name for route in routes] == [f"{task['area']} {task['unit']}" for task in taskings]
+    assert [route.name for route in routes] == [
+        f"{task['area']} {task['unit']}" for task in taskings
+    ]
 
 
 def test_rasterio_reads_every_cell(written: Path, forecast: xr.Dataset, tmp_path: Path) -> None:
@@ -107,4 +117,6 @@ def test_rasterio_reads_every_cell(written: Path, forecast: xr.Dataset, tmp_path
                     values = file.read(band)[row, column]
                     np.testing.assert_array_equal(values, forecast[name].values[k][:, own].ravel())
                 total += float(file.read(1).sum(dtype=np.float64))
-        assert total == pytest.approx(float(forecast["probability"].values[k].sum(dtype=np.float64)), rel=1e-12)
+        assert total == pytest.approx(
+            float(forecast["probability"].values[k].sum(dtype=np.float64)), rel=1e-12
+        )

@@ -12,7 +12,14 @@ pytestmark = pytest.mark.conformance
 
 FILES = ("plan/contours.geojson", "plan/sorties.geojson", "plan/plan.geojson", "spill/contours.geojson",
          "spill/washup.geojson", "origin/origin.geojson")  # fmt: skip
-DEPTH = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
+DEPTH = {
+    "Point": 0,
+    "MultiPoint": 1,
+    "LineString": 1,
+    "MultiLineString": 2,
+    "Polygon": 2,
+    "MultiPolygon": 3,
+}
 
 
 def positions(coordinates: Any, depth: int) -> list[list[float]]:
@@ -23,7 +30,9 @@ def positions(coordinates: Any, depth: int) -> list[list[float]]:
 
 def rings(geometry: dict[str, Any]) -> list[tuple[bool, list[list[float]]]]:
     """Return (is it an outer one, ring) of polygons."""
-    parts = {"Polygon": [geometry["coordinates"]], "MultiPolygon": geometry["coordinates"]}.get(geometry["type"], [])
+    parts = {"Polygon": [geometry["coordinates"]], "MultiPolygon": geometry["coordinates"]}.get(
+        geometry["type"], []
+    )
     return [(k == 0, ring) for part in parts for k, ring in enumerate(part)]
 
 
@@ -54,14 +63,16 @@ def test_rfc_7946(written: Path, file: str) -> None:
             assert len(place) == 2
             assert -180 <= place[0] <= 180
             assert -90 <= place[1] <= 90
-        for outer, ring in rings(geometry):  # section 3.1.6: closed, four positions, the outer one anticlockwise
+        # section 3.1.6: closed, four positions, the outer one anticlockwise
+        for outer, ring in rings(geometry):
             assert len(ring) >= 4
             assert ring[0] == ring[-1]
             twice = sum(a[0] * b[1] - b[0] * a[1] for a, b in pairwise(_near(ring)))
             assert twice > 0 if outer else twice < 0
         for line in [*lines(geometry), *(ring for _, ring in rings(geometry))]:
             assert len(line) >= 2
-            assert all(abs(a[0] - b[0]) <= 180 for a, b in pairwise(line))  # section 3.1.9: cut at the antimeridian
+            # section 3.1.9: cut at the antimeridian
+            assert all(abs(a[0] - b[0]) <= 180 for a, b in pairwise(line))
     _, _, shapes, _ = pyogrio.raw.read(written / file)
     assert len(shapes) == len(found["features"])
 
@@ -75,5 +86,9 @@ def test_shapes_lie_on_both_sides(written: Path) -> None:
     """The case of the plan is made so."""
     for file in FILES[:3]:
         found = json.loads((written / file).read_text())["features"]
-        every = [p[0] for f in found for p in positions(f["geometry"]["coordinates"], DEPTH[f["geometry"]["type"]])]
+        every = [
+            p[0]
+            for f in found
+            for p in positions(f["geometry"]["coordinates"], DEPTH[f["geometry"]["type"]])
+        ]
         assert min(every) < -179 < 179 < max(every), file

@@ -1,4 +1,6 @@
-"""Every netCDF file against CF-1.11 and ACDD-1.3 by IOOS' compliance checker: pip install -e '.[conformance]'."""
+"""Every netCDF file against CF-1.11 and ACDD-1.3 by IOOS' compliance checker: pip install -e
+'.[conformance]'.
+"""
 
 from pathlib import Path
 
@@ -13,26 +15,43 @@ pytestmark = [
 FILES = ("forecast.nc", "particles.nc", "washup.nc", "origin.nc", "verify.nc")
 # What CF recommends and we do otherwise, by the words of the complaint:
 KNOWN = (
-    "not in the recommended order T, Z, Y, X",  # time first: a file is written, read and cut by time
-    # Tracks that share their times have one time axis, as those of OpenDrift and TrajAn; CF's appendix H.4 repeats it.
+    # time first: a file is written, read and cut by time
+    "not in the recommended order T, Z, Y, X",
+    # Tracks that share their times have one time axis, as those of OpenDrift and TrajAn; CF's
+    # appendix H.4 repeats it.
     "weight is not a trajectory, it is detected as a mapped-grid",
-    # The checker's rule and not CF's (5.6, appendix F): mean positions in a file on a grid are longitudes and latitudes too.
+    # The checker's rule and not CF's (5.6, appendix F): mean positions in a file on a grid are
+    # longitudes and latitudes too.
     "grid mapping latitude_longitude requires exactly one variable with standard_name",
 )
-PERSONAL = {  # ACDD's attributes that only who hands a file on can fill, and those of heights, of which we have none
-    *("acknowledgment/acknowledgement", "comment", "institution", "license", "naming_authority", "project"),
+# ACDD's attributes that only who hands a file on can fill, and those of heights, of which we have
+# none
+PERSONAL = {
+    *(
+        "acknowledgment/acknowledgement",
+        "comment",
+        "institution",
+        "license",
+        "naming_authority",
+        "project",
+    ),
     *(f"{who}_{what}" for who in ("creator", "publisher") for what in ("name", "url", "email")),
     *("processing_level", "geospatial_bounds_vertical_crs"),
     *(f"geospatial_vertical_{what}" for what in ("min", "max", "positive")),
 }
-RECOMMENDED = 2  # the weight of what is recommended; 3: required or highly recommended, 1: suggested
-CRASHES = {"verify.nc": {"check_time_extents"}}  # the checker takes times for a line: here they go by forecast and hour
+# the weight of what is recommended; 3: required or highly recommended, 1: suggested
+RECOMMENDED = 2
+# the checker takes times for a line: here they go by forecast and hour
+CRASHES = {"verify.nc": {"check_time_extents"}}
 
 
 @pytest.fixture(scope="module")
 def files(written: Path) -> dict[str, Path]:
     """One file of every kind, by name; those of forecasts are of the plan's."""
-    return {path.name: path for path in sorted(written.glob("*/*.nc"), key=lambda path: path.parent.name == "plan")}
+    return {
+        path.name: path
+        for path in sorted(written.glob("*/*.nc"), key=lambda path: path.parent.name == "plan")
+    }
 
 
 def complaints(path: Path, checked: str) -> list[str]:
@@ -63,7 +82,9 @@ def test_cf(files: dict[str, Path], name: str) -> None:
 
 @pytest.mark.parametrize("name", FILES)
 def test_acdd(files: dict[str, Path], name: str) -> None:
-    """All is there but what is a person's to say, and standard names, of which CF has few for probabilities."""
+    """All is there but what is a person's to say, and standard names, of which CF has few for
+    probabilities.
+    """
     for line in complaints(files[name], "acdd:1.3"):
         missing = line.rpartition(": ")[2].removesuffix(" not present").strip()
         uneven = missing == "time_coverage_resolution"  # stated only where times are evenly apart

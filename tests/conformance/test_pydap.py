@@ -1,4 +1,6 @@
-"""Fetching from, and running on, a server of pydap's, which shares no code with ours: values as they are in the file."""
+"""Fetching from, and running on, a server of pydap's, which shares no code with ours: values as
+they are in the file.
+"""
 
 import socket
 import subprocess
@@ -29,7 +31,8 @@ variables = ["uo", "vo"]
 """
 
 
-# Its own handler of netCDF files fails at parts of them (3.5.9), so the program serves arrays of the file.
+# Its own handler of netCDF files fails at parts of them (3.5.9), so the program serves arrays of
+# the file.
 SERVER = """
 import sys
 from wsgiref.simple_server import make_server
@@ -64,7 +67,9 @@ def serving(path: Path, kind: str) -> Iterator[str]:
     with socket.create_server(("127.0.0.1", 0)) as door:
         port = door.getsockname()[1]
     said = subprocess.DEVNULL
-    server = subprocess.Popen([sys.executable, "-c", SERVER, str(path), str(port), kind], stdout=said, stderr=said)
+    server = subprocess.Popen(
+        [sys.executable, "-c", SERVER, str(path), str(port), kind], stdout=said, stderr=said
+    )
     address = f"http://127.0.0.1:{port}/sea"
     try:
         for _ in range(150):
@@ -94,10 +99,19 @@ def test_a_subset_from_pydap_is_the_file_to_the_bit(tmp_path: Path, kind: str) -
         own = tmp_path / "own.toml"
         own.write_text(OWN.format(address=address), encoding="utf-8")
         got = drift.fetch(
-            box=box, begin=begin, end=end, providers=["pydap"], out=tmp_path / "out", catalogue=own, timeout=20.0
+            box=box,
+            begin=begin,
+            end=end,
+            providers=["pydap"],
+            out=tmp_path / "out",
+            catalogue=own,
+            timeout=20.0,
         )
         variables = {"east": "uo", "north": "vo"}
-        here, there = (sources.open_source("current", str(one), variables=variables) for one in (whole, address))
+        here, there = (
+            sources.open_source("current", str(one), variables=variables)
+            for one in (whole, address)
+        )
         for k in range(hours.size):
             np.testing.assert_array_equal(there.read(k), here.read(k))
     (path,) = (path for path in got.files if path.suffix == ".nc")

@@ -1,4 +1,6 @@
-"""The site builds without a warning, its links lead somewhere, and its pages ask nobody for anything."""
+"""The site builds without a warning, its links lead somewhere, and its pages ask nobody for
+anything.
+"""
 
 import shutil
 import subprocess
@@ -13,8 +15,16 @@ from places import ROOT
 
 pytestmark = [pytest.mark.documentation, pytest.mark.timeout(1800)]
 
-ASKED = {("script", "src"), ("img", "src"), ("link", "href"), ("iframe", "src"), ("source", "src"), ("video", "src")}
-QUIET = {"canonical", "search", "next", "prev", "index", "genindex", "alternate"}  # links that no browser fetches
+ASKED = {
+    ("script", "src"),
+    ("img", "src"),
+    ("link", "href"),
+    ("iframe", "src"),
+    ("source", "src"),
+    ("video", "src"),
+}
+# links that no browser fetches
+QUIET = {"canonical", "search", "next", "prev", "index", "genindex", "alternate"}
 
 
 class Page(HTMLParser):
@@ -33,7 +43,11 @@ class Page(HTMLParser):
         if tag == "a" and given.get("href"):
             self.links.append(str(given["href"]))
         for key in ("src", "href"):
-            if (tag, key) in ASKED and given.get(key) and not set(str(given.get("rel")).split()) & QUIET:
+            if (
+                (tag, key) in ASKED
+                and given.get(key)
+                and not set(str(given.get("rel")).split()) & QUIET
+            ):
                 self.asked.append(str(given[key]))
 
 
@@ -42,7 +56,18 @@ def site() -> Path:
     """Build the site into build/site, warnings taken as errors."""
     out = ROOT / "build" / "site"
     shutil.rmtree(out, ignore_errors=True)
-    words = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", str(out)]
+    words = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-W",
+        "--keep-going",
+        "-q",
+        "-b",
+        "html",
+        "docs",
+        str(out),
+    ]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=1500)
     assert done.returncode == 0, done.stderr
     return out
@@ -68,7 +93,11 @@ def test_links_lead_somewhere(site: Path, pages: dict[Path, Page], capsys: Any) 
             target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
             if not target.is_file():
                 broken.append(f"{path.relative_to(site)}: {link}")
-            elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].anchors:
+            elif (
+                parts.fragment
+                and target in pages
+                and unquote(parts.fragment) not in pages[target].anchors
+            ):
                 broken.append(f"{path.relative_to(site)}: no anchor {link}")
     with capsys.disabled():
         print(f"\n{len(pages)} pages, {inside} links inside, {len(outside)} addresses outside")
@@ -101,7 +130,9 @@ def test_tutorials_were_run(site: Path, capsys: Any) -> None:
     """When the site was built: their pictures are those of their runs."""
     for page in (ROOT / "docs" / "tutorials").glob("*.md"):
         count = int(
-            (ROOT / "docs" / "generated" / "tutorials" / page.stem / "examples.txt").read_text(encoding="utf-8")
+            (ROOT / "docs" / "generated" / "tutorials" / page.stem / "examples.txt").read_text(
+                encoding="utf-8"
+            )
         )
         with capsys.disabled():
             print(f"\n{page.name}: {count} examples run")

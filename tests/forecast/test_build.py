@@ -85,7 +85,8 @@ def inside(forecast, share, east, north, lon=LON, lat=LAT):
 
 def test_every_particle_is_in_the_cell_that_holds_it():
     rng = np.random.default_rng(5)
-    grid = cells.Cells(lon0=2**31 - 5000, lat0=-3000, width=700, height=300, nlon=21, nlat=17)  # over 180 degrees
+    # over 180 degrees
+    grid = cells.Cells(lon0=2**31 - 5000, lat0=-3000, width=700, height=300, nlon=21, nlat=17)
     lon = (2**31 - 6000 + rng.integers(0, 18_000, 5000)).astype(np.int64)
     lat = rng.integers(-4000, 3000, 5000).astype(np.int32)
     expected = []
@@ -106,7 +107,9 @@ def test_cell_areas_add_up_to_the_zone():
 def test_finer_cells_divide_the_extent():
     grid = cells.Cells(-4096, 8192, 1024, 512, 6, 5)
     assert grid.finer(2).area().sum() * 24 == pytest.approx(grid.area().sum() * 6, rel=1e-12)
-    assert grid.finer(2).lon()[0] == pytest.approx(grid.lon()[0] - 0.375 * 1024 * 360 / 2**32, rel=1e-12)
+    assert grid.finer(2).lon()[0] == pytest.approx(
+        grid.lon()[0] - 0.375 * 1024 * 360 / 2**32, rel=1e-12
+    )
 
 
 # --- smoothing ---
@@ -152,7 +155,9 @@ def test_smoothing_is_linear_so_scenarios_add_up():
 
 
 def kernel(size):
-    """(coarse, size): weights 1 3 3 1 / 4 of cells in those half as fine, what would lie beyond the edge in the last one."""
+    """(coarse, size): weights 1 3 3 1 / 4 of cells in those half as fine, what would lie beyond the
+    edge in the last one.
+    """
     made = np.zeros(((size + 1) // 2, size))
     for fine in range(size):
         for offset, part in zip((-1, 0, 1, 2), (1, 3, 3, 1), strict=True):
@@ -173,7 +178,9 @@ def test_few_cells_climb_and_are_read_as_all_are(shape):
         held = np.flatnonzero(fine)
         expected = (rows @ fine @ columns.T).ravel()
         for factor, raised in zip(
-            (1, 3), density._raised(held, shape, fine.ravel()[held], 3 * fine.ravel()[held]), strict=True
+            (1, 3),
+            density._raised(held, shape, fine.ravel()[held], 3 * fine.ravel()[held]),
+            strict=True,
         ):
             np.testing.assert_allclose(raised, factor * expected, rtol=1e-14)
     coarse = rng.random(((shape[0] + 1) // 2, (shape[1] + 1) // 2))
@@ -181,7 +188,9 @@ def test_few_cells_climb_and_are_read_as_all_are(shape):
 
 
 def test_cells_that_are_asked_for_have_the_values_of_the_map():
-    """On a grid so large that some levels are read at few cells and some whole; land thin enough to be few cells, and not."""
+    """On a grid so large that some levels are read at few cells and some whole; land thin enough to
+    be few cells, and not.
+    """
     rng = np.random.default_rng(8)
     shape = (130, 171)
     strip = np.abs(np.arange(shape[0])[:, None] - 60 - np.arange(shape[1]) // 5) < 5
@@ -208,11 +217,14 @@ def test_ties_are_ranked_in_order_of_the_index():
     values = np.round(np.random.default_rng(4).random((61, 47)), 2)
     expected = sorted(np.flatnonzero(values), key=lambda k: (-values.ravel()[k], k))
     assert density.ranked(values).tolist() == expected
-    assert density.ranked(values, 0.25).tolist() == [k for k in expected if values.ravel()[k] >= 0.25]
+    assert density.ranked(values, 0.25).tolist() == [
+        k for k in expected if values.ravel()[k] >= 0.25
+    ]
 
 
 def test_kernel_variance_follows_the_particles_it_should_hold():
-    # far from edges one kernel of level l has variance 1.5 4^l - 0.5 cells: Gauss 4^l, down and up 4^l - 1 over 2
+    # far from edges one kernel of level l has variance 1.5 4^l - 0.5 cells: Gauss 4^l, down and up
+    # 4^l - 1 over 2
     allowed = np.ones((256, 256), bool)
     where = density.medium(allowed)
     mass = np.zeros((256, 256))
@@ -224,7 +236,8 @@ def test_kernel_variance_follows_the_particles_it_should_hold():
         for axis in (0, 1):
             along = smooth.sum(axis=1 - axis)
             mean = (along * offsets[axis]).sum()
-            # truncating the Gauss at 4 standard deviations takes 0.1 % of its variance; decimation shifts the mean
+            # truncating the Gauss at 4 standard deviations takes 0.1 % of its variance; decimation
+            # shifts the mean
             assert (along * offsets[axis] ** 2).sum() - mean**2 == pytest.approx(wanted, rel=0.03)
 
 
@@ -233,8 +246,12 @@ def test_kernel_variance_follows_the_particles_it_should_hold():
 
 @pytest.mark.parametrize(("n", "tolerance"), [(10_000, 0.06), (100_000, 0.016)])
 def test_areas_of_a_bivariate_normal(n, tolerance):
-    """2 pi sx sy ln(1 / (1 - p)); 4 standard errors of the sample's own quantile plus 1 % of smoothing."""
-    made = forecast_build.build_forecast([snapshot(*normal(n, np.random.default_rng(11)))], scenarios=["only"])
+    """2 pi sx sy ln(1 / (1 - p)); 4 standard errors of the sample's own quantile plus 1 % of
+    smoothing.
+    """
+    made = forecast_build.build_forecast(
+        [snapshot(*normal(n, np.random.default_rng(11)))], scenarios=["only"]
+    )
     exact = 2 * np.pi * 4000 * 9000 * -np.log(1 - SHARES)
     np.testing.assert_allclose(made.data["containment_area"].values[0], exact, rtol=tolerance)
 
@@ -242,10 +259,14 @@ def test_areas_of_a_bivariate_normal(n, tolerance):
 @pytest.mark.parametrize("n", [10_000, 100_000])
 @pytest.mark.parametrize("cloud", [normal, ring, mixture, filament, far_apart, pinpoint])
 def test_areas_hold_their_share_of_new_particles(cloud, n):
-    """Within 2 % (0.5 % of it sampling error of the quantile at n = 10^4), a little more to the safe side."""
+    """Within 2 % (0.5 % of it sampling error of the quantile at n = 10^4), a little more to the
+    safe side.
+    """
     rng = np.random.default_rng(n)
     made = forecast_build.build_forecast([snapshot(*cloud(n, rng))], scenarios=["only"])
-    np.testing.assert_allclose(made.data["held_out"].values[0], SHARES, atol=3 * 0.5 / np.sqrt(n / 2))
+    np.testing.assert_allclose(
+        made.data["held_out"].values[0], SHARES, atol=3 * 0.5 / np.sqrt(n / 2)
+    )
     fresh = cloud(200_000, rng)
     for share in shares.SHARES:
         error = inside(made, share, *fresh) - share
@@ -263,22 +284,29 @@ def test_few_particles_err_on_the_wide_side(cloud):
 
 
 def test_weights_count_as_probability():
-    """Importance weights that turn one normal into another give that one's areas: 12 % at an ESS of about 40,000."""
+    """Importance weights that turn one normal into another give that one's areas: 12 % at an ESS of
+    about 40,000.
+    """
     rng = np.random.default_rng(4)
     east, north = rng.normal(0, 8000, 80_000), rng.normal(0, 8000, 80_000)
-    weight = np.exp(-0.5 * (east / 6000) ** 2 - 0.5 * (north / 6000) ** 2 + 0.5 * (east**2 + north**2) / 8000**2)
+    weight = np.exp(
+        -0.5 * (east / 6000) ** 2 - 0.5 * (north / 6000) ** 2 + 0.5 * (east**2 + north**2) / 8000**2
+    )
     made = forecast_build.build_forecast([snapshot(east, north, weight=weight)], scenarios=["only"])
     exact = 2 * np.pi * 6000**2 * -np.log(1 - SHARES)
     np.testing.assert_allclose(made.data["containment_area"].values[0], exact, rtol=0.05)
 
 
 def test_containment_is_of_the_smallest_area():
-    made = forecast_build.build_forecast([snapshot(*normal(20_000, np.random.default_rng(1)))], scenarios=["only"])
+    made = forecast_build.build_forecast(
+        [snapshot(*normal(20_000, np.random.default_rng(1)))], scenarios=["only"]
+    )
     data = made.data.isel(time=0)
     height = (data["probability"] / data["cell_area"]).values
     contained = data["containment"].values
     order = np.argsort(-height.ravel(), kind="stable")
-    assert (np.diff(contained.ravel()[order][:5000]) >= -1e-3).all()  # two cells: the file's float32 may swap near ties
+    # two cells: the file's float32 may swap near ties
+    assert (np.diff(contained.ravel()[order][:5000]) >= -1e-3).all()
     assert contained.min() > 0
     assert contained.max() == 1
 
@@ -311,7 +339,10 @@ def test_probability_adds_up_and_keeps_off_land():
         one.probability[status == Status.ASHORE].sum(), rel=1e-6
     )
     np.testing.assert_allclose(
-        data["probability_by_scenario"].sum("scenario").values, data["probability"].values, rtol=1e-5, atol=1e-12
+        data["probability_by_scenario"].sum("scenario").values,
+        data["probability"].values,
+        rtol=1e-5,
+        atol=1e-12,
     )
     for i in range(3):
         mine = (scenario == i) & (status <= Status.ASHORE)
@@ -330,10 +361,12 @@ def test_probability_adds_up_and_keeps_off_land():
 
 @pytest.mark.parametrize("stranded", [1.0, 0.6])
 def test_cells_of_a_shore_hold_the_share_that_their_containment_says(stranded):
-    """Of new particles of the law, within 4.5 standard errors of theirs and the map's; the cell at the edge holds under 2 % beside.
+    """Of new particles of the law, within 4.5 standard errors of theirs and the map's; the cell at
+    the edge holds under 2 % beside.
 
-    Half of what is smoothed along a shore lies in fine cells beside those that hold all: the forecast's coarser cells have another
-    calibration than they. Outlines are not held to it: they hold more on a shore (areas.contour).
+    Half of what is smoothed along a shore lies in fine cells beside those that hold all: the
+    forecast's coarser cells have another calibration than they. Outlines are not held to it: they
+    hold more on a shore (areas.contour).
     """
     n = 20_000
 
@@ -355,7 +388,11 @@ def test_cells_of_a_shore_hold_the_share_that_their_containment_says(stranded):
         [snapshot(east, north, status=status)], scenarios=["x"], is_land=is_land
     ).data.isel(time=0)
     lon, lat = (sphere.to_degrees(v) for v in positions(*draw(4)[:2]))
-    at = data["containment"].sel(lon=xr.DataArray(lon), lat=xr.DataArray(lat), method="nearest").values
+    at = (
+        data["containment"]
+        .sel(lon=xr.DataArray(lon), lat=xr.DataArray(lat), method="nearest")
+        .values
+    )
     for share in (0.5, 0.75, 0.9):
         error = np.sqrt(2 * share * (1 - share) / n)
         assert share - 0.02 - 4.5 * error < (at <= share).mean() < share + 4.5 * error
@@ -365,7 +402,9 @@ def test_a_bay_that_holds_no_particle_stays_empty():
     rng = np.random.default_rng(9)
     low, high = (positions(np.array([e]), np.array([0.0]))[0][0] for e in (5000.0, 5200.0))
     one = snapshot(np.minimum(rng.normal(0, 3000, 20_000), 4990), rng.normal(0, 4000, 20_000))
-    made = forecast_build.build_forecast([one], scenarios=["x"], is_land=lambda lon, lat: (lon > low) & (lon < high))
+    made = forecast_build.build_forecast(
+        [one], scenarios=["x"], is_land=lambda lon, lat: (lon > low) & (lon < high)
+    )
     behind = made.data["lon"].values > sphere.to_degrees(high)
     assert behind.any()
     assert float(made.data["probability"].values[:, :, behind].sum()) == 0
@@ -375,7 +414,9 @@ def test_the_antimeridian_is_no_seam():
     cloud = normal(20_000, np.random.default_rng(6))
     here = forecast_build.build_forecast([snapshot(*cloud, lon=20.0)], scenarios=["x"])
     there = forecast_build.build_forecast([snapshot(*cloud, lon=179.98)], scenarios=["x"])
-    np.testing.assert_allclose(there.data["containment_area"], here.data["containment_area"], rtol=0.01)
+    np.testing.assert_allclose(
+        there.data["containment_area"], here.data["containment_area"], rtol=0.01
+    )
     lon = there.data["lon"].values
     assert (np.diff(lon) > 0).all()
     assert lon[0] < 180 < lon[-1]
@@ -385,17 +426,22 @@ def test_the_antimeridian_is_no_seam():
 
 
 def test_times_share_one_grid_and_early_areas_stay_sharp():
-    """A position known to 10 m grows to 10 nmi: its first area comes from cells of its own, not the common ones."""
+    """A position known to 10 m grows to 10 nmi: its first area comes from cells of its own, not the
+    common ones.
+    """
     rng = np.random.default_rng(12)
     unit = rng.normal(size=(2, 20_000))
     snapshots = [
-        snapshot(*(unit * s), time=TIME + np.timedelta64(i, "h")) for i, s in enumerate((10.0, 1000.0, 20_000.0))
+        snapshot(*(unit * s), time=TIME + np.timedelta64(i, "h"))
+        for i, s in enumerate((10.0, 1000.0, 20_000.0))
     ]
     data = forecast_build.build_forecast(snapshots, scenarios=["x"]).data
     exact = np.outer(2 * np.pi * np.array([10.0, 1000.0, 20_000.0]) ** 2, -np.log(1 - SHARES))
     np.testing.assert_allclose(data["containment_area"].values, exact, rtol=0.06)
     assert float(data["cell_area"].mean()) > 100 * exact[0, 0]
-    np.testing.assert_allclose(data["probability"].sum(("lat", "lon"), dtype=float).values, 1, rtol=1e-6)
+    np.testing.assert_allclose(
+        data["probability"].sum(("lat", "lon"), dtype=float).values, 1, rtol=1e-6
+    )
 
 
 @dataclasses.dataclass
@@ -416,14 +462,29 @@ class InParts:
             own = slice(edges[a], edges[b])
             columns = (
                 getattr(self.whole, name)
-                for name in ("lon", "lat", "probability", "status", "scenario", "family", "world", "member")
+                for name in (
+                    "lon",
+                    "lat",
+                    "probability",
+                    "status",
+                    "scenario",
+                    "family",
+                    "world",
+                    "member",
+                )
             )
-            yield Snapshot(self.whole.time, *(None if c is None else c[own] for c in columns), blocks.some(a, b))
+            yield Snapshot(
+                self.whole.time,
+                *(None if c is None else c[own] for c in columns),
+                blocks.some(a, b),
+            )
 
 
 @pytest.mark.parametrize("cuts", [[], [1], [2, 3, 5]])
 def test_same_bits_for_particles_in_any_parts(cuts):
-    """Copies, worlds, scenarios in blocks of their own, weights over six orders, some off the map: every variable."""
+    """Copies, worlds, scenarios in blocks of their own, weights over six orders, some off the map:
+    every variable.
+    """
     rng = np.random.default_rng(13)
     n, bounds = 30_000, (0, 9000, 30_000)
     own = {
@@ -436,12 +497,16 @@ def test_same_bits_for_particles_in_any_parts(cuts):
     one = dataclasses.replace(one, cut=partials.cut_blocks(bounds, bounds[:-1], (4096, 4096)))
     order = rng.permutation(len(cuts) + 1).tolist()
     whole = forecast_build.build_forecast([one], scenarios=["a", "b"]).data
-    assert whole.identical(forecast_build.build_forecast([InParts(one, cuts, order)], scenarios=["a", "b"]).data)
+    assert whole.identical(
+        forecast_build.build_forecast([InParts(one, cuts, order)], scenarios=["a", "b"]).data
+    )
 
 
 @pytest.mark.parametrize("order", [[0, 1, 2], [2, 1, 0], [1, 2, 0]])
 def test_the_heaviest_and_the_lightest_of_all_parts_count(order):
-    """Maps tell by them whether all weigh alike, and squares of weights are summed in units of the heaviest."""
+    """Maps tell by them whether all weigh alike, and squares of weights are summed in units of the
+    heaviest.
+    """
     rng = np.random.default_rng(14)
     n = 3 * partials.BLOCK
     weight = np.repeat([5.0, 2.0, 3.0], partials.BLOCK)
@@ -509,7 +574,9 @@ def test_mean_positions_are_vector_means():
 
     found = [(data[f"{k}_lon"].item() % 360, data[f"{k}_lat"].item()) for k in ("mean", "datum")]
     np.testing.assert_allclose(found, [mean(status >= 0), mean(status == Status.ADRIFT)], atol=1e-9)
-    np.testing.assert_allclose(data["scenario_mean_lat"].values[1], mean(scenario == 1)[1], atol=1e-9)
+    np.testing.assert_allclose(
+        data["scenario_mean_lat"].values[1], mean(scenario == 1)[1], atol=1e-9
+    )
 
 
 def test_groups_hold_runs_of_slots_together_and_share_evenly():

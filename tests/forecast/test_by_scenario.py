@@ -1,4 +1,6 @@
-"""Maps by story: each is that of its own particles, its areas hold what they say, and of many the others stand together."""
+"""Maps by story: each is that of its own particles, its areas hold what they say, and of many the
+others stand together.
+"""
 
 from dataclasses import replace
 
@@ -20,7 +22,8 @@ N = 6000
 
 
 def made(weights, east=20_000.0, lon=-60.0, learnt=True):
-    """Return a forecast of stories that lie side by side, of which a fifth has stranded and a tenth of the first has sunk.
+    """Return a forecast of stories that lie side by side, of which a fifth has stranded and a tenth
+    of the first has sunk.
 
     learnt: the weights are those after the first output, which has equal ones.
     """
@@ -30,19 +33,32 @@ def made(weights, east=20_000.0, lon=-60.0, learnt=True):
     weight = np.asarray(weights, float)[scenario]
     weight = weight * rng.gamma(2.0, size=N)
     status = np.where(np.arange(N) % 5 == 0, Status.ASHORE, Status.ADRIFT)
-    status = np.where((scenario == 0) & (np.arange(N) % 10 == many), Status.SUNK, status).astype(np.int32)
+    status = np.where((scenario == 0) & (np.arange(N) % 10 == many), Status.SUNK, status).astype(
+        np.int32
+    )
     snapshots = []
     for i, spread in enumerate((2000.0, 4000.0)):
         x, y = sphere.destination(
-            np.radians(lon), np.radians(12.0), rng.normal(0, spread, N) + east * scenario, rng.normal(0, 2 * spread, N)
+            np.radians(lon),
+            np.radians(12.0),
+            rng.normal(0, spread, N) + east * scenario,
+            rng.normal(0, 2 * spread, N),
         )
         time = np.datetime64("2026-11-21T18:30:00") + np.timedelta64(6 * i, "h")
         place = sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
         share = np.full(N, 1 / N) if learnt and not i else weight / weight.sum()
         snapshots.append(
-            clouds.at(time, *place, share, status if i else np.zeros(N, np.int32), scenario.astype(np.int32))
+            clouds.at(
+                time,
+                *place,
+                share,
+                status if i else np.zeros(N, np.int32),
+                scenario.astype(np.int32),
+            )
         )
-    return forecast_build.build_forecast(snapshots, scenarios=[f"story {k}" for k in range(many)]), snapshots
+    return forecast_build.build_forecast(
+        snapshots, scenarios=[f"story {k}" for k in range(many)]
+    ), snapshots
 
 
 def test_each_story_has_the_map_of_its_own_particles():
@@ -50,7 +66,9 @@ def test_each_story_has_the_map_of_its_own_particles():
     found = by_scenario.each(forecast, -1)
     assert [story.name for story in found] == ["story 1", "story 0", "story 2"]
     everywhere = sum(story.now * story.forecast.data["probability"].values[0] for story in found)
-    np.testing.assert_allclose(everywhere, forecast.data["probability"].values[-1], rtol=1e-5, atol=1e-12)
+    np.testing.assert_allclose(
+        everywhere, forecast.data["probability"].values[-1], rtol=1e-5, atol=1e-12
+    )
     for story in found:
         own = last.scenario == int(story.name[-1])
         assert story.now == pytest.approx(last.probability[own].sum(), abs=1e-9)
@@ -59,15 +77,20 @@ def test_each_story_has_the_map_of_its_own_particles():
             assert not story.forecast.contours
             assert not story.forecast.data["probability"].values.any()
             continue
-        lost = last.probability[own & (last.status == Status.SUNK)].sum() / last.probability[own].sum()
-        assert float(story.forecast.data["probability"].sum()) == pytest.approx(1 - lost, abs=1e-4)  # float32 of maps
+        lost = (
+            last.probability[own & (last.status == Status.SUNK)].sum() / last.probability[own].sum()
+        )
+        # float32 of maps
+        assert float(story.forecast.data["probability"].sum()) == pytest.approx(1 - lost, abs=1e-4)
         assert float(story.forecast.data["effective_particles"][0]) == pytest.approx(
             effective.number(last.probability[own & (last.status != Status.SUNK)])
         )
 
 
 def test_areas_of_a_story_hold_their_shares_of_its_map_and_are_as_large_as_their_outlines():
-    """The smallest set of cells that holds a share holds less than the share by at most one cell; outlines keep sizes to 0.5 %."""
+    """The smallest set of cells that holds a share holds less than the share by at most one cell;
+    outlines keep sizes to 0.5 %.
+    """
     forecast, _ = made([1.0, 3.0], lon=179.9)
     earth = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
     for story in by_scenario.each(forecast, -1):
@@ -76,8 +99,11 @@ def test_areas_of_a_story_hold_their_shares_of_its_map_and_are_as_large_as_their
         for contour in story.forecast.contours:
             inside = mass[data["containment"].values <= contour.share].sum()
             assert contour.share - mass.max() <= inside <= contour.share + 1e-9
-            outline = sum(abs(earth.geometry_area_perimeter(part)[0]) for part in contour.polygon.geoms)
-            assert outline == pytest.approx(contour.area, rel=0.006)  # edges between corners are not great circles
+            outline = sum(
+                abs(earth.geometry_area_perimeter(part)[0]) for part in contour.polygon.geoms
+            )
+            # edges between corners are not great circles
+            assert outline == pytest.approx(contour.area, rel=0.006)
 
 
 def test_of_many_stories_the_others_stand_together_and_count_as_their_particles_do():
@@ -87,7 +113,8 @@ def test_of_many_stories_the_others_stand_together_and_count_as_their_particles_
     assert [story.name for story in found[:-1]] == [f"story {k}" for k in range(13, 3, -1)]
     assert found[-1].name == "4 others"
     rest = (last.scenario < 4) & (last.status != Status.SUNK)
-    # Weights of a story on the map and off it are not told apart by how many count: a tenth of the first has sunk.
+    # Weights of a story on the map and off it are not told apart by how many count: a tenth of the
+    # first has sunk.
     assert float(found[-1].forecast.data["effective_particles"][0]) == pytest.approx(
         effective.number(last.probability[rest]), rel=0.02
     )
@@ -95,7 +122,8 @@ def test_of_many_stories_the_others_stand_together_and_count_as_their_particles_
 
 
 @pytest.mark.parametrize(
-    ("weights", "east", "lon"), [([1.0, 3.0, 0.0], 20_000.0, -60.0), (np.arange(1.0, 15.0), 3000.0, 179.9)]
+    ("weights", "east", "lon"),
+    [([1.0, 3.0, 0.0], 20_000.0, -60.0), (np.arange(1.0, 15.0), 3000.0, 179.9)],
 )
 def test_the_picture_is_drawn(tmp_path, weights, east, lon):
     forecast, _ = made(weights, east, lon)
@@ -105,7 +133,9 @@ def test_the_picture_is_drawn(tmp_path, weights, east, lon):
     scenario_maps.plot_scenarios(forecast, tmp_path / "stories.png", on)
     with Image.open(tmp_path / "stories.png") as picture:
         assert picture.info["Title"] == "Stories"
-        assert picture.width == pytest.approx(130 * (min(len(weights) + 1, 4) * 3.14 - 0.14 + 1.45), abs=2)
+        assert picture.width == pytest.approx(
+            130 * (min(len(weights) + 1, 4) * 3.14 - 0.14 + 1.45), abs=2
+        )
 
 
 def test_stories_of_one_are_not_drawn_apart():

@@ -1,4 +1,6 @@
-"""Areas on the coast: which cells they are, how they are joined, what is said of them, and that they are seen on a picture."""
+"""Areas on the coast: which cells they are, how they are joined, what is said of them, and that
+they are seen on a picture.
+"""
 
 from types import SimpleNamespace
 
@@ -17,7 +19,8 @@ from drift.forecast.products import layers, report
 from drift.products.maps import chart
 
 SHARES = (0.5, 0.75, 0.95)
-# 1: half ashore, of the 50 % area; 2: of the 75 % area; 3: of the 95 % area; 4: beyond; 5: of the 50 % area, but mostly adrift.
+# 1: half ashore, of the 50 % area; 2: of the 75 % area; 3: of the 95 % area; 4: beyond; 5: of the
+# 50 % area, but mostly adrift.
 CELLS = np.array([
     [0, 0, 0, 0, 0, 0, 0, 3],
     [1, 1, 1, 2, 2, 0, 0, 0],
@@ -27,7 +30,9 @@ STEP = (0.02, 0.01)  # [deg] of longitude and latitude
 
 
 def at(lon=10.0, lat=40.0, cells=CELLS):
-    held = np.select([np.isin(cells, (1, 5)), cells == 2, cells == 3, cells == 4], [0.5, 0.75, 0.95, 0.97], 1.0)
+    held = np.select(
+        [np.isin(cells, (1, 5)), cells == 2, cells == 3, cells == 4], [0.5, 0.75, 0.95, 0.97], 1.0
+    )
     mass = (cells > 0) / np.maximum(cells, 1.0) / 20
     rows, columns = (np.arange(size) for size in cells.shape)
     return xr.Dataset(
@@ -44,8 +49,11 @@ def at(lon=10.0, lat=40.0, cells=CELLS):
 def test_each_cell_of_the_coast_is_told_of_its_smallest_area():
     found = coastal.strips(at(), SHARES)
     assert list(found) == [0.5, 0.75, 0.95]
-    # Three cells in a row, and two that go on from them; what is mostly adrift is sea, and what is beyond is not told.
-    assert shapely.equals(found[0.5], shapely.LineString([(10.0, 40.01), (10.04, 40.01)]).normalize())
+    # Three cells in a row, and two that go on from them; what is mostly adrift is sea, and what is
+    # beyond is not told.
+    assert shapely.equals(
+        found[0.5], shapely.LineString([(10.0, 40.01), (10.04, 40.01)]).normalize()
+    )
     assert found[0.75].bounds == pytest.approx((10.04, 40.01, 10.08, 40.01))
     # One goes on aslant round a corner; the other stands alone, and is half a cell wide.
     lengths = sorted(part.length for part in found[0.95].geoms)
@@ -55,13 +63,17 @@ def test_each_cell_of_the_coast_is_told_of_its_smallest_area():
 
 
 def test_a_patch_of_cells_is_joined_without_slanting_lines():
-    """Every pair of neighbours by a side is joined once: 3 x 4 cells have 3 x 3 and 2 x 4 such pairs."""
+    """Every pair of neighbours by a side is joined once: 3 x 4 cells have 3 x 3 and 2 x 4 such
+    pairs.
+    """
     lines = coastal.strips(at(cells=np.ones((3, 4), int)), SHARES)[0.5]
     assert lines.length == pytest.approx(9 * STEP[0] + 8 * STEP[1])
 
 
 def test_where_half_of_what_is_ashore_lies_is_said_with_its_extent():
-    """Of five cells the densest that hold half are two, their ends told and their distance by pyproj; then others, farther apart."""
+    """Of five cells the densest that hold half are two, their ends told and their distance by
+    pyproj; then others, farther apart.
+    """
     data = at(cells=np.where(CELLS == 0, 0, 1))
     weight = np.zeros(CELLS.shape)
     weight[1, :5] = [3, 2.5, 1, 1, 2]
@@ -87,7 +99,9 @@ def test_where_half_of_what_is_ashore_lies_is_said_with_its_extent():
 
 @pytest.mark.parametrize("lon", [10.0, 179.95])
 def test_areas_on_the_coast_are_seen_over_the_land(lon):
-    """Over land to its very cells, each area shows its own lightness as wide as it is told to be; half a pixel of each edge is blended."""
+    """Over land to its very cells, each area shows its own lightness as wide as it is told to be;
+    half a pixel of each edge is blended.
+    """
     data = at(lon).expand_dims("time")
     polygon = shapely.MultiPolygon([shapely.box(lon, 40.0, lon + 0.14, 40.02)])
     contours = [Contour(data["time"].values[0], share, 1.0, polygon) for share in SHARES]
@@ -103,21 +117,37 @@ def test_areas_on_the_coast_are_seen_over_the_land(lon):
     pixels = np.asarray(canvas.buffer_rgba())[..., :3] / 255
     for share, lines in coastal.strips(data.isel(time=0), SHARES).items():
         colour = layers.band(share, made)["path_effects"][-1]._gc["foreground"]
-        places = shapely.get_coordinates(shapely.line_interpolate_point(shapely.get_parts(lines), 0.5, normalized=True))
-        shown = ax.transData.transform(np.column_stack(frame.project(*places.T))).round().astype(int)
+        places = shapely.get_coordinates(
+            shapely.line_interpolate_point(shapely.get_parts(lines), 0.5, normalized=True)
+        )
+        shown = (
+            ax.transData.transform(np.column_stack(frame.project(*places.T))).round().astype(int)
+        )
         for x, y in shown:
             up = pixels[len(pixels) - 1 - y - 12 : len(pixels) - y + 12, x]
-            assert (np.abs(up - to_rgb(colour)).max(axis=1) < 0.02).sum() >= layers.BAND / 72 * 140 - 2
+            assert (
+                np.abs(up - to_rgb(colour)).max(axis=1) < 0.02
+            ).sum() >= layers.BAND / 72 * 140 - 2
 
 
 def test_the_report_tells_each_area_of_the_coast_at_its_times():
     data = xr.concat(
-        [at(179.95).assign_coords(time=np.datetime64(day, "ns")) for day in ("2026-11-21", "2026-11-22")], "time"
+        [
+            at(179.95).assign_coords(time=np.datetime64(day, "ns"))
+            for day in ("2026-11-21", "2026-11-22")
+        ],
+        "time",
     )
     (leaf,) = report._on_coast(SimpleNamespace(data=data, shares=SHARES))
     told = [(one["properties"]["time"], one["properties"]["level"]) for one in leaf["features"]]
-    assert told == [(f"2026-11-{day}T00:00:00Z", share) for day in (21, 22) for share in sorted(SHARES, reverse=True)]
-    lon = [x for one in leaf["features"] for line in one["geometry"]["coordinates"] for x, _ in line]
+    assert told == [
+        (f"2026-11-{day}T00:00:00Z", share)
+        for day in (21, 22)
+        for share in sorted(SHARES, reverse=True)
+    ]
+    lon = [
+        x for one in leaf["features"] for line in one["geometry"]["coordinates"] for x, _ in line
+    ]
     assert min(lon) < -179.9
     assert max(lon) > 179.9
     assert max(map(abs, lon)) <= 180

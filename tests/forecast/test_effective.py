@@ -1,4 +1,6 @@
-"""What stands on few particles or worlds, or lies outside a picture's frame, is said: against sums and projections of our own."""
+"""What stands on few particles or worlds, or lies outside a picture's frame, is said: against sums
+and projections of our own.
+"""
 
 import csv
 import io
@@ -33,7 +35,8 @@ from drift.planning.search.products import text as plan_text
 from drift.products.maps.imprint import Imprint, Setting
 from geo import notation, sphere
 
-WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
+# or whatever else a picture must not be believed of
+WRONG = "NO ERROR of current and wind in this forecast"
 
 N = 100_000
 BEGIN = np.datetime64("2026-11-21T18:30:00")
@@ -64,7 +67,9 @@ def snapshot(lon, lat, weight, hours, status=Status.ADRIFT, scenario=0, **more):
 
 def cloud(lon=179.7, lat=-38.2, n=N):
     rng = np.random.default_rng(8)
-    x, y = sphere.destination(*np.radians([lon, lat]), rng.normal(0, 9000, n), rng.normal(0, 14_000, n))
+    x, y = sphere.destination(
+        *np.radians([lon, lat]), rng.normal(0, 9000, n), rng.normal(0, 14_000, n)
+    )
     return np.degrees(x), np.degrees(y)
 
 
@@ -86,13 +91,23 @@ def own(weight):
 
 def test_numbers_are_kongs_and_families_count_once():
     rng = np.random.default_rng(3)
-    weight, family, code = rng.exponential(size=400), rng.integers(0, 7, 400), rng.integers(0, 3, 400)
+    weight, family, code = (
+        rng.exponential(size=400),
+        rng.integers(0, 7, 400),
+        rng.integers(0, 3, 400),
+    )
     assert effective.number(7.5 * weight) == pytest.approx(own(weight), rel=1e-12)
     whole = np.array([weight[family == k].sum() for k in range(7)])
     assert effective.number(weight, family) == pytest.approx(own(whole), rel=1e-12)
-    assert effective.number(weight * 1e-200) == pytest.approx(own(weight), rel=1e-12)  # its squares underflow
-    np.testing.assert_allclose(effective.by(code, 4, weight), [own(weight[code == k]) for k in range(3)] + [0])
-    each = [own(np.array([weight[(family == f) & (code == k)].sum() for f in range(7)])) for k in range(3)]
+    # its squares underflow
+    assert effective.number(weight * 1e-200) == pytest.approx(own(weight), rel=1e-12)
+    np.testing.assert_allclose(
+        effective.by(code, 4, weight), [own(weight[code == k]) for k in range(3)] + [0]
+    )
+    each = [
+        own(np.array([weight[(family == f) & (code == k)].sum() for f in range(7)]))
+        for k in range(3)
+    ]
     np.testing.assert_allclose(effective.by(code, 4, weight, family), [*each, 0])
     assert effective.number(np.zeros(0)) == effective.number(np.zeros(3)) == 0
 
@@ -104,7 +119,8 @@ def test_numbers_are_kongs_and_families_count_once():
         (Count(200.0, 1000), False, "200 of 1,000 particles are effective"),
         (Count(1.0, 1000), True, "1 of 1,000 particles is effective"),
         (Count(1.4), True, "1 particle is effective"),
-        (Count(0.0, 5), False, "1 of 5 particles is effective"),  # nothing is on the map: it has no areas to doubt
+        # nothing is on the map: it has no areas to doubt
+        (Count(0.0, 5), False, "1 of 5 particles is effective"),
         (Count(50 - 1e-9, 50, "worlds"), False, "50 of 50 worlds are effective"),
         (Count(12.7, 2000, "worlds"), True, "13 of 2,000 worlds are effective"),
     ],
@@ -136,7 +152,9 @@ def test_banners_keep_clear_of_all_other_words(tmp_path, forecast, monkeypatch):
     seen = []
     monkeypatch.setattr(Figure, "savefig", lambda self, *args, **kwargs: seen.append(self))
     long, short = "A long title of a case, as they are given, " * 2, "Short"
-    forecast_map.draw_map(forecast, tmp_path / "map.png", Setting(Imprint(long, caution=WRONG), particles=N))
+    forecast_map.draw_map(
+        forecast, tmp_path / "map.png", Setting(Imprint(long, caution=WRONG), particles=N)
+    )
     forecast_map.draw_snapshots(
         forecast, tmp_path / "snapshots.png", Setting(Imprint(short, caution=WRONG), particles=N)
     )
@@ -148,7 +166,9 @@ def test_banners_keep_clear_of_all_other_words(tmp_path, forecast, monkeypatch):
         assert not any(box.overlaps(text.get_window_extent(draw)) for text in others)
         assert all(box.y0 >= ax.bbox.y1 - 1 for ax in figure.axes if ax.bbox.x0 < box.x1)
         chart = figure.axes[0]
-        np.testing.assert_allclose(chart.get_position().bounds, chart.get_position(original=True).bounds, atol=1e-3)
+        np.testing.assert_allclose(
+            chart.get_position().bounds, chart.get_position(original=True).bounds, atol=1e-3
+        )
 
 
 def test_files_carry_the_number_and_few_are_warned_of(forecast):
@@ -160,13 +180,19 @@ def test_files_carry_the_number_and_few_are_warned_of(forecast):
     np.testing.assert_allclose(data["scenario_effective"][:, 0], wanted, rtol=1e-6)
     np.testing.assert_allclose(data["status_effective"].sel(status="adrift"), wanted, rtol=1e-6)
     rows = list(csv.DictReader(io.StringIO(tables.track(forecast, "run"))))
-    np.testing.assert_allclose([float(row["effective_particles"]) for row in rows], wanted, rtol=1e-5)
+    np.testing.assert_allclose(
+        [float(row["effective_particles"]) for row in rows], wanted, rtol=1e-5
+    )
     features = tables.contours(forecast, {"warning": "w"})
     assert features["warning"] == "w"
     assert {round(f["properties"]["effective_particles"]) for f in features["features"]} == {N, 4}
-    assert tables.summary_of_forecast(forecast)["outputs"][1]["effective_particles"] == pytest.approx(4, rel=1e-6)
+    assert tables.summary_of_forecast(forecast)["outputs"][1][
+        "effective_particles"
+    ] == pytest.approx(4, rel=1e-6)
     told = effective.of_run(data, N)
-    assert told == ["only 4 of 100,000 particles are effective at 220030ZNOV26: areas and shares are rough"]
+    assert told == [
+        "only 4 of 100,000 particles are effective at 220030ZNOV26: areas and shares are rough"
+    ]
     assert effective.of_run(data.isel(time=[0]), N) == []
 
 
@@ -188,14 +214,20 @@ def test_a_spill_stands_on_its_worlds(tmp_path, words):
     made = forecast_build.build_forecast([one], scenarios=["box", "drum"])
     assert made.data["effective_worlds"].item() == pytest.approx(own(share), rel=1e-9)
     assert made.data["effective_particles"].item() > 200
-    assert tables.summary_of_forecast(made)["outputs"][0]["effective_worlds"] == pytest.approx(own(share), rel=1e-9)
-    assert effective.of_run(made.data, n)[0].startswith("only 3 of 100 worlds are effective at 211830ZNOV26: ")
+    assert tables.summary_of_forecast(made)["outputs"][0]["effective_worlds"] == pytest.approx(
+        own(share), rel=1e-9
+    )
+    assert effective.of_run(made.data, n)[0].startswith(
+        "only 3 of 100 worlds are effective at 211830ZNOV26: "
+    )
     forecast_map.draw_map(made, tmp_path / "map.png", Setting(Imprint("t"), particles=n))
     assert "ONLY 3 OF 100 WORLDS ARE EFFECTIVE: the areas are rough" in words
 
 
 def test_a_part_that_stands_on_few_is_told():
-    """A tenth of the probability, ashore, on 20 particles; a scenario of a fifth on 50; all the rest on many."""
+    """A tenth of the probability, ashore, on 20 particles; a scenario of a fifth on 50; all the
+    rest on many.
+    """
     n = 50_000
     lon, lat = cloud(n=n)
     weight, status, scenario = np.full(n, 1.0), np.zeros(n, np.int32), np.zeros(n, np.int32)
@@ -217,7 +249,9 @@ def test_a_part_that_stands_on_few_is_told():
 
 
 def test_stories_that_stand_on_few_are_one_line():
-    """Fifths of the probability on 60, 50 and 80 particles of three stories, the rest on many of a fourth."""
+    """Fifths of the probability on 60, 50 and 80 particles of three stories, the rest on many of a
+    fourth.
+    """
     n = 50_000
     lon, lat = cloud(n=n)
     scenario = np.full(n, 3, np.int32)
@@ -233,23 +267,35 @@ def test_stories_that_stand_on_few_are_one_line():
 
 
 def two(lon, lat, east, north, share):
-    """Return a forecast of a cloud with a share of the probability some way off [m], and where that lies [deg]."""
+    """Return a forecast of a cloud with a share of the probability some way off [m], and where that
+    lies [deg].
+    """
     rng = np.random.default_rng(4)
     n, k = 40_000, 8000
     off = np.where(np.arange(n) < k, 1.0, 0.0)
     x, y = sphere.destination(
-        *np.radians([lon, lat]), east * off + rng.normal(0, 3000, n), north * off + rng.normal(0, 5000, n)
+        *np.radians([lon, lat]),
+        east * off + rng.normal(0, 3000, n),
+        north * off + rng.normal(0, 5000, n),
     )
     weight = np.where(off > 0, share / k, (1 - share) / (n - k))
     there = np.degrees(sphere.destination(*np.radians([lon, lat]), east, north))
-    return forecast_build.build_forecast([snapshot(np.degrees(x), np.degrees(y), weight, 0)], scenarios=["only"]), there
+    return forecast_build.build_forecast(
+        [snapshot(np.degrees(x), np.degrees(y), weight, 0)], scenarios=["only"]
+    ), there
 
 
 @pytest.mark.parametrize(
     ("lon", "lat", "east", "north", "point"),
-    [(4.3, 60.2, 250e3, 210e3, "NE"), (179.8, -38.2, 300e3, -20e3, "E"), (-179.9, 12.1, -260e3, -240e3, "SW")],
+    [
+        (4.3, 60.2, 250e3, 210e3, "NE"),
+        (179.8, -38.2, 300e3, -20e3, "E"),
+        (-179.9, 12.1, -260e3, -240e3, "SW"),
+    ],
 )
-def test_what_a_frame_leaves_out_is_told_with_its_share_and_place(tmp_path, words, lon, lat, east, north, point):
+def test_what_a_frame_leaves_out_is_told_with_its_share_and_place(
+    tmp_path, words, lon, lat, east, north, point
+):
     """2 % of the probability 300 km off: the frame holds the 95 % area, and what is shaded near it."""
     made, there = two(lon, lat, east, north, 0.02)
     here = layers.extent(made, [BEGIN], (), (), 1.1)
@@ -261,17 +307,24 @@ def test_what_a_frame_leaves_out_is_told_with_its_share_and_place(tmp_path, word
     share = f"{100 * mass[out].sum():.1f} %"
     assert mass[out].sum() == pytest.approx(0.02, abs=0.004)  # and what strays from the main cloud
     told = beyond.left_out(here, at)
-    assert told.startswith(f"{share} of the probability lies outside this frame, to the {point} (around ")
+    assert told.startswith(
+        f"{share} of the probability lies outside this frame, to the {point} (around "
+    )
     place = told.partition("(around ")[2].rstrip(")")
     lat_text, lon_text = place.split()
     found = [
-        (int(t[:-1].split("-")[0]) + float(t[:-1].split("-")[1]) / 60) * (-1 if t[-1] in "SW" else 1)
+        (int(t[:-1].split("-")[0]) + float(t[:-1].split("-")[1]) / 60)
+        * (-1 if t[-1] in "SW" else 1)
         for t in (lon_text, lat_text)
     ]
     far = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS).inv(*found, *there)[2]
-    assert far < 1000  # the mean of 8,000 of 5 km each: 60 m; cells and tenths of a minute come on top
+    # the mean of 8,000 of 5 km each: 60 m; cells and tenths of a minute come on top
+    assert far < 1000
     forecast_map.draw_map(made, tmp_path / "map.png", Setting(Imprint("t")))
-    assert any(f" % of the probability lies outside this frame, to the {point} (around " in text for text in words)
+    assert any(
+        f" % of the probability lies outside this frame, to the {point} (around " in text
+        for text in words
+    )
     forecast_map.draw_snapshots(made, tmp_path / "snapshots.png", Setting(Imprint("t")))
     assert any(text.endswith(f"% outside the frame, {point}") for text in words)
 
@@ -279,36 +332,50 @@ def test_what_a_frame_leaves_out_is_told_with_its_share_and_place(tmp_path, word
 def test_a_place_just_beyond_the_frame_is_shown_and_one_far_off_is_told(tmp_path, words):
     made, _ = two(4.3, 60.2, 0.0, 0.0, 0.5)
     here = layers.extent(made, [BEGIN], (), (), 1.1)
-    step = np.degrees((here.x[1] - here.x[0]) / sphere.RADIUS)  # width of the frame [deg], in Mercator
+    # width of the frame [deg], in Mercator
+    step = np.degrees((here.x[1] - here.x[0]) / sphere.RADIUS)
     near, far = (np.array([[here.centre[0] + k * step, here.centre[1]]]) for k in (0.65, 5.0))
     assert beyond.hidden(here, [near])
-    assert not beyond.hidden(here, [np.array([[here.centre[0] - k, here.centre[1]] for k in (5.0, 0.0, -5.0)])])
+    assert not beyond.hidden(
+        here, [np.array([[here.centre[0] - k, here.centre[1]] for k in (5.0, 0.0, -5.0)])]
+    )
     wider = layers.extent(made, [BEGIN], (), (), 1.1, also=[[far], [near]])
     assert not beyond.hidden(wider, [near])
     assert beyond.hidden(wider, [far])
     contact = SimpleNamespace(name="flare", time=BEGIN, kind="range", sensor=(far[0, 0], far[0, 1]))
     contact = searches.Contact(**vars(contact), range=900.0, range_std=100.0)
     forecast_map.draw_map(
-        made, tmp_path / "map.png", Setting(Imprint("t")), overlays=[partial(search_layers.reminder, (), [contact])]
+        made,
+        tmp_path / "map.png",
+        Setting(Imprint("t")),
+        overlays=[partial(search_layers.reminder, (), [contact])],
     )
     where = notation.position(*far[0])
-    assert any(f'outside this frame: contact "flare", to the E (around {where})' in text for text in words)
+    assert any(
+        f'outside this frame: contact "flare", to the E (around {where})' in text for text in words
+    )
 
 
 def test_a_plan_made_or_scored_on_few_says_so_everywhere(tmp_path, words):
     forecast = searches.search()[0]
     plan = replace(searches.plan(), made_on=Count(2500.0, 20_000), scored_on=Count(6.25, 100_000))
-    told = "only 6 of 100,000 particles are effective of those that it was scored on: its POS is rough"
+    told = (
+        "only 6 of 100,000 particles are effective of those that it was scored on: its POS is rough"
+    )
     assert plan_text.rough(plan) == [told]
     assert f"WARNING: {told}" in " ".join(plan_text.plan_text(plan, "T", "run").split())
     made = plan_files.plan_as_json(plan)
     assert made["warnings"] == [told]
     assert made["effective_particles"] == {"made_on": 2500.0, "scored_on": 6.25}
     for text in (plan_files.gpx(plan, "T", "r"), plan_files.kml(plan, "T", "r")):
-        assert any(f"run r. WARNING: {told}" == (element.text or "") for element in ET.fromstring(text).iter())
+        assert any(
+            f"run r. WARNING: {told}" == (element.text or "")
+            for element in ET.fromstring(text).iter()
+        )
     assert f"# WARNING: {told}" in plan_files.toml(plan)
     assert all(
-        f["properties"]["effective_particles_scored_on"] == 6.25 for f in plan_files.geojson(plan, {})["features"]
+        f["properties"]["effective_particles_scored_on"] == 6.25
+        for f in plan_files.geojson(plan, {})["features"]
     )
     plan_map.plot_plan(forecast, plan, tmp_path / "plan.png", Setting(Imprint("t")))
     assert "ONLY 6 OF 100,000 PARTICLES ARE EFFECTIVE: areas and POS are rough" in words
@@ -328,7 +395,9 @@ def test_the_evidence_says_after_what_few_are_left(tmp_path, words):
     evidence_map.plot_evidence(replace(updates, all=tuple(low)), tmp_path / "few.png", setting)
     assert "ONLY 8 OF 12,000 PARTICLES ARE EFFECTIVE: shares, evidence and POS are rough" in words
     assert sum(text.endswith(", 8 particles are effective") for text in words) == 1
-    told = particles_left.of_run(searches.search()[0].data, 12_000, replace(updates, all=tuple(low)))
+    told = particles_left.of_run(
+        searches.search()[0].data, 12_000, replace(updates, all=tuple(low))
+    )
     named = f'{low[2].kind} "{low[2].name}"'
     before = f"{low[2].ess_before:,.0f}"
     # 200 that count, of 7.9 in 12,000: 303,797
@@ -361,7 +430,9 @@ position = { at = "27 31N 087 58W", std = "0.15 nmi" }
 
 
 def test_copies_do_not_make_a_run_look_sure(tmp_path):
-    """A contact of 0.15 nmi in a prior of 4 nmi leaves one in 350 of 3,000; drawn anew, these are 3,000 again, and no more."""
+    """A contact of 0.15 nmi in a prior of 4 nmi leaves one in 350 of 3,000; drawn anew, these are
+    3,000 again, and no more.
+    """
     (tmp_path / "few.toml").write_text(CASE)
     result = drift.run(drift.load(tmp_path / "few.toml"), tmp_path / "out")
     update = result.updates.all[0]
@@ -370,7 +441,8 @@ def test_copies_do_not_make_a_run_look_sure(tmp_path):
     with xr.open_dataset(tmp_path / "out" / "forecast.nc") as data:
         counted = data["effective_particles"].values
         assert counted[0] == pytest.approx(3000)
-        assert (counted[-2:] <= 3000 * update.distinct + 1e-6).all()  # as many families as have descendants, at most
+        # as many families as have descendants, at most
+        assert (counted[-2:] <= 3000 * update.distinct + 1e-6).all()
         assert counted[-1] == pytest.approx(update.ess_after, rel=0.5)
         warning = data.attrs["warning"]
     many = round(update.ess_after)

@@ -1,4 +1,7 @@
-"""Pictures: that they show what they must, without warnings, downloads or overlap. How they look, a person judges."""
+"""Pictures: that they show what they must, without warnings, downloads or overlap.
+
+How they look, a person judges.
+"""
 
 import struct
 import subprocess
@@ -23,7 +26,8 @@ from drift.products.maps.imprint import Imprint, Setting
 from drift.products.maps.marks import Line, Mark
 from geo import notation, sphere
 
-WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
+# or whatever else a picture must not be believed of
+WRONG = "NO ERROR of current and wind in this forecast"
 
 
 def forecast(lon, lat, spread=6000.0, ashore=True, n=4000):
@@ -31,8 +35,12 @@ def forecast(lon, lat, spread=6000.0, ashore=True, n=4000):
     east, north = rng.normal(0, spread, n), rng.normal(0, 1.7 * spread, n)
     snapshots = []
     for i in range(5):
-        x, y = sphere.destination(np.radians(lon), np.radians(lat), east + 1.5 * i * spread, north + 0.7 * i * spread)
-        status = np.where((np.arange(n) % 7 == 0) & (i > 2) & ashore, Status.ASHORE, Status.ADRIFT).astype(np.int32)
+        x, y = sphere.destination(
+            np.radians(lon), np.radians(lat), east + 1.5 * i * spread, north + 0.7 * i * spread
+        )
+        status = np.where(
+            (np.arange(n) % 7 == 0) & (i > 2) & ashore, Status.ASHORE, Status.ADRIFT
+        ).astype(np.int32)
         time = np.datetime64("2026-11-21T18:30:00") + np.timedelta64(6 * i, "h")
         place = sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
         snapshots.append(Snapshot(time, *place, np.full(n, 1 / n), status, np.zeros(n, np.int32)))
@@ -62,7 +70,9 @@ def test_pictures_anywhere_and_at_any_size(tmp_path, lon, lat, spread):
         shapely.box(lon + 4 * step, lat - 20 * step, lon + 400 * step, min(lat + 3 * step, 89)),
         shapely.box(lon - 360, lat, lon - 359, lat + 1),
     ]
-    setting = Setting(Imprint("A test " * 30), polygons=lambda box: land, marks=[Mark(lon, lat, "LKP 21/1830Z")])
+    setting = Setting(
+        Imprint("A test " * 30), polygons=lambda box: land, marks=[Mark(lon, lat, "LKP 21/1830Z")]
+    )
     cautioned = replace(
         setting,
         imprint=Imprint("A test " * 30, footer="casp-drift", caution=WRONG),
@@ -96,15 +106,25 @@ def test_a_field_with_gaps(tmp_path):
     east, north = np.cos(y) * 0.4, np.sin(x) * 0.3
     east[10:20, 5:9] = np.nan
     field.draw_field(
-        tmp_path / "a.png", lon, lat, east, north, title="current", polygons=[shapely.box(178, -18, 179, -17)]
+        tmp_path / "a.png",
+        lon,
+        lat,
+        east,
+        north,
+        title="current",
+        polygons=[shapely.box(178, -18, 179, -17)],
     )
-    field.draw_field(tmp_path / "b.png", lon, lat, np.full_like(east, np.nan), north, title="nothing")
+    field.draw_field(
+        tmp_path / "b.png", lon, lat, np.full_like(east, np.nan), north, title="nothing"
+    )
     field.draw_field(tmp_path / "c.png", lon, lat, 0 * x, 0 * x, title="still")
     assert size(tmp_path / "a.png") == size(tmp_path / "b.png") == (990, 792)
 
 
 def test_arrows_point_where_the_water_goes():
-    """Angles stay in Mercator; in the azimuthal projection a meridian d degrees off turns by d sin(lat), the convergence."""
+    """Angles stay in Mercator; in the azimuthal projection a meridian d degrees off turns by d
+    sin(lat), the convergence.
+    """
     lon, east, north = np.array([170.0, 178.0, 186.0]), np.full(3, 0.3), np.full(3, 0.4)
     here = chart.frame(np.array([170.0, 186.0]), np.array([30.0, 40.0]), 1.0)
     u, v = field.turned(here, lon, np.full(3, 33.0), east, north)
@@ -113,7 +133,8 @@ def test_arrows_point_where_the_water_goes():
     here = chart.frame(np.array([170.0, 186.0]), np.array([80.0, 81.0]), 1.0)
     u, v = field.turned(here, lon, np.full(3, 80.5), east, north)
     turn = np.degrees(np.arctan2(v, u) - np.arctan2(4, 3))
-    # west of the centre north leans to the right: clockwise; 0.1 degrees as the projection is not quite conformal
+    # west of the centre north leans to the right: clockwise; 0.1 degrees as the projection is not
+    # quite conformal
     np.testing.assert_allclose(turn, np.array([-8, 0, 8]) * np.sin(np.radians(80.5)), atol=0.1)
     np.testing.assert_allclose(np.hypot(u, v), 0.5, rtol=1e-12)
 
@@ -123,9 +144,12 @@ def test_the_frame_shows_area_track_and_marks_but_not_outliers():
     times = [made.data["time"].values[-1]]
     far = Mark(-179.0, -18.4, "LKP")
     here = layers.extent(made, times, [far], (), aspect=1.3)
-    west, south, east, north = next(c for c in made.contours if c.time == times[0] and c.share == 0.95).polygon.bounds
+    west, south, east, north = next(
+        c for c in made.contours if c.time == times[0] and c.share == 0.95
+    ).polygon.bounds
     x, y = here.project(
-        [west, east, far.lon, *made.data["mean_lon"].values], [south, north, far.lat, *made.data["mean_lat"].values]
+        [west, east, far.lon, *made.data["mean_lon"].values],
+        [south, north, far.lat, *made.data["mean_lat"].values],
     )
     assert (x > here.x[0]).all()
     assert (x < here.x[1]).all()
@@ -134,7 +158,9 @@ def test_the_frame_shows_area_track_and_marks_but_not_outliers():
     assert (here.x[1] - here.x[0]) / (here.y[1] - here.y[0]) == pytest.approx(1.3)
     plain = layers.extent(made, times, [], (), aspect=1.3)
     grid = made.data["lat"].values
-    assert (plain.y[1] - plain.y[0]) < 1.2 * sphere.RADIUS * np.radians(grid[-1] - grid[0]) / np.cos(np.radians(17.5))
+    assert (plain.y[1] - plain.y[0]) < 1.2 * sphere.RADIUS * np.radians(
+        grid[-1] - grid[0]
+    ) / np.cos(np.radians(17.5))
 
 
 def test_projection_is_centred_conformal_and_blind_to_turns():
@@ -168,7 +194,8 @@ def test_labels_keep_apart():
     ax = figure.add_axes((0.1, 0.1, 0.8, 0.8))
     rng = np.random.default_rng(1)
     points = [
-        (float(x), float(y), f"22{i:02d}00Z", {"fontsize": 8}) for i, (x, y) in enumerate(rng.random((60, 2)) ** 2)
+        (float(x), float(y), f"22{i:02d}00Z", {"fontsize": 8})
+        for i, (x, y) in enumerate(rng.random((60, 2)) ** 2)
     ]
     labels.place_labels(ax, canvas, points, [], must={0})
     written = [t for t in ax.texts if t.get_text()]
@@ -181,13 +208,17 @@ def test_labels_keep_apart():
 def test_land_is_thinned_to_the_pixel_and_keeps_holes():
     angle = np.linspace(0, 2 * np.pi, 200_001)
     lake = [(179.95, -17.05), (180.05, -17.05), (180.05, -16.95), (179.95, -16.95)]
-    ring = np.column_stack([180 + (0.6 + 1e-4 * np.sin(5000 * angle)) * np.cos(angle), -17 + 0.6 * np.sin(angle)])
+    ring = np.column_stack(
+        [180 + (0.6 + 1e-4 * np.sin(5000 * angle)) * np.cos(angle), -17 + 0.6 * np.sin(angle)]
+    )
     here = chart.frame(np.array([179.0, 181.0]), np.array([-18.0, -16.0]), 1.0)
     path = chart.land_path(here, [shapely.Polygon(ring, [lake])], 1000)
     assert len(path.vertices) < 3000
     assert path.contains_point([float(v) for v in here.project(180.3, -17.0)])
     assert np.sum(path.codes == path.MOVETO) == 2
-    turned = chart.land_path(here, [shapely.Polygon(ring - [360, 0], [np.array(lake) - [360, 0]])], 1000)
+    turned = chart.land_path(
+        here, [shapely.Polygon(ring - [360, 0], [np.array(lake) - [360, 0]])], 1000
+    )
     np.testing.assert_allclose(turned.vertices[:, 1].max(), path.vertices[:, 1].max(), atol=500)
     assert chart.land_path(here, [], 1000) is None
 
@@ -246,7 +277,11 @@ def test_what_is_off_the_map_is_said():
     account = at["status_probability"].values
     for outside, left, words in (
         (0.01, 0, ""),
-        (0.069, 0, "6.9 % of the probability ran out of forcing and is not on the map; areas are shares of the rest"),
+        (
+            0.069,
+            0,
+            "6.9 % of the probability ran out of forcing and is not on the map; areas are shares of the rest",
+        ),
         (
             0.2,
             0.05,
@@ -262,14 +297,19 @@ def test_what_is_off_the_map_is_said():
 
 def test_a_backward_run_counts_hours_before():
     made = forecast(-87.5, 28.7)
-    assert forecast_words.basis(made, -1, 4000) == "24 h after 211830ZNOV26   ·   4,000 particles, effective 4,000"
+    assert (
+        forecast_words.basis(made, -1, 4000)
+        == "24 h after 211830ZNOV26   ·   4,000 particles, effective 4,000"
+    )
     back = replace(made, data=made.data.isel(time=slice(None, None, -1)))
     assert forecast_words.basis(back, -1, None).startswith("24 h before 221830ZNOV26")
 
 
 def test_provenance_is_in_the_picture(tmp_path):
     made = forecast(-87.5, 28.7)
-    setting = Setting(Imprint("t", attributes={"case": "title = 'Bjørnøya → 1'"}), marks=[Mark(-87.5, 28.7)])
+    setting = Setting(
+        Imprint("t", attributes={"case": "title = 'Bjørnøya → 1'"}), marks=[Mark(-87.5, 28.7)]
+    )
     for name in ("a.png", "b.png"):
         forecast_map.draw_map(made, tmp_path / name, setting)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
@@ -278,5 +318,7 @@ def test_provenance_is_in_the_picture(tmp_path):
 
 
 def test_pyplot_stays_out():
-    program = "import sys, drift.forecast.products.map; sys.exit('matplotlib.pyplot' in sys.modules)"
+    program = (
+        "import sys, drift.forecast.products.map; sys.exit('matplotlib.pyplot' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

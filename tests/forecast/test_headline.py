@@ -14,20 +14,30 @@ N = 4001
 TIMES = np.array(["2026-11-23T12:00", "2026-11-23T18:00"], "datetime64[s]")
 
 
-def words(lon_deg: float, lat_deg: float, ashore: float = 0.0, opens: np.datetime64 | None = None) -> str:
-    """Return the headline of two clouds: at the second time all but a fifth lie within 1 km of a place, at the first 3 deg north of it."""
+def words(
+    lon_deg: float, lat_deg: float, ashore: float = 0.0, opens: np.datetime64 | None = None
+) -> str:
+    """Return the headline of two clouds: at the second time all but a fifth lie within 1 km of a
+    place, at the first 3 deg north of it.
+    """
     runtime.start()
     random = np.random.default_rng(11)
     outputs = []
     for time, north in zip(TIMES, (3.0, 0.0), strict=True):
         lon, lat = random.normal(lon_deg, 0.004, N), random.normal(lat_deg + north, 0.004, N)
-        lon[: N // 5], lat[: N // 5] = random.normal(lon_deg + 1.5, 0.2, N // 5), random.normal(lat_deg, 0.2, N // 5)
-        stranded = np.arange(N) >= (1 - ashore) * N  # over a wider stretch; what drifts 1 deg north of it is denser
+        lon[: N // 5], lat[: N // 5] = (
+            random.normal(lon_deg + 1.5, 0.2, N // 5),
+            random.normal(lat_deg, 0.2, N // 5),
+        )
+        # over a wider stretch; what drifts 1 deg north of it is denser
+        stranded = np.arange(N) >= (1 - ashore) * N
         lat[stranded] = lat_deg + 6 * (lat[stranded] - lat_deg - north)
         if ashore:
             lat[N // 5 :][~stranded[N // 5 :]] += 1
         status = np.where(stranded, Status.ASHORE, Status.ADRIFT).astype(np.int32)
-        places = (np.rint(sphere.wrap_degrees(x) * sphere.TURN / 360).astype(np.int32) for x in (lon, lat))
+        places = (
+            np.rint(sphere.wrap_degrees(x) * sphere.TURN / 360).astype(np.int32) for x in (lon, lat)
+        )
         outputs.append(Snapshot(time, *places, np.full(N, 1 / N), status, np.zeros(N, np.int32)))
     return forecast_headline(build_forecast(outputs, scenarios=["a"]).data, opens)
 
@@ -46,18 +56,24 @@ def test_it_names_the_densest_place_and_not_the_mean(place: tuple[float, float],
     assert found.startswith("At 231800ZNOV26 it is most likely near ")
     minutes = [float(part[-5:-1]) for part in told.split(",")[0].split()[1:]]
     said = [
-        float(part.rstrip(".,")[-5:-1]) for part in found.split(" near ")[1].split(",")[0].split(". ")[0].split()[:2]
+        float(part.rstrip(".,")[-5:-1])
+        for part in found.split(" near ")[1].split(",")[0].split(". ")[0].split()[:2]
     ]
-    assert np.abs(np.subtract(said, minutes)).max() < 0.5  # [minutes] cells are finer than the cloud of 1 km
+    # [minutes] cells are finer than the cloud of 1 km
+    assert np.abs(np.subtract(said, minutes)).max() < 0.5
     assert told.partition(", ")[2] in found
     if "Hirtshals" in told:
-        assert float(found.split(" nmi north")[0].split()[-1]) == pytest.approx(60 * (57.95 - 57.589), abs=1)
+        assert float(found.split(" nmi north")[0].split()[-1]) == pytest.approx(
+            60 * (57.95 - 57.589), abs=1
+        )
     assert "holds 50 % of the probability" in found
     assert "ashore" not in found
 
 
 def test_it_opens_at_the_time_that_is_asked_for() -> None:
-    assert words(9.96, 57.95, opens=TIMES[0]).startswith("At 231200ZNOV26 it is most likely near 60-5")
+    assert words(9.96, 57.95, opens=TIMES[0]).startswith(
+        "At 231200ZNOV26 it is most likely near 60-5"
+    )
 
 
 def test_it_tells_what_is_ashore_and_where_if_that_is_most() -> None:

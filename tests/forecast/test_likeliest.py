@@ -1,4 +1,6 @@
-"""Of many scenarios the likeliest are shown by themselves; what is said of the others together is what all of them say."""
+"""Of many scenarios the likeliest are shown by themselves; what is said of the others together is
+what all of them say.
+"""
 
 import clouds
 import numpy as np
@@ -29,9 +31,14 @@ def test_the_largest_at_any_time_counts_and_one_other_is_no_others() -> None:
 
 
 def test_sums_and_means_of_the_others() -> None:
-    shown, values = likeliest.likeliest_scenarios(WEIGHTS), np.random.default_rng(5).normal(size=(3, MANY))
+    shown, values = (
+        likeliest.likeliest_scenarios(WEIGHTS),
+        np.random.default_rng(5).normal(size=(3, MANY)),
+    )
     rest = [k for k in range(MANY) if k not in shown.alone]
-    np.testing.assert_allclose(shown.sums(values)[:, -1], [sum(row[k] for k in rest) for row in values])
+    np.testing.assert_allclose(
+        shown.sums(values)[:, -1], [sum(row[k] for k in rest) for row in values]
+    )
     np.testing.assert_allclose(
         shown.means(values, WEIGHTS)[:, -1],
         [np.average([row[k] for k in rest], weights=WEIGHTS[rest]) for row in values],
@@ -41,7 +48,9 @@ def test_sums_and_means_of_the_others() -> None:
 
 @pytest.fixture(scope="module")
 def snapshots() -> list[Snapshot]:
-    """Seventeen stories, each about a place of its own; some have become likelier by the second output."""
+    """Seventeen stories, each about a place of its own; some have become likelier by the second
+    output.
+    """
     random, n = np.random.default_rng(6), 6800
     scenario = np.repeat(np.arange(MANY, dtype=np.int32), n // MANY)
     lon = 4.0 + 0.02 * scenario + random.normal(0, 0.05, n)
@@ -49,7 +58,10 @@ def snapshots() -> list[Snapshot]:
     made = []
     for k, weight in enumerate((WEIGHTS, np.roll(WEIGHTS, 5))):
         probability = weight[scenario] / weight[scenario].sum()
-        places = sphere.to_binary(lon + 0.1 * k).astype(np.int32), sphere.to_binary(lat).astype(np.int32)
+        places = (
+            sphere.to_binary(lon + 0.1 * k).astype(np.int32),
+            sphere.to_binary(lat).astype(np.int32),
+        )
         when = np.datetime64("2026-11-21T06:00") + np.timedelta64(k, "h")
         made.append(clouds.at(when, *places, probability, np.zeros(n, np.int32), scenario))
     return made
@@ -59,12 +71,17 @@ def test_maps_of_the_likeliest_and_of_all_others_add_up(snapshots: list[Snapshot
     made = build.build_forecast(snapshots, scenarios=NAMES)
     data, shown = made.data, dataset.shown(made.data)
     share = data["scenario_probability"].values
-    np.testing.assert_allclose(share, [np.bincount(s.scenario, s.probability) for s in snapshots], rtol=1e-12)
+    np.testing.assert_allclose(
+        share, [np.bincount(s.scenario, s.probability) for s in snapshots], rtol=1e-12
+    )
     assert data["scenario_probability"].shape == (2, MANY)
     assert data["probability_by_scenario"].dims == ("time", "mapped_scenario", "lat", "lon")
     assert list(data["mapped_scenario"].values) == [*(NAMES[k] for k in shown.alone), "7 others"]
     np.testing.assert_allclose(
-        data["probability_by_scenario"].sum("mapped_scenario"), data["probability"], rtol=1e-5, atol=1e-12
+        data["probability_by_scenario"].sum("mapped_scenario"),
+        data["probability"],
+        rtol=1e-5,
+        atol=1e-12,
     )
     np.testing.assert_allclose(
         data["probability_by_scenario"].sum(["lat", "lon"]), shown.sums(share), rtol=1e-4
@@ -75,7 +92,10 @@ def test_maps_of_the_likeliest_and_of_all_others_add_up(snapshots: list[Snapshot
     assert len(tables.summary_of_forecast(made)["scenarios"]) == MANY
     # ten equal scenarios and one more keep their maps: it is the same map, whoever is shown
     few = build.build_forecast(
-        [clouds.at(s.time, s.lon, s.lat, s.probability, s.status, s.scenario * 5 // MANY) for s in snapshots],
+        [
+            clouds.at(s.time, s.lon, s.lat, s.probability, s.status, s.scenario * 5 // MANY)
+            for s in snapshots
+        ],
         scenarios=NAMES[:5],
     )
     np.testing.assert_allclose(few.data["probability"], data["probability"], rtol=1e-6, atol=1e-15)
@@ -83,7 +103,9 @@ def test_maps_of_the_likeliest_and_of_all_others_add_up(snapshots: list[Snapshot
 
 
 def test_effective_numbers_of_families_by_scenario() -> None:
-    """By brute force: the weights of a family add up within each scenario, one over the sum of squared shares."""
+    """By brute force: the weights of a family add up within each scenario, one over the sum of
+    squared shares.
+    """
     random = np.random.default_rng(7)
     family, code = np.sort(random.integers(0, 40, 900)), random.integers(0, MANY + 3, 900)
     weight = random.gamma(0.3, size=900) * 1e-190  # whose squares underflow
@@ -95,7 +117,9 @@ def test_effective_numbers_of_families_by_scenario() -> None:
 
 
 def test_updates_of_the_others_are_those_of_their_mixture() -> None:
-    """Two sorties by the law of total probability: evidence, POS, cumulative POS and posterior of the others as one."""
+    """Two sorties by the law of total probability: evidence, POS, cumulative POS and posterior of
+    the others as one.
+    """
     random, prior = np.random.default_rng(8), WEIGHTS / WEIGHTS.sum()
     miss = random.uniform(0.2, 0.9, (2, MANY))
     before, so_far, every = prior, np.ones(MANY + 1), []

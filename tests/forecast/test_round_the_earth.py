@@ -20,7 +20,14 @@ def snapshot(lon_deg: Array, lat_deg: Array, hours: int = 0) -> Snapshot:
     lon = np.clip(lon_deg * sphere.TURN / 360, -(2**31), 2**31 - 1).astype(np.int32)
     lat = np.rint(np.clip(lat_deg, -90, 90) * sphere.TURN / 360).astype(np.int32)
     still = np.zeros(N, np.int32)
-    return Snapshot(np.datetime64("2026-11-27") + np.timedelta64(hours, "h"), lon, lat, np.full(N, 1 / N), still, still)
+    return Snapshot(
+        np.datetime64("2026-11-27") + np.timedelta64(hours, "h"),
+        lon,
+        lat,
+        np.full(N, 1 / N),
+        still,
+        still,
+    )
 
 
 def about(random: np.random.Generator, west: float, east: float) -> Array:
@@ -37,19 +44,34 @@ def about(random: np.random.Generator, west: float, east: float) -> Array:
         lambda random: random.normal(80, 1, N),
         lambda random: random.normal(-60, 1, N),
     ],
-    ids=["1 km about the north pole", "1 km about the south pole", "3 degrees about a pole", "80 N", "60 S"],
+    ids=[
+        "1 km about the north pole",
+        "1 km about the south pole",
+        "3 degrees about a pole",
+        "80 N",
+        "60 S",
+    ],
 )
-def test_a_map_round_the_earth_sums_to_one(latitudes: Callable[[np.random.Generator], Array]) -> None:
+def test_a_map_round_the_earth_sums_to_one(
+    latitudes: Callable[[np.random.Generator], Array],
+) -> None:
     random = np.random.default_rng(3)
-    made = build_forecast([snapshot(random.uniform(-180, 180, N), latitudes(random))], scenarios=["a"])
+    made = build_forecast(
+        [snapshot(random.uniform(-180, 180, N), latitudes(random))], scenarios=["a"]
+    )
     assert float(made.probability.sum()) == pytest.approx(1, abs=1e-6)  # stored in float32
 
 
 @pytest.mark.parametrize("span", [(-175, 179.9), (-150, 179.9), (-120, 100)])
-def test_a_narrower_cloud_beside_one_round_the_earth_keeps_its_probability(span: tuple[float, float]) -> None:
+def test_a_narrower_cloud_beside_one_round_the_earth_keeps_its_probability(
+    span: tuple[float, float],
+) -> None:
     random = np.random.default_rng(3)
     latitudes = random.normal(75, 1, N)
-    outputs = [snapshot(about(random, *own), latitudes, hours) for hours, own in enumerate(((-180, 180), span))]
+    outputs = [
+        snapshot(about(random, *own), latitudes, hours)
+        for hours, own in enumerate(((-180, 180), span))
+    ]
     sums = build_forecast(outputs, scenarios=["a"]).probability.sum(["lat", "lon"]).values
     assert sums == pytest.approx([1, 1], abs=1e-6)
 

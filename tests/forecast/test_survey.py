@@ -26,7 +26,8 @@ def surveyed(ensemble: Ensemble) -> Survey:
 def test_the_account_adds_up_and_agrees_with_numpy() -> None:
     n = 50_003
     ensemble = record.empty(1, (0, 20_001, n), COLUMNS)
-    log_weight = RNG.normal(-300, 3, n).astype(np.float32)  # far below float32's smallest: only ratios matter
+    # far below float32's smallest: only ratios matter
+    log_weight = RNG.normal(-300, 3, n).astype(np.float32)
     log_weight[::7] = -np.inf
     status = RNG.integers(0, 9, n).astype(np.int32)
     ensemble.log_weight.from_numpy(log_weight)
@@ -35,7 +36,9 @@ def test_the_account_adds_up_and_agrees_with_numpy() -> None:
     weight /= weight.sum()
     account = surveyed(ensemble)
     assert account.status == pytest.approx(np.bincount(status, weight, 9), rel=1e-11)
-    assert account.scenario == pytest.approx([weight[:20_001].sum(), weight[20_001:].sum()], rel=1e-11)
+    assert account.scenario == pytest.approx(
+        [weight[:20_001].sum(), weight[20_001:].sum()], rel=1e-11
+    )
     assert account.effective == pytest.approx(1 / (weight**2).sum(), rel=1e-11)
     assert record.probability(ensemble).sum() == pytest.approx(1, abs=1e-12)
 
@@ -66,7 +69,9 @@ def test_account_of_wild_weights() -> None:
     p = np.exp(weight.astype(float) - weight.max())
     p /= p.sum()
     account = surveyed(ensemble)
-    assert account.status == pytest.approx([p[status == s].sum() for s in range(9)], rel=1e-11, abs=1e-300)
+    assert account.status == pytest.approx(
+        [p[status == s].sum() for s in range(9)], rel=1e-11, abs=1e-300
+    )
     exact = [p[a:b].sum() for a, b in ensemble.scenarios]
     assert account.scenario == pytest.approx(exact, rel=1e-11, abs=1e-300)
     assert account.effective == pytest.approx(1 / (p * p).sum(), rel=1e-11)

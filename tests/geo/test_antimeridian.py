@@ -13,7 +13,9 @@ HOLE = np.array([(179.1, -19.5), (179.4, -17.9), (181.7, -18.2)])
 
 @pytest.mark.parametrize("turn", [-720, -360, 0, 360])
 def test_a_ring_with_a_hole_across_the_line(turn: int) -> None:
-    """Areas in degrees are those of the whole: coordinates are kept to 1e-7, along 40 degrees of edges."""
+    """Areas in degrees are those of the whole: coordinates are kept to 1e-7, along 40 degrees of
+    edges.
+    """
     turned = np.array([turn, 0])
     whole = shapely.Polygon(OUTER + turned, [HOLE + turned])
     made = antimeridian.cut_polygons(shapely.MultiPolygon([whole]))

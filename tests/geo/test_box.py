@@ -26,9 +26,13 @@ def test_a_box_goes_eastward(west, east, found):
     assert between(west, -10, east, 20) == Box(found[0], -10, found[1], 20)
 
 
-@pytest.mark.parametrize(("west", "east", "width"), [(1, -84, 275), (1, -80, 279), (300, -90, 330), (-80, -100, 340)])
+@pytest.mark.parametrize(
+    ("west", "east", "width"), [(1, -84, 275), (1, -80, 279), (300, -90, 330), (-80, -100, 340)]
+)
 def test_the_long_way_is_refused_and_what_the_message_names_is_taken(west, east, width):
-    with pytest.raises(ValueError, match=f"goes {width} degrees round the Earth, the long way") as refused:
+    with pytest.raises(
+        ValueError, match=f"goes {width} degrees round the Earth, the long way"
+    ) as refused:
         between(west, 24, east, 31)
     short, long = re.findall(r"west (-?\d+) and east (-?\d+)", str(refused.value))
     box, other = (between(float(a), 24, float(b), 31) for a, b in (short, long))

@@ -39,20 +39,30 @@ def test_one_text_is_said_in_two_ways(text: str) -> None:
 
 
 def test_an_argument_in_an_error_is_one_of_a_function() -> None:
-    functions = [getattr(drift, name) for name in drift.__all__ if inspect.isfunction(getattr(drift, name))]
+    functions = [
+        getattr(drift, name) for name in drift.__all__ if inspect.isfunction(getattr(drift, name))
+    ]
     known = {name for function in functions for name in inspect.signature(function).parameters}
     assert set(errors.ARGUMENTS.values()) <= known
 
 
 def test_an_option_in_an_error_is_one_of_a_command() -> None:
-    known = {option for command in _parsers() for action in command._actions for option in action.option_strings}
+    known = {
+        option
+        for command in _parsers()
+        for action in command._actions
+        for option in action.option_strings
+    }
     assert {f"--{name}" for name in errors.ARGUMENTS if " " not in name} <= known
 
 
 def _parsers() -> list:  # type: ignore[type-arg]
     whole = grammar.parser()
     return [
-        parser for action in whole._actions if isinstance(action.choices, dict) for parser in action.choices.values()
+        parser
+        for action in whole._actions
+        if isinstance(action.choices, dict)
+        for parser in action.choices.values()
     ]
 
 

@@ -50,7 +50,10 @@ def test_a_computed_probability_as_a_decimal(value, text):
     assert notation.probability(value) == text
 
 
-@given(st.decimals("0.001", "9999", places=3, allow_nan=False), st.sampled_from([KNOT, NMI, 3600.0, 86_400.0, 0.3048]))
+@given(
+    st.decimals("0.001", "9999", places=3, allow_nan=False),
+    st.sampled_from([KNOT, NMI, 3600.0, 86_400.0, 0.3048]),
+)
 def test_a_stated_number_comes_back_as_written(stated, unit):
     """Whatever the unit that it was converted from and back to."""
     assert Decimal(notation.number(float(stated) * unit / unit)) == stated
@@ -92,7 +95,10 @@ def test_a_stated_position_comes_back_to_a_metre(lat, lon):
 
 @pytest.mark.parametrize(
     ("lon", "lat", "text"),
-    [(4.33, 60.17, "60-10.2N 004-19.8E"), (-(10.125 / 60), 60 + 10.255 / 60, "60-10.255N 000-10.125W")],
+    [
+        (4.33, 60.17, "60-10.2N 004-19.8E"),
+        (-(10.125 / 60), 60 + 10.255 / 60, "60-10.255N 000-10.125W"),
+    ],
 )
 def test_a_stated_position_has_the_decimals_that_it_needs(lon, lat, text):
     assert notation.stated_position(lon, lat) == text

@@ -19,12 +19,18 @@ latitudes = st.floats(-89.99, 89.99)
 
 
 @given(longitudes, latitudes, st.floats(-179, 180), st.floats(0, 1.9e7))
-def test_destination_and_distance_agree_with_geodesics(lon: float, lat: float, azimuth: float, length: float) -> None:
+def test_destination_and_distance_agree_with_geodesics(
+    lon: float, lat: float, azimuth: float, length: float
+) -> None:
     a = np.radians(azimuth)
-    x, y = sphere.destination(np.radians(lon), np.radians(lat), length * np.sin(a), length * np.cos(a))
+    x, y = sphere.destination(
+        np.radians(lon), np.radians(lat), length * np.sin(a), length * np.cos(a)
+    )
     lon2, lat2, _ = GEOD.fwd(lon, lat, azimuth, length)
     assert sphere.distance(x, y, np.radians(lon2), np.radians(lat2)) < 1e-3 + 1e-9 * length
-    assert sphere.distance(np.radians(lon), np.radians(lat), x, y) == pytest.approx(length, abs=1e-3)
+    assert sphere.distance(np.radians(lon), np.radians(lat), x, y) == pytest.approx(
+        length, abs=1e-3
+    )
 
 
 @given(longitudes, latitudes, longitudes, latitudes)
@@ -45,7 +51,9 @@ def test_binary_angles_wrap(angle: float) -> None:
 
 @given(st.floats(-1000, 1000), st.floats(-1000, 1000))
 def test_longitudes_turn_by_whole_turns(lon: float, about: float) -> None:
-    """Into their range, to the rounding of a sum of a thousand degrees; by how much, by the library's remainder."""
+    """Into their range, to the rounding of a sum of a thousand degrees; by how much, by the
+    library's remainder.
+    """
     rounding = 4 * np.spacing(2000.0)
     for made, low in (
         (sphere.wrap_degrees(lon), -180.0),
@@ -122,14 +130,19 @@ def test_a_box_that_grows_over_the_antimeridian_begins_within_the_degrees() -> N
 
 
 def test_the_exponential_map_holds_to_the_antipode() -> None:
-    """Relative error of a float32 map: a few units of 6e-8 of the arc, wherever it starts, poles included."""
+    """Relative error of a float32 map: a few units of 6e-8 of the arc, wherever it starts, poles
+    included.
+    """
     rng = np.random.default_rng(0)
     n = 50_000
     lon = rng.integers(-(2**31), 2**31, n).astype(np.int32)
     lat = sphere.to_binary(np.degrees(np.arcsin(rng.uniform(-1, 1, n))))
     lat[:100], lat[100:200] = 2**30, -(2**30)
     length, angle = 10 ** rng.uniform(0, 7.3, n), rng.uniform(0, 2 * np.pi, n)
-    east, north = (length * np.sin(angle)).astype(np.float32), (length * np.cos(angle)).astype(np.float32)
+    east, north = (
+        (length * np.sin(angle)).astype(np.float32),
+        (length * np.cos(angle)).astype(np.float32),
+    )
     x, y = lon.copy(), lat.copy()
     kernel.displace(x, y, east, north)
     exact = sphere.destination(lon * sphere.UNIT, lat * sphere.UNIT, east, north)

@@ -1,7 +1,9 @@
-"""Other backends against the CPU: a search, what steers, sensors, an ensemble, a spill, a track and a plan.
+"""Other backends against the CPU: a search, what steers, sensors, an ensemble, a spill, a track and
+a plan.
 
-Random numbers are integers and the same everywhere. Sums of float32 are rounded elsewhere, so positions part by the
-last bits, and a particle that a last bit strands elsewhere counts for itself alone.
+Random numbers are integers and the same everywhere. Sums of float32 are rounded elsewhere, so
+positions part by the last bits, and a particle that a last bit strands elsewhere counts for itself
+alone.
 """
 
 import json
@@ -20,7 +22,8 @@ from geo import sphere
 
 pytestmark = [pytest.mark.gpu, pytest.mark.timeout(900)]
 DIFFERENT = ("search", "steered", "heard", "members", "spill")  # those not run twice
-# Positions are in units of 9 mm; a step rounds to one of them, and a hundred steps add up to some decimetres.
+# Positions are in units of 9 mm; a step rounds to one of them, and a hundred steps add up to some
+# decimetres.
 MEDIAN, MOST = 0.1, 1.0  # [m] of half the particles, and of 99 of a hundred
 START = "from kernels.runtime import runtime; runtime.start({!r})"
 Results = Mapping[str, np.ndarray]
@@ -46,16 +49,29 @@ def cpu(folder: Path) -> Results:
 
 @pytest.fixture(scope="module", params=["cuda", "vulkan", "metal"])
 def other(request: pytest.FixtureRequest, folder: Path) -> Results:
-    """Results of another backend; skipped where this machine has none, unless DRIFT_BACKENDS names it."""
-    started = subprocess.run([sys.executable, "-c", START.format(request.param)], capture_output=True, text=True)
-    if started.returncode != 0 and request.param not in os.environ.get("DRIFT_BACKENDS", "").split():
-        pytest.skip(f"no {request.param} on this machine: {started.stderr.strip().splitlines()[-1]}")
+    """Results of another backend; skipped where this machine has none, unless DRIFT_BACKENDS names
+    it.
+    """
+    started = subprocess.run(
+        [sys.executable, "-c", START.format(request.param)], capture_output=True, text=True
+    )
+    if (
+        started.returncode != 0
+        and request.param not in os.environ.get("DRIFT_BACKENDS", "").split()
+    ):
+        pytest.skip(
+            f"no {request.param} on this machine: {started.stderr.strip().splitlines()[-1]}"
+        )
     return results(request.param, folder)
 
 
 def apart(one: Results, two: Results, name: str) -> np.ndarray:
-    """Return how far [m] the particles of two results are apart that are in the same state and place."""
-    places = [np.radians(each[f"{name}/{column}"]) for each in (one, two) for column in ("lon", "lat")]
+    """Return how far [m] the particles of two results are apart that are in the same state and
+    place.
+    """
+    places = [
+        np.radians(each[f"{name}/{column}"]) for each in (one, two) for column in ("lon", "lat")
+    ]
     found = sphere.distance(*places)
     return found[np.isfinite(found)]
 
@@ -69,14 +85,18 @@ def test_particles_are_where_the_cpu_has_them(cpu: Results, other: Results, name
 
 
 @pytest.mark.parametrize("name", DIFFERENT)
-def test_all_but_one_in_a_thousand_end_in_the_same_state(cpu: Results, other: Results, name: str) -> None:
+def test_all_but_one_in_a_thousand_end_in_the_same_state(
+    cpu: Results, other: Results, name: str
+) -> None:
     one, two = cpu[f"{name}/status"], other[f"{name}/status"]
     assert np.mean(one != two) < 0.001
 
 
 @pytest.mark.parametrize("name", DIFFERENT)
 def test_evidence_and_weights_agree(cpu: Results, other: Results, name: str) -> None:
-    """A decimetre in a swath of a kilometre is 1e-4 of a POD, of either sign: over a thousand particles some 3e-6."""
+    """A decimetre in a swath of a kilometre is 1e-4 of a POD, of either sign: over a thousand
+    particles some 3e-6.
+    """
     one, two = (json.loads(str(each[f"{name}/figures"])) for each in (cpu, other))
     assert one.keys() == two.keys()
     assert "account.adrift" in one
@@ -96,7 +116,9 @@ def test_areas_agree(cpu: Results, other: Results, name: str) -> None:
 @pytest.mark.parametrize("name", ["search again", "search in shards"])
 def test_the_same_bits_twice_and_from_shards(other: Results, name: str) -> None:
     for column in ("lon", "lat", "status"):
-        assert np.array_equal(other[f"search/{column}"], other[f"{name}/{column}"], equal_nan=column != "status")
+        assert np.array_equal(
+            other[f"search/{column}"], other[f"{name}/{column}"], equal_nan=column != "status"
+        )
     assert json.loads(str(other[f"{name}/figures"])) == json.loads(str(other["search/figures"]))
 
 
@@ -106,7 +128,9 @@ def test_a_track_is_followed_alike(cpu: Results, other: Results) -> None:
 
 
 def test_a_plan_is_as_good(cpu: Results, other: Results) -> None:
-    """The optimiser may take another of two that differ in the last digits; what it finds is worth the same."""
+    """The optimiser may take another of two that differ in the last digits; what it finds is worth
+    the same.
+    """
     assert other["plan/pos"][2] == cpu["plan/pos"][2]
     assert other["plan/pos"][:2] == pytest.approx(cpu["plan/pos"][:2], abs=0.01)
 

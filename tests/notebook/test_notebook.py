@@ -1,4 +1,6 @@
-"""Notebooks, in a real kernel: that of the documentation with what its cells show, progress, and many runs in one kernel."""
+"""Notebooks, in a real kernel: that of the documentation with what its cells show, progress, and
+many runs in one kernel.
+"""
 
 import re
 from io import StringIO
@@ -46,7 +48,9 @@ class Told(nbclient.NotebookClient):  # type: ignore[misc, name-defined] - nbcli
 
 
 def executed(notebook: Any, folder: Any) -> Told:
-    client = Told(notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": str(folder)}})
+    client = Told(
+        notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
+    )
     client.execute()
     return client
 
@@ -68,9 +72,13 @@ def framed(cell: Any) -> pandas.DataFrame:
 def test_the_notebook_of_the_documentation(tmp_path: Any) -> None:
     notebook = nbformat.read(ROOT / "docs" / "notebooks" / "search.ipynb", 4)
     nbformat.validate(notebook)
-    assert not any(cell.get("outputs") for cell in notebook.cells), "outputs are not kept in the repository"
+    assert not any(cell.get("outputs") for cell in notebook.cells), (
+        "outputs are not kept in the repository"
+    )
     client = executed(notebook, tmp_path)
-    check, result, track, sorties, areas, plot, total, several = (c for c in notebook.cells if c.cell_type == "code")
+    check, result, track, sorties, areas, plot, total, several = (
+        c for c in notebook.cells if c.cell_type == "code"
+    )
     assert "leeway" in shown(check, "text/plain") or "scenario" in shown(check, "text/plain")
     page = shown(result, "text/html")
     assert "<h4>Overdue boat" in page
@@ -80,7 +88,9 @@ def test_the_notebook_of_the_documentation(tmp_path: Any) -> None:
     phases = {found[1] for text in client.told if (found := re.search(r"</progress> (\w+)", text))}
     assert {"read", "drift", "map"} <= phases
     shares = [
-        float(found[1]) for text in client.told if (found := re.search(r"value='([\d.]+)'></progress> drift", text))
+        float(found[1])
+        for text in client.told
+        if (found := re.search(r"value='([\d.]+)'></progress> drift", text))
     ]
     assert shares == sorted(shares)
     table = framed(track)
@@ -89,7 +99,8 @@ def test_the_notebook_of_the_documentation(tmp_path: Any) -> None:
     table = framed(sorties)
     assert table["name"].iloc[0] == "MH-60 along the track"
     assert len(table) == 6
-    np.testing.assert_allclose(table["poc"] * table["pod"], table["pos"], rtol=0.01)  # six digits as shown
+    # six digits as shown
+    np.testing.assert_allclose(table["poc"] * table["pod"], table["pos"], rtol=0.01)
     table = framed(areas)
     assert list(table["share"]) == [0.5, 0.75, 0.95]
     assert table["geometry"].str.startswith("MULTIPOLYGON").all()
@@ -100,7 +111,9 @@ def test_the_notebook_of_the_documentation(tmp_path: Any) -> None:
 
 
 def test_twenty_runs_in_one_kernel_keep_no_memory(tmp_path: Any) -> None:
-    """Ten runs after the first ten take no more memory than the particles of one: a run that kept its own would keep ten."""
+    """Ten runs after the first ten take no more memory than the particles of one: a run that kept
+    its own would keep ten.
+    """
     (tmp_path / "case.toml").write_text(SMALL, encoding="utf-8")
     cell = nbformat.v4.new_code_cell(f"""
 import drift, gc, psutil

@@ -24,7 +24,13 @@ def way(east: float, north: float, *legs: Leg) -> Path:
 
 
 def one_box(
-    bearing: float, near: float, far: float, half: float, time: float, place: np.ndarray, outcome: int = DETECTED
+    bearing: float,
+    near: float,
+    far: float,
+    half: float,
+    time: float,
+    place: np.ndarray,
+    outcome: int = DETECTED,
 ) -> sweeps.Sweeps:
     """Return one sweep with ranges in nautical miles and angles in degrees."""
     return sweeps.Sweeps(

@@ -7,8 +7,17 @@ import numpy as np
 from drift.engine.particles.snapshot import Snapshot
 
 
-def at(time: np.datetime64, lon: Any, lat: Any, probability: Any, status: Any, scenario: Any, **more: Any) -> Snapshot:
-    """Return a snapshot of particles in any order: those of one scenario are laid side by side, as in a run.
+def at(
+    time: np.datetime64,
+    lon: Any,
+    lat: Any,
+    probability: Any,
+    status: Any,
+    scenario: Any,
+    **more: Any,
+) -> Snapshot:
+    """Return a snapshot of particles in any order: those of one scenario are laid side by side, as
+    in a run.
 
     Args:
         time: when it is, UTC.

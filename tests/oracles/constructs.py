@@ -40,7 +40,9 @@ def functions(module: str) -> Iterator[tuple[ast.FunctionDef, Names]]:
     tree = ast.parse(FILES[module].read_text(encoding="utf-8"))
     names = vars(_imported(module))
     for node in tree.body:
-        given = {one.arg: None for one in node.args.args} if isinstance(node, ast.FunctionDef) else {}
+        given = (
+            {one.arg: None for one in node.args.args} if isinstance(node, ast.FunctionDef) else {}
+        )
         for inner in ast.walk(node):
             if decorated(inner, "kernel", "func"):
                 yield inner, names if inner is node else names | given
@@ -49,8 +51,12 @@ def functions(module: str) -> Iterator[tuple[ast.FunctionDef, Names]]:
 def kernels(module: str) -> dict[str, Any]:
     """Return the kernels of a module, by its name and theirs."""
     own = _imported(module)
-    mine = {name: each for name, each in vars(own).items() if getattr(each, "_primal", None) is not None}
-    return {f"{module}.{name}": each for name, each in mine.items() if each.__module__ == own.__name__}
+    mine = {
+        name: each for name, each in vars(own).items() if getattr(each, "_primal", None) is not None
+    }
+    return {
+        f"{module}.{name}": each for name, each in mine.items() if each.__module__ == own.__name__
+    }
 
 
 def decorated(node: ast.AST, *names: str) -> bool:

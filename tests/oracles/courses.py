@@ -8,7 +8,11 @@ MILE = NMI / RADIUS  # [rad]
 
 def triangle(rng, law, n):
     low, best, high, ratio = law
-    return np.where(rng.random(n) >= 2 / (1 + ratio), rng.triangular(low, best, high, n), rng.uniform(low, high, n))
+    return np.where(
+        rng.random(n) >= 2 / (1 + ratio),
+        rng.triangular(low, best, high, n),
+        rng.uniform(low, high, n),
+    )
 
 
 def rhumb(lon, lat, course, far):
@@ -26,7 +30,12 @@ def plane(lon, lat, about):
     lon, lat, at = np.radians(lon - about[0]), np.radians(lat), np.radians(about[1])
     x = np.cos(lat) * np.sin(lon)
     y = np.cos(at) * np.sin(lat) - np.sin(at) * np.cos(lat) * np.cos(lon)
-    far = np.arctan2(np.hypot(x, y), np.sin(at) * np.sin(lat) + np.cos(at) * np.cos(lat) * np.cos(lon)) / MILE
+    far = (
+        np.arctan2(
+            np.hypot(x, y), np.sin(at) * np.sin(lat) + np.cos(at) * np.cos(lat) * np.cos(lon)
+        )
+        / MILE
+    )
     return np.stack([x, y], axis=-1) * (far / np.hypot(x, y))[..., None]
 
 
@@ -36,5 +45,7 @@ def out_of(offset, about):
     east, north = (offset / np.linalg.norm(offset, axis=-1, keepdims=True)).T
     at = np.radians(about[1])
     lat = np.arcsin(np.sin(at) * np.cos(far) + np.cos(at) * np.sin(far) * north)
-    lon = np.arctan2(east * np.sin(far), np.cos(far) * np.cos(at) - np.sin(far) * np.sin(at) * north)
+    lon = np.arctan2(
+        east * np.sin(far), np.cos(far) * np.cos(at) - np.sin(far) * np.sin(at) * north
+    )
     return about[0] + np.degrees(lon), np.degrees(lat)

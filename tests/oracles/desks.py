@@ -50,9 +50,13 @@ class Server:
             "Sec-Fetch-Site": "same-origin", "Content-Type": "application/json",
         }  # fmt: skip
 
-    def ask(self, method: str, path: str, body: Any = None, **changes: str | None) -> tuple[int, dict[str, str], bytes]:
+    def ask(
+        self, method: str, path: str, body: Any = None, **changes: str | None
+    ) -> tuple[int, dict[str, str], bytes]:
         """Return status, headers and body; changes: of our own headers, None to leave one out."""
-        data = body if isinstance(body, bytes) else json.dumps({} if body is None else body).encode()
+        data = (
+            body if isinstance(body, bytes) else json.dumps({} if body is None else body).encode()
+        )
         headers = self.own | {name.replace("_", "-"): value for name, value in changes.items()}
         if method == "POST":
             headers = {"Content-Length": str(len(data))} | headers
@@ -64,7 +68,11 @@ class Server:
             line.sendall("\r\n".join([*lines, "Connection: close", "", ""]).encode("latin-1") + (data if method == "POST" else b""))  # fmt: skip
             answer = http.client.HTTPResponse(line, method=method)
             answer.begin()
-            return answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
+            return (
+                answer.status,
+                {name.lower(): value for name, value in answer.getheaders()},
+                answer.read(),
+            )
 
     def json(self, method: str, path: str, body: Any = None) -> Any:
         """Return what our own page would get."""

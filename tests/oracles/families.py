@@ -1,9 +1,11 @@
-"""Exact Bayes for ships that go north along meridians: routes x speeds x times of departure, in closed form and NumPy alone.
+"""Exact Bayes for ships that go north along meridians: routes x speeds x times of departure, in
+closed form and NumPy alone.
 
-A ship of a story goes from the latitude SOUTH along its route's meridian at a speed that is uniform in the story's range, at a distance
-east of the meridian that is normal. What sensors say is a product of factors a + b 1{east of the meridian in X} 1{speed in V}, so that
-means of products are sums over subsets of the factors, of probabilities of intersections of intervals. It is all near the equator: what
-a plane makes of it errs by 3e-4 of a distance.
+A ship of a story goes from the latitude SOUTH along its route's meridian at a speed that is uniform
+in the story's range, at a distance east of the meridian that is normal. What sensors say is a
+product of factors a + b 1{east of the meridian in X} 1{speed in V}, so that means of products are
+sums over subsets of the factors, of probabilities of intersections of intervals. It is all near the
+equator: what a plane makes of it errs by 3e-4 of a distance.
 """
 
 import itertools
@@ -52,7 +54,9 @@ def normal(low: float, high: float) -> float:
 
 
 def speeds(distance: float, first: float, last: float) -> tuple[float, float]:
-    """Return by which speeds a distance [nmi] is covered after the first and before the last of two durations [h]."""
+    """Return by which speeds a distance [nmi] is covered after the first and before the last of two
+    durations [h].
+    """
     return distance / last if last > 0 else math.inf, distance / first if first > 0 else math.inf
 
 
@@ -79,7 +83,9 @@ def factors(story: tuple[int, int, int]) -> list[Factor]:
     crossed = speeds(-SOUTH * DEGREE, begin - departure, end - departure)
     barrier = Factor(1.0, -detection, (-math.inf, math.inf), crossed)
     at, width, height, time, alpha, false = PLOT
-    plot = Factor(false, (1 - false) * alpha, *_field(at, width, height, time - departure, meridian))
+    plot = Factor(
+        false, (1 - false) * alpha, *_field(at, width, height, time - departure, meridian)
+    )
     return [look, barrier, plot]
 
 
@@ -89,8 +95,13 @@ def mean(story: tuple[int, int, int], some: list[Factor]) -> float:
     total = 0.0
     for chosen in itertools.product((False, True), repeat=len(some)):
         own = [one for one, taken in zip(some, chosen, strict=True) if taken]
-        weight = math.prod(one.b if taken else one.a for one, taken in zip(some, chosen, strict=True))
-        east = (max([-math.inf, *(f.east[0] for f in own)]), min([math.inf, *(f.east[1] for f in own)]))
+        weight = math.prod(
+            one.b if taken else one.a for one, taken in zip(some, chosen, strict=True)
+        )
+        east = (
+            max([-math.inf, *(f.east[0] for f in own)]),
+            min([math.inf, *(f.east[1] for f in own)]),
+        )
         speed = (max([low, *(f.speed[0] for f in own)]), min([high, *(f.speed[1] for f in own)]))
         total += weight * normal(*east) * max(speed[1] - speed[0], 0.0) / (high - low)
     return total
@@ -104,7 +115,9 @@ def squared(one: Factor) -> Factor:
 def exact(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and variance of the likelihood of the first sensors, each (stories,)."""
     means = np.array([mean(story, factors(story)[:count]) for story in STORIES])
-    squares = np.array([mean(story, [squared(one) for one in factors(story)[:count]]) for story in STORIES])
+    squares = np.array(
+        [mean(story, [squared(one) for one in factors(story)[:count]]) for story in STORIES]
+    )
     return means, squares - means**2
 
 
@@ -115,7 +128,8 @@ def posterior(means: np.ndarray) -> np.ndarray:
 
 
 def error(means: np.ndarray, variances: np.ndarray, drawn: np.ndarray, value: np.ndarray) -> float:
-    """Return the standard error of the mean of a value of stories, by a run of so many particles of each (delta method).
+    """Return the standard error of the mean of a value of stories, by a run of so many particles of
+    each (delta method).
 
     value: (stories,), 1 where a story counts, else 0.
     """
@@ -126,11 +140,15 @@ def error(means: np.ndarray, variances: np.ndarray, drawn: np.ndarray, value: np
 
 def case(particles: int, *, below: float = 0.0) -> str:
     """Return the case file of all this: 300 stories of one family."""
-    routes = "\n".join(f'"{lon:.2f}" = [[{lon:.2f}, {SOUTH}], [{lon:.2f}, {NORTH}]]' for lon in MERIDIANS)
+    routes = "\n".join(
+        f'"{lon:.2f}" = [[{lon:.2f}, {SOUTH}], [{lon:.2f}, {NORTH}]]' for lon in MERIDIANS
+    )
 
     def box(sensor: tuple) -> str:
         at, width, height, time = sensor[:4]
-        return f'time = "+{time} h"\nat = {list(at)}\nwidth = "{width} nmi"\nheight = "{height} nmi"\n'
+        return (
+            f'time = "+{time} h"\nat = {list(at)}\nwidth = "{width} nmi"\nheight = "{height} nmi"\n'
+        )
 
     return f"""
 title = "300 stories"

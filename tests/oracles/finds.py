@@ -1,9 +1,11 @@
-"""Found debris by brute force: pairs of an object and its debris in float64 NumPy, none of them guided.
+"""Found debris by brute force: pairs of an object and its debris in float64 NumPy, none of them
+guided.
 
-Nothing of drift, geo or kernels is used. The flow is uniform in space and linear in time between rows; errors of current and
-wind are Ornstein-Uhlenbeck processes that both of a pair share, moved by their exact integrals (tests.oracles.oracle). Debris
-has plain windage. Pairs whose debris would never come near the find if there were no coast are dropped before a coast is asked:
-at no end of a step, since debris that passed the find may have stranded beside it.
+Nothing of drift, geo or kernels is used. The flow is uniform in space and linear in time between
+rows; errors of current and wind are Ornstein-Uhlenbeck processes that both of a pair share, moved
+by their exact integrals (tests.oracles.oracle). Debris has plain windage. Pairs whose debris would
+never come near the find if there were no coast are dropped before a coast is asked: at no end of a
+step, since debris that passed the find may have stranded beside it.
 """
 
 from collections.abc import Callable
@@ -43,7 +45,8 @@ class Sums:
 
     pairs: int = 0
     weight: list[Array] = field(default_factory=list)  # [1/m2] likelihood of the find
-    places: list[Array] = field(default_factory=list)  # [deg] (kinds, 2, k) of the objects at the time of the find
+    # [deg] (kinds, 2, k) of the objects at the time of the find
+    places: list[Array] = field(default_factory=list)
 
 
 def interpolated(rows: list[tuple[float, float, float]]) -> Callable[[float], tuple[float, float]]:
@@ -52,13 +55,19 @@ def interpolated(rows: list[tuple[float, float, float]]) -> Callable[[float], tu
     return lambda t: (float(np.interp(t, time, east)), float(np.interp(t, time, north)))
 
 
-def add_pairs(sums: Sums, rng: np.random.Generator, n: int, setup: Setup, rows: list[dict[str, float]]) -> None:
-    """Draw n releases with their errors and debris, and add those that are found, each with an object of every row.
+def add_pairs(
+    sums: Sums, rng: np.random.Generator, n: int, setup: Setup, rows: list[dict[str, float]]
+) -> None:
+    """Draw n releases with their errors and debris, and add those that are found, each with an
+    object of every row.
 
-    rows: of the leeway table. Debris is first moved on a flat sea without a coast, by sums of its errors; only what comes near the
-    find, at its time or before, is moved step by step on the sphere, with its objects.
+    rows: of the leeway table. Debris is first moved on a flat sea without a coast, by sums of its
+    errors; only what comes near the find, at its time or before, is moved step by step on the
+    sphere, with its objects.
     """
-    lon, lat = oracle.moved(np.full(n, setup.lon), np.full(n, setup.lat), *(setup.std * rng.standard_normal((2, n))))
+    lon, lat = oracle.moved(
+        np.full(n, setup.lon), np.full(n, setup.lat), *(setup.std * rng.standard_normal((2, n)))
+    )
     if setup.coast is not None:
         dry = setup.coast.on_land(lon, lat)
         lon, lat, n = lon[~dry], lat[~dry], int((~dry).sum())
@@ -80,11 +89,22 @@ def add_pairs(sums: Sums, rng: np.random.Generator, n: int, setup: Setup, rows: 
             reach = BEYOND * setup.found_std * np.sqrt(2) + 0.02 * np.hypot(*flat) + 300
             near |= np.hypot(*_apart(setup, x, y)) < reach
     if near.any():
-        _add_found(sums, rng, setup, rows, np.stack([lon, lat])[:, near], slope[near], kept[:, :, near], begins, ends)
+        _add_found(
+            sums,
+            rng,
+            setup,
+            rows,
+            np.stack([lon, lat])[:, near],
+            slope[near],
+            kept[:, :, near],
+            begins,
+            ends,
+        )
 
 
 class _Process:
-    """Ornstein-Uhlenbeck errors east and north, of n pairs: the mean over a step and its end, drawn together.
+    """Ornstein-Uhlenbeck errors east and north, of n pairs: the mean over a step and its end, drawn
+    together.
 
     Gillespie 1996, doi:10.1103/PhysRevE.54.2084, eqs. 2.12-2.13.
     """
@@ -107,7 +127,9 @@ class _Process:
 
 
 def _add_found(sums, rng, setup, rows, place, slope, kept, begins, ends):
-    """Move debris that comes near the find, and an object of each row, step by step with the coast; add what is found."""
+    """Move debris that comes near the find, and an object of each row, step by step with the coast;
+    add what is found.
+    """
     n = slope.size
     lines = [oracle.lines(rng, n, row) for row in rows]
     sides = [rng.choice([-1, 1], n) for _ in rows]
@@ -171,7 +193,9 @@ def _mean(flow, begin, end):
 
 @dataclass(frozen=True)
 class Told:
-    """What sums say: evidence [1/m2], mean place [deg] and covariance [m2] of the object, with standard errors."""
+    """What sums say: evidence [1/m2], mean place [deg] and covariance [m2] of the object, with
+    standard errors.
+    """
 
     evidence: float
     evidence_error: float

@@ -1,4 +1,6 @@
-"""Flows whose tracks are known: closed forms, or an independent integrator of high order in float64."""
+"""Flows whose tracks are known: closed forms, or an independent integrator of high order in
+float64.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,14 +35,18 @@ def solid_rotation(features: T, sea: T, own: T, lon, lat, fraction):
 
 @ti.func
 def inertial(features: T, sea: T, own: T, lon, lat, fraction):
-    """A velocity that turns clockwise with time; the time of the step comes in as the blend of tile 0."""
+    """A velocity that turns clockwise with time; the time of the step comes in as the blend of tile
+    0.
+    """
     t = sea.scale[4] + sea.scale[5] * fraction
     return f32x3(SPEED * ti.cos(INERTIAL * t), -SPEED * ti.sin(INERTIAL * t), 1.0)
 
 
 @ti.func
 def stommel(features: T, sea: T, own: T, lon, lat, fraction):
-    """psi = PSI sin(X)^2 sin(Y), intensified towards the west as Stommel's gyre is; free of divergence on the sphere."""
+    """psi = PSI sin(X)^2 sin(Y), intensified towards the west as Stommel's gyre is; free of
+    divergence on the sphere.
+    """
     x = (ti.cast(lon, ti.f32) * ti.f32(sphere.UNIT) - ti.f32(GYRE[0])) / ti.f32(GYRE[2])
     lat_rad = ti.cast(lat, ti.f32) * ti.f32(sphere.UNIT)
     y = (lat_rad - ti.f32(GYRE[1])) / ti.f32(GYRE[2])
@@ -54,13 +60,19 @@ def stommel(features: T, sea: T, own: T, lon, lat, fraction):
 def _rotated(lon: np.ndarray, lat: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
     """Rodrigues' rotation of unit vectors about AXIS by OMEGA t."""
     r = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
-    k = np.array([np.cos(AXIS[1]) * np.cos(AXIS[0]), np.cos(AXIS[1]) * np.sin(AXIS[0]), np.sin(AXIS[1])])[:, None]
+    k = np.array(
+        [np.cos(AXIS[1]) * np.cos(AXIS[0]), np.cos(AXIS[1]) * np.sin(AXIS[0]), np.sin(AXIS[1])]
+    )[:, None]
     a = OMEGA * t
-    turned = r * np.cos(a) + np.cross(k, r, axis=0) * np.sin(a) + k * (k * r).sum(0) * (1 - np.cos(a))
+    turned = (
+        r * np.cos(a) + np.cross(k, r, axis=0) * np.sin(a) + k * (k * r).sum(0) * (1 - np.cos(a))
+    )
     return np.arctan2(turned[1], turned[0]), np.arcsin(turned[2])
 
 
-def _integrated(velocity: Callable, lon: np.ndarray, lat: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+def _integrated(
+    velocity: Callable, lon: np.ndarray, lat: np.ndarray, t: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Dormand and Prince's order 8 in float64 on dlon/dt, dlat/dt."""
     n = lon.size
 
@@ -68,7 +80,9 @@ def _integrated(velocity: Callable, lon: np.ndarray, lat: np.ndarray, t: float) 
         u, v = velocity(state[:n], state[n:], time)
         return np.concatenate([u / (sphere.RADIUS * np.cos(state[n:])), v / sphere.RADIUS])
 
-    end = solve_ivp(rate, (0, t), np.concatenate([lon, lat]), "DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+    end = solve_ivp(rate, (0, t), np.concatenate([lon, lat]), "DOP853", rtol=1e-12, atol=1e-14).y[
+        :, -1
+    ]
     return end[:n], end[n:]
 
 
@@ -79,12 +93,16 @@ def _inertial64(lon, lat, t):
 def _stommel64(lon, lat, t):
     x, y, k = (lon - GYRE[0]) / GYRE[2], (lat - GYRE[1]) / GYRE[2], PSI / (sphere.RADIUS * GYRE[2])
     e = np.exp(-0.7 * x)
-    return -k * e * np.cos(x) * np.cos(y), k * e * (-np.sin(x) - 0.7 * np.cos(x)) * np.sin(y) / np.cos(lat)
+    return -k * e * np.cos(x) * np.cos(y), k * e * (-np.sin(x) - 0.7 * np.cos(x)) * np.sin(
+        y
+    ) / np.cos(lat)
 
 
 @dataclass(frozen=True)
 class Flow:
-    """A velocity function for the kernel, its exact track, where to start [deg], and how long and finely to step [s]."""
+    """A velocity function for the kernel, its exact track, where to start [deg], and how long and
+    finely to step [s].
+    """
 
     name: str
     velocity: Callable

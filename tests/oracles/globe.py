@@ -1,6 +1,7 @@
 """Great circles by unit vectors and rotations alone, for the oracles of lanes and corridors.
 
-Nothing of drift, geo or kernels is used. Points are unit vectors, shape (..., 3), directions tangents at them.
+Nothing of drift, geo or kernels is used. Points are unit vectors, shape (..., 3), directions
+tangents at them.
 """
 
 import numpy as np
@@ -26,7 +27,9 @@ def unit(v: Array) -> Array:
 
 
 def distance(p: Array, q: Array) -> Array:
-    """Return the length [m] of great circles, by the chord: good to 1e-9 for what is under a quarter of a turn."""
+    """Return the length [m] of great circles, by the chord: good to 1e-9 for what is under a
+    quarter of a turn.
+    """
     return 2 * R * np.arcsin(np.linalg.norm(p - q, axis=-1) / 2)
 
 

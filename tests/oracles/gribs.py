@@ -1,4 +1,5 @@
-"""GRIB messages made and read by eccodes, in a process of its own: beside pyproj in one process it corrupts memory.
+"""GRIB messages made and read by eccodes, in a process of its own: beside pyproj in one process it
+corrupts memory.
 
 (eccodes' wheels bring a PROJ of their own; whichever library is loaded second finds the other's.)
 """
@@ -20,7 +21,9 @@ def _process() -> ProcessPoolExecutor:
 
 
 def points(sample: str, settings: Mapping[str, Any]) -> tuple[Array, Array]:
-    """Return eccodes' own longitudes and latitudes [deg] of the grid that a sample has with these settings."""
+    """Return eccodes' own longitudes and latitudes [deg] of the grid that a sample has with these
+    settings.
+    """
     return _process().submit(_points, sample, dict(settings)).result()
 
 
@@ -30,7 +33,9 @@ def pack(sample: str, settings: Mapping[str, Any], values: Array) -> bytes:
 
 
 def unpack(path: str, names: tuple[str, ...]) -> dict[str, Array]:
-    """Return the values of fields by short name, and "lon", "lat" [deg] of the last one, all (ny, nx)."""
+    """Return the values of fields by short name, and "lon", "lat" [deg] of the last one, all (ny,
+    nx).
+    """
     return _process().submit(_unpack, path, names).result()
 
 
@@ -50,7 +55,10 @@ def _points(sample: str, settings: dict[str, Any]) -> tuple[Array, Array]:
     if settings:
         eccodes.codes_set_values(
             handle,
-            np.zeros(settings["Ni" if "Ni" in settings else "Nx"] * settings["Nj" if "Nj" in settings else "Ny"]),
+            np.zeros(
+                settings["Ni" if "Ni" in settings else "Nx"]
+                * settings["Nj" if "Nj" in settings else "Ny"]
+            ),
         )
     lon, lat = (eccodes.codes_get_array(handle, k) for k in ("longitudes", "latitudes"))
     eccodes.codes_release(handle)
@@ -83,6 +91,9 @@ def _unpack(path: str, names: tuple[str, ...]) -> dict[str, Array]:
             if name in names:
                 shape = eccodes.codes_get(handle, "Ny"), eccodes.codes_get(handle, "Nx")
                 found[name] = eccodes.codes_get_values(handle).reshape(shape)
-                found |= {k[:3]: eccodes.codes_get_array(handle, k).reshape(shape) for k in ("latitudes", "longitudes")}
+                found |= {
+                    k[:3]: eccodes.codes_get_array(handle, k).reshape(shape)
+                    for k in ("latitudes", "longitudes")
+                }
             eccodes.codes_release(handle)
     return found

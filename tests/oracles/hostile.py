@@ -1,7 +1,9 @@
-"""Servers on this machine: one that speaks DAP2 (OPeNDAP), and ones that answer anything else, or nothing, or too slowly.
+"""Servers on this machine: one that speaks DAP2 (OPeNDAP), and ones that answer anything else, or
+nothing, or too slowly.
 
-DAP 2.0: J. Gallagher, N. Potter, T. Sgouros, S. Hankin and G. Flierl 2007, The Data Access Protocol, DAP 2.0,
-ESE-RFC-004.1.2. Values travel as XDR (RFC 4506): big-endian, 16-bit integers in 32 bits, an array's length twice.
+DAP 2.0: J. Gallagher, N. Potter, T. Sgouros, S. Hankin and G. Flierl 2007, The Data Access
+Protocol, DAP 2.0, ESE-RFC-004.1.2. Values travel as XDR (RFC 4506): big-endian, 16-bit integers in
+32 bits, an array's length twice.
 """
 
 import contextlib
@@ -24,12 +26,15 @@ KINDS = {
     "f8": ("Float64", ">f8"),
 }
 
-Answer = Callable[[socket.socket, str], None]  # what a server does with a connection and the target that it asks for
+# what a server does with a connection and the target that it asks for
+Answer = Callable[[socket.socket, str], None]
 
 
 @dataclass(frozen=True)
 class Variable:
-    """What a server holds under one name: dims, one a dimension of `values`; attributes, numbers as NumPy scalars."""
+    """What a server holds under one name: dims, one a dimension of `values`; attributes, numbers as
+    NumPy scalars.
+    """
 
     dims: tuple[str, ...]
     values: np.ndarray
@@ -54,7 +59,11 @@ def held(path: Path) -> dict[str, Variable]:
     with xr.open_dataset(path, decode_cf=False) as data:
         for name, one in data.variables.items():
             values = one.values.astype(np.int32) if one.dtype == np.int64 else one.values
-            kept = {k: v if isinstance(v, str) else np.asarray(v)[()] for k, v in one.attrs.items() if np.ndim(v) == 0}
+            kept = {
+                k: v if isinstance(v, str) else np.asarray(v)[()]
+                for k, v in one.attrs.items()
+                if np.ndim(v) == 0
+            }
             kept = {k: np.int32(v) if isinstance(v, np.int64) else v for k, v in kept.items()}
             found[str(name)] = Variable(tuple(map(str, one.dims)), values, kept)
     return found
@@ -77,7 +86,9 @@ def das(variables: dict[str, Variable]) -> bytes:
 
 
 def dods(variables: dict[str, Variable], constraint: str) -> bytes:
-    """Return the values that a constraint asks for, like "u[0:1:3][2][5:7],lat"; all of them without one."""
+    """Return the values that a constraint asks for, like "u[0:1:3][2][5:7],lat"; all of them
+    without one.
+    """
     parts = _parts(variables, constraint)
     content = b"".join(_xdr(variables[name].values[part]) for name, part in parts.items())
     return dds(variables, parts) + b"\nData:\n" + content
@@ -90,10 +101,13 @@ def _parts(variables: dict[str, Variable], constraint: str) -> dict[str, tuple[s
     parts = {}
     for asked in constraint.split(","):
         name = asked.split("[")[0]
-        bounds = [[int(n) for n in inside.split(":")] for inside in re.findall(r"\[([^]]*)\]", asked)]
+        bounds = [
+            [int(n) for n in inside.split(":")] for inside in re.findall(r"\[([^]]*)\]", asked)
+        ]
         spans = [slice(b[0], b[-1] + 1, b[1] if len(b) == 3 else 1) for b in bounds]
         parts[name] = tuple(spans) or whole[name]
-    return {name: parts[name] for name in variables if name in parts}  # in the order of the structure
+    # in the order of the structure
+    return {name: parts[name] for name in variables if name in parts}
 
 
 def _xdr(values: np.ndarray) -> bytes:
@@ -103,7 +117,13 @@ def _xdr(values: np.ndarray) -> bytes:
 
 def http(body: bytes, status: str = "200 OK", *headers: str) -> bytes:
     """Return an answer in HTTP."""
-    lines = [f"HTTP/1.1 {status}", "XDAP: 2.0", "Connection: close", f"Content-Length: {len(body)}", *headers]
+    lines = [
+        f"HTTP/1.1 {status}",
+        "XDAP: 2.0",
+        "Connection: close",
+        f"Content-Length: {len(body)}",
+        *headers,
+    ]
     return "\r\n".join([*lines, "", ""]).encode() + body
 
 
@@ -124,12 +144,21 @@ def good(variables: dict[str, Variable], target: str) -> bytes:
     if path.endswith(".dds"):
         names = {name.split("[")[0] for name in query.split(",") if name}
         asked = {n: v for n, v in variables.items() if n in names} if names else variables
-        return http(dds(asked), "200 OK", "Content-Type: text/plain", "Content-Description: dods-dds")
+        return http(
+            dds(asked), "200 OK", "Content-Type: text/plain", "Content-Description: dods-dds"
+        )
     if path.endswith(".das"):
-        return http(das(variables), "200 OK", "Content-Type: text/plain", "Content-Description: dods-das")
+        return http(
+            das(variables), "200 OK", "Content-Type: text/plain", "Content-Description: dods-das"
+        )
     if path.endswith(".dods"):
         content = dods(variables, query)
-        return http(content, "200 OK", "Content-Type: application/octet-stream", "Content-Description: dods-data")
+        return http(
+            content,
+            "200 OK",
+            "Content-Type: application/octet-stream",
+            "Content-Description: dods-data",
+        )
     return http(b"no such thing", "404 Not Found")
 
 
@@ -211,9 +240,15 @@ def _attend(connection: socket.socket, answer: Answer) -> None:
 
 
 def sea(rows: int = 7, columns: int = 9) -> dict[str, Variable]:
-    """Return a current across the antimeridian at 4 times, its u packed in 16 bits; the library fetches small ones whole."""
+    """Return a current across the antimeridian at 4 times, its u packed in 16 bits; the library
+    fetches small ones whole.
+    """
     dlat, dlon = 3.5 / rows, 6.75 / columns
-    time_h, lat, lon = np.arange(4.0), -41.0 + dlat * np.arange(rows), 177.5 + dlon * np.arange(columns)
+    time_h, lat, lon = (
+        np.arange(4.0),
+        -41.0 + dlat * np.arange(rows),
+        177.5 + dlon * np.arange(columns),
+    )
     t, y, x = np.meshgrid(time_h, lat, lon, indexing="ij")
     u = 0.31 + 0.05 * np.sin(0.9 * x) + 0.02 * (y + 38) - 0.03 * t
     v = -0.12 + 0.04 * np.cos(1.3 * y) + 0.01 * (x - 180) + 0.02 * t
@@ -221,9 +256,19 @@ def sea(rows: int = 7, columns: int = 9) -> dict[str, Variable]:
     packed[:, 2, 3] = -32767
     standard = "surface_{}ward_sea_water_velocity".format
     return {
-        "time": Variable(("time",), time_h, {"units": "hours since 2024-03-01 00:00:00", "standard_name": "time"}),
-        "lat": Variable(("lat",), lat.astype(np.float32), {"units": "degrees_north", "standard_name": "latitude"}),
-        "lon": Variable(("lon",), lon.astype(np.float32), {"units": "degrees_east", "standard_name": "longitude"}),
+        "time": Variable(
+            ("time",), time_h, {"units": "hours since 2024-03-01 00:00:00", "standard_name": "time"}
+        ),
+        "lat": Variable(
+            ("lat",),
+            lat.astype(np.float32),
+            {"units": "degrees_north", "standard_name": "latitude"},
+        ),
+        "lon": Variable(
+            ("lon",),
+            lon.astype(np.float32),
+            {"units": "degrees_east", "standard_name": "longitude"},
+        ),
         "u": Variable(
             ("time", "lat", "lon"),
             packed,
@@ -236,13 +281,17 @@ def sea(rows: int = 7, columns: int = 9) -> dict[str, Variable]:
             },
         ),
         "v": Variable(
-            ("time", "lat", "lon"), v.astype(np.float32), {"units": "m s-1", "standard_name": standard("north")}
+            ("time", "lat", "lon"),
+            v.astype(np.float32),
+            {"units": "m s-1", "standard_name": standard("north")},
         ),
     }
 
 
 def mutated(variables: dict[str, Variable], seed: int) -> tuple[str, Answer]:
-    """Return a name and what a server does whose answers are damaged in one of many ways, the same for the same seed."""
+    """Return a name and what a server does whose answers are damaged in one of many ways, the same
+    for the same seed.
+    """
     rng = np.random.default_rng(seed)
     where = ("dds", "das", "dods", "dods", "any")[rng.integers(5)]
     how, change = MUTATIONS[rng.integers(len(MUTATIONS))]
@@ -280,7 +329,9 @@ def _renumbered(head: bytes, body: bytes, rng: np.random.Generator) -> bytes:
     found = list(re.finditer(rb"\d+", text))
     if found:
         one = found[int(rng.integers(len(found)))]
-        other = (b"-1", b"0", b"7", b"2147483648", b"99999999999999999999", b"1e400")[int(rng.integers(6))]
+        other = (b"-1", b"0", b"7", b"2147483648", b"99999999999999999999", b"1e400")[
+            int(rng.integers(6))
+        ]
         text = text[: one.start()] + other + text[one.end() :]
     return http(text + mark + values)
 
@@ -313,8 +364,14 @@ def _worded(head: bytes, body: bytes, rng: np.random.Generator) -> bytes:
 
 MUTATIONS: tuple[tuple[str, Callable[[bytes, bytes, np.random.Generator], bytes]], ...] = (
     ("cut short", lambda head, body, rng: http(body[: int(rng.integers(len(body) + 1))])),
-    ("shorter than said", lambda head, body, rng: head + b"\r\n\r\n" + body[: int(rng.integers(len(body) + 1))]),
-    ("left waiting", lambda head, body, rng: head + b"\r\n\r\n" + body[: int(rng.integers(len(body) + 1))]),
+    (
+        "shorter than said",
+        lambda head, body, rng: head + b"\r\n\r\n" + body[: int(rng.integers(len(body) + 1))],
+    ),
+    (
+        "left waiting",
+        lambda head, body, rng: head + b"\r\n\r\n" + body[: int(rng.integers(len(body) + 1))],
+    ),
     ("bytes changed", _flipped),
     ("spliced", _spliced),
     ("numbers changed", _renumbered),
@@ -323,7 +380,12 @@ MUTATIONS: tuple[tuple[str, Callable[[bytes, bytes, np.random.Generator], bytes]
     ("random bytes", lambda head, body, rng: http(rng.bytes(int(rng.integers(5000))))),
     ("no HTTP", lambda head, body, rng: rng.bytes(1 + int(rng.integers(500)))),
     ("a web page", lambda head, body, rng: http(b"<html><body>Please log in</body></html>")),
-    ("an error", lambda head, body, rng: http(b'Error { code = 500; message = "no"; };', "500 Internal Server Error")),
+    (
+        "an error",
+        lambda head, body, rng: http(
+            b'Error { code = 500; message = "no"; };', "500 Internal Server Error"
+        ),
+    ),
     ("doubled", lambda head, body, rng: http(body + body)),
     ("nested", lambda head, body, rng: http(b"Dataset {" * 20_000 + body)),
 )

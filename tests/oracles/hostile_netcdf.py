@@ -1,6 +1,8 @@
-"""Currents in netCDF-4 files whose values lie in another file, as HDF5 allows: by external storage or external links.
+"""Currents in netCDF-4 files whose values lie in another file, as HDF5 allows: by external storage
+or external links.
 
-Written by h5py 3.16, which the tests do not need; the other file's name stands in for 200 letters @.
+Written by h5py 3.16, which the tests do not need; the other file's name stands in for 200 letters
+@.
 """
 
 import zlib
@@ -11,7 +13,8 @@ import netCDF4
 import numpy as np
 
 ROOM = b"@" * 200
-# f.create_dataset(name, shape=(2, 3, 4), dtype="<f4", external=[("@" * 200, 0, 96)]); f[name] = h5py.ExternalLink("@" * 200, name)
+# f.create_dataset(name, shape=(2, 3, 4), dtype="<f4", external=[("@" * 200, 0, 96)]); f[name] =
+# h5py.ExternalLink("@" * 200, name)
 FILES = {
     "storage": (
         "c-rk+%}*0S6o0$hm8C6GKmk7z_E<F}Z9@!dj5KAjB&9SI4Y#tP8@dT>Np}l+lB3={di3a@;L#&Tj~x9oxZ!@hp*usjHKZ7e^GlPLnSC>}?_("
@@ -39,7 +42,9 @@ FILES = {
 
 
 def write(path: Path, how: str, secret: Path) -> None:
-    """Write a file of currents (uo, vo) whose values are those of another file; how: "storage" or "link"."""
+    """Write a file of currents (uo, vo) whose values are those of another file; how: "storage" or
+    "link".
+    """
     content = zlib.decompress(b85decode(FILES[how]))
     path.write_bytes(content.replace(ROOM, str(secret).encode().rjust(len(ROOM), b"/")))
 

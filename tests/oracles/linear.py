@@ -1,6 +1,8 @@
-"""A vector field in closed form, linear in time, longitude and latitude: any right reader gives it back without error.
+"""A vector field in closed form, linear in time, longitude and latitude: any right reader gives it
+back without error.
 
-Bilinear interpolation, linear interpolation in triangles and linear interpolation in time are exact for it.
+Bilinear interpolation, linear interpolation in triangles and linear interpolation in time are exact
+for it.
 """
 
 from pathlib import Path
@@ -31,13 +33,18 @@ def values(hours: ArrayLike, lon: ArrayLike = LON, lat: ArrayLike = LAT) -> tupl
     return field(np.asarray(lon), np.asarray(lat)[:, None], np.asarray(hours, float)[:, None, None])
 
 
-def dataset(hours: Any, lon: Any = LON, lat: Any = LAT, names: Any = CURRENT, **attributes: Any) -> xr.Dataset:
+def dataset(
+    hours: Any, lon: Any = LON, lat: Any = LAT, names: Any = CURRENT, **attributes: Any
+) -> xr.Dataset:
     """Return the field as a file holds it, with its times in hours."""
     pair = values(hours, lon, lat)
     said = {"units": "m s-1"} | attributes
     dims = ("time", "lat", "lon")
     return xr.Dataset(
-        {name: (dims, w, {"standard_name": kind} | said) for (name, kind), w in zip(names, pair, strict=True)},
+        {
+            name: (dims, w, {"standard_name": kind} | said)
+            for (name, kind), w in zip(names, pair, strict=True)
+        },
         {
             "time": ("time", np.asarray(hours, float), {"units": UNITS}),
             "lat": ("lat", lat, {"units": "degrees_north"}),
@@ -52,8 +59,13 @@ def written(path: Path, data: xr.Dataset, **encoding: Any) -> Path:
     return path
 
 
-def worst(source: Source, lon: Any = (-30.3, -29.1, -27.77), lat: Any = (40.1, 41.33, 38.6)) -> float:
-    """Return the largest error [m/s] at places in the middle of the field, at all times; NaN where a value is missing."""
+def worst(
+    source: Source, lon: Any = (-30.3, -29.1, -27.77), lat: Any = (40.1, 41.33, 38.6)
+) -> float:
+    """Return the largest error [m/s] at places in the middle of the field, at all times;
+
+    NaN where a value is missing.
+    """
     hours = (source.times - np.datetime64("2024-03-10")) / np.timedelta64(1, "h")
     errors = []
     for k, hour in enumerate(hours):

@@ -1,6 +1,8 @@
-"""A process whose Taichi has one thread: the tests have two, and a process keeps the number with which it started.
+"""A process whose Taichi has one thread: the tests have two, and a process keeps the number with
+which it started.
 
-One such process does what all tests of a worker ask of it: to start it takes as long as what it is asked for.
+One such process does what all tests of a worker ask of it: to start it takes as long as what it is
+asked for.
 """
 
 import json

@@ -1,8 +1,10 @@
-"""A second opinion on drift: particles in plain float64 NumPy, from the published laws, for the oracles of the shipped cases.
+"""A second opinion on drift: particles in plain float64 NumPy, from the published laws, for the
+oracles of the shipped cases.
 
-Nothing of drift, geo or kernels is used. Priors, leeway and errors are drawn by the laws that docs/leeway.md and docs/errors.md
-state; the Ornstein-Uhlenbeck error moves a particle by its exact integral over a step, not by the mean of its ends; files are read by
-xarray and interpolated on their own grids; landings are segments of the way against edges of GSHHG in shapely's tree.
+Nothing of drift, geo or kernels is used. Priors, leeway and errors are drawn by the laws that
+docs/leeway.md and docs/errors.md state; the Ornstein-Uhlenbeck error moves a particle by its exact
+integral over a step, not by the mean of its ends; files are read by xarray and interpolated on
+their own grids; landings are segments of the way against edges of GSHHG in shapely's tree.
 Positions are degrees, times seconds after the case's start, everything else SI.
 """
 
@@ -23,17 +25,26 @@ R = 6_371_008.8  # [m] mean radius of the Earth
 NMI, KNOT, HOUR, DAY = 1852.0, 1852.0 / 3600.0, 3600.0, 86400.0
 DEG = np.pi / 180
 JIBES = 0.04 / HOUR  # [1/s]
-FILL = 30_000.0  # [m] how far from wet water a narrow bay still has the current of the nearest wet point
+# [m] how far from wet water a narrow bay still has the current of the nearest wet point
+FILL = 30_000.0
 
 Array = np.ndarray
-Field = Callable[[float | Array, Array, Array], tuple[Array, Array]]  # (t, lon, lat) -> east, north; NaN where unknown
+# (t, lon, lat) -> east, north; NaN where unknown
+Field = Callable[[float | Array, Array, Array], tuple[Array, Array]]
 
 
 def moved(lon: Array, lat: Array, east: Array, north: Array) -> tuple[Array, Array]:
-    """Return the place so many metres away along a great circle (spherical law of sines and cosines)."""
+    """Return the place so many metres away along a great circle (spherical law of sines and
+    cosines).
+    """
     way, bearing = np.hypot(east, north) / R, np.arctan2(east, north)
-    y = np.arcsin(np.sin(lat * DEG) * np.cos(way) + np.cos(lat * DEG) * np.sin(way) * np.cos(bearing))
-    x = np.arctan2(np.sin(bearing) * np.sin(way) * np.cos(lat * DEG), np.cos(way) - np.sin(lat * DEG) * np.sin(y))
+    y = np.arcsin(
+        np.sin(lat * DEG) * np.cos(way) + np.cos(lat * DEG) * np.sin(way) * np.cos(bearing)
+    )
+    x = np.arctan2(
+        np.sin(bearing) * np.sin(way) * np.cos(lat * DEG),
+        np.cos(way) - np.sin(lat * DEG) * np.sin(y),
+    )
     return lon + x / DEG, y / DEG
 
 
@@ -58,7 +69,9 @@ class Coast:
         return found
 
     def first_met(self, lon: Array, lat: Array, lon_end: Array, lat_end: Array) -> Array:
-        """Return the share of each way done at its first crossing of the shore; infinite where it meets none."""
+        """Return the share of each way done at its first crossing of the shore; infinite where it
+        meets none.
+        """
         a, b = np.column_stack([lon, lat]), np.column_stack([lon_end, lat_end])
         way, edge = self.tree.query(shapely.linestrings(np.stack([a, b], 1)), "intersects")
         share = np.full(lon.size, np.inf)
@@ -83,12 +96,19 @@ def gshhg(west: float, south: float, east: float, north: float) -> Coast:
     """Return GSHHG in a box."""
     everything = earth()
     bounds = shapely.bounds(everything)
-    near = (bounds[:, 0] < east) & (bounds[:, 2] > west) & (bounds[:, 1] < north) & (bounds[:, 3] > south)
+    near = (
+        (bounds[:, 0] < east)
+        & (bounds[:, 2] > west)
+        & (bounds[:, 1] < north)
+        & (bounds[:, 3] > south)
+    )
     return coast(everything[near], west, south, east, north)
 
 
 def bna(path: Path, *box: float) -> Coast:
-    """Return the land of NOAA's .bna (records of type 1, less lakes of type 2, without its frames) in a box."""
+    """Return the land of NOAA's .bna (records of type 1, less lakes of type 2, without its frames)
+    in a box.
+    """
     lines, land, lakes = iter(path.read_text(encoding="latin-1").splitlines()), [], []
     for line in lines:
         if not line.strip():
@@ -103,7 +123,9 @@ def bna(path: Path, *box: float) -> Coast:
 
 def coast(polygons: Array, west: float, south: float, east: float, north: float) -> Coast:
     """Return a coast of polygons, of which the box is wanted."""
-    cut = shapely.get_parts(shapely.get_parts(shapely.clip_by_rect(polygons, west, south, east, north)))
+    cut = shapely.get_parts(
+        shapely.get_parts(shapely.clip_by_rect(polygons, west, south, east, north))
+    )
     cut = cut[(shapely.get_type_id(cut) == 3) & ~shapely.is_empty(cut)]
     shapely.prepare(cut)
     points, ring = shapely.get_coordinates(shapely.get_rings(cut), return_index=True)
@@ -115,13 +137,29 @@ def coast(polygons: Array, west: float, south: float, east: float, north: float)
 # Flows
 
 
-def planes(times: Array, fields: tuple[Array, ...], t: Array, row: Array, column: Array) -> tuple[Array, ...]:
-    """Return values of fields (t, y, x) linear in time and bilinear between nodes; NaN off the nodes or the times."""
+def planes(
+    times: Array, fields: tuple[Array, ...], t: Array, row: Array, column: Array
+) -> tuple[Array, ...]:
+    """Return values of fields (t, y, x) linear in time and bilinear between nodes;
+
+    NaN off the nodes or the times.
+    """
     nt, ny, nx = fields[0].shape
     t = np.broadcast_to(t, row.shape)
     k = np.clip(np.searchsorted(times, t, side="right") - 1, 0, max(nt - 2, 0))
-    after = np.where(nt > 1, (t - times[k]) / np.where(nt > 1, times[np.minimum(k + 1, nt - 1)] - times[k], 1), 0.0)
-    known = (row >= 0) & (row <= ny - 1) & (column >= 0) & (column <= nx - 1) & (after >= 0) & (after <= 1)
+    after = np.where(
+        nt > 1,
+        (t - times[k]) / np.where(nt > 1, times[np.minimum(k + 1, nt - 1)] - times[k], 1),
+        0.0,
+    )
+    known = (
+        (row >= 0)
+        & (row <= ny - 1)
+        & (column >= 0)
+        & (column <= nx - 1)
+        & (after >= 0)
+        & (after <= 1)
+    )
     j, i = np.clip(row, 0, ny - 1.001), np.clip(column, 0, nx - 1.001)
     j, i = np.floor(np.nan_to_num(j)).astype(int), np.floor(np.nan_to_num(i)).astype(int)
     y, x = row - j, column - i
@@ -138,7 +176,9 @@ def planes(times: Array, fields: tuple[Array, ...], t: Array, row: Array, column
 
 
 def filled(values: Array, spacing: tuple[float, float]) -> Array:
-    """Return values (t, y, x) with land taken from the nearest wet node, as far as FILL [m]; spacing of rows and columns [m]."""
+    """Return values (t, y, x) with land taken from the nearest wet node, as far as FILL [m];
+    spacing of rows and columns [m].
+    """
     dry = ~np.isfinite(values).all(axis=0)
     if not dry.any():
         return values
@@ -147,10 +187,15 @@ def filled(values: Array, spacing: tuple[float, float]) -> Array:
 
 
 def axes(times: Array, lon: Array, lat: Array, u: Array, v: Array) -> Field:
-    """Return a field on longitude and latitude axes, which need not be even; shape of u and v (t, lat, lon)."""
+    """Return a field on longitude and latitude axes, which need not be even; shape of u and v (t,
+    lat, lon).
+    """
     if lat[0] > lat[-1]:
         lat, u, v = lat[::-1], u[:, ::-1], v[:, ::-1]
-    spacing = np.diff(lat).mean() * DEG * R, np.diff(lon).mean() * DEG * R * np.cos(lat.mean() * DEG)
+    spacing = (
+        np.diff(lat).mean() * DEG * R,
+        np.diff(lon).mean() * DEG * R * np.cos(lat.mean() * DEG),
+    )
     wet = np.where(np.isfinite(u + v), 1.0, np.nan)
     u, v = filled(u * wet, spacing), filled(v * wet, spacing)
 
@@ -187,12 +232,15 @@ def after(data: xr.Dataset, start: np.datetime64) -> Array:
 def chaikin(line: Array, rounds: int) -> Array:
     """Cut the corners of a polyline at quarters (Chaikin 1974), its ends kept."""
     for _ in range(rounds):
-        quarters = [p + share * (q - p) for p, q in itertools.pairwise(line) for share in (0.25, 0.75)]
+        quarters = [
+            p + share * (q - p) for p, q in itertools.pairwise(line) for share in (0.25, 0.75)
+        ]
         line = np.array([line[0], *quarters, line[-1]])
     return line
 
 
-# Of the built-in "gulf" (geo/forcing/analytic.py, which is its only definition): axis of the jet, edge of the shelf [deg], eddies
+# Of the built-in "gulf" (geo/forcing/analytic.py, which is its only definition): axis of the jet,
+# edge of the shelf [deg], eddies
 LOOP = (
     "-85.6 20 -85.9 21.8 -86.6 23.4 -87.2 25 -87.1 26.4 -86.2 27.3 -85 27 -84.3 25.7 -83.9 24.5 -82.9 23.8 -81.2 23.9 "
     "-80 24.6 -79.6 26 -79.7 28 -79.4 30.5"
@@ -210,8 +258,12 @@ EDDIES = (  # lon, lat [deg], radius [km], swirl [m/s], drift west and north [km
 )
 
 
-def gulf(since_2000: float, west: float, south: float, east: float, north: float, spacing: float = 0.05) -> Field:
-    """Return the built-in current "gulf" by splines of its streamfunction on a fine grid; since_2000: start [s] of its clock."""
+def gulf(
+    since_2000: float, west: float, south: float, east: float, north: float, spacing: float = 0.05
+) -> Field:
+    """Return the built-in current "gulf" by splines of its streamfunction on a fine grid;
+    since_2000: start [s] of its clock.
+    """
     lon, lat = np.arange(west, east, spacing), np.arange(south, north, spacing)
     x, y = np.meshgrid(lon, lat)
     squeeze = np.array([np.cos(26 * DEG), 1.0]) * R * DEG
@@ -223,11 +275,15 @@ def gulf(since_2000: float, west: float, south: float, east: float, north: float
         line[-1] += 20 * (line[-1] - line[-2]) / np.hypot(*(line[-1] - line[-2])) * 1e5
         shape, points = shapely.LineString(line), np.stack([x, y], -1) * squeeze
         along = shapely.line_locate_point(shape, shapely.points(points))
-        here = shapely.get_coordinates(shapely.line_interpolate_point(shape, along)).reshape(points.shape)
+        here = shapely.get_coordinates(shapely.line_interpolate_point(shape, along)).reshape(
+            points.shape
+        )
         ends = np.cumsum(np.hypot(*np.diff(line, axis=0).T))
         k = np.clip(np.searchsorted(ends, along - 1e-6), 0, len(ends) - 1)
         d, e = points - here, np.diff(line, axis=0)[k]
-        return np.hypot(d[..., 0], d[..., 1]) * np.sign(e[..., 1] * d[..., 0] - e[..., 0] * d[..., 1])
+        return np.hypot(d[..., 0], d[..., 1]) * np.sign(
+            e[..., 1] * d[..., 0] - e[..., 0] * d[..., 1]
+        )
 
     side = right_of(LOOP)
     deep = 0.5 + 0.5 * np.tanh((right_of(SHELF) - 20e3) / 40e3)
@@ -242,11 +298,14 @@ def gulf(since_2000: float, west: float, south: float, east: float, north: float
             metres = R * DEG * np.cos(e_lat * DEG)
             dx = (x - e_lon) * metres + to_west * 5e3 * np.sin(phase)
             dy = (y - e_lat) * R * DEG - to_north * 5e3 * np.cos(phase)
-            psi = psi - swirl * radius * 1e3 * np.exp(0.5 - (dx**2 + dy**2) / (2 * (radius * 1e3) ** 2))
+            psi = psi - swirl * radius * 1e3 * np.exp(
+                0.5 - (dx**2 + dy**2) / (2 * (radius * 1e3) ** 2)
+            )
         return RectBivariateSpline(lat, lon, psi * deep)
 
     def at(t: float | Array, a: Array, b: Array) -> tuple[Array, Array]:
-        # Jet and eddies wander by 3 km a day: what they were within half of two hours moves nothing by more than 0.15 km.
+        # Jet and eddies wander by 3 km a day: what they were within half of two hours moves nothing
+        # by more than 0.15 km.
         hours = round((since_2000 + float(np.median(t))) / (2 * HOUR))
         of, turn = spline(hours * 2 * HOUR), 2 * np.pi * (since_2000 + t) / 86_164.1
         u = -of.ev(b, a, dx=1) / (R * DEG) + 0.06 * np.cos(turn)
@@ -257,7 +316,9 @@ def gulf(since_2000: float, west: float, south: float, east: float, north: float
 
 
 def breeze(since_2000: float, middle: float) -> Field:
-    """Return the built-in wind "breeze" (geo/forcing/analytic.py); middle: the case's key, -88.7 unless told [deg]."""
+    """Return the built-in wind "breeze" (geo/forcing/analytic.py); middle: the case's key, -88.7
+    unless told [deg].
+    """
 
     def at(t: float | Array, lon: Array, lat: Array) -> tuple[Array, Array]:
         days = (since_2000 + t) / DAY
@@ -274,7 +335,9 @@ def breeze(since_2000: float, middle: float) -> Field:
 
 @dataclass
 class Cloud:
-    """Particles: place [deg], release [s], leeway lines (slope, offset [m/s]), side (+1 right), bias [m/s], sinking [s]."""
+    """Particles: place [deg], release [s], leeway lines (slope, offset [m/s]), side (+1 right),
+    bias [m/s], sinking [s].
+    """
 
     lon: Array
     lat: Array
@@ -289,7 +352,9 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of the forcing: standard deviation [m/s] and decorrelation time [s] of current and wind, diffusivity [m2/s]."""
+    """Errors of the forcing: standard deviation [m/s] and decorrelation time [s] of current and
+    wind, diffusivity [m2/s].
+    """
 
     current: tuple[float, float]
     wind: tuple[float, float]
@@ -300,7 +365,9 @@ ADRIFT, ASHORE, OUTSIDE, SUNK = "adrift", "ashore", "outside", "sunk"
 
 
 def lines(rng: np.random.Generator, n: int, row: dict[str, float]) -> tuple[Array, Array, Array]:
-    """Return leeway lines of n objects of a class, of a row of the table in % and cm/s (docs/leeway.md)."""
+    """Return leeway lines of n objects of a class, of a row of the table in % and cm/s
+    (docs/leeway.md).
+    """
     made = []
     for side in ("down", "right", "left"):
         slope, offset, error = (row[f"{side}_{name}"] / 100 for name in ("slope", "offset", "std"))
@@ -322,7 +389,8 @@ def run(
     step: float,
     tracks: list[Array] | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Return longitudes, latitudes and what became of the particles at the end; Runge and Kutta's order 4.
+    """Return longitudes, latitudes and what became of the particles at the end; Runge and Kutta's
+    order 4.
 
     tracks: takes their places [deg] (2, n) at the begin of each step and at the end of the last.
     """
@@ -347,7 +415,10 @@ def run(
         if jibes:
             turns = rng.poisson(JIBES * h) % 2 == 1
             side[go] = np.where(turns, -side[go], side[go])
-        down, across = cloud.down[:, go], np.where(side[go] > 0, cloud.right[:, go], cloud.left[:, go])
+        down, across = (
+            cloud.down[:, go],
+            np.where(side[go] > 0, cloud.right[:, go], cloud.left[:, go]),
+        )
 
         x, y = lon[go], lat[go]
         sum_x, sum_y, kx, ky, known = 0.0 * x, 0.0 * x, 0.0 * x, 0.0 * x, np.ones(go.size, bool)
@@ -381,8 +452,11 @@ def run(
     return lon, lat, became
 
 
-def _integral(rng: np.random.Generator, old: Array, std: float, time: float, h: Array) -> tuple[Array, Array]:
-    """Return an Ornstein-Uhlenbeck process after h [s] and its mean over h, drawn together (Gillespie 1996, eqs. 2.12-2.13).
+def _integral(
+    rng: np.random.Generator, old: Array, std: float, time: float, h: Array
+) -> tuple[Array, Array]:
+    """Return an Ornstein-Uhlenbeck process after h [s] and its mean over h, drawn together
+    (Gillespie 1996, eqs. 2.12-2.13).
 
     doi:10.1103/PhysRevE.54.2084. old: (2, n).
     """
@@ -394,7 +468,9 @@ def _integral(rng: np.random.Generator, old: Array, std: float, time: float, h: 
     first, second = rng.standard_normal((2, *old.shape))
     new = a * old + np.sqrt(variance) * first
     rest = np.sqrt(np.maximum(whole - both**2 / np.maximum(variance, 1e-300), 0))
-    integral = time * (1 - a) * old + both / np.sqrt(np.maximum(variance, 1e-300)) * first + rest * second
+    integral = (
+        time * (1 - a) * old + both / np.sqrt(np.maximum(variance, 1e-300)) * first + rest * second
+    )
     return new, integral / h
 
 
@@ -402,10 +478,11 @@ def _integral(rng: np.random.Generator, old: Array, std: float, time: float, h: 
 
 
 def exposure(places: Array, step: float, time: Array, unit: Array, searching: Array) -> Array:
-    """Return what inverse cube sweeps do to particles: the integral of ds / r^3 along each one's relative track [1/m2], (n,).
+    """Return what inverse cube sweeps do to particles: the integral of ds / r^3 along each one's
+    relative track [1/m2], (n,).
 
-    places: (steps + 1, 2, n) [deg], straight within a step [s]; time [s] and unit (k, 2) [deg]: the unit's turning points, straight in
-    between; searching: (k - 1,) of its legs.
+    places: (steps + 1, 2, n) [deg], straight within a step [s]; time [s] and unit (k, 2) [deg]: the
+    unit's turning points, straight in between; searching: (k - 1,) of its legs.
     """
     total = np.zeros(places.shape[2])
     cuts = np.unique(np.concatenate([time, np.arange(len(places)) * step]))
@@ -425,13 +502,16 @@ def exposure(places: Array, step: float, time: Array, unit: Array, searching: Ar
         along = (ends[0] * move).sum(axis=0) / length
         aside = np.maximum((ends[0] ** 2).sum(axis=0) - along**2, 1e-2)
         total += (
-            (along + length) / np.hypot(along + length, np.sqrt(aside)) - along / np.hypot(along, np.sqrt(aside))
+            (along + length) / np.hypot(along + length, np.sqrt(aside))
+            - along / np.hypot(along, np.sqrt(aside))
         ) / aside
     return total
 
 
 def missed(exposed: Array, width: float, spread: float) -> Array:
-    """Return the chance that inverse cube sweeps missed, of a sweep width [m] known to a share `spread` (gamma)."""
+    """Return the chance that inverse cube sweeps missed, of a sweep width [m] known to a share
+    `spread` (gamma).
+    """
     if not spread:
         return np.exp(-(width**2) / (8 * np.pi) * exposed)
     factor = stats.gamma.ppf((np.arange(400) + 0.5) / 400, spread**-2, scale=spread**2)

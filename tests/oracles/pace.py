@@ -1,4 +1,6 @@
-"""How slow the machine is at the moment: what has to be done within seconds may take longer where others use the processor."""
+"""How slow the machine is at the moment: what has to be done within seconds may take longer where
+others use the processor.
+"""
 
 import time
 

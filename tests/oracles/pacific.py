@@ -1,7 +1,9 @@
-"""pacsearch in plain float64: submarines by their stories, arrays that hear them or not by chance, and what contacts make of it.
+"""pacsearch in plain float64: submarines by their stories, arrays that hear them or not by chance,
+and what contacts make of it.
 
-Where the project carries the probability of silence along, this draws the fluctuation of each array for each submarine and lets it jump:
-who is heard is out. It shares no code with the project. Bearings are degrees, ranges metres, times hours after the start.
+Where the project carries the probability of silence along, this draws the fluctuation of each array
+for each submarine and lets it jump: who is heard is out. It shares no code with the project.
+Bearings are degrees, ranges metres, times hours after the start.
 """
 
 import tomllib
@@ -41,12 +43,15 @@ class Submarines:
     """Submarines, and what is believed of them."""
 
     axes: Array  # (n, 3) numbers of their route, speed and departure
-    point: Array  # (n, k, 3) unit vectors of their way points, the last again and again where a route has fewer
+    # (n, k, 3) unit vectors of their way points, the last again and again where a route has fewer
+    point: Array
     hour: Array  # (n, k)
     weight: Array  # (n,)
 
     def _leg(self, hour: float) -> tuple[Array, Array, Array, Array, Array]:
-        """Return of the leg that they are on where it begins and ends (n, 3), its angle, and when it begins and ends."""
+        """Return of the leg that they are on where it begins and ends (n, 3), its angle, and when
+        it begins and ends.
+        """
         k = np.clip((self.hour <= hour).sum(axis=1) - 1, 0, self.hour.shape[1] - 2)
         row = np.arange(k.size)
         a, b = self.point[row, k], self.point[row, k + 1]
@@ -65,7 +70,9 @@ class Submarines:
     def pace(self, hour: float) -> Array:
         """Return how fast they go [m/s] over ground."""
         _, _, angle, begin, end = self._leg(hour)
-        return np.where((begin <= hour) & (hour < end), angle * GEOD.a / ((end - begin) * HOUR), 0.0)
+        return np.where(
+            (begin <= hour) & (hour < end), angle * GEOD.a / ((end - begin) * HOUR), 0.0
+        )
 
     def there(self, hour: float) -> Array:
         """Return whether they have departed."""
@@ -80,7 +87,11 @@ def drawn(rng: np.random.Generator, n: int) -> Submarines:
     """Draw submarines by the weights of their stories."""
     (family,) = CASE["family"]
     axis = family["axis"]
-    weights = [axis["route"]["weights"], axis["speed"]["weights"], np.ones(axis["departure"]["ranges"])]
+    weights = [
+        axis["route"]["weights"],
+        axis["speed"]["weights"],
+        np.ones(axis["departure"]["ranges"]),
+    ]
     axes = np.stack([rng.choice(len(w), n, p=np.array(w) / np.sum(w)) for w in weights], axis=1)
 
     def within(name: str, k: int) -> Array:
@@ -88,8 +99,14 @@ def drawn(rng: np.random.Generator, n: int) -> Submarines:
         return low + (high - low) * (axes[:, k] + rng.uniform(size=n)) / axis[name]["ranges"]
 
     speed, departure = within("speed", 1) * KNOT, within("departure", 2)
-    side, off = rng.standard_normal(n), number(family["scenario"]["phase"][0]["voyage"]["cross_track"]) * NMI
-    routes = [[place(one) for one in CASE["voyage"][name]["waypoints"]] for name in axis["route"]["values"]]
+    side, off = (
+        rng.standard_normal(n),
+        number(family["scenario"]["phase"][0]["voyage"]["cross_track"]) * NMI,
+    )
+    routes = [
+        [place(one) for one in CASE["voyage"][name]["waypoints"]]
+        for name in axis["route"]["values"]
+    ]
     most = max(map(len, routes))
     point, hour = np.empty((n, most, 3)), np.empty((n, most))
     for k, route in enumerate(routes):
@@ -120,7 +137,11 @@ class Ears:
         table = np.vstack([table, table[:1]])
         turned, out = (bearing % 360) / 30, np.clip(far, self.ranges[0], None)
         ray = np.minimum(turned.astype(int), 11)
-        ring = np.clip((out - self.ranges[0]) / (self.ranges[1] - self.ranges[0]), 0, self.ranges.size - 1 - 1e-9)
+        ring = np.clip(
+            (out - self.ranges[0]) / (self.ranges[1] - self.ranges[0]),
+            0,
+            self.ranges.size - 1 - 1e-9,
+        )
         k, a, b = ring.astype(int), turned - ray, ring % 1
         loss = (1 - a) * ((1 - b) * table[ray, k] + b * table[ray, k + 1])
         loss += a * ((1 - b) * table[ray + 1, k] + b * table[ray + 1, k + 1])
@@ -137,7 +158,9 @@ class Ears:
         assert simplex >= 0  # no array of the case is beyond the places
         corners = mesh.simplices[simplex]
         weight = np.zeros(len(self.spots))
-        weight[corners] = np.linalg.solve(np.vstack([self.spots[corners].T, np.ones(3)]), [*here, 1.0])
+        weight[corners] = np.linalg.solve(
+            np.vstack([self.spots[corners].T, np.ones(3)]), [*here, 1.0]
+        )
         return weight
 
 
@@ -148,9 +171,11 @@ def plane(about: tuple[float, float], lon: float, lat: float) -> tuple[float, fl
 
 
 def line_gain(line: dict[str, Any]) -> Array:
-    """Return the gain of the best beam of a line array by relative bearing, every tenth of a degree [dB].
+    """Return the gain of the best beam of a line array by relative bearing, every tenth of a degree
+    [dB].
 
-    Of each beam power in its own direction over the mean power from all over the sphere, by quadrature.
+    Of each beam power in its own direction over the mean power from all over the sphere, by
+    quadrature.
     """
     n, wave = line["elements"], 1500.0 / number(line["frequency"])
     turn = 2 * np.pi * number(line["spacing"]) / wave
@@ -171,13 +196,24 @@ def ears() -> dict[str, Ears]:
     for sensor in CASE["sensor"]:
         told = sensor["sonar"]
         with xr.open_dataset(ROOT / "cases" / told["loss"]["file"]) as data:
-            loss = data["loss"].sel(told["loss"]["select"]).transpose("place", "bearing", "range").values
+            loss = (
+                data["loss"]
+                .sel(told["loss"]["select"])
+                .transpose("place", "bearing", "range")
+                .values
+            )
             lon, lat, ranges = (data[name].values for name in ("lon", "lat", "range"))
         x, y = np.radians(lon), np.radians(lat)
         middle = np.mean([np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y)], axis=1)
-        about = tuple(np.degrees([np.arctan2(middle[1], middle[0]), np.arctan2(middle[2], np.hypot(*middle[:2]))]))
+        about = tuple(
+            np.degrees(
+                [np.arctan2(middle[1], middle[0]), np.arctan2(middle[2], np.hypot(*middle[:2]))]
+            )
+        )
         spots = np.array([plane(about, a, b) for a, b in zip(lon, lat, strict=True)])
-        found[sensor["name"]] = Ears(told, ranges, loss, spots, about, line_gain(told["gain"]["line"]))
+        found[sensor["name"]] = Ears(
+            told, ranges, loss, spots, about, line_gain(told["gain"]["line"])
+        )
     return found
 
 
@@ -196,11 +232,17 @@ def toward(own: tuple[float, float], lon: Array, lat: Array) -> tuple[Array, Arr
     return np.degrees(np.arctan2(east, north)), GEOD.a * np.arctan2(np.hypot(east, north), up)
 
 
-def way(sortie: dict[str, Any]) -> tuple[float, float, Callable[[float], tuple[tuple[float, float], float]]]:
+def way(
+    sortie: dict[str, Any],
+) -> tuple[float, float, Callable[[float], tuple[tuple[float, float], float]]]:
     """Return when a sortie begins and ends, and where its array is and heads by time."""
     if "waypoints" not in sortie:
         (own,) = [one for one in CASE["sensor"] if one["name"] == sortie["watch"]["sensor"]]
-        return number(sortie["start"]), number(sortie["end"]), lambda hour: (place(own["at"]), own["heading"])
+        return (
+            number(sortie["start"]),
+            number(sortie["end"]),
+            lambda hour: (place(own["at"]), own["heading"]),
+        )
     hours = [number(time) for time, _ in sortie["waypoints"]]
     points = [place(point) for _, point in sortie["waypoints"]]
 
@@ -214,10 +256,16 @@ def way(sortie: dict[str, Any]) -> tuple[float, float, Callable[[float], tuple[t
     return hours[0], hours[-1], at
 
 
-def missed(rng: np.random.Generator, ear: Ears, sortie: dict[str, Any], submarines: Submarines) -> Array:
+def missed(
+    rng: np.random.Generator, ear: Ears, sortie: dict[str, Any], submarines: Submarines
+) -> Array:
     """Return of whom a watch has heard nothing, by chance."""
     begin, end, own = way(sortie)
-    rate, spread, n = number(ear.told["jump_rate"]), number(ear.told["fluctuation"]), submarines.weight.size
+    rate, spread, n = (
+        number(ear.told["jump_rate"]),
+        number(ear.told["fluctuation"]),
+        submarines.weight.size,
+    )
     many = round((end - begin) / BETWEEN)
     moments = np.linspace(begin, end, many + 1)
     fluctuation, silent = rng.standard_normal(n) * spread, np.ones(n, bool)
@@ -228,16 +276,23 @@ def missed(rng: np.random.Generator, ear: Ears, sortie: dict[str, Any], submarin
         at, heading = own(hour)
         bearing, far = toward(at, *submarines.at(hour))
         near = silent & submarines.there(hour) & (far <= ear.ranges[-1])
-        over = ear.excess(at, heading, bearing[near], far[near]) + level(submarines.pace(hour)[near])
+        over = ear.excess(at, heading, bearing[near], far[near]) + level(
+            submarines.pace(hour)[near]
+        )
         silent[near] &= over + fluctuation[near] <= 0
     return silent
 
 
 def likely(ear: Ears, contact: dict[str, Any], submarines: Submarines) -> Array:
-    """Return how likely a contact is of each submarine: density of its bearing [1/deg] or its image's, and being heard at once."""
+    """Return how likely a contact is of each submarine: density of its bearing [1/deg] or its
+    image's, and being heard at once.
+    """
     told, hour = contact["bearing"], number(contact["time"])
     (sensor,) = [one for one in CASE["sensor"] if one["name"] == told["sensor"]]
-    at, heading = place(told.get("from") or sensor["at"]), told.get("heading", sensor.get("heading"))
+    at, heading = (
+        place(told.get("from") or sensor["at"]),
+        told.get("heading", sensor.get("heading")),
+    )
     bearing, far = toward(at, *submarines.at(hour))
     relative = np.abs((bearing - heading + 180) % 360 - 180)
     angle, std = np.array([[a, number(b)] for a, b in told["std"]]).T
@@ -263,11 +318,14 @@ class After:
 def believed(rng: np.random.Generator, many: int, kept: int) -> Iterator[After]:
     """Yield what is believed after each update, in their order.
 
-    Of `many` submarines some `kept` are followed, each by a chance of its own: more of those that contacts are likely of. They weigh accordingly less.
+    Of `many` submarines some `kept` are followed, each by a chance of its own: more of those that
+    contacts are likely of. They weigh accordingly less.
     """
     sonars, every = ears(), drawn(rng, many)
     one, two = (likely(sonars[c["bearing"]["sensor"]], c, every) for c in CASE["contact"])
-    some = np.mean([x / x.mean() for x in (np.ones(many), one, two, np.sqrt(one * two), one * two)], axis=0)
+    some = np.mean(
+        [x / x.mean() for x in (np.ones(many), one, two, np.sqrt(one * two), one * two)], axis=0
+    )
     chance = np.minimum(some * kept / many, 1)
     chosen = np.flatnonzero(rng.uniform(size=many) < chance)
     now = every.some(chosen, 1 / (many * chance[chosen]))
@@ -282,5 +340,7 @@ def believed(rng: np.random.Generator, many: int, kept: int) -> Iterator[After]:
             yield After(told["name"], now, pos, float(np.sqrt(weight**2 @ (~silent - pos) ** 2)))
         else:
             said = likely(sonars[told["bearing"]["sensor"]], told, now)
-            now = replace(now, weight=weight * (told["belief"] * said / (weight @ said) + 1 - told["belief"]))
+            now = replace(
+                now, weight=weight * (told["belief"] * said / (weight @ said) + 1 - told["belief"])
+            )
             yield After(told["name"], now)

@@ -1,4 +1,6 @@
-"""Where things lie that tests read: this checkout, and the folder of real forcing files, which may not be there."""
+"""Where things lie that tests read: this checkout, and the folder of real forcing files, which may
+not be there.
+"""
 
 import os
 from pathlib import Path

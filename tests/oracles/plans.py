@@ -1,4 +1,6 @@
-"""Clouds and units for tests of plans: positions by a low-discrepancy sequence, so that a cloud's noise is small."""
+"""Clouds and units for tests of plans: positions by a low-discrepancy sequence, so that a cloud's
+noise is small.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -36,7 +38,15 @@ diffusivity = "20 m2/s"
 
 
 # How little the optimiser tries where a test asks what a plan says of itself, not how good it is.
-FEW_TRIALS = {"FEW": 1000, "MORE": 1500, "BEGINNINGS": 1, "KICKS": 1, "ROUNDS": 2, "DRAWN": 192, "CHILDREN": 32}
+FEW_TRIALS = {
+    "FEW": 1000,
+    "MORE": 1500,
+    "BEGINNINGS": 1,
+    "KICKS": 1,
+    "ROUNDS": 2,
+    "DRAWN": 192,
+    "CHILDREN": 32,
+}
 
 
 @pytest.fixture(scope="module")
@@ -54,14 +64,23 @@ def loaded(folder: Path, text: str) -> drift.Case:
     return drift.load(folder / "case.toml")
 
 
-def cloud(m: int, std: float, *, hours: float = 4.0, bins: int = 4, drift: tuple[float, float] = (0.0, 0.0)) -> Tracks:
+def cloud(
+    m: int,
+    std: float,
+    *,
+    hours: float = 4.0,
+    bins: int = 4,
+    drift: tuple[float, float] = (0.0, 0.0),
+) -> Tracks:
     """Return a circular normal cloud of a standard deviation [m] that drifts [m/s] as one."""
     points = np.clip(qmc.Sobol(2, scramble=True, rng=3).random(m), 1e-9, 1 - 1e-9)
     x, y = std * special.ndtri(points).T
     return tracks(x, y, hours, bins, drift)
 
 
-def tracks(x: np.ndarray, y: np.ndarray, hours: float, bins: int, drift: tuple[float, float]) -> Tracks:
+def tracks(
+    x: np.ndarray, y: np.ndarray, hours: float, bins: int, drift: tuple[float, float]
+) -> Tracks:
     """Return particles that start at (x, y) [m] of PLACE and drift [m/s] as one."""
     time = np.linspace(0, hours * HOUR, bins + 1)[:, None]
     lon, lat = sphere.destination(*np.radians(PLACE), x + drift[0] * time, y + drift[1] * time)
@@ -78,10 +97,14 @@ def tracks(x: np.ndarray, y: np.ndarray, hours: float, bins: int, drift: tuple[f
     )
 
 
-def moving(m: int, std: float, error: float, convergence: float, hours: float, key: int = 5) -> Tracks:
-    """Return a normal cloud of a standard deviation [m] that an error [m/s] of 6 h spreads, in a current that converges [1/s].
+def moving(
+    m: int, std: float, error: float, convergence: float, hours: float, key: int = 5
+) -> Tracks:
+    """Return a normal cloud of a standard deviation [m] that an error [m/s] of 6 h spreads, in a
+    current that converges [1/s].
 
-    It diverges across that by half as much, and drifts. The motion is that of an Ornstein-Uhlenbeck process in float64.
+    It diverges across that by half as much, and drifts. The motion is that of an Ornstein-Uhlenbeck
+    process in float64.
     """
     rng = np.random.default_rng(key)
     bins, steps = int(min(48, hours * 12)), 4
@@ -97,16 +120,26 @@ def moving(m: int, std: float, error: float, convergence: float, hours: float, k
             at.append(place)
     still = tracks(*place, hours, bins, (0.0, 0.0))
     x, y = np.moveaxis(np.array(at), 1, 0)
-    lon, lat = (sphere.to_binary(np.degrees(v)) for v in sphere.destination(*np.radians(PLACE), x, y))
+    lon, lat = (
+        sphere.to_binary(np.degrees(v)) for v in sphere.destination(*np.radians(PLACE), x, y)
+    )
     return replace(still, lon=lon, lat=lat)
 
 
-def steered(time: np.ndarray, x: np.ndarray, y: np.ndarray, turn: np.ndarray | float = np.inf) -> Tracks:
-    """Return particles that steer, at x, y [m] of PLACE at times [s], (edges, m), until each goes adrift [s]."""
+def steered(
+    time: np.ndarray, x: np.ndarray, y: np.ndarray, turn: np.ndarray | float = np.inf
+) -> Tracks:
+    """Return particles that steer, at x, y [m] of PLACE at times [s], (edges, m), until each goes
+    adrift [s].
+    """
     still = tracks(x[0], y[0], 1.0, len(time) - 1, (0.0, 0.0))
-    lon, lat = (sphere.to_binary(np.degrees(v)) for v in sphere.destination(*np.radians(PLACE), x, y))
+    lon, lat = (
+        sphere.to_binary(np.degrees(v)) for v in sphere.destination(*np.radians(PLACE), x, y)
+    )
     begin = float(BEGIN.astype(np.int64))
-    return replace(still, time=begin + time, lon=lon, lat=lat, turn=np.broadcast_to(begin + turn, x.shape[1:]))
+    return replace(
+        still, time=begin + time, lon=lon, lat=lat, turn=np.broadcast_to(begin + turn, x.shape[1:])
+    )
 
 
 def unit(speed: float, hours: float, width: float, law: Law, **more: object) -> Unit:

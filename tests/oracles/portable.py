@@ -1,4 +1,5 @@
-"""Some of all that the program does, small, on the backend that is named: what comes of it is written as arrays.
+"""Some of all that the program does, small, on the backend that is named: what comes of it is
+written as arrays.
 
     python portable.py BACKEND FILE.npz
 
@@ -17,7 +18,13 @@ import drift
 from drift.forecast import build
 
 SMALL = Path(__file__).parents[2] / "docs" / "generate"
-SEARCH = {"particles": "4000", "duration": "'30 h'", "output.every": "'10 h'", "plan": "{}", "unit": "[]"}
+SEARCH = {
+    "particles": "4000",
+    "duration": "'30 h'",
+    "output.every": "'10 h'",
+    "plan": "{}",
+    "unit": "[]",
+}
 RUNS: dict[str, tuple[str, dict[str, str], dict[str, Any]]] = {
     "search": ("overdue_boat", SEARCH, {}),
     "search again": ("overdue_boat", SEARCH, {}),

@@ -1,4 +1,6 @@
-"""A made-up search, consistent in itself: particles that move, sorties that fail, a contact, a plan; all by hand in NumPy."""
+"""A made-up search, consistent in itself: particles that move, sorties that fail, a contact, a
+plan; all by hand in NumPy.
+"""
 
 import functools
 import itertools
@@ -32,7 +34,9 @@ def seconds(time):
 
 def away(lon, lat, east, north):
     """Return positions [deg] moved by [nmi]; longitudes near the first."""
-    x, y = sphere.destination(np.radians(lon), np.radians(lat), np.multiply(east, NMI), np.multiply(north, NMI))
+    x, y = sphere.destination(
+        np.radians(lon), np.radians(lat), np.multiply(east, NMI), np.multiply(north, NMI)
+    )
     return lon + (np.degrees(x) - lon + 180) % 360 - 180, np.degrees(y)
 
 
@@ -48,7 +52,9 @@ def corners(centre, length, width, orientation):
 
 
 def parallel(name, centre, length, width, orientation, spacing, start, speed, *, base=None, **more):
-    """Return a parallel sweep [nmi, kn]: legs along the length, from the corner behind and to the left."""
+    """Return a parallel sweep [nmi, kn]: legs along the length, from the corner behind and to the
+    left.
+    """
     count = max(round(width / spacing), 1)
     points = []
     for k in range(count):
@@ -84,7 +90,9 @@ def parallel(name, centre, length, width, orientation, spacing, start, speed, *,
 
 
 def sorties(lon, lat):
-    """Return four sorties near a place: two sweeps, an area, a watch; the last with its marker's track."""
+    """Return four sorties near a place: two sweeps, an area, a watch; the last with its marker's
+    track.
+    """
 
     def at(east, north):
         return tuple(float(v) for v in away(lon, lat, east, north))
@@ -152,33 +160,56 @@ class Cloud:
         east, north = self.place(time).T
         x, y = away(self.lon, self.lat, east, north)
         status = np.full(N, Status.ADRIFT, np.int32)
-        return clouds.at(time, sphere.to_binary(x), sphere.to_binary(y), self.weight.copy(), status, self.scenario)
+        return clouds.at(
+            time,
+            sphere.to_binary(x),
+            sphere.to_binary(y),
+            self.weight.copy(),
+            status,
+            self.scenario,
+        )
 
     def inside(self, sortie):
         """Return whether each particle is in a sortie's area at its middle."""
         import shapely
 
-        x, y = away(self.lon, self.lat, *self.place(sortie.start + (sortie.end - sortie.start) // 2).T)
+        x, y = away(
+            self.lon, self.lat, *self.place(sortie.start + (sortie.end - sortie.start) // 2).T
+        )
         return shapely.contains_xy(shapely.Polygon(sortie.area.ring), x, y)
 
 
 @functools.cache
 def search(lon=-88.2, lat=27.8):
-    """Return (forecast, sorties, contacts, updates) of a search that found nothing, with a beacon fix in between."""
+    """Return (forecast, sorties, contacts, updates) of a search that found nothing, with a beacon
+    fix in between.
+    """
     cloud, done, seen = Cloud(lon, lat), sorties(lon, lat), contacts(lon, lat)[:2]
     events = sorted([*done, *seen], key=lambda e: e.end if isinstance(e, Sortie) else e.time)
     times = sorted(
-        {hours(0), *(t for s in done for t in (s.start, s.start + (s.end - s.start) // 2, s.end)), hours(24)}
+        {
+            hours(0),
+            *(t for s in done for t in (s.start, s.start + (s.end - s.start) // 2, s.end)),
+            hours(24),
+        }
         | {c.time for c in seen}
     )
     taken, updates, failed, k = [], [], np.ones(4), 0
     for time in times:
-        while k < len(events) and (events[k].end if isinstance(events[k], Sortie) else events[k].time) <= time:
+        while (
+            k < len(events)
+            and (events[k].end if isinstance(events[k], Sortie) else events[k].time) <= time
+        ):
             updates.append(_update(cloud, events[k], failed))
             k += 1
         taken.append(cloud.snapshot(time))
     drawn = np.bincount(cloud.scenario) / N
-    return forecast_build.build_forecast(taken, scenarios=NAMES), done, seen, Updates(NAMES, drawn, tuple(updates))
+    return (
+        forecast_build.build_forecast(taken, scenarios=NAMES),
+        done,
+        seen,
+        Updates(NAMES, drawn, tuple(updates)),
+    )
 
 
 def _update(cloud, event, failed):
@@ -224,19 +255,37 @@ def away_back(cloud, lon, lat):
 
 
 def plan(lon=-88.2, lat=27.8, objective="pos", rounds=1):
-    """Return a plan of three units, the third a boat in the frame of nothing else; two rounds of the first, if asked."""
+    """Return a plan of three units, the third a boat in the frame of nothing else; two rounds of
+    the first, if asked.
+    """
     base = tuple(float(v) for v in away(lon, lat, -35, 38))
     shapes = (
         ("CG 1503", "Aircraft", (14, -10), 24.0, 15.0, 2.4, 3.0, 180.0, Law(), math.inf),
-        ("Rescue 6021, a helicopter", "Helicopter", (-14, -3), 14.0, 9.0, 0.6, 1.5, 90.0, Law("m_beta", 0.8), 11.0),
+        (
+            "Rescue 6021, a helicopter",
+            "Helicopter",
+            (-14, -3),
+            14.0,
+            9.0,
+            0.6,
+            1.5,
+            90.0,
+            Law("m_beta", 0.8),
+            11.0,
+        ),
         ("Cutter Venturous", "Boat", (2, -24), 9.0, 4.0, 1.9, 1.0, 14.0, Law(), math.inf),
     )
     taskings = []
     for number in range(1, rounds + 1):
-        for k, (name, kind, spot, length, width, turned, spacing, speed, law, shape) in enumerate(shapes):
+        for k, (name, kind, spot, length, width, turned, spacing, speed, law, shape) in enumerate(
+            shapes
+        ):
             if number > 1 and k:
                 continue
-            centre = tuple(float(v) for v in away(lon, lat, spot[0] + 6 * (number - 1), spot[1] - 7 * (number - 1)))
+            centre = tuple(
+                float(v)
+                for v in away(lon, lat, spot[0] + 6 * (number - 1), spot[1] - 7 * (number - 1))
+            )
             start = hours(17 + 0.5 * k + 5 * (number - 1))
             sortie = parallel(
                 name, centre, length, width, turned, spacing, start, speed,
@@ -246,9 +295,17 @@ def plan(lon=-88.2, lat=27.8, objective="pos", rounds=1):
                 name, kind, base, base, hours(16), speed * KNOT, 1.2 * speed * KNOT, 6 * 3600.0, law,
                 sortie.sweep_width, shape, f"{kind} eyes", 500 * 0.3048,
             )  # fmt: skip
-            transit = float(sphere.distance(*np.radians(base), *np.radians([sortie.legs.lon[0], sortie.legs.lat[0]])))
+            transit = float(
+                sphere.distance(
+                    *np.radians(base), *np.radians([sortie.legs.lon[0], sortie.legs.lat[0]])
+                )
+            )
             leave = start - np.timedelta64(round(transit / unit.transit_speed), "s")
-            back = float(sphere.distance(*np.radians(base), *np.radians([sortie.legs.lon[-1], sortie.legs.lat[-1]])))
+            back = float(
+                sphere.distance(
+                    *np.radians(base), *np.radians([sortie.legs.lon[-1], sortie.legs.lat[-1]])
+                )
+            )
             taskings.append(
                 Tasking(
                     unit, number, sortie, leave, start, sortie.end,

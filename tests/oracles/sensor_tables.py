@@ -1,4 +1,7 @@
-"""Tables of sensors in closed form, and the netCDF files in which they come. It knows nothing of `drift.evidence.sensors`."""
+"""Tables of sensors in closed form, and the netCDF files in which they come.
+
+It knows nothing of `drift.evidence.sensors`.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +15,8 @@ from geo.array import Array
 
 BEARING = np.arange(0.0, 360.0, 15.0)  # [deg]
 RANGE = np.array([100.0, 500.0, 2000.0, 9000.0, 40_000.0, 41_000.0, 90_000.0])  # [m] uneven
-LON, LAT = np.array([-178.0, 179.0, 176.5, -179.5]), np.array([31.0, 36.0, 30.0, 33.0])  # [deg] across the antimeridian
+# [deg] across the antimeridian
+LON, LAT = np.array([-178.0, 179.0, 176.5, -179.5]), np.array([31.0, 36.0, 30.0, 33.0])
 FACTORS = {"m": 1.0, "km": 1e-3, "nmi": 1 / 1852, "degree": 1.0, "rad": np.pi / 180}
 
 
@@ -21,7 +25,9 @@ def loss(bearing: Array, metres: Array, place: Array | None = None) -> Array:
     where = np.zeros(1) if place is None else place
     turn = np.radians(bearing)[None, :, None]
     spread = 20 * np.log10(metres)[None, None, :] + 3.0 * where[:, None, None]
-    return np.round(spread + 4 * np.cos(turn) + 2 * np.sin(2 * turn - 0.4) * (1 + where[:, None, None]), 2)
+    return np.round(
+        spread + 4 * np.cos(turn) + 2 * np.sin(2 * turn - 0.4) * (1 + where[:, None, None]), 2
+    )
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,8 @@ class Table:
     places: tuple[Array, Array] | None = None  # lon, lat [deg]
     dims: Sequence[str] = ("place", "bearing", "range")
     names: Mapping[str, str] = field(default_factory=dict)  # of dimensions, instead of these
-    units: Mapping[str, str | None] = field(default_factory=dict)  # instead of dB, degree, m; None: no attribute
+    # instead of dB, degree, m; None: no attribute
+    units: Mapping[str, str | None] = field(default_factory=dict)
     attributes: Mapping[str, Mapping[str, str]] = field(default_factory=dict)  # more of them
     further: Mapping[str, Array] = field(
         default_factory=dict
@@ -48,25 +55,47 @@ class Table:
         """Write the file."""
         bearing = np.zeros(1) if self.bearing is None else self.bearing
         count = 1 if self.places is None else len(self.places[0])
-        values = loss(bearing, self.metres, np.arange(count) * 1.0) if self.values is None else self.values
+        values = (
+            loss(bearing, self.metres, np.arange(count) * 1.0)
+            if self.values is None
+            else self.values
+        )
         lon, lat = self.places or (np.zeros(1), np.zeros(1))
         axes = {"place": (lon, lat), "bearing": (bearing,), "range": (self.metres,)}
         if self.rows:
             values = values[np.ix_(*self.rows)]
             axes = {
-                key: tuple(v[rows] for v in along) for (key, along), rows in zip(axes.items(), self.rows, strict=True)
+                key: tuple(v[rows] for v in along)
+                for (key, along), rows in zip(axes.items(), self.rows, strict=True)
             }
         units = {"bearing": "degree", "range": "m", self.variable: "dB", **self.units}
-        held = ["place"] * (self.places is not None) + ["bearing"] * (self.bearing is not None) + ["range"]
-        squeezed = values.reshape([values.shape[["place", "bearing", "range"].index(d)] for d in held])
+        held = (
+            ["place"] * (self.places is not None)
+            + ["bearing"] * (self.bearing is not None)
+            + ["range"]
+        )
+        squeezed = values.reshape(
+            [values.shape[["place", "bearing", "range"].index(d)] for d in held]
+        )
         named = [self.names.get(d, d) for d in held]
         data = xr.Dataset({self.variable: (named, squeezed)})
         for dim in held[-2:] if self.bearing is not None else ["range"]:
             unit = units[dim]
-            data[self.names.get(dim, dim)] = (self.names.get(dim, dim), axes[dim][0] * FACTORS.get(unit or "", 1.0))
+            data[self.names.get(dim, dim)] = (
+                self.names.get(dim, dim),
+                axes[dim][0] * FACTORS.get(unit or "", 1.0),
+            )
         if self.places is not None:
-            data["lon"] = (self.names.get("place", "place"), axes["place"][0], {"units": "degrees_east"})
-            data["lat"] = (self.names.get("place", "place"), axes["place"][1], {"units": "degrees_north"})
+            data["lon"] = (
+                self.names.get("place", "place"),
+                axes["place"][0],
+                {"units": "degrees_east"},
+            )
+            data["lat"] = (
+                self.names.get("place", "place"),
+                axes["place"][1],
+                {"units": "degrees_north"},
+            )
         for dim, entries in self.further.items():
             data[self.variable] = data[self.variable].expand_dims({dim: entries}) + xr.DataArray(
                 np.arange(len(entries)) * 1.0, dims=dim

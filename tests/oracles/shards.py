@@ -1,4 +1,6 @@
-"""A small case whose particles are of nine blocks, of four where it is searched, and the comparison of two runs of it."""
+"""A small case whose particles are of nine blocks, of four where it is searched, and the comparison
+of two runs of it.
+"""
 
 import json
 from pathlib import Path
@@ -87,9 +89,13 @@ position = { at = [0.0, 0.05], std = "5 km" }
 
 
 def case(folder: Path, *, members: bool = False) -> drift.Case:
-    """Return the case, written into a folder; members: with a current of three members, dealt out within blocks."""
+    """Return the case, written into a folder; members: with a current of three members, dealt out
+    within blocks.
+    """
     (folder / "land.geojson").write_text(SHORE)
-    text = CASE.replace('constant = { speed = "0.6 m/s", toward = 70 }', MEMBERS) if members else CASE
+    text = (
+        CASE.replace('constant = { speed = "0.6 m/s", toward = 70 }', MEMBERS) if members else CASE
+    )
     (folder / "case.toml").write_text(text)
     return drift.load(folder / "case.toml")
 
@@ -108,13 +114,17 @@ def same(one: drift.Result, other: drift.Result) -> None:
     """Hold two results against each other: maps, numbers, outlines, tracks, warnings."""
     assert one.forecast.data.identical(other.forecast.data)
     assert all(
-        a.polygon.equals_exact(b.polygon) for a, b in zip(one.forecast.contours, other.forecast.contours, strict=True)
+        a.polygon.equals_exact(b.polygon)
+        for a, b in zip(one.forecast.contours, other.forecast.contours, strict=True)
     )
     assert all(
         np.array_equal(a, b)
-        for a, b in zip(vars(one.trajectories).values(), vars(other.trajectories).values(), strict=True)
+        for a, b in zip(
+            vars(one.trajectories).values(), vars(other.trajectories).values(), strict=True
+        )
     )
     summaries = [
-        {key: value for key, value in result.summary.items() if key != "wall_time_s"} for result in (one, other)
+        {key: value for key, value in result.summary.items() if key != "wall_time_s"}
+        for result in (one, other)
     ]
     assert json.dumps(summaries[0], default=str) == json.dumps(summaries[1], default=str)

@@ -30,14 +30,17 @@ def field(
     west: float = -90.0,
 ) -> xr.Dataset:
     """A current 5 x 4 degrees wide, hourly for nine hours from three before the start."""
-    times = np.datetime64("2026-11-20T21:00", "ns") + (np.arange(13) if hours is None else hours) * np.timedelta64(
-        1, "h"
-    )
+    times = np.datetime64("2026-11-20T21:00", "ns") + (
+        np.arange(13) if hours is None else hours
+    ) * np.timedelta64(1, "h")
     lon, lat = west + np.arange(21) * 0.25, 25.5 + np.arange(17) * 0.25
     values = np.full((times.size, lat.size, lon.size), 0.3, np.float32)
     attributes = [{"standard_name": name, "units": "m s-1"} for name in standard]
     return xr.Dataset(
-        {name: (("time", "lat", "lon"), values, a) for name, a in zip(names, attributes, strict=True)},
+        {
+            name: (("time", "lat", "lon"), values, a)
+            for name, a in zip(names, attributes, strict=True)
+        },
         {
             "time": times,
             "lat": ("lat", lat, {"standard_name": "latitude", "units": "degrees_north"}),

@@ -1,6 +1,8 @@
-"""Passive sonars in plain float64: the sonar equation along pyproj's geodesics, and what a silent watch says of a target.
+"""Passive sonars in plain float64: the sonar equation along pyproj's geodesics, and what a silent
+watch says of a target.
 
-It shares no code with ours. Positions are degrees, ranges metres, times hours after the run's start, speeds knots.
+It shares no code with ours. Positions are degrees, ranges metres, times hours after the run's
+start, speeds knots.
 """
 
 from collections.abc import Callable, Sequence
@@ -40,10 +42,12 @@ class Sonar:
     """A sonar as the oracle knows it, which can write itself down as a [[sensor]] table."""
 
     name: str = "ears"
-    places: tuple[tuple[float, float], ...] = ()  # (lon, lat) of the tables of losses; (): one, everywhere
+    # (lon, lat) of the tables of losses; (): one, everywhere
+    places: tuple[tuple[float, float], ...] = ()
     radials: Array = field(default_factory=lambda: np.zeros(1))  # [deg] true
     ranges: Array = field(default_factory=lambda: np.array([0.0, 4e5]))  # [m]
-    loss: Array = field(default_factory=lambda: np.array([[[60.0, 90.0]]]))  # [dB] (places, radials, ranges)
+    # [dB] (places, radials, ranges)
+    loss: Array = field(default_factory=lambda: np.array([[[60.0, 90.0]]]))
     hours: tuple[float, ...] = (0.0,)  # of the noise
     around: Array = field(default_factory=lambda: np.zeros(1))  # [deg] true
     noise: Array = field(default_factory=lambda: np.array([[70.0]]))  # [dB] (hours, around)
@@ -53,7 +57,8 @@ class Sonar:
     fluctuation: float = 6.0
     rate: float = 1.0  # [1/h] of jumps
     unknown: float = 0.0
-    levels: dict[str, Any] = field(default_factory=dict)  # by scenario: [dB], or rows of speed and level
+    # by scenario: [dB], or rows of speed and level
+    levels: dict[str, Any] = field(default_factory=dict)
     at: tuple[float, float] | None = None
     heading: float | None = None
     group: str = ""
@@ -61,7 +66,13 @@ class Sonar:
     def text(self, folder: Path) -> str:
         """Return its table, and write its files into a folder."""
         losses = xr.Dataset(
-            {"loss": (("place", "bearing", "range"), self.loss, {"units": "dB", "long_name": "transmission loss"})},
+            {
+                "loss": (
+                    ("place", "bearing", "range"),
+                    self.loss,
+                    {"units": "dB", "long_name": "transmission loss"},
+                )
+            },
             {
                 "bearing": ("bearing", self.radials, {"units": "degrees"}),
                 "range": ("range", self.ranges, {"units": "m"}),
@@ -70,19 +81,25 @@ class Sonar:
         if self.places:
             lon, lat = np.array(self.places).T
             losses = losses.assign_coords(
-                lon=("place", lon, {"units": "degrees_east"}), lat=("place", lat, {"units": "degrees_north"})
+                lon=("place", lon, {"units": "degrees_east"}),
+                lat=("place", lat, {"units": "degrees_north"}),
             )
         else:
             losses = losses.isel(place=0)
         if len(self.radials) == 1:
             losses = losses.isel(bearing=0, drop=True)
         losses.to_netcdf(folder / f"{self.name}_loss.nc")
-        noise = str([[float(a), f"{b} dB"] for a, b in zip(self.around, self.noise[0], strict=True)])
+        noise = str(
+            [[float(a), f"{b} dB"] for a, b in zip(self.around, self.noise[0], strict=True)]
+        )
         if len(self.hours) > 1:
             times = BEGIN + np.array([round(3600 * h) for h in self.hours]).astype("timedelta64[s]")
             xr.Dataset(
                 {"noise": (("time", "bearing"), self.noise, {"units": "dB"})},
-                {"time": times.astype("datetime64[ns]"), "bearing": ("bearing", self.around, {"units": "degrees"})},
+                {
+                    "time": times.astype("datetime64[ns]"),
+                    "bearing": ("bearing", self.around, {"units": "degrees"}),
+                },
             ).to_netcdf(folder / f"{self.name}_noise.nc")
             noise = f'{{ file = "{self.name}_noise.nc" }}'
         gain = str([[float(a), f"{b} dB"] for a, b in zip(self.sides, self.gain, strict=True)])
@@ -115,12 +132,16 @@ class Sonar:
         return np.interp(speed, *np.array(own, float).T)
 
     def losses(self, lon: float, lat: float) -> Array:
-        """Return its table of losses at a place: straight between its places in the plane about their middle."""
+        """Return its table of losses at a place: straight between its places in the plane about
+        their middle.
+        """
         if len(self.places) < 2:
             return self.loss[0]
         x, y = np.radians(np.array(self.places)).T
         middle = np.mean([np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y)], axis=1)
-        about = np.degrees([np.arctan2(middle[1], middle[0]), np.arctan2(middle[2], np.hypot(*middle[:2]))])
+        about = np.degrees(
+            [np.arctan2(middle[1], middle[0]), np.arctan2(middle[2], np.hypot(*middle[:2]))]
+        )
         spots = np.stack(plane(about, *np.array(self.places).T), axis=-1)
         here = np.stack(plane(about, np.array([lon]), np.array([lat])), axis=-1)[0]
         if len(self.places) == 2:
@@ -133,8 +154,12 @@ class Sonar:
             assert weight.min() >= 0  # the tests stay inside
         return np.tensordot(weight, self.loss, 1)
 
-    def excess(self, own: tuple[float, float], heading: float, hour: float, lon: Array, lat: Array) -> Array:
-        """Return the signal excess [dB] of a source of 0 dB at places (n,) heard at its own one; -inf beyond its table."""
+    def excess(
+        self, own: tuple[float, float], heading: float, hour: float, lon: Array, lat: Array
+    ) -> Array:
+        """Return the signal excess [dB] of a source of 0 dB at places (n,) heard at its own one;
+        -inf beyond its table.
+        """
         bearing, far = toward(own, lon, lat)
         table = self.losses(*own)
         ring = np.clip(np.searchsorted(self.ranges, far, side="right") - 1, 0, len(self.ranges) - 2)
@@ -152,7 +177,9 @@ class Sonar:
 
 
 def _around(radials: Array, table: Array, bearing: Array, ring: Array) -> Array:
-    """Return values (n,) of a table (radials, rings) at bearings [deg], straight between radials, each at its ring."""
+    """Return values (n,) of a table (radials, rings) at bearings [deg], straight between radials,
+    each at its ring.
+    """
     order = np.argsort(radials % 360)
     rays = (radials % 360)[order]
     rays = np.concatenate([rays[-1:] - 360, rays, rays[:1] + 360])
@@ -164,7 +191,11 @@ def _around(radials: Array, table: Array, bearing: Array, ring: Array) -> Array:
 
 
 def _level(own: Any) -> str:
-    return str([[f"{s} kn", f"{level} dB"] for s, level in own]) if isinstance(own, list) else f'"{own} dB"'
+    return (
+        str([[f"{s} kn", f"{level} dB"] for s, level in own])
+        if isinstance(own, list)
+        else f'"{own} dB"'
+    )
 
 
 def toward(own: tuple[float, float], lon: Array, lat: Array) -> tuple[Array, Array]:
@@ -181,14 +212,18 @@ def plane(about: Any, lon: Array, lat: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Way:
-    """Places with times, great circles in between: of a towed array, or of a target; before and after it stays there."""
+    """Places with times, great circles in between: of a towed array, or of a target; before and
+    after it stays there.
+    """
 
     hours: tuple[float, ...]
     points: tuple[tuple[float, float], ...]
 
     def at(self, hour: float) -> tuple[tuple[float, float], float]:
         """Return the place and the course [deg] at a time."""
-        k = int(np.clip(np.searchsorted(self.hours, hour, side="right") - 1, 0, len(self.points) - 2))
+        k = int(
+            np.clip(np.searchsorted(self.hours, hour, side="right") - 1, 0, len(self.points) - 2)
+        )
         share = np.clip((hour - self.hours[k]) / (self.hours[k + 1] - self.hours[k]), 0, 1)
         course, _, far = GLOBE.inv(*self.points[k], *self.points[k + 1])
         lon, lat, back = GLOBE.fwd(*self.points[k], course, share * far)
@@ -196,7 +231,9 @@ class Way:
 
     def text(self) -> str:
         """Return it as waypoints."""
-        return str([[f"+{hour} h", list(at)] for hour, at in zip(self.hours, self.points, strict=True)])
+        return str(
+            [[f"+{hour} h", list(at)] for hour, at in zip(self.hours, self.points, strict=True)]
+        )
 
 
 def rhumb(lon: Array, lat: Array, course: float, far: Array) -> tuple[Array, Array]:
@@ -208,14 +245,16 @@ def rhumb(lon: Array, lat: Array, course: float, far: Array) -> tuple[Array, Arr
 
 
 def missed(p: Array, hours: Array, rate: float) -> Array:
-    """Return the probability (n, m) that nothing has been heard by each time (m,), of chances p (n, m) to be heard at once.
+    """Return the probability (n, m) that nothing has been heard by each time (m,), of chances p (n,
+    m) to be heard at once.
 
-    G(t) = e^(-lt) (1 - max p[0, t]) + int l e^(-l(t-s)) G(s) (1 - max p[s, t]) ds, what stands beside the exponential taken
-    to be straight between the times.
+    G(t) = e^(-lt) (1 - max p[0, t]) + int l e^(-l(t-s)) G(s) (1 - max p[s, t]) ds, what stands
+    beside the exponential taken to be straight between the times.
     """
     p = np.ascontiguousarray(p.T)  # (m, n): what stands before a time lies together
     x = np.maximum(rate * np.diff(hours), 1e-12)
-    late = 1 + np.expm1(-x) / x  # of the end of each panel, as seen from there; the rest is of its begin
+    # of the end of each panel, as seen from there; the rest is of its begin
+    late = 1 + np.expm1(-x) / x
     early = -np.expm1(-x) - late
     found, highest = np.empty(p.shape), np.zeros(p.shape)
     for k in range(len(p)):
@@ -226,7 +265,9 @@ def missed(p: Array, hours: Array, rate: float) -> Array:
             found[0] = first
             continue
         weight = np.append(decay[1:] * early[:k], 0) + np.append(0, decay[1:] * late[:k])
-        known = weight[:-1] @ found[:k] - np.einsum("k,kn,kn->n", weight[:-1], found[:k], highest[:k])
+        known = weight[:-1] @ found[:k] - np.einsum(
+            "k,kn,kn->n", weight[:-1], found[:k], highest[:k]
+        )
         found[k] = (first + known) / (1 - weight[-1] * (1 - p[k]))
     return found.T
 
@@ -241,8 +282,9 @@ def heard(
 ) -> Array:
     """Return the chances (n, m) of being heard at once at times (m,).
 
-    way: place and heading of the array at a time; targets: lon, lat and source level of each then, -inf of what is not
-    there; unknown: [dB] that all have in common; silent: whether the array does not listen then.
+    way: place and heading of the array at a time; targets: lon, lat and source level of each then,
+    -inf of what is not there; unknown: [dB] that all have in common; silent: whether the array does
+    not listen then.
     """
     columns = []
     for hour in hours:
@@ -285,9 +327,15 @@ def run(
 ) -> Ran:
     """Run a case, of which `text` is what follows HEAD."""
     path = folder / "case.toml"
-    head = HEAD.replace("DURATION", f"{hours}").replace("PARTICLES", f"{particles}").replace("STEP", f"{step}")
+    head = (
+        HEAD.replace("DURATION", f"{hours}")
+        .replace("PARTICLES", f"{particles}")
+        .replace("STEP", f"{step}")
+    )
     times = [f"+{hour} h" for hour in outputs]
-    head = head.replace("output.times = []", f"output.times = {times}").replace('"none"', f'"{shore}"', 1)
+    head = head.replace("output.times = []", f"output.times = {times}").replace(
+        '"none"', f'"{shore}"', 1
+    )
     path.write_text(head + text)
     case = case_file.load(path)
     runtime.start()
@@ -299,7 +347,9 @@ def run(
     ends = [np.stack([m.lon, m.lat], axis=-1) * (360 / 2**32) for m in (moments[0], moments[-1])]
     with np.errstate(invalid="ignore"):  # spare slots have no weight before or after
         said = moments[-1].log_weight.astype(float) - moments[0].log_weight
-    return Ran(*ends, said, begun.ensemble.scenario.to_numpy(), begun.ensemble, moments, search.updates)
+    return Ran(
+        *ends, said, begun.ensemble.scenario.to_numpy(), begun.ensemble, moments, search.updates
+    )
 
 
 def louder(sonar: Sonar, more: float) -> Sonar:

@@ -1,4 +1,6 @@
-"""Spills for tests: fates made by hand, a whole case on a straight coast, and an independent sampler of its closed form."""
+"""Spills for tests: fates made by hand, a whole case on a straight coast, and an independent
+sampler of its closed form.
+"""
 
 import itertools
 from collections.abc import Iterator
@@ -46,17 +48,26 @@ SHORE = """{"type": "FeatureCollection", "features": [{"type": "Feature", "prope
 
 
 def case_of(folder: Path, more: str = "", **changes: object) -> drift.Case:
-    values = {"duration": "3 d", "objects": 60, "worlds": 1500, "per_world": 60, "seed": 3, **changes}
+    values = {
+        "duration": "3 d",
+        "objects": 60,
+        "worlds": 1500,
+        "per_world": 60,
+        "seed": 3,
+        **changes,
+    }
     (folder / "land.geojson").write_text(SHORE)
     (folder / "case.toml").write_text(CASE.format(more=more, **values))
     return drift.load(folder / "case.toml")
 
 
 def sampled(worlds: int, objects: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return (arrival [s], inf: never; place north [m]) of every object of simulated spills, (worlds, objects).
+    """Return (arrival [s], inf: never; place north [m]) of every object of simulated spills,
+    (worlds, objects).
 
-    Brownian motion with drift u from a distance a meets the line after an inverse Gaussian time; meanwhile it moves north
-    with the drift and spreads as 2 D T; it has sunk before with probability 1 - 2^(-T / 2 d).
+    Brownian motion with drift u from a distance a meets the line after an inverse Gaussian time;
+    meanwhile it moves north with the drift and spreads as 2 D T; it has sunk before with
+    probability 1 - 2^(-T / 2 d).
     """
     u = 0.25 + 0.04 * rng.standard_normal((worlds, 1))
     v = 0.04 * rng.standard_normal((worlds, 1))
@@ -71,18 +82,32 @@ def sampled(worlds: int, objects: int, rng: np.random.Generator) -> tuple[np.nda
 
 
 def spill(worlds: int, n: list[int], stays: list[tuple[int, int, int, int]]) -> Fates:
-    """Return fates of classes of n[c] particles a world; stays: (slot, segment, arrival, leave), in any order."""
-    rows = np.array(sorted(stays, key=lambda s: (s[0], s[2])), np.int64).reshape(-1, 4).T.astype(np.int32)
+    """Return fates of classes of n[c] particles a world; stays: (slot, segment, arrival, leave), in
+    any order.
+    """
+    rows = (
+        np.array(sorted(stays, key=lambda s: (s[0], s[2])), np.int64)
+        .reshape(-1, 4)
+        .T.astype(np.int32)
+    )
     kind = np.repeat(np.arange(len(n)), [worlds * k for k in n]).astype(np.int32)
     world = np.concatenate([np.repeat(np.arange(worlds), k) for k in n]).astype(np.int32)
     nothing = np.full(kind.size, FOREVER, np.int32)
     return Fates(
-        worlds, world, kind, np.zeros(kind.size, np.int32), nothing, np.zeros(kind.size, np.int32), Stays(*rows)
+        worlds,
+        world,
+        kind,
+        np.zeros(kind.size, np.int32),
+        nothing,
+        np.zeros(kind.size, np.int32),
+        Stays(*rows),
     )
 
 
 def scattered(worlds: int, n: list[int], seed: int = 3) -> Fates:
-    """Return worlds whose particles lie on three stretches, some twice, in shares that differ between worlds."""
+    """Return worlds whose particles lie on three stretches, some twice, in shares that differ
+    between worlds.
+    """
     rng = np.random.default_rng(seed)
     stays = []
     for slot in range(worlds * sum(n)):
@@ -111,11 +136,17 @@ class Cut:
             row = np.isin(stays.slot, slots)
             yield replace(
                 whole,
-                **{name: getattr(whole, name)[slots] for name in ("world", "kind", "release", "ended", "ending")},
+                **{
+                    name: getattr(whole, name)[slots]
+                    for name in ("world", "kind", "release", "ended", "ending")
+                },
                 stays=Stays(
                     np.searchsorted(slots, stays.slot[row]).astype(np.int32),
                     *(getattr(stays, name)[row] for name in ("segment", "arrival", "leave")),
                 ),
-                adrift={k: Adrift(at.lon[slots], at.lat[slots], at.status[slots]) for k, at in whole.adrift.items()},
+                adrift={
+                    k: Adrift(at.lon[slots], at.lat[slots], at.status[slots])
+                    for k, at in whole.adrift.items()
+                },
                 some=(first, last),
             )

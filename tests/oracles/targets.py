@@ -25,8 +25,12 @@ HOUR = 3600
 class Fleet:
     """Targets of one itinerary; `lon`, `lat` [deg] and other columns as NumPy arrays."""
 
-    def __init__(self, itinerary: Itinerary, n: int, seed: int = 5, at: Any = (0.0, 0.0), begin: Any = 0) -> None:
-        """Draw them; at: (lon, lat) [deg] and begin [s], where the first phase has no way point to begin at."""
+    def __init__(
+        self, itinerary: Itinerary, n: int, seed: int = 5, at: Any = (0.0, 0.0), begin: Any = 0
+    ) -> None:
+        """Draw them; at: (lon, lat) [deg] and begin [s], where the first phase has no way point to
+        begin at.
+        """
         self.n, self.seed = n, seed
         self.columns = {
             **{name: runtime.upload(np.zeros(n, np.int32)) for name in steer.CORE},
@@ -51,7 +55,9 @@ class Fleet:
             self._move(Step(k, k * step, step, 1))
         return self
 
-    def within(self, step: Step, times: Sequence[int], chained: bool = False) -> list[tuple[Array, Array]]:
+    def within(
+        self, step: Step, times: Sequence[int], chained: bool = False
+    ) -> list[tuple[Array, Array]]:
         """Make a step; return positions (lon, lat) [deg] at times [s] inside it.
 
         They are asked of the step's begin, or, chained, each of the one before.
@@ -64,7 +70,9 @@ class Fleet:
             if not chained:
                 at, since = (before["lon"], before["lat"]), step.elapsed
             at = runtime.copy(at[0]), runtime.copy(at[1])
-            steer.inside(before, self.slots, self.plan, self.seed, WORLD, None, step, at, since, time, time)
+            steer.inside(
+                before, self.slots, self.plan, self.seed, WORLD, None, step, at, since, time, time
+            )
             since = time
             places.append(tuple(sphere.to_degrees(x.to_numpy()) for x in at))
         return places
@@ -74,11 +82,17 @@ class Fleet:
         return sphere.to_degrees(values) if name in ("lon", "lat", "to_lon", "to_lat") else values
 
 
-def triangle(rng: np.random.Generator, low: float, mode: float, high: float, ratio: float, n: int) -> Array:
-    """Draw from a truncated triangle: by rejection under its density, which is straight from the ends to the mode."""
+def triangle(
+    rng: np.random.Generator, low: float, mode: float, high: float, ratio: float, n: int
+) -> Array:
+    """Draw from a truncated triangle: by rejection under its density, which is straight from the
+    ends to the mode.
+    """
     drawn = np.empty(0)
     while drawn.size < n:
         x, y = rng.uniform(low, high, 2 * n), rng.uniform(0, ratio, 2 * n)
-        side = np.where(x < mode, (x - low) / max(mode - low, 1e-12), (high - x) / max(high - mode, 1e-12))
+        side = np.where(
+            x < mode, (x - low) / max(mode - low, 1e-12), (high - x) / max(high - mode, 1e-12)
+        )
         drawn = np.append(drawn, x[y < 1 + (ratio - 1) * side])
     return drawn[:n]

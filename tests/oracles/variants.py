@@ -71,7 +71,11 @@ ELEMENTS = 64  # of each array
 
 def kernels(part: int = 0, parts: int = 1) -> dict[str, Any]:
     """Return every kernel, by module and name, or those of one of several parts."""
-    found = {name: each for module in constructs.MODULES for name, each in constructs.kernels(module).items()}
+    found = {
+        name: each
+        for module in constructs.MODULES
+        for name, each in constructs.kernels(module).items()
+    }
     return dict(itertools.islice(found.items(), part, None, parts))
 
 
@@ -113,7 +117,9 @@ def zero(kind: Any) -> Any:
         if kind.ndim == 2:
             return tables.empty(ELEMENTS, ELEMENTS, NUMPY[kind.dtype])
         one = isinstance(kind.dtype, MatrixType)
-        return runtime.empty_nodes(ELEMENTS) if one else runtime.empty(ELEMENTS, kind.dtype or ti.f32)
+        return (
+            runtime.empty_nodes(ELEMENTS) if one else runtime.empty(ELEMENTS, kind.dtype or ti.f32)
+        )
     if isinstance(kind, ArgPackType):
         return launch.pack(kind, *map(zero, kind.members.values()))
     if isinstance(kind, StructType):

@@ -92,7 +92,12 @@ position = {{ at = [{lon}, {lat}], error = "{error} nmi" }}
 
 
 def load(
-    folder: Path, *parts: str, n: int = 4000, weights: tuple[float, ...] = (), extra: str = "", **more: object
+    folder: Path,
+    *parts: str,
+    n: int = 4000,
+    weights: tuple[float, ...] = (),
+    extra: str = "",
+    **more: object,
 ) -> Case:
     """Return a case of parts, each scenario with its weight."""
     given = weights or (1.0,) * len(parts)
@@ -123,4 +128,8 @@ def of(posteriors: Posteriors, stage: int, name: str) -> marginal.Marginal:
 def moments(values: Array, weight: Array) -> tuple[float, float, float]:
     """Return mean, standard deviation and effective number."""
     mean = np.average(values, weights=weight)
-    return mean, np.sqrt(np.average((values - mean) ** 2, weights=weight)), weight.sum() ** 2 / (weight**2).sum()
+    return (
+        mean,
+        np.sqrt(np.average((values - mean) ** 2, weights=weight)),
+        weight.sum() ** 2 / (weight**2).sum(),
+    )

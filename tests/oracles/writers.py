@@ -1,6 +1,7 @@
 """One field in closed form, written on every kind of grid that oceanographers store currents on.
 
-The writers know nothing of `geo`: directions come from pyproj, by projecting a small step to true north.
+The writers know nothing of `geo`: directions come from pyproj, by projecting a small step to true
+north.
 """
 
 from pathlib import Path
@@ -28,7 +29,9 @@ def field(lon: ArrayLike, lat: ArrayLike, hour: float) -> tuple[Array, Array]:
 
 
 def tolerance(cell: float = CELL) -> float:
-    """The largest error of bilinear interpolation at `cell` and then at half of it: h^2 / 8 |f''| each."""
+    """The largest error of bilinear interpolation at `cell` and then at half of it: h^2 / 8 |f''|
+    each.
+    """
     across = cell / np.cos(np.radians(LAT[1]))  # [deg of longitude] of a square cell
     return 0.5 * ((KX * across) ** 2 + (KY * cell) ** 2) / 8 * 1.25 * 2  # 2: cells lie askew
 
@@ -43,7 +46,8 @@ def in_plane(to: pyproj.Proj, lon: Array, lat: Array, u: Array, v: Array) -> tup
     """Components along the axes of a conformal projection's plane of true (u, v)."""
     x0, y0 = to(lon, lat)
     x1, y1 = to(lon, lat + 1e-5)
-    angle = np.arctan2(y1 - y0, x1 - x0) - np.pi / 2  # of true north from the plane's y axis, counterclockwise
+    # of true north from the plane's y axis, counterclockwise
+    angle = np.arctan2(y1 - y0, x1 - x0) - np.pi / 2
     return u * np.cos(angle) - v * np.sin(angle), u * np.sin(angle) + v * np.cos(angle)
 
 
@@ -60,17 +64,28 @@ ALONG_Y = {"standard_name": "y_sea_water_velocity", "units": "m s-1"}
 
 
 def regular(path: Path) -> Path:
-    lon, lat = np.arange(LON[0] - 0.5, LON[1] + 0.5, 2 * CELL), np.arange(LAT[0] - 0.5, LAT[1] + 0.5, CELL)
+    lon, lat = (
+        np.arange(LON[0] - 0.5, LON[1] + 0.5, 2 * CELL),
+        np.arange(LAT[0] - 0.5, LAT[1] + 0.5, CELL),
+    )
     u, v = slices(*np.meshgrid(lon, lat))
     dims = ("time", "lat", "lon")
     return save(
-        xr.Dataset({"uo": (dims, u, EAST), "vo": (dims, v, NORTH)}, {"time": TIMES, "lat": lat, "lon": lon}), path
+        xr.Dataset(
+            {"uo": (dims, u, EAST), "vo": (dims, v, NORTH)}, {"time": TIMES, "lat": lat, "lon": lon}
+        ),
+        path,
     )
 
 
 def east_of_zero(path: Path) -> Path:
-    """Longitudes 0..360 over Greenwich's far side are tested elsewhere; here descending latitudes, (lon, lat) order."""
-    lon, lat = np.arange(LON[0] - 0.5, LON[1] + 0.5, 2 * CELL) + 360.0, np.arange(LAT[1] + 0.5, LAT[0] - 0.5, -CELL)
+    """Longitudes 0..360 over Greenwich's far side are tested elsewhere; here descending latitudes,
+    (lon, lat) order.
+    """
+    lon, lat = (
+        np.arange(LON[0] - 0.5, LON[1] + 0.5, 2 * CELL) + 360.0,
+        np.arange(LAT[1] + 0.5, LAT[0] - 0.5, -CELL),
+    )
     u, v = slices(*np.meshgrid(lon - 360.0, lat))
     dims = ("time", "longitude", "latitude")
     return save(
@@ -84,11 +99,17 @@ def east_of_zero(path: Path) -> Path:
 
 def packed(path: Path) -> Path:
     """16-bit integers in cm/s with a scale, an offset and a fill value."""
-    lon, lat = np.arange(LON[0] - 0.5, LON[1] + 0.5, 2 * CELL), np.arange(LAT[0] - 0.5, LAT[1] + 0.5, CELL)
+    lon, lat = (
+        np.arange(LON[0] - 0.5, LON[1] + 0.5, 2 * CELL),
+        np.arange(LAT[0] - 0.5, LAT[1] + 0.5, CELL),
+    )
     u, v = slices(*np.meshgrid(lon, lat))
     dims = ("time", "lat", "lon")
     data = xr.Dataset(
-        {"u": (dims, 100 * u, EAST | {"units": "cm/s"}), "v": (dims, 100 * v, NORTH | {"units": "cm/s"})},
+        {
+            "u": (dims, 100 * u, EAST | {"units": "cm/s"}),
+            "v": (dims, 100 * v, NORTH | {"units": "cm/s"}),
+        },
         {"time": TIMES, "lat": lat, "lon": lon},
     )
     how = {"dtype": "int16", "scale_factor": 0.01, "add_offset": 12.5, "_FillValue": -32767}
@@ -99,9 +120,13 @@ STEREO = "+proj=stere +lat_0=90 +lon_0=70 +lat_ts=60 +units=m +a=6.371e+06 +e=0 
 
 
 def projected(path: Path) -> Path:
-    """A polar stereographic plane without longitudes and latitudes, components along its axes, y descending."""
+    """A polar stereographic plane without longitudes and latitudes, components along its axes, y
+    descending.
+    """
     to = pyproj.Proj(STEREO)
-    x, y = (np.asarray(v) for v in to(*np.meshgrid(np.linspace(1, 7, 30), np.linspace(57.5, 60.5, 30))))
+    x, y = (
+        np.asarray(v) for v in to(*np.meshgrid(np.linspace(1, 7, 30), np.linspace(57.5, 60.5, 30)))
+    )
     step = CELL * 111_195.0
     px, py = np.arange(x.min(), x.max(), step), np.arange(y.max(), y.min(), -step)
     lon, lat = to(*np.meshgrid(px, py), inverse=True)
@@ -131,7 +156,9 @@ def projected(path: Path) -> Path:
 
 
 def oblique() -> tuple[pyproj.Proj, Array, Array, float]:
-    """A tangent plane about (4 E, 59 N) and a grid in it turned by 35 degrees: (projection, x', y', turn)."""
+    """A tangent plane about (4 E, 59 N) and a grid in it turned by 35 degrees: (projection, x', y',
+    turn).
+    """
     half, step = 260e3, CELL * 111_195.0
     line = np.arange(-half, half, step)
     x, y = np.meshgrid(line, line[: len(line) - 7] + 11e3)
@@ -139,7 +166,9 @@ def oblique() -> tuple[pyproj.Proj, Array, Array, float]:
 
 
 def turned(to: pyproj.Proj, x: Array, y: Array, angle: float) -> tuple[Array, Array]:
-    lon, lat = to(x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle), inverse=True)
+    lon, lat = to(
+        x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle), inverse=True
+    )
     return np.asarray(lon), np.asarray(lat)
 
 
@@ -150,7 +179,9 @@ def along(to: pyproj.Proj, lon: Array, lat: Array, angle: float) -> tuple[Array,
 
 
 def roms(path: Path, own_points: bool = False, angle: str = "rad") -> Path:
-    """A ROMS history file: u between rho points in xi, v in eta, sigma layers, an island, only lon_rho and angle."""
+    """A ROMS history file: u between rho points in xi, v in eta, sigma layers, an island, only
+    lon_rho and angle.
+    """
     to, x, y, turn = oblique()
     lon, lat = turned(to, x, y, turn)
     xu, yu = (x[:, :-1] + x[:, 1:]) / 2, (y[:, :-1] + y[:, 1:]) / 2
@@ -170,7 +201,11 @@ def roms(path: Path, own_points: bool = False, angle: str = "rad") -> Path:
     }  # fmt: skip
     if angle:
         stored = direction if angle == "rad" else np.degrees(direction)
-        data["angle"] = (("eta_rho", "xi_rho"), stored, {"units": "radians"} if angle == "rad" else {})
+        data["angle"] = (
+            ("eta_rho", "xi_rho"),
+            stored,
+            {"units": "radians"} if angle == "rad" else {},
+        )
     if own_points:
         data |= {"lon_u": (("eta_u", "xi_u"), at_u[0]), "lat_u": (("eta_u", "xi_u"), at_u[1])}
         data |= {"lon_v": (("eta_v", "xi_v"), at_v[0]), "lat_v": (("eta_v", "xi_v"), at_v[1])}
@@ -182,7 +217,9 @@ def roms(path: Path, own_points: bool = False, angle: str = "rad") -> Path:
 
 
 def nemo(folder: Path) -> list[Path]:
-    """NEMO's grid_U and grid_V files, each with its own points under the same names; depths from the surface down."""
+    """NEMO's grid_U and grid_V files, each with its own points under the same names; depths from
+    the surface down.
+    """
     to, x, y, turn = oblique()
     step = x[0, 1] - x[0, 0]
     paths = []
@@ -212,7 +249,9 @@ def mesh(cell: float = CELL) -> tuple[Array, Array, Array]:
 
 
 def fvcom(path: Path) -> Path:
-    """FVCOM: velocities at centres of elements, connectivity (3, nele) from 1, layers downwards, MJD in float32."""
+    """FVCOM: velocities at centres of elements, connectivity (3, nele) from 1, layers downwards,
+    MJD in float32.
+    """
     lon, lat, cells = mesh()
     lonc, latc = lon[cells].mean(1), lat[cells].mean(1)
     u, v = slices(lonc, latc)
@@ -236,7 +275,9 @@ def fvcom(path: Path) -> Path:
 
 
 def schism(path: Path) -> Path:
-    """SCHISM: hvel(time, node, layer, two) at nodes, faces from 1 with a fill value, the last layer at the surface."""
+    """SCHISM: hvel(time, node, layer, two) at nodes, faces from 1 with a fill value, the last layer
+    at the surface.
+    """
     lon, lat, cells = mesh()
     u, v = slices(lon, lat)
     both = np.stack((u, v), -1)[:, :, None, :] * np.array([0.2, 1.0])[:, None]
@@ -263,7 +304,10 @@ def curved_true(path: Path) -> Path:
     extra = {"coordinates": "lat lon"}
     return save(
         xr.Dataset(
-            {"a": (("time", "j", "i"), u, EAST | extra), "b": (("time", "j", "i"), v, NORTH | extra)},
+            {
+                "a": (("time", "j", "i"), u, EAST | extra),
+                "b": (("time", "j", "i"), v, NORTH | extra),
+            },
             {"time": TIMES, "lon": (("j", "i"), lon), "lat": (("j", "i"), lat)},
         ),
         path,
@@ -271,7 +315,9 @@ def curved_true(path: Path) -> Path:
 
 
 def rotated(path: Path) -> Path:
-    """A rotated pole: rlon east of 180, components along the rotated axes, no longitudes and latitudes."""
+    """A rotated pole: rlon east of 180, components along the rotated axes, no longitudes and
+    latitudes.
+    """
     mapping = {
         "grid_mapping_name": "rotated_latitude_longitude",
         "grid_north_pole_latitude": 25.0,
@@ -295,7 +341,11 @@ def rotated(path: Path) -> Path:
             {
                 "time": TIMES,
                 "rlat": ("rlat", rlat, {"standard_name": "grid_latitude", "units": "degrees"}),
-                "rlon": ("rlon", rlon + 360.0, {"standard_name": "grid_longitude", "units": "degrees"}),
+                "rlon": (
+                    "rlon",
+                    rlon + 360.0,
+                    {"standard_name": "grid_longitude", "units": "degrees"},
+                ),
             },
         ),
         path,
@@ -303,7 +353,9 @@ def rotated(path: Path) -> Path:
 
 
 def repeated(path: Path) -> Path:
-    """Longitudes and latitudes repeated for every time, as WRF writes them; names say nothing of axes."""
+    """Longitudes and latitudes repeated for every time, as WRF writes them; names say nothing of
+    axes.
+    """
     to, x, y, turn = oblique()
     lon, lat = turned(to, x, y, turn)
     u, v = along(to, lon, lat, turn)
@@ -331,7 +383,9 @@ def dflow(path: Path) -> Path:
     """D-Flow FM: UGRID, quadrilaterals and triangles mixed, values at the faces' centres."""
     x, y = np.meshgrid(np.arange(1.4, 6.7, 2 * CELL), np.arange(57.6, 60.4, CELL))
     index = np.arange(x.size).reshape(x.shape)
-    four = np.stack((index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]), -1).reshape(-1, 4)
+    four = np.stack((index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]), -1).reshape(
+        -1, 4
+    )
     none = np.full((len(four[::3]), 1), -1)
     halves = [np.concatenate((four[::3][:, k], none), 1) for k in ([0, 1, 2], [0, 2, 3])]
     faces = np.concatenate((np.delete(four, np.s_[::3], 0), *halves))
@@ -347,12 +401,20 @@ def dflow(path: Path) -> Path:
     return save(
         xr.Dataset(
             {
-                "mesh2d": ((), 0, {"cf_role": "mesh_topology", "face_node_connectivity": "mesh2d_face_nodes"}),
+                "mesh2d": (
+                    (),
+                    0,
+                    {"cf_role": "mesh_topology", "face_node_connectivity": "mesh2d_face_nodes"},
+                ),
                 "mesh2d_node_x": ("mesh2d_nNodes", x.ravel(), east),
                 "mesh2d_node_y": ("mesh2d_nNodes", y.ravel(), north),
                 "mesh2d_face_x": ("mesh2d_nFaces", lon, east),
                 "mesh2d_face_y": ("mesh2d_nFaces", lat, north),
-                "mesh2d_face_nodes": (("mesh2d_nFaces", "most"), np.where(real, faces + 1, -999), {"start_index": 1}),
+                "mesh2d_face_nodes": (
+                    ("mesh2d_nFaces", "most"),
+                    np.where(real, faces + 1, -999),
+                    {"start_index": 1},
+                ),
                 "mesh2d_ucx": (dims, u, extra | {"standard_name": "sea_water_x_velocity"}),
                 "mesh2d_ucy": (dims, v, extra | {"standard_name": "sea_water_y_velocity"}),
             },

@@ -38,23 +38,28 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
 
     Args:
         case: of `drift.load` or `drift.vary`.
-        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
-            read, and not kept.
+        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that
+            name; they are only read, and not kept.
 
     Returns:
-        Facts by name, in the words of `drift check`: "run", "errors", "coast" .. A fact "warning" says what a run would
-        reject at its end.
+        Facts by name, in the words of `drift check`: "run", "errors", "coast" .. A fact "warning"
+        says what a run would reject at its end.
 
     Raises:
-        UserError: what a user can change, one line for each mistake (`error.lines`): all that a run would reject at
-            its start.
+        UserError: what a user can change, one line for each mistake (`error.lines`): all that a run
+            would reject at its start.
     """
     runtime.start()
     where = run_setup.open_for(case, datasets, shore.thinned)
-    members = len(where.members)  # each scenario needs a particle of each, and has a tenth of an equal share at least
-    few = replace(case, particles=min(case.particles, max(CHECKED, 20 * members * len(case.scenarios))))
+    # each scenario needs a particle of each, and has a tenth of an equal share at least
+    members = len(where.members)
+    few = replace(
+        case, particles=min(case.particles, max(CHECKED, 20 * members * len(case.scenarios)))
+    )
     if case.spill:
-        few = replace(few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2, members)))
+        few = replace(
+            few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2, members))
+        )
     begin = run_setup.prepare(few, where)
     try:
         stretches = run_setup.stretches(few, where, begin.worlds)
@@ -71,7 +76,9 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         "work": work,
         "by the end": ends,
         "errors": run_metadata.errors(case),
-        "coast": f"{where.coast.source}; {run_metadata.behaviour(case)}" if where.coast else "none in the domain",
+        "coast": f"{where.coast.source}; {run_metadata.behaviour(case)}"
+        if where.coast
+        else "none in the domain",
     }
     lines = {name: text for name, text in lines.items() if text}
     lines |= {f"coast, note {k}": note for k, note in enumerate(where.notes, 1)}
@@ -93,7 +100,9 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         lines[f'{story} "{scenario.name}"'] = _scenario(scenario, dry)
     if shown.rest:
         objects = {_becomes(case.scenarios[own[k]]) for k in shown.rest}
-        some = ", ".join(sorted(objects)[:3]) + (f" and {len(objects) - 3} more" if len(objects) > 3 else "")
+        some = ", ".join(sorted(objects)[:3]) + (
+            f" and {len(objects) - 3} more" if len(objects) > 3 else ""
+        )
         name = shown.names([case.scenarios[k].name for k in own])[-1]
         lines[name] = f"{notation.percent(shown.sums(weights)[-1])} together: {some}"
     return lines | _search(case)
@@ -102,16 +111,25 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
 def _domain(stated: Box | None, box: Box) -> str:
     """Return the limits of the domain [deg]: as stated, or rounded where the run chose it."""
     west, east, south, north = (
-        notation.number(angle) if stated else f"{angle:.2f}" for angle in (box.west, box.east, box.south, box.north)
+        notation.number(angle) if stated else f"{angle:.2f}"
+        for angle in (box.west, box.east, box.south, box.north)
     )
     return f"{west} to {east} E, {south} to {north} N"
 
 
 def _families(case: Case, dry: Sequence[float]) -> dict[str, str]:
-    """Return how families of scenarios were understood, each by its axes and its likeliest scenario; dry: as of `_scenario`."""
+    """Return how families of scenarios were understood, each by its axes and its likeliest
+    scenario; dry: as of `_scenario`.
+    """
     lines: dict[str, str] = {}
-    for family in dict.fromkeys(scenario.family.family for scenario in case.scenarios if scenario.family):
-        own = [k for k, s in enumerate(case.scenarios) if s.family is not None and s.family.family == family]
+    for family in dict.fromkeys(
+        scenario.family.family for scenario in case.scenarios if scenario.family
+    ):
+        own = [
+            k
+            for k, s in enumerate(case.scenarios)
+            if s.family is not None and s.family.family == family
+        ]
         first = case.scenarios[max(own, key=lambda k: case.scenarios[k].weight)]
         axes = [
             f"{axis.name} {', '.join(axis.labels) if len(axis.labels) <= NAMED else _span(axis.labels)}"
@@ -121,7 +139,9 @@ def _families(case: Case, dry: Sequence[float]) -> dict[str, str]:
             f"{_weight(sum(case.scenarios[k].weight for k in own))}, {len(own):,} scenarios: {'; '.join(axes)}"
         )
         name = f'such as "{first.name}"'
-        lines[name] = _scenario(first, max(dry[k] for k in own)).replace("its prior", "a prior at most")
+        lines[name] = _scenario(first, max(dry[k] for k in own)).replace(
+            "its prior", "a prior at most"
+        )
     return lines
 
 
@@ -158,7 +178,9 @@ def _scenario(scenario: Scenario, dry: float) -> str:
 
 
 def _weight(weight: float) -> str:
-    """Return a weight in percent: as stated, or to three digits where the case states it in other units."""
+    """Return a weight in percent: as stated, or to three digits where the case states it in other
+    units.
+    """
     return f"{notation.number(100 * weight, 3)} %"
 
 
@@ -201,7 +223,9 @@ def _tow(tow: Tow) -> str:
         f'tows "{tow.sensor.name}" at {notation.number(tow.speed / KNOT)} kn on {"a leg" if tow.legs == 1 else "one or two legs"}'
     ]
     if tow.base is not None:
-        words.append(f"from {notation.stated_position(*tow.base)} at {notation.number(tow.transit_speed / KNOT)} kn")
+        words.append(
+            f"from {notation.stated_position(*tow.base)} at {notation.number(tow.transit_speed / KNOT)} kn"
+        )
     words.append(f"ready {notation.stated_time(tow.ready)}")
     if math.isfinite(tow.endurance):
         words.append(f"for {notation.number(tow.endurance / 3600)} h")
@@ -216,15 +240,21 @@ def _tow(tow: Tow) -> str:
 
 def _extent(area: Area) -> str:
     """Return the corners of an area."""
-    return " - ".join(f"{notation.stated_position(*corner)}" for corner in zip(area.lon, area.lat, strict=True))
+    return " - ".join(
+        f"{notation.stated_position(*corner)}" for corner in zip(area.lon, area.lat, strict=True)
+    )
 
 
 def _processing(own: Processing) -> str:
     """Return whose beams are processed, by how many, and when."""
-    beams = ", ".join(f"{one.name} {many}" for one, many in zip(own.listeners, own.beams, strict=True))
+    beams = ", ".join(
+        f"{one.name} {many}" for one, many in zip(own.listeners, own.beams, strict=True)
+    )
     slots = len(own.edges) - 1
     hours = (own.edges[1] - own.edges[0]) / np.timedelta64(1, "h")
-    manned = "" if own.manned.all() else f", {int(own.manned.sum())} of {own.manned.size} slots manned"
+    manned = (
+        "" if own.manned.all() else f", {int(own.manned.sum())} of {own.manned.size} slots manned"
+    )
     cost = f", a beam must add {notation.number(own.cost)}" if own.cost > 0 else ""
     span = f"{notation.group(own.edges[0])} to {notation.group(own.edges[-1])}"
     return f"{span}, {slots} slot(s) of {notation.number(hours)} h, {len(own.processors)} processor(s){manned}, beams: {beams}{cost}"
@@ -238,11 +268,15 @@ def _heard(contact: Contact) -> str:
     words = [f'sensor "{own.sensor.name}"']
     if own.mirrored:
         image = math.degrees(contacts.image(contact.bearing, own.heading))
-        words.append(f"bearing {notation.bearing(math.degrees(contact.bearing))} or {notation.bearing(image)}")
+        words.append(
+            f"bearing {notation.bearing(math.degrees(contact.bearing))} or {notation.bearing(image)}"
+        )
     if own.level is not None:
         words.append(f"received level {notation.number(own.level[0])} dB")
     if own.tone is not None:
-        words.append(f"frequency {notation.number(own.tone.value)} Hz of {notation.number(own.tone.source)} Hz")
+        words.append(
+            f"frequency {notation.number(own.tone.value)} Hz of {notation.number(own.tone.source)} Hz"
+        )
     return "".join(f"{word}, " for word in words)
 
 
@@ -255,7 +289,11 @@ def _named_sensor(sensor: Sensor) -> str:
         kind = f"sonar{beams}, losses {sees.losses.name} to {notation.number(sees.losses.range[-1] / NMI)} nmi"
     else:
         kind = f"POD {sees.name}, {'by place' if sees.range is None else f'to {notation.number(sees.range[-1] / NMI)} nmi'}"
-    where = "on what carries it" if sensor.place is None else f"at {notation.stated_position(*sensor.place)}"
+    where = (
+        "on what carries it"
+        if sensor.place is None
+        else f"at {notation.stated_position(*sensor.place)}"
+    )
     return f"{kind}, {where}"
 
 
@@ -268,13 +306,15 @@ def _sensor(what: Look | Presence | Barrier | Line) -> str:
         if what.field is None:
             assert what.sensor is not None
             return f'sensor "{what.sensor.name}", {notation.stated_time(what.time)}, sees {sees}'
-        return (
-            f"{_field(what.field)}, {notation.stated_time(what.time)}, {what.sight.kind.replace('_', ' ')}, sees {sees}"
-        )
+        return f"{_field(what.field)}, {notation.stated_time(what.time)}, {what.sight.kind.replace('_', ' ')}, sees {sees}"
     span = f"{notation.stated_time(what.start)} to {notation.stated_time(what.end)}, detection {notation.number(what.detection)}"
     if isinstance(what, Presence):
         return f"{_field(what.field)}, {span}, present {what.present}"
-    report = "reports nothing" if what.reported is None else f"reports {notation.stated_time(what.reported)}"
+    report = (
+        "reports nothing"
+        if what.reported is None
+        else f"reports {notation.stated_time(what.reported)}"
+    )
     return f"{len(what.points)} points, {span}, {report}"
 
 
@@ -286,10 +326,18 @@ def _field(field: Field) -> str:
 
 def _sortie(sortie: Sortie) -> str:
     """Return what a sortie searched, when, and how well."""
-    kind = "a watch" if sortie.watches else "an area" if sortie.legs is None else _legs(sortie.search_legs)
+    kind = (
+        "a watch"
+        if sortie.watches
+        else "an area"
+        if sortie.legs is None
+        else _legs(sortie.search_legs)
+    )
     law = sortie.law.kind.replace("_", " ")
     if sortie.sensor:
-        some = f" by beams {', '.join(str(beam + 1) for beam in sortie.beams)}" if sortie.beams else ""
+        some = (
+            f" by beams {', '.join(str(beam + 1) for beam in sortie.beams)}" if sortie.beams else ""
+        )
         how = f'sensor "{sortie.sensor.name}"{some}'
     elif sortie.watch:
         zones = zip(sortie.watch.inner, sortie.watch.outer, sortie.watch.pod, strict=True)
@@ -311,7 +359,11 @@ def _legs(number: int) -> str:
 def _widths(widths: Sequence[float]) -> str:
     """Return sweep widths [m] in words; once where they are the same for all scenarios."""
     words = [f"{notation.number(width / NMI)} nmi" for width in widths]
-    return words[0] if len(set(words)) == 1 else _by_scenario([width / NMI for width in widths], " nmi")
+    return (
+        words[0]
+        if len(set(words)) == 1
+        else _by_scenario([width / NMI for width in widths], " nmi")
+    )
 
 
 def _by_scenario(values: Sequence[float], unit: str) -> str:
@@ -326,10 +378,14 @@ def _by_scenario(values: Sequence[float], unit: str) -> str:
 def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
     """Return how a spill was understood."""
     low, high = spill.objects
-    rates = ", ".join(f"{kind} {notation.number(86_400 * rate)} a day" for kind, rate in spill.reporting.rate.items())
+    rates = ", ".join(
+        f"{kind} {notation.number(86_400 * rate)} a day"
+        for kind, rate in spill.reporting.rate.items()
+    )
     lines = {
         "spill": f"{low:,}{f' to {high:,}' if high > low else ''} objects, "
-        f"{spill.worlds:,} worlds of {spill.per_world:,} particles; " + _destroyed(*spill.destroyed),
+        f"{spill.worlds:,} worlds of {spill.per_world:,} particles; "
+        + _destroyed(*spill.destroyed),
         "released": f"{notation.group(spill.prior.release_start)} to {notation.group(spill.prior.release_end)}",
         "biases": f"windage a factor of {notation.number(math.exp(spill.windage_bias))}, current {notation.number(spill.current_bias)} m/s, "
         f"reporting a factor of {notation.number(math.exp(spill.reporting_bias))} (one standard deviation)",
@@ -348,7 +404,9 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
             else f"until {notation.group(last)}, the last find or patrol; say otherwise by spill.reporting.until"
         )
     for patrol in renewal.patrols(spill, stretches):
-        lines[f'patrol "{patrol["name"]}"'] = f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km"
+        lines[f'patrol "{patrol["name"]}"'] = (
+            f"{len(patrol['stretches'])} stretches, {patrol['length_km']:.0f} km"
+        )
     for team in spill.teams:
         many = f"{len(team.times)} patrol{'s' * (len(team.times) > 1)} from {notation.group(team.times[0])}"
         lines[f'patrol_unit "{team.name}"'] = (

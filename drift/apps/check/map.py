@@ -1,4 +1,6 @@
-"""The picture of a lane network: what its file says, on a chart, with the names of its nodes and areas."""
+"""The picture of a lane network: what its file says, on a chart, with the names of its nodes and
+areas.
+"""
 
 from pathlib import Path
 
@@ -15,8 +17,14 @@ from drift.products.maps.sheet import Row, Sheet
 from geo.box import Box
 
 SHEET = Sheet(
-    13.0, 8.0, 140, left=0.04, title=sheet.heading(0.955, 15, 95), lines=(Row(0.925, 10),), footer=sheet.small(0.012, 7.5, 190)
-)  # fmt: skip
+    13.0,
+    8.0,
+    140,
+    left=0.04,
+    title=sheet.heading(0.955, 15, 95),
+    lines=(Row(0.925, 10),),
+    footer=sheet.small(0.012, 7.5, 190),
+)
 MAP = (0.04, 0.075, 0.93, 0.83)  # left, bottom, width, height, of the page
 
 
@@ -28,10 +36,14 @@ def plot_network(found: Chart, path: Path, setting: Setting, view: Box | None = 
     on = sheet.begin(SHEET)
     network = found.network
     lon, lat = np.degrees(network.lon), np.degrees(network.lat)
-    whole = np.concatenate([*layers.middles(network), *(np.array(ring) for ring in found.areas.values())])
+    whole = np.concatenate(
+        [*layers.middles(network), *(np.array(ring) for ring in found.areas.values())]
+    )
     if view is not None:
         whole = np.array([[view.west, view.south], [view.east, view.north]])
-    frame = chart.frame(whole[:, 0], whole[:, 1], MAP[2] * SHEET.width / (MAP[3] * SHEET.height), margin=0.03)
+    frame = chart.frame(
+        whole[:, 0], whole[:, 1], MAP[2] * SHEET.width / (MAP[3] * SHEET.height), margin=0.03
+    )
     ax = on.figure.add_axes(MAP)
     chart.prepare(ax, frame)
     chart.draw_land(ax, chart.land_path(frame, setting.polygons(frame.box()), 1600))
@@ -43,7 +55,8 @@ def plot_network(found: Chart, path: Path, setting: Setting, view: Box | None = 
     x, y = frame.project(lon, lat)
     style = {"fontsize": 6.5, "color": INK}
     points: list[Point] = [
-        (float(x[k]), float(y[k]), network.name[k], style) for k in np.flatnonzero(frame.holds(x, y))
+        (float(x[k]), float(y[k]), network.name[k], style)
+        for k in np.flatnonzero(frame.holds(x, y))
     ]
     for name, ring in found.areas.items():
         middle = shapely.Polygon(ring).representative_point()
@@ -53,8 +66,15 @@ def plot_network(found: Chart, path: Path, setting: Setting, view: Box | None = 
             points.append((float(at[0]), float(at[1]), name, words))
     labels.place_labels(ax, on.canvas, points, [bar], set(range(len(network.name), len(points))))
     sheet.legend(
-        on.figure, layers.key(bool(found.areas)), loc="lower right", ncols=3, fontsize=8.5, bbox_to_anchor=(0.97, 0.012)
+        on.figure,
+        layers.key(bool(found.areas)),
+        loc="lower right",
+        ncols=3,
+        fontsize=8.5,
+        bbox_to_anchor=(0.97, 0.012),
     )
-    count = f"{len(network.name)} nodes, {network.start.size} lanes, {len(found.areas)} areas of patrol"
+    count = (
+        f"{len(network.name)} nodes, {network.start.size} lanes, {len(found.areas)} areas of patrol"
+    )
     sheet.head(on, setting.imprint, count)
     sheet.end(on, path, setting.imprint)

@@ -1,4 +1,6 @@
-"""What can be known of a run before it is made: its work, how its forcing lasts, and what will leave it."""
+"""What can be known of a run before it is made: its work, how its forcing lasts, and what will
+leave it.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -19,11 +21,13 @@ from geo import notation
 from geo.forcing.reading import stream
 from geo.forcing.sources import Source
 
-PACE = 8e6  # particle-steps a second of two cores, with errors, diffusion and the coast (docs/performance.md)
+# particle-steps a second of two cores, with errors, diffusion and the coast (docs/performance.md)
+PACE = 8e6
 LONG = 600.0  # [s] of work from which a caution is given
 FOLLOWED = 2_000  # particles that are moved to the end by a coarse step
 MOST_STEPS, FEWEST_STEPS = 60, 8  # that those particles take
-BYTES_PER_NODE = 40  # of a member: two slices on the device, three of half their size that are read ahead
+# of a member: two slices on the device, three of half their size that are read ahead
+BYTES_PER_NODE = 40
 NODES = 2e8  # nodes of forcing that are read for them; it limits the number of steps
 ENDS = {
     Status.ADRIFT: "adrift",
@@ -76,18 +80,24 @@ def needs(case: Case, memory: float | None = None, shards: int | None = None) ->
 
 
 def caution(case: Case) -> str | None:
-    """Return a word of caution about the work of a case that states its step, if there is much of it."""
+    """Return a word of caution about the work of a case that states its step, if there is much of
+    it.
+    """
     if case.step is None or -(-case.period.duration // case.step) * case.particles / PACE < LONG:
         return None
     return f'clock.step = {case.step} s: {work(case, case.step)}; step = "auto" takes the longest that is exact enough'
 
 
 def advised(case: Case, where: Environment, begin: Start) -> str:
-    """Return what "auto" would do instead of a step that makes much work; "" where there is nothing to say."""
+    """Return what "auto" would do instead of a step that makes much work; "" where there is nothing
+    to say.
+    """
     if caution(case) is None:
         return ""
     free = replace(run_setup.clock_spec(case), step=None)
-    auto, _ = step_size.clock_of(case.period, free, case.errors, where.sources, begin.ensemble, begin.scene)
+    auto, _ = step_size.clock_of(
+        case.period, free, case.errors, where.sources, begin.ensemble, begin.scene
+    )
     count = -(-case.period.duration // auto.step)
     return (
         f'; step = "auto" would take {auto.step} s: {count:,} steps, about {_lasting(count * case.particles / PACE)}'
@@ -99,7 +109,9 @@ def advised(case: Case, where: Environment, begin: Start) -> str:
 def holes(case: Case, source: Source) -> str:
     """Return when within the run a source has nothing between its times; "" where it has no holes."""
     first, last = case.period.span
-    gaps = [(max(a, first), min(b, last)) for a, b in stream.holes_of(source) if a < last and b > first]
+    gaps = [
+        (max(a, first), min(b, last)) for a, b in stream.holes_of(source) if a < last and b > first
+    ]
     usual = np.median(np.diff(source.times)) if gaps else None
     return "; ".join(
         f"nothing from {notation.group(a)} to {notation.group(b)}, {_hours(b - a)}, where its times are else "
@@ -109,9 +121,11 @@ def holes(case: Case, source: Source) -> str:
 
 
 def ends(case: Case, begin: Start) -> tuple[str, str]:
-    """Return what becomes of a sample of particles by the end of the run, and when the first leave it.
+    """Return what becomes of a sample of particles by the end of the run, and when the first leave
+    it.
 
-    They are moved by a coarse step. The second is why a run would be refused at its end, "" where it would not.
+    They are moved by a coarse step. The second is why a run would be refused at its end, "" where
+    it would not.
     """
     ensemble = begin.ensemble
     chosen = np.unique(np.linspace(0, ensemble.n - 1, min(FOLLOWED, ensemble.n)).astype(np.int64))
@@ -122,13 +136,24 @@ def ends(case: Case, begin: Start) -> tuple[str, str]:
     steps = int(np.clip(NODES / max(nodes, 1), FEWEST_STEPS, MOST_STEPS))
     duration = case.period.duration
     step = begin.clock.step * max(-(-duration // (steps * begin.clock.step)), 1)
-    step = -(-duration // -(-duration // step))  # from the start to the end: what steers would go on until a step's end
-    clock = Clock(begin.clock.start, begin.clock.duration, begin.clock.direction, step, begin.clock.start % step)
+    # from the start to the end: what steers would go on until a step's end
+    step = -(-duration // -(-duration // step))
+    clock = Clock(
+        begin.clock.start,
+        begin.clock.duration,
+        begin.clock.direction,
+        step,
+        begin.clock.start % step,
+    )
     for low, high, part in clock.steps():
         begin.scene.advance(some, low, high, part)
     weight, status = record.probability(some), some.status.to_numpy()
     share = {kind: float(weight[status == kind].sum()) for kind in Status}
-    text = ", ".join(f"{notation.percent(share[kind], 0)} {word}" for kind, word in ENDS.items() if share[kind] > 0)
+    text = ", ".join(
+        f"{notation.percent(share[kind], 0)} {word}"
+        for kind, word in ENDS.items()
+        if share[kind] > 0
+    )
     lost = share[Status.OUTSIDE] + share[Status.LEFT]
     if lost > 0:
         gone = np.isin(status, (Status.OUTSIDE, Status.LEFT)) & (weight > 0)

@@ -1,4 +1,6 @@
-"""How an itinerary was understood, in words: its phases in their order, its distress, when it is overdue."""
+"""How an itinerary was understood, in words: its phases in their order, its distress, when it is
+overdue.
+"""
 
 import math
 
@@ -42,7 +44,11 @@ def itinerary_in_words(itinerary: Itinerary, adrift: str) -> str:
 def _phase(phase: Phase) -> str:
     match phase:
         case Course():
-            change = f", changed every {notation.number(phase.change / HOUR)} h on average" if phase.change else ""
+            change = (
+                f", changed every {notation.number(phase.change / HOUR)} h on average"
+                if phase.change
+                else ""
+            )
             return f"course {_course(phase.course)} at {_knots(phase.speed)}{change}{_until(phase)}"
         case Acts():
             return f"{_acts(phase)}{_until(phase)}"
@@ -53,20 +59,24 @@ def _phase(phase: Phase) -> str:
 
 
 def _acts(phase: Acts) -> str:
-    """Return what a target does at times of its own, like "course any at 2 to 12 kn; every 3 to 15 min 45 % take another"."""
+    """Return what a target does at times of its own, like "course any at 2 to 12 kn; every 3 to 15
+    min 45 % take another".
+    """
     parts = {
         f"take another at up to {notation.number(phase.fastest / KNOT)} kn": phase.change,
         "seek": phase.seek,
         "flee": phase.hide,
     }
-    told = [f"{notation.number(100 * share)} % {what}" for what, share in parts.items() if share > 0]
+    told = [
+        f"{notation.number(100 * share)} % {what}" for what, share in parts.items() if share > 0
+    ]
     least, longest = (f"{notation.number(seconds / 60)}" for seconds in phase.between)
     often = least if least == longest else f"{least} to {longest}"
-    text = (
-        f"course {_course(phase.course)} at {_knots(phase.speed)}; every {often} min {', '.join(told) or 'it goes on'}"
-    )
+    text = f"course {_course(phase.course)} at {_knots(phase.speed)}; every {often} min {', '.join(told) or 'it goes on'}"
     if phase.hide > 0:
-        text += f" within {notation.number(math.degrees(phase.spread))} deg of the reciprocal bearing"
+        text += (
+            f" within {notation.number(math.degrees(phase.spread))} deg of the reciprocal bearing"
+        )
     if phase.leave > 0 and phase.seek + phase.hide > 0:
         text += f"; {notation.number(100 * phase.leave)} % of those cease to"
     if phase.tracker is not None:
@@ -89,7 +99,11 @@ def _way(phase: Ways) -> str:
     times = [point.time for point in phase.points]
     first = times[0]
     if phase.k > 0 or phase.destinations:
-        uncertain = f", known to a factor of {notation.number(math.exp(phase.k_spread))}" if phase.k_spread > 0 else ""
+        uncertain = (
+            f", known to a factor of {notation.number(math.exp(phase.k_spread))}"
+            if phase.k_spread > 0
+            else ""
+        )
         k = f"K = {notation.number(phase.k * math.sqrt(HOUR) / NMI)} nmi/sqrt(h){uncertain}"
         ends = [point for point, _ in phase.destinations] or [phase.points[-1]]
         odds = f" to one of {len(ends)} destinations" if len(ends) > 1 else ""
@@ -100,7 +114,9 @@ def _way(phase: Ways) -> str:
 
 def _until(phase: Course | Acts | Loiter) -> str:
     ends = [] if phase.until is None else [f"until {notation.stated_time(phase.until)}"]
-    ends += [f"for {notation.number(phase.lasting / HOUR)} h"] if math.isfinite(phase.lasting) else []
+    ends += (
+        [f"for {notation.number(phase.lasting / HOUR)} h"] if math.isfinite(phase.lasting) else []
+    )
     return f", {' or '.join(ends)}" if ends else ""
 
 
@@ -116,12 +132,17 @@ def _distress(distress: Distress) -> str:
 
 def _time(earliest: np.datetime64, after: Spread) -> str:
     """Return an uncertain time in words."""
-    first, last = (notation.stated_time(earliest + np.timedelta64(round(t), "s")) for t in (after.low, after.high))
+    first, last = (
+        notation.stated_time(earliest + np.timedelta64(round(t), "s"))
+        for t in (after.low, after.high)
+    )
     if first == last:
         return first
     best = notation.stated_time(earliest + np.timedelta64(round(after.mode), "s"))
     return f"{first} to {last}" + (
-        f" (best {best}, {notation.number(after.ratio)} times as likely)" if after.ratio != 1 else ""
+        f" (best {best}, {notation.number(after.ratio)} times as likely)"
+        if after.ratio != 1
+        else ""
     )
 
 
@@ -140,7 +161,9 @@ def _knots(speed: Spread) -> str:
 
 
 def _course(course: Spread) -> str:
-    low, mode, high = (float(np.degrees(sphere.wrap(x))) % 360 for x in (course.low, course.mode, course.high))
+    low, mode, high = (
+        float(np.degrees(sphere.wrap(x))) % 360 for x in (course.low, course.mode, course.high)
+    )
     if course.low == course.high:
         return notation.bearing(low)
     if course.high - course.low > 2 * math.pi - 1e-6 and course.ratio == 1:
@@ -151,7 +174,9 @@ def _course(course: Spread) -> str:
 
 def _span(spread: Spread, unit: float) -> str:
     """Return an uncertain number in words, in a unit."""
-    low, mode, high = (f"{notation.number(x * unit)}" for x in (spread.low, spread.mode, spread.high))
+    low, mode, high = (
+        f"{notation.number(x * unit)}" for x in (spread.low, spread.mode, spread.high)
+    )
     if low == high:
         return low
     return f"{low} to {high}" + (f" (best {mode})" if spread.ratio != 1 else "")

@@ -1,4 +1,6 @@
-"""What a command found, and the three ways to tell it: as a page, as one JSON object, or not at all."""
+"""What a command found, and the three ways to tell it: as a page, as one JSON object, or not at
+all.
+"""
 
 import json
 import sys
@@ -19,7 +21,8 @@ class Answer:
     title: str = ""
     facts: Mapping[str, str] = field(default_factory=dict)
     lines: tuple[str, ...] = ()  # after the facts
-    numbers: Mapping[str, Any] = field(default_factory=dict)  # for programs; units stand in the names
+    # for programs; units stand in the names
+    numbers: Mapping[str, Any] = field(default_factory=dict)
     results: Path | None = None  # folder that was written
     status: int = 0  # exit status; 1 where a forecast misses what its case expects
     show: Callable[[], None] | None = None  # prints what is no list of facts, in their place

@@ -22,7 +22,9 @@ def bridge(given: argparse.Namespace) -> Answer:
     lines = []
     if given.geojson is not None:
         words = text.features(found)
-        take.replace(given.geojson, "--geojson", lambda half: half.write_text(words, encoding="utf-8"))
+        take.replace(
+            given.geojson, "--geojson", lambda half: half.write_text(words, encoding="utf-8")
+        )
         lines.append(f"Areas in {given.geojson}")
     if given.out is not None:
         from drift.products.maps import page
@@ -34,7 +36,9 @@ def bridge(given: argparse.Namespace) -> Answer:
         attributes = {"casp-drift": __version__, "coast": land.source}
         with page.literal():
             take.replace(
-                given.out, "--out", lambda half: bridge_map.plot_bridge(found, half, land.polygons, attributes)
+                given.out,
+                "--out",
+                lambda half: bridge_map.plot_bridge(found, half, land.polygons, attributes),
             )
         lines.append(f"Picture in {given.out}")
     return Answer(asked.title, text.answers(found), tuple(lines), text.summary_of_bridge(found))
@@ -48,7 +52,11 @@ def fit_bridge(given: argparse.Namespace) -> Answer:
             None if text is None else take.quantity(text, "s", option, "6 h")
             for text, option in ((given.every, "--every"), (given.max_gap, "--max-gap"))
         )
-        slowest = 0.0 if given.min_speed is None else take.quantity(given.min_speed, "m/s", "--min-speed", "5 kn")
+        slowest = (
+            0.0
+            if given.min_speed is None
+            else take.quantity(given.min_speed, "m/s", "--min-speed", "5 kn")
+        )
         fastest = take.quantity(given.max_speed, "m/s", "--max-speed", "60 kn")
         without = None if given.without is None else take.box(given.without)
         from drift.assess.verify import reading

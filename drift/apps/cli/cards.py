@@ -1,4 +1,7 @@
-"""Graphics cards on the command line: `drift info --backend`, and what --backend auto took, in a line."""
+"""Graphics cards on the command line:
+
+`drift info --backend`, and what --backend auto took, in a line.
+"""
 
 import argparse
 import sys
@@ -11,10 +14,11 @@ from drift.products.files import interrupt
 
 
 def start(given: argparse.Namespace, out: Path, particles: int, elsewhere: bool) -> None:
-    """Start the backend that is asked for, where it is no processor: what is wrong with a card is said before all else.
+    """Start the backend that is asked for, where it is no processor: what is wrong with a card is
+    said before all else.
 
-    out: folder for the results, where an unfinished run settles what auto takes; elsewhere: workers move the particles.
-    What auto takes is said in a line.
+    out: folder for the results, where an unfinished run settles what auto takes; elsewhere: workers
+    move the particles. What auto takes is said in a line.
     """
     from drift.pipeline.shards import shelf
     from kernels.runtime import runtime
@@ -32,7 +36,9 @@ def start(given: argparse.Namespace, out: Path, particles: int, elsewhere: bool)
 
 
 def say_choice(given: argparse.Namespace) -> None:
-    """Print what --backend auto took and why; quiet: print only a warning, where a card could not be used."""
+    """Print what --backend auto took and why; quiet: print only a warning, where a card could not
+    be used.
+    """
     from kernels.runtime import runtime
 
     if given.backend == runtime.AUTO and runtime.told() and not given.quiet:
@@ -40,7 +46,9 @@ def say_choice(given: argparse.Namespace) -> None:
 
 
 def listed() -> Answer:
-    """Return the graphics cards that drivers list, and which backend --backend auto takes for a large run."""
+    """Return the graphics cards that drivers list, and which backend --backend auto takes for a
+    large run.
+    """
     with interrupt.leaving_at_once():  # nothing is written
         from kernels.runtime import devices, drivers
 
@@ -55,19 +63,39 @@ def listed() -> Answer:
                 table.add_row(one.backend, "none", "", "", "", _unusable(one.why, one.remedy))
             for device in one.devices:
                 usable = _unusable(device.unfit, device.remedy) if device.unfit else "yes"
-                named = f"{device.name} *" if device == one.taken and len(one.devices) > 1 else device.name
-                note = ", for tests: a software device" if device.kind == "software" and not device.unfit else ""
-                table.add_row(one.backend, named, device.kind, device.driver, device.memory, usable + note)
+                named = (
+                    f"{device.name} *"
+                    if device == one.taken and len(one.devices) > 1
+                    else device.name
+                )
+                note = (
+                    ", for tests: a software device"
+                    if device.kind == "software" and not device.unfit
+                    else ""
+                )
+                table.add_row(
+                    one.backend, named, device.kind, device.driver, device.memory, usable + note
+                )
         terminal.show(table)
 
     taken = choice.device.backend if choice.device else "cpu"
-    few = f"; runs of fewer than {devices.WORTH:,} particles stay on the cpu" if choice.device else ""
+    few = (
+        f"; runs of fewer than {devices.WORTH:,} particles stay on the cpu" if choice.device else ""
+    )
     numbers: dict[str, Any] = {
-        "devices": [_numbers(device, device == one.taken) for one in found for device in one.devices],
-        "missing": {one.backend: {"why": one.why, "remedy": one.remedy} for one in found if not one.devices},
+        "devices": [
+            _numbers(device, device == one.taken) for one in found for device in one.devices
+        ],
+        "missing": {
+            one.backend: {"why": one.why, "remedy": one.remedy} for one in found if not one.devices
+        },
         "auto": {"backend": taken, "why": choice.why, "least_particles": devices.WORTH},
     }
-    starred = ("* the device on which its backend starts",) if any(len(one.devices) > 1 for one in found) else ()
+    starred = (
+        ("* the device on which its backend starts",)
+        if any(len(one.devices) > 1 for one in found)
+        else ()
+    )
     lines = (*starred, f"--backend auto takes {taken}: {choice.why}{few}")
     return Answer(lines=lines, numbers=numbers, show=show)
 

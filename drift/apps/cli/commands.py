@@ -1,8 +1,8 @@
 """The command line `drift`: which command is done, and how the process ends.
 
-Exit status: 0, 1 where a forecast misses what its case expects ([expect]), 2 for the user's errors (a line each), 1 for ours, 130 when
-interrupted, 143 when asked to end, 129 when its terminal went. Nothing heavy is imported before the command that needs it, so that help
-and lists come at once.
+Exit status: 0, 1 where a forecast misses what its case expects ([expect]), 2 for the user's errors
+(a line each), 1 for ours, 130 when interrupted, 143 when asked to end, 129 when its terminal went.
+Nothing heavy is imported before the command that needs it, so that help and lists come at once.
 """
 
 import argparse
@@ -15,7 +15,19 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from drift.apps.cli import answer, bridges, experiments, export, fetch, grammar, jobs, lists, reach, serve, terminal
+from drift.apps.cli import (
+    answer,
+    bridges,
+    experiments,
+    export,
+    fetch,
+    grammar,
+    jobs,
+    lists,
+    reach,
+    serve,
+    terminal,
+)
 from drift.apps.cli.answer import Answer
 from drift.products.files import interrupt
 from geo import errors
@@ -49,7 +61,8 @@ NO_MEMORY = (
     "annot allocate memory",
 )  # what libraries say, in errors of all kinds
 
-NO_LIBRARY = ": cannot open shared object file"  # what the loader says of one; a bare image lacks Taichi's libX11
+# what the loader says of one; a bare image lacks Taichi's libX11
+NO_LIBRARY = ": cannot open shared object file"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -62,8 +75,10 @@ def _run(argv: Sequence[str] | None) -> int:
     terminal.open_streams()
     # NumPy's, which a user cannot mend; tests take them as errors.
     warnings.filterwarnings("ignore", category=RuntimeWarning)
-    warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # the map shows a box in its place
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # of a home that cannot be written it warns at length
+    # the map shows a box in its place
+    warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+    # of a home that cannot be written it warns at length
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     if os.name == "posix" and not os.environ.get("HOME"):  # Taichi aborts at import without one
         home = os.path.expanduser("~")
         os.environ["HOME"] = home if os.path.isdir(home) else tempfile.gettempdir()
@@ -92,7 +107,9 @@ def _run(argv: Sequence[str] | None) -> int:
             # If a library cannot be loaded, fewer particles do not help.
             fewer = "" if isinstance(error, ImportError | OSError) else "take fewer particles, or "
             why = str(error) or "no more could be allocated"
-            words = f"not enough memory ({why}); {fewer}raise the limit (ulimit -v), if there is one"
+            words = (
+                f"not enough memory ({why}); {fewer}raise the limit (ulimit -v), if there is one"
+            )
             print(f"drift: {words}", file=sys.stderr)
             return _failed(argv, 2, [words])
         if isinstance(error, ImportError) and NO_LIBRARY in str(error):

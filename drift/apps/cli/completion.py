@@ -1,6 +1,7 @@
 """What makes a shell complete words of the command line: commands, options, shipped cases, files.
 
-The script is shtab's (Casper da Costa-Luis), made from the grammar; it is printed, and nothing is installed.
+The script is shtab's (Casper da Costa-Luis), made from the grammar; it is printed, and nothing is
+installed.
 """
 
 import argparse
@@ -17,7 +18,9 @@ def script(whole: argparse.ArgumentParser, shell: str) -> str:
     try:
         import shtab
     except ImportError:
-        raise UserError('--print-completion needs shtab: pip install -e ".[completion]" where drift lies') from None
+        raise UserError(
+            '--print-completion needs shtab: pip install -e ".[completion]" where drift lies'
+        ) from None
 
     cases = _words("cases", [name for name, _ in case_file.shipped()], files="toml")
     known = {
@@ -44,7 +47,9 @@ def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 
 def _words(name: str, words: list[str], files: str = "") -> dict[str, Any]:
-    """Return what completes some words and, where `files` says, files of that ending and folders; by shell."""
+    """Return what completes some words and, where `files` says, files of that ending and folders;
+    by shell.
+    """
     listed = " ".join(words)
     bash = [f'compgen -W "{listed}" -- "$1"']
     zsh, fish = [f"'{name}:{name}:({listed})'"], [f"printf '%s\\n' {listed}"]

@@ -17,7 +17,9 @@ def experiment(given: argparse.Namespace) -> Answer:
         if given.seed is not None:
             changes["seed"] = str(given.seed)
         named = [_variant(text) for text in given.variants]
-        if twice := sorted({name for name, _ in named if [other for other, _ in named].count(name) > 1}):
+        if twice := sorted(
+            {name for name, _ in named if [other for other, _ in named].count(name) > 1}
+        ):
             raise UserError(f'--with "{twice[0]}": there are two of this name')
         variants = dict(named)
         out = given.out or Path(f"{Path(given.case).stem}-experiment")
@@ -25,13 +27,25 @@ def experiment(given: argparse.Namespace) -> Answer:
         from drift.assess.experiment import command, text
     with progress.progress(quiet=given.quiet or given.json) as tell:
         found = command.experiment(
-            given.case, out, changes=changes, variants=variants, figures=given.figures, runs=given.runs,
-            backend=given.backend, threads=given.threads, overwrite=given.overwrite, tell=tell,
-        )  # fmt: skip
+            given.case,
+            out,
+            changes=changes,
+            variants=variants,
+            figures=given.figures,
+            runs=given.runs,
+            backend=given.backend,
+            threads=given.threads,
+            overwrite=given.overwrite,
+            tell=tell,
+        )
     cards.say_choice(given)
     lines = (f"{found.runs:,} runs, each of {found.about}; seed {found.seed}", f"Results in {out}")
     return Answer(
-        found.title, text.experiment_facts(found), lines, {"experiment": text.summary_of_experiment(found)}, out
+        found.title,
+        text.experiment_facts(found),
+        lines,
+        {"experiment": text.summary_of_experiment(found)},
+        out,
     )
 
 
@@ -46,12 +60,23 @@ def track(given: argparse.Namespace) -> Answer:
         from drift.apps.track import command, files, text
     with progress.progress(quiet=given.quiet or given.json) as tell:
         found = command.track(
-            given.case, out, changes=changes, backend=given.backend, threads=given.threads, overwrite=given.overwrite,
+            given.case,
+            out,
+            changes=changes,
+            backend=given.backend,
+            threads=given.threads,
+            overwrite=given.overwrite,
             tell=tell,
-        )  # fmt: skip
+        )
     cards.say_choice(given)
     lines = (f"Map in {out / 'track.png'}, all results in {out}",)
-    return Answer(found.held.study.title, text.track_facts(found), lines, {"track": files.summary_of_track(found)}, out)
+    return Answer(
+        found.held.study.title,
+        text.track_facts(found),
+        lines,
+        {"track": files.summary_of_track(found)},
+        out,
+    )
 
 
 def checked(given: argparse.Namespace) -> Answer:
@@ -65,7 +90,9 @@ def checked(given: argparse.Namespace) -> Answer:
         changes["seed"] = str(given.seed)
     study = tracking.load(given.case, changes)
     chase.check(study, chase.land())
-    return Answer(f"{study.title}: ready to run", said.tracking_facts(study), numbers={"ready": True})
+    return Answer(
+        f"{study.title}: ready to run", said.tracking_facts(study), numbers={"ready": True}
+    )
 
 
 def _variant(text: str) -> tuple[str, dict[str, str]]:
@@ -75,4 +102,6 @@ def _variant(text: str) -> tuple[str, dict[str, str]]:
         raise UserError(
             f'--with "{text}" must be NAME: KEY=VALUE, several with ; between, like "wet: scenario.0.weight=0.2"'
         )
-    return name.strip(), take.changed([change.strip() for change in changes.split(";") if change.strip()], "--with")
+    return name.strip(), take.changed(
+        [change.strip() for change in changes.split(";") if change.strip()], "--with"
+    )

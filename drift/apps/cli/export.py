@@ -14,9 +14,15 @@ def add(commands: Any) -> argparse.ArgumentParser:
     export: argparse.ArgumentParser = commands.add_parser(
         "export", help="write a finished run for Google Earth, chart plotters, ECDIS or a GIS"
     )
-    export.add_argument("folder", metavar="FOLDER", help="results of drift run, drift plan or drift origin")
-    export.add_argument("format", metavar="FORMAT", choices=FORMATS, help=f"{', '.join(FORMATS)} (docs/formats.md)")
-    export.add_argument("--out", type=Path, metavar="DIR", help="folder for the files (default: FOLDER-FORMAT)")
+    export.add_argument(
+        "folder", metavar="FOLDER", help="results of drift run, drift plan or drift origin"
+    )
+    export.add_argument(
+        "format", metavar="FORMAT", choices=FORMATS, help=f"{', '.join(FORMATS)} (docs/formats.md)"
+    )
+    export.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for the files (default: FOLDER-FORMAT)"
+    )
     export.add_argument(
         "--time",
         action="append",
@@ -25,7 +31,9 @@ def add(commands: Any) -> argparse.ArgumentParser:
         metavar="TIME",
         help="an output that is wanted, like '+12 h' or 221200ZNOV26; may be repeated (default: all)",
     )
-    export.add_argument("--overwrite", action="store_true", help="replace files that an earlier export wrote there")
+    export.add_argument(
+        "--overwrite", action="store_true", help="replace files that an earlier export wrote there"
+    )
     return export
 
 
@@ -34,7 +42,9 @@ def run(given: argparse.Namespace) -> Answer:
     from drift.apps.export import exporter
     from drift.products.files import manifest
 
-    paths = exporter.export(given.folder, given.format, given.out, times=given.times, overwrite=given.overwrite)
+    paths = exporter.export(
+        given.folder, given.format, given.out, times=given.times, overwrite=given.overwrite
+    )
     names = [path.name for path in paths if path.name != manifest.NAME]
     listed = ", ".join(names) if len(names) <= 4 else f"{len(names)} files"
     folder = paths[0].parent

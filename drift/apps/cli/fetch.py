@@ -19,8 +19,12 @@ def add(commands: Any) -> argparse.ArgumentParser:
     fetch: argparse.ArgumentParser = commands.add_parser(
         "fetch", help="fetch winds and currents for a case, or a box and a span, from providers"
     )
-    fetch.add_argument("case", metavar="CASE", nargs="?", help="case file, or a shipped case's name")
-    fetch.add_argument("--box", metavar="W,S,E,N", help="west,south,east,north [deg] in place of the case's domain")
+    fetch.add_argument(
+        "case", metavar="CASE", nargs="?", help="case file, or a shipped case's name"
+    )
+    fetch.add_argument(
+        "--box", metavar="W,S,E,N", help="west,south,east,north [deg] in place of the case's domain"
+    )
     fetch.add_argument("--from", dest="begin", metavar="TIME", help="in place of the case's start")
     fetch.add_argument("--to", dest="end", metavar="TIME", help="in place of the case's end")
     fetch.add_argument(
@@ -39,17 +43,34 @@ def add(commands: Any) -> argparse.ArgumentParser:
         choices=tuple(QUANTITIES),
         help="may be repeated (default: current and wind, or those of the providers)",
     )
-    fetch.add_argument("--out", type=Path, metavar="DIR", help="folder for the files (default: NAME-forcing)")
-    fetch.add_argument("--catalogue", type=Path, metavar="FILE", help="providers of your own (docs/fetch.md)")
     fetch.add_argument(
-        "--timeout", type=float, default=60.0, metavar="S", help="a server's longest silence (default: 60 s)"
+        "--out", type=Path, metavar="DIR", help="folder for the files (default: NAME-forcing)"
     )
-    fetch.add_argument("--list", action="store_true", dest="listed", help="list the providers and end")
+    fetch.add_argument(
+        "--catalogue", type=Path, metavar="FILE", help="providers of your own (docs/fetch.md)"
+    )
+    fetch.add_argument(
+        "--timeout",
+        type=float,
+        default=60.0,
+        metavar="S",
+        help="a server's longest silence (default: 60 s)",
+    )
+    fetch.add_argument(
+        "--list", action="store_true", dest="listed", help="list the providers and end"
+    )
     fetch.add_argument("--dry-run", action="store_true", help="ask how much it is and end")
     fetch.add_argument("--yes", action="store_true", help="fetch large amounts without asking")
-    fetch.add_argument("--overwrite", action="store_true", help="replace files that an earlier fetch wrote there")
     fetch.add_argument(
-        "--set", action="append", default=[], dest="changes", metavar="KEY=VALUE", help="change a key of the case"
+        "--overwrite", action="store_true", help="replace files that an earlier fetch wrote there"
+    )
+    fetch.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        dest="changes",
+        metavar="KEY=VALUE",
+        help="change a key of the case",
     )
     return fetch
 
@@ -63,7 +84,9 @@ def run(given: argparse.Namespace) -> Answer:
 
     if not 0 < given.timeout < 1e6:
         raise UserError(f"--timeout {given.timeout:g} must be a number of seconds above 0")
-    where = fetching.ordered_span(given.case, given.box, given.begin, given.end, take.changed(given.changes))
+    where = fetching.ordered_span(
+        given.case, given.box, given.begin, given.end, take.changed(given.changes)
+    )
     out = given.out or Path(f"{Path(given.case).stem}-{SUFFIX}" if given.case else SUFFIX)
     ordered = fetching.orders(
         *where,
@@ -103,10 +126,15 @@ def run(given: argparse.Namespace) -> Answer:
         _agree(left, asked=aloud)
     try:
         with progress.progress(quiet=not aloud) as report:
-            fetched = fetching.carry_out(out, shipments, overwrite=given.overwrite, report=report, tell=_tell)
+            fetched = fetching.carry_out(
+                out, shipments, overwrite=given.overwrite, report=report, tell=_tell
+            )
     except BaseException as error:
         if not isinstance(error, Exception):  # Ctrl-C, or a request to end
-            print("drift: what was fetched is kept; the same command goes on from there", file=sys.stderr)
+            print(
+                "drift: what was fetched is kept; the same command goes on from there",
+                file=sys.stderr,
+            )
         raise
     lines = (f"{len(fetched.files)} files in {out}. For the case:\n\n{fetched.tables}",)
     numbers |= {"files": [path.name for path in fetched.files], "tables": fetched.tables}
@@ -125,16 +153,22 @@ def _list(own: Path | None) -> Answer:
             page.add_row(*(getattr(one, column) for column in columns))
         terminal.show(page)
 
-    return Answer(numbers={"providers": [{c: getattr(one, c) for c in columns} for one in known]}, show=show)
+    return Answer(
+        numbers={"providers": [{c: getattr(one, c) for c in columns} for one in known]}, show=show
+    )
 
 
 def _agree(size: float, *, asked: bool) -> None:
     """Ask whether to fetch so much; where nobody can be asked, refuse."""
     from drift.apps.fetch import parts
 
-    much = f"about {parts.size_in_words(size)}" if size else "an amount that is not known beforehand"
+    much = (
+        f"about {parts.size_in_words(size)}" if size else "an amount that is not known beforehand"
+    )
     if not asked or not sys.stdin or not sys.stdin.isatty():
-        raise UserError(f"this is {much}: add --yes to fetch it, or ask for a smaller box or a shorter span")
+        raise UserError(
+            f"this is {much}: add --yes to fetch it, or ask for a smaller box or a shorter span"
+        )
     print(f"Fetch {much}? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise UserError("nothing was fetched")

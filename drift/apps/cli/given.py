@@ -1,4 +1,6 @@
-"""What the command line gives, as commands take it: cases, quantities, boxes, files; or a refusal in a line."""
+"""What the command line gives, as commands take it: cases, quantities, boxes, files; or a refusal
+in a line.
+"""
 
 import argparse
 import math
@@ -13,15 +15,23 @@ FARTHEST = 20_000_000.0  # [m] no two points of the Earth are farther apart
 
 
 def case(
-    name: str, changes: Sequence[str], seed: int | None, option: str = "--set", along: Collection[str] = ()
+    name: str,
+    changes: Sequence[str],
+    seed: int | None,
+    option: str = "--set",
+    along: Collection[str] = (),
 ) -> Any:
-    """Return a case file or a shipped case with its changes; along: quantities that it needs no sources of."""
+    """Return a case file or a shipped case with its changes; along: quantities that it needs no
+    sources of.
+    """
     from drift.case import file as case_file
 
     try:
         os.getcwd()
     except OSError as error:
-        raise UserError(f"the current folder is not there any more ({error.strerror}); go to one that is") from None
+        raise UserError(
+            f"the current folder is not there any more ({error.strerror}); go to one that is"
+        ) from None
     overrides = changed(changes, option)
     if seed is not None:
         overrides["seed"] = str(seed)
@@ -65,7 +75,9 @@ def memory(text: str | None) -> float | None:
 
 
 def probable_error(text: str) -> float:
-    """Return the standard deviation [m] in each component of errors of which half are within a radius."""
+    """Return the standard deviation [m] in each component of errors of which half are within a
+    radius.
+    """
     from drift.case.values import units
 
     try:
@@ -73,7 +85,9 @@ def probable_error(text: str) -> float:
     except ValueError as error:
         raise UserError(f'--error: {error}; or write "fit"') from None
     if not 0 <= radius <= FARTHEST:
-        raise UserError(f'--error "{text}" must be from 0 to {FARTHEST / 1000:,.0f} km, half round the Earth')
+        raise UserError(
+            f'--error "{text}" must be from 0 to {FARTHEST / 1000:,.0f} km, half round the Earth'
+        )
     return radius / math.sqrt(2 * math.log(2))
 
 
@@ -84,7 +98,9 @@ def box(text: str) -> Any:
     try:
         west, south, east, north = (float(part) for part in text.split(","))
     except ValueError:
-        raise UserError(f'--without "{text}" must be west,south,east,north in degrees, like -98,18,-80,31') from None
+        raise UserError(
+            f'--without "{text}" must be west,south,east,north in degrees, like -98,18,-80,31'
+        ) from None
     if not (-180 <= west <= 360 and -180 <= east <= 360 and -90 <= south < north <= 90):
         raise UserError(
             f'--without "{text}": longitudes are -180 to 360, latitudes -90 to 90, and south is below north; '
@@ -118,8 +134,15 @@ def check_file(path: Path, option: str, suffix: str) -> None:
     folder = path.absolute().parent
     try:
         there = os.path.lexists(path) and not (path.is_file() and os.access(path, os.W_OK))
-        if path.suffix.lower() != suffix or not folder.is_dir() or len(os.fsencode(path.name)) > 255 or there:
-            raise UserError(f"{option} {str(path)[:300]}: must be a {suffix} file in a folder that exists")
+        if (
+            path.suffix.lower() != suffix
+            or not folder.is_dir()
+            or len(os.fsencode(path.name)) > 255
+            or there
+        ):
+            raise UserError(
+                f"{option} {str(path)[:300]}: must be a {suffix} file in a folder that exists"
+            )
     except (OSError, ValueError) as error:
         raise UserError(f"{option} {str(path)[:300]!a}: {error}; name another file") from None
     if not os.access(folder, os.W_OK | os.X_OK):
@@ -127,12 +150,16 @@ def check_file(path: Path, option: str, suffix: str) -> None:
 
 
 def replace(path: Path, option: str, write: Callable[[Path], object]) -> None:
-    """Write a file beside its place and move it there once it is whole; raise UserError where that is not possible."""
+    """Write a file beside its place and move it there once it is whole; raise UserError where that
+    is not possible.
+    """
     half = path.with_name(f".{path.name[:100]}.{os.getpid()}{path.suffix}")
     try:
         write(half)
         os.replace(half, os.path.realpath(path))
     except OSError as error:
-        raise UserError(f"{option} {path}: cannot be written ({error.strerror}); name another file") from error
+        raise UserError(
+            f"{option} {path}: cannot be written ({error.strerror}); name another file"
+        ) from error
     finally:
         half.unlink(missing_ok=True)

@@ -29,7 +29,9 @@ EXAMPLES = """examples:
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line, and for which a minus and a digit begin a value, not an option."""
+    """An argument parser whose errors are one line, and for which a minus and a digit begin a
+    value, not an option.
+    """
 
     def __init__(self, *args: Any, **options: Any) -> None:
         """Take what argparse takes."""
@@ -52,9 +54,11 @@ def parser() -> Parser:
     )
     whole.add_argument("--version", action="store_true", help="print the version")
     whole.add_argument(
-        "--print-completion", choices=SHELLS, metavar="SHELL",
+        "--print-completion",
+        choices=SHELLS,
+        metavar="SHELL",
         help=f"print what makes a shell complete words of drift: {', '.join(SHELLS)}",
-    )  # fmt: skip
+    )
     whole.set_defaults(json=False, quiet=False)
     commands = whole.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
 
@@ -73,7 +77,9 @@ def parser() -> Parser:
     _add_scale(plan)
     _add_cluster(plan)
 
-    origin = commands.add_parser("origin", help="run a spill backward from its finds to where it may have come from")
+    origin = commands.add_parser(
+        "origin", help="run a spill backward from its finds to where it may have come from"
+    )
     _add_case(origin)
     _add_results(origin, "NAME-origin")
 
@@ -84,7 +90,9 @@ def parser() -> Parser:
 
     _add_verify(commands)
 
-    fit = commands.add_parser("fit-errors", help="fit a case's [uncertainty] to the tracks of real drifters")
+    fit = commands.add_parser(
+        "fit-errors", help="fit a case's [uncertainty] to the tracks of real drifters"
+    )
     _add_case(fit)
     _add_drifters(fit)
     _add_output(fit, quiet=False)
@@ -100,7 +108,8 @@ def parser() -> Parser:
     _add_sensor(commands)
     _add_experiment(commands)
     track = commands.add_parser(
-        "track", help="follow a target by the detections there are: its track, its areas, and where to look for it"
+        "track",
+        help="follow a target by the detections there are: its track, its areas, and where to look for it",
     )
     _add_case(track)
     _add_results(track, "NAME-track")
@@ -113,12 +122,18 @@ def parser() -> Parser:
     _add_output(cases, quiet=False)
 
     new = commands.add_parser("new", help="write a commented case to begin with")
-    new.add_argument("story", metavar="TEMPLATE", help="position, passage, spill, search or contact")
-    new.add_argument("file", type=Path, nargs="?", metavar="FILE", help="a new file (default: TEMPLATE.toml)")
+    new.add_argument(
+        "story", metavar="TEMPLATE", help="position, passage, spill, search or contact"
+    )
+    new.add_argument(
+        "file", type=Path, nargs="?", metavar="FILE", help="a new file (default: TEMPLATE.toml)"
+    )
     _add_output(new)
 
     objects = commands.add_parser("objects", help="list leeway classes, or search them")
-    objects.add_argument("words", nargs="*", metavar="WORDS", help="only classes that hold every word")
+    objects.add_argument(
+        "words", nargs="*", metavar="WORDS", help="only classes that hold every word"
+    )
     _add_output(objects, quiet=False)
 
     _add_info(commands)
@@ -141,7 +156,10 @@ def _add_case(command: argparse.ArgumentParser) -> None:
 
 def _add_drifters(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--drifters", required=True, metavar="FILE", help="tracks of real drifters: CSV, or netCDF with CF trajectories"
+        "--drifters",
+        required=True,
+        metavar="FILE",
+        help="tracks of real drifters: CSV, or netCDF with CF trajectories",
     )
     command.add_argument(
         "--columns",
@@ -151,10 +169,16 @@ def _add_drifters(command: argparse.ArgumentParser) -> None:
         f"{', '.join(f'{quantity}_' for quantity in QUANTITIES if quantity != 'current')} likewise",
     )
     command.add_argument(
-        "--max-gap", default="3 h", metavar="TIME", help="longest time between fixes that is spanned (default: 3 h)"
+        "--max-gap",
+        default="3 h",
+        metavar="TIME",
+        help="longest time between fixes that is spanned (default: 3 h)",
     )
     command.add_argument(
-        "--max-speed", default="3 m/s", metavar="SPEED", help="fixes that need more are not believed (default: 3 m/s)"
+        "--max-speed",
+        default="3 m/s",
+        metavar="SPEED",
+        help="fixes that need more are not believed (default: 3 m/s)",
     )
     command.add_argument(
         "--ends-aground",
@@ -164,41 +188,62 @@ def _add_drifters(command: argparse.ArgumentParser) -> None:
 
 
 def _add_results(command: argparse.ArgumentParser, folder: str) -> None:
-    command.add_argument("--out", type=Path, metavar="DIR", help=f"folder for the results (default: {folder})")
     command.add_argument(
-        "--threads", type=int, metavar="N", help="CPU threads (default: all); the result doesn't change"
+        "--out", type=Path, metavar="DIR", help=f"folder for the results (default: {folder})"
     )
     command.add_argument(
-        "--backend", choices=BACKENDS, default="cpu",
+        "--threads",
+        type=int,
+        metavar="N",
+        help="CPU threads (default: all); the result doesn't change",
+    )
+    command.add_argument(
+        "--backend",
+        choices=BACKENDS,
+        default="cpu",
         help="where the particles move: on the processor or on a graphics card; auto: on a card if there is one and it is "
         "worth it (default: cpu)",
-    )  # fmt: skip
-    command.add_argument("--overwrite", action="store_true", help="replace results that the folder holds")
+    )
+    command.add_argument(
+        "--overwrite", action="store_true", help="replace results that the folder holds"
+    )
     _add_output(command)
 
 
 def _add_scale(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--memory", metavar="SIZE", help='memory that it may take, as "4 GB" (default: half of what is free); more particles '
+        "--memory",
+        metavar="SIZE",
+        help='memory that it may take, as "4 GB" (default: half of what is free); more particles '
         "than fit are moved in shards, and a run that was stopped goes on with those that are missing",
-    )  # fmt: skip
+    )
     command.add_argument(
-        "--shards", type=int, metavar="N", help="cut the particles into so many shards; the result doesn't change"
+        "--shards",
+        type=int,
+        metavar="N",
+        help="cut the particles into so many shards; the result doesn't change",
     )
 
 
 def _add_resume(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--resume", action="store_true", help="do nothing where the folder holds the results of exactly this run, else make "
+        "--resume",
+        action="store_true",
+        help="do nothing where the folder holds the results of exactly this run, else make "
         "them: go on where this run was stopped, and replace results of another one once the new ones are complete",
-    )  # fmt: skip
+    )
 
 
 def _add_cluster(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--workers", type=int, metavar="N", help="deal the shards out to so many processes of this machine"
+        "--workers",
+        type=int,
+        metavar="N",
+        help="deal the shards out to so many processes of this machine",
     )
-    command.add_argument("--cluster", metavar="ADDRESS", help="deal them out to a dask cluster, as tcp://head:8786")
+    command.add_argument(
+        "--cluster", metavar="ADDRESS", help="deal them out to a dask cluster, as tcp://head:8786"
+    )
 
 
 def _add_output(command: argparse.ArgumentParser, *, quiet: bool = True) -> None:
@@ -209,7 +254,9 @@ def _add_output(command: argparse.ArgumentParser, *, quiet: bool = True) -> None
 
 
 def _add_compare(commands: Any) -> None:
-    compare = commands.add_parser("compare", help="run two cases on the same random numbers and say what differs")
+    compare = commands.add_parser(
+        "compare", help="run two cases on the same random numbers and say what differs"
+    )
     _add_case(compare)
     compare.add_argument(
         "other",
@@ -218,46 +265,76 @@ def _add_compare(commands: Any) -> None:
         help="the case that is compared with it (default: the same, changed by --set-b)",
     )
     compare.add_argument(
-        "--set-b", action="append", default=[], dest="changes_b", metavar="KEY=VALUE",
+        "--set-b",
+        action="append",
+        default=[],
+        dest="changes_b",
+        metavar="KEY=VALUE",
         help="change one place of B alone, where --set changes both; may be repeated",
-    )  # fmt: skip
+    )
     compare.add_argument(
-        "--plan", action="store_true", help="plan the next search of each too, and compare what it finds"
+        "--plan",
+        action="store_true",
+        help="plan the next search of each too, and compare what it finds",
     )
     _add_results(compare, "NAME-compare")
 
 
 def _add_verify(commands: Any) -> None:
-    verify = commands.add_parser("verify", help="forecast real drifters from many starts and say how that went")
+    verify = commands.add_parser(
+        "verify", help="forecast real drifters from many starts and say how that went"
+    )
     _add_case(verify)
     _add_drifters(verify)
-    verify.add_argument("--every", default="12 h", metavar="TIME", help="time between starts (default: 12 h)")
-    verify.add_argument("--hours", type=float, default=24, metavar="N", help="length of a forecast (default: 24)")
+    verify.add_argument(
+        "--every", default="12 h", metavar="TIME", help="time between starts (default: 12 h)"
+    )
+    verify.add_argument(
+        "--hours", type=float, default=24, metavar="N", help="length of a forecast (default: 24)"
+    )
     verify.add_argument(
         "--error",
         default="100 m",
         metavar="LENGTH",
         help="radius that holds half of the fixes' errors (default: 100 m)",
     )
-    verify.add_argument("--particles", type=int, default=4000, metavar="N", help="in each forecast (default: 4000)")
+    verify.add_argument(
+        "--particles", type=int, default=4000, metavar="N", help="in each forecast (default: 4000)"
+    )
     _add_results(verify, "NAME-verify")
 
 
 def _add_bridge(commands: Any) -> None:
     bridge = commands.add_parser(
-        "bridge", help="say where something is between known places, and when it crosses a line, without particles"
+        "bridge",
+        help="say where something is between known places, and when it crosses a line, without particles",
     )
-    bridge.add_argument("file", metavar="FILE", help="way points, lines and times as TOML (docs/bridges.md)")
-    bridge.add_argument("--k", metavar="RATE", help="another spread rate than the file's, like '24 nmi/sqrt(h)'")
-    bridge.add_argument("--out", type=Path, metavar="PNG", help="draw the areas on the coast, and the crossing times")
-    bridge.add_argument("--geojson", type=Path, metavar="FILE", help="write the areas and mean positions as GeoJSON")
+    bridge.add_argument(
+        "file", metavar="FILE", help="way points, lines and times as TOML (docs/bridges.md)"
+    )
+    bridge.add_argument(
+        "--k", metavar="RATE", help="another spread rate than the file's, like '24 nmi/sqrt(h)'"
+    )
+    bridge.add_argument(
+        "--out",
+        type=Path,
+        metavar="PNG",
+        help="draw the areas on the coast, and the crossing times",
+    )
+    bridge.add_argument(
+        "--geojson", type=Path, metavar="FILE", help="write the areas and mean positions as GeoJSON"
+    )
     _add_output(bridge)
 
 
 def _add_fit_bridge(commands: Any) -> None:
-    fit = commands.add_parser("fit-bridge", help="fit the spread rate K of Brownian bridges to real tracks")
+    fit = commands.add_parser(
+        "fit-bridge", help="fit the spread rate K of Brownian bridges to real tracks"
+    )
     fit.add_argument(
-        "tracks", metavar="TRACKS", help="CSV with ship (or id), time, lon, lat; or netCDF with CF trajectories"
+        "tracks",
+        metavar="TRACKS",
+        help="CSV with ship (or id), time, lon, lat; or netCDF with CF trajectories",
     )
     fit.add_argument(
         "--by",
@@ -266,17 +343,26 @@ def _add_fit_bridge(commands: Any) -> None:
         help="the likelihood: fixes against their neighbours, all steps with a mean velocity, or without "
         "(default: neighbours)",
     )
-    fit.add_argument("--every", metavar="TIME", help="thin the tracks to fixes so far apart, like '6 h' (default: all)")
+    fit.add_argument(
+        "--every",
+        metavar="TIME",
+        help="thin the tracks to fixes so far apart, like '6 h' (default: all)",
+    )
     fit.add_argument(
         "--max-gap",
         metavar="TIME",
         help="longest time from fix to fix that counts (default: 1.5 times --every, or 24 h)",
     )
     fit.add_argument(
-        "--min-speed", metavar="SPEED", help="only steps faster than this from fix to fix, like '5 kn' (default: all)"
+        "--min-speed",
+        metavar="SPEED",
+        help="only steps faster than this from fix to fix, like '5 kn' (default: all)",
     )
     fit.add_argument(
-        "--max-speed", default="60 kn", metavar="SPEED", help="fixes that need more are not believed (default: 60 kn)"
+        "--max-speed",
+        default="60 kn",
+        metavar="SPEED",
+        help="fixes that need more are not believed (default: 60 kn)",
     )
     fit.add_argument(
         "--error",
@@ -304,53 +390,91 @@ def _add_experiment(commands: Any) -> None:
     )
     _add_case(experiment)
     experiment.add_argument(
-        "--runs", type=int, metavar="N", help="how many of each (default: 20, or the tracking case's)"
+        "--runs",
+        type=int,
+        metavar="N",
+        help="how many of each (default: 20, or the tracking case's)",
     )
     experiment.add_argument(
-        "--with", action="append", default=[], dest="variants", metavar="NAME:KEY=VALUE",
+        "--with",
+        action="append",
+        default=[],
+        dest="variants",
+        metavar="NAME:KEY=VALUE",
         help="run it also with one place changed, several with ; between; may be repeated",
-    )  # fmt: skip
+    )
     experiment.add_argument(
-        "--figure", action="append", default=[], dest="figures", metavar="PATH",
+        "--figure",
+        action="append",
+        default=[],
+        dest="figures",
+        metavar="PATH",
         help="a number of summary.json, like outputs.-1.area_nmi2.95%%, * at the end for all; may be repeated (default: "
         "areas, POS, evidence)",
-    )  # fmt: skip
+    )
     _add_results(experiment, "NAME-experiment")
 
 
 def _add_sensor(commands: Any) -> None:
-    sensor = commands.add_parser("sensor", help="say where a sensor of a case would hear, or see, a target")
+    sensor = commands.add_parser(
+        "sensor", help="say where a sensor of a case would hear, or see, a target"
+    )
     _add_case(sensor)
     sensor.add_argument("name", metavar="NAME", help="of its [[sensor]] table")
     sensor.add_argument(
-        "--time", metavar="TIME", help="when, like 211830ZNOV26 or '+6 h' (default: the start of the case, or of the one "
+        "--time",
+        metavar="TIME",
+        help="when, like 211830ZNOV26 or '+6 h' (default: the start of the case, or of the one "
         "sortie that carries the sensor)",
-    )  # fmt: skip
-    sensor.add_argument(
-        "--at", metavar="POSITION", help="where, like '36 00N 070 00W', of a sensor whose table does not say (default: where "
-        "the one sortie that carries it is then)",
-    )  # fmt: skip
-    sensor.add_argument("--heading", metavar="DEG", help="of the array of a sensor that is placed by --at")
-    sensor.add_argument("--beams", metavar="1,4", help="numbers of the beams that are listened to (default: all)")
-    sensor.add_argument(
-        "--scenario", metavar="SCENARIO", help="whose source level is heard (default: the likeliest beforehand)"
     )
     sensor.add_argument(
-        "--speed", metavar="SPEED", help="of the target, like '8 kn', where its source level goes by speed (default: the "
+        "--at",
+        metavar="POSITION",
+        help="where, like '36 00N 070 00W', of a sensor whose table does not say (default: where "
+        "the one sortie that carries it is then)",
+    )
+    sensor.add_argument(
+        "--heading", metavar="DEG", help="of the array of a sensor that is placed by --at"
+    )
+    sensor.add_argument(
+        "--beams", metavar="1,4", help="numbers of the beams that are listened to (default: all)"
+    )
+    sensor.add_argument(
+        "--scenario",
+        metavar="SCENARIO",
+        help="whose source level is heard (default: the likeliest beforehand)",
+    )
+    sensor.add_argument(
+        "--speed",
+        metavar="SPEED",
+        help="of the target, like '8 kn', where its source level goes by speed (default: the "
         "slowest that is given)",
-    )  # fmt: skip
-    sensor.add_argument("--out", type=Path, metavar="DIR", help="folder for the results (default: CASE-sensor-NAME)")
-    sensor.add_argument("--overwrite", action="store_true", help="replace results that the folder holds")
+    )
+    sensor.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for the results (default: CASE-sensor-NAME)"
+    )
+    sensor.add_argument(
+        "--overwrite", action="store_true", help="replace results that the folder holds"
+    )
     _add_output(sensor)
 
 
 def _add_info(commands: Any) -> None:
-    info = commands.add_parser("info", help="say how a forcing file was understood, or which graphics cards there are")
-    info.add_argument(
-        "files", nargs="*", metavar="FILE", help="files of one source: joined in time, u and v may be apart"
+    info = commands.add_parser(
+        "info", help="say how a forcing file was understood, or which graphics cards there are"
     )
-    info.add_argument("--backend", action="store_true", help="list graphics cards, and what --backend auto takes")
-    info.add_argument("--as", choices=tuple(QUANTITIES), dest="quantity", help="read the files as this quantity")
+    info.add_argument(
+        "files",
+        nargs="*",
+        metavar="FILE",
+        help="files of one source: joined in time, u and v may be apart",
+    )
+    info.add_argument(
+        "--backend", action="store_true", help="list graphics cards, and what --backend auto takes"
+    )
+    info.add_argument(
+        "--as", choices=tuple(QUANTITIES), dest="quantity", help="read the files as this quantity"
+    )
     info.add_argument(
         "--set",
         action="append",

@@ -49,7 +49,8 @@ def run(given: argparse.Namespace) -> Answer:
 
 
 def _expected(case: Any, numbers: Mapping[str, Any]) -> tuple[dict[str, str], dict[str, Any], int]:
-    """Compare a run with its case's [expect]: return a line, numbers for programs, and the exit status.
+    """Compare a run with its case's [expect]: return a line, numbers for programs, and the exit
+    status.
 
     numbers: those of its summary.
     """
@@ -88,11 +89,19 @@ def plan(given: argparse.Namespace) -> Answer:
             else:
                 search_plan, _ = planner.plan(case, out, client=client, **options)
     if case.processing:
-        told, numbers = processing_text.processing_facts(processed), processing_text.plan_numbers(processed)
+        told, numbers = (
+            processing_text.processing_facts(processed),
+            processing_text.plan_numbers(processed),
+        )
         line = f"Plan of processing in {out / 'processing.txt'}, all results in {out}"
         if processed.towed is not None:
             towed = placement_text.placement_facts(processed.towed)
-            told = {"towed arrays": towed.pop("plan")} | towed | {"processing": told.pop("plan")} | told
+            told = (
+                {"towed arrays": towed.pop("plan")}
+                | towed
+                | {"processing": told.pop("plan")}
+                | told
+            )
             numbers = {"arrays": placement_text.summary_of_placement(processed.towed)} | numbers
             line = f"Plan of towed arrays in {out / 'arrays.txt'}, of processing in {out / 'processing.txt'}, all results in {out}"
         return Answer(case.title, told, (line,), numbers, out)
@@ -107,12 +116,21 @@ def plan(given: argparse.Namespace) -> Answer:
         )
     if case.spill:
         assert result.aftermath is not None
-        told, line = patrol_files.patrol_facts(patrols, result.aftermath), f"Patrols in {out / 'patrols.txt'}"
+        told, line = (
+            patrol_files.patrol_facts(patrols, result.aftermath),
+            f"Patrols in {out / 'patrols.txt'}",
+        )
         return Answer(
-            case.title, told, (f"{line}, all results in {out}",), patrol_files.summary_of_patrols(patrols), out
+            case.title,
+            told,
+            (f"{line}, all results in {out}",),
+            patrol_files.summary_of_patrols(patrols),
+            out,
         )
     line = f"Search action plan in {out / 'plan.txt'}, all results in {out}"
-    return Answer(case.title, outcome.plan(search_plan), (line,), outcome.plan_numbers(search_plan), out)
+    return Answer(
+        case.title, outcome.plan(search_plan), (line,), outcome.plan_numbers(search_plan), out
+    )
 
 
 def origin(given: argparse.Namespace) -> Answer:
@@ -143,7 +161,11 @@ def compare(given: argparse.Namespace) -> Answer:
             other = take.case(given.other or given.case, both, given.seed)
         found = contrast.compare(case, other, out, plan=given.plan, **options)
     return Answer(
-        found.title, text.comparison_facts(found), (f"Results in {out}",), text.summary_of_comparison(found), out
+        found.title,
+        text.comparison_facts(found),
+        (f"Results in {out}",),
+        text.summary_of_comparison(found),
+        out,
     )
 
 
@@ -173,7 +195,9 @@ def fit_errors(given: argparse.Namespace) -> Answer:
     """Fit a case's [uncertainty] to real drifters."""
     drifters = take.drifters(given)
     with interrupt.leaving_at_once():  # nothing is written
-        case = take.case(given.case, given.changes, given.seed, along=take.along(drifters["columns"]))
+        case = take.case(
+            given.case, given.changes, given.seed, along=take.along(drifters["columns"])
+        )
         from drift.assess.verify import fitting, fitting_text
 
         fitted = fitting.fit_errors(case, given.drifters, held_out=given.hold_out, **drifters)
@@ -196,7 +220,11 @@ def check(given: argparse.Namespace) -> Answer:
 
         understood = check.check(case)
     ready = "warning" not in understood
-    return Answer(f"{case.title}: {'ready to run' if ready else 'not ready'}", understood, numbers={"ready": ready})
+    return Answer(
+        f"{case.title}: {'ready to run' if ready else 'not ready'}",
+        understood,
+        numbers={"ready": ready},
+    )
 
 
 @contextmanager
@@ -219,7 +247,10 @@ def _started(
 
         cores = runtime.cores()
         if given.threads is not None and given.threads > cores:
-            print(f"drift: --threads {given.threads}: runs on {cores}, all the cores it may use here", file=sys.stderr)
+            print(
+                f"drift: --threads {given.threads}: runs on {cores}, all the cores it may use here",
+                file=sys.stderr,
+            )
 
     scale = take.scale(given) if hasattr(given, "shards") else {}
     elsewhere = getattr(given, "workers", None) or getattr(given, "cluster", None)
@@ -237,5 +268,10 @@ def _started(
             interrupt.heed()
             show(phase, share)
 
-        options = {"threads": given.threads, "backend": given.backend, "overwrite": given.overwrite, "report": report}
+        options = {
+            "threads": given.threads,
+            "backend": given.backend,
+            "overwrite": given.overwrite,
+            "report": report,
+        }
         yield case, out, options

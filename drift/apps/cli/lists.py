@@ -26,7 +26,9 @@ def cases(given: argparse.Namespace) -> Answer:
         terminal.show(table)
 
     told = {"cases": shipped, "tracking_cases": tracking}
-    numbers = {key: [{"name": name, "title": title} for name, title in rows] for key, rows in told.items()}
+    numbers = {
+        key: [{"name": name, "title": title} for name, title in rows] for key, rows in told.items()
+    }
     return Answer(numbers=numbers, show=show)
 
 
@@ -37,7 +39,9 @@ def new(given: argparse.Namespace) -> Answer:
     path = given.file or Path(f"{given.story}.toml")
     template.write(given.story, path)
     return Answer(
-        lines=(f"{path}: {(template.TEMPLATES | template.TRACKED)[given.story]}. Next: drift check {path}",),
+        lines=(
+            f"{path}: {(template.TEMPLATES | template.TRACKED)[given.story]}. Next: drift check {path}",
+        ),
         numbers={"file": path},
     )
 
@@ -75,9 +79,13 @@ def objects(given: argparse.Namespace) -> Answer:
             )
             table.add_row(drifter.name, "  " * drifter.level + drifter.description, *lines)
         terminal.show(table)
-        if upwind := [f"{drifter.name} {drifter.lull:.1f}" for drifter in classes if drifter.lull > 0]:
+        if upwind := [
+            f"{drifter.name} {drifter.lull:.1f}" for drifter in classes if drifter.lull > 0
+        ]:
             told = ", ".join(upwind)
-            terminal.say(f"Mean drift is upwind, as published, in winds below [m/s]: {told} (docs/leeway.md).")
+            terminal.say(
+                f"Mean drift is upwind, as published, in winds below [m/s]: {told} (docs/leeway.md)."
+            )
         for target, own in seen.items():
             terminal.say(f"search_object of {_listed(own)}: {target}")
         for note in notes:
@@ -87,7 +95,9 @@ def objects(given: argparse.Namespace) -> Answer:
                 'Besides: "water" for a pure water drifter, { windage = "3 %" } or lines of your own in the case file.'
             )
 
-    return Answer(numbers={"objects": [_numbers(drifter) for drifter in classes], "notes": notes}, show=show)
+    return Answer(
+        numbers={"objects": [_numbers(drifter) for drifter in classes], "notes": notes}, show=show
+    )
 
 
 def _listed(names: list[str]) -> str:
@@ -127,7 +137,9 @@ def info(given: argparse.Namespace) -> Answer:
     if given.backend:
         return cards.listed()
     if not given.files:
-        raise UserError("give forcing files, or --backend to list graphics cards. See: drift info --help")
+        raise UserError(
+            "give forcing files, or --backend to list graphics cards. See: drift info --help"
+        )
     with interrupt.leaving_at_once():  # nothing is written
         from geo.forcing import describe
 
@@ -196,7 +208,9 @@ def _draw(source: Any, path: Path) -> None:
     land = shore.land("gshhg", grid.box).polygons
 
     def draw(half: Path) -> None:
-        field.draw_field(half, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title, polygons=land)
+        field.draw_field(
+            half, grid.lon, grid.lat, values[..., 0], values[..., 1], title=title, polygons=land
+        )
 
     with page.literal():
         take.replace(path, "--plot", draw)

@@ -1,4 +1,6 @@
-"""What a run came to, in a few lines for a terminal: facts by name, in the order in which they are read."""
+"""What a run came to, in a few lines for a terminal: facts by name, in the order in which they are
+read.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -31,9 +33,12 @@ Facts = dict[str, str]
 
 
 def forecast(numbers: dict[str, Any]) -> Facts:
-    """Return where, how sure and what ended how, at the end of the run; numbers: those of the summary."""
+    """Return where, how sure and what ended how, at the end of the run; numbers: those of the
+    summary.
+    """
     end = numbers["outputs"][-1]
-    facts = {"time": end["date_time_group"]} | _warnings(numbers["warnings"])  # before the areas that they doubt
+    # before the areas that they doubt
+    facts = {"time": end["date_time_group"]} | _warnings(numbers["warnings"])
     moving = [name for name in ("adrift", "under_way") if end["probability"].get(name, 0.0) > 0]
     afloat = " or ".join(name.replace("_", " ") for name in moving) or "adrift"
     for name, key in (("mean position", "mean"), (f"datum (mean of those {afloat})", "datum")):
@@ -58,12 +63,17 @@ def _guided(numbers: dict[str, Any]) -> Facts:
         return {}
     finds = ", ".join(f'"{name}"' for name in numbers["guide"]["finds"])
     share = 1 - numbers["guide"]["prior_share"]
-    return {"guided": f"{notation.percent(share, 0)} of the particles, toward contact {finds}; weights account for it"}
+    return {
+        "guided": f"{notation.percent(share, 0)} of the particles, toward contact {finds}; weights account for it"
+    }
 
 
 def _areas(output: dict[str, Any]) -> Facts:
     """Return the areas of an output in words, by the shares that they hold."""
-    return {share: f"{area:,.0f} nmi2" if area == area else "none" for share, area in output["area_nmi2"].items()}
+    return {
+        share: f"{area:,.0f} nmi2" if area == area else "none"
+        for share, area in output["area_nmi2"].items()
+    }
 
 
 def _opened(numbers: dict[str, Any]) -> dict[str, Any]:
@@ -72,7 +82,9 @@ def _opened(numbers: dict[str, Any]) -> dict[str, Any]:
 
 
 def _opening(numbers: dict[str, Any]) -> Facts:
-    """Return at which time the map and the report open, and the areas then, where that is not the end."""
+    """Return at which time the map and the report open, and the areas then, where that is not the
+    end.
+    """
     at = _opened(numbers)
     if at is numbers["outputs"][-1]:
         return {}
@@ -89,10 +101,12 @@ def summary_of_outcome(last: dict[str, Any]) -> dict[str, Any]:
     told = {
         "time": end["time"],
         **{
-            name: end[name] and {"lon_deg": end[name]["lon"], "lat_deg": end[name]["lat"]} for name in ("mean", "datum")
+            name: end[name] and {"lon_deg": end[name]["lon"], "lat_deg": end[name]["lat"]}
+            for name in ("mean", "datum")
         },
         "area_m2": _square_metres(end),
-        "opens": {"time": opened["time"], "area_m2": _square_metres(opened)},  # map.png and report.html
+        # map.png and report.html
+        "opens": {"time": opened["time"], "area_m2": _square_metres(opened)},
         "status": last["account"],
         "scenarios": {
             name: {key: story[key] for key in ("prior", "posterior")}
@@ -108,13 +122,18 @@ def summary_of_outcome(last: dict[str, Any]) -> dict[str, Any]:
         told["members"] = last["members"]
     if "search" in last:
         told["sorties"] = [
-            {"name": update["name"], "pos": update["pos"]["all"], "cumulative_pos": update["cumulative_pos"]["all"]}
+            {
+                "name": update["name"],
+                "pos": update["pos"]["all"],
+                "cumulative_pos": update["cumulative_pos"]["all"],
+            }
             for update in last["search"]["updates"]
             if update["kind"] == "sortie"
         ]
     if "spill" in last:
         told |= {
-            key: last["spill"][key] for key in ("totals", "worst_stretches", "effective_worlds", "finds", "silence")
+            key: last["spill"][key]
+            for key in ("totals", "worst_stretches", "effective_worlds", "finds", "silence")
         }
     return told
 
@@ -125,7 +144,9 @@ def _square_metres(output: dict[str, Any]) -> dict[str, float]:
 
 
 def _members(told: dict[str, Any]) -> str:
-    """Return how many members of the winds and currents there are, and for which the evidence speaks."""
+    """Return how many members of the winds and currents there are, and for which the evidence
+    speaks.
+    """
     weights = {name: weight["posterior"] for name, weight in told["weights"].items()}
     if told["effective"] > 0.999 * told["number"]:
         return f"{told['number']}, all as likely"
@@ -137,7 +158,9 @@ def _members(told: dict[str, Any]) -> str:
 def _stories(stories: dict[str, Any]) -> Facts:
     """Return how likely each scenario is; of many the likeliest, and the others together."""
     facts: Facts = {}
-    table = np.array([[story[key] for story in stories.values()] for key in ("prior", "posterior")], float)
+    table = np.array(
+        [[story[key] for story in stories.values()] for key in ("prior", "posterior")], float
+    )
     shown = likeliest.likeliest_scenarios(table)
     names = list(stories)
     for name, story in ((names[k], stories[names[k]]) for k in shown.alone):
@@ -161,7 +184,9 @@ def _stories(stories: dict[str, Any]) -> Facts:
 
 
 def _by_axis(told: dict[str, Any]) -> Facts:
-    """Return of families how likely the likeliest values on each axis are, and how many scenarios count; nothing without families."""
+    """Return of families how likely the likeliest values on each axis are, and how many scenarios
+    count; nothing without families.
+    """
     facts: Facts = {}
     for axis, values in told["axes"].items():
         first = sorted(values, key=lambda label: -values[label]["posterior"])[:LIKELIEST]
@@ -189,9 +214,15 @@ def plan(planned: Plan) -> Facts:
     if planned.idle:
         facts["not sent"] = ", ".join(planned.idle)
     facts |= {f"boats {k}": words for k, words in enumerate(planned.said, 1)}
-    facts |= {f"warning {k}": words for k, words in enumerate(plan_text.warnings(planned, synthetic=False), 1)}
+    facts |= {
+        f"warning {k}": words
+        for k, words in enumerate(plan_text.warnings(planned, synthetic=False), 1)
+    }
     if len(planned.scenarios) > 1:
-        facts |= {f'POS if "{scenario}"': notation.percent(pos) for scenario, pos in subareas.scenario_pos(planned)}
+        facts |= {
+            f'POS if "{scenario}"': notation.percent(pos)
+            for scenario, pos in subareas.scenario_pos(planned)
+        }
     return facts
 
 
@@ -245,7 +276,10 @@ def _at_sea(tasking: Tasking) -> str:
 
 def _warnings(warnings: Sequence[str]) -> Facts:
     """Return warnings by number, where there are several."""
-    return {f"warning {k}" if len(warnings) > 1 else "warning": text for k, text in enumerate(warnings, 1)}
+    return {
+        f"warning {k}" if len(warnings) > 1 else "warning": text
+        for k, text in enumerate(warnings, 1)
+    }
 
 
 def _search(numbers: dict[str, Any]) -> Facts:
@@ -254,7 +288,11 @@ def _search(numbers: dict[str, Any]) -> Facts:
     dead: set[str] = set()
     for update in numbers.get("search", {}).get("updates", ()):
         for name, share in update["posterior"].items():
-            if share == 0 and name not in dead and numbers["scenario_weights"].get(name, ALIKE)["prior"] > 0:
+            if (
+                share == 0
+                and name not in dead
+                and numbers["scenario_weights"].get(name, ALIKE)["prior"] > 0
+            ):
                 dead.add(name)
                 facts[f'note on "{name}"'] = (
                     f'{update["kind"]} "{update["name"]}" contradicts this scenario: nothing of it is left'
@@ -268,12 +306,16 @@ def _search(numbers: dict[str, Any]) -> Facts:
                 f"{Count(update['ess_after']).words} after it, {update['ess_before']:,.0f} before{_filled(update)}"
             )
     for line in numbers.get("search", {}).get("lines", ()):
-        facts[f'line "{line["name"]}"'] = f"crossed with {notation.percent(line['probability']['all'])}"
+        facts[f'line "{line["name"]}"'] = (
+            f"crossed with {notation.percent(line['probability']['all'])}"
+        )
     return facts
 
 
 def _filled(update: Mapping[str, Any]) -> str:
-    """Return what became of the particles after a contact or silence, where they are placed anew at contacts."""
+    """Return what became of the particles after a contact or silence, where they are placed anew at
+    contacts.
+    """
     if update["filled"] == "contact":
         return f"; repopulated, {update['ess_resampled']:,.0f} of them effective"
     return "; the track is lost" if update["filled"] == "lost" else ""
@@ -283,7 +325,9 @@ def _ashore(update: dict[str, Any]) -> str:
     """Return which part of a POS is of what lies ashore, where it is worth telling."""
     part = update["pos_ashore"]["all"]
     return (
-        f" ({notation.percent(part)} of it ashore)" if part >= ASHORE * update["pos"]["all"] and part >= 0.0005 else ""
+        f" ({notation.percent(part)} of it ashore)"
+        if part >= ASHORE * update["pos"]["all"] and part >= 0.0005
+        else ""
     )
 
 
@@ -321,7 +365,9 @@ def spill(numbers: dict[str, Any]) -> Facts:
         )
     counted = f"{washup['effective_worlds']:,.0f} of {washup['worlds']:,} are effective"
     rounds = len(washup["effective_worlds_by_round"])
-    facts["worlds"] = counted + (f", resampled {rounds - 1} times around the finds" if rounds > 1 else "")
+    facts["worlds"] = counted + (
+        f", resampled {rounds - 1} times around the finds" if rounds > 1 else ""
+    )
     facts["errors"] = numbers["uncertainty"]["told"]
     facts |= _coast(numbers)
     facts |= _warnings(numbers["warnings"])
@@ -338,9 +384,13 @@ def _near(place: dict[str, Any]) -> str:
 
 
 def _number(figure: dict[str, float]) -> str:
-    """Return a number of objects in words: the range over simulated spills first, then the mean and its own error."""
+    """Return a number of objects in words: the range over simulated spills first, then the mean and
+    its own error.
+    """
     low, high, mean = (figure[name] for name in ("number_10", "number_90", "expected"))
-    span = f"{low:.0f} to {high:.0f} objects" if high > low else f"{low:.0f} object{'s' * (low != 1)}"
+    span = (
+        f"{low:.0f} to {high:.0f} objects" if high > low else f"{low:.0f} object{'s' * (low != 1)}"
+    )
     if low == high and abs(mean - low) < 1e-9:
         return span
     return f"{span} (10 to 90 %), mean {mean:.1f} +- {figure['standard_error']:.2g} (sampling)"

@@ -1,6 +1,8 @@
-"""Progress of a run: a bar with rate and time left on a terminal, a bar in a notebook, nothing where the output is piped.
+"""Progress of a run: a bar with rate and time left on a terminal, a bar in a notebook, nothing
+where the output is piped.
 
-With the environment variable DRIFT_PROGRESS=lines, which `drift serve` sets, lines of JSON for another program.
+With the environment variable DRIFT_PROGRESS=lines, which `drift serve` sets, lines of JSON for
+another program.
 """
 
 import html
@@ -65,7 +67,8 @@ def _beneath_cell() -> Iterator[Report]:
 
 @contextmanager
 def progress(case: Case | None = None, *, quiet: bool = False) -> Iterator[Report]:
-    """Give a function that shows how far a job is, for its `report`: `with drift.progress(case) as report:`.
+    """Give a function that shows how far a job is, for its `report`: `with drift.progress(case) as
+    report:`.
 
     It shows a bar on a terminal, by standard error, or in a notebook; elsewhere nothing.
 
@@ -104,7 +107,8 @@ def progress(case: Case | None = None, *, quiet: bool = False) -> Iterator[Repor
         if phase not in tasks:
             for done in tasks.values():
                 bar.update(done, completed=1.0, visible=False)
-            tasks[phase] = bar.add_task(phase, total=None, rate="")  # a pulse until a share is known
+            # a pulse until a share is known
+            tasks[phase] = bar.add_task(phase, total=None, rate="")
         speed = next(task.speed for task in bar.tasks if task.id == tasks[phase])
         rate = f"{speed * hours:.1f} h/s" if hours and speed and phase.endswith("drift") else ""
         if share > 0:

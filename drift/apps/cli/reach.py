@@ -20,11 +20,21 @@ def sensor(given: argparse.Namespace) -> Answer:
         from drift.apps.sensor import command, text
 
     found = command.sensor_reach(
-        case, given.name, out, time=given.time, at=given.at, heading=given.heading, beams=beams,
-        scenario=given.scenario, speed=given.speed, overwrite=given.overwrite,
-    )  # fmt: skip
+        case,
+        given.name,
+        out,
+        time=given.time,
+        at=given.at,
+        heading=given.heading,
+        beams=beams,
+        scenario=given.scenario,
+        speed=given.speed,
+        overwrite=given.overwrite,
+    )
     line = f"Maps in {out / 'sensor.png'}, all results in {out}"
-    return Answer(case.title, text.reach_facts(found), (line,), {"sensor": text.summary_of_reach(found)}, out)
+    return Answer(
+        case.title, text.reach_facts(found), (line,), {"sensor": text.summary_of_reach(found)}, out
+    )
 
 
 def _beams(text: str) -> list[int]:

@@ -1,4 +1,6 @@
-"""What the command line prints: lines at once, tables of `rich`, streams that always have a place to go."""
+"""What the command line prints: lines at once, tables of `rich`, streams that always have a place
+to go.
+"""
 
 import contextlib
 import io
@@ -10,7 +12,9 @@ from geo.errors import UserError
 
 
 def lines(error: UserError) -> list[str]:
-    """Return a refusal as lines that a terminal can show, one a mistake, whatever the user had written."""
+    """Return a refusal as lines that a terminal can show, one a mistake, whatever the user had
+    written.
+    """
     return [_line(line) for line in error.lines]
 
 
@@ -20,14 +24,20 @@ def _line(text: str) -> str:
 
 
 def open_streams() -> None:
-    """Give closed streams (`>&-`) a place to go, and letters that a stream cannot show a substitute."""
+    """Give closed streams (`>&-`) a place to go, and letters that a stream cannot show a
+    substitute.
+    """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
             nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
             setattr(sys, name, nowhere)
-            setattr(sys, f"__{name}__", nowhere)  # Taichi takes a stream that was exchanged for a notebook's
-        elif isinstance(stream, io.TextIOWrapper) and stream.errors in {"strict", "surrogateescape"}:
+            # Taichi takes a stream that was exchanged for a notebook's
+            setattr(sys, f"__{name}__", nowhere)
+        elif isinstance(stream, io.TextIOWrapper) and stream.errors in {
+            "strict",
+            "surrogateescape",
+        }:
             stream.reconfigure(errors="replace")
 
 
@@ -38,7 +48,8 @@ def say(text: str) -> None:
     except BrokenPipeError:
         raise
     except OSError as error:
-        with contextlib.suppress(OSError):  # what is left in the buffer would fail once more at the end
+        # what is left in the buffer would fail once more at the end
+        with contextlib.suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise UserError(
             f"cannot write to standard output: {error.strerror}; results that were asked for stand"

@@ -1,4 +1,6 @@
-"""A command that ends with the process that started it, which holds its standard input open (`drift.apps.serve.jobs`)."""
+"""A command that ends with the process that started it, which holds its standard input open
+(`drift.apps.serve.jobs`).
+"""
 
 import contextlib
 import importlib.util
@@ -13,7 +15,8 @@ from drift.apps.cli import commands
 from geo.files import child, fence, landlock
 
 PACKAGES = ("drift", "geo", "kernels", "cases")
-CARDS = {  # files of graphics cards and of their drivers, below the root: those that are read, and written too
+# files of graphics cards and of their drivers, below the root: those that are read, and written too
+CARDS = {
     "r": (
         "proc/driver/nvidia",
         "proc/devices",
@@ -29,7 +32,9 @@ GRACE = 10.0  # [s] to leave nothing half written
 
 
 def main(memory: int | None = None) -> None:
-    """Run the command line, and end the process once its input does; memory: the most that it may take [bytes]."""
+    """Run the command line, and end the process once its input does; memory: the most that it may
+    take [bytes].
+    """
     if memory is not None:
         child.limit(RLIMIT_DATA=memory)  # what it may write to, of which some it never does
     enclose(cards="--backend" in sys.argv)
@@ -38,7 +43,8 @@ def main(memory: int | None = None) -> None:
 
 
 def enclose(cards: bool = False) -> None:
-    """Have the kernel hold the fence too, where it can: the fence's folders, the working directory and the program.
+    """Have the kernel hold the fence too, where it can: the fence's folders, the working directory
+    and the program.
 
     cards: whether the command may use graphics cards, which are files.
     """
@@ -49,9 +55,12 @@ def enclose(cards: bool = False) -> None:
         about = [path for place in program for path in place.parent.glob("casp_drift*-info")]
         here = Path.cwd()
         read, written = (
-            [place for one in CARDS[way] for place in Path("/").glob(one)] if cards else [] for way in "rw"
+            [place for one in CARDS[way] for place in Path("/").glob(one)] if cards else []
+            for way in "rw"
         )
-        landlock.enclose([*raised.folders, here], [*program, *about, *read], [*raised.writable, here, *written])
+        landlock.enclose(
+            [*raised.folders, here], [*program, *about, *read], [*raised.writable, here, *written]
+        )
 
 
 def _watch() -> None:

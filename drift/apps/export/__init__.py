@@ -1,1 +1,3 @@
-"""Finished results in the formats of other programs: globes, chart plotters, bridges, geographic information systems."""
+"""Finished results in the formats of other programs: globes, chart plotters, bridges, geographic
+information systems.
+"""

@@ -1,6 +1,8 @@
-"""A plan's ways as RTZ 1.0 (IEC 61174:2015, annex S) for ECDIS: a route for each unit's task, with its schedule.
+"""A plan's ways as RTZ 1.0 (IEC 61174:2015, annex S) for ECDIS: a route for each unit's task, with
+its schedule.
 
-Legs are great circles (Orthodrome). The schema of 1.0 writes sheduleElement, and ends below 180 degrees east.
+Legs are great circles (Orthodrome). The schema of 1.0 writes sheduleElement, and ends below 180
+degrees east.
 """
 
 import re
@@ -18,7 +20,9 @@ IN = f"{{{gpx.SPACE}}}"
 def files(run: Finished) -> dict[str, bytes]:
     """Return plan-A-1.rtz and so on, from the routes of plan.gpx."""
     if "plan.gpx" not in run.names:
-        raise UserError(f"results {run.folder}: hold no plan, and rtz is for the ways of one; see: drift plan --help")
+        raise UserError(
+            f"results {run.folder}: hold no plan, and rtz is for the ways of one; see: drift plan --help"
+        )
     path = run.folder / "plan.gpx"
     routes = list(checked.xml(path).iter(f"{IN}rte"))
     for route in routes:
@@ -50,7 +54,9 @@ def _document(route: ET.Element, run: Finished) -> str:
     }
     ET.SubElement(root, "routeInfo", {key: markup.plain(value) for key, value in about.items()})
     way = ET.SubElement(root, "waypoints")
-    schedule = ET.SubElement(ET.SubElement(root, "schedules"), "schedule", {"id": "0", "name": "plan"})
+    schedule = ET.SubElement(
+        ET.SubElement(root, "schedules"), "schedule", {"id": "0", "name": "plan"}
+    )
     calculated = ET.SubElement(schedule, "calculated")
     for number, (point, time) in enumerate(zip(points, times, strict=True), 1):
         name = markup.plain(point.findtext(f"{IN}name", ""))

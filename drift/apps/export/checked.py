@@ -1,6 +1,8 @@
-"""Read the files of a finished result, and check each, as it may be damaged or made by another program.
+"""Read the files of a finished result, and check each, as it may be damaged or made by another
+program.
 
-A file that differs from those that drift writes is rejected in a line with the file, the place in it, and the error.
+A file that differs from those that drift writes is rejected in a line with the file, the place in
+it, and the error.
 """
 
 import csv
@@ -16,7 +18,8 @@ import xarray as xr
 from geo.errors import UserError
 
 LARGEST = 2**29  # [bytes] of a text file: far more than ours have
-DEPTH = {"Point": 0, "MultiLineString": 2, "MultiPolygon": 3}  # of the lists of coordinates; our files have no others
+# of the lists of coordinates; our files have no others
+DEPTH = {"Point": 0, "MultiLineString": 2, "MultiPolygon": 3}
 SINGLE = ("LineString", "Polygon")  # taken for one of many
 LEAST = {"MultiLineString": 2, "MultiPolygon": 4}  # points of each line or ring
 
@@ -63,8 +66,12 @@ def moment(value: Any) -> bool:
         return False
 
 
-def features(path: Path, needed: Mapping[str, Check], kinds: Collection[str] = tuple(DEPTH)) -> list[dict[str, Any]]:
-    """Return the features of a GeoJSON file; needed: checks of properties by name; kinds: of geometries that are allowed."""
+def features(
+    path: Path, needed: Mapping[str, Check], kinds: Collection[str] = tuple(DEPTH)
+) -> list[dict[str, Any]]:
+    """Return the features of a GeoJSON file; needed: checks of properties by name; kinds: of
+    geometries that are allowed.
+    """
     whole = _json(path)
     held = whole.get("features") if isinstance(whole, dict) else None
     if not isinstance(held, list):
@@ -79,10 +86,15 @@ def features(path: Path, needed: Mapping[str, Check], kinds: Collection[str] = t
                 raise damaged(path, f"{place} has {key} {_shown(told.get(key))}")
         shape = feature.get("geometry")
         if isinstance(shape, dict) and shape.get("type") in SINGLE:
-            shape = feature["geometry"] = {"type": f"Multi{shape['type']}", "coordinates": [shape.get("coordinates")]}
+            shape = feature["geometry"] = {
+                "type": f"Multi{shape['type']}",
+                "coordinates": [shape.get("coordinates")],
+            }
         kind = shape.get("type") if isinstance(shape, dict) else None
         if not isinstance(kind, str) or kind not in kinds:
-            raise damaged(path, f"{place} has the geometry {_shown(kind)}; it must be a {' or '.join(kinds)}")
+            raise damaged(
+                path, f"{place} has the geometry {_shown(kind)}; it must be a {' or '.join(kinds)}"
+            )
         assert isinstance(shape, dict)
         fault = _fault(shape.get("coordinates"), DEPTH[kind], LEAST.get(kind, 1))
         if fault:
@@ -97,8 +109,12 @@ def _fault(coordinates: Any, depth: int, least: int) -> str:
     if depth:
         if depth == 1 and len(coordinates) < least:
             return f"a line of {len(coordinates)} points"
-        return next((fault for part in coordinates if (fault := _fault(part, depth - 1, least))), "")
-    good = len(coordinates) in (2, 3) and all(number(x) and not isinstance(x, str) for x in coordinates)
+        return next(
+            (fault for part in coordinates if (fault := _fault(part, depth - 1, least))), ""
+        )
+    good = len(coordinates) in (2, 3) and all(
+        number(x) and not isinstance(x, str) for x in coordinates
+    )
     if not (good and abs(coordinates[0]) <= 180 and abs(coordinates[1]) <= 90):
         return f"{_shown(coordinates)} is not a longitude and a latitude"
     return ""
@@ -128,16 +144,21 @@ def xml(path: Path) -> ET.Element:
         raise damaged(path, str(error)) from None
 
 
-def dataset(path: Path, left_out: list[str], variables: Mapping[str, tuple[str, ...]]) -> xr.Dataset:
-    """Return a netCDF file in memory, without some variables; variables: those that are needed, with their dimensions.
+def dataset(
+    path: Path, left_out: list[str], variables: Mapping[str, tuple[str, ...]]
+) -> xr.Dataset:
+    """Return a netCDF file in memory, without some variables; variables: those that are needed,
+    with their dimensions.
 
-    Their numbers are real; coordinates of one dimension are finite, and times are times. Attributes title and run_id
-    are texts.
+    Their numbers are real; coordinates of one dimension are finite, and times are times. Attributes
+    title and run_id are texts.
     """
     try:
         data = xr.load_dataset(path, engine="netcdf4", drop_variables=left_out)
     except Exception as error:  # whatever the libraries raise about a file that they cannot read
-        raise damaged(path, f"cannot be read as netCDF ({' '.join(str(error).split())[:150]})") from None
+        raise damaged(
+            path, f"cannot be read as netCDF ({' '.join(str(error).split())[:150]})"
+        ) from None
     for name in ("title", "run_id"):
         if not isinstance(data.attrs.get(name), str):
             raise damaged(path, f"has no attribute {name}")
@@ -200,5 +221,7 @@ def _shown(value: Any) -> str:
 
 def damaged(path: Path, what: str) -> UserError:
     """Return the error for a file that drift cannot have written."""
-    line = " ".join(f"results {path.parent}: {path.name} is damaged, or was not written by drift: {what}".split())
+    line = " ".join(
+        f"results {path.parent}: {path.name} is damaged, or was not written by drift: {what}".split()
+    )
     return UserError(f"{line}; run the case again")

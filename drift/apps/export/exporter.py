@@ -1,4 +1,6 @@
-"""A finished result, written for other programs: a folder of files in one format, whole or not there."""
+"""A finished result, written for other programs: a folder of files in one format, whole or not
+there.
+"""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -37,7 +39,8 @@ def export(
 
     Args:
         folder: what `run`, `plan` or `origin` wrote, whole (see `results`).
-        format: "kml", "kmz", "gpx", "geojson", "geotiff" or "rtz" (of plans); of an origin "kml", "gpx" or "geojson".
+        format: "kml", "kmz", "gpx", "geojson", "geotiff" or "rtz" (of plans); of an origin "kml",
+            "gpx" or "geojson".
         out: a folder; None: FOLDER-FORMAT in the current one.
         times: outputs that are wanted, such as ["+12 h", "221200ZNOV26"]; () for all.
         overwrite: whether an earlier export that `out` holds is replaced.
@@ -46,8 +49,8 @@ def export(
         The paths of the files.
 
     Raises:
-        UserError: the folder is not whole, the format does not suit it, a time is no output, or `out` holds something; then
-            nothing is written.
+        UserError: the folder is not whole, the format does not suit it, a time is no output, or
+            `out` holds something; then nothing is written.
     """
     if format not in FORMATS:
         raise UserError(f'format "{format}" is not known; there are {", ".join(FORMATS)}')
@@ -75,7 +78,14 @@ def _made(run: Finished | Release, format: str) -> dict[str, bytes]:
                 f"results {run.folder}: come from drift origin, and {format} is for forecasts; give {', '.join(OF_RELEASE)}"
             )
         return OF_RELEASE[format](run)
-    except (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, RecursionError) as error:
+    except (
+        ValueError,
+        TypeError,
+        LookupError,
+        ArithmeticError,
+        AttributeError,
+        RecursionError,
+    ) as error:
         # Each file is checked when it is read, but two files may still contradict each other.
         reason = " ".join(str(error).split())[:150] or type(error).__name__
         raise UserError(

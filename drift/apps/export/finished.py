@@ -16,7 +16,8 @@ from drift.products.files import publication
 from geo import notation
 from geo.errors import UserError
 
-LARGE = ["probability_by_scenario", "probability_ashore"]  # variables of forecast.nc that no format has
+# variables of forecast.nc that no format has
+LARGE = ["probability_by_scenario", "probability_ashore"]
 FORECAST: Mapping[str, tuple[str, ...]] = {
     "time": ("time",),
     "share": ("share",),
@@ -41,11 +42,22 @@ READ: Mapping[str, Mapping[str, Check]] = {
     | {name: maybe(number) for name in ("poc", "pod", "pos", "belief")},
     "plan.geojson": {"area": words, "unit": words, "shape": words, "pos": number}
     | dict.fromkeys(("takeoff", "home", "on_scene", "off_scene"), moment),
-    "washup.geojson": {"name": words, "position": words, "access": words, "rank": number, "ever": number}
+    "washup.geojson": {
+        "name": words,
+        "position": words,
+        "access": words,
+        "rank": number,
+        "ever": number,
+    }
     | dict.fromkeys(("length_km", "number_10", "number_90", "expected", "probability"), number),
     "patrols.geojson": {"patrol_unit": words, "time": moment, "stretch_id": words, "stretch": words}
     | dict.fromkeys(("length_km", "detection", "found"), number),
-    "origin.geojson": {"kind": words, "time": maybe(moment), "level": maybe(fraction), "area_nmi2": maybe(number)},
+    "origin.geojson": {
+        "kind": words,
+        "time": maybe(moment),
+        "level": maybe(fraction),
+        "area_nmi2": maybe(number),
+    },
     "finds.csv": {
         "time": moment,
         "lon_deg": number,
@@ -59,7 +71,11 @@ READ: Mapping[str, Mapping[str, Check]] = {
 
 
 LINES, AREAS = ("MultiLineString",), ("MultiPolygon",)
-KINDS: Mapping[str, tuple[str, ...]] = {"contours.geojson": AREAS, "washup.geojson": LINES, "patrols.geojson": LINES}
+KINDS: Mapping[str, tuple[str, ...]] = {
+    "contours.geojson": AREAS,
+    "washup.geojson": LINES,
+    "patrols.geojson": LINES,
+}
 
 
 def _features(path: Path) -> list[dict[str, Any]]:
@@ -107,24 +123,45 @@ class Finished:
         return checked.rows(self.folder / name, READ[name]) if name in self.names else []
 
     def search(self) -> list[dict[str, Any]]:
-        """Return the features of what was searched and told; of a plan without its own sorties, which are not flown."""
-        found = [f for f in self.features("sorties.geojson") if f["properties"].get("status") != "planned"]
+        """Return the features of what was searched and told; of a plan without its own sorties,
+        which are not flown.
+        """
+        found = [
+            f
+            for f in self.features("sorties.geojson")
+            if f["properties"].get("status") != "planned"
+        ]
         for feature in found:
             told = feature["properties"]
-            times = ("start", "end") if told["shape"] == "legs" else ("time",) if told["kind"] == "contact" else ()
+            times = (
+                ("start", "end")
+                if told["shape"] == "legs"
+                else ("time",)
+                if told["kind"] == "contact"
+                else ()
+            )
             wrong = [name for name in times if not told.get(name)]
             wrong += ["belief"] if told["kind"] == "contact" and told.get("belief") is None else []
             if wrong:
-                raise checked.damaged(self.folder / "sorties.geojson", f"a {told['kind']} has no {wrong[0]}")
+                raise checked.damaged(
+                    self.folder / "sorties.geojson", f"a {told['kind']} has no {wrong[0]}"
+                )
         return found
 
     def areas(self) -> list[tuple[np.datetime64, float, dict[str, Any], dict[str, Any]]]:
-        """Return (time, share, geometry, properties) of each area at the outputs that are wanted, in their order."""
+        """Return (time, share, geometry, properties) of each area at the outputs that are wanted,
+        in their order.
+        """
         wanted = {notation.iso(time): time for time in self.forecast["time"].values}
-        shares, levels = self.shares, {f["properties"]["level"] for f in self.features("contours.geojson")}
+        shares, levels = (
+            self.shares,
+            {f["properties"]["level"] for f in self.features("contours.geojson")},
+        )
         if not levels <= set(shares):
             strange = min(levels - set(shares))
-            raise checked.damaged(self.folder / "contours.geojson", f"level {strange} is not a share of forecast.nc")
+            raise checked.damaged(
+                self.folder / "contours.geojson", f"level {strange} is not a share of forecast.nc"
+            )
         found = [
             (wanted[told["time"]], float(told["level"]), feature["geometry"], told)
             for feature in self.features("contours.geojson")
@@ -136,7 +173,11 @@ class Finished:
         """Return (time, lon, lat) [deg] of "mean" or "datum" where there is one; longitudes run on."""
         at = [self.forecast[key].values for key in ("time", f"{name}_lon", f"{name}_lat")]
         rows = zip(*at, strict=True)
-        return [(time, float(lon), float(lat)) for time, lon, lat in rows if np.isfinite(lat) and np.isfinite(lon)]
+        return [
+            (time, float(lon), float(lat))
+            for time, lon, lat in rows
+            if np.isfinite(lat) and np.isfinite(lon)
+        ]
 
     def cells(self) -> xr.Dataset:
         """Return the forecast with its cells, checked; raise UserError where they are damaged."""
@@ -146,7 +187,11 @@ class Finished:
                 raise UserError(
                     f"results {self.folder}: forecast.nc has no {name} by {', '.join(dims)}; run the case again"
                 )
-        checked.within(path, self.forecast, {"lon": 720, "lat": 90, "probability": 1 + 1e-6, "containment": 1 + 1e-6})
+        checked.within(
+            path,
+            self.forecast,
+            {"lon": 720, "lat": 90, "probability": 1 + 1e-6, "containment": 1 + 1e-6},
+        )
         for name, most in (("lon", 720), ("lat", 90)):
             edges = f"{name}_bnds"
             if edges not in self.forecast:
@@ -206,15 +251,19 @@ class Release:
 
 
 def open_result(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Finished | Release:
-    """Return what a folder holds; raise UserError unless it is the whole result of a run with a forecast, or of `drift origin`.
+    """Return what a folder holds; raise UserError unless it is the whole result of a run with a
+    forecast, or of `drift origin`.
 
-    times: of the outputs that are wanted, as case files write times; all by default. An origin has none.
+    times: of the outputs that are wanted, as case files write times; all by default. An origin has
+    none.
     """
     folder = Path(folder)
     names = frozenset(path.name for path in publication.results(folder))
     if "forecast.nc" not in names and {"origin.nc", "origin.geojson"} <= names:
         if times:
-            raise UserError(f"results {folder}: come from drift origin, which has no output times; remove --time")
+            raise UserError(
+                f"results {folder}: come from drift origin, which has no output times; remove --time"
+            )
         data = checked.dataset(folder / "origin.nc", ["probability", "prior"], {"time": ("time",)})
         return Release(folder, names, data)
     if "forecast.nc" not in names:
@@ -223,7 +272,11 @@ def open_result(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Fi
         )
     path = folder / "forecast.nc"
     forecast = checked.dataset(path, LARGE, FORECAST)
-    checked.within(path, forecast, {"mean_lat": 90, "datum_lat": 90, "mean_lon": 720, "datum_lon": 720, "share": 1})
+    checked.within(
+        path,
+        forecast,
+        {"mean_lat": 90, "datum_lat": 90, "mean_lon": 720, "datum_lon": 720, "share": 1},
+    )
     return Finished(folder, names, forecast.isel(time=_chosen(forecast["time"].values, times)))
 
 
@@ -238,9 +291,12 @@ def _chosen(outputs: Any, times: Sequence[str]) -> list[int]:
             time = units.resolve(units.time(text), outputs[0].astype("datetime64[s]"))
         except ValueError as error:
             raise UserError(f"--time: {error}") from None
-        found = np.flatnonzero(minutes == time.astype("datetime64[m]")).tolist()  # a date-time group has no seconds
+        # a date-time group has no seconds
+        found = np.flatnonzero(minutes == time.astype("datetime64[m]")).tolist()
         if not found:
             ends = f"{notation.group(outputs[0])} to {notation.group(outputs[-1])}"
-            raise UserError(f'--time "{text}": there is no output in that minute; they go from {ends}, see track.csv')
+            raise UserError(
+                f'--time "{text}": there is no output in that minute; they go from {ends}, see track.csv'
+            )
         wanted.update(found)
     return [k for k in order if k in wanted]

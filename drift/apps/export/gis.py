@@ -1,4 +1,6 @@
-"""A finished result as GeoJSON (RFC 7946) for a GIS: the files of the run that are there, checked, and positions by time."""
+"""A finished result as GeoJSON (RFC 7946) for a GIS: the files of the run that are there, checked,
+and positions by time.
+"""
 
 import json
 from typing import Any
@@ -11,7 +13,9 @@ COPIED = ("sorties.geojson", "plan.geojson", "washup.geojson", "patrols.geojson"
 
 
 def files(run: Finished) -> dict[str, bytes]:
-    """Return areas.geojson and positions.geojson at the outputs that are wanted, and what else the run has as GeoJSON."""
+    """Return areas.geojson and positions.geojson at the outputs that are wanted, and what else the
+    run has as GeoJSON.
+    """
     about = {"title": run.title, "run_id": run.run, "description": run.words}
     areas = [geojson.feature(geometry, told) for _, _, geometry, told in run.areas()]
     points = [

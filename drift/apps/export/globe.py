@@ -1,6 +1,8 @@
-"""A forecast as KML 2.2 for Google Earth and the like: areas, datum, mean track, search and plan, shown by time.
+"""A forecast as KML 2.2 for Google Earth and the like: areas, datum, mean track, search and plan,
+shown by time.
 
-Areas are told apart by the width of their outline and how full they are, and by name, not by colour alone.
+Areas are told apart by the width of their outline and how full they are, and by name, not by colour
+alone.
 """
 
 import io
@@ -20,7 +22,8 @@ INK = "ff7a2f00"  # aabbggrr: one dark blue, of which the smallest area has most
 FILLS = ("b0", "70", "38", "1c")  # opacity, from the smallest area to the largest; then none
 WIDTHS = ("4", "2.5", "1.5", "1")
 DARK, GREY = "ff202020", "ff707070"
-Place = tuple[str, str, tuple[str, str], str, dict[str, Any]]  # name, description, begin and end, style, geometry
+# name, description, begin and end, style, geometry
+Place = tuple[str, str, tuple[str, str], str, dict[str, Any]]
 EMPTY = (1980, 1, 1, 0, 0, 0)  # date in the archive, so that the same run gives the same bytes
 
 
@@ -55,7 +58,14 @@ def _document(run: Finished) -> str:
             days[day] = kml.folder(document, f"Forecast {day}")
         name = f"{notation.hundredths(share)} % {notation.group(time)}"
         words = f"{run.words}. {notation.hundredths(share)} % area of {told['area_nmi2']:,.1f} nmi2"
-        kml.append_place(days[day], name, words, spans[notation.iso(time)], f"area{run.shares.index(share)}", geometry)
+        kml.append_place(
+            days[day],
+            name,
+            words,
+            spans[notation.iso(time)],
+            f"area{run.shares.index(share)}",
+            geometry,
+        )
     _tracks(document, run, spans)
     _search(document, run)
     _plan(document, run)
@@ -96,16 +106,23 @@ def release_files(run: Release) -> dict[str, bytes]:
         told = feature["properties"]
         if told["kind"] != "area":
             name = (
-                "mean position" if told["kind"] == "mean" else f"find {told.get('number', '')} {told.get('name', '')}"
+                "mean position"
+                if told["kind"] == "mean"
+                else f"find {told.get('number', '')} {told.get('name', '')}"
             )
             kml.append_place(folder, name.strip(), run.words, span, "", feature["geometry"])
     return {"origin.kml": markup.document_text(root).encode()}
 
 
 def _spans(times: Any) -> dict[str, tuple[str, str]]:
-    """Return from when to when what holds at each output is shown: until a second before the next output."""
+    """Return from when to when what holds at each output is shown: until a second before the next
+    output.
+    """
     ends = [*(times[1:] - np.timedelta64(1, "s")), times[-1]]
-    return {notation.iso(a): (notation.iso(a), notation.iso(b)) for a, b in zip(times, ends, strict=True)}
+    return {
+        notation.iso(a): (notation.iso(a), notation.iso(b))
+        for a, b in zip(times, ends, strict=True)
+    }
 
 
 def _tracks(document: ET.Element, run: Finished, spans: Mapping[str, tuple[str, str]]) -> None:
@@ -118,7 +135,9 @@ def _tracks(document: ET.Element, run: Finished, spans: Mapping[str, tuple[str, 
         for time, lon, lat in points:
             told = f"{words} {notation.position(lon, lat)}. {run.words}"
             title = f"{name} {notation.group(time)}"
-            kml.append_place(folder, title, told, spans[notation.iso(time)], "", geojson.point(lon, lat))
+            kml.append_place(
+                folder, title, told, spans[notation.iso(time)], "", geojson.point(lon, lat)
+            )
         if len(points) > 1:
             way = geojson.lines([shapely.LineString([(lon, lat) for _, lon, lat in points])])
             span = notation.iso(points[0][0]), notation.iso(points[-1][0])
@@ -136,14 +155,27 @@ def _search(document: ET.Element, run: Finished) -> None:
         name = str(told.get("name") or told["kind"])
         if name not in folders:
             folders[name] = kml.folder(parent, name)
-        begin = str(told.get("start") or told.get("time") or notation.iso(run.forecast["time"].values[0]))
+        begin = str(
+            told.get("start") or told.get("time") or notation.iso(run.forecast["time"].values[0])
+        )
         facts = [
             f"{told['kind']} {name}",
-            *(f"{k.upper()} {notation.percent(float(told[k]))}" for k in ("poc", "pod", "pos") if told.get(k)),
+            *(
+                f"{k.upper()} {notation.percent(float(told[k]))}"
+                for k in ("poc", "pod", "pos")
+                if told.get(k)
+            ),
         ]
         look = "legs" if told["shape"] == "legs" else "field"
         span = (begin, str(told.get("end") or begin))
-        kml.append_place(folders[name], f"{name} {told['shape']}", ", ".join(facts), span, look, feature["geometry"])
+        kml.append_place(
+            folders[name],
+            f"{name} {told['shape']}",
+            ", ".join(facts),
+            span,
+            look,
+            feature["geometry"],
+        )
 
 
 def _plan(document: ET.Element, run: Finished) -> None:
@@ -161,7 +193,9 @@ def _plan(document: ET.Element, run: Finished) -> None:
         span = (told["takeoff"], told["home"]) if out else (told["on_scene"], told["off_scene"])
         words = f"{name}: on scene {told['on_scene']} to {told['off_scene']}, POS {notation.percent(told['pos'])}"
         look = {"area": "field", "csp": ""}.get(told["shape"], "legs")
-        kml.append_place(folders[name], f"{told['area']} {told['shape']}", words, span, look, feature["geometry"])
+        kml.append_place(
+            folders[name], f"{told['area']} {told['shape']}", words, span, look, feature["geometry"]
+        )
 
 
 def _coast(run: Finished) -> Iterator[Place]:

@@ -1,7 +1,9 @@
-"""A forecast as GPX 1.1 for chart plotters (OpenCPN and others): datum and contacts as waypoints, areas, mean and search as tracks.
+"""A forecast as GPX 1.1 for chart plotters (OpenCPN and others): datum and contacts as waypoints,
+areas, mean and search as tracks.
 
-Names are short, for many plotters cut them: D for datum, then day and time, D221830Z; no two outputs have the same. Plotters take few
-points: outlines are thinned, and the file says by how much.
+Names are short, for many plotters cut them: D for datum, then day and time, D221830Z; no two
+outputs have the same. Plotters take few points: outlines are thinned, and the file says by how
+much.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,7 +26,9 @@ MONTH = np.timedelta64(27, "D")  # after which days of the month may come again
 
 
 def files(run: Finished) -> dict[str, bytes]:
-    """Return forecast.gpx; of more than a day, one file for each day (UTC); of a spill its stretches and patrols too."""
+    """Return forecast.gpx; of more than a day, one file for each day (UTC); of a spill its
+    stretches and patrols too.
+    """
     return _forecast(run) | _coast(run)
 
 
@@ -35,12 +39,23 @@ def release_files(run: Release) -> dict[str, bytes]:
         told, shape = feature["properties"], feature["geometry"]
         if shape["type"] == "Point":
             name = "MEAN" if told["kind"] == "mean" else f"F{told.get('number', '')}"
-            words = "mean position of the release" if told["kind"] == "mean" else f"find {told.get('name', '')}"
-            gpx.point(root, "wpt", *shape["coordinates"][:2], name=name, words=words, kind=told["kind"])
+            words = (
+                "mean position of the release"
+                if told["kind"] == "mean"
+                else f"find {told.get('name', '')}"
+            )
+            gpx.point(
+                root, "wpt", *shape["coordinates"][:2], name=name, words=words, kind=told["kind"]
+            )
         elif shape["type"] == "MultiPolygon":
             percent = notation.hundredths(float(told["level"] or 0))
             words = f"{percent} % of the release, {float(told['area_nmi2'] or 0):,.1f} nmi2"
-            rings = [line for polygon in shape["coordinates"] for ring in polygon for line in open_rings(ring)]
+            rings = [
+                line
+                for polygon in shape["coordinates"]
+                for ring in polygon
+                for line in open_rings(ring)
+            ]
             lines.append((f"{percent}%", words, rings))
     for name, words, outlines in lines:
         _lines(_track(root, name, words, "area"), outlines)
@@ -97,29 +112,49 @@ def _document(run: Finished, day: str) -> str:
             time,
             share,
             told,
-            [line for polygon in geometry["coordinates"] for ring in polygon for line in open_rings(ring)],
+            [
+                line
+                for polygon in geometry["coordinates"]
+                for ring in polygon
+                for line in open_rings(ring)
+            ],
         )
         for time, share, geometry, told in run.areas()
         if notation.iso(time).startswith(day)
     ]
     tolerance, areas = _thinned(areas)
-    words = f"{run.words}. Outlines of areas are thinned, and off by up to {tolerance:g} m" if tolerance else run.words
+    words = (
+        f"{run.words}. Outlines of areas are thinned, and off by up to {tolerance:g} m"
+        if tolerance
+        else run.words
+    )
     root = gpx.document(f"{run.title} {day}".strip(), words)
     for time, lon, lat in run.positions("datum"):
         if notation.iso(time).startswith(day):
             name = f"D{names[time]}"
             words = f"datum {notation.group(time)}, mean of those adrift"
             gpx.point(root, "wpt", lon, lat, time=time, name=name, words=words, kind="datum")
-    contacts = [feature for feature in _contacts(run) if str(feature["properties"]["time"]).startswith(day)]
+    contacts = [
+        feature for feature in _contacts(run) if str(feature["properties"]["time"]).startswith(day)
+    ]
     for feature in contacts:
         told, shape = feature["properties"], feature["geometry"]
         if shape["type"] == "Point":
             words = f"contact {told['time']}, believed {100 * float(told['belief']):.0f} %"
-            gpx.point(root, "wpt", *shape["coordinates"][:2], name=str(told["name"]), words=words, kind="contact")
+            gpx.point(
+                root,
+                "wpt",
+                *shape["coordinates"][:2],
+                name=str(told["name"]),
+                words=words,
+                kind="contact",
+            )
     mean = [point for point in run.positions("mean") if notation.iso(point[0]).startswith(day)]
     if len(mean) > 1:
         track = _track(root, "MEAN", "mean position, adrift or ashore", "mean")
-        gpx.segments(track, [row[1] for row in mean], [row[2] for row in mean], [row[0] for row in mean])
+        gpx.segments(
+            track, [row[1] for row in mean], [row[2] for row in mean], [row[0] for row in mean]
+        )
     for time, share, told, lines in areas:
         percent = notation.hundredths(share)
         words = f"{percent} % area {notation.group(time)}, {float(told['area_nmi2']):,.1f} nmi2"
@@ -133,26 +168,39 @@ def _document(run: Finished, day: str) -> str:
                 else shape["coordinates"]
             )
             lines = [line for ring in rings for line in open_rings(ring)]
-            _lines(_track(root, str(told["name"]), f"contact {told['time']}, {told['shape']}", "contact"), lines)
+            _lines(
+                _track(
+                    root, str(told["name"]), f"contact {told['time']}, {told['shape']}", "contact"
+                ),
+                lines,
+            )
     for feature in _legs(run):
         told = feature["properties"]
         if str(told["start"]).startswith(day):
             words = f"{told['kind']} {told['start']} to {told['end']}"
-            _lines(_track(root, str(told["name"]), words, "search"), feature["geometry"]["coordinates"])
+            _lines(
+                _track(root, str(told["name"]), words, "search"), feature["geometry"]["coordinates"]
+            )
     return markup.document_text(root)
 
 
 def _thinned(areas: list[Any]) -> tuple[float, list[Any]]:
-    """Return by how much outlines are off [m], and the areas (time, share, told, lines) with so few points as that allows."""
+    """Return by how much outlines are off [m], and the areas (time, share, told, lines) with so few
+    points as that allows.
+    """
     for tolerance in TOLERANCES:
-        found = [(*area[:3], [thin for line in area[3] if len(thin := thinned(line, tolerance)) > 1]) for area in areas]
+        found = [
+            (*area[:3], [thin for line in area[3] if len(thin := thinned(line, tolerance)) > 1])
+            for area in areas
+        ]
         if sum(len(line) for area in found for line in area[3]) <= MOST:
             break
     return tolerance, found
 
 
 def thinned(line: Line, tolerance: float) -> Line:
-    """Return a line [deg] with fewer points, off it by no more than a tolerance [m] (Douglas and Peucker 1973).
+    """Return a line [deg] with fewer points, off it by no more than a tolerance [m] (Douglas and
+    Peucker 1973).
 
     A closed one that is no wider than that is left out: nothing is returned.
     """
@@ -161,13 +209,24 @@ def thinned(line: Line, tolerance: float) -> Line:
     points = np.array(line, float)
     wide = np.array([np.cos(np.radians(points[:, 1]).mean()), 1.0])
     apart = np.degrees(tolerance / sphere.RADIUS)
-    thin = shapely.get_coordinates(shapely.LineString(points * wide).simplify(apart, preserve_topology=False)) / wide
+    thin = (
+        shapely.get_coordinates(
+            shapely.LineString(points * wide).simplify(apart, preserve_topology=False)
+        )
+        / wide
+    )
     closed = bool((points[0] == points[-1]).all())
-    return [] if closed and len(thin) < 4 else [[round(float(x), 6), round(float(y), 6)] for x, y in thin]
+    return (
+        []
+        if closed and len(thin) < 4
+        else [[round(float(x), 6), round(float(y), 6)] for x, y in thin]
+    )
 
 
 def _names(times: Any) -> dict[Any, str]:
-    """Return a short name of each output, 221830Z: with the month before it, or a letter behind, where two were alike."""
+    """Return a short name of each output, 221830Z: with the month before it, or a letter behind,
+    where two were alike.
+    """
     month = np.ptp(times) > MONTH
     names: dict[Any, str] = {}
     for time in times:
@@ -194,7 +253,9 @@ def _lines(track: ET.Element, lines: Sequence[Sequence[Sequence[float]]]) -> Non
 
 
 def open_rings(ring: Sequence[Sequence[float]]) -> Iterator[list[Sequence[float]]]:
-    """Yield the outline of a ring without the edges along 180 degrees, where a shape was cut that goes on beyond."""
+    """Yield the outline of a ring without the edges along 180 degrees, where a shape was cut that
+    goes on beyond.
+    """
     cut = [abs(a[0]) == abs(b[0]) == 180 for a, b in pairwise(ring)]
     if not any(cut):
         yield list(ring)

@@ -1,4 +1,7 @@
-"""Probability and containment by cell as GeoTIFF: WGS 84, north up, a file for each output and each side of 180 degrees."""
+"""Probability and containment by cell as GeoTIFF:
+
+WGS 84, north up, a file for each output and each side of 180 degrees.
+"""
 
 import warnings
 from typing import Any
@@ -18,15 +21,19 @@ WASHUP = frozenset({"washup.geojson"})
 
 
 def files(run: Finished) -> dict[str, bytes]:
-    """Return probability-20261122T1800Z.tif and so on: band 1 probability by cell, band 2 containment.
+    """Return probability-20261122T1800Z.tif and so on: band 1 probability by cell, band 2
+    containment.
 
-    No data is NaN: containment at times without a map. A grid across the antimeridian is two files, -E and -W of
-    Greenwich, each within [-180, 180] to half a cell. Of a spill washup.geojson, the stretches of coast, comes along.
+    No data is NaN: containment at times without a map. A grid across the antimeridian is two files,
+    -E and -W of Greenwich, each within [-180, 180] to half a cell. Of a spill washup.geojson, the
+    stretches of coast, comes along.
     """
     try:
         import rasterio  # noqa: F401 (an extra)
     except ImportError:
-        raise UserError("geotiff needs rasterio: pip install -e '.[geotiff]' where drift lies") from None
+        raise UserError(
+            "geotiff needs rasterio: pip install -e '.[geotiff]' where drift lies"
+        ) from None
     made, forecast = {}, run.cells()
     lon, sides = forecast["lon"].values, {}
     turns = np.floor((lon + 180) / 360).astype(int)
@@ -55,10 +62,16 @@ def _file(run: Finished, at: Any, shift: float) -> bytes:
     west, east = at["lon_bnds"].values[0, 0] - shift, at["lon_bnds"].values[-1, 1] - shift
     south, north = at["lat_bnds"].values[0, 0], at["lat_bnds"].values[-1, 1]
     profile = {
-        "driver": "GTiff", "dtype": "float32", "count": len(BANDS), "width": nlon, "height": nlat,
-        "crs": rasterio.crs.CRS.from_epsg(4326), "transform": from_bounds(west, south, east, north, nlon, nlat),
-        "nodata": np.nan, "compress": "deflate",
-    }  # fmt: skip
+        "driver": "GTiff",
+        "dtype": "float32",
+        "count": len(BANDS),
+        "width": nlon,
+        "height": nlat,
+        "crs": rasterio.crs.CRS.from_epsg(4326),
+        "transform": from_bounds(west, south, east, north, nlon, nlat),
+        "nodata": np.nan,
+        "compress": "deflate",
+    }
     time = notation.iso(at["time"].values)
     with MemoryFile() as memory:
         with warnings.catch_warnings(), memory.open(**profile) as file:
@@ -67,5 +80,11 @@ def _file(run: Finished, at: Any, shift: float) -> bytes:
                 file.set_band_description(band, name)
                 file.update_tags(band, long_name=words, time=time)
             stamp = time.replace("-", ":").replace("T", " ").rstrip("Z")
-            file.update_tags(title=run.title, run_id=run.run, time=time, comment=run.words, TIFFTAG_DATETIME=stamp)
+            file.update_tags(
+                title=run.title,
+                run_id=run.run,
+                time=time,
+                comment=run.words,
+                TIFFTAG_DATETIME=stamp,
+            )
         return bytes(memory.read())

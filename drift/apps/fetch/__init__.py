@@ -1,1 +1,3 @@
-"""Where winds and currents come from: providers, what they offer of a box and a span, and how it is fetched."""
+"""Where winds and currents come from: providers, what they offer of a box and a span, and how it is
+fetched.
+"""

@@ -1,4 +1,6 @@
-"""The catalogue of providers: a table shipped with the project, and a user's own, whose entries come first."""
+"""The catalogue of providers: a table shipped with the project, and a user's own, whose entries
+come first.
+"""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -23,12 +25,14 @@ DAY = np.timedelta64(86_400, "s")
 
 @dataclass(frozen=True)
 class Provider:
-    """One product of a provider: a quantity, where it is had, and what it covers as far as that is known.
+    """One product of a provider: a quantity, where it is had, and what it covers as far as that is
+    known.
 
-    address: one, or one for each component; variables: east and north; level: of the wanted layer, in the units of
-    its axis; first: dimensions of which the first member is taken; days_back, days_ahead: from now; runs: of forecasts
-    that lie in a file for each run and lead time, how these are named; stamp: "instant", or where in the interval of a mean
-    its time stands, "start", "middle" or "end"; "" where its files must say it.
+    address: one, or one for each component; variables: east and north; level: of the wanted layer,
+    in the units of its axis; first: dimensions of which the first member is taken; days_back,
+    days_ahead: from now; runs: of forecasts that lie in a file for each run and lead time, how
+    these are named; stamp: "instant", or where in the interval of a mean its time stands, "start",
+    "middle" or "end"; "" where its files must say it.
     """
 
     name: str
@@ -62,7 +66,9 @@ class Provider:
     def suits(self, box: Box, begin: np.datetime64, end: np.datetime64, now: np.datetime64) -> bool:
         """Whether its entry says that it covers a box and a span."""
         first, last = self.span(now)
-        return bool(first <= begin and end <= last) and (self.area is None or _within(box, self.area))
+        return bool(first <= begin and end <= last) and (
+            self.area is None or _within(box, self.area)
+        )
 
 
 def _within(box: Box, area: Box) -> bool:
@@ -73,7 +79,8 @@ def _within(box: Box, area: Box) -> bool:
 
 
 def read_providers(own: Path | None = None) -> dict[str, Provider]:
-    """Return all providers by name: the user's own first, which replace shipped ones of the same name.
+    """Return all providers by name: the user's own first, which replace shipped ones of the same
+    name.
 
     own: a file in place of `providers.toml` in the user's folder of settings.
     """
@@ -87,7 +94,9 @@ def read_providers(own: Path | None = None) -> dict[str, Provider]:
             raise UserError(f'catalogue "{settled}": {error.strerror}') from None
         except UnicodeError:
             raise UserError(f'catalogue "{settled}": is no text in UTF-8') from None
-    return mine | {name: one for name, one in _parsed(shipped, "providers.toml").items() if name not in mine}
+    return mine | {
+        name: one for name, one in _parsed(shipped, "providers.toml").items() if name not in mine
+    }
 
 
 def _parsed(text: str, where: str) -> dict[str, Provider]:
@@ -119,9 +128,13 @@ def _provider(name: str, table: Any) -> Provider:
     if not name.replace("_", "").replace("-", "").isalnum() or not name.isascii():
         raise UserError("a name is made of letters, digits, - and _")
     if table["protocol"] not in PROTOCOLS:
-        raise UserError(f'protocol "{table["protocol"]}" is not known. Allowed: {", ".join(PROTOCOLS)}')
+        raise UserError(
+            f'protocol "{table["protocol"]}" is not known. Allowed: {", ".join(PROTOCOLS)}'
+        )
     if table["quantity"] not in QUANTITIES:
-        raise UserError(f'quantity "{table["quantity"]}" is not known. Allowed: {", ".join(QUANTITIES)}')
+        raise UserError(
+            f'quantity "{table["quantity"]}" is not known. Allowed: {", ".join(QUANTITIES)}'
+        )
     if len(table["variables"]) != 2 or not all(isinstance(one, str) for one in table["variables"]):
         raise UserError("variables must be the names of the east and the north component")
     if table.get("stamp", "") not in ("", *STAMPS):
@@ -132,7 +145,9 @@ def _provider(name: str, table: Any) -> Provider:
         raise UserError("address must be one, or one for each component")
     for one in address:
         if not str(one).startswith(("https://", "http://")) or "@" in str(one).split("/")[2]:
-            raise UserError("an address begins with https:// or http://, and holds no name or password (~/.netrc does)")
+            raise UserError(
+                "an address begins with https:// or http://, and holds no name or password (~/.netrc does)"
+            )
     if table["protocol"] in ("erddap", "copernicusmarine") and not table.get("dataset"):
         raise UserError("dataset is missing")
     if table["protocol"] == "grib_filter" and set(table.get("runs", ())) != RUNS:
@@ -141,7 +156,9 @@ def _provider(name: str, table: Any) -> Provider:
         changed: dict[str, Any] = {"address": address, "variables": tuple(table["variables"])}
         changed |= {"first": tuple(table.get("first", ()))}
         changed |= {key: _time(table[key]) for key in ("since", "until") if key in table}
-        changed |= {key: float(table[key]) for key in ("level", "days_back", "days_ahead") if key in table}
+        changed |= {
+            key: float(table[key]) for key in ("level", "days_back", "days_ahead") if key in table
+        }
         if "area" in table:
             changed["area"] = Box(**{side: float(edge) for side, edge in table["area"].items()})
         return Provider(name, **{**table, **changed})
@@ -167,7 +184,9 @@ def choose(
     end: np.datetime64,
     now: np.datetime64,
 ) -> list[Provider]:
-    """Return a provider for each quantity: the one named, else the first that asks for no credentials and suits."""
+    """Return a provider for each quantity: the one named, else the first that asks for no
+    credentials and suits.
+    """
     chosen = {}
     for name in names:
         if name not in catalogue:
@@ -176,11 +195,15 @@ def choose(
             )
         chosen[catalogue[name].quantity] = catalogue[name]
     wrong = [
-        f"{one.name} has no {' or '.join(quantities)}" for one in chosen.values() if one.quantity not in quantities
+        f"{one.name} has no {' or '.join(quantities)}"
+        for one in chosen.values()
+        if one.quantity not in quantities
     ]
     for quantity in quantities:
         held = [one for one in catalogue.values() if one.quantity == quantity]
-        free = [one for one in held if one.credentials == "none" and one.suits(box, begin, end, now)]
+        free = [
+            one for one in held if one.credentials == "none" and one.suits(box, begin, end, now)
+        ]
         if quantity not in chosen and not free:
             known = ", ".join(one.name for one in held) or "none"
             wrong.append(

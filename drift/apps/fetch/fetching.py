@@ -1,4 +1,6 @@
-"""`drift.fetch`: winds and currents for a case, or for a box and a span, from providers into files that a run reads."""
+"""`drift.fetch`: winds and currents for a case, or for a box and a span, from providers into files
+that a run reads.
+"""
 
 import json
 import os
@@ -62,13 +64,21 @@ def reach(
 
 
 def box_of(text: str) -> Box:
-    """Return the box "west,south,east,north" [deg]; its east may lie beyond 180, or be less than its west."""
+    """Return the box "west,south,east,north" [deg]; its east may lie beyond 180, or be less than
+    its west.
+    """
     try:
         west, south, east, north = (float(word) for word in text.split(","))
     except ValueError:
-        raise UserError(f'--box "{text}" must be west,south,east,north in degrees, like 4,59,7,61') from None
-    if not (-90 <= south < north <= 90 and -360 <= west <= 540 and -360 <= east <= 540 and west != east):
-        raise UserError(f'--box "{text}": south must be less than north, both in -90 to 90, longitudes in -360 to 540')
+        raise UserError(
+            f'--box "{text}" must be west,south,east,north in degrees, like 4,59,7,61'
+        ) from None
+    if not (
+        -90 <= south < north <= 90 and -360 <= west <= 540 and -360 <= east <= 540 and west != east
+    ):
+        raise UserError(
+            f'--box "{text}": south must be less than north, both in -90 to 90, longitudes in -360 to 540'
+        )
     try:
         return between(west, south, east, north)
     except ValueError as error:
@@ -85,7 +95,9 @@ def orders(
     own: Path | None = None,
     timeout: float = address.TIMEOUT,
 ) -> list[Order]:
-    """Return what to order of whom, for the quantities that are asked for, or those of the providers named."""
+    """Return what to order of whom, for the quantities that are asked for, or those of the
+    providers named.
+    """
     if begin >= end:
         raise UserError(f"the span ends ({end}Z) before it begins ({begin}Z): set --from and --to")
     known = catalogue.read_providers(own)
@@ -147,9 +159,13 @@ def _refuse_unread(shipment: Shipment, files: list[Path]) -> None:
     order = shipment.order
     try:
         sources.open_source(
-            order.provider.quantity, [str(f) for f in files], variables=_variables(shipment),
-            depth=_depth(order.provider), lenient=True, times=_times(order.provider),
-        )  # fmt: skip
+            order.provider.quantity,
+            [str(f) for f in files],
+            variables=_variables(shipment),
+            depth=_depth(order.provider),
+            lenient=True,
+            times=_times(order.provider),
+        )
     except UserError as error:
         raise UserError(
             f"{order.provider.name} came whole, but cannot be read as {order.provider.quantity}: {error}"
@@ -157,7 +173,9 @@ def _refuse_unread(shipment: Shipment, files: list[Path]) -> None:
 
 
 def _variables(shipment: Shipment) -> dict[str, str] | None:
-    """Return the names of the components for the case's table, where files keep those of the catalogue."""
+    """Return the names of the components for the case's table, where files keep those of the
+    catalogue.
+    """
     provider = shipment.order.provider
     if provider.protocol == "grib_filter":  # eccodes' own names
         return None
@@ -166,12 +184,19 @@ def _variables(shipment: Shipment) -> dict[str, str] | None:
 
 def _depth(provider: Provider) -> float | None:
     """Return the depth [m] that the case must name, as it would not pass for the surface."""
-    deep = provider.quantity != "wind" and provider.level is not None and abs(provider.level) > level.DEEPEST
+    deep = (
+        provider.quantity != "wind"
+        and provider.level is not None
+        and abs(provider.level) > level.DEEPEST
+    )
     return abs(provider.level) if deep and provider.level is not None else None
 
 
 def _times(provider: Provider) -> dict[str, str] | None:
-    """Return the `times` key of a case for means whose files do not state it; None for slices at an instant."""
+    """Return the `times` key of a case for means whose files do not state it;
+
+    None for slices at an instant.
+    """
     return {"stamp": provider.stamp} if provider.stamp in ("start", "middle", "end") else None
 
 
@@ -185,7 +210,10 @@ def _place(part: Path, new: Path) -> None:
 
 def _names(shipment: Shipment) -> list[str]:
     provider = shipment.order.provider
-    return [f"{provider.quantity}-{provider.name}-{number:04d}.nc" for number in range(1, len(shipment.parts) + 1)]
+    return [
+        f"{provider.quantity}-{provider.name}-{number:04d}.nc"
+        for number in range(1, len(shipment.parts) + 1)
+    ]
 
 
 def _tables(out: Path, shipments: Sequence[Shipment]) -> str:
@@ -194,7 +222,10 @@ def _tables(out: Path, shipments: Sequence[Shipment]) -> str:
     for shipment in shipments:
         provider = shipment.order.provider
         pattern = (out.absolute() / f"{provider.quantity}-{provider.name}-*.nc").as_posix()
-        lines += [f"# {provider.title}; {provider.license or 'its licence is not known'}", f"[[{provider.quantity}]]"]
+        lines += [
+            f"# {provider.title}; {provider.license or 'its licence is not known'}",
+            f"[[{provider.quantity}]]",
+        ]
         lines += [f"name = {_text(provider.name)}", f"files = {_text(pattern)}"]
         if names := _variables(shipment):
             east, north = (_text(names[side]) for side in ("east", "north"))
@@ -226,40 +257,53 @@ def fetch(
     overwrite: bool = False,
     report: Report | None = None,
 ) -> Fetched:
-    """Fetch winds and currents for a case, or a box and a span, into a folder; an interrupted fetch goes on.
+    """Fetch winds and currents for a case, or a box and a span, into a folder; an interrupted fetch
+    goes on.
 
     Args:
-        case: a file, a shipped case's name or a `Case`, whose area and times are fetched; None with `box`, `begin` and `end`.
+        case: a file, a shipped case's name or a `Case`, whose area and times are fetched; None with
+            `box`, `begin` and `end`.
         box: west, south, east, north [degrees].
         begin, end: in place of the case's times; UTC, np.datetime64 or text such as "221200ZNOV26".
-        providers: names of the catalogue; (): for each quantity the first that asks for no credentials.
+        providers: names of the catalogue; (): for each quantity the first that asks for no
+            credentials.
         quantities: "current", "wind", "stokes"; (): current and wind.
         out: the folder of the files.
-        catalogue: a file of providers of your own; None: that of the user's configuration, where there is one.
+        catalogue: a file of providers of your own; None: that of the user's configuration, where
+            there is one.
         largest: size beyond which an order is rejected [bytes].
         timeout: of each question to a server [s].
         overwrite: whether what an earlier order left in `out` is replaced.
-        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
-            1; `drift.progress` makes one. An exception that it raises ends the run.
+        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share
+            of it that is done, 0 to 1; `drift.progress` makes one. An exception that it raises ends
+            the run.
 
     Returns:
         The files, and the tables of a case that name them.
 
     Raises:
-        UserError: the order is too large, no provider has it, a server does not answer, or `out` holds another order.
+        UserError: the order is too large, no provider has it, a server does not answer, or `out`
+            holds another order.
     """
     where, first, last = ordered_span(case, box, begin, end)
     ordered = orders(
-        where, first, last, providers=providers, quantities=quantities,
-        own=Path(catalogue) if catalogue is not None else None, timeout=timeout,
-    )  # fmt: skip
+        where,
+        first,
+        last,
+        providers=providers,
+        quantities=quantities,
+        own=Path(catalogue) if catalogue is not None else None,
+        timeout=timeout,
+    )
     shipments = ship(ordered, lambda line: None)
     size = sum(shipment.size for shipment in shipments)
     if size > largest:
         raise UserError(
             f"this is about {parts.size_in_words(size)}, more than the {parts.size_in_words(largest)} that `largest` allows"
         )
-    return carry_out(Path(out), shipments, overwrite=overwrite, report=report or (lambda what, share: None))
+    return carry_out(
+        Path(out), shipments, overwrite=overwrite, report=report or (lambda what, share: None)
+    )
 
 
 def ordered_span(
@@ -274,7 +318,9 @@ def ordered_span(
     if case is None and (box is None or begin is None or end is None):
         raise UserError("name a case, or say all of --box, --from and --to")
     # A case of which nothing is needed may be half written: it gives the folder its name.
-    where, first, last = reach(case, overrides) if case is not None and not said else (None, None, None)
+    where, first, last = (
+        reach(case, overrides) if case is not None and not said else (None, None, None)
+    )
     if box is not None:
         where = box_of(box if isinstance(box, str) else ",".join(str(edge) for edge in box))
     assert where is not None
@@ -284,12 +330,16 @@ def ordered_span(
 def _absolute(given: np.datetime64 | str | None) -> bool:
     """Whether a time is one by itself, and not counted from a case's start."""
     try:
-        return given is not None and not (isinstance(given, str) and isinstance(units.time(given), np.timedelta64))
+        return given is not None and not (
+            isinstance(given, str) and isinstance(units.time(given), np.timedelta64)
+        )
     except ValueError:
         return True
 
 
-def _moment(given: np.datetime64 | str | None, own: np.datetime64 | None, name: str) -> np.datetime64:
+def _moment(
+    given: np.datetime64 | str | None, own: np.datetime64 | None, name: str
+) -> np.datetime64:
     if given is None:
         assert own is not None
         return own
@@ -302,6 +352,8 @@ def _moment(given: np.datetime64 | str | None, own: np.datetime64 | None, name: 
         raise UserError(f"{name}: {error}") from None
     if isinstance(moment, np.timedelta64):
         if own is None:
-            raise UserError(f'{name} "{given}" is counted from the start of a case: name one, or a date and time')
+            raise UserError(
+                f'{name} "{given}" is counted from the start of a case: name one, or a date and time'
+            )
         return units.resolve(moment, own)
     return moment

@@ -1,7 +1,8 @@
-"""Subsets by the GRIB filter of NOMADS: a question for each time, answered by one GRIB file of the box.
+"""Subsets by the GRIB filter of NOMADS: a question for each time, answered by one GRIB file of the
+box.
 
-https://nomads.ncep.noaa.gov (Grib Filter). Each time comes from the latest run that has it: what has passed from the runs
-of then, what is to come from the last one.
+https://nomads.ncep.noaa.gov (Grib Filter). Each time comes from the latest run that has it: what
+has passed from the runs of then, what is to come from the last one.
 """
 
 import hashlib
@@ -28,7 +29,10 @@ LARGEST = 200_000_000  # [bytes] of one time: the whole globe has 4 MB
 
 
 def ship(order: Order) -> Shipment:
-    """Return what an order comes to; asks nobody, for the filter has no description. Raises UserError."""
+    """Return what an order comes to; asks nobody, for the filter has no description.
+
+    Raises UserError.
+    """
     first, last = order.provider.span(order.asked)
     if order.begin < first or order.end > last:
         raise UserError(
@@ -41,7 +45,9 @@ def ship(order: Order) -> Shipment:
     parts = []
     for start in range(0, len(stated), TOGETHER):
         piece = stated[start : start + TOGETHER]
-        key = hashlib.sha256(json.dumps([order.provider.name, [a for _, a in piece]]).encode()).hexdigest()
+        key = hashlib.sha256(
+            json.dumps([order.provider.name, [a for _, a in piece]]).encode()
+        ).hexdigest()
         times = np.array([t for t, _ in piece], "datetime64[s]")
         size = 2 * PACKED * nodes * len(piece)
         addresses = [a for _, a in piece]
@@ -109,7 +115,10 @@ def _make(addresses: list[str], order: Order, path: Path) -> None:
                     raise Passing(f'"{one}" sent half a message')
                 file.write(content)
         try:
-            with warnings.catch_warnings(), dataset.open_one(str(gathered), order.provider.quantity) as data:
+            with (
+                warnings.catch_warnings(),
+                dataset.open_one(str(gathered), order.provider.quantity) as data,
+            ):
                 warnings.simplefilter("ignore")
                 data.to_netcdf(path, engine="netcdf4")
         except UserError as error:

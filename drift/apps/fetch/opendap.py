@@ -1,7 +1,8 @@
-"""Subsets by OPeNDAP (DAP 2.0), which ERDDAP's griddap speaks as well: values come as they are stored, to the bit.
+"""Subsets by OPeNDAP (DAP 2.0), which ERDDAP's griddap speaks as well: values come as they are
+stored, to the bit.
 
-The header and the axes are asked for first; they say what a box and a span come to. The header is read through a process
-of its own (`geo.files.address`), values by `geo.files.dap`.
+The header and the axes are asked for first; they say what a box and a span come to. The header is
+read through a process of its own (`geo.files.address`), values by `geo.files.dap`.
 """
 
 import hashlib
@@ -26,16 +27,26 @@ from geo.forcing.times import clock
 from geo.grids import naming
 
 PART = 8_000_000  # [bytes] of values in one part, at least one time
-STALE = ("history", "date_created", "date_modified")  # attributes that say when something was asked, not what it is
-OF_STORAGE = ("_ChunkSizes", "_NCProperties", "_Netcdf4Dimid", "_Netcdf4Coordinates", "CLASS", "NAME", "DIMENSION_LIST",
-              "REFERENCE_LIST")  # fmt: skip
+# attributes that say when something was asked, not what it is
+STALE = ("history", "date_created", "date_modified")
+OF_STORAGE = (
+    "_ChunkSizes",
+    "_NCProperties",
+    "_Netcdf4Dimid",
+    "_Netcdf4Coordinates",
+    "CLASS",
+    "NAME",
+    "DIMENSION_LIST",
+    "REFERENCE_LIST",
+)
 
 
 @dataclass(frozen=True)
 class Header:
     """What an address holds: variables, whose values are not read, and attributes.
 
-    grids: the names that must be asked for as a part of their DAP Grid, else its axes would come with them.
+    grids: the names that must be asked for as a part of their DAP Grid, else its axes would come
+    with them.
     """
 
     address: str
@@ -45,19 +56,25 @@ class Header:
     timeout: float
 
     def read(self, name: str, spans: Mapping[Hashable, tuple[int, int]]) -> NDArray[Any]:
-        """Return a part of a variable, as it is stored; spans: first index, and the one after the last, by dimension."""
+        """Return a part of a variable, as it is stored; spans: first index, and the one after the
+        last, by dimension.
+        """
         variable = self.variables[name]
-        bounds = [spans.get(d, (0, size)) for d, size in zip(variable.dims, variable.shape, strict=True)]
+        bounds = [
+            spans.get(d, (0, size)) for d, size in zip(variable.dims, variable.shape, strict=True)
+        ]
         asked = f"{name}.{name}" if name in self.grids else name
-        return dap.read_variable(self.address, asked, [slice(*b) for b in bounds], variable.dtype, self.timeout)
+        return dap.read_variable(
+            self.address, asked, [slice(*b) for b in bounds], variable.dtype, self.timeout
+        )
 
 
 @dataclass(frozen=True)
 class Field:
     """One variable of a dataset, and what of it is wanted.
 
-    time: the dimension along which parts are cut; level: index by dimension of all that is neither time nor place; points:
-    longitudes and latitudes [deg] of the whole grid, as they are stored.
+    time: the dimension along which parts are cut; level: index by dimension of all that is neither
+    time nor place; points: longitudes and latitudes [deg] of the whole grid, as they are stored.
     """
 
     data: "Header"
@@ -79,13 +96,18 @@ def ship(order: Order) -> Shipment:
     addresses = whole if provider.protocol == "erddap" else list(provider.address)
     if len(addresses) == 1:
         addresses *= 2
-    headers = {one: _header(one, order.timeout) for one in dict.fromkeys(addresses)}  # most have one for both
+    # most have one for both
+    headers = {one: _header(one, order.timeout) for one in dict.fromkeys(addresses)}
     first, second = fields = [
-        _field(order, headers[one], name) for one, name in zip(addresses, provider.variables, strict=True)
+        _field(order, headers[one], name)
+        for one, name in zip(addresses, provider.variables, strict=True)
     ]
     if not np.array_equal(first.times, second.times):
         raise UserError(f"{provider.name}: its two components have other times")
-    if not all(np.array_equal(*pair, equal_nan=True) for pair in zip(first.points, second.points, strict=True)):
+    if not all(
+        np.array_equal(*pair, equal_nan=True)
+        for pair in zip(first.points, second.points, strict=True)
+    ):
         raise UserError(
             f"{provider.name}: its two components stand at other points (a staggered grid), which fetch cannot do"
         )
@@ -100,13 +122,17 @@ def ship(order: Order) -> Shipment:
         times = first.times[start:stop]
         known = [provider.name, addresses, said, str(first.window), [str(t) for t in times]]
         key = hashlib.sha256(json.dumps(known, default=str).encode()).hexdigest()
-        parts.append(Part(key, partial(_make, fields, start, stop), times, slice_size * (stop - start)))
+        parts.append(
+            Part(key, partial(_make, fields, start, stop), times, slice_size * (stop - start))
+        )
     notes = () if first.window.whole else ("holds only a part of the box",)
     return Shipment(order, tuple(parts), notes)
 
 
 def _header(one: str, timeout: float) -> Header:
-    """Return what an address holds; its structure is asked for first, for what is wrong shows in what its server says."""
+    """Return what an address holds; its structure is asked for first, for what is wrong shows in
+    what its server says.
+    """
     grids = dap.grids(one, timeout)
     line = address.Line(one)
     try:
@@ -138,18 +164,24 @@ def _field(order: Order, data: Header, name: str) -> Field:
         if along
         else data.variables[places[0]].dims
     )
-    found = window.along_axes(lon, lat, order.box) if along else window.on_surface(lon, lat, order.box)
+    found = (
+        window.along_axes(lon, lat, order.box) if along else window.on_surface(lon, lat, order.box)
+    )
     if found is None:
         raise UserError(
             f"{order.provider.name} has nothing in this box: its grid goes from {np.nanmin(lon):.2f} to "
             f"{np.nanmax(lon):.2f} E, {np.nanmin(lat):.2f} to {np.nanmax(lat):.2f} N"
         )
     level = {d: _level(data, d, order) for d in variable.dims if d not in (time, rows, columns)}
-    return Field(data, name, time, _times(data, time), level, rows, columns, places, (lon, lat), found)
+    return Field(
+        data, name, time, _times(data, time), level, rows, columns, places, (lon, lat), found
+    )
 
 
 def _is_time(data: Header, dim: Hashable) -> bool:
-    return str(dim) in data.variables and " since " in str(data.variables[str(dim)].attrs.get("units", ""))
+    return str(dim) in data.variables and " since " in str(
+        data.variables[str(dim)].attrs.get("units", "")
+    )
 
 
 def _times(data: Header, name: str) -> NDArray[np.datetime64]:
@@ -176,7 +208,9 @@ def _places(data: Header, name: str) -> tuple[str, str]:
         for other, variable in data.variables.items():
             if not variable.ndim or variable.ndim > 2 or not dims.issuperset(variable.dims):
                 continue
-            said = variable.attrs.get("standard_name") == standard or units.match(str(variable.attrs.get("units", "")))
+            said = variable.attrs.get("standard_name") == standard or units.match(
+                str(variable.attrs.get("units", ""))
+            )
             named = "units" not in variable.attrs and usual.match(other)
             if said or named:
                 known.append(other)
@@ -214,37 +248,58 @@ def _span(field: Field, order: Order) -> tuple[int, int]:
         int(np.searchsorted(times, order.begin, "right")) - 1,
         int(np.searchsorted(times, order.end, "left")) + 1,
     )
-    if order.provider.stamp in ("start", "middle", "end"):  # a mean's middle may lie on the other side of its stamp
+    # a mean's middle may lie on the other side of its stamp
+    if order.provider.stamp in ("start", "middle", "end"):
         return max(first - 1, 0), min(last + 1, times.size)
     return first, last
 
 
 def _said(field: Field) -> list[Any]:
-    """Return what tells one state of a dataset from another: shape, type, and attributes but those of the asking."""
+    """Return what tells one state of a dataset from another: shape, type, and attributes but those
+    of the asking.
+    """
     variable = field.data.variables[field.name]
-    said = {k: str(v) for k, v in {**field.data.attributes, **variable.attrs}.items() if k not in STALE}
-    return [variable.dims, [s for d, s in variable.sizes.items() if d != field.time], str(variable.dtype), said]
+    said = {
+        k: str(v) for k, v in {**field.data.attributes, **variable.attrs}.items() if k not in STALE
+    }
+    return [
+        variable.dims,
+        [s for d, s in variable.sizes.items() if d != field.time],
+        str(variable.dtype),
+        said,
+    ]
 
 
 def _make(fields: list[Field], start: int, stop: int, path: Path) -> None:
-    """Write the times from `start` up to `stop` of both components as a netCDF file, as they are stored."""
+    """Write the times from `start` up to `stop` of both components as a netCDF file, as they are
+    stored.
+    """
     variables: dict[str, xr.Variable] = {}
     for field in fields:
         _read(field, start, stop, variables)
     said = fields[0].data.attributes
     attributes = {k: v for k, v in said.items() if k not in OF_STORAGE and not k.startswith("DODS")}
     out = xr.Dataset(variables, attrs=attributes)
-    encoding = {n: {"_FillValue": None} for n, v in out.variables.items() if "_FillValue" not in v.attrs}
+    encoding = {
+        n: {"_FillValue": None} for n, v in out.variables.items() if "_FillValue" not in v.attrs
+    }
     out.to_netcdf(path, engine="netcdf4", encoding=encoding)
 
 
 def _read(field: Field, start: int, stop: int, found: dict[str, xr.Variable]) -> None:
-    """Add a component at some times, with its axes, places and grid mapping, where they are not there yet."""
+    """Add a component at some times, with its axes, places and grid mapping, where they are not
+    there yet.
+    """
     data = field.data
-    spans: dict[Hashable, tuple[int, int]] = {field.time: (start, stop), field.rows: field.window.rows}
+    spans: dict[Hashable, tuple[int, int]] = {
+        field.time: (start, stop),
+        field.rows: field.window.rows,
+    }
     spans |= {d: (k, k + 1) for d, k in field.level.items()}
     bounds = str(data.variables[field.time].attrs.get("bounds", ""))
-    for name in dict.fromkeys((field.name, *field.places, *map(str, data.variables[field.name].dims), bounds)):
+    for name in dict.fromkeys(
+        (field.name, *field.places, *map(str, data.variables[field.name].dims), bounds)
+    ):
         if name not in data.variables or name in found:
             continue
         variable = data.variables[name]
@@ -255,7 +310,9 @@ def _read(field: Field, start: int, stop: int, found: dict[str, xr.Variable]) ->
         runs = []
         for run, turn in zip(field.window.runs, field.window.turns, strict=True):
             values = data.read(name, {**spans, field.columns: run})
-            runs.append(values + values.dtype.type(turn) if turn and name == field.places[0] else values)
+            runs.append(
+                values + values.dtype.type(turn) if turn and name == field.places[0] else values
+            )
         joined = np.concatenate(runs, axis=variable.dims.index(field.columns))
         found[name] = xr.Variable(variable.dims, joined, kept)
     mapping = str(data.variables[field.name].attrs.get("grid_mapping", ""))

@@ -13,10 +13,11 @@ from geo.box import Box
 
 @dataclass(frozen=True)
 class Order:
-    """A quantity of a provider in a box, at all its times from one that is not after `begin` to one not before `end`.
+    """A quantity of a provider in a box, at all its times from one that is not after `begin` to one
+    not before `end`.
 
-    timeout: how long a server may leave a question unanswered [s]; asked: when it was ordered, which says what a forecast's
-    provider has.
+    timeout: how long a server may leave a question unanswered [s]; asked: when it was ordered,
+    which says what a forecast's provider has.
     """
 
     provider: Provider
@@ -31,8 +32,9 @@ class Order:
 class Part:
     """A piece of a shipment by time.
 
-    key: what it holds, so that an equal part that was fetched before is known; make: writes it as a netCDF file; times
-    [s] UTC that must be in it, shape (n,); none where the provider alone knows them; size [bytes], about.
+    key: what it holds, so that an equal part that was fetched before is known; make: writes it as a
+    netCDF file; times [s] UTC that must be in it, shape (n,); none where the provider alone knows
+    them; size [bytes], about.
     """
 
     key: str

@@ -1,7 +1,9 @@
-"""Parts of shipments, fetched one after another and kept until all are there, whatever ends the program in between.
+"""Parts of shipments, fetched one after another and kept until all are there, whatever ends the
+program in between.
 
-They lie in a hidden folder beside the one that is asked for. A part counts once its digest stands in the list there, which
-is replaced in one rename after each part; whatever else lies in the folder is what an interrupted run left, and goes.
+They lie in a hidden folder beside the one that is asked for. A part counts once its digest stands
+in the list there, which is replaced in one rename after each part; whatever else lies in the folder
+is what an interrupted run left, and goes.
 """
 
 import errno
@@ -39,7 +41,9 @@ Report = Callable[[str, float], None]  # what is being fetched, and the share of
 
 
 def patiently(attempt: Callable[[], T], tell: Callable[[str], None]) -> T:
-    """Return what an attempt gives, made anew while its failures may pass; bounded in number and time."""
+    """Return what an attempt gives, made anew while its failures may pass; bounded in number and
+    time.
+    """
     until = time.monotonic() + PATIENCE
     for number in range(1, ATTEMPTS + 1):
         try:
@@ -64,8 +68,12 @@ def _wait(seconds: float) -> None:
 
 
 def parts_folder(out: Path, orders: Sequence[Order]) -> Path:
-    """Return the hidden folder for the parts of some orders: the same for the same orders and folder."""
-    said = [[o.provider.name, o.provider.address, str(o.box), str(o.begin), str(o.end)] for o in orders]
+    """Return the hidden folder for the parts of some orders: the same for the same orders and
+    folder.
+    """
+    said = [
+        [o.provider.name, o.provider.address, str(o.box), str(o.begin), str(o.end)] for o in orders
+    ]
     key = hashlib.sha256(json.dumps([str(out.absolute()), said]).encode()).hexdigest()[:12]
     return out.absolute().parent / f"{PREFIX}{key}"
 
@@ -95,7 +103,11 @@ def _verified(folder: Path) -> dict[str, str]:
         listed = {str(key): str(digest) for key, digest in read.items()}
     except (OSError, ValueError, AttributeError):
         pass
-    sound = {k: d for k, d in listed.items() if path(folder, k).is_file() and manifest.digest(path(folder, k)) == d}
+    sound = {
+        k: d
+        for k, d in listed.items()
+        if path(folder, k).is_file() and manifest.digest(path(folder, k)) == d
+    }
     names = {path(folder, key).name for key in sound} | {LIST}
     for other in folder.iterdir():
         if other.name not in names and other.is_file():
@@ -110,11 +122,17 @@ def path(folder: Path, key: str) -> Path:
 
 def missing(shipments: Sequence[Shipment], there: dict[str, str]) -> float:
     """Return how much is still to be fetched [bytes], about."""
-    return sum(part.size for shipment in shipments for part in shipment.parts if part.key not in there)
+    return sum(
+        part.size for shipment in shipments for part in shipment.parts if part.key not in there
+    )
 
 
 def fetch(
-    folder: Path, shipments: Sequence[Shipment], there: dict[str, str], report: Report, tell: Callable[[str], None]
+    folder: Path,
+    shipments: Sequence[Shipment],
+    there: dict[str, str],
+    report: Report,
+    tell: Callable[[str], None],
 ) -> None:
     """Fetch all parts that are not there yet, each noted as soon as it is whole."""
     parts = [(shipment, part) for shipment in shipments for part in shipment.parts]
@@ -128,7 +146,9 @@ def fetch(
         except OSError as error:
             if error.errno in (errno.ENOSPC, errno.EDQUOT):
                 raise _full(folder, number, len(parts)) from None
-            raise UserError(f"cannot write into {folder.parent}: {error.strerror or error}") from None
+            raise UserError(
+                f"cannot write into {folder.parent}: {error.strerror or error}"
+            ) from None
         except UserError as error:
             there_now = sum(one.key in there for _, one in parts)
             raise UserError(f"{error} ({there_now} of {len(parts)} parts are kept)") from None
@@ -144,12 +164,15 @@ def _one(folder: Path, order: Order, part: Part) -> None:
     try:
         part.make(draft)
         _check(draft, order, part)
-    except (RuntimeError, OSError) as error:  # the netCDF library tells a full disk in words of its own
+    except (RuntimeError, OSError) as error:
+        # the netCDF library tells a full disk in words of its own
         if shutil.disk_usage(folder).free < part.size:
             raise OSError(errno.ENOSPC, "disk full") from None
         if isinstance(error, OSError) and error.errno is not None and error.errno > 0:
             raise
-        raise Passing(f"a part of {order.provider.name} could not be written or read back ({error})") from None
+        raise Passing(
+            f"a part of {order.provider.name} could not be written or read back ({error})"
+        ) from None
     os.replace(draft, path(folder, part.key))
 
 
@@ -160,7 +183,11 @@ def _check(draft: Path, order: Order, part: Part) -> None:
         with dataset.open_one(str(draft), order.provider.quantity) as data:
             fields = [variable for variable in data.data_vars.values() if variable.ndim >= 2]
             time = next(
-                (n for n, v in data.variables.items() if " since " in str(v.attrs.get("units", "")) and v.ndim < 2),
+                (
+                    n
+                    for n, v in data.variables.items()
+                    if " since " in str(v.attrs.get("units", "")) and v.ndim < 2
+                ),
                 None,
             )
             if time is None or len(fields) < 2:

@@ -1,6 +1,8 @@
-"""Subsets by the Copernicus Marine toolbox, a program of its own (`pip install -e '.[fetch]' where drift lies`).
+"""Subsets by the Copernicus Marine toolbox, a program of its own (`pip install -e '.[fetch]' where
+drift lies`).
 
-It alone knows the user's name and password (`copernicusmarine login`): they never pass through this process.
+It alone knows the user's name and password (`copernicusmarine login`): they never pass through this
+process.
 """
 
 import hashlib
@@ -25,14 +27,18 @@ PROGRAM = "copernicusmarine"
 ADVICE = "pip install -e '.[fetch]' where drift lies"
 DAY = np.timedelta64(86_400, "s")
 SECOND = np.timedelta64(1, "s")
-AROUND = np.timedelta64(3 * 3600, "s")  # before and after the span: the longest step of its products
+# before and after the span: the longest step of its products
+AROUND = np.timedelta64(3 * 3600, "s")
 LONGEST = 1800.0  # [s] that the toolbox may work on one part
 MEGA = 1e6
 CELL = 0.25  # [deg] around the box: its products have 0.083 to 0.2 deg
 
 
 def ship(order: Order) -> Shipment:
-    """Return what an order comes to, a part a day; asks the toolbox for its size. Raises UserError or Passing."""
+    """Return what an order comes to, a part a day; asks the toolbox for its size.
+
+    Raises UserError or Passing.
+    """
     begin, end = order.begin - AROUND, order.end + AROUND
     spans = [(start, min(start + DAY, end) - SECOND) for start in np.arange(begin, end, DAY)]
     said = _told([*_question(order, begin, end - SECOND), "--dry-run"], 20 * order.timeout)
@@ -56,12 +62,20 @@ def _question(order: Order, start: np.datetime64, stop: np.datetime64) -> list[s
     words += ["--minimum-latitude", f"{box.south:.4f}", "--maximum-latitude", f"{box.north:.4f}"]
     words += ["--start-datetime", str(start), "--end-datetime", str(stop)]
     if provider.level is not None:
-        words += ["--minimum-depth", "0", "--maximum-depth", f"{2 * provider.level:g}"]  # the first layer alone
+        # the first layer alone
+        words += ["--minimum-depth", "0", "--maximum-depth", f"{2 * provider.level:g}"]
     return [*words, "--coordinates-selection-method", "inside"]
 
 
 def _make(question: list[str], path: Path) -> None:
-    where = ["--output-directory", str(path.parent), "--output-filename", path.name, "--file-format", "netcdf"]
+    where = [
+        "--output-directory",
+        str(path.parent),
+        "--output-filename",
+        path.name,
+        "--file-format",
+        "netcdf",
+    ]
     _told([*question, *where, "--overwrite"], LONGEST)
     if not path.is_file():
         raise Passing(f"{PROGRAM} ended well and wrote nothing")
@@ -111,10 +125,17 @@ def _told(words: list[str], longest: float) -> str:
             child.communicate()
     if child.returncode == 0:
         return out
-    last = " ".join((trouble.strip() or out.strip() or "it said nothing").splitlines()[-1].split())[-200:]
+    last = " ".join((trouble.strip() or out.strip() or "it said nothing").splitlines()[-1].split())[
+        -200:
+    ]
     low = f"{trouble} {out}".lower()
-    if any(word in low for word in ("credential", "password", "username", "log in", "login", "aborted")):
+    if any(
+        word in low for word in ("credential", "password", "username", "log in", "login", "aborted")
+    ):
         raise UserError(f"{PROGRAM} asks for credentials: run {PROGRAM} login once")
-    if any(word in low for word in ("exceed", "out of bounds", "outofbounds", "not found", "does not exist")):
+    if any(
+        word in low
+        for word in ("exceed", "out of bounds", "outofbounds", "not found", "does not exist")
+    ):
         raise UserError(f"{PROGRAM}: {last}")
     raise Passing(f"{PROGRAM} failed ({last})")

@@ -15,8 +15,8 @@ MARGIN = 1.5  # cells around a box, so that its edge lies between nodes
 class Window:
     """Rows and runs of columns of a grid, in the order in which they go together.
 
-    turns: by run, the whole turns [deg] that go onto its longitudes, so that they run on without a jump; whole: whether the
-    grid holds all of the box.
+    turns: by run, the whole turns [deg] that go onto its longitudes, so that they run on without a
+    jump; whole: whether the grid holds all of the box.
     """
 
     rows: tuple[int, int]
@@ -31,23 +31,30 @@ class Window:
 
 
 def along_axes(lon: Real, lat: Real, box: Box) -> Window | None:
-    """Return the window of a box on axes [deg], shapes (nlon,) and (nlat,), ascending or descending; None: no part."""
+    """Return the window of a box on axes [deg], shapes (nlon,) and (nlat,), ascending or
+    descending; None: no part.
+    """
     dlon, dlat = _spacing(lon), _spacing(lat)
     grown = box.grown(MARGIN * dlon, MARGIN * dlat)
     rows = np.flatnonzero((lat >= grown.south) & (lat <= grown.north))
     width = grown.east - grown.west
     if not rows.size:
         return None
-    high = lat[rows].min() <= max(box.south, -90 + dlat) and lat[rows].max() >= min(box.north, 90 - dlat)
+    high = lat[rows].min() <= max(box.south, -90 + dlat) and lat[rows].max() >= min(
+        box.north, 90 - dlat
+    )
     span = int(rows[0]), int(rows[-1]) + 1
     if width >= 360:
-        return Window(span, ((0, lon.size),), (0.0,), bool(high and np.ptp(lon) + 1.5 * dlon >= 360))
+        return Window(
+            span, ((0, lon.size),), (0.0,), bool(high and np.ptp(lon) + 1.5 * dlon >= 360)
+        )
     x = grown.west + (lon - grown.west) % 360  # in [west, west + 360)
     columns = np.flatnonzero(x <= grown.east)
     if not columns.size:
         return None
     columns = columns[np.argsort(x[columns], kind="stable")]
-    columns = columns[np.diff(x[columns], prepend=-np.inf) > 1e-3 * dlon]  # an axis that closes has one meridian twice
+    # an axis that closes has one meridian twice
+    columns = columns[np.diff(x[columns], prepend=-np.inf) > 1e-3 * dlon]
     if lon[-1] < lon[0]:
         columns = columns[::-1]
     pieces = np.split(columns, np.flatnonzero(np.diff(columns) != 1) + 1)
@@ -57,7 +64,8 @@ def along_axes(lon: Real, lat: Real, box: Box) -> Window | None:
     return Window(
         span,
         tuple((int(piece[0]), int(piece[-1]) + 1) for piece in pieces),
-        tuple(turn - turns[0] for turn in turns),  # the first run keeps its longitudes, the others go on from there
+        # the first run keeps its longitudes, the others go on from there
+        tuple(turn - turns[0] for turn in turns),
         bool(high and wide),
     )
 
@@ -67,11 +75,19 @@ def _spacing(axis: Real) -> float:
 
 
 def on_surface(lon: Real, lat: Real, box: Box) -> Window | None:
-    """Return the window of a box on a curvilinear grid [deg], shapes (nrow, ncolumn); None where it has no node there."""
-    inside = ((lon - box.west) % 360 <= box.east - box.west) & (lat >= box.south) & (lat <= box.north)
+    """Return the window of a box on a curvilinear grid [deg], shapes (nrow, ncolumn);
+
+    None where it has no node there.
+    """
+    inside = (
+        ((lon - box.west) % 360 <= box.east - box.west) & (lat >= box.south) & (lat <= box.north)
+    )
     rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
     if not rows.size:
         return None
-    spans = [(max(int(k[0]) - 2, 0), min(int(k[-1]) + 3, n)) for k, n in zip((rows, columns), lon.shape, strict=True)]
+    spans = [
+        (max(int(k[0]) - 2, 0), min(int(k[-1]) + 3, n))
+        for k, n in zip((rows, columns), lon.shape, strict=True)
+    ]
     edge = any(k[0] == 0 or k[-1] == n - 1 for k, n in zip((rows, columns), lon.shape, strict=True))
     return Window(spans[0], (spans[1],), (0.0,), not edge)

@@ -1,4 +1,6 @@
-"""What is asked of a sensor, from a case and what a user says beside it; all that does not fit is refused here."""
+"""What is asked of a sensor, from a case and what a user says beside it; all that does not fit is
+refused here.
+"""
 
 import difflib
 import math
@@ -49,7 +51,9 @@ def question(
     elif sensor.sees.times.size:
         said.append(("POD", _held(sensor.sees.times, when)))
     said.append(("land", "sound and sight pass it, as in a run"))
-    return Question(sensor, place, toward, when, listened, level, tuple((a, b) for a, b in said if b))
+    return Question(
+        sensor, place, toward, when, listened, level, tuple((a, b) for a, b in said if b)
+    )
 
 
 def _sensor(case: Case, name: str) -> Sensor:
@@ -77,7 +81,9 @@ def _carrying(case: Case, sensor: Sensor) -> Sortie | None:
 def _time(case: Case, time: object, carrying: Sortie | None, said: Assumed) -> np.datetime64:
     if time is None:
         if carrying is not None and not carrying.start <= case.start <= carrying.end:
-            said.append(("time", f'{notation.group(carrying.start)}, the start of sortie "{carrying.name}"'))
+            said.append(
+                ("time", f'{notation.group(carrying.start)}, the start of sortie "{carrying.name}"')
+            )
             return carrying.start
         said.append(("time", f"{notation.group(case.start)}, the start of the case"))
         return case.start
@@ -88,7 +94,12 @@ def _time(case: Case, time: object, carrying: Sortie | None, said: Assumed) -> n
 
 
 def _place(
-    sensor: Sensor, at: object, heading: object, carrying: Sortie | None, when: np.datetime64, said: Assumed
+    sensor: Sensor,
+    at: object,
+    heading: object,
+    carrying: Sortie | None,
+    when: np.datetime64,
+    said: Assumed,
 ) -> tuple[tuple[float, float], float]:
     """Return where a sensor is [deg], and the heading [rad] of its array."""
     if sensor.place is not None:
@@ -121,10 +132,15 @@ def _place(
     grid = sensor.sees
     if isinstance(grid, PodGrid) and grid.lon is not None and grid.lat is not None:
         said.append(
-            ("place", "the middle of what its table sees, from which ranges are measured: it has no place of its own")
+            (
+                "place",
+                "the middle of what its table sees, from which ranges are measured: it has no place of its own",
+            )
         )
         return _middle(grid, when), toward or 0.0
-    raise UserError(f'where is sensor "{sensor.name}"? Neither its table (at) nor one sortie says; give --at')
+    raise UserError(
+        f'where is sensor "{sensor.name}"? Neither its table (at) nor one sortie says; give --at'
+    )
 
 
 def _heading(heading: object) -> float | None:
@@ -141,7 +157,9 @@ def _heading(heading: object) -> float | None:
 
 
 def _under_way(legs: Legs, time: float) -> tuple[tuple[float, float], float]:
-    """Return where something on legs is at a time [s since 1970], (lon, lat) [deg], and its course [rad]."""
+    """Return where something on legs is at a time [s since 1970], (lon, lat) [deg], and its course
+    [rad].
+    """
     k = min(max(int(np.searchsorted(legs.time, time, side="right")) - 1, 0), len(legs.time) - 2)
     share = min(max((time - legs.time[k]) / (legs.time[k + 1] - legs.time[k]), 0.0), 1.0)
     ends = np.radians([[legs.lon[k], legs.lat[k]], [legs.lon[k + 1], legs.lat[k + 1]]])
@@ -149,7 +167,8 @@ def _under_way(legs: Legs, time: float) -> tuple[tuple[float, float], float]:
     lon, lat = sphere.destination(ends[0, 0], ends[0, 1], east * share, north * share)
     # The great circle goes on beyond its end as it came there.
     before, after = (
-        sphere.destination(ends[0, 0], ends[0, 1], east * s, north * s) for s in (share - 1e-3, share + 1e-3)
+        sphere.destination(ends[0, 0], ends[0, 1], east * s, north * s)
+        for s in (share - 1e-3, share + 1e-3)
     )
     way = sphere.offset(*before, *after)
     place = float(sphere.wrap_degrees(math.degrees(float(lon)))), math.degrees(float(lat))
@@ -170,7 +189,11 @@ def _middle(grid: PodGrid, when: np.datetime64) -> tuple[float, float]:
 def _level(case: Case, sensor: Sensor, scenario: str | None, speed: object, said: Assumed) -> float:
     """Return the source level [dB] of the target; NaN where the sensor is no sonar."""
     if not isinstance(sensor.sees, Sonar):
-        given = [option for option, value in (("--scenario", scenario), ("--speed", speed)) if value is not None]
+        given = [
+            option
+            for option, value in (("--scenario", scenario), ("--speed", speed))
+            if value is not None
+        ]
         if given:
             raise UserError(
                 f'{given[0]}: sensor "{sensor.name}" is a table of POD, the same for all targets; leave it out'
@@ -180,7 +203,9 @@ def _level(case: Case, sensor: Sensor, scenario: str | None, speed: object, said
     if scenario is not None and scenario not in names:
         near = difflib.get_close_matches(scenario, names, n=1, cutoff=0.5)
         hint = f'did you mean "{near[0]}"? ' if near else ""
-        raise UserError(f'--scenario: no scenario "{scenario}"; {hint}there are: {", ".join(names[:20])}')
+        raise UserError(
+            f'--scenario: no scenario "{scenario}"; {hint}there are: {", ".join(names[:20])}'
+        )
     weights = [one.weight for one in case.scenarios]
     k = int(np.argmax(weights)) if scenario is None else names.index(scenario)
     levels = sensor.sees.levels

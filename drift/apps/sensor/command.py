@@ -1,4 +1,7 @@
-"""Where a sensor of a case hears, from the question to the files: `drift sensor` and `drift.sensor_reach`."""
+"""Where a sensor of a case hears, from the question to the files:
+
+`drift sensor` and `drift.sensor_reach`.
+"""
 
 import os
 from collections.abc import Sequence
@@ -32,8 +35,8 @@ def sensor_reach(
         case: of `drift.load` or `drift.vary`, with a `[[sensor]]` of that name.
         name: of the sensor.
         out: a folder for sensor.png, sensor.nc and sensor.csv; None: nothing is written.
-        time: as a case writes it, "211830ZNOV26" or "+6 h"; None: the start of the case, or of the one sortie that carries the
-            sensor.
+        time: as a case writes it, "211830ZNOV26" or "+6 h"; None: the start of the case, or of the
+            one sortie that carries the sensor.
         at: "36 00N 070 00W", of a sensor whose table does not say.
         heading: of its array [degrees from north].
         beams: numbers from 1; None: all.
@@ -42,8 +45,8 @@ def sensor_reach(
         overwrite: whether results that `out` holds are replaced, once the new ones are complete.
 
     Returns:
-        What one look detects by bearing [rad] and range [m] and on a grid (lat, lon), and how far it detects with 50 % [m], shape
-        (360,) by bearing.
+        What one look detects by bearing [rad] and range [m] and on a grid (lat, lon), and how far
+        it detects with 50 % [m], shape (360,) by bearing.
 
     Raises:
         UserError: no such sensor, or its place, heading, time or speed is missing or does not fit.
@@ -68,12 +71,21 @@ def _write(case: Case, found: Reach, folder: Path, overwrite: bool) -> None:
         {**told, "run_id": formats.run_id(told)},
     )
     land = coastline.lands(None, case.coast)
-    writer.write(folder, [chapter.chapter(chapter.SensorOutputs(found, imprint, land), told)], overwrite=overwrite)
+    writer.write(
+        folder,
+        [chapter.chapter(chapter.SensorOutputs(found, imprint, land), told)],
+        overwrite=overwrite,
+    )
 
 
 def _attributes(case: Case, question: Question) -> dict[str, str]:
-    """Return what every file carries. What was asked stands under the case, so that each question has its own run_id."""
-    words = "; ".join([text.described(question), *(f"{name}: {words}" for name, words in question.assumed)])
+    """Return what every file carries.
+
+    What was asked stands under the case, so that each question has its own run_id.
+    """
+    words = "; ".join(
+        [text.described(question), *(f"{name}: {words}" for name, words in question.assumed)]
+    )
     return {
         "title": case.title,
         "source": f"casp-drift {version.__version__}",

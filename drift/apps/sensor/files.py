@@ -42,8 +42,16 @@ def grid(found: Reach, stamped: Stamped) -> xr.Dataset:
             },
         )
     coords: dict[str, object] = {
-        "lat": ("lat", found.lat, {"standard_name": "latitude", "units": "degrees_north", "axis": "Y"}),
-        "lon": ("lon", found.lon, {"standard_name": "longitude", "units": "degrees_east", "axis": "X"}),
+        "lat": (
+            "lat",
+            found.lat,
+            {"standard_name": "latitude", "units": "degrees_north", "axis": "Y"},
+        ),
+        "lon": (
+            "lon",
+            found.lon,
+            {"standard_name": "longitude", "units": "degrees_east", "axis": "X"},
+        ),
         "time": (
             (),
             asked.time.astype("datetime64[ns]"),
@@ -72,9 +80,20 @@ def reach_csv(found: Reach, stamped: Stamped) -> str:
     for bearing in range(0, len(found.bearing), EVERY):
         pod = np.interp(far * NMI, found.range, found.around.pod[bearing])
         excess = None if found.around.excess is None else found.around.excess[bearing]
-        over = np.full(far.shape, np.nan) if excess is None else np.interp(far * NMI, found.range, excess)
+        over = (
+            np.full(far.shape, np.nan)
+            if excess is None
+            else np.interp(far * NMI, found.range, excess)
+        )
         for metres, db, chance in zip(far, over, pod, strict=True):
-            rows.append([bearing, f"{metres:.10g}", f"{db:.2f}" if math.isfinite(db) else "", f"{chance:.4f}"])
+            rows.append(
+                [
+                    bearing,
+                    f"{metres:.10g}",
+                    f"{db:.2f}" if math.isfinite(db) else "",
+                    f"{chance:.4f}",
+                ]
+            )
     head = ["bearing_deg", "range_nmi", "signal_excess_db", "pod", "sensor", "time", "run_id"]
     same = [found.question.sensor.name, notation.iso(found.question.time), stamped["run_id"]]
     return formats.csv_text(head, [[*row, *same] for row in rows])

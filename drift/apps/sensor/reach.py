@@ -1,7 +1,9 @@
-"""Where a sensor hears, reckoned: round its place by bearing and range, and on a grid of longitude and latitude.
+"""Where a sensor hears, reckoned: round its place by bearing and range, and on a grid of longitude
+and latitude.
 
-A look is one instant: it detects with probability Phi(signal excess / fluctuation), averaged over the `unknown` of the sensor, or
-with that of its table. Sound passes land, as it does in a run; a target ashore is heard by no sonar there.
+A look is one instant: it detects with probability Phi(signal excess / fluctuation), averaged over
+the `unknown` of the sensor, or with that of its table. Sound passes land, as it does in a run; a
+target ashore is heard by no sonar there.
 """
 
 import math
@@ -21,7 +23,8 @@ FAINT = 0.01  # probability of detection up to which the map goes
 LEAST, MOST = 10 * NMI, 80 * 60 * NMI  # [m] extents; the map is no wider than a hemisphere
 MARGIN = 1.04  # of the extent beyond the last that is heard
 BEARINGS, RINGS = 360, 1201
-SIDE, ROUND = 401, 1440  # cells along a side of the grid, odd: the sensor is in the middle; all round a pole
+# cells along a side of the grid, odd: the sensor is in the middle; all round a pole
+SIDE, ROUND = 401, 1440
 
 
 def reach(asked: Question) -> Reach:
@@ -52,7 +55,10 @@ def look(asked: Question, lon: Array, lat: Array) -> Looked:
     source = np.array(asked.level)
     over = hearing.over(Ear(sees, asked.beams), at, asked.heading, asked.time, lon, lat, source)
     values, shares = unknown.offsets(sees.unknown, sees.fluctuation)
-    pod = sum(share * hearing.chance(sees, over + value) for value, share in zip(values, shares, strict=True))
+    pod = sum(
+        share * hearing.chance(sees, over + value)
+        for value, share in zip(values, shares, strict=True)
+    )
     return Looked(np.asarray(pod), np.where(np.isfinite(over), over, np.nan))
 
 
@@ -88,22 +94,41 @@ def _grid(place: tuple[float, float], extent: float) -> tuple[Array, Array]:
     if abs(place[1]) + half >= 89.0:  # a pole is in it, or next to it
         lat = lat[np.abs(lat) <= 90.0]
         return -180.0 + (np.arange(ROUND) + 0.5) * 360.0 / ROUND, lat
-    wide = math.degrees(math.asin(min(math.sin(math.radians(half)) / math.cos(math.radians(place[1])), 1.0)))
+    wide = math.degrees(
+        math.asin(min(math.sin(math.radians(half)) / math.cos(math.radians(place[1])), 1.0))
+    )
     return place[0] + np.linspace(-wide, wide, SIDE), lat
 
 
 def zones(ranges: Array, pod: Array) -> list[tuple[float, float]]:
-    """Return from and to which ranges [m] a probability of detection is 50 % or more, straight between those given."""
+    """Return from and to which ranges [m] a probability of detection is 50 % or more, straight
+    between those given.
+    """
     inside = np.concatenate([[False], pod >= HALF, [False]])
-    begins, ends = np.flatnonzero(inside[1:] & ~inside[:-1]), np.flatnonzero(~inside[1:] & inside[:-1]) - 1
+    begins, ends = (
+        np.flatnonzero(inside[1:] & ~inside[:-1]),
+        np.flatnonzero(~inside[1:] & inside[:-1]) - 1,
+    )
     found = []
     for a, b in zip(begins, ends, strict=True):
         first = ranges[0] if a == 0 else np.interp(HALF, pod[a - 1 : a + 1], ranges[a - 1 : a + 1])
-        last = ranges[-1] if b == len(ranges) - 1 else np.interp(HALF, pod[b : b + 2][::-1], ranges[b : b + 2][::-1])
+        last = (
+            ranges[-1]
+            if b == len(ranges) - 1
+            else np.interp(HALF, pod[b : b + 2][::-1], ranges[b : b + 2][::-1])
+        )
         found.append((float(first), float(last)))
     return found
 
 
 def order(found: Reach) -> Array:
-    """Return bearings (360,), by number, from the one that is heard farthest to the least far; of ties the most heard first."""
-    return np.lexsort((np.arange(BEARINGS), -np.round(found.around.pod.mean(axis=1), 9), -np.round(found.farthest)))
+    """Return bearings (360,), by number, from the one that is heard farthest to the least far; of
+    ties the most heard first.
+    """
+    return np.lexsort(
+        (
+            np.arange(BEARINGS),
+            -np.round(found.around.pod.mean(axis=1), 9),
+            -np.round(found.farthest),
+        )
+    )

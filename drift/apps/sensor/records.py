@@ -37,7 +37,8 @@ class Looked:
     """Signal excess and probability of detection of one look at places, of one shape."""
 
     pod: Array  # 0 to 1
-    excess: Array | None  # [dB]; NaN where the sound is not known, for it is too far; None: no sonar
+    # [dB]; NaN where the sound is not known, for it is too far; None: no sonar
+    excess: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,8 @@ class Reach:
     bearing: Array  # (360,) true [rad]
     range: Array  # (r,) [m] from 0
     around: Looked  # (360, r)
-    farthest: Array  # (360,) [m] to which a look detects with 50 %, by bearing, zones included; 0: nowhere
+    # (360,) [m] to which a look detects with 50 %, by bearing, zones included; 0: nowhere
+    farthest: Array
     unbroken: Array  # (360,) [m] up to which it does without a gap
     lon: Array  # (x,) [deg] of a grid, ascending without jumps
     lat: Array  # (y,)

@@ -1,4 +1,6 @@
-"""Where a sensor hears, in words and numbers: for the terminal, for programs, and under the title of the picture."""
+"""Where a sensor hears, in words and numbers: for the terminal, for programs, and under the title
+of the picture.
+"""
 
 import math
 from typing import Any
@@ -17,7 +19,9 @@ def reach_facts(found: Reach) -> dict[str, str]:
     asked, pod = found.question, f"{notation.hundredths(reaching.HALF)} %"
     told = {"sensor": f"{asked.sensor.name}, {described(asked)}"}
     if found.farthest.max() <= 0:
-        told[f"{pod} out to"] = f"nowhere: the chance is {100 * found.around.pod.max():.2g} % at most"
+        told[f"{pod} out to"] = (
+            f"nowhere: the chance is {100 * found.around.pod.max():.2g} % at most"
+        )
     else:
         told[f"{pod} out to"] = spread(found.farthest)
         if np.any(found.unbroken < found.farthest - 1.0):
@@ -109,4 +113,10 @@ def summary_of_reach(found: Reach) -> dict[str, Any]:
 
 def _spread(ranges: Array) -> dict[str, float]:
     names = ("min", "median", "max")
-    return dict(zip(names, (np.quantile(ranges, [0.0, 0.5, 1.0], method="higher") / NMI).tolist(), strict=True))
+    return dict(
+        zip(
+            names,
+            (np.quantile(ranges, [0.0, 0.5, 1.0], method="higher") / NMI).tolist(),
+            strict=True,
+        )
+    )

@@ -1,4 +1,7 @@
-"""The desk's pages and questions, as an application; `drift.apps.serve.gate` stands before it, `drift.apps.serve.server` runs it."""
+"""The desk's pages and questions, as an application;
+
+`drift.apps.serve.gate` stands before it, `drift.apps.serve.server` runs it.
+"""
 
 import mimetypes
 import os
@@ -30,9 +33,12 @@ ASSETS = {
     "page.css": ("drift.products.report", "text/css"),  # the look of report.html
 }
 TYPES = {  # of files of runs that a browser shows; all others are saved
-    ".png": "image/png", ".txt": "text/plain; charset=utf-8", ".csv": "text/plain; charset=utf-8",
-    ".toml": "text/plain; charset=utf-8", ".json": "application/json",
-}  # fmt: skip
+    ".png": "image/png",
+    ".txt": "text/plain; charset=utf-8",
+    ".csv": "text/plain; charset=utf-8",
+    ".toml": "text/plain; charset=utf-8",
+    ".json": "application/json",
+}
 CHUNK = 2**18  # [bytes]
 
 
@@ -56,7 +62,8 @@ class Desk:
     async def shown(self, request: Request) -> Response:
         """What the folder holds."""
         try:
-            runs = await run_in_threadpool(shelf.runs, self.folder)  # a large summary takes its time
+            # a large summary takes its time
+            runs = await run_in_threadpool(shelf.runs, self.folder)
             cases = await run_in_threadpool(shelf.cases, self.folder)
         except OSError as error:
             return _refusal(500, f"the folder cannot be read: {error.strerror}")
@@ -77,16 +84,24 @@ class Desk:
         return JSONResponse({"name": name, "text": text, "digest": digest})
 
     async def copied(self, request: Request) -> Response:
-        """Lay a copy of a template, or of a case that ships with the project, into the folder, under a free name."""
+        """Lay a copy of a template, or of a case that ships with the project, into the folder,
+        under a free name.
+        """
         name = request.path_params["name"]
         if name not in _shipped():
             return _refusal(404, "no such case")
-        text = template.template_text(name) if name in template.TEMPLATES else _asset("cases", f"{name}.toml")
+        text = (
+            template.template_text(name)
+            if name in template.TEMPLATES
+            else _asset("cases", f"{name}.toml")
+        )
         try:
             for beside in set(
                 re.findall(r'"((?:networks|losses)/[\w.-]+)"', text)
             ):  # files that it names are copied with it
-                shelf.lay_beside(self.folder, beside, resources.files("cases").joinpath(beside).read_bytes())
+                shelf.lay_beside(
+                    self.folder, beside, resources.files("cases").joinpath(beside).read_bytes()
+                )
             return JSONResponse({"name": shelf.save_new(self.folder, name, text)})
         except OSError as error:
             return _refusal(500, f"{name} cannot be copied: {error.strerror}")
@@ -95,7 +110,11 @@ class Desk:
         """Save a case; refuse where it was changed meanwhile."""
         name, body = request.path_params["name"], request.scope["body"]
         text, before = body.get("text"), body.get("digest")
-        if body.keys() != {"text", "digest"} or not isinstance(text, str) or not isinstance(before, str | None):
+        if (
+            body.keys() != {"text", "digest"}
+            or not isinstance(text, str)
+            or not isinstance(before, str | None)
+        ):
             return _refusal(400, "give a text and the digest of what it was, null for a new case")
         if not names.case(name):
             letters = f"letters, digits, spaces and . _ - + ( ), at most {names.LONGEST}"
@@ -105,9 +124,15 @@ class Desk:
         if len(text.encode()) > shelf.LARGEST:
             return _refusal(413, f"a case has at most {shelf.LARGEST:,} bytes")
         try:
-            return JSONResponse({"name": name, "digest": shelf.save(self.folder, name, text, before)})
+            return JSONResponse(
+                {"name": name, "digest": shelf.save(self.folder, name, text, before)}
+            )
         except shelf.Conflict:
-            what = "exists already" if before is None else "was changed meanwhile, by another page or program"
+            what = (
+                "exists already"
+                if before is None
+                else "was changed meanwhile, by another page or program"
+            )
             return _refusal(409, f"{name} {what}; nothing was saved")
         except OSError as error:
             return _refusal(500, f"{name} cannot be saved: {error.strerror}")
@@ -119,14 +144,20 @@ class Desk:
     async def job_new(self, request: Request) -> Response:
         """Ask for a job on a case as it was saved."""
         body = request.scope["body"]
-        if body.keys() != {"kind", "case", "digest"} or not all(isinstance(value, str) for value in body.values()):
+        if body.keys() != {"kind", "case", "digest"} or not all(
+            isinstance(value, str) for value in body.values()
+        ):
             return _refusal(400, "give kind, case and digest")
         if not re.fullmatch("[0-9a-f]{64}", body["digest"]):
             return _refusal(400, "the digest is that of the case as it was read")
         if body["kind"] not in KINDS or not names.case(body["case"]):
             return _refusal(400, f"kinds are {', '.join(KINDS)}, on a case of this folder")
         job = self.jobs.add(body["kind"], body["case"], body["digest"])
-        return _refusal(429, "too much is waiting already") if job is None else JSONResponse(self._job(job.told()))
+        return (
+            _refusal(429, "too much is waiting already")
+            if job is None
+            else JSONResponse(self._job(job.told()))
+        )
 
     async def job_cancel(self, request: Request) -> Response:
         """End a job."""
@@ -147,7 +178,11 @@ class Desk:
         kind = "text/html; charset=utf-8" if name == shelf.REPORT else TYPES.get(suffix)
         headers = {"Content-Length": str(size)}
         if kind is None:
-            kind = mimetypes.types_map.get(suffix, "application/octet-stream") if suffix != ".html" else "text/plain"
+            kind = (
+                mimetypes.types_map.get(suffix, "application/octet-stream")
+                if suffix != ".html"
+                else "text/plain"
+            )
             headers["Content-Disposition"] = "attachment"
         response = Pieces(os.fdopen(handle, "rb"), size, headers)
         response.headers["Content-Type"] = kind
@@ -189,18 +224,22 @@ def _refusal(status: int, line: str) -> Response:
 @lru_cache
 def _shipped() -> dict[str, str]:
     """Return the titles of what a case may begin with, by name: commented stories, then cases."""
-    return {name: f"a commented case: {words}" for name, words in template.TEMPLATES.items()} | dict(
-        case_file.shipped()
-    )
+    return {
+        name: f"a commented case: {words}" for name, words in template.TEMPLATES.items()
+    } | dict(case_file.shipped())
 
 
 @lru_cache
 def _asset(home: str, name: str) -> str:
     place = resources.files(home)
-    return (place if home == "cases" else place / "assets").joinpath(name).read_text(encoding="utf-8")
+    return (
+        (place if home == "cases" else place / "assets").joinpath(name).read_text(encoding="utf-8")
+    )
 
 
-def make(folder: Path, places: tuple[str, ...], secret: Secret, allowed: fence.Fence, limits: Limits) -> ASGIApp:
+def make(
+    folder: Path, places: tuple[str, ...], secret: Secret, allowed: fence.Fence, limits: Limits
+) -> ASGIApp:
     """Return the application, behind its gate; places: "host:port" as requests must name it."""
     jobs = Jobs(folder, allowed, limits)
     desk = Desk(folder, secret, jobs)

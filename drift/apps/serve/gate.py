@@ -1,9 +1,10 @@
 """What every request must pass before the desk looks at it, and what every answer says.
 
-The server listens on the loopback alone, but every page of every site can send it requests. So a request must name our
-address (against names that are rebound to it), come from our own page where it changes anything, and carry the secret of
-this start, as a cookie that the printed address set. Files of runs are asked for without the cookie, by a key in their
-address: their pages run apart (CSP sandbox), because scripts in a folder that somebody sent must not act for the user.
+The server listens on the loopback alone, but every page of every site can send it requests. So a
+request must name our address (against names that are rebound to it), come from our own page where
+it changes anything, and carry the secret of this start, as a cookie that the printed address set.
+Files of runs are asked for without the cookie, by a key in their address: their pages run apart
+(CSP sandbox), because scripts in a folder that somebody sent must not act for the user.
 """
 
 import asyncio
@@ -70,7 +71,8 @@ class Gate:
 
     def __init__(self, app: ASGIApp, places: tuple[str, ...], secret: Secret) -> None:
         self._app, self._places, self._secret = app, places, secret
-        self._cookie = f"drift-{places[0].rpartition(':')[2]}"  # browsers send cookies to every port of a host
+        # browsers send cookies to every port of a host
+        self._cookie = f"drift-{places[0].rpartition(':')[2]}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or pass it on with its body read: scope["body"]."""
@@ -85,8 +87,15 @@ class Gate:
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
                 own = {**HEADERS, "Content-Security-Policy": APART if apart else POLICY}
-                given = [(n, v) for n, v in message["headers"] if n.lower() not in {k.lower().encode() for k in own}]
-                message["headers"] = [*given, *((n.lower().encode(), v.encode()) for n, v in own.items())]
+                given = [
+                    (n, v)
+                    for n, v in message["headers"]
+                    if n.lower() not in {k.lower().encode() for k in own}
+                ]
+                message["headers"] = [
+                    *given,
+                    *((n.lower().encode(), v.encode()) for n, v in own.items()),
+                ]
             await send(message)
 
         try:
@@ -101,7 +110,9 @@ class Gate:
         await answer(scope, receive, guarded)
 
     def _entry(self, scope: Scope) -> Response | None:
-        """Return the answer to who opens the printed address, None for who may go on; raise Refused."""
+        """Return the answer to who opens the printed address, None for who may go on; raise
+        Refused.
+        """
         if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > LONGEST:
             raise Refused(414, "the address is too long")
         places = _each(scope, b"host")
@@ -121,44 +132,68 @@ class Gate:
         if site and site not in (["same-origin"], ["none"]):
             raise Refused(403, "asked from another site")
         if not self._known(scope):
-            raise Refused(401, "open the address that drift serve printed: it holds the key of this start")
+            raise Refused(
+                401, "open the address that drift serve printed: it holds the key of this start"
+            )
         return None
 
     def _let_in(self, scope: Scope) -> Response:
         """Turn the token of the printed address into a cookie."""
         given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
-        if len(given) != 1 or not hmac.compare_digest(given[0].encode(), self._secret.token.encode()):
-            raise Refused(401, "open the address that drift serve printed last: this key is of another start")
+        if len(given) != 1 or not hmac.compare_digest(
+            given[0].encode(), self._secret.token.encode()
+        ):
+            raise Refused(
+                401, "open the address that drift serve printed last: this key is of another start"
+            )
         answer = RedirectResponse("/", 303)
-        answer.set_cookie(self._cookie, self._secret.cookie, httponly=True, samesite="strict", path="/")
+        answer.set_cookie(
+            self._cookie, self._secret.cookie, httponly=True, samesite="strict", path="/"
+        )
         return answer
 
     def _refuse_foreign(self, scope: Scope, site: list[str]) -> None:
         """Refuse what changes something and is not from our own page."""
         origin = _each(scope, b"origin")
         ours = [f"http://{place}" for place in self._places]
-        if origin and (len(origin) != 1 or origin[0] not in ours or origin[0] != f"http://{_each(scope, b'host')[0]}"):
+        if origin and (
+            len(origin) != 1
+            or origin[0] not in ours
+            or origin[0] != f"http://{_each(scope, b'host')[0]}"
+        ):
             raise Refused(403, "sent from another site")
         if site not in ([], ["same-origin"]) or not (origin or site):
             raise Refused(403, "sent from another site")
 
     def _refuse_without_key(self, scope: Scope, site: list[str]) -> None:
-        """Refuse a file of a run without its key, and use of one by another page than as a page of its own."""
+        """Refuse a file of a run without its key, and use of one by another page than as a page of
+        its own.
+        """
         parts = scope["path"].split("/")
         if scope["method"] == "POST" or len(parts) != 5:
             raise Refused(404, "no such file")
         if not hmac.compare_digest(parts[3].encode(), self._secret.key(parts[2]).encode()):
             raise Refused(401, "this key is of another start: open the run from the list")
-        if site not in ([], ["same-origin"], ["none"]) and _each(scope, b"sec-fetch-mode") != ["navigate"]:
+        if site not in ([], ["same-origin"], ["none"]) and _each(scope, b"sec-fetch-mode") != [
+            "navigate"
+        ]:
             raise Refused(403, "asked from another site")
 
     def _known(self, scope: Scope) -> bool:
-        cookies = [part.strip().partition("=") for line in _each(scope, b"cookie") for part in line.split(";")]
+        cookies = [
+            part.strip().partition("=")
+            for line in _each(scope, b"cookie")
+            for part in line.split(";")
+        ]
         ours = [value for name, _, value in cookies if name == self._cookie]
-        return any(hmac.compare_digest(value.encode(), self._secret.cookie.encode()) for value in ours)
+        return any(
+            hmac.compare_digest(value.encode(), self._secret.cookie.encode()) for value in ours
+        )
 
     async def _body(self, scope: Scope, receive: Receive) -> dict[str, Any]:
-        """Return the JSON object of a body; raise Refused for anything else, too much of it, or too slow."""
+        """Return the JSON object of a body; raise Refused for anything else, too much of it, or too
+        slow.
+        """
         kind = _each(scope, b"content-type")
         if [one.replace(" ", "").lower() for one in kind] not in (
             ["application/json"],

@@ -1,7 +1,9 @@
-"""Work on cases: each in a process of its own, one at a time, checks beside runs; none outlives the server.
+"""Work on cases: each in a process of its own, one at a time, checks beside runs; none outlives the
+server.
 
-So a crash or a cancelled run costs the server nothing, and what the case may open is bounded in that process
-(`geo.files.fence`). The process watches its standard input, which ends when this one does, however it ends.
+So a crash or a cancelled run costs the server nothing, and what the case may open is bounded in
+that process (`geo.files.fence`). The process watches its standard input, which ends when this one
+does, however it ends.
 """
 
 import asyncio
@@ -36,7 +38,8 @@ LONGEST_LINE = 1200  # letters
 GIB = 2**30  # [bytes]
 GRACE = 10.0  # [s] from asking a process to end to ending it by force
 
-CRASHES = ("SIGSEGV", "SIGBUS", "SIGILL", "SIGFPE")  # these have other reasons than a lack of memory
+# these have other reasons than a lack of memory
+CRASHES = ("SIGSEGV", "SIGBUS", "SIGILL", "SIGFPE")
 
 Lane = asyncio.Queue["Job"]
 
@@ -74,11 +77,23 @@ class Job:
 
     def told(self) -> dict[str, Any]:
         """Return what the page shows of it."""
-        took = time.monotonic() - self.started if self.took is None and self.started is not None else self.took
+        took = (
+            time.monotonic() - self.started
+            if self.took is None and self.started is not None
+            else self.took
+        )
         return {
-            "number": self.number, "kind": self.kind, "case": self.case, "digest": self.digest, "state": self.state,
-            "out": self.out, "phase": self.phase, "share": self.share, "took": took, "lines": list(self.lines),
-        }  # fmt: skip
+            "number": self.number,
+            "kind": self.kind,
+            "case": self.case,
+            "digest": self.digest,
+            "state": self.state,
+            "out": self.out,
+            "phase": self.phase,
+            "share": self.share,
+            "took": took,
+            "lines": list(self.lines),
+        }
 
 
 class Jobs:
@@ -119,7 +134,9 @@ class Jobs:
             return None
         job = Job(max(self._jobs, default=0) + 1, kind, case, digest)
         self._jobs[job.number] = job
-        for old in [number for number, one in self._jobs.items() if one.over][: max(len(self._jobs) - MOST_KEPT, 0)]:
+        for old in [number for number, one in self._jobs.items() if one.over][
+            : max(len(self._jobs) - MOST_KEPT, 0)
+        ]:
             del self._jobs[old]
         self._lanes[kind == "check"].put_nowait(job)
         return job
@@ -141,7 +158,9 @@ class Jobs:
             try:
                 status = await self._carry_out(job)
             except Exception as error:  # one job must not end the lane of all
-                job.lines.append(f"drift: {error.strerror if isinstance(error, OSError) else error}")
+                job.lines.append(
+                    f"drift: {error.strerror if isinstance(error, OSError) else error}"
+                )
                 status = 1
             if job.state == "running":
                 job.state = "done" if status == 0 else "failed"
@@ -156,16 +175,24 @@ class Jobs:
             job.out = _free(self._folder, f"{job.case.removesuffix('.toml')}-{what}")
             given += ["--out", str(self._folder / job.out)]
             given += [] if self._limits.backend == "cpu" else ["--backend", self._limits.backend]
-        # Python looks for modules where it starts: neither in the served folder, nor in any that others can write.
+        # Python looks for modules where it starts: neither in the served folder, nor in any that
+        # others can write.
         path = [place for place in sys.path if place and Path(place).resolve() != self._folder]
         memory = int(self._limits.memory * GIB) if self._limits.memory < float("inf") else None
         code = f"import sys; sys.path[:] = {path!r}; {START}({memory!r})"
         with tempfile.TemporaryDirectory(prefix="drift-desk-", ignore_cleanup_errors=True) as empty:
             job.process = await asyncio.create_subprocess_exec(
-                sys.executable, "-c", code, *given,
-                stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
-                cwd=empty, env=self._environment(empty), start_new_session=os.name == "posix",
-            )  # fmt: skip
+                sys.executable,
+                "-c",
+                code,
+                *given,
+                stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.PIPE,
+                stderr=asyncio.subprocess.STDOUT,
+                cwd=empty,
+                env=self._environment(empty),
+                start_new_session=os.name == "posix",
+            )
             overdue = asyncio.create_task(_end_after(job.process, self._limits.hours * 3600))
             try:
                 if job.state == "cancelled":  # while it was started
@@ -190,20 +217,36 @@ class Jobs:
             return f"ended, as it took more than {self._limits.hours:g} h; drift serve --hours allows more"
         if status >= 0:
             return ""
-        name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
+        name = (
+            signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
+        )
         if name in CRASHES:
-            whole = " after its results were complete" if job.out and (self._folder / job.out).is_dir() else ""
+            whole = (
+                " after its results were complete"
+                if job.out and (self._folder / job.out).is_dir()
+                else ""
+            )
             return f"a library crashed ({name}){whole}; try again; if it crashes again, report it with the case"
-        most = f", which is limited to {self._limits.memory:.3g} GiB" if self._limits.memory < float("inf") else ""
+        most = (
+            f", which is limited to {self._limits.memory:.3g} GiB"
+            if self._limits.memory < float("inf")
+            else ""
+        )
         return f"ended by {name}, as happens when memory runs out{most} (drift serve --memory)"
 
     def _environment(self, empty: str) -> dict[str, str]:
-        own = {fence.NAME: fence.fence_text(self._fence), "DRIFT_PROGRESS": "lines", "TMPDIR": empty}
+        own = {
+            fence.NAME: fence.fence_text(self._fence),
+            "DRIFT_PROGRESS": "lines",
+            "TMPDIR": empty,
+        }
         return os.environ | own | {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8:replace"}
 
 
 def _free(folder: Path, name: str) -> str:
-    """Return a name for a folder of results that nothing has yet: no result is overwritten from the page."""
+    """Return a name for a folder of results that nothing has yet: no result is overwritten from the
+    page.
+    """
     stem = name[: names.LONGEST - 5].rstrip(" .")
     for k in range(1, 1000):
         if not os.path.lexists(folder / (free := stem if k == 1 else f"{stem}-{k}")):
@@ -214,13 +257,20 @@ def _free(folder: Path, name: str) -> str:
 def _take(job: Job, line: str) -> None:
     """Take in a line of a process: progress, or one for the log."""
     if not line.startswith(MARK):
-        job.lines.append("".join(letter if letter.isprintable() else " " for letter in line)[:LONGEST_LINE].rstrip())
+        job.lines.append(
+            "".join(letter if letter.isprintable() else " " for letter in line)[
+                :LONGEST_LINE
+            ].rstrip()
+        )
         return
     with contextlib.suppress(ValueError, KeyError, TypeError, OverflowError, RecursionError):
         told = json.loads(line[1:LONGEST_LINE])
         share = float(told["share"])
         if 0 <= share <= 1:  # neither is NaN
-            job.phase, job.share = "".join(letter for letter in str(told["phase"]) if letter.isprintable())[:100], share
+            job.phase, job.share = (
+                "".join(letter for letter in str(told["phase"]) if letter.isprintable())[:100],
+                share,
+            )
 
 
 async def _read(stream: asyncio.StreamReader, take: Callable[[str], None]) -> None:
@@ -236,7 +286,9 @@ async def _read(stream: asyncio.StreamReader, take: Callable[[str], None]) -> No
 
 
 async def _end(process: asyncio.subprocess.Process) -> None:
-    """Ask a process to end, so that it leaves nothing half written; end it by force where it does not."""
+    """Ask a process to end, so that it leaves nothing half written; end it by force where it does
+    not.
+    """
     with contextlib.suppress(ProcessLookupError):
         process.terminate()
     try:

@@ -1,7 +1,8 @@
-"""Names that a request may use, and the files that they mean: those right inside the served folder, and no others.
+"""Names that a request may use, and the files that they mean: those right inside the served folder,
+and no others.
 
-A name is checked by its letters, and a file is opened step by step without following a link, so that neither a spelling
-nor a link, were it put there in between, leads out.
+A name is checked by its letters, and a file is opened step by step without following a link, so
+that neither a spelling nor a link, were it put there in between, leads out.
 """
 
 import errno
@@ -35,7 +36,9 @@ def case(name: str) -> bool:
 
 
 def open_inside(folder: Path, *parts: str) -> int:
-    """Return a handle to read a file inside a folder; raise OSError where it is none, or a link is on the way."""
+    """Return a handle to read a file inside a folder; raise OSError where it is none, or a link is
+    on the way.
+    """
     if not all(map(plain, parts)):
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
     if os.open in os.supports_dir_fd:
@@ -60,7 +63,9 @@ def open_inside(folder: Path, *parts: str) -> int:
 
 
 def contents(folder: Path, *parts: str, largest: int) -> bytes:
-    """Return the bytes of a file inside a folder; raise OSError as `opened` does, or where it is larger [bytes]."""
+    """Return the bytes of a file inside a folder; raise OSError as `opened` does, or where it is
+    larger [bytes].
+    """
     with os.fdopen(open_inside(folder, *parts), "rb") as file:
         data = file.read(largest + 1)
     if len(data) > largest:

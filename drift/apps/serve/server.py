@@ -18,7 +18,10 @@ from kernels.runtime import devices, drivers
 HOST, PORT = "127.0.0.1", 8765
 NEXT = 20  # ports that are tried after PORT
 CONNECTIONS = 100  # at most at once
-REASONS = {errno.EADDRINUSE: "is in use", errno.EACCES: "is not yours to take, as those below 1024 mostly are not"}
+REASONS = {
+    errno.EADDRINUSE: "is in use",
+    errno.EACCES: "is not yours to take, as those below 1024 mostly are not",
+}
 HOURS, LEAST_MEMORY = 12.0, 2.0  # [h], [GiB]
 LOOPBACK = {"127.0.0.1", "localhost", "::1"}
 
@@ -42,7 +45,8 @@ def serve(
         folder: of the cases and results; its jobs write nowhere else.
         host: where it listens, this machine alone by default.
         port: None: 8765 or the next free one.
-        allow: files and folders, besides the served one and that of DRIFT_DATA, that cases may read.
+        allow: files and folders, besides the served one and that of DRIFT_DATA, that cases may
+            read.
         allow_host: hosts of addresses that cases may ask, "host" or "host:port".
         hours: the most that a job may take [h].
         memory: the most that a job may take [GiB]; None: what the machine has.
@@ -51,7 +55,8 @@ def serve(
         say: prints a line.
 
     Raises:
-        UserError: the folder, the port or the backend cannot be used, or the extra `serve` is not installed.
+        UserError: the folder, the port or the backend cannot be used, or the extra `serve` is not
+            installed.
     """
     try:
         import uvicorn
@@ -59,7 +64,9 @@ def serve(
         from drift.apps.serve import app as desk_app
         from drift.apps.serve.gate import Secret
     except ImportError as error:
-        raise UserError(f"drift serve needs {error.name}; pip install -e '.[serve]' where drift lies") from None
+        raise UserError(
+            f"drift serve needs {error.name}; pip install -e '.[serve]' where drift lies"
+        ) from None
     place = _folder(folder)
     allowed = _allowed(place, allow, allow_host)
     if backend in devices.CARDS:
@@ -69,7 +76,9 @@ def serve(
     with listening:
         number = listening.getsockname()[1]
         shown = f"[{host}]" if ":" in host else host
-        called = ["127.0.0.1", "localhost"] if host in ("127.0.0.1", "localhost") else [shown.lower()]
+        called = (
+            ["127.0.0.1", "localhost"] if host in ("127.0.0.1", "localhost") else [shown.lower()]
+        )
         places = [f"{name}:{number}" for name in dict.fromkeys([shown.lower(), *called])]
         secret = Secret()
         app = desk_app.make(place, tuple(places), secret, allowed, limits)
@@ -86,14 +95,27 @@ def serve(
 
 
 def configured(app: Any) -> Any:
-    """Return uvicorn's configuration for an application: no log, which would hold the token, and no patience."""
+    """Return uvicorn's configuration for an application: no log, which would hold the token, and no
+    patience.
+    """
     import uvicorn
 
     return uvicorn.Config(
-        app, loop="asyncio", http="h11", ws="none", interface="asgi3", lifespan="on", log_level="error", access_log=False,
-        server_header=False, proxy_headers=False, limit_concurrency=CONNECTIONS, timeout_keep_alive=15,
-        timeout_graceful_shutdown=3, h11_max_incomplete_event_size=16384,
-    )  # fmt: skip
+        app,
+        loop="asyncio",
+        http="h11",
+        ws="none",
+        interface="asgi3",
+        lifespan="on",
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        limit_concurrency=CONNECTIONS,
+        timeout_keep_alive=15,
+        timeout_graceful_shutdown=3,
+        h11_max_incomplete_event_size=16384,
+    )
 
 
 def _folder(folder: str | os.PathLike[str]) -> Path:
@@ -101,7 +123,9 @@ def _folder(folder: str | os.PathLike[str]) -> Path:
     try:
         place = Path(folder).resolve(strict=True)
     except (OSError, RuntimeError, ValueError):
-        raise UserError(f'folder "{str(folder)[:300]}": is not there; make it, or name another') from None
+        raise UserError(
+            f'folder "{str(folder)[:300]}": is not there; make it, or name another'
+        ) from None
     if not place.is_dir():
         raise UserError(f'"{folder}" is no folder; name the one that holds your cases')
     if not os.access(place, os.R_OK | os.W_OK | os.X_OK):
@@ -109,7 +133,9 @@ def _folder(folder: str | os.PathLike[str]) -> Path:
     return place
 
 
-def _allowed(folder: Path, allow: Sequence[str | os.PathLike[str]], hosts: Sequence[str]) -> fence.Fence:
+def _allowed(
+    folder: Path, allow: Sequence[str | os.PathLike[str]], hosts: Sequence[str]
+) -> fence.Fence:
     """Return what cases may read; results are written into the served folder."""
     folders = [folder, Path(str(resources.files("cases"))).resolve()]
     if data := os.environ.get("DRIFT_DATA"):
@@ -121,8 +147,12 @@ def _allowed(folder: Path, allow: Sequence[str | os.PathLike[str]], hosts: Seque
             raise UserError(f'--allow "{str(path)[:300]}": is not there') from None
     for host in hosts:
         if not fence.PLACE.fullmatch(host):
-            raise UserError(f'--allow-host "{host[:300]}": is no host, like thredds.met.no or localhost:8080')
-    return fence.Fence(tuple(folders), frozenset(host.lower() for host in hosts), writable=(folder,))
+            raise UserError(
+                f'--allow-host "{host[:300]}": is no host, like thredds.met.no or localhost:8080'
+            )
+    return fence.Fence(
+        tuple(folders), frozenset(host.lower() for host in hosts), writable=(folder,)
+    )
 
 
 def _limits(hours: float, memory: float | None) -> Limits:
@@ -130,7 +160,9 @@ def _limits(hours: float, memory: float | None) -> Limits:
     if not 0 < hours < float("inf"):
         raise UserError(f"--hours {hours:g}: is more than 0")
     if memory is not None and not LEAST_MEMORY <= memory < float("inf"):
-        raise UserError(f"--memory {memory:g}: is {LEAST_MEMORY:g} (GiB) at least, which a small run takes")
+        raise UserError(
+            f"--memory {memory:g}: is {LEAST_MEMORY:g} (GiB) at least, which a small run takes"
+        )
     if memory is None:
         try:
             memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / GIB
@@ -148,8 +180,11 @@ def _listen(host: str, port: int | None) -> socket.socket:
     except (OSError, UnicodeError):
         raise UserError(f'--host "{host[:300]}": no such host') from None
     family, kind, protocol, _, address = found[0]
-    if address[0] in ("0.0.0.0", "::"):  # a request names the address that it was sent to: it must be known
-        raise UserError(f"--host {host}: name one address or name of this machine, under which it will be asked")
+    # a request names the address that it was sent to: it must be known
+    if address[0] in ("0.0.0.0", "::"):
+        raise UserError(
+            f"--host {host}: name one address or name of this machine, under which it will be asked"
+        )
     for number in [port] if port is not None else range(PORT, PORT + NEXT + 1):
         listening = socket.socket(family, kind, protocol)
         try:
@@ -164,5 +199,9 @@ def _listen(host: str, port: int | None) -> socket.socket:
             listening.close()
             if error.errno not in {errno.EADDRINUSE, errno.EACCES} or port is not None:
                 reason = REASONS.get(error.errno or 0, f"cannot be used ({error.strerror})")
-                raise UserError(f"port {number} of {host} {reason}; give another with --port") from None
-    raise UserError(f"ports {PORT} to {PORT + NEXT} of {host} cannot be taken; give another with --port")
+                raise UserError(
+                    f"port {number} of {host} {reason}; give another with --port"
+                ) from None
+    raise UserError(
+        f"ports {PORT} to {PORT + NEXT} of {host} cannot be taken; give another with --port"
+    )

@@ -23,7 +23,12 @@ PATIENCE = 2.0  # [s] until another server has saved
 MOST = 1000  # entries that are listed of each kind
 TITLE = re.compile(r"""^title[ \t]*=[ \t]*(?:("(?:[^"\\\n]|\\.)*")|('[^'\n]*'))""", re.MULTILINE)
 SUMMARY, REPORT = "summary.json", "report.html"
-KINDS = {"patrols.txt": "patrols", "plan.txt": "plan", "origin.nc": "origin", "verify.csv": "verify"}
+KINDS = {
+    "patrols.txt": "patrols",
+    "plan.txt": "plan",
+    "origin.nc": "origin",
+    "verify.csv": "verify",
+}
 
 
 class Conflict(Exception):
@@ -44,8 +49,9 @@ def read_case(folder: Path, name: str) -> tuple[str, str]:
 def save(folder: Path, name: str, text: str, before: str | None) -> str:
     """Write a case, whole or not at all, and return its digest.
 
-    before: its digest when it was read, None for one that must not be there yet. Raises Conflict, and writes nothing,
-    where it is otherwise by now; OSError where another server saves in the folder and does not come to an end.
+    before: its digest when it was read, None for one that must not be there yet. Raises Conflict,
+    and writes nothing, where it is otherwise by now; OSError where another server saves in the
+    folder and does not come to an end.
     """
     with hidden.alone(folder, PATIENCE) as free:  # else two servers may both find what they expect
         if not free:
@@ -64,14 +70,17 @@ def _written(folder: Path, name: str, data: bytes, before: str | None) -> str:
             raise Conflict from None
     half = folder / f".{secrets.token_hex(8)}.part"
     try:
-        with os.fdopen(os.open(half, os.O_WRONLY | os.O_CREAT | os.O_EXCL | names.LINKS, mode), "wb") as file:
+        with os.fdopen(
+            os.open(half, os.O_WRONLY | os.O_CREAT | os.O_EXCL | names.LINKS, mode), "wb"
+        ) as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
         if before is None:
             _appear(half, folder / name)
         else:
-            os.replace(half, folder / name)  # a link that was put there meanwhile is replaced, not followed
+            # a link that was put there meanwhile is replaced, not followed
+            os.replace(half, folder / name)
     finally:
         half.unlink(missing_ok=True)
     return digest(data)
@@ -124,7 +133,8 @@ def cases(folder: Path) -> list[dict[str, Any]]:
 
 @lru_cache(4 * MOST)
 def _title(folder: Path, name: str, changed: int, size: int) -> str:
-    """Return a case's title, "" where no line gives one; the state of the file is part of the question.
+    """Return a case's title, "" where no line gives one; the state of the file is part of the
+    question.
 
     The whole text is parsed in processes of their own only: TOML that is made for it takes hours.
     """
@@ -147,7 +157,9 @@ def runs(folder: Path) -> list[dict[str, Any]]:
         if names.plain(entry.name) and entry.is_dir(follow_symlinks=False):
             with suppress(OSError):
                 status = os.stat(folder / entry.name / manifest.NAME, follow_symlinks=False)
-                if (row := _run(folder, entry.name, status.st_mtime_ns)) and _whole(folder / entry.name, row["sizes"]):
+                if (row := _run(folder, entry.name, status.st_mtime_ns)) and _whole(
+                    folder / entry.name, row["sizes"]
+                ):
                     found.append({key: value for key, value in row.items() if key != "sizes"})
     return sorted(found, key=lambda row: str(row["made"]), reverse=True)
 
@@ -177,7 +189,9 @@ def _run(folder: Path, name: str, changed: int) -> dict[str, Any] | None:
         "warnings": [_words(line) for line in warnings] if isinstance(warnings, list) else [],
         "made": _words(told.get("date_created", "")),
         "report": REPORT in sizes,
-        "files": [{"name": file, "bytes": size} for file, size in sorted(sizes.items()) if file != REPORT],
+        "files": [
+            {"name": file, "bytes": size} for file, size in sorted(sizes.items()) if file != REPORT
+        ],
         "sizes": sizes,
     }
 
@@ -192,7 +206,9 @@ def _whole(place: Path, sizes: dict[str, int]) -> bool:
 
 
 def _words(value: Any) -> str:
-    """Return a text that a list may show: one line, not endless, and no half letters, which cannot be sent."""
+    """Return a text that a list may show: one line, not endless, and no half letters, which cannot
+    be sent.
+    """
     return " ".join(str(value).encode("utf-8", "replace").decode("utf-8").split())[:300]
 
 
@@ -203,7 +219,9 @@ def _entries(folder: Path) -> Iterator["os.DirEntry[str]"]:
 
 
 def file_of_run(folder: Path, run: str, name: str) -> tuple[int, int]:
-    """Return a handle and the size [bytes] of a file that the manifest of a run names; raise OSError for any other."""
+    """Return a handle and the size [bytes] of a file that the manifest of a run names; raise
+    OSError for any other.
+    """
     if not (names.plain(run) and names.plain(name)) or os.path.islink(folder / run):
         raise FileNotFoundError
     listed = manifest.read_manifest(folder / run)

@@ -1,1 +1,3 @@
-"""A contact that was lost: its track by the detections there are, its areas now, and a path on which to regain it."""
+"""A contact that was lost: its track by the detections there are, its areas now, and a path on
+which to regain it.
+"""

@@ -19,24 +19,32 @@ from kernels.runtime import runtime
 
 
 def track(
-    name: str | os.PathLike[str], out: str | os.PathLike[str] | None = None, *,
-    changes: Mapping[str, str] | None = None, backend: str = "cpu", threads: int | None = None, overwrite: bool = False,
+    name: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    changes: Mapping[str, str] | None = None,
+    backend: str = "cpu",
+    threads: int | None = None,
+    overwrite: bool = False,
     tell: Callable[[str, float], None] = lambda phase, share: None,
-) -> Regained:  # fmt: skip
+) -> Regained:
     """Return the track of a target by the detections there are, and its areas.
 
     Args:
         name: of a tracking case with `detections`, or its file.
         out: a folder for the track, its areas and a picture, all or none; None: nothing is written.
         changes: places in the file and TOML values, {"particles": "4000"}, as --set has them.
-        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
-            A process keeps the backend and the threads that it began with.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics
+            card where one is worth it. A process keeps the backend and the threads that it began
+            with.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a
+            bit of the results.
         overwrite: whether results that `out` holds are replaced, once the new ones are complete.
         tell: takes what is being done, and the share of it that is done, 0 to 1.
 
     Returns:
-        In `held` the track by time and its areas; in `chased` with a `[pursuit]` the path, or why there is none.
+        In `held` the track by time and its areas; in `chased` with a `[pursuit]` the path, or why
+        there is none.
 
     Raises:
         UserError: what a user can change, one line for each mistake (`error.lines`).
@@ -76,6 +84,12 @@ def _write(found: Regained, out: Path, overwrite: bool, land: Land) -> None:
     }
     about = "A heuristic, no Bayes: take areas as rough (docs/tracking.md)."
     imprint = Imprint(
-        asked.title, f"{told['source']}, seed {asked.seed}. {about}", {**told, "run_id": formats.run_id(told)}
+        asked.title,
+        f"{told['source']}, seed {asked.seed}. {about}",
+        {**told, "run_id": formats.run_id(told)},
     )
-    writer.write(out, [chapter.chapter(chapter.TrackOutputs(found, imprint, land), told)], overwrite=overwrite)
+    writer.write(
+        out,
+        [chapter.chapter(chapter.TrackOutputs(found, imprint, land), told)],
+        overwrite=overwrite,
+    )

@@ -21,7 +21,9 @@ def _percent(share: float) -> str:
 
 
 def path_table(found: Regained) -> str:
-    """Return the path as CSV, a line for each look, with the shares of the cloud and of another one that were within reach by then."""
+    """Return the path as CSV, a line for each look, with the shares of the cloud and of another one
+    that were within reach by then.
+    """
     chased = found.chased
     assert isinstance(chased, Chased)
     way = chased.found.path
@@ -41,12 +43,20 @@ def path_table(found: Regained) -> str:
     rows: list[list[Any]] = []
     for k, time in enumerate(way.time):
         last = k == len(speed)
-        rows.append([
-            notation.iso(text.moment(found, time)), f"{lat[k]:.4f}", f"{lon[k]:.4f}",
-            "" if last or speed[k] < 0.05 else f"{round(float(course[k])) % 360:03d}", "" if last else f"{speed[k]:.1f}",
-            *(_percent(share[min(k, len(share) - 1)]) for share in (chased.found.met, chased.judged)),
-            "yes" if k in chased.found.plans else "no",
-        ])  # fmt: skip
+        rows.append(
+            [
+                notation.iso(text.moment(found, time)),
+                f"{lat[k]:.4f}",
+                f"{lon[k]:.4f}",
+                "" if last or speed[k] < 0.05 else f"{round(float(course[k])) % 360:03d}",
+                "" if last else f"{speed[k]:.1f}",
+                *(
+                    _percent(share[min(k, len(share) - 1)])
+                    for share in (chased.found.met, chased.judged)
+                ),
+                "yes" if k in chased.found.plans else "no",
+            ]
+        )
     return formats.csv_text(header, rows)
 
 
@@ -60,7 +70,9 @@ def path_gpx(found: Regained, run: str) -> str:
     lon, lat = path.degrees(chased.found.path.place)
     for k, time in enumerate(chased.found.path.time):
         when = text.moment(found, time)
-        gpx_file.point(way, "rtept", float(lon[k]), float(lat[k]), time=when, name=notation.group(when))
+        gpx_file.point(
+            way, "rtept", float(lon[k]), float(lat[k]), time=when, name=notation.group(when)
+        )
     return markup.document_text(root)
 
 
@@ -69,30 +81,56 @@ def track_csv(found: Regained) -> str:
     held = found.held
     sized = [f"area_{notation.hundredths(share)}_nmi2" for share in holding.SHARES]
     header = [
-        "time", "detection", "left_percent", "lat", "lon", "course_deg", "course_spread_deg", "speed_kn", "speed_std_kn",
-        "particles", "within_percent", *sized,
-    ]  # fmt: skip
+        "time",
+        "detection",
+        "left_percent",
+        "lat",
+        "lon",
+        "course_deg",
+        "course_spread_deg",
+        "speed_kn",
+        "speed_std_kn",
+        "particles",
+        "within_percent",
+        *sized,
+    ]
     lon, lat = path.degrees(held.place)
     rows: list[list[Any]] = []
     for k, regions in enumerate(held.areas):
         numbers = [
-            lat[k], lon[k], np.degrees(held.course[k]) % 360, np.degrees(held.off[k]), held.speed[k] / KNOT, held.slower[k] / KNOT,
-        ]  # fmt: skip
+            lat[k],
+            lon[k],
+            np.degrees(held.course[k]) % 360,
+            np.degrees(held.off[k]),
+            held.speed[k] / KNOT,
+            held.slower[k] / KNOT,
+        ]
         inside = "none" if np.isnan(held.within[k]) else notation.hundredths(held.within[k])
-        rows.append([
-            notation.iso(text.moment(found, held.time[k])), "yes" if held.detected[k] else "no",
-            _percent(held.left[k] if held.detected[k] else np.nan),
-            *(f"{v:.{d}f}" if regions else "" for v, d in zip(numbers, (4, 4, 1, 1, 1, 1), strict=True)),
-            int(held.count[k]) if regions else 0, inside if regions else "",
-            *(f"{regions[share].area / NMI**2:.4g}" if regions else "" for share in holding.SHARES),
-        ])  # fmt: skip
+        rows.append(
+            [
+                notation.iso(text.moment(found, held.time[k])),
+                "yes" if held.detected[k] else "no",
+                _percent(held.left[k] if held.detected[k] else np.nan),
+                *(
+                    f"{v:.{d}f}" if regions else ""
+                    for v, d in zip(numbers, (4, 4, 1, 1, 1, 1), strict=True)
+                ),
+                int(held.count[k]) if regions else 0,
+                inside if regions else "",
+                *(
+                    f"{regions[share].area / NMI**2:.4g}" if regions else ""
+                    for share in holding.SHARES
+                ),
+            ]
+        )
     return formats.csv_text(header, rows)
 
 
 def gpx(found: Regained, run: str) -> str:
     """Return the estimate as a GPX track, and the estimates shown as waypoints.
 
-    A segment is a time over which it was held and lay in its areas: a mean of a ring is no place to steer for.
+    A segment is a time over which it was held and lay in its areas: a mean of a ring is no place to
+    steer for.
     """
     held = found.held
     root = gpx_file.document(held.study.title, f"Estimated track; run {run}")
@@ -102,7 +140,9 @@ def gpx(found: Regained, run: str) -> str:
         k = held.row(one.time)
         if good[k]:
             when = text.moment(found, one.time)
-            gpx_file.point(root, "wpt", float(lon[k]), float(lat[k]), time=when, name=notation.group(when))
+            gpx_file.point(
+                root, "wpt", float(lon[k]), float(lat[k]), time=when, name=notation.group(when)
+            )
     track = ET.SubElement(root, "trk")
     markup.leaf(track, "name", "estimated track")
     for some in np.split(np.arange(len(good)), np.flatnonzero(np.diff(good)) + 1):
@@ -119,9 +159,12 @@ def areas(found: Regained, attributes: Stamped) -> dict[str, Any]:
         when = text.moment(found, one.time)
         for share, region in found.held.areas[found.held.row(one.time)].items():
             properties = {
-                "name": f"{notation.hundredths(share)} % area {notation.group(when)}", "time": notation.iso(when),
-                "probability": share, "area_nmi2": float(f"{region.area / NMI**2:.4g}"), "area_km2": float(f"{region.area / 1e6:.4g}"),
-            }  # fmt: skip
+                "name": f"{notation.hundredths(share)} % area {notation.group(when)}",
+                "time": notation.iso(when),
+                "probability": share,
+                "area_nmi2": float(f"{region.area / NMI**2:.4g}"),
+                "area_km2": float(f"{region.area / 1e6:.4g}"),
+            }
             features.append(geojson.feature(geojson.polygons(region.outline), properties))
     return geojson.collection(features, attributes)
 
@@ -131,14 +174,23 @@ def summary_of_track(found: Regained) -> dict[str, Any]:
     held = found.held
     told = [_numbers(found, one) for one in held.shown]
     lost = [
-        {"time": notation.iso(text.moment(found, loss.time)), "sensors": [sensor.name for sensor in loss.sensors]}
+        {
+            "time": notation.iso(text.moment(found, loss.time)),
+            "sensors": [sensor.name for sensor in loss.sensors],
+        }
         for loss in held.lost
     ]
     anew = [
         {"time": notation.iso(text.moment(found, float(time))), "left": float(left)}
         for time, left in zip(held.time[held.anew], held.left[held.anew], strict=True)
     ]
-    return {"title": held.study.title, "shown": told, "lost": lost, "drawn_anew": anew, **_path_numbers(found.chased)}
+    return {
+        "title": held.study.title,
+        "shown": told,
+        "lost": lost,
+        "drawn_anew": anew,
+        **_path_numbers(found.chased),
+    }
 
 
 def _numbers(found: Regained, one: Shown) -> dict[str, Any]:
@@ -152,13 +204,27 @@ def _numbers(found: Regained, one: Shown) -> dict[str, Any]:
         return told
     lon, lat = path.degrees(held.place[k])
     return {
-        **told, "lat": float(lat), "lon": float(lon), "within": float(held.within[k]),
-        "course_deg": float(np.degrees(held.course[k]) % 360), "speed_kn": float(held.speed[k] / KNOT),
-        "particles": int(held.count[k]), "course_spread_deg": float(np.degrees(held.off[k])), "speed_std_kn": float(held.slower[k] / KNOT),
-        "area_nmi2": {notation.hundredths(share): region.area / NMI**2 for share, region in held.areas[k].items()},
-        "other_clouds_within": {notation.hundredths(share): value for share, value in one.within.items()},
-        "areas_of_clouds_nmi2": {notation.hundredths(share): [v / NMI**2 for v in size] for share, size in one.sizes.items()},
-    }  # fmt: skip
+        **told,
+        "lat": float(lat),
+        "lon": float(lon),
+        "within": float(held.within[k]),
+        "course_deg": float(np.degrees(held.course[k]) % 360),
+        "speed_kn": float(held.speed[k] / KNOT),
+        "particles": int(held.count[k]),
+        "course_spread_deg": float(np.degrees(held.off[k])),
+        "speed_std_kn": float(held.slower[k] / KNOT),
+        "area_nmi2": {
+            notation.hundredths(share): region.area / NMI**2
+            for share, region in held.areas[k].items()
+        },
+        "other_clouds_within": {
+            notation.hundredths(share): value for share, value in one.within.items()
+        },
+        "areas_of_clouds_nmi2": {
+            notation.hundredths(share): [v / NMI**2 for v in size]
+            for share, size in one.sizes.items()
+        },
+    }
 
 
 def _path_numbers(chased: Chased | Failed | None) -> dict[str, Any]:
@@ -168,7 +234,10 @@ def _path_numbers(chased: Chased | Failed | None) -> dict[str, Any]:
         return {"path": {"found": False, "why": chased.why}}
     return {
         "path": {
-            "found": True, "within_reach": chased.found.met[-1], "of_another_cloud": chased.judged[-1],
-            "could_be_within_reach": chased.found.near, "plans": len(chased.found.plans),
+            "found": True,
+            "within_reach": chased.found.met[-1],
+            "of_another_cloud": chased.judged[-1],
+            "could_be_within_reach": chased.found.near,
+            "plans": len(chased.found.plans),
         }
-    }  # fmt: skip
+    }

@@ -9,7 +9,9 @@ from geo.array import Array
 
 @dataclass(frozen=True)
 class Chased:
-    """A path, and the share of another cloud, which its plans have not seen, that it meets by each of its looks."""
+    """A path, and the share of another cloud, which its plans have not seen, that it meets by each
+    of its looks.
+    """
 
     found: Pursued
     judged: Array  # NaN: the other cloud has lost the track

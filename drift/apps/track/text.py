@@ -12,7 +12,8 @@ from drift.tracking.tracker.holding import Loss, Shown
 from geo import notation
 from geo.notation import KNOT, NMI
 
-VAGUE = np.radians(90)  # spread of courses from which on none is told: if all are alike it is 104 degrees
+# spread of courses from which on none is told: if all are alike it is 104 degrees
+VAGUE = np.radians(90)
 WILD = 2.0  # times the least area that the largest of other clouds is, from which on results warn
 ASTRAY = 0.1  # how much less of other clouds an area holds than it says, from which on results warn
 
@@ -28,7 +29,9 @@ def track_facts(found: Regained) -> dict[str, str]:
     seen = held.study.target
     assert isinstance(seen, Detections)
     who = held.study.sensors[int(seen.sensor[-1])].name
-    told = {"last detection": f"{notation.group(moment(found, seen.time[-1]))} by {who}; {len(seen.time)} in all"}
+    told = {
+        "last detection": f"{notation.group(moment(found, seen.time[-1]))} by {who}; {len(seen.time)} in all"
+    }
     for one in held.shown:
         when = moment(found, one.time)
         minute = notation.group(when)
@@ -46,7 +49,11 @@ def track_facts(found: Regained) -> dict[str, str]:
 def _lost(found: Regained, losses: Sequence[Loss]) -> str:
     """Return whose silence lost the track, when, and what may be done about it."""
     bulk = found.held.study.methods[0].filling.bulk
-    left = f"fewer than {notation.hundredths(bulk)} % of the particles were" if bulk > 0 else "no particle was"
+    left = (
+        f"fewer than {notation.hundredths(bulk)} % of the particles were"
+        if bulk > 0
+        else "no particle was"
+    )
     each: dict[str, list[str]] = {}
     for loss in losses:
         who = " and ".join(
@@ -81,11 +88,15 @@ def _anew(found: Regained) -> str:
 
 
 def _warnings(found: Regained) -> list[str]:
-    """Return what must be doubted: plots that no target made, areas by chance, ways of following that are left out, no path."""
+    """Return what must be doubted: plots that no target made, areas by chance, ways of following
+    that are left out, no path.
+    """
     held, study = found.held, found.held.study
     told = doubts.doubts_about(study)
     if rough := [words for one in held.shown for words in _rough(found, one)]:
-        told.append(f"areas go by chance: {', '.join(rough)}: take more particles, or take them as rough")
+        told.append(
+            f"areas go by chance: {', '.join(rough)}: take more particles, or take them as rough"
+        )
     for one in held.shown:
         astray = one.holding if one.cloud is None else holding.OTHERS - one.holding
         if astray:
@@ -94,11 +105,16 @@ def _warnings(found: Regained) -> list[str]:
                 f"{'a' if one.cloud is None else 'no'} track: it hangs by chance, take more particles"
             )
     if len(study.methods) > 1:
-        told.append(f'followed by "{study.methods[0].name}" alone, the first of {len(study.methods)} ways')
-    silenced = [loss.time for loss in held.lost if loss.sensors]  # in the second of a detection, perhaps
+        told.append(
+            f'followed by "{study.methods[0].name}" alone, the first of {len(study.methods)} ways'
+        )
+    # in the second of a detection, perhaps
+    silenced = [loss.time for loss in held.lost if loss.sensors]
     nothing = held.time[held.detected & np.isnan(held.place[:, 0]) & ~np.isin(held.time, silenced)]
     if nothing.size:
-        times = ", ".join(dict.fromkeys(notation.group(moment(found, float(time))) for time in nothing))
+        times = ", ".join(
+            dict.fromkeys(notation.group(moment(found, float(time))) for time in nothing)
+        )
         told.append(
             f"no track is held from {times} on, as no water is in the box of what was detected: check position, bearing and range"
         )
@@ -121,7 +137,9 @@ def _rough(found: Regained, one: Shown) -> list[str]:
     for share, (low, high) in one.sizes.items():
         which = f"that of {notation.hundredths(share)} % at {when}"
         if one.within.get(share, share) < share - ASTRAY:
-            told.append(f"{which} holds {notation.short_percent(one.within[share])} of {one.holding} other clouds")
+            told.append(
+                f"{which} holds {notation.short_percent(one.within[share])} of {one.holding} other clouds"
+            )
         elif high > WILD * low:
             told.append(
                 f"{which} is {_rounded(low / NMI**2)} to {_rounded(high / NMI**2)} nmi2 by {one.holding + 1} clouds"
@@ -141,7 +159,11 @@ def _state(found: Regained, one: Shown) -> str:
     elif held.within[k] > min(held.areas[k]):
         place = f"{place} (a mean, outside the area of {notation.hundredths(min(held.areas[k]))} %)"
     course = round(float(np.degrees(held.course[k]))) % 360
-    told = f"course {course:03d} +- {np.degrees(held.off[k]):.0f}" if held.off[k] < VAGUE else "any course"
+    told = (
+        f"course {course:03d} +- {np.degrees(held.off[k]):.0f}"
+        if held.off[k] < VAGUE
+        else "any course"
+    )
     return f"{place}, {told}, {held.speed[k] / KNOT:.0f} +- {held.slower[k] / KNOT:.0f} kn; {sizes(held.areas[k], one.sizes)}"
 
 
@@ -165,11 +187,17 @@ def _path(found: Regained, chased: Chased) -> str:
     return words + (f"; planned again at {', '.join(anew)}" if anew else "")
 
 
-def sizes(regions: Mapping[float, Region], spread: Mapping[float, tuple[float, float]] | None = None) -> str:
+def sizes(
+    regions: Mapping[float, Region], spread: Mapping[float, tuple[float, float]] | None = None
+) -> str:
     """Return how large the areas are; spread: the least and the largest by clouds alike [m2]."""
     each = []
     for share, region in regions.items():
-        among = "" if spread is None else " ({} to {})".format(*(_rounded(size / NMI**2) for size in spread[share]))
+        among = (
+            ""
+            if spread is None
+            else " ({} to {})".format(*(_rounded(size / NMI**2) for size in spread[share]))
+        )
         each.append(f"{notation.hundredths(share)} % {_rounded(region.area / NMI**2)}{among} nmi2")
     return ", ".join(each)
 

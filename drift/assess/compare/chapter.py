@@ -1,4 +1,6 @@
-"""What a comparison hands out: maps and figures as netCDF, figures as a table, words, and a picture."""
+"""What a comparison hands out: maps and figures as netCDF, figures as a table, words, and a
+picture.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +25,8 @@ class ComparisonOutputs:
 
 
 def _map(matter: ComparisonOutputs, path: Path) -> None:
-    from drift.assess.compare import map as contrast_map  # imported here, for Matplotlib takes a second
+    # imported here, for Matplotlib takes a second
+    from drift.assess.compare import map as contrast_map
 
     contrast_map.plot_comparison(matter.contrast, path, matter.setting)
 
@@ -42,7 +45,9 @@ def setting(found: Contrast, jobs: tuple[Job, Job]) -> Setting:
     """Return what the pictures of a comparison show; jobs: of A and of B."""
     on = run_metadata.setting(jobs[0].case, jobs[0].where)
     caution = run_metadata.caution(jobs[0].case) or run_metadata.caution(jobs[1].case)
-    imprint = replace(on.imprint, title=found.title, attributes=_attributes(found, jobs), caution=caution)
+    imprint = replace(
+        on.imprint, title=found.title, attributes=_attributes(found, jobs), caution=caution
+    )
     return run_metadata.with_coast(replace(on, imprint=imprint))
 
 
@@ -52,16 +57,20 @@ def _attributes(found: Contrast, jobs: tuple[Job, Job]) -> dict[str, str]:
         **a,
         "title": found.title,
         "forcing": f"A: {a['forcing']} B: {b['forcing']}",
-        "uncertainty": a["uncertainty"] if a["uncertainty"] == b["uncertainty"] else f"A: {a['uncertainty']} B: {b['uncertainty']}",
+        "uncertainty": a["uncertainty"]
+        if a["uncertainty"] == b["uncertainty"]
+        else f"A: {a['uncertainty']} B: {b['uncertainty']}",
         "case": f"{a['case']}\n# --- B ---\n{b['case']}",
-    }  # fmt: skip
+    }
 
 
 def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[Chapter]:
     """Return the chapters of a comparison; jobs: of A and of B."""
     matter = ComparisonOutputs(found, setting(found, jobs))
     warnings = tuple(
-        f"{name}: {words}" for name, result in (("A", found.a), ("B", found.b)) for words in result.summary["warnings"]
+        f"{name}: {words}"
+        for name, result in (("A", found.a), ("B", found.b))
+        for words in result.summary["warnings"]
     )
     numbers = {
         "compare": text.summary_of_comparison(found),
@@ -70,7 +79,16 @@ def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[Chapter]:
         "warnings": list(warnings),
     }
     told = (partial(_leaves, found, [run_metadata.setting(job.case, job.where) for job in jobs]),)
-    return [Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), _attributes(found, jobs), warnings, told)]
+    return [
+        Chapter(
+            numbers,
+            bound(FILES, matter),
+            bound(PICTURES, matter),
+            _attributes(found, jobs),
+            warnings,
+            told,
+        )
+    ]
 
 
 def _leaves(found: Contrast, begun: Sequence[Setting]) -> list[Leaf]:

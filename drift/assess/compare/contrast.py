@@ -1,7 +1,7 @@
 """What-if: two cases run on the same random numbers, and what differs between them.
 
-Both have the same slots, seed, step, grid and output times, so that a difference is of the cases and hardly of chance;
-how much of it chance may be is told with each (drift.assess.compare.units).
+Both have the same slots, seed, step, grid and output times, so that a difference is of the cases
+and hardly of chance; how much of it chance may be is told with each (drift.assess.compare.units).
 """
 
 import contextlib
@@ -46,9 +46,11 @@ def compare(
     plan: bool = False,
     **options: Unpack[JobOptions],
 ) -> Contrast:
-    """Run two cases on the same random numbers and say how b differs from a; with `out`, write that there.
+    """Run two cases on the same random numbers and say how b differs from a; with `out`, write that
+    there.
 
-    b takes the particles of each scenario, the seed and the grid of a; without a grid one is chosen that holds both.
+    b takes the particles of each scenario, the seed and the grid of a; without a grid one is chosen
+    that holds both.
 
     Args:
         a, b: of `drift.load` or `drift.vary`.
@@ -57,8 +59,9 @@ def compare(
         **options: as in `drift.run`.
 
     Returns:
-        Both results, and `differences`: a pandas.DataFrame of each figure of a, of b, their difference and its standard error by
-        chance alone, in the row's `unit` (SI), by time; `data` has the maps.
+        Both results, and `differences`: a pandas.DataFrame of each figure of a, of b, their
+        difference and its standard error by chance alone, in the row's `unit` (SI), by time; `data`
+        has the maps.
 
     Raises:
         UserError: what a user can change, one line for each mistake (`error.lines`): cases that
@@ -74,7 +77,9 @@ def compare(
     def job_of(case: Case, name: str) -> Job:
         named = {spec.dataset for spec in case.sources}
         own = {key: data for key, data in (asked.datasets or {}).items() if key in named}
-        return open_job(case, replace(asked, out=None, datasets=own, report=_of(asked.report, name)))
+        return open_job(
+            case, replace(asked, out=None, datasets=own, report=_of(asked.report, name))
+        )
 
     job_a, job_b = job_of(case_a, "A"), job_of(case_b, "B")
     begin_a, begin_b, notes = _begun(job_a, job_b)
@@ -84,7 +89,9 @@ def compare(
         run_a = flow.simulate_run(job_a, begin_a, stack, logs[0].note)
         run_b = flow.simulate_run(job_b, begin_b, stack, logs[1].note)
         times = pairing.common(case_a, case_b)
-        grid = a.grid or forecast_build.grid_of([*_at(run_a, times), *_at(run_b, times)], len(case_a.scenarios))
+        grid = a.grid or forecast_build.grid_of(
+            [*_at(run_a, times), *_at(run_b, times)], len(case_a.scenarios)
+        )
         result_a, result_b = (
             flow.build_result(replace(job, case=replace(job.case, grid=grid)), run)
             for job, run in ((job_a, run_a), (job_b, run_b))
@@ -97,7 +104,9 @@ def compare(
         plans, more = _planned(job_a, job_b, begin_a.clock.step, drawn)
         rows += more
     data = dataset.build_comparison(times, grid, pictures, rows)
-    found = Contrast(result_a, result_b, tuple(times), tuple(rows), data, begin_a.clock.step, plans, tuple(notes))
+    found = Contrast(
+        result_a, result_b, tuple(times), tuple(rows), data, begin_a.clock.step, plans, tuple(notes)
+    )
     if out is not None:
         job_a.tell("write", 0.0)
         chapters = chapter.chapters(found, (job_a, job_b))
@@ -106,8 +115,11 @@ def compare(
     return found
 
 
-def _planned(job_a: Job, job_b: Job, step: int, drawn: Units) -> tuple[tuple[Plan, Plan], list[Difference]]:
-    """Return the next search of each of two cases, and the difference of what they find; step [s] of both.
+def _planned(
+    job_a: Job, job_b: Job, step: int, drawn: Units
+) -> tuple[tuple[Plan, Plan], list[Difference]]:
+    """Return the next search of each of two cases, and the difference of what they find; step [s]
+    of both.
 
     Each is planned on particles of its own and executed on those of its case, which come in pairs.
     """
@@ -127,7 +139,9 @@ def _of(report: Report | None, name: str) -> Report | None:
 
 
 def _begun(job_a: Job, job_b: Job) -> tuple[Start, Start, list[str]]:
-    """Return the starts of two runs, in a step that divides both; and why their steps share no random numbers."""
+    """Return the starts of two runs, in a step that divides both; and why their steps share no
+    random numbers.
+    """
     begun: list[Start] = []
     try:
         for job in (job_a, job_b):
@@ -137,13 +151,20 @@ def _begun(job_a: Job, job_b: Job) -> tuple[Start, Start, list[str]]:
         for begin in begun:
             begin.scene.forcing.close()
         raise
-    step = math.gcd(*(begin.clock.step for begin in begun))  # so that both still end at the times of their files
+    # so that both still end at the times of their files
+    step = math.gcd(*(begin.clock.step for begin in begun))
     breaks = tuple(sorted({time for begin in begun for time in begin.clock.breaks}))
     straight = min(begin.clock.straight for begin in begun)
     a, b = (
         replace(
             begin,
-            clock=replace(begin.clock, step=step, phase=begin.clock.phase % step, breaks=breaks, straight=straight),
+            clock=replace(
+                begin.clock,
+                step=step,
+                phase=begin.clock.phase % step,
+                breaks=breaks,
+                straight=straight,
+            ),
         )
         for begin in begun
     )
@@ -163,7 +184,13 @@ def _at(run: Moved, times: list[np.datetime64]) -> list[Snapshot]:
 
 
 def _by_time(
-    run_a: Moved, run_b: Moved, a: Result, b: Result, times: list[np.datetime64], grid: Cells, drawn: Units
+    run_a: Moved,
+    run_b: Moved,
+    a: Result,
+    b: Result,
+    times: list[np.datetime64],
+    grid: Cells,
+    drawn: Units,
 ) -> tuple[list[Difference], list[Maps]]:
     """Return the differences of figures and of maps at each output of both."""
     rows: list[Difference] = []
@@ -182,7 +209,9 @@ def _by_time(
             for at in (at_a, at_b)
         )
         rows += units.differences(time, told_a, told_b, drawn, figures.SHIFT)
-        kernels = [float(at.forecast.data["particles_per_kernel"].values[at.place]) for at in (at_a, at_b)]
+        kernels = [
+            float(at.forecast.data["particles_per_kernel"].values[at.place]) for at in (at_a, at_b)
+        ]
         width = float(np.nanmean(kernels)) if np.isfinite(kernels).any() else 1.0
         pictures.append(maps(at_a.snapshot, at_b.snapshot, drawn, grid, land, width))
     return rows, pictures
@@ -212,7 +241,9 @@ def _land(run: Moved, grid: Cells) -> Array | None:
     return land if land.any() else None
 
 
-def _of_run(run_a: Moved, run_b: Moved, logs: tuple[detection.Log, detection.Log], drawn: Units) -> list[Difference]:
+def _of_run(
+    run_a: Moved, run_b: Moved, logs: tuple[detection.Log, detection.Log], drawn: Units
+) -> list[Difference]:
     """Return the differences of figures of the run as a whole."""
     end = run_a.snapshots.time(len(run_a.snapshots) - 1)
     if run_a.after and run_b.after:

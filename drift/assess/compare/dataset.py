@@ -1,4 +1,7 @@
-"""The contents of compare.nc: CF-1.11 maps of both cases and their difference, and every figure by time."""
+"""The contents of compare.nc:
+
+CF-1.11 maps of both cases and their difference, and every figure by time.
+"""
 
 from collections.abc import Sequence
 
@@ -17,8 +20,14 @@ SMOOTHING = (
 GROUPED = f"from {GROUPS} groups of particles: it errs by about an eighth itself"
 # By name: meaning, comment. In the order of drift.assess.compare.maps.Maps.
 MAPS: dict[str, tuple[str, str]] = {
-    "probability_a": ("probability that the object is in the cell, adrift or ashore, in case A", SMOOTHING),
-    "probability_b": ("probability that the object is in the cell, adrift or ashore, in case B", SMOOTHING),
+    "probability_a": (
+        "probability that the object is in the cell, adrift or ashore, in case A",
+        SMOOTHING,
+    ),
+    "probability_b": (
+        "probability that the object is in the cell, adrift or ashore, in case B",
+        SMOOTHING,
+    ),
     "difference": ("probability in case B less that in case A", SMOOTHING),
     "difference_error": ("standard error of the difference, of chance alone", GROUPED),
 }
@@ -35,31 +44,53 @@ def build_comparison(
     times: Sequence[np.datetime64], grid: Cells, maps: Sequence[Maps], rows: Sequence[Difference]
 ) -> xr.Dataset:
     """Return the maps at each output of both cases, and the figures, one in each row of `figure`."""
-    values = [np.stack([getattr(one, name) for one in maps]) for name in ("a", "b", "difference", "error")]
+    values = [
+        np.stack([getattr(one, name) for one in maps]) for name in ("a", "b", "difference", "error")
+    ]
     data: dict[str, tuple[Sequence[str], object, dict[str, str]]] = {
-        name: (MAP, stack.astype(np.float32), {"units": "1", "long_name": words, "comment": comment})
+        name: (
+            MAP,
+            stack.astype(np.float32),
+            {"units": "1", "long_name": words, "comment": comment},
+        )
         for (name, (words, comment)), stack in zip(MAPS.items(), values, strict=True)
     }
     data["cell_area"] = (
-        MAP[1:], np.repeat(grid.area()[:, None], grid.nlon, axis=1),
+        MAP[1:],
+        np.repeat(grid.area()[:, None], grid.nlon, axis=1),
         {"units": "m2", "standard_name": "cell_area", "long_name": "area of the cell"},
-    )  # fmt: skip
+    )
     for field, words in TEXTS.items():
         texts = np.array([getattr(row, field) for row in rows], object)
         data[f"figure_{field}"] = (("figure",), texts, {"long_name": words})
     for field, words in NUMBERS.items():
         numbers = np.array([getattr(row, field) for row in rows], float)
-        data[f"figure_{field}"] = (("figure",), numbers, {"long_name": words, "comment": "in the unit of figure_unit"})
+        data[f"figure_{field}"] = (
+            ("figure",),
+            numbers,
+            {"long_name": words, "comment": "in the unit of figure_unit"},
+        )
     when = np.array([row.time for row in rows], "datetime64[ns]")
     data["figure_time"] = (("figure",), when, {"long_name": "time of the figure, UTC"})
     axes = (("lat", "latitude", "Y", "degrees_north"), ("lon", "longitude", "X", "degrees_east"))
     coordinates: dict[str, tuple[str, object, dict[str, str]]] = {
-        "time": ("time", np.array(times, "datetime64[ns]"), {
-            "standard_name": "time", "long_name": "time, UTC", "axis": "T",
-        })
-    }  # fmt: skip
+        "time": (
+            "time",
+            np.array(times, "datetime64[ns]"),
+            {
+                "standard_name": "time",
+                "long_name": "time, UTC",
+                "axis": "T",
+            },
+        )
+    }
     for name, long, axis, unit in axes:
         centres = grid.lat() if name == "lat" else grid.lon()
-        about = {"standard_name": long, "long_name": f"{long} of the cell's centre", "axis": axis, "units": unit}
+        about = {
+            "standard_name": long,
+            "long_name": f"{long} of the cell's centre",
+            "axis": axis,
+            "units": unit,
+        }
         coordinates[name] = (name, centres, about)
     return xr.Dataset(data, coordinates)

@@ -14,7 +14,9 @@ from drift.planning.search.records import Plan
 
 @dataclass
 class Log:
-    """Sorties of a run as they take effect: log probability that they fail, and each unit's influence on it."""
+    """Sorties of a run as they take effect: log probability that they fail, and each unit's
+    influence on it.
+    """
 
     units: Units
     found: dict[str, Figure] = field(default_factory=dict)
@@ -25,7 +27,8 @@ class Log:
             return
         unit = columns.whole("lineage") if "lineage" in columns else np.arange(columns.blocks.n)
         failed, flown = (
-            np.bincount(unit, weights.shares(columns.whole(name)), self.units.size) for name in ("after", "before")
+            np.bincount(unit, weights.shares(columns.whole(name)), self.units.size)
+            for name in ("after", "before")
         )
         self.found[update.name] = Figure(float(update.log_evidence[-1]), failed - flown)
 
@@ -39,10 +42,16 @@ class Log:
 
 def of_plan(log: Log, plan: Plan) -> Figures:
     """Return the POS of a plan, by the log of the run in which it was executed and found nothing."""
-    return {("POS of the next plan", "all", "1"): _pos([log.found[tasking.sortie.name] for tasking in plan.taskings])}
+    return {
+        ("POS of the next plan", "all", "1"): _pos(
+            [log.found[tasking.sortie.name] for tasking in plan.taskings]
+        )
+    }
 
 
 def _pos(sorties: list[Figure]) -> Figure:
-    """Return the probability that any of some sorties finds the object: 1 - product of those that they fail."""
+    """Return the probability that any of some sorties finds the object: 1 - product of those that
+    they fail.
+    """
     fail = float(np.exp(sum(figure.value for figure in sorties)))
     return Figure(1 - fail, -fail * np.sum([figure.influence for figure in sorties], axis=0))

@@ -18,7 +18,9 @@ Figures = dict[tuple[str, str, str], Figure]  # by quantity, name and unit
 
 
 def shares(snapshot: Snapshot, names: tuple[str, ...], units: Units) -> Figures:
-    """Return the probability of each status, and of each scenario where there are several; names: of scenarios."""
+    """Return the probability of each status, and of each scenario where there are several; names:
+    of scenarios.
+    """
     unit, p = units.of(snapshot), snapshot.probability
 
     def share(those: Array) -> Figure:
@@ -27,14 +29,18 @@ def shares(snapshot: Snapshot, names: tuple[str, ...], units: Units) -> Figures:
 
     found = {("status", s.name.lower(), "1"): share(snapshot.status == s) for s in Status}
     if len(names) > 1:
-        found |= {("scenario", name, "1"): share(snapshot.scenario == k) for k, name in enumerate(names)}
+        found |= {
+            ("scenario", name, "1"): share(snapshot.scenario == k) for k, name in enumerate(names)
+        }
     return found
 
 
 def position(snapshot: Snapshot, units: Units, origin: tuple[float, float]) -> Figures:
-    """Return how far east and north [m] of an origin (lon, lat) [deg] the mean of what is on the map is.
+    """Return how far east and north [m] of an origin (lon, lat) [deg] the mean of what is on the
+    map is.
 
-    It is the vector mean. A particle pulls it by its own share of the sum of vectors, in the tangent plane of the mean.
+    It is the vector mean. A particle pulls it by its own share of the sum of vectors, in the
+    tangent plane of the mean.
     """
     unit, weight = units.of(snapshot), np.where(mapped(snapshot), snapshot.probability, 0.0)
     if not weight.any():
@@ -48,7 +54,9 @@ def position(snapshot: Snapshot, units: Units, origin: tuple[float, float]) -> F
     away = sphere.offset(np.radians(origin[0]), np.radians(origin[1]), lon, lat)
     scale = sphere.RADIUS / float(np.sqrt(whole @ whole))
     return {
-        (name, "all", "m"): Figure(float(apart), summed(unit, weight * (along @ vectors) * scale, units))
+        (name, "all", "m"): Figure(
+            float(apart), summed(unit, weight * (along @ vectors) * scale, units)
+        )
         for name, apart, along in zip(SHIFT, away, (east, north), strict=True)
     }
 
@@ -56,9 +64,10 @@ def position(snapshot: Snapshot, units: Units, origin: tuple[float, float]) -> F
 def areas(snapshot: Snapshot, forecast: Forecast, time: int, units: Units) -> Figures:
     """Return the areas [m2] that hold the shares asked for, at an output (index).
 
-    The area that holds a share s is that of the densest cells, cut at the density t at which as much of the
-    probability lies inside. A particle inside lets the cut rise, one outside lets it fall: its influence is
-    (s - inside) / t, by its weight (generalised quantiles: Einmahl and Mason 1992, doi:10.1214/aos/1176348670).
+    The area that holds a share s is that of the densest cells, cut at the density t at which as
+    much of the probability lies inside. A particle inside lets the cut rise, one outside lets it
+    fall: its influence is (s - inside) / t, by its weight (generalised quantiles: Einmahl and Mason
+    1992, doi:10.1214/aos/1176348670).
     """
     unit, weight = units.of(snapshot), np.where(mapped(snapshot), snapshot.probability, 0.0)
     at = forecast.data.isel(time=time)
@@ -78,8 +87,13 @@ def areas(snapshot: Snapshot, forecast: Forecast, time: int, units: Units) -> Fi
 
 
 def _cut(at: Any, share: float) -> float:
-    """Return the density [1/m2] at the edge of the area that holds a share, at one output of a forecast."""
-    held, p = at["containment"].values.ravel().astype(np.float64), at["probability"].values.ravel().astype(np.float64)
+    """Return the density [1/m2] at the edge of the area that holds a share, at one output of a
+    forecast.
+    """
+    held, p = (
+        at["containment"].values.ravel().astype(np.float64),
+        at["probability"].values.ravel().astype(np.float64),
+    )
     cells = p > 0
     order = np.argsort(held[cells], kind="stable")
     density = p[cells] / at["cell_area"].values.ravel()[cells]

@@ -1,7 +1,7 @@
 """The picture of a comparison: A, B and B - A side by side, on one extent.
 
-The difference is told without colour too: solid lines run round what B has more, dashed ones round what it has less,
-and what chance may have made is not shaded.
+The difference is told without colour too: solid lines run round what B has more, dashed ones round
+what it has less, and what chance may have made is not shaded.
 """
 
 from pathlib import Path
@@ -29,12 +29,20 @@ from geo.array import Array
 from geo.notation import NMI
 
 SHEET = Sheet(
-    13.6, 6.6, 130, left=0.035, title=sheet.heading(0.945, 14, 110), beside=80, lines=(Row(0.9, 10.5, 190), Row(0.865, 9, 200)),
-    caution=Badge(0.985, 0.945, side="right"), footer=sheet.small(0.015, 7, 240),
-)  # fmt: skip
+    13.6,
+    6.6,
+    130,
+    left=0.035,
+    title=sheet.heading(0.945, 14, 110),
+    beside=80,
+    lines=(Row(0.9, 10.5, 190), Row(0.865, 9, 200)),
+    caution=Badge(0.985, 0.945, side="right"),
+    footer=sheet.small(0.015, 7, 240),
+)
 WIDE, HIGH, LOW = 0.3, 0.575, 0.225  # of a panel, and its lower edge
 LEFT = (0.035, 0.36, 0.685)
-MORE, LESS = "#7f3b08", "#2d004b"  # the ends of PuOr, orange and violet: two hues that no one confuses
+# the ends of PuOr, orange and violet: two hues that no one confuses
+MORE, LESS = "#7f3b08", "#2d004b"
 COLOURS = "PuOr_r"
 LEVELS = (0.25, 0.6)  # of the largest difference, where lines run
 SURE = 2.0  # standard errors from which a difference is shaded
@@ -69,16 +77,30 @@ def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
             color=INK,
         )
     _, unit = sheet.density_bar(on.figure, (0.1, 0.115, 0.45, 0.018), mesh)
-    on.figure.text(0.1, 0.142, f"A and B: probability density [% per {unit}]", fontsize=8, color=INK)
+    on.figure.text(
+        0.1, 0.142, f"A and B: probability density [% per {unit}]", fontsize=8, color=INK
+    )
     _difference(on, panels[2], frame, land, setting, found, density, top)
     when = notation.group(found.times[-1])
     east, north = (next(iter(found.at(found.times[-1], name))) for name in SHIFT)
-    shift = "" if east.difference != east.difference else (
-        f"; mean of B from that of A: {east.difference / NMI:+.2f} ± {east.error / NMI:.2f} nmi east, "
-        f"{north.difference / NMI:+.2f} ± {north.error / NMI:.2f} nmi north"
-    )  # fmt: skip
-    areas = "; ".join(f"{row.name} area {text.difference_in_words(row)}" for row in found.at(found.times[-1], "area"))
-    sheet.head(on, setting.imprint, f"Valid {when}{shift}", areas.replace("+-", "±").replace("nmi2", "nmi²"))
+    shift = (
+        ""
+        if east.difference != east.difference
+        else (
+            f"; mean of B from that of A: {east.difference / NMI:+.2f} ± {east.error / NMI:.2f} nmi east, "
+            f"{north.difference / NMI:+.2f} ± {north.error / NMI:.2f} nmi north"
+        )
+    )
+    areas = "; ".join(
+        f"{row.name} area {text.difference_in_words(row)}"
+        for row in found.at(found.times[-1], "area")
+    )
+    sheet.head(
+        on,
+        setting.imprint,
+        f"Valid {when}{shift}",
+        areas.replace("+-", "±").replace("nmi2", "nmi²"),
+    )
     if set(found.given) != {"nothing"}:
         a, b = found.given
         words = f"A and B given {a}" if a == b else f"A given {a}, B given {b}"
@@ -87,7 +109,9 @@ def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
 
 
 def _holding(probability: Array, density: Array) -> Array:
-    """Return the densest cells that hold as much of the probability as maps shade, bool (nlat, nlon)."""
+    """Return the densest cells that hold as much of the probability as maps shade, bool (nlat,
+    nlon).
+    """
     order = np.argsort(-density, axis=None, kind="stable")
     inside = np.cumsum(probability.ravel()[order], dtype=np.float64)
     shown = np.zeros(density.size, bool)
@@ -123,10 +147,18 @@ def _panel(ax: Axes, frame: Frame, land: Outline | None, setting: Setting, first
 
 
 def _difference(
-    on: Page, ax: Axes, frame: Frame, land: Outline | None, setting: Setting, found: Contrast, density: dict[str, Array],
+    on: Page,
+    ax: Axes,
+    frame: Frame,
+    land: Outline | None,
+    setting: Setting,
+    found: Contrast,
+    density: dict[str, Array],
     top: float,
-) -> None:  # fmt: skip
-    """Draw B - A, its lines and its scale, which ends where that of A and B does: along a shore differences are larger."""
+) -> None:
+    """Draw B - A, its lines and its scale, which ends where that of A and B does: along a shore
+    differences are larger.
+    """
     _panel(ax, frame, land, setting, first=False)
     change, error = density["difference"], density["difference_error"]
     most = min(float(np.max(np.abs(change))), top)
@@ -137,23 +169,41 @@ def _difference(
     shown = np.ma.masked_where(~sure | (np.abs(change) < most / 100), change)
     mesh = ax.pcolormesh(x, y, shown, cmap=COLOURS, norm=scale, zorder=1, rasterized=True)
     rows: list[tuple[Any, str]] = []
-    runs: tuple[tuple[int, str, Any, str], ...] = ((1, MORE, "-", "more"), (-1, LESS, (0, (4, 2)), "less"))
+    runs: tuple[tuple[int, str, Any, str], ...] = (
+        (1, MORE, "-", "more"),
+        (-1, LESS, (0, (4, 2)), "less"),
+    )
     if most > 0:
         x, y = frame.net(found.data["lon"].values, found.data["lat"].values)
         for sign, colour, style, words in runs:
             firm = np.where(sure, np.maximum(sign * change, 0.0), 0.0)
             if firm.max() > LEVELS[0] * most:
                 levels = [level * most for level in LEVELS if level * most < firm.max()]
-                ax.contour(x, y, firm, levels, colors=colour, linewidths=1.0, linestyles=[style], zorder=3)
+                ax.contour(
+                    x, y, firm, levels, colors=colour, linewidths=1.0, linestyles=[style], zorder=3
+                )
             rows.append((Line2D([], [], color=colour, linestyle=style), f"B has {words}"))
     else:
-        ax.text(0.5, 0.5, "no difference", ha="center", transform=ax.transAxes, fontsize=10, color=INK, zorder=16)
+        ax.text(
+            0.5,
+            0.5,
+            "no difference",
+            ha="center",
+            transform=ax.transAxes,
+            fontsize=10,
+            color=INK,
+            zorder=16,
+        )
     rows.append((Patch(facecolor=chart.SEA, edgecolor=INK), f"under {SURE:g} standard errors"))
     ax.set_title("B - A", fontsize=9.5, weight="bold", loc="left", color=INK)
     place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (LEFT[2], 0.045)}
-    sheet.legend(on.figure, rows, ncols=len(rows), fontsize=7.5, borderaxespad=0, borderpad=0, **place)
+    sheet.legend(
+        on.figure, rows, ncols=len(rows), fontsize=7.5, borderaxespad=0, borderpad=0, **place
+    )
     bar = on.figure.add_axes((LEFT[2], 0.115, WIDE, 0.018))
-    on.figure.colorbar(mesh, cax=bar, orientation="horizontal", extend="both" if most == top else "neither")
+    on.figure.colorbar(
+        mesh, cax=bar, orientation="horizontal", extend="both" if most == top else "neither"
+    )
     bar.xaxis.set_major_locator(MaxNLocator(5))
     bar.tick_params(labelsize=7)
     on.figure.text(LEFT[2], 0.142, "B - A: probability density [% per nmi²]", fontsize=8, color=INK)

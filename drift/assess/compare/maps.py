@@ -1,8 +1,10 @@
-"""Maps of two runs with one smoothing, so that their difference is of the particles and not of the kernels.
+"""Maps of two runs with one smoothing, so that their difference is of the particles and not of the
+kernels.
 
-Kernels are as wide as the particles of both together want them, with as many in each as the maps of the two runs
-alone have on average (drift.forecast.density); a map is linear in the particles once they are given. So the difference
-is a sum over units, and its error comes from their groups (random groups: Wolter 2007, doi:10.1007/978-0-387-35099-8).
+Kernels are as wide as the particles of both together want them, with as many in each as the maps of
+the two runs alone have on average (drift.forecast.density); a map is linear in the particles once
+they are given. So the difference is a sum over units, and its error comes from their groups (random
+groups: Wolter 2007, doi:10.1007/978-0-387-35099-8).
 """
 
 from dataclasses import dataclass
@@ -21,7 +23,9 @@ from geo.cells import Cells
 
 @dataclass(frozen=True)
 class Maps:
-    """Probability in each cell of a grid in two runs, and the difference with its standard error; (nlat, nlon)."""
+    """Probability in each cell of a grid in two runs, and the difference with its standard error;
+    (nlat, nlon).
+    """
 
     a: Array
     b: Array
@@ -31,7 +35,9 @@ class Maps:
 
 @dataclass(frozen=True)
 class _Laid:
-    """What a snapshot leaves in cells that hold any particle of either run: weights by group of units and medium."""
+    """What a snapshot leaves in cells that hold any particle of either run: weights by group of
+    units and medium.
+    """
 
     cell: Array  # (n,) of each particle on the map, flat
     medium: Array  # (n,) 1 ashore, where kernels follow the shore; 0 elsewhere
@@ -49,7 +55,9 @@ def _laid(snapshot: Snapshot, units: Units, grid: Cells) -> _Laid:
     return _Laid(cell[on], medium, group[on], snapshot.probability[on], total)
 
 
-def maps(a: Snapshot, b: Snapshot, units: Units, grid: Cells, land: Array | None, per_kernel: float) -> Maps:
+def maps(
+    a: Snapshot, b: Snapshot, units: Units, grid: Cells, land: Array | None, per_kernel: float
+) -> Maps:
     """Return the maps of two snapshots of one time, whose particles come in pairs.
 
     land: bool (nlat, nlon); None where there is none. per_kernel: effective particles in a kernel.
@@ -63,7 +71,9 @@ def maps(a: Snapshot, b: Snapshot, units: Units, grid: Cells, land: Array | None
 
     def mass(one: _Laid) -> Array:
         code = (one.group * media + one.medium) * held.size + np.searchsorted(held, one.cell)
-        return np.bincount(code, one.weight, GROUPS * media * held.size).reshape(GROUPS, media, held.size)
+        return np.bincount(code, one.weight, GROUPS * media * held.size).reshape(
+            GROUPS, media, held.size
+        )
 
     def squares(one: _Laid) -> Array:
         code = one.medium * held.size + np.searchsorted(held, one.cell)
@@ -75,9 +85,16 @@ def maps(a: Snapshot, b: Snapshot, units: Units, grid: Cells, land: Array | None
     both = (squares(laid[0]) + squares(laid[1])) / 2
     where = media_of(areas.Deposits(held, pooled[None], both[None], pooled[None]), grid.shape, land)
     guides = areas.guides_of(held, pooled, both, where)
-    smooth = [np.stack([areas.spread(held, own, guides, per_kernel, where) for own in groups]) for groups in masses]
+    smooth = [
+        np.stack([areas.spread(held, own, guides, per_kernel, where) for own in groups])
+        for groups in masses
+    ]
     whole = [groups.sum(axis=0) for groups in smooth]
-    # A group that happens to weigh more brings more everywhere: only what it brings beyond its share counts.
-    pulls = [groups - one.total[:, None, None] * sums for groups, one, sums in zip(smooth, laid, whole, strict=True)]
+    # A group that happens to weigh more brings more everywhere: only what it brings beyond its
+    # share counts.
+    pulls = [
+        groups - one.total[:, None, None] * sums
+        for groups, one, sums in zip(smooth, laid, whole, strict=True)
+    ]
     error = np.sqrt(GROUPS / (GROUPS - 1) * np.sum((pulls[1] - pulls[0]) ** 2, axis=0))
     return Maps(whole[0], whole[1], whole[1] - whole[0], error)

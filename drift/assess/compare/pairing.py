@@ -1,6 +1,8 @@
-"""A case held to another's slots, seed and output times, so that they share their random numbers; or why it can't be.
+"""A case held to another's slots, seed and output times, so that they share their random numbers;
+or why it can't be.
 
-Noise is keyed by seed, slot and lattice step. So particles pair where both runs give each scenario the same slots.
+Noise is keyed by seed, slot and lattice step. So particles pair where both runs give each scenario
+the same slots.
 """
 
 from collections.abc import Iterable
@@ -19,7 +21,9 @@ from geo.errors import UserError
 
 
 def paired(a: Case, b: Case) -> tuple[Case, Case]:
-    """Return two cases with the slots, seed, areas and grid of the first; raise UserError where that cannot be."""
+    """Return two cases with the slots, seed, areas and grid of the first; raise UserError where
+    that cannot be.
+    """
     _refuse(b, "cannot be compared", _unlike(a, b))
     _refuse(b, f"cannot be held to the slots of {a.path.name}", _unheld(a, b))
     b = replace(b, particles=a.particles, seed=a.seed, grid=a.grid, trajectories=a.trajectories)
@@ -27,14 +31,24 @@ def paired(a: Case, b: Case) -> tuple[Case, Case]:
         counts = release.per_world(a.spill)
         spill = replace(b.spill, worlds=a.spill.worlds, per_world=a.spill.per_world, counts=counts)
         # One domain, so that the coast is cut into the same stretches.
-        box = _around(*(case.domain or domain.within_reach(run_setup.ensemble_spec(case)) for case in (a, b)))
+        box = _around(
+            *(case.domain or domain.within_reach(run_setup.ensemble_spec(case)) for case in (a, b))
+        )
         return replace(a, domain=box), replace(b, domain=box, spill=spill)
     counts = tuple(prior.counts_of(run_setup.ensemble_spec(a)))
-    empty = [scenario.name for scenario, own in zip(b.scenarios, counts, strict=True) if own == 0 < scenario.weight]
+    empty = [
+        scenario.name
+        for scenario, own in zip(b.scenarios, counts, strict=True)
+        if own == 0 < scenario.weight
+    ]
     _refuse(
-        b, f"cannot be held to the slots of {a.path.name}",
-        [f'scenario "{name}" has a weight, and no particle there; raise particles' for name in empty],
-    )  # fmt: skip
+        b,
+        f"cannot be held to the slots of {a.path.name}",
+        [
+            f'scenario "{name}" has a weight, and no particle there; raise particles'
+            for name in empty
+        ],
+    )
     return replace(a, counts=counts), replace(b, counts=counts)
 
 
@@ -54,12 +68,19 @@ def _unlike(a: Case, b: Case) -> list[str]:
         return [f"it runs {ways[b.direction]}, and {a.path.name} {ways[a.direction]}"]
     reasons = [
         f"it {verb} at {notation.group(theirs)}, and {a.path.name} at {notation.group(own)}; make {key} equal"
-        for verb, key, own, theirs in (("begins", "start", a.start, b.start), ("ends", "duration", a.end, b.end))
+        for verb, key, own, theirs in (
+            ("begins", "start", a.start, b.start),
+            ("ends", "duration", a.end, b.end),
+        )
         if own != theirs
     ]
     if a.areas != b.areas:
-        own, theirs = (", ".join(notation.hundredths(share) for share in case.areas) for case in (a, b))
-        reasons.append(f"its areas are {theirs} %, those of {a.path.name} {own} %; make output.areas equal")
+        own, theirs = (
+            ", ".join(notation.hundredths(share) for share in case.areas) for case in (a, b)
+        )
+        reasons.append(
+            f"its areas are {theirs} %, those of {a.path.name} {own} %; make output.areas equal"
+        )
     if not reasons and (odd := _odd_outputs(a, b)):
         reasons.append(
             f"only one of it and {a.path.name} has an output at {notation.group(odd[0])}"
@@ -69,13 +90,17 @@ def _unlike(a: Case, b: Case) -> list[str]:
 
 
 def _odd_outputs(a: Case, b: Case) -> list[np.datetime64]:
-    """Return the output times that only one of two cases has, less those at which something was searched or seen."""
+    """Return the output times that only one of two cases has, less those at which something was
+    searched or seen.
+    """
     seen = {time for case in (a, b) for time in _seen(case)}
     return sorted(time for time in np.setxor1d(a.outputs, b.outputs) if time not in seen)
 
 
 def _seen(case: Case) -> list[np.datetime64]:
-    """Return when something of a case was searched, seen or found, which are output times besides those asked for."""
+    """Return when something of a case was searched, seen or found, which are output times besides
+    those asked for.
+    """
     times = [time for sortie in case.sorties for time in (sortie.start, sortie.end)]
     times += [contact.time for contact in case.contacts] + case.sensors.times
     return times + [find.time for find in (case.spill.finds if case.spill else ()) if find.at_sea]
@@ -83,9 +108,7 @@ def _seen(case: Case) -> list[np.datetime64]:
 
 def _unheld(a: Case, b: Case) -> list[str]:
     """Return why the particles of two cases of one kind do not pair."""
-    own, theirs = (
-        case.spill.kinds if case.spill else case.scenarios for case in (a, b)
-    )  # fmt: skip
+    own, theirs = (case.spill.kinds if case.spill else case.scenarios for case in (a, b))
     if len(own) != len(theirs):
         what = "classes of objects" if a.spill else "scenarios"
         return [
@@ -96,7 +119,9 @@ def _unheld(a: Case, b: Case) -> list[str]:
         ]
     rules = [(case.resampling.below > 0, case.resampling.method) for case in (a, b)]
     if rules[0] != rules[1] and "kahn" in {method for below, method in rules if below}:
-        return ['resampling.method "kahn" holds slots to spare, and only one of them has it; make [resampling] equal']
+        return [
+            'resampling.method "kahn" holds slots to spare, and only one of them has it; make [resampling] equal'
+        ]
     return []
 
 

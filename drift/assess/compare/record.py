@@ -12,7 +12,8 @@ from drift.case.record import Case
 from drift.pipeline.result import Result
 from drift.planning.search.records import Plan
 
-OF_RUN = ("POS", "cumulative POS", "POS of the next plan", "ashore")  # quantities of the run as a whole
+# quantities of the run as a whole
+OF_RUN = ("POS", "cumulative POS", "POS of the next plan", "ashore")
 
 
 @dataclass(frozen=True, repr=False)
@@ -37,12 +38,16 @@ class Contrast:
 
     @property
     def differences(self) -> pandas.DataFrame:
-        """Every figure of A, of B, their difference and its standard error, by chance alone, in the row's `unit` (SI).
+        """Every figure of A, of B, their difference and its standard error, by chance alone, in the
+        row's `unit` (SI).
 
-        Rows are by time (UTC), those of the whole run last; a and b are NaN where only the difference has a meaning.
+        Rows are by time (UTC), those of the whole run last; a and b are NaN where only the
+        difference has a meaning.
         """
         columns = [field.name for field in fields(Difference)]
-        frame = pandas.DataFrame([[getattr(row, name) for name in columns] for row in self.rows], columns=columns)
+        frame = pandas.DataFrame(
+            [[getattr(row, name) for name in columns] for row in self.rows], columns=columns
+        )
         return frame.astype({"time": "datetime64[ns]"}).rename(columns={"error": "standard_error"})
 
     @property
@@ -56,7 +61,9 @@ class Contrast:
 
     @property
     def given(self) -> tuple[str, str]:
-        """What each case's figures are given, because it weighs its particles or worlds: "2 finds"; "nothing"."""
+        """What each case's figures are given, because it weighs its particles or worlds: "2 finds";
+        "nothing".
+        """
         return _given(self.a.case), _given(self.b.case)
 
     @property
@@ -81,8 +88,15 @@ def _given(case: Case) -> str:
     if case.spill:
         told = {"find": len(case.spill.finds), "patrol": len(case.spill.patrols)}
     else:
-        told = {"sortie": len(case.sorties), "contact": len(case.contacts), "sensor": len(case.sensors.telling)}
-    return " and ".join(f"{count} {name}{'s' * (count > 1)}" for name, count in told.items() if count) or "nothing"
+        told = {
+            "sortie": len(case.sorties),
+            "contact": len(case.contacts),
+            "sensor": len(case.sensors.telling),
+        }
+    return (
+        " and ".join(f"{count} {name}{'s' * (count > 1)}" for name, count in told.items() if count)
+        or "nothing"
+    )
 
 
 def _changes(text: str) -> list[str]:

@@ -23,7 +23,8 @@ HEADER = [
     "run_id",
 ]
 OUR_GRID = (
-    "output.grid: its cells are too coarse"  # a grid that holds both clouds is of our making: nothing for a terminal
+    # a grid that holds both clouds is of our making: nothing for a terminal
+    "output.grid: its cells are too coarse"
 )
 WORST = 10  # stretches that are listed in words
 
@@ -31,9 +32,17 @@ WORST = 10  # stretches that are listed in words
 def comparison_csv(found: Contrast, run: str) -> str:
     """Return every figure as CSV, in SI; run: its run_id, in the last column."""
     rows = [
-        [notation.iso(row.time), row.quantity, row.name, row.unit, *map(_cell, (row.a, row.b, row.difference, row.error)), *found.given, run]
+        [
+            notation.iso(row.time),
+            row.quantity,
+            row.name,
+            row.unit,
+            *map(_cell, (row.a, row.b, row.difference, row.error)),
+            *found.given,
+            run,
+        ]
         for row in found.rows
-    ]  # fmt: skip
+    ]
     return formats.csv_text(HEADER, rows)
 
 
@@ -49,12 +58,18 @@ def summary_of_comparison(found: Contrast) -> dict[str, Any]:
         "given": dict(zip("ab", found.given, strict=True)),
         "differences": [
             {
-                "time": row.time, "quantity": row.quantity, "name": row.name, "unit": row.unit,
-                "a": row.a, "b": row.b, "difference": row.difference, "standard_error": row.error,
+                "time": row.time,
+                "quantity": row.quantity,
+                "name": row.name,
+                "unit": row.unit,
+                "a": row.a,
+                "b": row.b,
+                "difference": row.difference,
+                "standard_error": row.error,
             }
             for row in found.rows
         ],
-    }  # fmt: skip
+    }
 
 
 def comparison_facts(found: Contrast) -> dict[str, str]:
@@ -68,7 +83,12 @@ def comparison_facts(found: Contrast) -> dict[str, str]:
         "mean of B from that of A": _shift(found),
     }
     for row in found.rows:
-        if row.time == last and row.quantity not in SHIFT and (row.a or row.b) and row not in found.of_run:
+        if (
+            row.time == last
+            and row.quantity not in SHIFT
+            and (row.a or row.b)
+            and row not in found.of_run
+        ):
             told[_called(row)] = difference_in_words(row)
     stretches = 0
     for row in found.of_run:
@@ -80,12 +100,16 @@ def comparison_facts(found: Contrast) -> dict[str, str]:
     return told | {
         f"warning {k}, {name}": words
         for name, result in (("A", found.a), ("B", found.b))
-        for k, words in enumerate((w for w in result.summary["warnings"] if not w.startswith(OUR_GRID)), 1)
+        for k, words in enumerate(
+            (w for w in result.summary["warnings"] if not w.startswith(OUR_GRID)), 1
+        )
     }
 
 
 def words_given(found: Contrast) -> str:
-    """Return in words what the figures of both cases are given, and of spills how to compare them without it."""
+    """Return in words what the figures of both cases are given, and of spills how to compare them
+    without it.
+    """
     a, b = found.given
     each = f"A and B are each weighed by {a}" if a == b else f"A is weighed by {a}, B by {b}"
     if found.a.case.spill is None:
@@ -96,7 +120,9 @@ def words_given(found: Contrast) -> str:
 
 def _called(row: Difference) -> str:
     if row.quantity in ("status", "scenario"):
-        return f'scenario "{row.name}"' if row.quantity == "scenario" else row.name.replace("_", " ")
+        return (
+            f'scenario "{row.name}"' if row.quantity == "scenario" else row.name.replace("_", " ")
+        )
     if row.quantity == "area":
         return f"{row.name} area"
     return row.quantity if row.name == "all" else f"{row.quantity}, {row.name}"
@@ -105,8 +131,10 @@ def _called(row: Difference) -> str:
 def difference_in_words(row: Difference) -> str:
     """Return a difference in words: A, B, B - A and its standard error."""
     scale, decimals, unit, sign = {
-        "1": (100.0, 1, "%", " points"), "m2": (1 / NMI**2, 1, "nmi2", ""), "objects": (1.0, 1, "objects", ""),
-    }[row.unit]  # fmt: skip
+        "1": (100.0, 1, "%", " points"),
+        "m2": (1 / NMI**2, 1, "nmi2", ""),
+        "objects": (1.0, 1, "objects", ""),
+    }[row.unit]
     a, b, difference, error = (scale * value for value in (row.a, row.b, row.difference, row.error))
     if a != a or b != b:
         return "none in one of them"
@@ -115,7 +143,11 @@ def difference_in_words(row: Difference) -> str:
 
 
 def _shift(found: Contrast) -> str:
-    rows = {row.quantity: row for row in found.rows if row.time == found.times[-1] and row.quantity in SHIFT}
+    rows = {
+        row.quantity: row
+        for row in found.rows
+        if row.time == found.times[-1] and row.quantity in SHIFT
+    }
     east, north = (rows[name] for name in SHIFT)
     if east.difference != east.difference:
         return "none: nothing is on the map in one of them"
@@ -140,6 +172,8 @@ def page(found: Contrast) -> str:
             else f"{east.difference / NMI:+.2f} +- {east.error / NMI:.2f} east, "
             f"{north.difference / NMI:+.2f} +- {north.error / NMI:.2f} north"
         )
-        areas = "; ".join(f"{row.name} {difference_in_words(row)}" for row in found.at(time, "area"))
+        areas = "; ".join(
+            f"{row.name} {difference_in_words(row)}" for row in found.at(time, "area")
+        )
         lines.append(f"{notation.group(time)}  {shift}; {areas}")
     return "\n".join(lines) + "\n"

@@ -1,13 +1,15 @@
-"""What was drawn independently in a run, and what chance does to a difference of two runs that share it.
+"""What was drawn independently in a run, and what chance does to a difference of two runs that
+share it.
 
-The units of a search are its particles as they began: each has its own random numbers, and its offspring count with it.
-Those of a spill are its worlds. Two runs on common random numbers draw their units in pairs, which are independent of
-each other. A figure's influence says how much each unit moves it; the variance of a difference of figures is that of
-the differences of influence, summed over the pairs (the infinitesimal jackknife: Efron 1982,
-doi:10.1137/1.9781611970319, chapter 6). Particles of a scenario are drawn from one law, those of two are not: the mean
-influence of each scenario, whose number of particles is fixed, is no chance. Where particles were drawn anew, units are
-families (Chan and Lai 2013, doi:10.1214/13-AOS1172): a systematic draw varies less than the independent one that this
-holds for, so that errors are then rather too large.
+The units of a search are its particles as they began: each has its own random numbers, and its
+offspring count with it. Those of a spill are its worlds. Two runs on common random numbers draw
+their units in pairs, which are independent of each other. A figure's influence says how much each
+unit moves it; the variance of a difference of figures is that of the differences of influence,
+summed over the pairs (the infinitesimal jackknife: Efron 1982, doi:10.1137/1.9781611970319, chapter
+6). Particles of a scenario are drawn from one law, those of two are not: the mean influence of each
+scenario, whose number of particles is fixed, is no chance. Where particles were drawn anew, units
+are families (Chan and Lai 2013, doi:10.1214/13-AOS1172): a systematic draw varies less than the
+independent one that this holds for, so that errors are then rather too large.
 """
 
 from collections.abc import Sequence
@@ -19,7 +21,9 @@ from drift.engine.particles.ensemble import Ensemble
 from drift.engine.particles.snapshot import Snapshot
 from geo.array import Array
 
-GROUPS = 32  # of units, by which errors of maps are told: they err by an eighth themselves, 1 / sqrt(2 (GROUPS - 1))
+# of units, by which errors of maps are told: they err by an eighth themselves, 1 / sqrt(2 (GROUPS -
+# 1))
+GROUPS = 32
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,9 @@ class Units:
 
     @property
     def group(self) -> Array:
-        """The group, 0 to GROUPS - 1, of each unit, (u,): each has as many of every stratum, give or take one."""
+        """The group, 0 to GROUPS - 1, of each unit, (u,): each has as many of every stratum, give
+        or take one.
+        """
         first = np.searchsorted(self.stratum, self.stratum)  # strata are ranges
         return np.asarray((np.arange(self.size) - first) % GROUPS)
 
@@ -111,7 +117,7 @@ def differences(
     """Return the differences of figures that both runs have, by (quantity, name, unit).
 
     shifts: quantities of which neither run has a value of its own.
-    """  # fmt: skip
+    """
     rows = []
     for key in (key for key in a if key in b):
         one, other, alone = a[key], b[key], key[0] in shifts

@@ -1,4 +1,6 @@
-"""How many objects of a spill lie on each stretch at the end, and the influence of every world on that."""
+"""How many objects of a spill lie on each stretch at the end, and the influence of every world on
+that.
+"""
 
 import numpy as np
 
@@ -15,11 +17,17 @@ NOWHERE = 5e-4  # objects; stretches where no run expects more are left out
 
 
 def figures(after: Aftermath, seed: int) -> Figures:
-    """Return the expected number of objects on each stretch at the end of the run, and on all; seed: of the run."""
+    """Return the expected number of objects on each stretch at the end of the run, and on all;
+    seed: of the run.
+    """
     worlds, segments = after.spill.worlds, after.segments
     number = _numbers(after, seed)
     weight = after.posterior.weight
-    found: Figures = {("ashore", "all stretches", "objects"): _mean(sum(number.values(), np.zeros(worlds)), weight)}
+    found: Figures = {
+        ("ashore", "all stretches", "objects"): _mean(
+            sum(number.values(), np.zeros(worlds)), weight
+        )
+    }
     for segment, values in number.items():
         place = notation.position(float(segments.lon[segment]), float(segments.lat[segment])) or ""
         name = called(segment, segments.name[segment], place)
@@ -30,7 +38,11 @@ def figures(after: Aftermath, seed: int) -> Figures:
 def with_all(own: Figures, other: Figures, worlds: int) -> Figures:
     """Return figures with those that only another run has as 0: nothing came there."""
     nothing = Figure(0.0, np.zeros(worlds))
-    keys = [key for key in {**own, **other} if max(x.get(key, nothing).value for x in (own, other)) > NOWHERE]
+    keys = [
+        key
+        for key in {**own, **other}
+        if max(x.get(key, nothing).value for x in (own, other)) > NOWHERE
+    ]
     return {key: own.get(key, nothing) for key in keys}
 
 
@@ -41,7 +53,8 @@ def _mean(values: Array, weight: Array) -> Figure:
 
 
 def _numbers(after: Aftermath, seed: int) -> dict[int, Array]:
-    """Return the number of objects of each world, (W,), on each stretch that any touches, by the stretch's number.
+    """Return the number of objects of each world, (W,), on each stretch that any touches, by the
+    stretch's number.
 
     It is the mean over the complete spills that are drawn in each world, as washup.nc has it.
     """

@@ -19,7 +19,8 @@ class ExperimentOutputs:
 
 
 def _picture(matter: ExperimentOutputs, path: Path) -> None:
-    from drift.assess.experiment import map as experiment_map  # here: Matplotlib takes a second to import
+    # here: Matplotlib takes a second to import
+    from drift.assess.experiment import map as experiment_map
 
     experiment_map.plot_experiment(matter.found, path, matter.imprint)
 

@@ -1,4 +1,6 @@
-"""The picture of an experiment: how far off each way of following is as time goes, with what was published beside it."""
+"""The picture of an experiment: how far off each way of following is as time goes, with what was
+published beside it.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,8 @@ from drift.products.maps.sheet import Row, Sheet
 from drift.tracking.tracker.experiment import Outcome
 from drift.tracking.tracker.study import MET
 
-WIDTH, PANEL, KEY = 11.7, 2.1, 0.21  # [in] of the page, of a panel with its gap, of a line of the key
+# [in] of the page, of a panel with its gap, of a line of the key
+WIDTH, PANEL, KEY = 11.7, 2.1, 0.21
 COLOURS = ("#0b4f8a", "#b3261e", "#1b5e20", "#8a5a00", "#6a3d9a", "#00838f", "#37474f", "#c2185b")
 MANY = 0.5  # of the runs, that hold a track where a mean is drawn
 DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)), (0, (1, 1)))
@@ -36,15 +39,25 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
     height = 1.0 + each * max(len(found.figures), 1) + 0.45
     on = sheet.begin(
         Sheet(
-            WIDTH, height, 130, left=0.03, title=sheet.heading(1 - 0.4 / height, 15, 95),
-            lines=(Row(1 - 0.68 / height, 10, 150),), footer=sheet.small(0.1 / height, 7.5, 190),
+            WIDTH,
+            height,
+            130,
+            left=0.03,
+            title=sheet.heading(1 - 0.4 / height, 15, 95),
+            lines=(Row(1 - 0.68 / height, 10, 150),),
+            footer=sheet.small(0.1 / height, 7.5, 190),
         )
-    )  # fmt: skip
+    )
     sheet.head(
-        on, imprint,
+        on,
+        imprint,
         f"{found.runs:,} runs, each of {found.about}: dots are runs, bars the mean and two standard errors"
-        + ("; at the right the difference from the first, run by run" if len(found.ways) > 1 else ""),
-    )  # fmt: skip
+        + (
+            "; at the right the difference from the first, run by run"
+            if len(found.ways) > 1
+            else ""
+        ),
+    )
     for number, figure in enumerate(found.figures):
         bottom = 1 - (1.0 + each * number + gap * 0.4 + row * len(found.ways)) / height
         axes: Axes = on.figure.add_axes(
@@ -54,7 +67,9 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
         mean, error = figure.mean(), figure.error()
         for k in range(len(found.ways)):
             colour = COLOURS[k % len(COLOURS)]
-            axes.plot(figure.values[k], np.full(found.runs, k), ".", color=colour, alpha=0.5, markersize=5)
+            axes.plot(
+                figure.values[k], np.full(found.runs, k), ".", color=colour, alpha=0.5, markersize=5
+            )
             axes.text(
                 1.02,
                 k,
@@ -64,7 +79,15 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
                 va="center",
                 transform=axes.get_yaxis_transform(),
             )
-            axes.errorbar(mean[k], k, xerr=2 * np.nan_to_num(error[k]), fmt="|", color=INK, markersize=11, capsize=0)
+            axes.errorbar(
+                mean[k],
+                k,
+                xerr=2 * np.nan_to_num(error[k]),
+                fmt="|",
+                color=INK,
+                markersize=11,
+                capsize=0,
+            )
         axes.set_ylim(len(found.ways) - 0.4, -0.6)
         axes.set_yticks(range(len(found.ways)), page.names(found.ways, 26))
     with page.literal():
@@ -80,23 +103,33 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
     height = over + panels * PANEL + under
     on = sheet.begin(
         Sheet(
-            WIDTH, height, 130, left=0.07, title=sheet.heading(1 - 0.4 / height, 15, 95),
-            lines=(Row(1 - 0.68 / height, 10, 150),), footer=sheet.small(0.1 / height, 7.5, 190),
+            WIDTH,
+            height,
+            130,
+            left=0.07,
+            title=sheet.heading(1 - 0.4 / height, 15, 95),
+            lines=(Row(1 - 0.68 / height, 10, 150),),
+            footer=sheet.small(0.1 / height, 7.5, 190),
         )
-    )  # fmt: skip
+    )
     asked = found.study
     sheet.head(
-        on, imprint,
+        on,
+        imprint,
         f"{asked.runs:,} runs of {asked.size:,} particles, {found.sweeps:,} sweeps each: mean over the runs that hold a track, where half or more do; shaded one standard error either way",
-    )  # fmt: skip
+    )
     styles = _styles(found, groups)
     symbols: list[tuple[Any, str]] = []
     for number, curve in enumerate(found.curves):
-        axes = _panel(on, height, over, number, f"{curve.name[0].upper()}{curve.name[1:]} [{curve.unit}]")
+        axes = _panel(
+            on, height, over, number, f"{curve.name[0].upper()}{curve.name[1:]} [{curve.unit}]"
+        )
         mean, error = curve.mean()
         mean = np.where(np.isfinite(curve.values).mean(axis=1) >= MANY, mean, np.nan)
         for group, (colour, dash) in zip(groups, styles, strict=True):
-            (line,) = axes.plot(found.time / 60, mean[group[0]], color=colour, linestyle=dash, linewidth=1.5)
+            (line,) = axes.plot(
+                found.time / 60, mean[group[0]], color=colour, linestyle=dash, linewidth=1.5
+            )
             axes.fill_between(
                 found.time / 60,
                 mean[group[0]] - error[group[0]],
@@ -105,7 +138,9 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
                 alpha=0.18,
                 linewidth=0,
             )
-            values = [v for way in group if (v := text.published(whole, way, curve.name)) is not None]
+            values = [
+                v for way in group if (v := text.published(whole, way, curve.name)) is not None
+            ]
             if values:
                 axes.plot(
                     [1.012],
@@ -141,30 +176,48 @@ def _curves(whole: Experiment, found: Outcome, path: Path, imprint: Imprint) -> 
                 linestyle=dash,
                 linewidth=1.5,
             )
-            for middle in [v for way in group if (v := text.published(whole, way, f"median {MET}")) is not None]:
+            for middle in [
+                v for way in group if (v := text.published(whole, way, f"median {MET}")) is not None
+            ]:
                 axes.plot([middle], [50], marker="v", color=colour, markersize=6)
         axes.set_xlim(0, last)
         axes.set_ylim(0, 100)
         axes.set_xlabel("Minutes after the start", fontsize=9, color=INK)
     names = {name for figures in asked.published.values() for name in figures}
-    for marker, some, what in (("<", names - {f"median {MET}"}, "mean"), ("v", names & {f"median {MET}"}, "median")):
+    for marker, some, what in (
+        ("<", names - {f"median {MET}"}, "mean"),
+        ("v", names & {f"median {MET}"}, "median"),
+    ):
         if some:
             symbols.append(
-                (axes.plot([], [], marker=marker, color=GREY, linestyle="none")[0], f"as published: the {what}")
+                (
+                    axes.plot([], [], marker=marker, color=GREY, linestyle="none")[0],
+                    f"as published: the {what}",
+                )
             )
     if np.isfinite(asked.window[1]) or asked.window[0] > 0:
         symbols.append(
-            (axes.axvspan(np.nan, np.nan, color="#e8eef4"), "over which the figures of the table are averaged")
+            (
+                axes.axvspan(np.nan, np.nan, color="#e8eef4"),
+                "over which the figures of the table are averaged",
+            )
         )
     sheet.legend(
-        on.figure, symbols, loc="lower left", bbox_to_anchor=(0.06, 0.28 / height), fontsize=8.5, handlelength=3.2
+        on.figure,
+        symbols,
+        loc="lower left",
+        bbox_to_anchor=(0.06, 0.28 / height),
+        fontsize=8.5,
+        handlelength=3.2,
     )
     with page.literal():
         sheet.end(on, path, imprint)
 
 
 def _styles(found: Outcome, groups: list[list[int]]) -> list[tuple[str, Any]]:
-    """Return colour and dashes of each group: a colour for each behaviour, dashes for how its clouds are filled."""
+    """Return colour and dashes of each group: a colour for each behaviour, dashes for how its
+    clouds are filled.
+    """
     laws = [found.study.methods[group[0]].behaviour for group in groups]
     known = list(dict.fromkeys(laws))
     return [

@@ -13,7 +13,8 @@ from drift.tracking.tracker.study import HELD, MET
 
 
 def alike(found: Experiment, curves: bool = False) -> list[list[int]]:
-    """Return the ways of following by their numbers, those together of which no figure differs by a bit.
+    """Return the ways of following by their numbers, those together of which no figure differs by a
+    bit.
 
     curves: nor anything at any time.
     """
@@ -32,20 +33,27 @@ def called(found: Experiment, group: list[int]) -> str:
 
 
 def experiment_facts(found: Experiment) -> Mapping[str, str]:
-    """Return a line for each way of following, those that came to the same in one; in brackets what it differs from the first, run by run."""
+    """Return a line for each way of following, those that came to the same in one; in brackets what
+    it differs from the first, run by run.
+    """
     told = {}
     for group in alike(found):
         parts = []
         for figure in found.figures:
-            mean, error, missing = (row[group[0]] for row in (figure.mean(), figure.error(), figure.missing()))
+            mean, error, missing = (
+                row[group[0]] for row in (figure.mean(), figure.error(), figure.missing())
+            )
             if figure.name == HELD and mean == 100.0:
                 continue
             words = " ".join([figure.name, *_told(mean, error), figure.unit]).rstrip()
             if apart := difference(figure, group[0]):
                 words += f" ({apart})"
-            if figure.name == MET:  # a few runs that take long make its mean, and one that never does has none
+            # a few runs that take long make its mean, and one that never does has none
+            if figure.name == MET:
                 middle = figure.quantiles()[group[0], QUANTILES.index(0.5)]
-                median = f"median {middle:.3g} {figure.unit}" if np.isfinite(middle) else "median never"
+                median = (
+                    f"median {middle:.3g} {figure.unit}" if np.isfinite(middle) else "median never"
+                )
                 words = f"{words}, {median}" if np.isfinite(mean) else f"{figure.name} {median}"
                 parts.append(words + f" (never in {missing} of {found.runs} runs)" * bool(missing))
                 continue
@@ -57,11 +65,15 @@ def experiment_facts(found: Experiment) -> Mapping[str, str]:
 
 
 def difference(figure: Figure, way: int) -> str:
-    """Return what a figure of a way differs from that of the first, run by run; nothing of the first itself, and where it is unknown."""
+    """Return what a figure of a way differs from that of the first, run by run; nothing of the
+    first itself, and where it is unknown.
+    """
     mean, error = (row[way] for row in figure.difference())
     if way == 0 or not np.isfinite(mean):
         return ""
-    rounding = 1e-12 * np.abs(figure.values[[0, way]]).max(initial=0.0, where=np.isfinite(figure.values[[0, way]]))
+    rounding = 1e-12 * np.abs(figure.values[[0, way]]).max(
+        initial=0.0, where=np.isfinite(figure.values[[0, way]])
+    )
     return "+0" if abs(mean) <= rounding else " ".join(_told(mean, error, sign=True))
 
 
@@ -94,11 +106,21 @@ def experiment_table(found: Experiment) -> str:
     rows = []
     for way, name in enumerate(found.ways):
         for figure in found.figures:
-            rows.append([
-                name, figure.name, figure.unit, found.runs, _cell(figure.mean()[way]), _cell(figure.error()[way]),
-                *(_endless(value) for value in figure.quantiles()[way]), int(figure.missing()[way]), *(_cell(value[way]) for value in figure.difference()),
-                published(found, way, figure.name), published(found, way, f"median {figure.name}"),
-            ])  # fmt: skip
+            rows.append(
+                [
+                    name,
+                    figure.name,
+                    figure.unit,
+                    found.runs,
+                    _cell(figure.mean()[way]),
+                    _cell(figure.error()[way]),
+                    *(_endless(value) for value in figure.quantiles()[way]),
+                    int(figure.missing()[way]),
+                    *(_cell(value[way]) for value in figure.difference()),
+                    published(found, way, figure.name),
+                    published(found, way, f"median {figure.name}"),
+                ]
+            )
     return formats.csv_text(header, rows)
 
 
@@ -107,7 +129,10 @@ def runs(found: Experiment) -> str:
     header = [
         "way",
         "run",
-        *(f"{figure.name} [{figure.unit}]".removesuffix(" []").replace(" ", "_") for figure in found.figures),
+        *(
+            f"{figure.name} [{figure.unit}]".removesuffix(" []").replace(" ", "_")
+            for figure in found.figures
+        ),
     ]
     rows = [
         [name, run + 1, *(_endless(figure.values[way, run]) for figure in found.figures)]
@@ -118,18 +143,25 @@ def runs(found: Experiment) -> str:
 
 
 def times(found: Experiment) -> str:
-    """Return mean and standard error of each error at each time, and of how often areas hold the target."""
+    """Return mean and standard error of each error at each time, and of how often areas hold the
+    target.
+    """
     tracking = found.tracking
     assert tracking is not None
     header = ["way", "minutes"]
     for curve in tracking.curves:
-        words, unit = curve.name.replace(" % ", "_percent_").replace(" ", "_"), curve.unit.replace("%", "percent")
+        words, unit = (
+            curve.name.replace(" % ", "_percent_").replace(" ", "_"),
+            curve.unit.replace("%", "percent"),
+        )
         header += [f"{words}_{unit}", f"{words.removesuffix('_error')}_standard_error_{unit}"]
     means = [curve.mean() for curve in tracking.curves]
     rows = []
     for way, name in enumerate(found.ways):
         for k, time in enumerate(tracking.time):
-            rows.append([name, time / 60, *(_cell(values[way, k]) for both in means for values in both)])
+            rows.append(
+                [name, time / 60, *(_cell(values[way, k]) for both in means for values in both)]
+            )
     return formats.csv_text(header, rows)
 
 
@@ -145,15 +177,33 @@ def _cell(value: float) -> float | None:
 def summary_of_experiment(found: Experiment) -> dict[str, Any]:
     """Return the same for programs."""
     return {
-        "runs": found.runs, "seed": found.seed, "about": found.about,
+        "runs": found.runs,
+        "seed": found.seed,
+        "about": found.about,
         "figures": [
             {
-                "way": name, "figure": figure.name, "unit": figure.unit, "mean": _cell(figure.mean()[way]),
-                "standard_error": _cell(figure.error()[way]), "runs_without": int(figure.missing()[way]),
-                **{key: _cell(value[way]) for key, value in zip(("difference", "difference_standard_error"), figure.difference(), strict=True)},
-                "quantiles": {f"{share:g}": _cell(value) for share, value in zip(QUANTILES, figure.quantiles()[way], strict=True)},
-                "published": published(found, way, figure.name), "published_median": published(found, way, f"median {figure.name}"),
+                "way": name,
+                "figure": figure.name,
+                "unit": figure.unit,
+                "mean": _cell(figure.mean()[way]),
+                "standard_error": _cell(figure.error()[way]),
+                "runs_without": int(figure.missing()[way]),
+                **{
+                    key: _cell(value[way])
+                    for key, value in zip(
+                        ("difference", "difference_standard_error"),
+                        figure.difference(),
+                        strict=True,
+                    )
+                },
+                "quantiles": {
+                    f"{share:g}": _cell(value)
+                    for share, value in zip(QUANTILES, figure.quantiles()[way], strict=True)
+                },
+                "published": published(found, way, figure.name),
+                "published_median": published(found, way, f"median {figure.name}"),
             }
-            for way, name in enumerate(found.ways) for figure in found.figures
+            for way, name in enumerate(found.ways)
+            for figure in found.figures
         ],
-    }  # fmt: skip
+    }

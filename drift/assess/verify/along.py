@@ -1,10 +1,11 @@
 """Displacements of real drifters between their fixes, beside those by a case's winds and currents.
 
-The model's displacement between two fixes is the integral of its velocity at the places where the drifter really was,
-by two-point Gauss quadrature in pieces of an hour at most. So a drifter that has left the model's eddy does not count
-against the model for the rest of its track: the difference is the model's own error at that place and time, which is
-what the errors of a case describe. Current and Stokes drift are compared with the drifter; the wind's displacement
-comes with them, as a regressor. A displacement between two fixes is called a way.
+The model's displacement between two fixes is the integral of its velocity at the places where the
+drifter really was, by two-point Gauss quadrature in pieces of an hour at most. So a drifter that
+has left the model's eddy does not count against the model for the rest of its track: the difference
+is the model's own error at that place and time, which is what the errors of a case describe.
+Current and Stokes drift are compared with the drifter; the wind's displacement comes with them, as
+a regressor. A displacement between two fixes is called a way.
 """
 
 import itertools
@@ -28,18 +29,20 @@ from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 
 PIECE = 3600.0  # [s] longest piece of a drifter's way for one quadrature
-GAUSS = 0.5 / np.sqrt(3.0)  # distance of the two points of quadrature from the middle of a piece of length 1
+# distance of the two points of quadrature from the middle of a piece of length 1
+GAUSS = 0.5 / np.sqrt(3.0)
 MARGIN = 0.3  # [deg] forcing is read as far as this about all tracks
-ELSEWHERE = ("sortie", "contact", "unit", "plan", "resampling", "expect", "find", "patrol")  # keys without drifters
+# keys without drifters
+ELSEWHERE = ("sortie", "contact", "unit", "plan", "resampling", "expect", "find", "patrol")
 
 
 @dataclass(frozen=True)
 class Ways:
     """Ways of one drifter, which each end at a fix; n fixes.
 
-    step: time since the fix before [s], (n,); fresh: whether a fix begins a stretch, and so ends no way, (n,). Ways
-    (n, 2), east and north [m]: observed: the drifter's own; model: that of current and Stokes drift; wind: that of the
-    air, None where the case has no wind.
+    step: time since the fix before [s], (n,); fresh: whether a fix begins a stretch, and so ends no
+    way, (n,). Ways (n, 2), east and north [m]: observed: the drifter's own; model: that of current
+    and Stokes drift; wind: that of the air, None where the case has no wind.
     """
 
     name: str
@@ -72,14 +75,19 @@ def compared(
     fastest: float,
     datasets: Mapping[str, Any] | None = None,
 ) -> Comparison:
-    """Return the ways of drifters beside those of a case's forcing, or of columns of their own files.
+    """Return the ways of drifters beside those of a case's forcing, or of columns of their own
+    files.
 
-    columns: {"current_east": "u", "current_north": "v"}: quantities that are named are taken from the tracks' columns,
-    all others from the case. gap: longest time between fixes [s] over which ways are compared; fastest: [m/s] speed
-    beyond which two fixes are a leap.
+    columns: {"current_east": "u", "current_north": "v"}: quantities that are named are taken from
+    the tracks' columns, all others from the case. gap: longest time between fixes [s] over which
+    ways are compared; fastest: [m/s] speed beyond which two fixes are a leap.
     """
     reported = {quantity for quantity in QUANTITIES if f"{quantity}_east" in columns}
-    asked = [quantity for quantity in QUANTITIES if quantity not in reported and case.forcing.get(quantity)]
+    asked = [
+        quantity
+        for quantity in QUANTITIES
+        if quantity not in reported and case.forcing.get(quantity)
+    ]
     points = [_points(track) for track in tracks]
     sampled = _sampled(case, tracks, points, asked, datasets) if asked else {}
     ways, without_forcing, cut = [], 0, 0
@@ -90,18 +98,28 @@ def compared(
         parts: dict[str, Array] = {}
         for quantity in QUANTITIES:
             if quantity in reported:
-                values = np.stack([track.columns[columns[f"{quantity}_{side}"]] for side in ("east", "north")], axis=1)
+                values = np.stack(
+                    [track.columns[columns[f"{quantity}_{side}"]] for side in ("east", "north")],
+                    axis=1,
+                )
                 mean = np.concatenate([np.zeros((1, 2)), (values[1:] + values[:-1]) / 2])
                 parts[quantity] = mean * step[:, None]
             elif quantity in asked:
                 _, weight, owner = points[k]
                 parts[quantity] = np.stack(
-                    [np.bincount(owner, weight * sampled[quantity][k][:, side], track.time.size) for side in (0, 1)],
+                    [
+                        np.bincount(owner, weight * sampled[quantity][k][:, side], track.time.size)
+                        for side in (0, 1)
+                    ],
                     axis=1,
                 )
         zero = np.zeros((track.time.size, 2))
-        parts = {q: part if QUANTITIES[q].needed else np.nan_to_num(part) for q, part in parts.items()}
-        model = sum((part for quantity, part in parts.items() if not QUANTITIES[quantity].in_air), zero)
+        parts = {
+            q: part if QUANTITIES[q].needed else np.nan_to_num(part) for q, part in parts.items()
+        }
+        model = sum(
+            (part for quantity, part in parts.items() if not QUANTITIES[quantity].in_air), zero
+        )
         present = np.isfinite(model).all(axis=1) & np.isfinite(parts.get("wind", zero)).all(axis=1)
         without_forcing += int((~present & ~fresh).sum())
         fresh = fresh | ~present
@@ -113,9 +131,13 @@ def compared(
         ways.append(Ways(track.name, track.time, step, fresh, observed, model, wind))
     notes = []
     if cut:
-        notes.append(f"{cut:,} ways between fixes left out that take more than {gap / 3600:.3g} h, or are leaps")
+        notes.append(
+            f"{cut:,} ways between fixes left out that take more than {gap / 3600:.3g} h, or are leaps"
+        )
     if without_forcing:
-        notes.append(f"{without_forcing:,} ways between fixes left out along which the forcing has no value")
+        notes.append(
+            f"{without_forcing:,} ways between fixes left out along which the forcing has no value"
+        )
     comparable = tuple(way for way in ways if not way.fresh.all())
     if not comparable:
         raise UserError(
@@ -129,7 +151,8 @@ def compared(
 def residuals(ways: Sequence[Ways], wind: bool) -> Tracks:
     """Return how far drifters went beyond the model since each stretch began.
 
-    The unknowns of the mean are windage (where there is a wind), and the mean error east and north [m/s].
+    The unknowns of the mean are windage (where there is a wind), and the mean error east and north
+    [m/s].
     """
     pieces = []
     for way in ways:
@@ -153,7 +176,8 @@ def _since(values: Array, fresh: Array) -> Array:
 def _points(track: Track) -> tuple[Array, Array, Array]:
     """Return (times, weights, fixes) of the points of quadrature.
 
-    Times are whole [s since 1970], weights are in [s], fixes are the numbers of those that end the ways.
+    Times are whole [s since 1970], weights are in [s], fixes are the numbers of those that end the
+    ways.
     """
     steps = np.diff(track.time)
     count = np.maximum(np.ceil(steps / PIECE).astype(int), 1)
@@ -174,13 +198,15 @@ def _sampled(
 ) -> dict[str, list[Array]]:
     """Return values of a case's sources by quantity at each drifter's points, (points, 2).
 
-    Values are NaN where there is none. They are sampled as for particles, with the same priorities, sums and filled
-    coasts.
+    Values are NaN where there is none. They are sampled as for particles, with the same priorities,
+    sums and filled coasts.
     """
     bounds = np.cumsum([0, *(len(point[0]) for point in points)])
     time = np.concatenate([point[0] for point in points])
     positions = [track.at(point[0]) for track, point in zip(tracks, points, strict=True)]
-    lon, lat = (sphere.to_binary(np.concatenate([position[k] for position in positions])) for k in (0, 1))
+    lon, lat = (
+        sphere.to_binary(np.concatenate([position[k] for position in positions])) for k in (0, 1)
+    )
     where = run_setup.open_for(over(case, tracks), datasets)
     if where.members:
         raise UserError(
@@ -196,7 +222,8 @@ def _sampled(
         ends = [*begins[1:], time.size]
         for moment, begin, end in zip(moments.astype(int), begins, ends, strict=True):
             at_moment = order[begin:end]
-            # A source's first moment can only begin a step, and its last only end one: both are tried.
+            # A source's first moment can only begin a step, and its last only end one: both are
+            # tried.
             for second, fraction in ((moment, 0.0), (moment - 1, 1.0)):
                 forcing.set(int(second), int(second) + 1)
                 for quantity in asked:
@@ -208,16 +235,22 @@ def _sampled(
                     break
     finally:
         forcing.close()
-    return {quantity: [values[a:b] for a, b in itertools.pairwise(bounds)] for quantity, values in sampled.items()}
+    return {
+        quantity: [values[a:b] for a, b in itertools.pairwise(bounds)]
+        for quantity, values in sampled.items()
+    }
 
 
 def over(case: Case, tracks: Sequence[Track]) -> Case:
-    """Return a case of the same sources over the time and place of tracks, without anything about a search."""
+    """Return a case of the same sources over the time and place of tracks, without anything about a
+    search.
+    """
     first = min(track.time[0] for track in tracks)
     last = max(track.time[-1] for track in tracks)
     lon = np.sort(np.concatenate([track.lon for track in tracks]) % 360)
     lat = np.concatenate([track.lat for track in tracks])
-    gaps = np.diff(lon, append=lon[0] + 360)  # the widest gap between longitudes of fixes is outside the box
+    # the widest gap between longitudes of fixes is outside the box
+    gaps = np.diff(lon, append=lon[0] + 360)
     widest = int(np.argmax(gaps))
     west, wide = lon[(widest + 1) % lon.size], 360 - gaps[widest]
     high = min(float(np.abs(lat).max()) + MARGIN, 85.0)
@@ -258,11 +291,13 @@ def _keys() -> list[str]:
 def check_case(case: Case, columns: Mapping[str, str]) -> None:
     """Raise UserError where drifters cannot be compared with a case.
 
-    A scenario moves by another model than drift, so that no drifter is like it; or a quantity was to come from columns,
-    and `columns` does not name them.
+    A scenario moves by another model than drift, so that no drifter is like it; or a quantity was
+    to come from columns, and `columns` does not name them.
     """
     for quantity, specs in case.forcing.items():
-        if f"{quantity}_east" not in columns and any(spec.name == case_file.ALONG for spec in specs):
+        if f"{quantity}_east" not in columns and any(
+            spec.name == case_file.ALONG for spec in specs
+        ):
             raise UserError(
                 f"{case.path.name}: was loaded with along = {quantity}, but no columns for it were given; give "
                 f"{quantity}_east and {quantity}_north, or give the case a source"
@@ -283,7 +318,9 @@ def scenario(case: Case) -> Mapping[str, Any]:
     """
     tables: list[Mapping[str, Any]] = list(case.tables.get("scenario", ()))
     if not tables:
-        raise UserError(f"{case.path.name}: has a [spill]; drifters are compared with a case of one [[scenario]]")
+        raise UserError(
+            f"{case.path.name}: has a [spill]; drifters are compared with a case of one [[scenario]]"
+        )
     seas = [{key: table.get(key) for key in ("object", *_keys())} for table in tables]
     if any(sea != seas[0] for sea in seas):
         raise UserError(

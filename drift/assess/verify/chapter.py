@@ -1,4 +1,6 @@
-"""What a verification hands out: a row for each forecast and lead, all of it as netCDF, and a picture."""
+"""What a verification hands out: a row for each forecast and lead, all of it as netCDF, and a
+picture.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,13 +25,16 @@ class VerificationOutputs:
 
 
 def _picture(matter: VerificationOutputs, path: Path) -> None:
-    from drift.assess.verify import map as verification_map  # imported here, for Matplotlib takes a second
+    # imported here, for Matplotlib takes a second
+    from drift.assess.verify import map as verification_map
 
     verification_map.plot_verification(matter.verification, path, matter.imprint)
 
 
 FILES: dict[str, Callable[[VerificationOutputs, Stamped], Contents]] = {
-    "verify.csv": lambda matter, stamped: verification_files.verification_csv(matter.verification, stamped["run_id"]),
+    "verify.csv": lambda matter, stamped: verification_files.verification_csv(
+        matter.verification, stamped["run_id"]
+    ),
     "verify.nc": lambda matter, stamped: verification_files.dataset(matter.verification),
 }
 PICTURES: dict[str, Callable[[VerificationOutputs, Path], None]] = {
@@ -54,5 +59,8 @@ def chapter(verification: Verification) -> Chapter:
     }
     footer = f"{attributes['source']}, seed {case.seed}, {attributes['uncertainty']}"
     matter = VerificationOutputs(verification, Imprint(case.title, footer, attributes))
-    numbers = {"verification": verification_files.summary_of_verification(verification), "inputs": inputs}
+    numbers = {
+        "verification": verification_files.summary_of_verification(verification),
+        "inputs": inputs,
+    }
     return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), attributes)

@@ -1,12 +1,14 @@
-"""The law of a model's errors along the tracks of real drifters, and the likelihood of tracks under it.
+"""The law of a model's errors along the tracks of real drifters, and the likelihood of tracks under
+it.
 
-Between fixes a drifter moves by the model's displacement along its track plus an error. In each component (east, north)
-the error is a sum of independent parts: a bias that each drifter keeps, an Ornstein-Uhlenbeck velocity, diffusion, and
-the errors of the fixes at both ends. That is a linear Gaussian state space (position error, velocity error, bias),
-whose likelihood a Kalman filter gives without approximation at any spacing of the fixes. Linear unknowns (windage, mean
-error) are regressed at the same time and integrated out with a flat prior. This is restricted maximum likelihood
-(Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545), which does not underestimate the bias where drifters are
-few.
+Between fixes a drifter moves by the model's displacement along its track plus an error. In each
+component (east, north) the error is a sum of independent parts: a bias that each drifter keeps, an
+Ornstein-Uhlenbeck velocity, diffusion, and the errors of the fixes at both ends. That is a linear
+Gaussian state space (position error, velocity error, bias), whose likelihood a Kalman filter gives
+without approximation at any spacing of the fixes. Linear unknowns (windage, mean error) are
+regressed at the same time and integrated out with a flat prior. This is restricted maximum
+likelihood (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545), which does not underestimate
+the bias where drifters are few.
 """
 
 from collections.abc import Sequence
@@ -18,7 +20,8 @@ import numpy.typing as npt
 from geo.array import Array
 
 NAMES = ("std", "time", "bias", "diffusivity", "noise")
-SMALL = 1e-2  # for shorter steps, in decorrelation times, a series replaces differences of nearly equal numbers
+# for shorter steps, in decorrelation times, a series replaces differences of nearly equal numbers
+SMALL = 1e-2
 
 
 @dataclass(frozen=True)
@@ -36,10 +39,11 @@ class Law:
 class Tracks:
     """Residuals of many drifters' fixes, padded to the longest.
 
-    A stretch is a run of fixes without a long gap. step: time since the fix before [s], shape (drifters, fixes); 0 at a
-    first fix. fresh: whether a fix begins a stretch. there: whether a fix is one of the drifter's, not padding. data:
-    how far the drifter went beyond the model since the stretch's begin, east and north [m], shape (drifters, fixes, 2).
-    regressors: how much a unit of each unknown of the mean adds to that, shape (drifters, fixes, 2, unknowns).
+    A stretch is a run of fixes without a long gap. step: time since the fix before [s], shape
+    (drifters, fixes); 0 at a first fix. fresh: whether a fix begins a stretch. there: whether a fix
+    is one of the drifter's, not padding. data: how far the drifter went beyond the model since the
+    stretch's begin, east and north [m], shape (drifters, fixes, 2). regressors: how much a unit of
+    each unknown of the mean adds to that, shape (drifters, fixes, 2, unknowns).
     """
 
     step: Array
@@ -58,10 +62,11 @@ class Tracks:
 class Likelihood:
     """How likely tracks are under a law, with the likeliest unknowns of the mean.
 
-    log: restricted log likelihood. mean: the unknowns, (unknowns,); covariance: theirs under the law. own: log
-    likelihood of each drifter at that mean, (drifters,). innovations: standardised errors of the forecast of each fix
-    from those before it, (drifters, fixes, 2); log_variance: that of these forecasts, (drifters, fixes); both are NaN
-    where no forecast is. score: derivative of `own` by the unknowns, (drifters, unknowns).
+    log: restricted log likelihood. mean: the unknowns, (unknowns,); covariance: theirs under the
+    law. own: log likelihood of each drifter at that mean, (drifters,). innovations: standardised
+    errors of the forecast of each fix from those before it, (drifters, fixes, 2); log_variance:
+    that of these forecasts, (drifters, fixes); both are NaN where no forecast is. score: derivative
+    of `own` by the unknowns, (drifters, unknowns).
     """
 
     log: float
@@ -74,21 +79,29 @@ class Likelihood:
 
 
 def _steps(std: Array, memory: Array, step: Array) -> tuple[Array, Array, Array, Array]:
-    """Return phi, variance of i, covariance of i and e, variance of e, of an Ornstein-Uhlenbeck velocity.
+    """Return phi, variance of i, covariance of i and e, variance of e, of an Ornstein-Uhlenbeck
+    velocity.
 
-    All are by step [s]. Over a step that begins with the velocity v0, it ends as v = phi v0 + e, and its integral is
-    T (1 - phi) v0 + i, where T is the decorrelation time, `memory`. The moments of (i, e) are those of Uhlenbeck and
-    Ornstein 1930 (doi:10.1103/PhysRev.36.823), eq. 4 to 9.
+    All are by step [s]. Over a step that begins with the velocity v0, it ends as v = phi v0 + e,
+    and its integral is T (1 - phi) v0 + i, where T is the decorrelation time, `memory`. The moments
+    of (i, e) are those of Uhlenbeck and Ornstein 1930 (doi:10.1103/PhysRev.36.823), eq. 4 to 9.
     """
     a = step / memory
     lost = -np.expm1(-a)
     series = a**3 * (2 / 3 - a * (1 / 2 - a * (7 / 30 - a / 12)))
     integral = np.where(a < SMALL, series, 2 * a - 2 * lost - lost**2)
-    return 1 - lost, std**2 * memory**2 * integral, std**2 * memory * lost**2, -(std**2) * np.expm1(-2 * a)
+    return (
+        1 - lost,
+        std**2 * memory**2 * integral,
+        std**2 * memory * lost**2,
+        -(std**2) * np.expm1(-2 * a),
+    )
 
 
 def spread(law: Law, step: npt.ArrayLike) -> Array:
-    """Return the variance [m2] of a component of the error over steps [s] between two fixes, with their errors."""
+    """Return the variance [m2] of a component of the error over steps [s] between two fixes, with
+    their errors.
+    """
     step = np.asarray(step, np.float64)
     a = step / law.time
     series = a**2 * (1 / 2 - a * (1 / 6 - a * (1 / 24 - a / 120)))
@@ -99,8 +112,8 @@ def spread(law: Law, step: npt.ArrayLike) -> Array:
 def correlation(law: Law, lag: npt.ArrayLike, span: float) -> Array:
     """Return the covariance [m2/s2] of mean velocity errors over spans [s].
 
-    The spans begin `lag` [s] apart, which is at least their length. The errors of fixes are left out, because two spans
-    share a fix only where they touch.
+    The spans begin `lag` [s] apart, which is at least their length. The errors of fixes are left
+    out, because two spans share a fix only where they touch.
     """
     lag, a = np.asarray(lag, np.float64), span / law.time
     within = (2 * np.sinh(a / 2) / a) ** 2 if a > SMALL else 1 + a**2 / 12
@@ -113,7 +126,9 @@ def likelihood(law: Law, tracks: Tracks) -> Likelihood:
 
 
 def likelihoods(laws: Sequence[Law], tracks: Tracks) -> list[Likelihood]:
-    """Return how likely tracks are under each of several laws, which together take little more time than one."""
+    """Return how likely tracks are under each of several laws, which together take little more time
+    than one.
+    """
     drifters, fixes = tracks.step.shape
     unknowns = tracks.regressors.shape[-1]
     count = len(laws)
@@ -122,7 +137,8 @@ def likelihoods(laws: Sequence[Law], tracks: Tracks) -> list[Likelihood]:
     )
     step = np.tile(tracks.step, (count, 1))
     phi, walk, cross, renewed = _steps(std, memory, step)
-    move = np.zeros((fixes, count * drifters, 3, 3))  # of (position, velocity, bias) errors over a step
+    # of (position, velocity, bias) errors over a step
+    move = np.zeros((fixes, count * drifters, 3, 3))
     noise = np.zeros_like(move)
     move[..., 0, 0] = move[..., 2, 2] = 1
     move[..., 0, 1], move[..., 0, 2], move[..., 1, 1] = (memory * (1 - phi)).T, step.T, phi.T
@@ -130,7 +146,9 @@ def likelihoods(laws: Sequence[Law], tracks: Tracks) -> list[Likelihood]:
     noise[..., 0, 1] = noise[..., 1, 0] = cross.T
     noise[..., 1, 1] = renewed.T
     transposed = np.swapaxes(move, -1, -2)
-    columns = np.concatenate([tracks.data[..., None], tracks.regressors], axis=-1).reshape(drifters, fixes, -1)
+    columns = np.concatenate([tracks.data[..., None], tracks.regressors], axis=-1).reshape(
+        drifters, fixes, -1
+    )
     observed = np.tile(columns.transpose(1, 0, 2), (1, count, 1))
 
     state = np.zeros((count * drifters, 3, observed.shape[2]))
@@ -155,7 +173,9 @@ def likelihoods(laws: Sequence[Law], tracks: Tracks) -> list[Likelihood]:
         state = state + gain[:, :, None] * innovations[k][:, None, :]
         cov = cov - gain[:, :, None] * cov[:, 0][:, None, :]
     variance = np.maximum(variance, 1e-300)
-    scaled = np.where(used[..., None], innovations / np.sqrt(variance)[..., None], 0.0).transpose(1, 0, 2)
+    scaled = np.where(used[..., None], innovations / np.sqrt(variance)[..., None], 0.0).transpose(
+        1, 0, 2
+    )
     logs = np.where(used, np.log(variance), np.nan).T
     return [
         _regressed(scaled[rows].reshape(drifters, fixes, 2, 1 + unknowns), logs[rows])
@@ -185,7 +205,9 @@ def _regressed(scaled: Array, log_variance: Array) -> Likelihood:
     present = ~np.isnan(log_variance)
     innovations = np.where(present[..., None], residual, np.nan)
     score = np.einsum("dkc,dkcu->du", residual, design)
-    return Likelihood(float(own.sum() + restricted), mean, covariance, own, innovations, log_variance, score)
+    return Likelihood(
+        float(own.sum() + restricted), mean, covariance, own, innovations, log_variance, score
+    )
 
 
 def join_drifters(pieces: Sequence[tuple[Array, Array, Array, Array]]) -> Tracks:
@@ -196,8 +218,12 @@ def join_drifters(pieces: Sequence[tuple[Array, Array, Array, Array]]) -> Tracks
     longest = max((len(piece[0]) for piece in pieces), default=0)
 
     def padded(values: Array) -> Array:
-        return np.concatenate([values, np.zeros((longest - len(values), *values.shape[1:]), values.dtype)])
+        return np.concatenate(
+            [values, np.zeros((longest - len(values), *values.shape[1:]), values.dtype)]
+        )
 
-    step, fresh, data, regressors = (np.stack([padded(piece[k]) for piece in pieces]) for k in range(4))
+    step, fresh, data, regressors = (
+        np.stack([padded(piece[k]) for piece in pieces]) for k in range(4)
+    )
     there = np.arange(longest) < np.array([len(piece[0]) for piece in pieces])[:, None]
     return Tracks(step, fresh & there, there, data, regressors)

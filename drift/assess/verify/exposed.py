@@ -1,10 +1,11 @@
-"""Parts of drifters' tracks in which their errors can be seen, whether or not the drifters run aground later.
+"""Parts of drifters' tracks in which their errors can be seen, whether or not the drifters run
+aground later.
 
-Of a drifter that runs aground, the way on which it does is not known: the shore cut it short. Ways that led ashore are
-missing then, and the others lean offshore. So in a set of drifters some of which run aground, each track ends at the
-first fix from which its drifter might have run aground before the next. Where a track ends depends on what came before,
-and not on the ways that are left out; data that are missing so do not bias a likelihood (Rubin 1976,
-doi:10.1093/biomet/63.3.581).
+Of a drifter that runs aground, the way on which it does is not known: the shore cut it short. Ways
+that led ashore are missing then, and the others lean offshore. So in a set of drifters some of
+which run aground, each track ends at the first fix from which its drifter might have run aground
+before the next. Where a track ends depends on what came before, and not on the ways that are left
+out; data that are missing so do not bias a likelihood (Rubin 1976, doi:10.1093/biomet/63.3.581).
 """
 
 from collections.abc import Sequence
@@ -32,9 +33,11 @@ class Exposed:
 
 
 def exposed(stranded: Stranded, coast: Coast, gap: float) -> Exposed:
-    """Return the parts of tracks in which errors are compared; gap: longest time between fixes of a way [s].
+    """Return the parts of tracks in which errors are compared; gap: longest time between fixes of a
+    way [s].
 
-    Fixes of drifters that have stopped are left out. Raises UserError where the case's shoreline cannot be read.
+    Fixes of drifters that have stopped are left out. Raises UserError where the case's shoreline
+    cannot be read.
     """
     notes = []
     masks = [own | other for own, other in zip(stranded.ashore, stranded.stopped, strict=True)]
@@ -52,16 +55,23 @@ def exposed(stranded: Stranded, coast: Coast, gap: float) -> Exposed:
 def _before_the_shore(
     stranded: Stranded, coast: Coast, gap: float, afloat: Sequence[Array], notes: list[str]
 ) -> list[Array]:
-    """Return which fixes (numbers) come before the shore is in reach, and the first one with it in reach.
+    """Return which fixes (numbers) come before the shore is in reach, and the first one with it in
+    reach.
 
     afloat: numbers of the fixes of each track that are considered; notes: to add one to.
     """
     tracks = stranded.tracks
     first = [int(np.argmax(mask)) if mask.any() else mask.size for mask in stranded.ashore]
     before = [keep[keep < end] for keep, end in zip(afloat, first, strict=True)]
-    speeds = np.concatenate([_speeds(track, gap)[keep] for track, keep in zip(tracks, before, strict=True)])
-    fast = float(np.quantile(speeds[np.isfinite(speeds)], FAST)) if np.isfinite(speeds).any() else 0.0
-    steps = [np.diff(track.time, append=np.inf)[keep] for track, keep in zip(tracks, before, strict=True)]
+    speeds = np.concatenate(
+        [_speeds(track, gap)[keep] for track, keep in zip(tracks, before, strict=True)]
+    )
+    fast = (
+        float(np.quantile(speeds[np.isfinite(speeds)], FAST)) if np.isfinite(speeds).any() else 0.0
+    )
+    steps = [
+        np.diff(track.time, append=np.inf)[keep] for track, keep in zip(tracks, before, strict=True)
+    ]
     reach = fast * np.minimum(np.concatenate(steps), gap)
     lon, lat = (
         np.concatenate([values[keep] for values, keep in zip(columns, before, strict=True)])
@@ -83,7 +93,10 @@ def _before_the_shore(
 
 
 def _speeds(track: Track, gap: float) -> Array:
-    """Return the speed from each fix to the next [m/s], (n,); NaN after the last, and over more than gap [s]."""
+    """Return the speed from each fix to the next [m/s], (n,);
+
+    NaN after the last, and over more than gap [s].
+    """
     lon, lat = np.radians(track.lon), np.radians(track.lat)
     step = np.diff(track.time)
     speed = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / step

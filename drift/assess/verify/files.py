@@ -21,7 +21,9 @@ SUMMARY = (
 
 
 def summary_of_verification(result: Verification) -> dict[str, Any]:
-    """Return the summary's numbers: shares held, separations and skill, each with its clustered standard error."""
+    """Return the summary's numbers: shares held, separations and skill, each with its clustered
+    standard error.
+    """
 
     def numbers_of(estimate: Estimate) -> dict[str, Any]:
         return {"mean": estimate.mean, "standard_error": estimate.error, "count": estimate.count}
@@ -31,11 +33,16 @@ def summary_of_verification(result: Verification) -> dict[str, Any]:
         "forecasts": result.skill.size,
         "left_out": dict(result.left_out),
         "drifters": list(result.names),
-        "skill": {**numbers_of(result.mean(result.skill)), "median": float(np.median(result.skill))},
+        "skill": {
+            **numbers_of(result.mean(result.skill)),
+            "median": float(np.median(result.skill)),
+        },
         "leads": [
             {
                 "hours": float(hours),
-                "held": {f"{share:.0%}": numbers_of(result.held(lead, share)) for share in result.shares},
+                "held": {
+                    f"{share:.0%}": numbers_of(result.held(lead, share)) for share in result.shares
+                },
                 "separation_m": {
                     **numbers_of(result.mean(result.apart[:, k])),
                     "median": float(np.median(result.apart[:, k])),
@@ -56,19 +63,54 @@ def summary_of_verification(result: Verification) -> dict[str, Any]:
 
 def verification_csv(result: Verification, run: str) -> str:
     """Return a row for each forecast and lead as CSV; run: the run_id, for the last column."""
-    header = ["drifter", "start", "lead_h", "lon", "lat", "separation_m", "persistence_m", "way_m", "spread_m",
-              "aground", "ashore", "containment", "rank_along", "rank_across", "skill", "lost", "run_id"]  # fmt: skip
+    header = [
+        "drifter",
+        "start",
+        "lead_h",
+        "lon",
+        "lat",
+        "separation_m",
+        "persistence_m",
+        "way_m",
+        "spread_m",
+        "aground",
+        "ashore",
+        "containment",
+        "rank_along",
+        "rank_across",
+        "skill",
+        "lost",
+        "run_id",
+    ]
     rows = []
     columns = np.searchsorted(result.hours, result.leads)
     for n in range(result.skill.size):
         for lead, k in enumerate(columns):
-            metres = [f"{values[n, k]:.1f}" for values in (result.apart, result.waiting, result.way, result.spread)]
-            shares = [f"{values[n, lead]:.4f}" for values in (result.containment, result.along, result.across)]
+            metres = [
+                f"{values[n, k]:.1f}"
+                for values in (result.apart, result.waiting, result.way, result.spread)
+            ]
+            shares = [
+                f"{values[n, lead]:.4f}"
+                for values in (result.containment, result.along, result.across)
+            ]
             start = notation.iso(np.datetime64(int(result.start[n]), "s"))
-            rows.append([
-                result.names[result.drifter[n]], start, f"{result.leads[lead]:g}", f"{result.lon[n, k]:.6f}",
-                f"{result.lat[n, k]:.6f}", *metres, f"{result.aground[n, k]:d}", f"{result.ashore[n, k]:.4f}", *shares, f"{result.skill[n]:.4f}", f"{result.lost[n]:.4f}", run,
-            ])  # fmt: skip
+            rows.append(
+                [
+                    result.names[result.drifter[n]],
+                    start,
+                    f"{result.leads[lead]:g}",
+                    f"{result.lon[n, k]:.6f}",
+                    f"{result.lat[n, k]:.6f}",
+                    *metres,
+                    f"{result.aground[n, k]:d}",
+                    f"{result.ashore[n, k]:.4f}",
+                    *shares,
+                    f"{result.skill[n]:.4f}",
+                    f"{result.lost[n]:.4f}",
+                    run,
+                ]
+            )
     return formats.csv_text(header, rows)
 
 
@@ -97,23 +139,47 @@ def dataset(result: Verification) -> xr.Dataset:
             "start": (
                 "forecast",
                 starts,
-                {"standard_name": "forecast_reference_time", "long_name": "start of the forecast, UTC"},
+                {
+                    "standard_name": "forecast_reference_time",
+                    "long_name": "start of the forecast, UTC",
+                },
             ),
             "drifter_lon": position(result.lon, "longitude", "degrees_east"),
             "drifter_lat": position(result.lat, "latitude", "degrees_north"),
             "separation": metres(result.apart, "distance of the mean position from the drifter"),
             "persistence": metres(result.waiting, "distance of the start from the drifter"),
             "way": metres(result.way, "way of the drifter since the start"),
-            "spread": metres(result.spread, "root mean square distance of the particles from their mean"),
-            "aground": hourly(
-                result.aground.astype(np.int8), "whether the drifter is aground: 0 afloat, 1 aground", "1"
+            "spread": metres(
+                result.spread, "root mean square distance of the particles from their mean"
             ),
-            "ashore": hourly(result.ashore, "share of the probability on the map that is ashore", "1"),
-            "containment": share(result.containment, "share of the smallest area that holds the drifter"),
-            "rank_along": share(result.along, "share of the probability behind the drifter, along the forecast drift"),
-            "rank_across": share(result.across, "share of the probability to the left of the drifter"),
-            "skill": ("forecast", result.skill, {"long_name": "skill (Liu and Weisberg 2011)", "units": "1"}),
-            "lost": ("forecast", result.lost, {"long_name": "probability on no map at the end", "units": "1"}),
+            "aground": hourly(
+                result.aground.astype(np.int8),
+                "whether the drifter is aground: 0 afloat, 1 aground",
+                "1",
+            ),
+            "ashore": hourly(
+                result.ashore, "share of the probability on the map that is ashore", "1"
+            ),
+            "containment": share(
+                result.containment, "share of the smallest area that holds the drifter"
+            ),
+            "rank_along": share(
+                result.along,
+                "share of the probability behind the drifter, along the forecast drift",
+            ),
+            "rank_across": share(
+                result.across, "share of the probability to the left of the drifter"
+            ),
+            "skill": (
+                "forecast",
+                result.skill,
+                {"long_name": "skill (Liu and Weisberg 2011)", "units": "1"},
+            ),
+            "lost": (
+                "forecast",
+                result.lost,
+                {"long_name": "probability on no map at the end", "units": "1"},
+            ),
         },
         {
             "hours": ("hours", result.hours.astype(float), since),
@@ -128,4 +194,4 @@ def dataset(result: Verification) -> xr.Dataset:
             "summary": SUMMARY,
             "comment": f"{verification_text.headline(result)}{verification_text.left_out(result)}",
         },
-    )  # fmt: skip
+    )

@@ -1,10 +1,12 @@
-"""Errors of a case's forcing and the windage of what drifts, from drifters' tracks: `drift fit-errors`.
+"""Errors of a case's forcing and the windage of what drifts, from drifters' tracks: `drift
+fit-errors`.
 
-The parameters of `drift.assess.verify.error_law` are those under which the tracks are likeliest. Standard errors are those
-of the parameters' logarithms, from the curvature of the log likelihood. With ten drifters or more there is also the
-sandwich estimate, from the spread of the drifters' own scores (clustered by drifter; White 1982, doi:10.2307/1912526).
-It holds where the law holds only roughly, but is inaccurate where drifters are few: the larger of both is printed. A
-parameter that the data do not tell is marked so, with an upper limit.
+The parameters of `drift.assess.verify.error_law` are those under which the tracks are likeliest.
+Standard errors are those of the parameters' logarithms, from the curvature of the log likelihood.
+With ten drifters or more there is also the sandwich estimate, from the spread of the drifters' own
+scores (clustered by drifter; White 1982, doi:10.2307/1912526). It holds where the law holds only
+roughly, but is inaccurate where drifters are few: the larger of both is printed. A parameter that
+the data do not tell is marked so, with an upper limit.
 """
 
 import math
@@ -31,7 +33,8 @@ from kernels.runtime import runtime
 
 Report = Callable[[str, float], None]
 
-BOUNDS = {  # smallest and largest value of each parameter, SI: far outside all that has been published
+# smallest and largest value of each parameter, SI: far outside all that has been published
+BOUNDS = {
     "std": (1e-3, 5.0),
     "time": (300.0, 60 * 86_400.0),
     "bias": (1e-4, 3.0),
@@ -40,10 +43,12 @@ BOUNDS = {  # smallest and largest value of each parameter, SI: far outside all 
 }
 FEWEST = 12  # fewest ways between fixes for a fit
 ENOUGH = 10  # fewest drifters with which the spread between them counts
-VAGUE = 0.7  # with this standard error of its logarithm, or a larger one, a parameter counts as not identified
+# with this standard error of its logarithm, or a larger one, a parameter counts as not identified
+VAGUE = 0.7
 STEP = 0.05  # step of a logarithm for second derivatives
 SLOPE = 1e-5  # step of a logarithm for first derivatives
-LIMIT = 0.5 * float(stats.chi2.ppf(0.90, 1))  # log likelihood below the best at a one-sided limit of 95 %
+# log likelihood below the best at a one-sided limit of 95 %
+LIMIT = 0.5 * float(stats.chi2.ppf(0.90, 1))
 ONE_WIND = "windage is not determined: in a wind that is always the same, or none, it cannot be distinguished from the mean error"
 LAGS = np.array([1.0, 3.0, 6.0, 12.0, 24.0, 48.0])  # [h]
 
@@ -52,8 +57,8 @@ LAGS = np.array([1.0, 3.0, 6.0, 12.0, 24.0, 48.0])  # [h]
 class Parameter:
     """One parameter: its value, the standard error of its logarithm, and whether the data tell it.
 
-    error: the standard error that is printed; curvature: that from the curvature alone. limit: upper limit (95 %) of a
-    parameter that is not identified; NaN for `time`, which has none.
+    error: the standard error that is printed; curvature: that from the curvature alone. limit:
+    upper limit (95 %) of a parameter that is not identified; NaN for `time`, which has none.
     """
 
     value: float
@@ -73,17 +78,21 @@ class Fit:
     windage_error: float
     mean: tuple[float, float]  # [m/s] mean error of the model, east and north
     mean_error: tuple[float, float]
-    clustered: bool  # whether standard errors count the spread between drifters, not the curvature alone
+    # whether standard errors count the spread between drifters, not the curvature alone
+    clustered: bool
     log: float
     names: tuple[str, ...]  # of the drifters
     increments: int
-    correlation: Array  # (lags, 4): hours, correlation of the data, its standard error, correlation of the law
+    # (lags, 4): hours, correlation of the data, its standard error, correlation of the law
+    correlation: Array
     held: Held | None
     notes: tuple[str, ...]
 
     @property
     def standing_bias(self) -> float:
-        """Bias [m/s] to state where the mean error stays in: both together, less the variance of the mean error."""
+        """Bias [m/s] to state where the mean error stays in: both together, less the variance of
+        the mean error.
+        """
         square = (np.square(self.mean).sum() - np.square(self.mean_error).sum()) / 2
         return math.sqrt(self.law.bias**2 + max(float(square), 0.0))
 
@@ -108,23 +117,27 @@ def fit_errors(
     Args:
         case: whose forcing is held against the drifters.
         files: a file of tracks (CSV or netCDF), or tracks.
-        columns: the model's values at the drifter's places from columns of its file, {"current_east": "u", ..} [m/s], which are
-            then used everywhere about it.
+        columns: the model's values at the drifter's places from columns of its file,
+            {"current_east": "u", ..} [m/s], which are then used everywhere about it.
         gap: longest time between fixes [s] over which ways are compared.
         fastest: speed [m/s] beyond which a fix is not believed.
         ends_aground: whether a drifter whose track ends near the shore ran aground there.
-        held_out: whether to fit half of the drifters, or half of the days of one, as well, and test that on the others.
-        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that name; they are only
-            read, and not kept.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a bit of the results.
-        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics card where one is worth it.
-            A process keeps the backend and the threads that it began with.
-        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share of it that is done, 0 to
-            1; `drift.progress` makes one. An exception that it raises ends the run.
+        held_out: whether to fit half of the drifters, or half of the days of one, as well, and test
+            that on the others.
+        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that
+            name; they are only read, and not kept.
+        threads: threads of the CPU; None, or more than there are: all. No number of them changes a
+            bit of the results.
+        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics
+            card where one is worth it. A process keeps the backend and the threads that it began
+            with.
+        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share
+            of it that is done, 0 to 1; `drift.progress` makes one. An exception that it raises ends
+            the run.
 
     Returns:
-        Windage, standard deviation [m/s], decorrelation time [s], bias [m/s] and diffusivity [m2/s], with standard errors, and
-        the `[uncertainty]` to paste into a case.
+        Windage, standard deviation [m/s], decorrelation time [s], bias [m/s] and diffusivity
+        [m2/s], with standard errors, and the `[uncertainty]` to paste into a case.
 
     Raises:
         UserError: no track is left, or they are too few to fit to.
@@ -146,10 +159,14 @@ def fit_errors(
     runtime.start(backend, threads, sum(track.time.size for track in seen.tracks))
     comparison = along.compared(case, seen.tracks, names, gap, fastest, datasets)
     tell("fit", 0.0)
-    return fitted_errors(comparison.ways, comparison.wind, (*notes, *comparison.notes), held_out=held_out)
+    return fitted_errors(
+        comparison.ways, comparison.wind, (*notes, *comparison.notes), held_out=held_out
+    )
 
 
-def read_tracks(files: str | os.PathLike[str] | Sequence[Track], columns: Mapping[str, str]) -> Sequence[Track]:
+def read_tracks(
+    files: str | os.PathLike[str] | Sequence[Track], columns: Mapping[str, str]
+) -> Sequence[Track]:
     """Return the tracks of a file with the columns that are wanted, or the tracks that are given."""
     if isinstance(files, str | os.PathLike):
         return reading.read_drifters(Path(files), list(dict.fromkeys(columns.values())))
@@ -159,8 +176,12 @@ def read_tracks(files: str | os.PathLike[str] | Sequence[Track], columns: Mappin
     return files
 
 
-def fitted_errors(ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *, held_out: bool = False) -> Fit:
-    """Return the fit of errors to ways; wind: whether windage is fitted too; held_out: as in `fit_errors`."""
+def fitted_errors(
+    ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *, held_out: bool = False
+) -> Fit:
+    """Return the fit of errors to ways; wind: whether windage is fitted too; held_out: as in
+    `fit_errors`.
+    """
     tracks = along.residuals(ways, wind)
     if tracks.increments < FEWEST:
         told = f" ({'; '.join(notes)})" if notes else ""
@@ -193,11 +214,15 @@ def fitted_errors(ways: Sequence[Ways], wind: bool, notes: Sequence[str] = (), *
 
 
 def _free(ways: Sequence[Ways]) -> list[str]:
-    """Return the names of the parameters to fit: one drifter alone does not tell its bias from the mean error."""
+    """Return the names of the parameters to fit: one drifter alone does not tell its bias from the
+    mean error.
+    """
     return [name for name in NAMES if name != "bias" or len(ways) > 1]
 
 
-def _parameters(law: Law, tracks: Tracks, free: Sequence[str], best: float) -> tuple[dict[str, Parameter], bool]:
+def _parameters(
+    law: Law, tracks: Tracks, free: Sequence[str], best: float
+) -> tuple[dict[str, Parameter], bool]:
     """Return the parameters of the likeliest law, and whether their errors are clustered.
 
     best: its log likelihood.
@@ -206,7 +231,11 @@ def _parameters(law: Law, tracks: Tracks, free: Sequence[str], best: float) -> t
     parameters = dict.fromkeys(NAMES, Parameter(math.nan, math.nan, math.nan, identified=False))
     for name in free:
         value = getattr(law, name)
-        identified = errors[name] < VAGUE and value > 1.05 * BOUNDS[name][0] and value < BOUNDS[name][1] / 1.05
+        identified = (
+            errors[name] < VAGUE
+            and value > 1.05 * BOUNDS[name][0]
+            and value < BOUNDS[name][1] / 1.05
+        )
         limit = math.nan if identified or name == "time" else _limit(law, tracks, free, name, best)
         parameters[name] = Parameter(value, errors[name], curvature[name], identified, limit)
     return parameters, clustered
@@ -218,7 +247,10 @@ def _held_out(ways: Sequence[Ways], wind: bool) -> Held:
     Raises UserError where a half is too small.
     """
     halves = hold_out.split(ways)
-    if min(along.residuals(half, wind).increments for half in (halves.fitted, halves.held)) < FEWEST:
+    if (
+        min(along.residuals(half, wind).increments for half in (halves.fitted, halves.held))
+        < FEWEST
+    ):
         raise UserError(
             f"--hold-out: {halves.how} are fewer than {FEWEST} ways between fixes; leave it out, or give more"
         )
@@ -227,7 +259,9 @@ def _held_out(ways: Sequence[Ways], wind: bool) -> Held:
 
 
 def _wind_varies(tracks: Tracks) -> bool:
-    """Return whether windage and mean error can be told apart: in a wind that is always the same they cannot."""
+    """Return whether windage and mean error can be told apart: in a wind that is always the same
+    they cannot.
+    """
     likelihood = error_law.likelihood(_starts(tracks)[0], tracks)
     scale = np.sqrt(np.diag(likelihood.covariance))
     if not (scale > 0).all():
@@ -236,19 +270,26 @@ def _wind_varies(tracks: Tracks) -> bool:
 
 
 def likeliest(
-    tracks: Tracks, free: Sequence[str], begin: Law | None = None, fixed: Mapping[str, float] | None = None
+    tracks: Tracks,
+    free: Sequence[str],
+    begin: Law | None = None,
+    fixed: Mapping[str, float] | None = None,
 ) -> tuple[Law, error_law.Likelihood]:
     """Return the law under which tracks are likeliest, and its likelihood.
 
-    Parameters that are neither free nor fixed are zero. begin: where the search begins; by default several laws are
-    tried.
+    Parameters that are neither free nor fixed are zero. begin: where the search begins; by default
+    several laws are tried.
     """
     fixed = dict(fixed or {})
     fitted = [name for name in free if name not in fixed]
     low, high = (np.log([BOUNDS[name][k] for name in fitted]) for k in (0, 1))
 
     def law(point: Array) -> Law:
-        values = dict.fromkeys(NAMES, 0.0) | dict(zip(fitted, np.exp(point).tolist(), strict=True)) | fixed
+        values = (
+            dict.fromkeys(NAMES, 0.0)
+            | dict(zip(fitted, np.exp(point).tolist(), strict=True))
+            | fixed
+        )
         return Law(**values)
 
     def cost(point: Array) -> tuple[float, Array]:
@@ -259,20 +300,32 @@ def likeliest(
 
     starts = [begin] if begin else _starts(tracks)
     points = [
-        np.clip(np.log([max(getattr(start, name), BOUNDS[name][0] * 1.1) for name in fitted]), low, high)
+        np.clip(
+            np.log([max(getattr(start, name), BOUNDS[name][0] * 1.1) for name in fitted]), low, high
+        )
         for start in starts
     ]
-    first = int(np.argmax([candidate.log for candidate in error_law.likelihoods([law(p) for p in points], tracks)]))
+    first = int(
+        np.argmax(
+            [candidate.log for candidate in error_law.likelihoods([law(p) for p in points], tracks)]
+        )
+    )
     best = optimize.minimize(
-        cost, points[first], jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
+        cost,
+        points[first],
+        jac=True,
+        method="L-BFGS-B",
+        bounds=list(zip(low, high, strict=True)),
         options={"ftol": 1e-9, "gtol": 1e-2, "maxiter": 200},
-    )  # fmt: skip
+    )
     law_found = law(best.x)
     return law_found, error_law.likelihood(law_found, tracks)
 
 
 def _starts(tracks: Tracks) -> list[Law]:
-    """Return laws from which the search may begin: errors as large as the data's, with long and short memories."""
+    """Return laws from which the search may begin: errors as large as the data's, with long and
+    short memories.
+    """
     within = tracks.there & ~tracks.fresh
     moved = np.diff(tracks.data, axis=1, prepend=0.0)[within]
     speed = max(float(np.median(np.abs(moved / tracks.step[within][:, None]))) * 1.5, 5e-3)
@@ -283,31 +336,43 @@ def _starts(tracks: Tracks) -> list[Law]:
     ]
 
 
-def _errors(law: Law, tracks: Tracks, free: Sequence[str]) -> tuple[dict[str, float], dict[str, float], bool]:
+def _errors(
+    law: Law, tracks: Tracks, free: Sequence[str]
+) -> tuple[dict[str, float], dict[str, float], bool]:
     """Return standard errors of the parameters' logarithms, as printed and by curvature.
 
-    Third, it returns whether the first are clustered by drifter: they are where there are ENOUGH drifters, and are then
-    the larger of both.
+    Third, it returns whether the first are clustered by drifter: they are where there are ENOUGH
+    drifters, and are then the larger of both.
     """
     inside = [n for n in free if BOUNDS[n][0] * 1.05 < getattr(law, n) < BOUNDS[n][1] / 1.05]
 
     def moved(*steps: tuple[str, float]) -> Law:
-        return replace(law, **{name: getattr(law, name) * math.exp(STEP * times) for name, times in steps})
+        return replace(
+            law, **{name: getattr(law, name) * math.exp(STEP * times) for name, times in steps}
+        )
 
     size = len(inside)
     pairs = [(i, j) for i in range(size) for j in range(i)]
-    laws = [law, *(moved((name, 1.0)) for name in inside), *(moved((name, -1.0)) for name in inside)]
+    laws = [
+        law,
+        *(moved((name, 1.0)) for name in inside),
+        *(moved((name, -1.0)) for name in inside),
+    ]
     laws += [moved((inside[i], side), (inside[j], side)) for side in (1.0, -1.0) for i, j in pairs]
     centre, *others = error_law.likelihoods(laws, tracks)
     up, down, paired = others[:size], others[size : 2 * size], others[2 * size :]
-    curve = np.diag([(a.log + b.log - 2 * centre.log) / STEP**2 for a, b in zip(up, down, strict=True)])
+    curve = np.diag(
+        [(a.log + b.log - 2 * centre.log) / STEP**2 for a, b in zip(up, down, strict=True)]
+    )
     for number, (i, j) in enumerate(pairs):
         corners = paired[number].log + paired[number + len(pairs)].log + 2 * centre.log
         cross = corners - up[i].log - down[i].log - up[j].log - down[j].log
         curve[i, j] = curve[j, i] = cross / (2 * STEP**2)
     value, vector = np.linalg.eigh(-curve)
     inverse = (vector / np.maximum(value, 1e-6)) @ vector.T  # a flat direction gets a huge error
-    curvature = dict.fromkeys(free, math.inf) | dict(zip(inside, np.sqrt(np.diag(inverse)).tolist(), strict=True))
+    curvature = dict.fromkeys(free, math.inf) | dict(
+        zip(inside, np.sqrt(np.diag(inverse)).tolist(), strict=True)
+    )
     drifters = tracks.step.shape[0]
     if drifters < ENOUGH:
         return curvature, curvature, False
@@ -315,7 +380,10 @@ def _errors(law: Law, tracks: Tracks, free: Sequence[str]) -> tuple[dict[str, fl
     scores = scores - scores.mean(axis=0)
     score_covariance = scores.T @ scores * drifters / (drifters - 1)
     clustered = np.sqrt(np.diag(inverse @ score_covariance @ inverse))
-    larger = {name: max(curvature[name], float(error)) for name, error in zip(inside, clustered, strict=True)}
+    larger = {
+        name: max(curvature[name], float(error))
+        for name, error in zip(inside, clustered, strict=True)
+    }
     return dict.fromkeys(free, math.inf) | larger, curvature, True
 
 
@@ -328,7 +396,9 @@ def _mean_errors(best: error_law.Likelihood, clustered: bool) -> Array:
     if clustered:
         count = len(best.score)
         score_covariance = best.score.T @ best.score * count / (count - 1)
-        variance = np.maximum(variance, np.diag(best.covariance @ score_covariance @ best.covariance))
+        variance = np.maximum(
+            variance, np.diag(best.covariance @ score_covariance @ best.covariance)
+        )
     return np.asarray(np.sqrt(variance))
 
 
@@ -353,10 +423,11 @@ def _limit(law: Law, tracks: Tracks, free: Sequence[str], name: str, best: float
 
 
 def _correlation(law: Law, mean: Array, ways: Sequence[Ways], wind: bool) -> Array:
-    """Return hours, correlation of the data's velocity errors, its standard error, the law's, (lags, 4).
+    """Return hours, correlation of the data's velocity errors, its standard error, the law's,
+    (lags, 4).
 
-    Velocity errors are means over about an hour or longer. They are the sum of bias and Ornstein-Uhlenbeck velocity,
-    without the mean error.
+    Velocity errors are means over about an hour or longer. They are the sum of bias and
+    Ornstein-Uhlenbeck velocity, without the mean error.
     """
     rows = []
     pieces = [_velocities(way, mean, wind) for way in ways]
@@ -371,7 +442,10 @@ def _correlation(law: Law, mean: Array, ways: Sequence[Ways], wind: bool) -> Arr
             continue
         products, weights = [], []
         for time, velocity, _ in pieces:
-            window = np.searchsorted(time, time + 0.75 * lag), np.searchsorted(time, time + 1.25 * lag)
+            window = (
+                np.searchsorted(time, time + 0.75 * lag),
+                np.searchsorted(time, time + 1.25 * lag),
+            )
             sums = np.concatenate([np.zeros((1, 2)), np.cumsum(velocity, axis=0)])
             count_at = window[1] - window[0]
             products.append(float((velocity * (sums[window[1]] - sums[window[0]])).sum()) / 2)
@@ -383,10 +457,17 @@ def _correlation(law: Law, mean: Array, ways: Sequence[Ways], wind: bool) -> Arr
         residual = np.array(products) - covariance * count
         drifters = int((count > 0).sum())
         error = (
-            math.sqrt((residual**2).sum() * drifters / max(drifters - 1, 1)) / count.sum() if drifters > 1 else math.nan
+            math.sqrt((residual**2).sum() * drifters / max(drifters - 1, 1)) / count.sum()
+            if drifters > 1
+            else math.nan
         )
         rows.append(
-            [lag / 3600, covariance / variance, error / variance, float(error_law.correlation(law, lag, span)) / own]
+            [
+                lag / 3600,
+                covariance / variance,
+                error / variance,
+                float(error_law.correlation(law, lag, span)) / own,
+            ]
         )
     return np.array(rows).reshape(-1, 4)
 

@@ -36,10 +36,14 @@ def fitting_facts(fit: Fit) -> Facts:
     for label, value, error in zip(("east", "north"), fit.mean, fit.mean_error, strict=True):
         lines[f"mean error of the model, {label}"] = f"{value:+.3f} ± {error:.3f} m/s"
     if math.isfinite(fit.windage):
-        lines["windage (down-wind slope)"] = f"{100 * fit.windage:.2f} ± {100 * fit.windage_error:.2f} % of the wind"
+        lines["windage (down-wind slope)"] = (
+            f"{100 * fit.windage:.2f} ± {100 * fit.windage_error:.2f} % of the wind"
+        )
     for lag, data, error, law in fit.correlation:
         within = f" ± {error:.2f}" if math.isfinite(error) else ""
-        lines[f"correlation of errors after {lag:g} h"] = f"{data:.2f}{within}, of the fitted model {law:.2f}"
+        lines[f"correlation of errors after {lag:g} h"] = (
+            f"{data:.2f}{within}, of the fitted model {law:.2f}"
+        )
     if misfits := [f"{lag:g}" for lag, data, _, law in fit.correlation if abs(data - law) > MISFIT]:
         lines["the model does not fit"] = (
             f"errors {', '.join(misfits)} h apart are correlated otherwise than by any decay: tides or inertial "
@@ -71,7 +75,9 @@ def _coverage(share: float, held: Estimate) -> str:
 def _parameter(parameter: Parameter, unit: str, scale: float) -> str:
     """Return a parameter in its unit, of which `scale` is the size in SI."""
     if parameter.identified:
-        low, high = (parameter.value * math.exp(sign * 2 * parameter.error) / scale for sign in (-1, 1))
+        low, high = (
+            parameter.value * math.exp(sign * 2 * parameter.error) / scale for sign in (-1, 1)
+        )
         return f"{parameter.value / scale:.3g} {unit} (95 %: {low:.3g} to {high:.3g})"
     if math.isfinite(parameter.limit):
         return f"not determined by these data: below {parameter.limit / scale:.2g} {unit} (95 %)"
@@ -81,8 +87,8 @@ def _parameter(parameter: Parameter, unit: str, scale: float) -> str:
 def toml(fit: Fit) -> str:
     """Return the errors as tables of a case.
 
-    The bias includes the mean error. A source that takes the mean error out is given as a comment, with the bias that
-    is then left.
+    The bias includes the mean error. A source that takes the mean error out is given as a comment,
+    with the bias that is then left.
     """
     bias, count = fit.standing_bias, len(fit.names)
     parts = [f'std = "{fit.law.std:.3f} m/s"', f'time = "{fit.law.time / 3600:.1f} h"']
@@ -116,7 +122,10 @@ def toml(fit: Fit) -> str:
             "# add = true",
         ]
     if math.isfinite(fit.windage) and fit.windage > 0:
-        lines += ["", f'# Windage, of a scenario: object = {{ windage = "{100 * fit.windage:.2f} %" }}']
+        lines += [
+            "",
+            f'# Windage, of a scenario: object = {{ windage = "{100 * fit.windage:.2f} %" }}',
+        ]
     if math.isfinite(fit.windage) and fit.windage <= 2 * fit.windage_error:
         lines.append("# (the data do not distinguish it from none)")
     return "\n".join(lines)

@@ -1,7 +1,8 @@
 """How far drifters are off the shore of a case, where its particles come ashore.
 
-A drifter that lies still for hours has run aground, or it was moored, caught in fishing gear or taken aboard. Only the
-first is drift. The two are distinguished by the distance from the case's shore.
+A drifter that lies still for hours has run aground, or it was moored, caught in fishing gear or
+taken aboard. Only the first is drift. The two are distinguished by the distance from the case's
+shore.
 """
 
 import numpy as np
@@ -14,18 +15,21 @@ from geo.array import Array
 from geo.box import Box
 from geo.coast import edges, shore
 
-NEAR = 5000.0  # [m] a shoreline may be off by hundreds of metres, and tidal flats are kilometres wide
-BESIDE = 1000.0  # [m] from the shore: what is still here for some hours is aground, and not in slack water
+# [m] a shoreline may be off by hundreds of metres, and tidal flats are kilometres wide
+NEAR = 5000.0
+# [m] from the shore: what is still here for some hours is aground, and not in slack water
+BESIDE = 1000.0
 TILE = 10  # [deg] land is read in tiles that are so wide
-PARTS = 4  # points on each edge, which are at most 2.4 km long: a distance of 1 km is off by 5 % at most
+# points on each edge, which are at most 2.4 km long: a distance of 1 km is off by 5 % at most
+PARTS = 4
 METRES = np.radians(1.0) * sphere.RADIUS  # [m] of a degree of latitude
 
 
 def off_shore(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike, farthest: float) -> Array:
     """Return how far places [deg], (n,), are from a case's shore [m].
 
-    It is 0 on land, and inf farther off than `farthest` [m], or where the case has no coast. Raises UserError where the
-    shoreline cannot be read.
+    It is 0 on land, and inf farther off than `farthest` [m], or where the case has no coast. Raises
+    UserError where the shoreline cannot be read.
     """
     lon, lat = (np.atleast_1d(np.asarray(values, np.float64)) for values in (lon, lat))
     distance = np.full(lon.size, np.inf)
@@ -39,8 +43,12 @@ def off_shore(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike, farthest: fl
     return distance
 
 
-def _off_in_tile(coast: Coast, west: int, south: int, lon: Array, lat: Array, farthest: float) -> Array:
-    """Return how far places in the tile with a south-west corner [deg] are from the shore; see `off_shore`."""
+def _off_in_tile(
+    coast: Coast, west: int, south: int, lon: Array, lat: Array, farthest: float
+) -> Array:
+    """Return how far places in the tile with a south-west corner [deg] are from the shore; see
+    `off_shore`.
+    """
     tile = Box(float(west), float(south), float(west + TILE), float(min(south + TILE, 90)))
     margin = farthest / METRES
     highest = min(float(np.abs(lat).max()), 85.0)
@@ -67,5 +75,7 @@ def _along(edge: Array) -> Array:
 
 
 def near_shore(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
-    """Return which places [deg], (n,), lie on a case's land or within NEAR of its shore; raise as `off_shore`."""
+    """Return which places [deg], (n,), lie on a case's land or within NEAR of its shore; raise as
+    `off_shore`.
+    """
     return off_shore(coast, lon, lat, NEAR) <= NEAR

@@ -1,4 +1,6 @@
-"""How well a law of errors fitted to some drifters suits others: likelihood, and shares in ellipses."""
+"""How well a law of errors fitted to some drifters suits others: likelihood, and shares in
+ellipses.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +14,8 @@ from drift.tracking.tracks import clusters
 from drift.tracking.tracks.clusters import Estimate
 from geo.array import Array
 
-BLOCK = 3 * 86_400.0  # [s] of one drifter's track that is held out together: longer than errors are correlated
+# [s] of one drifter's track that is held out together: longer than errors are correlated
+BLOCK = 3 * 86_400.0
 LEADS = (3.0, 6.0, 12.0, 24.0)  # [h]
 SHARES = (0.5, 0.9)
 DAY = 86_400.0
@@ -29,7 +32,9 @@ class Halves:
 
 @dataclass(frozen=True)
 class Coverage:
-    """How often the ellipse that should hold a share of the displacements over so many hours holds them."""
+    """How often the ellipse that should hold a share of the displacements over so many hours holds
+    them.
+    """
 
     hours: float
     share: float
@@ -40,7 +45,8 @@ class Coverage:
 class Held:
     """How a law fitted to one half suits it and the other half.
 
-    own, other: log likelihood per increment of the fitted half and of the other; increments, coverage: of the other.
+    own, other: log likelihood per increment of the fitted half and of the other; increments,
+    coverage: of the other.
     """
 
     how: str
@@ -52,10 +58,14 @@ class Held:
 
 
 def split(ways: Sequence[Ways]) -> Halves:
-    """Return halves of every other drifter, in order of their first fixes, or every other block of days of one."""
+    """Return halves of every other drifter, in order of their first fixes, or every other block of
+    days of one.
+    """
     if len(ways) > 1:
         order = sorted(ways, key=lambda way: float(way.time[0]))
-        return Halves(tuple(order[0::2]), tuple(order[1::2]), f"every other of {len(ways)} drifters")
+        return Halves(
+            tuple(order[0::2]), tuple(order[1::2]), f"every other of {len(ways)} drifters"
+        )
     (way,) = ways
     block = (way.time - way.time[0]) // BLOCK % 2
     how = f"every other {BLOCK / DAY:g} days of the one drifter"
@@ -67,13 +77,17 @@ def _part(way: Ways, keep: Array) -> Ways:
     index = np.flatnonzero(keep)
     fresh = way.fresh[index] | (np.diff(index, prepend=-2) > 1)
     time = way.time[index]
-    observed, model = (np.where(fresh[:, None], 0.0, values[index]) for values in (way.observed, way.model))
+    observed, model = (
+        np.where(fresh[:, None], 0.0, values[index]) for values in (way.observed, way.model)
+    )
     wind = None if way.wind is None else np.where(fresh[:, None], 0.0, way.wind[index])
     return Ways(way.name, time, np.diff(time, prepend=time[:1]), fresh, observed, model, wind)
 
 
 def tested(law: Law, best: Likelihood, halves: Halves, wind: bool) -> Held:
-    """Return how a law that was fitted to one half, with its windage and mean error, suits both halves."""
+    """Return how a law that was fitted to one half, with its windage and mean error, suits both
+    halves.
+    """
     tracks = along.residuals(halves.held, wind)
     excess = tracks.data - tracks.regressors @ best.mean
     residual = replace(tracks, data=excess, regressors=tracks.regressors[..., :0])
@@ -92,8 +106,9 @@ def tested(law: Law, best: Likelihood, halves: Halves, wind: bool) -> Held:
 def coverage(law: Law, ways: Sequence[Ways], excess: Array) -> tuple[Coverage, ...]:
     """Return the coverage of displacements that follow one another.
 
-    excess: how far drifters went beyond the model since a stretch's begin [m], (drifters, fixes, 2). The ellipse of a
-    bivariate normal with the same variance on both axes holds a share p within -2 log(1 - p) variances.
+    excess: how far drifters went beyond the model since a stretch's begin [m], (drifters, fixes,
+    2). The ellipse of a bivariate normal with the same variance on both axes holds a share p within
+    -2 log(1 - p) variances.
     """
     result = []
     for hours in LEADS:
@@ -105,7 +120,10 @@ def coverage(law: Law, ways: Sequence[Ways], excess: Array) -> tuple[Coverage, .
                     begin = k
                 elif way.time[k] - way.time[begin] >= hours * 3600 - 60:
                     error = excess[number, k] - excess[number, begin]
-                    square.append(float(error @ error) / float(error_law.spread(law, way.time[k] - way.time[begin])))
+                    square.append(
+                        float(error @ error)
+                        / float(error_law.spread(law, way.time[k] - way.time[begin]))
+                    )
                     drifters.append(number)
                     days.append(int(way.time[begin] // DAY))
                     begin = k

@@ -1,4 +1,6 @@
-"""The picture of a verification: distances by time, shares that areas held, and ranks of the drifters."""
+"""The picture of a verification: distances by time, shares that areas held, and ranks of the
+drifters.
+"""
 
 import itertools
 from pathlib import Path
@@ -19,9 +21,14 @@ BLUE, RED, SAND = "#0b4f8a", "#a33b20", "#b9802a"
 # Colours and marks of areas, in order of their shares: ten marks, which are told apart in grey too.
 MARKS = tuple(zip(itertools.cycle(("#5b8db8", BLUE, RED, SAND)), "so^DvPX<>*", strict=False))
 SHEET = Sheet(
-    11.7, 8.3, 120, left=0.05, title=sheet.heading(0.955, 15, 90), lines=(Row(0.922, 12), sheet.small(0.895, 9, 150)),
+    11.7,
+    8.3,
+    120,
+    left=0.05,
+    title=sheet.heading(0.955, 15, 90),
+    lines=(Row(0.922, 12), sheet.small(0.895, 9, 150)),
     footer=sheet.small(0.02, 7, 170),
-)  # fmt: skip
+)
 
 
 def plot_verification(result: Verification, path: Path, imprint: Imprint) -> None:
@@ -33,12 +40,21 @@ def plot_verification(result: Verification, path: Path, imprint: Imprint) -> Non
     _distances(figure.add_axes((0.07, 0.5, 0.40, 0.33)), result)
     _held(figure.add_axes((0.56, 0.5, 0.40, 0.33)), result)
     last = f"after {result.leads[-1]:g} h"
-    for k, (ranks, title, low, high) in enumerate((
-        (result.containment, f"Containment {last}", "in the middle", "outside"),
-        (result.along, f"Rank along the drift {last}", "drifter behind", "ahead"),
-        (result.across, f"Rank across the drift {last}", "drifter to the left", "to the right"),
-    )):  # fmt: skip
-        _ranks(figure.add_axes((0.07 + 0.315 * k, 0.11, 0.26, 0.26)), result, ranks[:, -1], title, low, high)
+    for k, (ranks, title, low, high) in enumerate(
+        (
+            (result.containment, f"Containment {last}", "in the middle", "outside"),
+            (result.along, f"Rank along the drift {last}", "drifter behind", "ahead"),
+            (result.across, f"Rank across the drift {last}", "drifter to the left", "to the right"),
+        )
+    ):
+        _ranks(
+            figure.add_axes((0.07 + 0.315 * k, 0.11, 0.26, 0.26)),
+            result,
+            ranks[:, -1],
+            title,
+            low,
+            high,
+        )
     sheet.end(on, path, imprint, f"{imprint.title}: forecasts of drifters")
 
 
@@ -49,9 +65,17 @@ def _distances(axes: Axes, result: Verification) -> None:
     mean = np.append(0.0, [estimate.mean for estimate in estimates]) / NMI
     error = np.append(0.0, [estimate.error for estimate in estimates]) / NMI
     axes.fill_between(
-        hours, mean - 2 * error, mean + 2 * error, color=BLUE, alpha=0.18, linewidth=0, label="± 2 standard errors"
+        hours,
+        mean - 2 * error,
+        mean + 2 * error,
+        color=BLUE,
+        alpha=0.18,
+        linewidth=0,
+        label="± 2 standard errors",
     )
-    axes.plot(hours, mean, color=BLUE, linewidth=2.2, label="forecast's mean from the drifter, mean")
+    axes.plot(
+        hours, mean, color=BLUE, linewidth=2.2, label="forecast's mean from the drifter, mean"
+    )
     axes.plot(
         hours,
         np.append(0.0, np.median(result.apart, axis=0)) / NMI,
@@ -81,7 +105,10 @@ def _distances(axes: Axes, result: Verification) -> None:
         label="spread of the particles, root mean square",
     )
     axes.set_title(
-        "Distance [nmi]: forecast error and particle spread should agree", fontsize=10, loc="left", color=INK
+        "Distance [nmi]: forecast error and particle spread should agree",
+        fontsize=10,
+        loc="left",
+        color=INK,
     )
     axes.set_xlabel("hours after the start", fontsize=9)
     axes.set_xlim(0, hours[-1])
@@ -93,28 +120,43 @@ def _distances(axes: Axes, result: Verification) -> None:
 def _held(axes: Axes, result: Verification) -> None:
     """Draw the share of positions that each area held, by lead, beside what it should hold."""
     place = np.arange(result.leads.size, dtype=float)
-    for k, (share, (colour, mark)) in enumerate(zip(result.shares, itertools.cycle(MARKS), strict=False)):
+    for k, (share, (colour, mark)) in enumerate(
+        zip(result.shares, itertools.cycle(MARKS), strict=False)
+    ):
         estimates = [result.held(lead, share) for lead in range(result.leads.size)]
         shift = 0.5 * ((k + 0.5) / len(result.shares) - 0.5)
         axes.axhline(share, color=colour, linewidth=0.9, linestyle=(0, (6, 2)))
         below = [min(2 * estimate.error, estimate.mean) for estimate in estimates]
         above = [min(2 * estimate.error, 1 - estimate.mean) for estimate in estimates]
         axes.errorbar(
-            place + shift, [estimate.mean for estimate in estimates], [below, above], color=colour, marker=mark,
-            linestyle="none", markersize=6, capsize=3, linewidth=1.2, label=f"{100 * share:.0f} % area",
-        )  # fmt: skip
+            place + shift,
+            [estimate.mean for estimate in estimates],
+            [below, above],
+            color=colour,
+            marker=mark,
+            linestyle="none",
+            markersize=6,
+            capsize=3,
+            linewidth=1.2,
+            label=f"{100 * share:.0f} % area",
+        )
     axes.set_xticks(place, [f"{hours:g} h" for hours in result.leads])
     axes.set_xlim(-0.5, result.leads.size - 0.5)
     axes.set_ylim(0, 1.04)
     axes.set_yticks(np.linspace(0, 1, 6), [f"{tick:.0f} %" for tick in np.linspace(0, 100, 6)])
     axes.set_title(
-        "Share of positions held (± 2 standard errors); dashed: as stated", fontsize=10, loc="left", color=INK
+        "Share of positions held (± 2 standard errors); dashed: as stated",
+        fontsize=10,
+        loc="left",
+        color=INK,
     )
     axes.legend(fontsize=8, frameon=False, loc="lower right", ncols=2)
     _plain(axes)
 
 
-def _ranks(axes: Axes, result: Verification, ranks: np.ndarray, title: str, low: str, high: str) -> None:
+def _ranks(
+    axes: Axes, result: Verification, ranks: np.ndarray, title: str, low: str, high: str
+) -> None:
     """Draw a histogram of ranks (n,) with two standard errors, and the level of equal shares."""
     number = np.minimum((ranks * verification.BINS).astype(int), verification.BINS - 1)
     estimates = [result.mean(number == k, share=True) for k in range(verification.BINS)]
@@ -122,9 +164,14 @@ def _ranks(axes: Axes, result: Verification, ranks: np.ndarray, title: str, low:
     below = [min(2 * estimate.error, estimate.mean) for estimate in estimates]
     above = [2 * estimate.error for estimate in estimates]
     axes.bar(
-        middle, [estimate.mean for estimate in estimates], 0.9 / verification.BINS, color="#cfe0ee", edgecolor=BLUE,
-        yerr=[below, above], error_kw={"ecolor": GREY, "elinewidth": 0.9},
-    )  # fmt: skip
+        middle,
+        [estimate.mean for estimate in estimates],
+        0.9 / verification.BINS,
+        color="#cfe0ee",
+        edgecolor=BLUE,
+        yerr=[below, above],
+        error_kw={"ecolor": GREY, "elinewidth": 0.9},
+    )
     axes.axhline(1 / verification.BINS, color=RED, linewidth=1.4, linestyle=(0, (6, 2)))
     axes.set_title(title, fontsize=10, loc="left", color=INK)
     axes.set_xlim(0, 1)

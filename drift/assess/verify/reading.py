@@ -1,10 +1,11 @@
 """Reading tracks of drifters as files hold them: CSV, and netCDF with CF trajectories.
 
-CSV: one fix in each row, in any order; id, time and position in columns under their common names; a second header row
-may hold units, as in files of the Global Drifter Program. netCDF: (trajectory, obs) padded with missing values (as
-trajan writes it too), (trajectory, time), or one track after another with the length of each (contiguous ragged) or
-with the number of the track of each fix (indexed ragged), CF 1.11, appendix H.4. drift.tracking.tracks.records decides which
-fixes are believed.
+CSV: one fix in each row, in any order; id, time and position in columns under their common names; a
+second header row may hold units, as in files of the Global Drifter Program. netCDF: (trajectory,
+obs) padded with missing values (as trajan writes it too), (trajectory, time), or one track after
+another with the length of each (contiguous ragged) or with the number of the track of each fix
+(indexed ragged), CF 1.11, appendix H.4. drift.tracking.tracks.records decides which fixes are
+believed.
 """
 
 import csv
@@ -28,16 +29,54 @@ from geo.forcing.quantity import QUANTITIES
 
 LARGEST = 1024 * 2**20  # [bytes] largest CSV file
 NAMES = {  # common names of columns, in lower case without blanks, underscores and hyphens
-    "id": ("id", "platformcode", "drifterid", "drifter", "buoyid", "buoy", "platform", "platformid", "wmo", "deviceid",
-           "device", "name", "trajectory", "trajectoryid", "drifternames", "drifterid", "imei", "ship", "mmsi", "ids"),
-    "time": ("time", "datetime", "timestamp", "timeutc", "datetimeutc", "utc", "obstime", "date", "datautc"),
+    "id": (
+        "id",
+        "platformcode",
+        "drifterid",
+        "drifter",
+        "buoyid",
+        "buoy",
+        "platform",
+        "platformid",
+        "wmo",
+        "deviceid",
+        "device",
+        "name",
+        "trajectory",
+        "trajectoryid",
+        "drifternames",
+        "drifterid",
+        "imei",
+        "ship",
+        "mmsi",
+        "ids",
+    ),
+    "time": (
+        "time",
+        "datetime",
+        "timestamp",
+        "timeutc",
+        "datetimeutc",
+        "utc",
+        "obstime",
+        "date",
+        "datautc",
+    ),
     "lon": ("lon", "longitude", "long", "lng", "londeg", "longitudedeg", "x", "lons"),
     "lat": ("lat", "latitude", "latdeg", "latitudedeg", "y", "lats"),
-}  # fmt: skip
+}
 ZONE = re.compile(r"\s*(?:(Z|UTC|GMT)|([+-])(\d{2})(?::?(\d{2}))?)$", re.IGNORECASE)
 ISO = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}(:\d{2}(:\d{2}(\.\d+)?)?)?)?")
-OTHER_FORMS = ("%Y/%m/%d %H:%M:%S", "%Y/%m/%d %H:%M", "%Y%m%d %H:%M:%S", "%Y%m%dT%H%M%S", "%d-%b-%Y %H:%M:%S",
-               "%d-%b-%Y %H:%M", "%d %b %Y %H:%M:%S", "%d %b %Y %H:%M")  # fmt: skip
+OTHER_FORMS = (
+    "%Y/%m/%d %H:%M:%S",
+    "%Y/%m/%d %H:%M",
+    "%Y%m%d %H:%M:%S",
+    "%Y%m%dT%H%M%S",
+    "%d-%b-%Y %H:%M:%S",
+    "%d-%b-%Y %H:%M",
+    "%d %b %Y %H:%M:%S",
+    "%d %b %Y %H:%M",
+)
 AMBIGUOUS = re.compile(r"\d{1,2}[/.]\d{1,2}[/.]\d{4}\b")
 DATASETS = (".nc", ".nc4", ".netcdf", ".cdf")
 
@@ -47,7 +86,8 @@ def read_drifters(
 ) -> tuple[Track, ...]:
     """Return the tracks of a file; columns: names of other columns to read with them.
 
-    given_as: what the command line calls the file. Raises UserError, one line, where the file holds no tracks.
+    given_as: what the command line calls the file. Raises UserError, one line, where the file holds
+    no tracks.
     """
     path = Path(path)
     try:
@@ -61,7 +101,9 @@ def read_drifters(
 
 
 def _plain(name: str) -> str:
-    """Return a column's name as NAMES has it: in lower case, without the unit in brackets that ERDDAP writes."""
+    """Return a column's name as NAMES has it: in lower case, without the unit in brackets that
+    ERDDAP writes.
+    """
     return re.sub(r"[\s_\-]|\(.*\)|\[.*\]", "", name).lower()
 
 
@@ -95,10 +137,17 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
         )
     names = [name.strip() for name in header]
     if missing := [name for name in wanted if name not in names]:
-        raise ValueError(f'--columns: no column "{missing[0]}"; its columns are {", ".join(names)[:300]}')
-    used = [*columns.values(), *(names.index(name) for name in wanted), *([] if id_column is None else [id_column])]
+        raise ValueError(
+            f'--columns: no column "{missing[0]}"; its columns are {", ".join(names)[:300]}'
+        )
+    used = [
+        *columns.values(),
+        *(names.index(name) for name in wanted),
+        *([] if id_column is None else [id_column]),
+    ]
     width = max(used) + 1
-    rows = [[*row, *[""] * (width - len(row))] for row in rows]  # what a short row lacks counts as missing
+    # what a short row lacks counts as missing
+    rows = [[*row, *[""] * (width - len(row))] for row in rows]
     comma = delimiter != ","  # a comma may then be a decimal one, as half of Europe writes it
     lat = _numbers((row[columns["lat"]] for row in rows), comma)
     if (
@@ -107,12 +156,17 @@ def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
         rows, lat = rows[1:], lat[1:]
     if not rows:
         raise ValueError("holds no fix")
-    clock = next((i for i, name in enumerate(header) if _plain(name) in ("time", "timeutc", "hour", "hms")), None)
+    clock = next(
+        (i for i, name in enumerate(header) if _plain(name) in ("time", "timeutc", "hour", "hms")),
+        None,
+    )
     stamps = [row[columns["time"]].strip() for row in rows]
     if _plain(header[columns["time"]]) == "date" and clock is not None:
         stamps = [f"{stamp} {row[clock].strip()}" for stamp, row in zip(stamps, rows, strict=True)]
     elif (
-        clock is not None and (day := next((i for i, n in enumerate(header) if _plain(n) == "date"), None)) is not None
+        clock is not None
+        and (day := next((i for i, n in enumerate(header) if _plain(n) == "date"), None))
+        is not None
     ):
         stamps = [f"{row[day].strip()} {row[clock].strip()}" for row in rows]
     time = _times(stamps)
@@ -138,7 +192,9 @@ def _split(whole: Track, name: Array) -> tuple[Track, ...]:
     """
     names, first_fix, number = np.unique(name, return_index=True, return_inverse=True)
     fixes_of = np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1])
-    return tuple(replace(selected(whole, fixes_of[k]), name=str(names[k])) for k in np.argsort(first_fix))
+    return tuple(
+        replace(selected(whole, fixes_of[k]), name=str(names[k])) for k in np.argsort(first_fix)
+    )
 
 
 def _numbers(texts: Iterable[str], comma: bool) -> Array:
@@ -166,7 +222,8 @@ def _is_time(text: str) -> bool:
 def _times(stamps: Sequence[str]) -> Array:
     """Return times [s since 1970], NaN where a text is no time; times without a zone are UTC."""
     if not any(_is_time(stamp) for stamp in stamps[:100]):
-        _moment(next((stamp for stamp in stamps if stamp), ""))  # raises an error that says what is wrong with it
+        # raises an error that says what is wrong with it
+        _moment(next((stamp for stamp in stamps if stamp), ""))
         raise ValueError(f'"{stamps[0]}" is not a time; write it like 2021-03-03T18:00:00Z')
     # Drifters report at the same times, so that each text is read once.
     time_of = {stamp: _moment(stamp) if _is_time(stamp) else np.nan for stamp in set(stamps)}
@@ -176,7 +233,8 @@ def _times(stamps: Sequence[str]) -> Array:
 def _moment(text: str) -> float:
     """Return a time [s since 1970]; raise ValueError where the text is no time.
 
-    It may be ISO 8601, a date-time group, seconds or milliseconds since 1970, or one of OTHER_FORMS.
+    It may be ISO 8601, a date-time group, seconds or milliseconds since 1970, or one of
+    OTHER_FORMS.
     """
     text = text.strip()
     try:
@@ -192,7 +250,9 @@ def _moment(text: str) -> float:
     if zone and ":" in text[: zone.start()]:
         bare = text[: zone.start()]
         if zone[2]:
-            shift = (-1 if zone[2] == "+" else 1) * (3600.0 * int(zone[3]) + 60.0 * int(zone[4] or 0))
+            shift = (-1 if zone[2] == "+" else 1) * (
+                3600.0 * int(zone[3]) + 60.0 * int(zone[4] or 0)
+            )
     if ISO.fullmatch(bare.strip()):
         moment = np.datetime64(bare.strip().replace(" ", "T", 1), "us")
         return float(moment.astype(np.int64)) / 1e6 + shift
@@ -219,7 +279,9 @@ def _netcdf(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
             return _tracks(data.load(), path, wanted)
     except OSError as error:
         if "Unknown file format" in str(error):
-            raise ValueError("is no netCDF file, whatever its name says; a table as text must be called .csv") from None
+            raise ValueError(
+                "is no netCDF file, whatever its name says; a table as text must be called .csv"
+            ) from None
         raise
     except (UserError, ValueError):
         raise
@@ -238,14 +300,22 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
     names = _names(data)
     sizes = next((v for v in data.variables.values() if "sample_dimension" in v.attrs), None)
     if sizes is None and lon.ndim == 1:  # the Global Drifter Program's name, without the attribute
-        sizes = next((data.variables[n] for n in ("rowsize", "row_size", "rowSize") if n in data.variables), None)
+        sizes = next(
+            (data.variables[n] for n in ("rowsize", "row_size", "rowSize") if n in data.variables),
+            None,
+        )
     index = next((v for v in data.variables.values() if "instance_dimension" in v.attrs), None)
     columns = {what: data[name] for what, name in (*variables.items(), *((n, n) for n in wanted))}
     if lon.ndim == 1:
-        flat = {what: _seconds(column) if what == "time" else _floats(column) for what, column in columns.items()}
+        flat = {
+            what: _seconds(column) if what == "time" else _floats(column)
+            for what, column in columns.items()
+        }
         if any(column.shape != lon.shape for column in flat.values()):
             raise ValueError("time, lon, lat and the columns wanted don't have the same length")
-        whole = Track(path.stem, flat["time"], flat["lon"], flat["lat"], {n: flat[n] for n in wanted})
+        whole = Track(
+            path.stem, flat["time"], flat["lon"], flat["lat"], {n: flat[n] for n in wanted}
+        )
         if sizes is not None:
             rows = np.repeat(np.arange(sizes.size), sizes.values.astype(int))
             if rows.size != lon.size:
@@ -268,19 +338,25 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
         flat = {}
         for what, column in columns.items():
             if column.shape not in (shape, shape[1:]):
-                raise ValueError(f"{what} {column.shape} and positions {shape} don't go together as tracks")
+                raise ValueError(
+                    f"{what} {column.shape} and positions {shape} don't go together as tracks"
+                )
             values = _seconds(column) if what == "time" else _floats(column)
             flat[what] = np.broadcast_to(values, shape).ravel()
         padded = ~(np.isfinite(flat["lon"]) & np.isfinite(flat["lat"]) & np.isfinite(flat["time"]))
         rows = np.repeat(np.arange(shape[0]), shape[1])[~padded]
         flat = {what: column[~padded] for what, column in flat.items()}
-        whole = Track(path.stem, flat["time"], flat["lon"], flat["lat"], {n: flat[n] for n in wanted})
+        whole = Track(
+            path.stem, flat["time"], flat["lon"], flat["lat"], {n: flat[n] for n in wanted}
+        )
     else:
         raise ValueError(
             f"positions have {lon.ndim} dimensions; tracks have one (one after another) or two (trajectory, obs)"
         )
     if names is None or names.size <= rows.max(initial=-1):
-        track_names = np.array([f"{path.stem} {k + 1}" for k in range(int(rows.max(initial=0)) + 1)])
+        track_names = np.array(
+            [f"{path.stem} {k + 1}" for k in range(int(rows.max(initial=0)) + 1)]
+        )
     else:
         track_names = names.ravel()
     if len(set(track_names.tolist())) < track_names.size:  # two tracks with the same name stay two
@@ -289,27 +365,39 @@ def _tracks(data: xr.Dataset, path: Path, wanted: Sequence[str]) -> tuple[Track,
 
 
 def _variable(data: xr.Dataset, what: str) -> str:
-    """Return the name of the variable of time, lon or lat, by its standard name or else by its common names."""
+    """Return the name of the variable of time, lon or lat, by its standard name or else by its
+    common names.
+    """
     standard = {"time": "time", "lon": "longitude", "lat": "latitude"}[what]
     listed = [str(name) for name in data.variables]
     for name in listed:
-        if data.variables[name].attrs.get("standard_name") == standard and data.variables[name].ndim:
+        if (
+            data.variables[name].attrs.get("standard_name") == standard
+            and data.variables[name].ndim
+        ):
             return name
     plain = {_plain(name): name for name in reversed(listed)}
     for name in NAMES[what]:
         if name in plain and data.variables[plain[name]].ndim:
             return plain[name]
-    raise ValueError(f"no variable of {what} (standard_name {standard}); there are {', '.join(listed)[:300]}")
+    raise ValueError(
+        f"no variable of {what} (standard_name {standard}); there are {', '.join(listed)[:300]}"
+    )
 
 
 def _names(data: xr.Dataset) -> Array | None:
     """Return the drifters' names as text; None where there are none."""
-    by_role = [str(n) for n, v in data.variables.items() if v.attrs.get("cf_role") == "trajectory_id"]
+    by_role = [
+        str(n) for n, v in data.variables.items() if v.attrs.get("cf_role") == "trajectory_id"
+    ]
     plain = {_plain(str(name)): str(name) for name in data.variables}
     for name in (*by_role, *(plain[candidate] for candidate in NAMES["id"] if candidate in plain)):
         values = data.variables[name].values
         if values.ndim <= 1:
-            texts = [v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v) for v in np.atleast_1d(values)]
+            texts = [
+                v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v)
+                for v in np.atleast_1d(values)
+            ]
             return np.array([text.strip() for text in texts])
     return None
 
@@ -336,10 +424,14 @@ def mapped(text: str) -> Mapping[str, str]:
     for part in filter(None, (p.strip() for p in text.split(","))):
         key, equals, column = (piece.strip() for piece in part.partition("="))
         if not equals or not column or key not in allowed:
-            raise UserError(f'--columns "{part}": must be one of {", ".join(allowed)}, each followed by =COLUMN')
+            raise UserError(
+                f'--columns "{part}": must be one of {", ".join(allowed)}, each followed by =COLUMN'
+            )
         columns[key] = column
     for quantity in QUANTITIES:
         sides = [side for side in ("east", "north") if f"{quantity}_{side}" in columns]
         if len(sides) == 1:
-            raise UserError(f"--columns: {quantity}_{sides[0]} is given without its other component")
+            raise UserError(
+                f"--columns: {quantity}_{sides[0]} is given without its other component"
+            )
     return columns

@@ -1,8 +1,9 @@
 """From where and when drifters are forecast, and how long each is known after that.
 
-A drifter that runs aground is scored where it lies, as the particles that come ashore are: leaving it out would leave
-a sample of those that stay afloat. Where it falls silent there, or is carried away, it counts as lying there still. What
-is left out, is left out for what has nothing to do with its drift, or is counted with a reason that says otherwise.
+A drifter that runs aground is scored where it lies, as the particles that come ashore are: leaving
+it out would leave a sample of those that stay afloat. Where it falls silent there, or is carried
+away, it counts as lying there still. What is left out, is left out for what has nothing to do with
+its drift, or is counted with a reason that says otherwise.
 """
 
 from collections.abc import Sequence
@@ -22,8 +23,8 @@ from geo.errors import UserError
 class Start:
     """The start of one forecast.
 
-    track: number of the drifter's track; time: [s since 1970]; until: when the drifter was last seen aground [s since
-    1970], inf where it was seen to the end of the forecast.
+    track: number of the drifter's track; time: [s since 1970]; until: when the drifter was last
+    seen aground [s since 1970], inf where it was seen to the end of the forecast.
     """
 
     track: int
@@ -33,14 +34,18 @@ class Start:
 
 @dataclass(frozen=True)
 class Stranded:
-    """The tracks of drifters, and which of their fixes are aground on the case's shore or have stopped elsewhere."""
+    """The tracks of drifters, and which of their fixes are aground on the case's shore or have
+    stopped elsewhere.
+    """
 
     tracks: tuple[Track, ...]
     ashore: tuple[Array, ...]  # of each track, (n,)
     stopped: tuple[Array, ...]
 
     def position(self, start: Start, time: Array) -> tuple[Array, Array, Array]:
-        """Return (lon [deg], lat [deg], whether aground) of a drifter at times [s since 1970], each (m,)."""
+        """Return (lon [deg], lat [deg], whether aground) of a drifter at times [s since 1970], each
+        (m,).
+        """
         track = self.tracks[start.track]
         held = np.minimum(time, start.until)
         lon, lat = track.at(held)
@@ -59,7 +64,9 @@ class LeftOut:
     stopped: int = 0  # stopped away from the shore
 
     def counts(self) -> dict[str, int]:
-        """Return how many starts were left out, by reason in words, without reasons that did not occur."""
+        """Return how many starts were left out, by reason in words, without reasons that did not
+        occur.
+        """
         every = {
             "aground at the start": self.aground,
             "track ends too early": self.ended,
@@ -71,7 +78,10 @@ class LeftOut:
     def notes(self, gap: float) -> list[str]:
         """Return a note for each reason; gap: longest time between fixes [s]."""
         words = (
-            (self.gap, f"the drifter is silent for more than {gap / 3600:.3g} h, or leaps, before the end"),
+            (
+                self.gap,
+                f"the drifter is silent for more than {gap / 3600:.3g} h, or leaps, before the end",
+            ),
             (self.ended, "the drifter's track ends before the forecast does" + self._near_words()),
             (self.aground, "the drifter is aground at the start"),
             (
@@ -92,13 +102,16 @@ class LeftOut:
 
 
 def strand(believed: Believed, coast: Coast, ends_aground: bool = False) -> Stranded:
-    """Return tracks with the fixes that are aground on a case's shore, and those that have stopped elsewhere.
+    """Return tracks with the fixes that are aground on a case's shore, and those that have stopped
+    elsewhere.
 
-    ends_aground: whether a track that ends near the shore ended aground. Raises UserError where the case's shoreline
-    cannot be read.
+    ends_aground: whether a track that ends near the shore ended aground. Raises UserError where the
+    case's shoreline cannot be read.
     """
     pairs = zip(believed.tracks, believed.aground, strict=True)
-    spells = [(k, spell) for k, (track, mask) in enumerate(pairs) for spell in records.spells(track, mask)]
+    spells = [
+        (k, spell) for k, (track, mask) in enumerate(pairs) for spell in records.spells(track, mask)
+    ]
     places = np.array([_middle(believed.tracks[k], spell) for k, spell in spells]).reshape(-1, 2)
     near = grounding.near_shore(coast, places[:, 0], places[:, 1])
     ashore = _briefly_ashore(believed.tracks, coast)
@@ -106,7 +119,9 @@ def strand(believed: Believed, coast: Coast, ends_aground: bool = False) -> Stra
         ashore[k][spell] |= is_near
     stopped = tuple(mask & ~own for mask, own in zip(believed.aground, ashore, strict=True))
     if ends_aground:
-        for own, elsewhere, near_end in zip(ashore, stopped, ends_near(believed.tracks, coast), strict=True):
+        for own, elsewhere, near_end in zip(
+            ashore, stopped, ends_near(believed.tracks, coast), strict=True
+        ):
             own[-1] |= near_end and not elsewhere[-1]
     return Stranded(believed.tracks, ashore, stopped)
 
@@ -117,7 +132,9 @@ def _briefly_ashore(tracks: Sequence[Track], coast: Coast) -> tuple[Array, ...]:
         return ()
     still = [records.aground(track, records.BRIEF) for track in tracks]
     lon, lat = (
-        np.concatenate([np.empty(0), *(values[mask] for values, mask in zip(columns, still, strict=True))])
+        np.concatenate(
+            [np.empty(0), *(values[mask] for values, mask in zip(columns, still, strict=True))]
+        )
         for columns in ([track.lon for track in tracks], [track.lat for track in tracks])
     )
     beside = grounding.off_shore(coast, lon, lat, grounding.BESIDE) <= grounding.BESIDE
@@ -135,16 +152,20 @@ def _middle(track: Track, spell: slice) -> tuple[float, float]:
 
 def ends_near(tracks: Sequence[Track], coast: Coast) -> Array:
     """Return which tracks end near a case's shore."""
-    return grounding.near_shore(coast, [track.lon[-1] for track in tracks], [track.lat[-1] for track in tracks])
+    return grounding.near_shore(
+        coast, [track.lon[-1] for track in tracks], [track.lat[-1] for track in tracks]
+    )
 
 
 def starts(
     stranded: Stranded, every: float, length: float, gap: float, fastest: float
 ) -> tuple[list[Start], LeftOut, list[int]]:
-    """Return the starts of all forecasts, how many were left out and why, and the tracks that end too early.
+    """Return the starts of all forecasts, how many were left out and why, and the tracks that end
+    too early.
 
-    every: time between starts [s]; length: of a forecast [s]; gap, fastest: as `drift.tracking.tracks.records.breaks` takes
-    them. Of a track that ends too early its number is given once for each start that was left out for that.
+    every: time between starts [s]; length: of a forecast [s]; gap, fastest: as
+    `drift.tracking.tracks.records.breaks` takes them. Of a track that ends too early its number is
+    given once for each start that was left out for that.
     """
     found, left, early = [], LeftOut(), []
     for number, track in enumerate(stranded.tracks):
@@ -152,9 +173,11 @@ def starts(
         ashore, stopped = stranded.ashore[number], stranded.stopped[number]
         for time in np.arange(np.ceil(track.time[0]), track.time[-1], every):
             first = int(np.searchsorted(track.time, time, "right")) - 1
-            last = int(np.searchsorted(track.time, time + length, "left"))  # the fix at the end, or after it
+            # the fix at the end, or after it
+            last = int(np.searchsorted(track.time, time + length, "left"))
             breaking = first + 1 + np.flatnonzero(fresh[first + 1 : last + 1])
-            cut = int(breaking[0]) if breaking.size else min(last + 1, track.time.size)  # one past the last known fix
+            # one past the last known fix
+            cut = int(breaking[0]) if breaking.size else min(last + 1, track.time.size)
             known = slice(first, cut)
             start = Start(number, int(time))
             if ashore[first]:
@@ -174,7 +197,13 @@ def starts(
 
 
 def known_starts(
-    stranded: Stranded, coast: Coast, every: float, length: float, gap: float, fastest: float, notes: list[str]
+    stranded: Stranded,
+    coast: Coast,
+    every: float,
+    length: float,
+    gap: float,
+    fastest: float,
+    notes: list[str],
 ) -> tuple[list[Start], dict[str, int]]:
     """Return the starts of all forecasts, how many were left out by reason, and add notes on those.
 

@@ -19,8 +19,8 @@ MOST_LOST = 0.05  # if a larger share of the probability is lost, areas of the r
 def verdict(share: float, held: Estimate, lost: float = 0.0) -> str:
     """Return whether areas that should hold a share are too small, too large, or as stated.
 
-    They are as stated within two standard errors. lost: share of the probability that is on no map. Nobody knows where
-    it is, so areas of the rest cannot be judged where it is large.
+    They are as stated within two standard errors. lost: share of the probability that is on no map.
+    Nobody knows where it is, so areas of the rest cannot be judged where it is large.
     """
     if lost > MOST_LOST:
         return f"not to be judged, as {notation.percent(lost, 0)} of the probability left the forcing; add a source beyond its edges"
@@ -28,11 +28,17 @@ def verdict(share: float, held: Estimate, lost: float = 0.0) -> str:
         return "too few forecasts to judge"
     if held.mean < share - 2 * held.error:
         return "too small"
-    return "too large" if held.mean > share + 2 * held.error else "as stated, within two standard errors"
+    return (
+        "too large"
+        if held.mean > share + 2 * held.error
+        else "as stated, within two standard errors"
+    )
 
 
 def sentence(result: Verification, lead: int, share: float) -> str:
-    """Return how often the area of a share held the drifter at a lead (its number), and what that means."""
+    """Return how often the area of a share held the drifter at a lead (its number), and what that
+    means.
+    """
     held = result.held(lead, share)
     return (
         f"after {result.leads[lead]:g} h the {100 * share:.0f} % area held {percent(held)} of {held.count} positions: "
@@ -82,18 +88,26 @@ def verification_facts(result: Verification) -> Facts:
             f"of the particles {_rms(result.spread[:, column]) / NMI:.1f}"
         )
         lines[f"after {hours:g} h, held"] = ", ".join(
-            f"{100 * share:.0f} % area {percent(result.held(lead, share))}" for share in result.shares
+            f"{100 * share:.0f} % area {percent(result.held(lead, share))}"
+            for share in result.shares
         )
         if aground := _aground(result, column):
             lines[f"after {hours:g} h, aground"] = aground
     for name, ranks, below, above in (
         ("along", result.along, "go slower than forecast", "go faster than forecast"),
-        ("across", result.across, "go to the left of the forecasts", "go to the right of the forecasts"),
+        (
+            "across",
+            result.across,
+            "go to the left of the forecasts",
+            "go to the right of the forecasts",
+        ),
     ):
         mean = result.mean(ranks[:, -1])
         leans = abs(mean.mean - 0.5) > 2 * mean.error
         lean = f": drifters {below if mean.mean < 0.5 else above}" if leans else ""
-        lines[f"rank {name} the drift"] = f"{mean.mean:.2f}{_more(mean.error, 2)} on average, 0.50 if unbiased{lean}"
+        lines[f"rank {name} the drift"] = (
+            f"{mean.mean:.2f}{_more(mean.error, 2)} on average, 0.50 if unbiased{lean}"
+        )
     lost = float(result.lost.mean())
     if lost > 0.005:
         lines["lost"] = (
@@ -107,8 +121,8 @@ def verification_facts(result: Verification) -> Facts:
 def _aground(result: Verification, column: int) -> str:
     """Return which share of the drifters is aground, beside that of the particles.
 
-    column: the number of the time. "" where no drifter ever is, and where particles refloat: a spell of a drifter that
-    is shorter than the shortest is not known.
+    column: the number of the time. "" where no drifter ever is, and where particles refloat: a
+    spell of a drifter that is shorter than the shortest is not known.
     """
     if not result.aground.any() or result.case.coast.behaviour != "strand":
         return ""
@@ -117,7 +131,9 @@ def _aground(result: Verification, column: int) -> str:
 
 
 def left_out(result: Verification) -> str:
-    """Return how many starts were left out, by reason, as text that follows the number of forecasts."""
+    """Return how many starts were left out, by reason, as text that follows the number of
+    forecasts.
+    """
     if not result.left_out:
         return ""
     reasons = ", ".join(f"{count:,} {reason}" for reason, count in result.left_out.items())
@@ -132,7 +148,9 @@ def errors(result: Verification) -> str:
     """Return the errors with which the forecasts were made."""
     case = result.case
     wind_error = case.wind_error if case.scenarios[0].object.uses_wind else None
-    text = forcing_error.errors_in_words(case.current_error, wind_error, case.diffusivity, case.diffusivity_by)
+    text = forcing_error.errors_in_words(
+        case.current_error, wind_error, case.diffusivity, case.diffusivity_by
+    )
     return f"{text}; start {result.error:.0f} m (50 %); object {case.scenarios[0].object.name}"
 
 

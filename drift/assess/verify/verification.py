@@ -1,9 +1,10 @@
 """Forecasts of where real drifters went, and how well they did: `drift verify`.
 
-Each drifter is forecast again and again from where it was, with the case's forcing, errors and object. The forecasts
-are compared with where it was later: distances, the share of positions that the areas held, ranks. A drifter that ran
-aground is scored where it lies, among particles of which some have come ashore too (drift.assess.verify.starts). Forecasts
-of one drifter, and of one day, are not independent: standard errors are clustered by both.
+Each drifter is forecast again and again from where it was, with the case's forcing, errors and
+object. The forecasts are compared with where it was later: distances, the share of positions that
+the areas held, ranks. A drifter that ran aground is scored where it lies, among particles of which
+some have come ashore too (drift.assess.verify.starts). Forecasts of one drifter, and of one day,
+are not independent: standard errors are clustered by both.
 """
 
 import os
@@ -40,9 +41,11 @@ Report = Callable[[str, float], None]
 EVERY, HOURS = 12 * 3600.0, 24 * 3600.0  # [s] from start to start, and length of a forecast
 ERROR = 100.0  # [m] radius that holds half of the fixes' errors
 PARTICLES = 4000
-POINT = 3 * 3600.0  # [s] between the times of distances; in this time a drifter moves much more than a fix errs
+# [s] between the times of distances; in this time a drifter moves much more than a fix errs
+POINT = 3 * 3600.0
 LEADS = (6, 12, 24, 48, 72, 96, 120)  # [h] at which areas are scored, besides the end
-HEADLINE = 0.9  # share of the area that is judged in one sentence, whatever other areas the case states
+# share of the area that is judged in one sentence, whatever other areas the case states
+HEADLINE = 0.9
 BINS = 10  # of a histogram of ranks
 DAY = 86_400.0
 
@@ -51,11 +54,12 @@ DAY = 86_400.0
 class Verification:
     """Forecasts against drifters: n forecasts at m times.
 
-    There are areas and ranks at those of the times that are `leads`. hours: (m,) after the start. apart, waiting, way,
-    spread: (n, m) [m]: distance of the drifter from the mean position, and from the start (persistence); path length of
-    the drifter since the start; root mean square of the particles' distances from their mean. aground: (n, m) whether
-    the drifter is aground; ashore: (n, m) share of the probability on the map that is ashore. containment, along,
-    across: (n, leads) ranks of the drifter, 0 to 1.
+    There are areas and ranks at those of the times that are `leads`. hours: (m,) after the start.
+    apart, waiting, way, spread: (n, m) [m]: distance of the drifter from the mean position, and
+    from the start (persistence); path length of the drifter since the start; root mean square of
+    the particles' distances from their mean. aground: (n, m) whether the drifter is aground;
+    ashore: (n, m) share of the probability on the map that is ashore. containment, along, across:
+    (n, leads) ranks of the drifter, 0 to 1.
     """
 
     case: Case
@@ -133,7 +137,8 @@ def verify(
     particles: int = PARTICLES,
     **options: Unpack[JobOptions],
 ) -> Verification:
-    """Forecast drifters from many starts, and return how well that went; with `out`, write that there.
+    """Forecast drifters from many starts, and return how well that went; with `out`, write that
+    there.
 
     Args:
         case: whose forcing, object and errors the forecasts have.
@@ -142,16 +147,18 @@ def verify(
         every: time between starts [s], 600 at least.
         hours: length of a forecast [h], whole hours, 1 to 720.
         error: radius [m] that holds half of the starts' errors.
-        columns: the model's values at the drifter's places from columns of its file, {"current_east": "u", ..} [m/s], which are
-            then used everywhere about it.
+        columns: the model's values at the drifter's places from columns of its file,
+            {"current_east": "u", ..} [m/s], which are then used everywhere about it.
         gap: longest time between fixes [s] that a forecast may span.
         fastest: speed [m/s] beyond which a fix is not believed.
-        ends_aground: whether a drifter whose track ends near the shore ran aground there, and is scored there until the end.
+        ends_aground: whether a drifter whose track ends near the shore ran aground there, and is
+            scored there until the end.
         particles: of each forecast, 500 at least.
         **options: as in `drift.run`.
 
     Returns:
-        By lead time: separation of mean and drifter [m], skill beside staying put, share of drifters in each area (0 to 1), with
+        By lead time: separation of mean and drifter [m], skill beside staying put, share of
+            drifters in each area (0 to 1), with
         standard errors clustered by drifter and day.
 
     Raises:
@@ -168,16 +175,22 @@ def verify(
     believed = drifter_records.believed(fitting.read_tracks(files, names), fastest)
     notes = list(believed.notes)
     stranded = starts.strand(believed, case.coast, ends_aground)
-    known, left_out = starts.known_starts(stranded, case.coast, every, hours * 3600, gap, fastest, notes)
+    known, left_out = starts.known_starts(
+        stranded, case.coast, every, hours * 3600, gap, fastest, notes
+    )
     case, times = _with_errors(case, names), _times(hours)
     cases = {
-        start: _case(case, stranded.tracks[start.track], start.time, times, error, particles, names, number)
+        start: _case(
+            case, stranded.tracks[start.track], start.time, times, error, particles, names, number
+        )
         for number, start in enumerate(known)
     }
     kept = {start: own for start, own in cases.items() if own is not None}
     if len(kept) < len(cases):
         left_out["columns without a value"] = len(cases) - len(kept)
-        notes.append(f"{len(cases) - len(kept)} starts left out: the columns named have no value at the drifter")
+        notes.append(
+            f"{len(cases) - len(kept)} starts left out: the columns named have no value at the drifter"
+        )
     if not kept:
         raise UserError("--columns: the columns named have no value at any drifter")
     forecasts = many.run_many(
@@ -210,11 +223,15 @@ def _check(every: float, hours: float, error: float, gap: float, particles: int)
     if not gap > 0:
         raise UserError(f"--max-gap {gap:g} s must be above 0 s")
     if particles < 500:
-        raise UserError(f"--particles {particles} must be at least 500: a rank among fewer is too coarse")
+        raise UserError(
+            f"--particles {particles} must be at least 500: a rank among fewer is too coarse"
+        )
 
 
 def _with_errors(case: Case, columns: Mapping[str, str]) -> Case:
-    """Return a case in which quantities from columns have errors too: by default, those of a model's files."""
+    """Return a case in which quantities from columns have errors too: by default, those of a
+    model's files.
+    """
     errors: dict[str, Any] = {}
     for name, default in (("current", uncertainty.CURRENT), ("wind", uncertainty.WIND)):
         error: ForcingError = getattr(case, f"{name}_error")
@@ -224,9 +241,15 @@ def _with_errors(case: Case, columns: Mapping[str, str]) -> Case:
 
 
 def _times(hours: float) -> Array:
-    """Return hours after the start at which a forecast is scored: every three, the leads, and the end."""
+    """Return hours after the start at which a forecast is scored: every three, the leads, and the
+    end.
+    """
     step = POINT / 3600
-    return np.unique(np.concatenate([np.arange(step, hours + 1e-9, step), [t for t in LEADS if t < hours], [hours]]))
+    return np.unique(
+        np.concatenate(
+            [np.arange(step, hours + 1e-9, step), [t for t in LEADS if t < hours], [hours]]
+        )
+    )
 
 
 def _case(
@@ -241,10 +264,15 @@ def _case(
 ) -> Case | None:
     """Return the case of one forecast, which starts where the drifter was; all else is the base's.
 
-    times: hours of its outputs; number: of the forecast. None where columns are named and have no values there.
+    times: hours of its outputs; number: of the forecast. None where columns are named and have no
+    values there.
     """
     lon, lat = track.at(start)
-    table = {k: v for k, v in along.scenario(base).items() if k not in ("area", "trackline", "weight", "survival")}
+    table = {
+        k: v
+        for k, v in along.scenario(base).items()
+        if k not in ("area", "trackline", "weight", "survival")
+    }
     table["position"] = {"at": [float(lon), float(lat)], "error": error}
     changes: dict[str, Any] = {
         **dict.fromkeys((*along.ELSEWHERE, "end"), None),
@@ -263,7 +291,8 @@ def _case(
                 return None
             changes[quantity] = [{"name": "along the track", "table": rows}]
             if QUANTITIES[quantity].has_errors:
-                changes["uncertainty"] = {  # stated, because a table by time has no errors by default
+                # stated, because a table by time has no errors by default
+                changes["uncertainty"] = {
                     "current": _error_table(base.current_error) | {"bias": base.current_error.bias},
                     "wind": _error_table(base.wind_error),
                     "diffusivity": base.diffusivity,
@@ -303,7 +332,8 @@ def _leads(times: Array) -> Array:
 def _scored(
     forecasts: Iterable[many.Brief], known: Sequence[Start], stranded: Stranded, times: Array
 ) -> tuple[list[_Scores], list[str]]:
-    """Return the scores of forecasts, and for each that was refused why; raise UserError where all were.
+    """Return the scores of forecasts, and for each that was refused why; raise UserError where all
+    were.
 
     known: the start of each forecast; times: hours at which it is scored.
     """
@@ -318,7 +348,9 @@ def _scored(
         else:
             rows.append(_score(forecast, stranded, start, times))
     if not rows:
-        raise UserError(f"--drifters: all {len(refused)} forecasts were rejected; the first: {refused[0]}")
+        raise UserError(
+            f"--drifters: all {len(refused)} forecasts were rejected; the first: {refused[0]}"
+        )
     return rows, refused
 
 
@@ -327,7 +359,8 @@ def _score(forecast: many.Brief, stranded: Stranded, start: Start, times: Array)
     leads = np.searchsorted(times, _leads(times))
     begin = [float(x) for x in stranded.tracks[start.track].at(start.time)]
     lon, lat, aground = stranded.position(start, start.time + times * 3600)
-    offset = forecast.lon.shape[0] - times.size  # outputs begin with the start where the case asks for that
+    # outputs begin with the start where the case asks for that
+    offset = forecast.lon.shape[0] - times.size
     path = np.radians([np.append(begin[0], lon), np.append(begin[1], lat)])
     way = np.cumsum(sphere.distance(path[0, :-1], path[1, :-1], path[0, 1:], path[1, 1:]))
     mean = np.radians(forecast.mean[offset:])
@@ -339,7 +372,9 @@ def _score(forecast: many.Brief, stranded: Stranded, start: Start, times: Array)
         mapped = on_map(forecast.status[row])
         weight = forecast.probability[row][mapped]
         ashore[k] = weight[forecast.status[row][mapped] == Status.ASHORE].sum() / weight.sum()
-        x, y = scores.relative_to(lon[k], lat[k], forecast.lon[row][mapped], forecast.lat[row][mapped])
+        x, y = scores.relative_to(
+            lon[k], lat[k], forecast.lon[row][mapped], forecast.lat[row][mapped]
+        )
         middle = np.average(x, weights=weight), np.average(y, weights=weight)
         spread[k] = np.sqrt(np.average((x - middle[0]) ** 2 + (y - middle[1]) ** 2, weights=weight))
         for lead in np.flatnonzero(leads == k):
@@ -366,13 +401,17 @@ def _score(forecast: many.Brief, stranded: Stranded, start: Start, times: Array)
         containment=ranks[0],
         along=ranks[1],
         across=ranks[2],
-        skill=scores.skill(apart[regular], way[regular]) if regular.any() else scores.skill(apart, way),
+        skill=scores.skill(apart[regular], way[regular])
+        if regular.any()
+        else scores.skill(apart, way),
         lost=1.0 - float(forecast.probability[-1][on_map(forecast.status[-1])].sum()),
     )
 
 
 def _aground_notes(rows: Sequence[_Scores], stranded: Stranded) -> Iterator[str]:
-    """Yield notes on forecasts whose drifters ran aground: the rule, and that other drifters were still afloat."""
+    """Yield notes on forecasts whose drifters ran aground: the rule, and that other drifters were
+    still afloat.
+    """
     if count := sum(bool(row.aground.any()) for row in rows):
         drifters = sorted({row.track for row in rows if row.aground.any()})
         words = drifter_records.words_for_spells(
@@ -407,7 +446,10 @@ def _joined(
     left_out: Mapping[str, int],
 ) -> Verification:
     """Return the verification of all forecasts, whose scores are the rows."""
-    columns = {field.name: np.array([getattr(row, field.name) for row in rows]) for field in fields(_Scores)}
+    columns = {
+        field.name: np.array([getattr(row, field.name) for row in rows])
+        for field in fields(_Scores)
+    }
     number = columns.pop("track")
     present = np.unique(number)
     block = max(DAY, float(np.ceil(times[-1] / 24)) * DAY)

@@ -1,8 +1,9 @@
 """Where a case takes its winds and currents from.
 
-Files, a dataset in memory, a constant, a table, or a built-in flow.
-Nothing is opened here; geo.forcing.sources does that. A constant or a table is what was reported on scene, so that the
-first hour of a case needs no file. Currents go toward, winds come from; the case file says which with the key it uses.
+Files, a dataset in memory, a constant, a table, or a built-in flow. Nothing is opened here;
+geo.forcing.sources does that. A constant or a table is what was reported on scene, so that the
+first hour of a case needs no file. Currents go toward, winds come from; the case file says which
+with the key it uses.
 """
 
 import glob
@@ -25,7 +26,8 @@ from geo.files import fence
 from geo.forcing.quantity import QUANTITIES
 from geo.forcing.times import epoch
 
-SPEEDS = ("speed", "tide", "sea_breeze", "mean_east", "mean_north")  # parameters of built-in flows that are in m/s
+# parameters of built-in flows that are in m/s
+SPEEDS = ("speed", "tide", "sea_breeze", "mean_east", "mean_north")
 
 MOST_MEMBERS = 1000
 
@@ -33,7 +35,9 @@ ADDRESS = re.compile(r"[a-z][a-z0-9+]*://", re.IGNORECASE)
 
 
 class Vector(fields.Table):
-    """A reported wind or current: speed with the direction it comes from or goes toward, or east and north."""
+    """A reported wind or current: speed with the direction it comes from or goes toward, or east
+    and north.
+    """
 
     speed: fields.Speed | None = None
     """With `from` or `toward`."""
@@ -49,7 +53,11 @@ class Vector(fields.Table):
     @model_validator(mode="after")
     def complete(self) -> "Vector":
         """Refuse what leaves the vector open or says it twice."""
-        given = {name for name in ("speed", "from_", "toward", "east", "north") if getattr(self, name) is not None}
+        given = {
+            name
+            for name in ("speed", "from_", "toward", "east", "north")
+            if getattr(self, name) is not None
+        }
         if given not in ({"speed", "from_"}, {"speed", "toward"}, {"east", "north"}):
             found = ", ".join(sorted(name.rstrip("_") for name in given)) or "nothing"
             raise ValueError(
@@ -61,7 +69,9 @@ class Vector(fields.Table):
         """Return true (east, north) [m/s]."""
         if self.speed is None:
             return self.east or 0.0, self.north or 0.0
-        toward = math.radians(self.toward if self.toward is not None else (self.from_ or 0.0) + 180.0)
+        toward = math.radians(
+            self.toward if self.toward is not None else (self.from_ or 0.0) + 180.0
+        )
         return self.speed * math.sin(toward), self.speed * math.cos(toward)
 
 
@@ -99,7 +109,9 @@ class StatedTimes(fields.Table):
     def complete(self) -> "StatedTimes":
         """Reject a start without an interval, and a zone of times that are not used."""
         if (self.start is None) != (self.every is None):
-            raise ValueError("start and every go together: the first slice's time, and the time from one to the next")
+            raise ValueError(
+                "start and every go together: the first slice's time, and the time from one to the next"
+            )
         if self.start is None and self.zone is None and self.stamp is None:
             raise ValueError("give start and every, or zone, or stamp")
         if self.start is not None and self.zone is not None:
@@ -129,7 +141,9 @@ def _one_vector(value: Any) -> Any:
             "is one vector, the same all the time; given a list: what changes is table = [{ time = .., .. }, ..]"
         )
     if not isinstance(value, dict | Vector | None):
-        raise ValueError(f'{value!r} has no direction; write {{ speed = "15 kn", from = 240 }}, or toward')
+        raise ValueError(
+            f'{value!r} has no direction; write {{ speed = "15 kn", from = 240 }}, or toward'
+        )
     return value
 
 
@@ -146,7 +160,9 @@ def _indices(value: Any) -> Any:
     """Return a table of names with its whole numbers, indices along a dimension, as text."""
     if not isinstance(value, dict):
         return value
-    return {k: str(v) if isinstance(v, int) and not isinstance(v, bool) else v for k, v in value.items()}
+    return {
+        k: str(v) if isinstance(v, int) and not isinstance(v, bool) else v for k, v in value.items()
+    }
 
 
 def _parameters(value: Any) -> dict[str, float]:
@@ -178,11 +194,15 @@ def _members(value: Any) -> Any:
             "each: [{ constant = { .. } }, { constant = { .. } }]"
         )
     if not 2 <= len(value) <= MOST_MEMBERS:
-        raise ValueError(f"has {len(value)} member{'s' * (len(value) != 1)}; must have 2 to {MOST_MEMBERS}")
+        raise ValueError(
+            f"has {len(value)} member{'s' * (len(value) != 1)}; must have 2 to {MOST_MEMBERS}"
+        )
     for number, member in enumerate(value, 1):
         for key in ("name", "fill", "add", "members"):
             if key in member:
-                raise ValueError(f"member {number}: {key} is the same for all members; give it beside members")
+                raise ValueError(
+                    f"member {number}: {key} is the same for all members; give it beside members"
+                )
     return value
 
 
@@ -190,13 +210,17 @@ class SourceTable(fields.Table):
     """A table of a quantity's source as written: [[current]], [[wind]] and so on."""
 
     name: fields.Label | None = None
-    files: Annotated[tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(_paths)] | None = None
+    files: (
+        Annotated[tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(_paths)] | None
+    ) = None
     dataset: fields.Label | None = None
     constant: Annotated[Vector | None, BeforeValidator(_one_vector)] = None
     table: Annotated[list[TimedVector] | None, BeforeValidator(_rows)] = None
     analytic: str | None = None
     """Name of a built-in flow: synthetic, and the maps say so."""
-    parameters: Annotated[dict[str, float], BeforeValidator(_parameters)] = Field(default_factory=dict)
+    parameters: Annotated[dict[str, float], BeforeValidator(_parameters)] = Field(
+        default_factory=dict
+    )
     """Parameters of the built-in flow, in SI or with a unit."""
     variables: Annotated[dict[str, str] | None, BeforeValidator(_indices)] = None
     units: str | None = None
@@ -225,13 +249,17 @@ class SourceTable(fields.Table):
                 try:
                     self._member(member)
                 except ValidationError as error:
-                    raise ValueError(f"member {number}: {messages.lines(error, member)[0]}") from None
+                    raise ValueError(
+                        f"member {number}: {messages.lines(error, member)[0]}"
+                    ) from None
             return self
         try:
             kind = fields.one_of(self, ("files", "dataset", "constant", "table", "analytic"))
         except ValueError as error:
             several = " and " in str(error).partition("found")[2]
-            how = "; leave one out (--set gives a whole source so: current.0='{ constant = { .. } }')"
+            how = (
+                "; leave one out (--set gives a whole source so: current.0='{ constant = { .. } }')"
+            )
             raise ValueError(f"{error}{how if several else ''}") from None
         if kind not in ("files", "dataset"):
             if self.members:
@@ -241,7 +269,9 @@ class SourceTable(fields.Table):
                 )
             for key in ("variables", "units", "depth", "steady", "times", "plausible"):
                 if key in self.model_fields_set:
-                    raise ValueError(f"{key} belongs to files and to a dataset; this source is {kind}")
+                    raise ValueError(
+                        f"{key} belongs to files and to a dataset; this source is {kind}"
+                    )
         if kind != "files" and "timeout" in self.model_fields_set:
             raise ValueError(f"timeout belongs to files at an address; this source is {kind}")
         if kind != "analytic" and self.parameters:
@@ -255,12 +285,16 @@ class SourceTable(fields.Table):
     def spec(self, quantity: str, number: int, start: np.datetime64, folder: Path) -> ForcingSpec:
         """Return the source with paths made absolute and times resolved.
 
-        number: its place among the sources of its quantity, from 1. folder: what relative paths start from. Raises
-        ValueError where a stated speed is more than any such quantity has.
+        number: its place among the sources of its quantity, from 1. folder: what relative paths
+        start from. Raises ValueError where a stated speed is more than any such quantity has.
         """
         if QUANTITIES[quantity].in_air and self.depth is not None:
-            in_water = " and ".join(f"[[{name}]]" for name, other in QUANTITIES.items() if not other.in_air)
-            raise ValueError(f"depth belongs to {in_water}; name a wind's level by its index, in variables")
+            in_water = " and ".join(
+                f"[[{name}]]" for name, other in QUANTITIES.items() if not other.in_air
+            )
+            raise ValueError(
+                f"depth belongs to {in_water}; name a wind's level by its index, in variables"
+            )
         if isinstance(self.members, list):
             return ForcingSpec(
                 name=self.name or f"{quantity} {number}",
@@ -303,14 +337,21 @@ class SourceTable(fields.Table):
         )
 
     def _member(self, member: dict[str, Any]) -> "SourceTable":
-        """Return the source that a member is: what stands beside members, and what its own table says in place of it."""
-        shared = {key: getattr(self, key) for key in self.model_fields_set - {"name", "fill", "add", "members"}}
+        """Return the source that a member is: what stands beside members, and what its own table
+        says in place of it.
+        """
+        shared = {
+            key: getattr(self, key)
+            for key in self.model_fields_set - {"name", "fill", "add", "members"}
+        }
         own = dict(member)
         if "parameters" in own and isinstance(own["parameters"], dict):
             own["parameters"] = {**self.parameters, **own["parameters"]}
         return SourceTable(**{**shared, **own})
 
-    def _of(self, number: int, member: "SourceTable", quantity: str, start: np.datetime64, folder: Path) -> ForcingSpec:
+    def _of(
+        self, number: int, member: "SourceTable", quantity: str, start: np.datetime64, folder: Path
+    ) -> ForcingSpec:
         """Return a member as a source of its own."""
         try:
             return member.spec(quantity, number, start, folder)
@@ -338,14 +379,20 @@ def _report(rows: list[TimedVector], start: np.datetime64) -> Report:
     times = tuple(units.resolve(row.time, start) for row in rows)
     for before, after in itertools.pairwise(times):
         if after <= before:
-            raise ValueError(f"table: {notation.group(after)} does not come after {notation.group(before)}")
+            raise ValueError(
+                f"table: {notation.group(after)} does not come after {notation.group(before)}"
+            )
     vectors = [row.components() for row in rows]
     return Report(times, tuple(east for east, _ in vectors), tuple(north for _, north in vectors))
 
 
 def matching(written: str, folder: Path) -> list[str]:
-    """Return the files that a path or pattern names, absolute and sorted; addresses pass as they are."""
-    text = re.sub(r"\$\{(\w+)\}|\$(\w+)", lambda match: _variable(match[1] or match[2], written), written)
+    """Return the files that a path or pattern names, absolute and sorted; addresses pass as they
+    are.
+    """
+    text = re.sub(
+        r"\$\{(\w+)\}|\$(\w+)", lambda match: _variable(match[1] or match[2], written), written
+    )
     try:
         if ADDRESS.match(text):
             fence.check_address(text)
@@ -359,12 +406,15 @@ def matching(written: str, folder: Path) -> list[str]:
         if matches:
             for match in matches:
                 fence.check(match)
-            return [str(Path(match).resolve(strict=True)) for match in matches]  # a link may lead nowhere
+            # a link may lead nowhere
+            return [str(Path(match).resolve(strict=True)) for match in matches]
     except UserError as error:
         raise ValueError(str(error)) from None
     except (OSError, RuntimeError, ValueError) as error:  # too long a name, a loop of links
         reason = error.strerror if isinstance(error, OSError) else None
-        raise ValueError(f'no file "{_short(written)}" ({reason or "a loop of links"}); name another') from None
+        raise ValueError(
+            f'no file "{_short(written)}" ({reason or "a loop of links"}); name another'
+        ) from None
     raise ValueError(f'no file "{_short(written)}"; looked for {_short(str(path))}')
 
 
@@ -385,7 +435,9 @@ def _variable(name: str, written: str) -> str:
 
 
 def one_file(name: str, folder: Path, place: str, allowed: str = "") -> str:
-    """Return the absolute path of one file; raise UserError, with `allowed`, where there is none, or several."""
+    """Return the absolute path of one file; raise UserError, with `allowed`, where there is none,
+    or several.
+    """
     try:
         files = matching(name, folder)
     except ValueError as error:

@@ -1,7 +1,9 @@
-"""How wrong winds and currents may be: the [uncertainty] table, and what holds where a case is silent.
+"""How wrong winds and currents may be: the [uncertainty] table, and what holds where a case is
+silent.
 
-A default holds for a quantity that is read from gridded files of a model, and for no other: whoever types a constant,
-or a table, knows how sure it is. Where each number comes from, and what to do instead, is in docs/errors.md.
+A default holds for a quantity that is read from gridded files of a model, and for no other: whoever
+types a constant, or a table, knows how sure it is. Where each number comes from, and what to do
+instead, is in docs/errors.md.
 """
 
 from collections.abc import Sequence
@@ -12,11 +14,20 @@ from pydantic import BeforeValidator
 
 from drift.case.values import fields
 from drift.engine.environment.forcing_spec import ForcingSpec
-from drift.engine.motion.forcing_error import CASE, DEFAULT, HOUR, MEMBERS, NOWHERE, RIVALS, ForcingError
+from drift.engine.motion.forcing_error import (
+    CASE,
+    DEFAULT,
+    HOUR,
+    MEMBERS,
+    NOWHERE,
+    RIVALS,
+    ForcingError,
+)
 from geo.errors import UserError
 
-# Residuals of two regional ocean models against 218 drifters (248 tracks) of MEOPAR-TREX 2020, one estuary, three weeks:
-# 0.30 to 0.34 m/s a component, e-folding after 10 to 14 h, correlated by 0.07 to 0.19 after 24 to 48 h. These have 0.32 m/s, 12 h, and 0.17 (24 h), 0.07 (48 h).
+# Residuals of two regional ocean models against 218 drifters (248 tracks) of MEOPAR-TREX 2020, one
+# estuary, three weeks: 0.30 to 0.34 m/s a component, e-folding after 10 to 14 h, correlated by 0.07
+# to 0.19 after 24 to 48 h. These have 0.32 m/s, 12 h, and 0.17 (24 h), 0.07 (48 h).
 CURRENT = ForcingError(0.31, 11 * HOUR, 0.08, (DEFAULT, DEFAULT, DEFAULT))
 # Between the random error of short forecasts and what searches have used (docs/errors.md).
 WIND = ForcingError(2.0, 12 * HOUR, 0.0, (DEFAULT, DEFAULT, DEFAULT))
@@ -51,17 +62,22 @@ class UncertaintyTable(fields.Table):
     """The [uncertainty] table as written; what it leaves out holds by default."""
 
     current: Annotated[
-        CurrentErrorTable | None, BeforeValidator(lambda value: _table(value, {"std": 0, "bias": 0}))
+        CurrentErrorTable | None,
+        BeforeValidator(lambda value: _table(value, {"std": 0, "bias": 0})),
     ] = None
     """The current's error, or `"none"`."""
-    wind: Annotated[WindErrorTable | None, BeforeValidator(lambda value: _table(value, {"std": 0}))] = None
+    wind: Annotated[
+        WindErrorTable | None, BeforeValidator(lambda value: _table(value, {"std": 0}))
+    ] = None
     """The wind's error, or `"none"`."""
     diffusivity: fields.Diffusivity | None = None
 
 
 Uncertainty = Annotated[
     UncertaintyTable,
-    BeforeValidator(lambda value: _table(value, {"current": "none", "wind": "none", "diffusivity": 0})),
+    BeforeValidator(
+        lambda value: _table(value, {"current": "none", "wind": "none", "diffusivity": 0})
+    ),
 ]
 
 
@@ -70,13 +86,19 @@ def silent(specs: Sequence[ForcingSpec], used: Sequence[Sequence[str]]) -> str:
 
     used: the names of the sources of each scenario.
     """
-    gridded = {spec.name for spec in specs if any(part.files or part.dataset is not None for part in spec.parts)}
+    gridded = {
+        spec.name
+        for spec in specs
+        if any(part.files or part.dataset is not None for part in spec.parts)
+    }
     chosen = {tuple(name for name in names if name in gridded) for names in used} - {()}
     if not chosen:
         return NOWHERE
     if len(chosen) > 1:  # rivals, or members of an ensemble as scenarios, are spread by themselves
         return RIVALS
-    return MEMBERS if any(spec.members for spec in specs if spec.name in {*next(iter(chosen))}) else ""
+    return (
+        MEMBERS if any(spec.members for spec in specs if spec.name in {*next(iter(chosen))}) else ""
+    )
 
 
 def error(
@@ -84,9 +106,8 @@ def error(
 ) -> ForcingError:
     """Return the error of a quantity: what the case says of it, and for the rest the default.
 
-    reason: why no default holds, see `silent`.
-    A table with a std states how large the error is: it has no bias but a stated one. Raises UserError where a table
-    says nothing.
+    reason: why no default holds, see `silent`. A table with a std states how large the error is: it
+    has no bias but a stated one. Raises UserError where a table says nothing.
     """
     held = replace(default, std=0.0, bias=0.0, by=(reason, DEFAULT, reason)) if reason else default
     if table is None:
@@ -104,7 +125,9 @@ def error(
     return ForcingError(std, time, bias, (std_by, time_by, bias_by))
 
 
-def in_spill(current: ForcingError, table: CurrentErrorTable | None, bias: float | None) -> ForcingError:
+def in_spill(
+    current: ForcingError, table: CurrentErrorTable | None, bias: float | None
+) -> ForcingError:
     """Return the error of a spill's current; bias: what its own key says [m/s], None if nothing.
 
     Raises UserError where [uncertainty] says so as well.

@@ -50,7 +50,9 @@ class BehaviourTable(fields.Table):
                 f"change {self.change:g}, seek {self.seek:g} and hide {self.hide:g} are {whole:g} together; at most 1 (what is left keeps its course)"
             )
         if self.acts is None and whole > 0:
-            raise ValueError('change, seek and hide are at times of acts; give acts = ["3 min", "15 min"]')
+            raise ValueError(
+                'change, seek and hide are at times of acts; give acts = ["3 min", "15 min"]'
+            )
         if self.acts is not None and self.acts[0] < SOONEST:
             raise ValueError(f"acts: the shortest time between acts must be {SOONEST:g} s or more")
         if self.fastest < SLOWEST:
@@ -60,5 +62,11 @@ class BehaviourTable(fields.Table):
     def behaviour(self) -> Behaviour:
         """Return the record."""
         return Behaviour(
-            self.fastest, self.change, self.seek, self.hide, self.leave, self.acts, math.radians(self.spread)
+            self.fastest,
+            self.change,
+            self.seek,
+            self.hide,
+            self.leave,
+            self.acts,
+            math.radians(self.spread),
         )

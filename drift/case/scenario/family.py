@@ -1,7 +1,8 @@
-"""[[family]]: hundreds of scenarios in a few lines, the products of routes, speeds, times or whatever else differs.
+"""[[family]]: hundreds of scenarios in a few lines, the products of routes, speeds, times or
+whatever else differs.
 
-Families are made scenarios of before these are validated, so that each is refused for what it is; what can be wrong with
-a family itself is refused here.
+Families are made scenarios of before these are validated, so that each is refused for what it is;
+what can be wrong with a family itself is refused here.
 """
 
 import functools
@@ -31,7 +32,9 @@ def _named(labels: Iterable[Any]) -> None:
 def _labelled(value: Any) -> Any:
     """Take values, a list, or a table by what they are called."""
     if not isinstance(value, dict | list) or not value:
-        raise ValueError(f"{value!r} must be a list of values, or a table of them by what they are called")
+        raise ValueError(
+            f"{value!r} must be a list of values, or a table of them by what they are called"
+        )
     _named(value if isinstance(value, dict) else ())
     return value
 
@@ -56,7 +59,10 @@ def _labels(value: Any) -> Any:
     """Take what values are called."""
     if not isinstance(value, list):
         raise ValueError(f"{value!r} must be a list, one a value")
-    named = [str(one) if isinstance(one, int | float) and not isinstance(one, bool) else one for one in value]
+    named = [
+        str(one) if isinstance(one, int | float) and not isinstance(one, bool) else one
+        for one in value
+    ]
     if strange := [one for one in named if not isinstance(one, str)]:
         raise ValueError(f"{strange[0]!r} is no word that a value could be called by")
     _named(named)
@@ -67,8 +73,9 @@ class AxisTable(fields.Table):
     """A [family.axis.NAME] table as written: what differs, and the values that it takes."""
 
     key: fields.Label | None = None
-    """The key of the scenario that it sets, tables and numbers of lists, from 1, joined by points: `"phase.1.voyage.speed"`. Without it each
-    value is a table of keys, which are set beside those that the scenario has."""
+    """The key of the scenario that it sets, tables and numbers of lists, from 1, joined by points:
+    `"phase.1.voyage.speed"`. Without it each value is a table of keys, which are set beside those
+    that the scenario has."""
     values: Annotated[Any, BeforeValidator(_labelled)] = None
     """The values, a list, or a table by what they are called; give these, or `from` and `to`."""
     low: Annotated[Any, Field(alias="from")] = None
@@ -78,11 +85,17 @@ class AxisTable(fields.Table):
     count: fields.Count | None = None
     """How many values from `from` to `to`, both among them."""
     ranges: fields.Count | None = None
-    """Or how many ranges `[low, high]` side by side, for keys that take uncertain numbers and times."""
+    """Or how many ranges `[low, high]` side by side, for keys that take uncertain numbers and
+    times.
+    """
     weights: Annotated[Any, BeforeValidator(_weighed)] = None
-    """Probability of each value relative to the others, a list, or a table by name; without it all are equal."""
+    """Probability of each value relative to the others, a list, or a table by name; without it all
+    are equal.
+    """
     labels: Annotated[Any, BeforeValidator(_labels)] = None
-    """What each value is called, in tables and in the scenarios' names; without it by itself, or by its number."""
+    """What each value is called, in tables and in the scenarios' names; without it by itself, or by
+    its number.
+    """
 
     @model_validator(mode="after")
     def whole(self) -> "AxisTable":
@@ -91,9 +104,13 @@ class AxisTable(fields.Table):
         given = [name for name, value in spaced.items() if value is not None]
         if self.values is not None and given:
             raise ValueError(f"give values, or from and to; found values and {' and '.join(given)}")
-        if self.values is None and not (self.low is not None and self.high is not None and len(given) == 3):
+        if self.values is None and not (
+            self.low is not None and self.high is not None and len(given) == 3
+        ):
             found = " and ".join(given) or "none"
-            raise ValueError(f"give values, or from and to with count, or from and to with ranges; found {found}")
+            raise ValueError(
+                f"give values, or from and to with count, or from and to with ranges; found {found}"
+            )
         if self.labels is not None and isinstance(self.values, dict):
             raise ValueError("labels: values by name have names already; leave labels out")
         many = self._many()
@@ -104,15 +121,21 @@ class AxisTable(fields.Table):
             if isinstance(own, list) and len(own) != many:
                 raise ValueError(f"{name}: {len(own)} of them for {many} values; give one a value")
         if isinstance(self.weights, dict) and {*self.weights} != {*labels}:
-            raise ValueError(f"weights: of {_listed(self.weights)}; give one of each value: {_listed(labels)}")
+            raise ValueError(
+                f"weights: of {_listed(self.weights)}; give one of each value: {_listed(labels)}"
+            )
         if many and math.fsum(self.shares(labels)) <= 0:
             raise ValueError("weights add up to 0; at least one must be above 0")
         if twice := next((label for k, label in enumerate(labels) if label in labels[:k]), None):
-            raise ValueError(f'two values are called "{twice}"; give labels, one a value, that differ')
+            raise ValueError(
+                f'two values are called "{twice}"; give labels, one a value, that differ'
+            )
         if self.key is None:
             for label, value in self.taken("value"):
                 if not isinstance(value, dict):
-                    raise ValueError(f'value "{label}" is no table of keys; give key, the one that the values are of')
+                    raise ValueError(
+                        f'value "{label}" is no table of keys; give key, the one that the values are of'
+                    )
         return self
 
     def _many(self) -> int:
@@ -130,7 +153,10 @@ class AxisTable(fields.Table):
         if isinstance(self.values, dict):
             return list(self.values.items())
         if self.values is not None:
-            values, called = self.values, [_called(value, f"{name} {k}") for k, value in enumerate(self.values, 1)]
+            values, called = (
+                self.values,
+                [_called(value, f"{name} {k}") for k, value in enumerate(self.values, 1)],
+            )
         else:
             values, called = _spaced(self.low, self.high, self._many(), self.count is None)
         return list(zip(self.labels or called, values, strict=False))
@@ -152,20 +178,28 @@ class FamilyTable(fields.Table):
     scenario: dict[str, Any] = Field(default_factory=dict)
     """What its scenarios have in common: the keys of a `[[scenario]]`, but for name and weight."""
     axis: Annotated[dict[str, AxisTable], Field(min_length=1)]
-    """What differs, by name, `[family.axis.speed]`; each scenario has one value of each axis, and its weight is the product of theirs."""
+    """What differs, by name, `[family.axis.speed]`; each scenario has one value of each axis, and
+    its weight is the product of theirs.
+    """
     leave_out: list[dict[str, Any]] = Field(default_factory=list)
-    """What is no scenario: tables by axis of what a value, or some in a list, is called, `{ route = "north", speed = ["14 kn", "16 kn"] }`. Its
-    weight goes to all others."""
+    """What is no scenario: tables by axis of what a value, or some in a list, is called, `{ route =
+    "north", speed = ["14 kn", "16 kn"] }`. Its weight goes to all others."""
 
     _family: Family | None = PrivateAttr(None)
     _stories: list[dict[str, Any]] = PrivateAttr(default_factory=list)
 
     @model_validator(mode="after")
     def whole(self) -> "FamilyTable":
-        """Refuse what the family says by itself, too many scenarios, and values that have no place in them."""
+        """Refuse what the family says by itself, too many scenarios, and values that have no place
+        in them.
+        """
         for key in OWN:
             if key in self.scenario:
-                what = "its scenarios are named by their values" if key == "name" else "give the family's weight"
+                what = (
+                    "its scenarios are named by their values"
+                    if key == "name"
+                    else "give the family's weight"
+                )
                 raise ValueError(f"scenario.{key}: {what}; leave it out")
         _named(self.axis)
         many = math.prod(axis._many() for axis in self.axis.values())
@@ -193,10 +227,13 @@ class FamilyTable(fields.Table):
         weights = [math.prod(own[k] for own, k in zip(shares, at, strict=True)) for at in kept]
         total = math.fsum(weights)
         if total <= 0:
-            raise ValueError("the weights of what leave_out leaves add up to 0; at least one must be above 0")
+            raise ValueError(
+                "the weights of what leave_out leaves add up to 0; at least one must be above 0"
+            )
         head = {**self.scenario}
 
-        @functools.cache  # scenarios share what they have in common, and what the values of the first axes have set
+        # scenarios share what they have in common, and what the values of the first axes have set
+        @functools.cache
         def story(at: tuple[int, ...]) -> Any:
             if not at:
                 return head
@@ -226,7 +263,9 @@ class FamilyTable(fields.Table):
             where = f"axis.{name}.key" if key is not None else f'axis.{name}, value "{label}"'
             raise ValueError(f"{where}: {error}") from None
 
-    def _left_out(self, number: int, one: Mapping[str, Any], labels: Sequence[Sequence[str]]) -> list[set[int]]:
+    def _left_out(
+        self, number: int, one: Mapping[str, Any], labels: Sequence[Sequence[str]]
+    ) -> list[set[int]]:
         """Return the values on each axis, by number, of which all products are left out."""
         names, place = list(self.axis), f"leave_out {number}"
         if not one:
@@ -237,9 +276,13 @@ class FamilyTable(fields.Table):
             own = labels[names.index(name)]
             for label in _several(value):
                 if label not in own:
-                    raise ValueError(f'{place}.{name}: no value is called "{label}"; there are: {_listed(own)}')
+                    raise ValueError(
+                        f'{place}.{name}: no value is called "{label}"; there are: {_listed(own)}'
+                    )
         return [
-            {own.index(label) for label in _several(one[name])} if name in one else set(range(len(own)))
+            {own.index(label) for label in _several(one[name])}
+            if name in one
+            else set(range(len(own)))
             for name, own in zip(names, labels, strict=True)
         ]
 
@@ -251,26 +294,32 @@ class FamilyTable(fields.Table):
         """Return where each of its scenarios stands, by name."""
         assert self._family is not None  # whole
         return {
-            name: InFamily(self._family, at) for name, at in zip(self._family.names, self._family.stories, strict=True)
+            name: InFamily(self._family, at)
+            for name, at in zip(self._family.names, self._family.stories, strict=True)
         }
 
 
 def expanded(data: Any) -> Any:
     """Return the tables of a case as read with the scenarios of its families behind its own.
 
-    What is not as it should be stays as it is, and is refused where it stands. Raises ValueError for too many scenarios.
+    What is not as it should be stays as it is, and is refused where it stands. Raises ValueError
+    for too many scenarios.
     """
     own = data.get("scenario", []) if isinstance(data, dict) else None
     if not isinstance(own, list) or not isinstance(data.get("family"), list):
         return data
     stories = [story for table in _families(data) for story in table.stories()]
     if len(own) + len(stories) > MOST:
-        raise ValueError(f"{len(own) + len(stories):,} scenarios of families and others; at most {MOST:,}")
+        raise ValueError(
+            f"{len(own) + len(stories):,} scenarios of families and others; at most {MOST:,}"
+        )
     return {**data, "scenario": [*own, *stories]} if stories else data
 
 
 def places(data: Any) -> dict[str, InFamily]:
-    """Return where the scenarios of families stand, by their names, of the tables of a case as read; of families in order."""
+    """Return where the scenarios of families stand, by their names, of the tables of a case as
+    read; of families in order.
+    """
     known = data.get("family") if isinstance(data, dict) else None
     found: dict[str, InFamily] = {}
     for table in _families(data) if isinstance(known, list) else ():
@@ -297,13 +346,17 @@ def _listed(names: Any) -> str:
 
 
 def _put(node: Any, path: Sequence[str], value: Any, place: str) -> Any:
-    """Return a table or list with a value set at a path inside it; tables and lists that are not there are made."""
+    """Return a table or list with a value set at a path inside it; tables and lists that are not
+    there are made.
+    """
     if not path:
         return value
     part, *rest = path
     here = f"{place}.{part}".lstrip(".")
     if not part:
-        raise ValueError(f'"{".".join(path)}" has nothing between two points; write it like "phase.1.voyage.speed"')
+        raise ValueError(
+            f'"{".".join(path)}" has nothing between two points; write it like "phase.1.voyage.speed"'
+        )
     if node is None:
         node = [] if part.isdecimal() else {}
     if isinstance(node, list):
@@ -318,8 +371,14 @@ def _put(node: Any, path: Sequence[str], value: Any, place: str) -> Any:
         at = node[number - 1] if number <= len(node) else None
         return [*node[: number - 1], _put(at, rest, value, here), *node[number:]]
     if not isinstance(node, dict):
-        like = f'; write it {{ like = "{node}", .. }}' if place.endswith("voyage") and isinstance(node, str) else ""
-        raise ValueError(f'"{here}": {place} is {node!r}, no table in which "{part}" could be set{like}')
+        like = (
+            f'; write it {{ like = "{node}", .. }}'
+            if place.endswith("voyage") and isinstance(node, str)
+            else ""
+        )
+        raise ValueError(
+            f'"{here}": {place} is {node!r}, no table in which "{part}" could be set{like}'
+        )
     return {**node, part: _put(node.get(part), rest, value, here)}
 
 
@@ -350,7 +409,11 @@ def _called(value: Any, otherwise: str) -> str:
         return notation.group(_moment(value))
     if isinstance(value, str) and value.strip() and value.isprintable():
         return value
-    if isinstance(value, list) and len(value) == 2 and not any(isinstance(one, list | dict) for one in value):
+    if (
+        isinstance(value, list)
+        and len(value) == 2
+        and not any(isinstance(one, list | dict) for one in value)
+    ):
         return _ends(*(_called(one, otherwise) for one in value))
     return otherwise
 
@@ -376,20 +439,28 @@ def _moment(value: Any) -> np.datetime64:
 
 
 def _spaced(low: Any, high: Any, many: int, ranges: bool) -> tuple[list[Any], list[str]]:
-    """Return values at equal distances, or ranges side by side, from one end to the other, and what they are called."""
+    """Return values at equal distances, or ranges side by side, from one end to the other, and what
+    they are called.
+    """
     first, last, written = _line(low, high)
     if not first < last:
-        raise ValueError(f"from {low!r} must be below to {high!r}; downward, or across north, give values")
+        raise ValueError(
+            f"from {low!r} must be below to {high!r}; downward, or across north, give values"
+        )
     at = [float(number) for number in np.linspace(first, last, many + ranges)]
     values, called = ([written(number, digits) for number in at] for digits in (FINE, COARSE))
     called = [_called(value, "") for value in (called if len({*called}) == len(at) else values)]
     if not ranges:
         return values, called
-    return [list(pair) for pair in itertools.pairwise(values)], [_ends(*pair) for pair in itertools.pairwise(called)]
+    return [list(pair) for pair in itertools.pairwise(values)], [
+        _ends(*pair) for pair in itertools.pairwise(called)
+    ]
 
 
 def _line(low: Any, high: Any) -> tuple[float, float, Callable[[float, int], Any]]:
-    """Return two ends as numbers, and how a number between them is written in the case file with so many digits."""
+    """Return two ends as numbers, and how a number between them is written in the case file with so
+    many digits.
+    """
     if all(isinstance(one, int | float) and not isinstance(one, bool) for one in (low, high)):
         if not (math.isfinite(low) and math.isfinite(high)):
             raise ValueError(f"from {low!r} and to {high!r} must be finite")
@@ -401,14 +472,20 @@ def _line(low: Any, high: Any) -> tuple[float, float, Callable[[float, int], Any
     return (
         begin,
         end,
-        lambda number, digits: (notation.iso if digits > COARSE else notation.group)(np.datetime64(round(number), "s")),
+        lambda number, digits: (notation.iso if digits > COARSE else notation.group)(
+            np.datetime64(round(number), "s")
+        ),
     )
 
 
 def _quantities(low: Any, high: Any) -> tuple[float, float, Callable[[float, int], Any]]:
     """Return the same of two quantities of one unit."""
     a, b = (units.NUMBER.fullmatch(one) if isinstance(one, str) else None for one in (low, high))
-    if a is None or b is None or not all(match[2][:1].isalpha() or match[2][:1] in "%/°" for match in (a, b)):
+    if (
+        a is None
+        or b is None
+        or not all(match[2][:1].isalpha() or match[2][:1] in "%/°" for match in (a, b))
+    ):
         raise ValueError(
             f"from {low!r} and to {high!r} must be two numbers, two quantities of one unit or two times, like "
             '"6 kn" and "14 kn", or "+0 h" and "+24 h"'

@@ -1,7 +1,8 @@
 """How a target steers: the phases of a [[scenario]], its distress, and what land means to it.
 
-Tables of the case file, and the records of drift.engine.motion.steering.itinerary that they become. Each phase is one of course, behaviour,
-loiter and, by way points (drift.case.scenario.waypoints), track, lanes, voyage and bridge.
+Tables of the case file, and the records of drift.engine.motion.steering.itinerary that they become.
+Each phase is one of course, behaviour, loiter and, by way points (drift.case.scenario.waypoints),
+track, lanes, voyage and bridge.
 """
 
 import math
@@ -68,7 +69,9 @@ ANY_COURSE = Spread(0.0, 2 * math.pi, math.pi)
 
 
 class ActsTable(BehaviourTable, WindowedTable):
-    """A course that is kept, changed, or one that leads to a tracker or away from it, at times of its own."""
+    """A course that is kept, changed, or one that leads to a tracker or away from it, at times of
+    its own.
+    """
 
     course: Courses = ANY_COURSE
     speed: Speeds | None = None
@@ -76,16 +79,22 @@ class ActsTable(BehaviourTable, WindowedTable):
 
     @model_validator(mode="after")
     def of_whom(self) -> "ActsTable":
-        """Refuse what seeks or flees from nobody, what never acts, and a first speed above the highest."""
+        """Refuse what seeks or flees from nobody, what never acts, and a first speed above the
+        highest.
+        """
         wrong = []
         if self.acts is None:
-            wrong.append('acts: is missing, like ["3 min", "15 min"]; what keeps its course is a phase of course')
+            wrong.append(
+                'acts: is missing, like ["3 min", "15 min"]; what keeps its course is a phase of course'
+            )
         if self.seek + self.hide > 0 and self.tracker is None:
             wrong.append(
                 'tracker: is missing: name the vessel to seek or hide from: give { at, legs }, { track = "own.gpx" }, or the name of a [tracker.NAME]'
             )
         if self.speed is not None and self.speed.high > self.fastest:
-            wrong.append(f"speed: {self.speed.high / KNOT:.4g} kn is above fastest, {self.fastest / KNOT:.4g} kn")
+            wrong.append(
+                f"speed: {self.speed.high / KNOT:.4g} kn is above fastest, {self.fastest / KNOT:.4g} kn"
+            )
         fields.refuse(self, wrong)
         return self
 
@@ -94,19 +103,37 @@ class ActsTable(BehaviourTable, WindowedTable):
         assert self.acts is not None
         until, lasting = self.end(start)
         speed = self.speed or Spread(0.0, self.fastest, self.fastest / 2)
-        followed = None if self.tracker is None else _followed(self.tracker, start, min(end, until or end), folder)
+        followed = (
+            None
+            if self.tracker is None
+            else _followed(self.tracker, start, min(end, until or end), folder)
+        )
         return Acts(
-            self.course, speed, self.fastest, self.acts, self.change, self.seek, self.hide, self.leave, math.radians(self.spread),
-            followed, until, lasting,
-        )  # fmt: skip
+            self.course,
+            speed,
+            self.fastest,
+            self.acts,
+            self.change,
+            self.seek,
+            self.hide,
+            self.leave,
+            math.radians(self.spread),
+            followed,
+            until,
+            lasting,
+        )
 
 
-def _followed(table: TrackerTable, start: np.datetime64, end: np.datetime64, folder: Path) -> Followed:
+def _followed(
+    table: TrackerTable, start: np.datetime64, end: np.datetime64, folder: Path
+) -> Followed:
     """Return where a tracker is from the start to an end; refuse a track that does not say it."""
     lasting = max(float((end - start) / np.timedelta64(1, "s")), 0.0)
     try:
         way = tracker.way(table, None, start, lasting, folder)
-        first, last = (start + np.timedelta64(round(time), "s") for time in (way.time[0], way.time[-1]))
+        first, last = (
+            start + np.timedelta64(round(time), "s") for time in (way.time[0], way.time[-1])
+        )
         if first > start or last < end:
             raise ValueError(
                 f"is known from {notation.group(first)} to {notation.group(last)}, not from {notation.group(start)} to "
@@ -145,14 +172,17 @@ class LoiterTable(WindowedTable):
     def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Loiter:
         """Return the record."""
         lon, lat = np.radians(np.array(AreaTable.model_construct(polygon=self.polygon).corners())).T
-        return Loiter(InRing(tuple(lon.tolist()), tuple(lat.tolist())), self.speed, self.leg, *self.end(start))
+        return Loiter(
+            InRing(tuple(lon.tolist()), tuple(lat.tolist())), self.speed, self.leg, *self.end(start)
+        )
 
 
 def shared(data: Any) -> Any:
-    """Return the tables of a case as read with what its phases name put in: voyages, alone or by `like`, and trackers.
+    """Return the tables of a case as read with what its phases name put in: voyages, alone or by
+    `like`, and trackers.
 
-    What is not as it should be stays as it is, and is refused where it stands. Raises ValidationError, a complaint for each name that
-    there is none of.
+    What is not as it should be stays as it is, and is refused where it stands. Raises
+    ValidationError, a complaint for each name that there is none of.
     """
     if not isinstance(data, dict) or not isinstance(data.get("scenario"), list):
         return data
@@ -175,7 +205,10 @@ def shared(data: Any) -> Any:
             return {**phase, "voyage": named("voyage", voyage, f"{where}.voyage")}
         if isinstance(voyage, dict) and voyage.get("like") is not None:
             rest = {key: value for key, value in voyage.items() if key != "like"}
-            return {**phase, "voyage": {**named("voyage", voyage["like"], f"{where}.voyage"), **rest}}
+            return {
+                **phase,
+                "voyage": {**named("voyage", voyage["like"], f"{where}.voyage"), **rest},
+            }
         if isinstance(behaviour, dict) and isinstance(behaviour.get("tracker"), str):
             who = named("tracker", behaviour["tracker"], f"{where}.behaviour.tracker")
             return {**phase, "behaviour": {**behaviour, "tracker": who}}
@@ -186,11 +219,16 @@ def shared(data: Any) -> Any:
         if not isinstance(phases, list):
             return story
         where = f'scenario "{story.get("name")}".phase'
-        return {**story, "phase": [whole(phase, f"{where} {number}") for number, phase in enumerate(phases, 1)]}
+        return {
+            **story,
+            "phase": [whole(phase, f"{where} {number}") for number, phase in enumerate(phases, 1)],
+        }
 
     made = {**data, "scenario": [told(story) for story in data["scenario"]]}
     if wrong:
-        raise ValidationError.from_exception_data("scenarios", [fields.complaint(line) for line in wrong])
+        raise ValidationError.from_exception_data(
+            "scenarios", [fields.complaint(line) for line in wrong]
+        )
     return made
 
 
@@ -244,7 +282,9 @@ class PhaseTable(fields.Table):
 
 
 class DistressTable(fields.Table):
-    """When a target that is under way goes adrift: between two times, at a rate, or after a part of its way."""
+    """When a target that is under way goes adrift: between two times, at a rate, or after a part of
+    its way.
+    """
 
     between: Time | None = None
     rate: Annotated[float, BeforeValidator(fields.rate)] | None = None
@@ -263,7 +303,9 @@ class DistressTable(fields.Table):
         if self.part is not None:
             first = phases[0]
             if not isinstance(first, Ways) or first.points[-1].time is not None:
-                raise ValueError("part is that of a voyage or a route along lanes; give between or rate")
+                raise ValueError(
+                    "part is that of a voyage or a route along lanes; give between or rate"
+                )
             return Part(self.part)
         assert self.between is not None
         return Between(*begins(self.between, start))

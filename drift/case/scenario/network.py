@@ -1,7 +1,8 @@
 """Files of lane networks: nodes with names, the lanes between them, and areas to patrol.
 
-In TOML, [[node]], [[lane]] and [[area]]; in GeoJSON the same keys as properties of features: points are nodes, lines
-lanes, polygons areas. Every mistake in a file is found at once, a line each, lanes by the names of their nodes.
+In TOML, [[node]], [[lane]] and [[area]]; in GeoJSON the same keys as properties of features: points
+are nodes, lines lanes, polygons areas. Every mistake in a file is found at once, a line each, lanes
+by the names of their nodes.
 """
 
 import difflib
@@ -25,14 +26,17 @@ from geo.files import small
 from geo.notation import NMI
 
 LARGEST = 16 * 2**20  # [bytes] of a network's file
-LONGEST = 5_000 * NMI  # [m] of a lane: it is looked at in a projection that ends a quarter of the way round the Earth
+# [m] of a lane: it is looked at in a projection that ends a quarter of the way round the Earth
+LONGEST = 5_000 * NMI
 SHORTEST = 1.0  # [m]
 ASTRAY = NMI  # [m] that a line's end in GeoJSON may lie off its node
 
 
 @dataclass(frozen=True)
 class Chart:
-    """What a file holds: the network, and the corners (lon, lat) [deg] of areas by name, longitude without jumps."""
+    """What a file holds: the network, and the corners (lon, lat) [deg] of areas by name, longitude
+    without jumps.
+    """
 
     network: Network
     areas: Mapping[str, tuple[tuple[float, float], ...]]
@@ -69,7 +73,9 @@ class LaneTable(fields.Table):
             found = ", ".join(sorted(name.rstrip("_") for name in given)) or "nothing"
             raise ValueError(f"give from and to, or through (a list of nodes); found {found}")
         if self.through is not None and len(self.through) < 2:
-            raise ValueError(f"through names {len(self.through)} node{'s' * (not self.through)}; at least 2 are needed")
+            raise ValueError(
+                f"through names {len(self.through)} node{'s' * (not self.through)}; at least 2 are needed"
+            )
         return self
 
     def pairs(self) -> list[tuple[str, str]]:
@@ -110,7 +116,9 @@ class NetworkTable(fields.Table):
 
     @model_validator(mode="after")
     def consistent(self) -> "NetworkTable":
-        """Refuse names that come twice, lanes to nowhere, to themselves or twice, and nodes without a lane."""
+        """Refuse names that come twice, lanes to nowhere, to themselves or twice, and nodes without
+        a lane.
+        """
         fields.refuse(self, [*self._names(), *self._lanes()])
         return self
 
@@ -129,7 +137,9 @@ class NetworkTable(fields.Table):
             for a, b in lane.pairs():
                 place = f'lane "{a} - {b}"'
                 unknown = [name for name in (a, b) if name not in places]
-                yield from (f'{place}: no node "{name}"; {_nearest(name, places)}' for name in unknown)
+                yield from (
+                    f'{place}: no node "{name}"; {_nearest(name, places)}' for name in unknown
+                )
                 used |= {a, b}
                 if unknown:
                     continue
@@ -145,13 +155,20 @@ class NetworkTable(fields.Table):
                     yield f"{place}: another lane leads there already; leave one out, or make both one_way"
                 ways |= led
         idle = [name for name in places if name not in used]
-        yield from (f'node "{name}": no lane begins or ends there; leave it out, or add a lane' for name in idle)
+        yield from (
+            f'node "{name}": no lane begins or ends there; leave it out, or add a lane'
+            for name in idle
+        )
 
     def network(self) -> Network:
         """Return the record."""
         number = {node.name: k for k, node in enumerate(self.node)}
         lon, lat = np.radians([node.at for node in self.node]).T
-        rows = [(number[a], number[b], lane.width, lane.one_way) for lane in self.lane for a, b in lane.pairs()]
+        rows = [
+            (number[a], number[b], lane.width, lane.one_way)
+            for lane in self.lane
+            for a, b in lane.pairs()
+        ]
         start, end, width, one_way = (np.array(column) for column in zip(*rows, strict=True))
         return Network(tuple(number), lon, lat, start, end, width.astype(float), one_way)
 
@@ -174,7 +191,9 @@ def read_network(path: str | Path) -> Chart:
         except OverflowError:  # integers beyond the largest float
             raise UserError("one of its whole numbers is too large") from None
     except UserError as error:
-        raise UserError(*(f'network "{path.name}": {line}' for line in mistakes.shortened(error.lines))) from None
+        raise UserError(
+            *(f'network "{path.name}": {line}' for line in mistakes.shortened(error.lines))
+        ) from None
     return Chart(table.network(), {area.name: tuple(area.corners()) for area in table.area})
 
 
@@ -210,7 +229,11 @@ def _geojson(text: str) -> dict[str, Any]:
     wrong = []
     for number, feature in enumerate(data["features"], 1):
         shape = feature.get("geometry") if isinstance(feature, dict) else None
-        kind, points = (shape.get("type"), shape.get("coordinates")) if isinstance(shape, dict) else (None, None)
+        kind, points = (
+            (shape.get("type"), shape.get("coordinates"))
+            if isinstance(shape, dict)
+            else (None, None)
+        )
         properties = feature.get("properties") if isinstance(feature, dict) else None
         keys = properties if isinstance(properties, dict) else {}
         keys = {key: value for key, value in keys.items() if value is not None}
@@ -221,7 +244,9 @@ def _geojson(text: str) -> dict[str, Any]:
             lines.append((keys, points))
         elif kind == "Polygon":
             if not isinstance(points, list) or len(points) != 1 or not isinstance(points[0], list):
-                wrong.append(f"feature {number}: a polygon that is not one ring; an area has no holes")
+                wrong.append(
+                    f"feature {number}: a polygon that is not one ring; an area has no holes"
+                )
             else:
                 tables["area"].append({**keys, "polygon": [_lonlat(point) for point in points[0]]})
         else:
@@ -229,7 +254,9 @@ def _geojson(text: str) -> dict[str, Any]:
                 f"feature {number}: {kind or 'no geometry'}; a Point (node), a LineString (lane) or a Polygon (area) "
                 "is needed"
             )
-    places = {node.get("name"): node["at"] for node in tables["node"] if isinstance(node.get("name"), str)}
+    places = {
+        node.get("name"): node["at"] for node in tables["node"] if isinstance(node.get("name"), str)
+    }
     for keys, points in lines:
         wrong += _astray(keys, points, places)
     if wrong:
@@ -251,7 +278,9 @@ def _astray(keys: Mapping[str, Any], points: Any, places: Mapping[str, Any]) -> 
         yield f"{place}: its line has {count} points; a lane is straight from node to node: put a node at each bend"
         return
     for name, point in zip(ends, points, strict=True):
-        there, drawn = (_finite(at) for at in (places.get(name) if isinstance(name, str) else None, point))
+        there, drawn = (
+            _finite(at) for at in (places.get(name) if isinstance(name, str) else None, point)
+        )
         if not drawn:
             yield f"{place}: its line has the end {json.dumps(point)[:40]}; write [lon, lat] in degrees"
         elif there:  # a node that is unknown, or nowhere, is complained of elsewhere

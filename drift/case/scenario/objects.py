@@ -53,14 +53,18 @@ class ObjectTable(fields.Table):
         """Refuse half a description, and two at once."""
         if self.immersion is not None:
             if self.downwind or self.windage is not None or self.right or self.left or self.spread:
-                raise ValueError("immersion alone says how the object answers the wind; leave the other keys out")
+                raise ValueError(
+                    "immersion alone says how the object answers the wind; leave the other keys out"
+                )
             if self.immersion[0] < LEAST_IMMERSION:
                 raise ValueError(
                     f"immersion {self.immersion[0]:g} must be {LEAST_IMMERSION:g} to 1, the share under water"
                 )
         elif self.downwind is None and self.windage is None:
             if self.right or self.left or self.spread or self.name is None:
-                raise ValueError('give a class ("PIW-1"), { downwind, right, left }, { windage, spread } or "water"')
+                raise ValueError(
+                    'give a class ("PIW-1"), { downwind, right, left }, { windage, spread } or "water"'
+                )
             try:
                 leeway.find(self.name)
             except UserError as error:
@@ -75,7 +79,9 @@ class ObjectTable(fields.Table):
         if self.windage is not None and (self.right or self.left):
             raise ValueError("right and left belong to downwind; windage has no crosswind lines")
         if (self.right is None) != (self.left is None):
-            raise ValueError("give both right and left, or neither; the mirror image has slope and offset negated")
+            raise ValueError(
+                "give both right and left, or neither; the mirror image has slope and offset negated"
+            )
         if self.spread and self.windage is None:
             raise ValueError("spread belongs to windage; a leeway line has its own std")
         return self
@@ -88,13 +94,23 @@ class ObjectTable(fields.Table):
             mean = float(np.mean(leeway.windage(np.linspace(low, high, 1001))))
             least, most = notation.hundredths(low), notation.hundredths(high)
             words = f"Immersed to {least} to {most} %" if high > low else f"Immersed to {least} %"
-            return Drifter(self.name or "immersed", words, Line(mean), still, still, immersion=self.immersion)
+            return Drifter(
+                self.name or "immersed", words, Line(mean), still, still, immersion=self.immersion
+            )
         if self.windage is not None:
             down = Line(self.windage, spread=self.spread)
-            return Drifter(self.name or "windage", f"Windage {notation.hundredths(self.windage)} %", down, still, still)
+            return Drifter(
+                self.name or "windage",
+                f"Windage {notation.hundredths(self.windage)} %",
+                down,
+                still,
+                still,
+            )
         if self.downwind is not None:
             right, left = (line.line() if line else still for line in (self.right, self.left))
-            return Drifter(self.name or "own lines", "Leeway of the case", self.downwind.line(), right, left)
+            return Drifter(
+                self.name or "own lines", "Leeway of the case", self.downwind.line(), right, left
+            )
         return leeway.find(str(self.name))
 
 
@@ -105,4 +121,5 @@ def _search_object(value: object) -> object:
         raise ValueError(str(error)) from None
 
 
-SearchObject = Annotated[str, BeforeValidator(_search_object)]  # an object of the sweep width tables
+# an object of the sweep width tables
+SearchObject = Annotated[str, BeforeValidator(_search_object)]

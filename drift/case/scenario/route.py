@@ -11,7 +11,9 @@ from drift.engine.motion.steering.lanes import Network, Route
 
 
 class RouteTable(fields.Table):
-    """Nodes in order; or from, to and, where these do not say it all, via: the shortest way through them."""
+    """Nodes in order; or from, to and, where these do not say it all, via: the shortest way through
+    them.
+    """
 
     nodes: list[fields.Label] | None = None
     """Nodes in order."""

@@ -1,7 +1,9 @@
-"""Scenarios: what may have happened, each with its weight, its object and where and when it went adrift.
+"""Scenarios: what may have happened, each with its weight, its object and where and when it went
+adrift.
 
-Holds the records that the engine takes (SI, radians, UTC) and, in the same order, the tables of the case file that
-they are made from. Three kinds of prior: around a reported position, inside an area, along a trackline.
+Holds the records that the engine takes (SI, radians, UTC) and, in the same order, the tables of the
+case file that they are made from. Three kinds of prior: around a reported position, inside an area,
+along a trackline.
 """
 
 from collections.abc import Callable, Iterator
@@ -87,7 +89,9 @@ class TracklineTable(fields.Table):
             raise ValueError("waypoints: the voyage has no length")
         voyage = length / self.speed
         if voyage > units.CENTURY:
-            raise ValueError(f"trackline: at {self.speed:g} m/s the voyage takes more than a century; check speed")
+            raise ValueError(
+                f"trackline: at {self.speed:g} m/s the voyage takes more than a century; check speed"
+            )
         departure = units.resolve(self.departure, start)
         low, high, mode = 0.0, 1.0, None
         if self.distress.triangular:
@@ -101,12 +105,21 @@ class TracklineTable(fields.Table):
             return departure + np.timedelta64(round(share * voyage), "s")
 
         return TracklinePrior(
-            *(tuple(lon.tolist()), tuple(lat.tolist()), self.cross_track, departure, moment(1.0), self.speed),
+            *(
+                tuple(lon.tolist()),
+                tuple(lat.tolist()),
+                self.cross_track,
+                departure,
+                moment(1.0),
+                self.speed,
+            ),
             *(low, high, mode, moment(low), moment(high)),
         )
 
 
-def _share(time: units.Instant, departure: np.datetime64, voyage: float, start: np.datetime64) -> float:
+def _share(
+    time: units.Instant, departure: np.datetime64, voyage: float, start: np.datetime64
+) -> float:
     when = units.resolve(time, start)
     share = float((when - departure) / np.timedelta64(1, "s")) / voyage
     if not -0.5 / voyage <= share <= 1 + 0.5 / voyage:  # half a second: times are whole seconds
@@ -139,7 +152,9 @@ class SurvivalTable(fields.Table):
         """Refuse none or two ways of giving the median, and clothing that no formula is known for."""
         if fields.one_of(self, ("median", "water")) == "median":
             if self.clothing is not None:
-                raise ValueError("clothing belongs to water; a median is of people as they are clothed")
+                raise ValueError(
+                    "clothing belongs to water; a median is of people as they are clothed"
+                )
         elif self.clothing not in survival.CLOTHING:
             given = "is missing" if self.clothing is None else f'"{self.clothing}" is not known'
             raise ValueError(f'clothing {given}; with water it must be "light": {survival.OTHERS}')
@@ -152,19 +167,25 @@ class SurvivalTable(fields.Table):
         assert self.water is not None
         spread = self.spread or survival.SPREAD
         return Survival(
-            survival.immersed(self.water), spread, f"{survival.SOURCE}, light clothing, {self.water:.1f} degC"
+            survival.immersed(self.water),
+            spread,
+            f"{survival.SOURCE}, light clothing, {self.water:.1f} degC",
         )
 
 
 def _motion(value: object) -> object:
     if not isinstance(value, str) or (value not in PARAMETERS and not value.endswith(PYTHON)):
         names = ", ".join(f'"{name}"' for name in PARAMETERS)
-        raise ValueError(f'no model of motion {value!r}; there is: {names}, and a Python file such as "iceberg.py"')
+        raise ValueError(
+            f'no model of motion {value!r}; there is: {names}, and a Python file such as "iceberg.py"'
+        )
     return value
 
 
 class ParameterTable(fields.Table):
-    """A parameter of a drift model of your own: normal between particles, each of which keeps its own."""
+    """A parameter of a drift model of your own: normal between particles, each of which keeps its
+    own.
+    """
 
     mean: float = Field(allow_inf_nan=False)
     """Its mean, in the unit that the file takes; a bare number says the mean alone."""
@@ -173,7 +194,9 @@ class ParameterTable(fields.Table):
 
 
 def _parameter(value: object) -> object:
-    return {"mean": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
+    return (
+        {"mean": value} if isinstance(value, int | float) and not isinstance(value, bool) else value
+    )
 
 
 class ScenarioTable(fields.Table):
@@ -184,12 +207,19 @@ class ScenarioTable(fields.Table):
     weight: fields.Weight = 1.0
     """How likely it is, beside the others; they need not add up to 1."""
     object: Annotated[
-        ObjectTable | None, BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value)
+        ObjectTable | None,
+        BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value),
     ] = None
     """What drifts: a leeway class (`drift objects`), or a table of its own."""
     motion: Annotated[str, BeforeValidator(_motion)] = "drift"
-    """How what is adrift moves: `drift`, by the leeway of its object, or a Python file with a velocity of your own ([how](howto/model.md))."""
-    parameters: dict[str, Annotated[ParameterTable, BeforeValidator(_parameter)]] = Field(default_factory=dict)
+    """How what is adrift moves:
+
+    `drift`, by the leeway of its object, or a Python file with a velocity of your own
+    ([how](howto/model.md)).
+    """
+    parameters: dict[str, Annotated[ParameterTable, BeforeValidator(_parameter)]] = Field(
+        default_factory=dict
+    )
     """Of a Python file in `motion`: its parameters by name."""
     jibe: fields.Rate | None = None
     """How often its drift changes sides, a bare number per hour; 0.04 of classes that do."""
@@ -207,7 +237,9 @@ class ScenarioTable(fields.Table):
     """Or somewhere on a voyage."""
     search_object: SearchObject | None = None
     source_level: SourceLevel | None = None
-    """How loud it is to a passive sonar, `"140 dB"` re 1 uPa at 1 m, or rows of speed and level; a sensor may say it instead."""
+    """How loud it is to a passive sonar, `"140 dB"` re 1 uPa at 1 m, or rows of speed and level; a
+    sensor may say it instead.
+    """
     survival: SurvivalTable | None = None
     phase: list[PhaseTable] = Field(default_factory=list)
     """How it steers before it drifts, one phase after another."""
@@ -218,16 +250,22 @@ class ScenarioTable(fields.Table):
     overdue: fields.Time | None = None
     """By when its arrival would be known: from then on what is in port has no weight."""
     arrival_radius: Annotated[fields.Length | None, Field(gt=0)] = None
-    """How near to its last way point what has arrived is in port, 10 nmi without it; what is farther off goes on as what it is."""
+    """How near to its last way point what has arrived is in port, 10 nmi without it; what is
+    farther off goes on as what it is.
+    """
 
     @model_validator(mode="after")
     def whole(self) -> "ScenarioTable":
-        """Refuse a scenario with no place to begin at, or two; what drifts without its object; what steers half."""
+        """Refuse a scenario with no place to begin at, or two; what drifts without its object; what
+        steers half.
+        """
         fields.refuse(self, [*self._place(), *self._states()])
         return self
 
     def _place(self) -> Iterator[str]:
-        given = [name for name in ("position", "area", "trackline") if getattr(self, name) is not None]
+        given = [
+            name for name in ("position", "area", "trackline") if getattr(self, name) is not None
+        ]
         if self.phase and self.phase[0].begins:
             if given:
                 yield (
@@ -257,7 +295,11 @@ class ScenarioTable(fields.Table):
                     f"phase {number} has no end, so that phase {number + 1} never comes; give {phase.kind}.until or "
                     f"{phase.kind}.for, or leave the phases after it out"
                 )
-        if self.vessel and self.vessel.currents == "felt" and any(phase.kind == "bridge" for phase in self.phase):
+        if (
+            self.vessel
+            and self.vessel.currents == "felt"
+            and any(phase.kind == "bridge" for phase in self.phase)
+        ):
             yield (
                 'vessel.currents is "felt": a bridge says where the target is, whatever the current; leave currents '
                 "out, or give a voyage, a track or a course"
@@ -314,14 +356,21 @@ class ScenarioTable(fields.Table):
             return None
         fence.check_program(self.motion)
         path = Path(sources.one_file(self.motion, folder, "motion"))
-        return own_motion.read(path, {name: (one.mean, one.std) for name, one in self.parameters.items()})
+        return own_motion.read(
+            path, {name: (one.mean, one.std) for name, one in self.parameters.items()}
+        )
 
     def drifter(self, own: OwnMotion | None) -> Drifter:
         """Return what drifts; own: its drift model, where it has one of its own."""
         if own is not None:
             still = Line()
             return Drifter(
-                own.path.stem, f"drifts as {own.path.name} says", still, still, still, blown="wind" in own.uses
+                own.path.stem,
+                f"drifts as {own.path.name} says",
+                still,
+                still,
+                still,
+                blown="wind" in own.uses,
             )
         return self.object.drifter() if self.object else WATER
 
@@ -330,5 +379,6 @@ class ScenarioTable(fields.Table):
         return self.jibe if self.jibe is not None else (JIBE_RATE if drifter.jibes else 0.0)
 
 
-# The models of motion that a scenario can name, and how each makes its own parameters of the scenario's keys.
+# The models of motion that a scenario can name, and how each makes its own parameters of the
+# scenario's keys.
 PARAMETERS: dict[str, Callable[[ScenarioTable], Any]] = {"drift": lambda table: None}

@@ -1,18 +1,20 @@
 """How long people live in cold water: a published regression on its temperature.
 
-It is used only within the range of temperatures that it was made for.
-It says when an average adult's core falls to 30 degC, by heat alone: not who drowns before, nor who lives on in a raft.
+It is used only within the range of temperatures that it was made for. It says when an average
+adult's core falls to 30 degC, by heat alone: not who drowns before, nor who lives on in a raft.
 """
 
 from drift.case.values import units
 
-# Hayward, Eckerson and Collis 1975, Thermal balance and survival time prediction of man in cold water, Can. J. Physiol.
-# Pharmacol. 53, 21-32: adults of average build, lightly clothed, in lifejackets, holding still in sea water of 4.6 to
-# 18.2 degC; survival time [min] = 15 + 7.2 / (0.0785 - 0.0034 T), T [degC].
+# Hayward, Eckerson and Collis 1975, Thermal balance and survival time prediction of man in cold
+# water, Can. J. Physiol. Pharmacol. 53, 21-32: adults of average build, lightly clothed, in
+# lifejackets, holding still in sea water of 4.6 to 18.2 degC; survival time [min] = 15 + 7.2 /
+# (0.0785 - 0.0034 T), T [degC].
 SOURCE = "Hayward, Eckerson and Collis 1975"
 COLDEST, WARMEST = 4.6, 18.2  # [degC] measured in
 ONSET, LOSS, COOLING, WARMTH = 15.0, 7.2, 0.0785, 0.0034  # [min], [degC], [degC/min], [1/min]
-# Ours, as the paper has none: 68 % live between half and twice the time, since people and sea states differ so much.
+# Ours, as the paper has none: 68 % live between half and twice the time, since people and sea
+# states differ so much.
 SPREAD = 2.0
 OTHERS = (
     "we know of no formula with its numbers for other clothing (survival suits: 2 to 10 times as long by the National "
@@ -37,5 +39,7 @@ def celsius(value: object) -> float:
 
 
 def immersed(water: float) -> float:
-    """Return the median survival time [s] of lightly clothed people in water of a temperature [degC]."""
+    """Return the median survival time [s] of lightly clothed people in water of a temperature
+    [degC].
+    """
     return 60 * (ONSET + LOSS / (COOLING - WARMTH * water))

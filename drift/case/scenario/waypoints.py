@@ -60,17 +60,27 @@ class PointTable(fields.Table):
     def one_place(self) -> "PointTable":
         """Refuse two places or two errors, and what belongs to none that is given."""
         fields.one_of(self, ("at", "polygon"))
-        errors = [name for name in ("std", "ellipse", "error", "box", "radius") if getattr(self, name) is not None]
+        errors = [
+            name
+            for name in ("std", "ellipse", "error", "box", "radius")
+            if getattr(self, name) is not None
+        ]
         if len(errors) > 1 or (errors and self.polygon is not None):
             raise ValueError(f"give one error of a position at most; found {' and '.join(errors)}")
         if self.orientation is not None and errors not in (["std"], ["box"]):
-            raise ValueError("orientation belongs to std or box; an ellipse has its own inside its table")
+            raise ValueError(
+                "orientation belongs to std or box; an ellipse has its own inside its table"
+            )
         if self.correlation and errors not in (["std"], ["ellipse"], ["error"]):
-            raise ValueError("correlation is that of a normal error with that of the way point before: give std too")
+            raise ValueError(
+                "correlation is that of a normal error with that of the way point before: give std too"
+            )
         if self.box is not None and min(self.box) == 0:
             raise ValueError("box has a side of 0; give its length and its width")
         if self.std is not None and self.std[0] != self.std[1] and self.orientation is None:
-            raise ValueError("std has two values: give orientation too, of the first, in degrees true")
+            raise ValueError(
+                "std has two values: give orientation too, of the first, in degrees true"
+            )
         if self.polygon is not None:
             AreaTable.model_construct(polygon=self.polygon).corners()
         if self.time is not None and self.after is not None:
@@ -80,7 +90,9 @@ class PointTable(fields.Table):
     def place(self, before: Place | None) -> Place:
         """Return the place; before: that of the way point before, on whose deviation it may depend."""
         if self.polygon is not None:
-            lon, lat = np.radians(np.array(AreaTable.model_construct(polygon=self.polygon).corners())).T
+            lon, lat = np.radians(
+                np.array(AreaTable.model_construct(polygon=self.polygon).corners())
+            ).T
             return InRing(tuple(lon.tolist()), tuple(lat.tolist()))
         assert self.at is not None
         lon, lat = (math.radians(angle) for angle in self.at)
@@ -100,11 +112,14 @@ class PointTable(fields.Table):
 def correlated(own: Near, before: Place | None, correlation: float) -> Near:
     """Return a normal place whose deviation has a correlation with that of the place before.
 
-    With S_a and S_b the symmetric roots of the covariances (east, north) here and there, the deviation here is
-    r S_a S_b^-1 times that there, and a rest of covariance (1 - r^2) S_a^2: it keeps its own covariance.
+    With S_a and S_b the symmetric roots of the covariances (east, north) here and there, the
+    deviation here is r S_a S_b^-1 times that there, and a rest of covariance (1 - r^2) S_a^2: it
+    keeps its own covariance.
     """
     if not isinstance(before, Near) or before.minor == 0:
-        raise ValueError("correlation: the way point before has no normal error; give it std, ellipse or error")
+        raise ValueError(
+            "correlation: the way point before has no normal error; give it std, ellipse or error"
+        )
     gain = correlation * _root(own) @ np.linalg.inv(_root(before))
     rest = math.sqrt(1 - correlation**2)
     follows = (float(gain[0, 0]), float(gain[0, 1]), float(gain[1, 0]), float(gain[1, 1]))
@@ -127,7 +142,9 @@ class BoundedTable(fields.Table):
     def speeds_in_order(self) -> "BoundedTable":
         """Refuse a lowest speed above the highest."""
         if self.max_speed is not None and self.min_speed > self.max_speed:
-            raise ValueError(f"min_speed {self.min_speed:.3g} m/s is above max_speed {self.max_speed:.3g} m/s")
+            raise ValueError(
+                f"min_speed {self.min_speed:.3g} m/s is above max_speed {self.max_speed:.3g} m/s"
+            )
         return self
 
     def in_time(self, points: Sequence[WayPoint]) -> None:
@@ -163,9 +180,12 @@ class TrackTable(BoundedTable):
         _in_order(list(points), start, lambda seconds: f"after {seconds / 3600:g} h")
         self.in_time(points)
         return Ways(
-            points, earliest, after,
-            slowest=self.min_speed, fastest=self.max_speed or math.inf,
-        )  # fmt: skip
+            points,
+            earliest,
+            after,
+            slowest=self.min_speed,
+            fastest=self.max_speed or math.inf,
+        )
 
 
 class BridgeTable(BoundedTable):
@@ -178,14 +198,22 @@ class BridgeTable(BoundedTable):
 
     @model_validator(mode="after")
     def somewhere(self) -> "BridgeTable":
-        """Refuse a bridge that leads nowhere, and destinations whose probabilities do not add up to 1."""
+        """Refuse a bridge that leads nowhere, and destinations whose probabilities do not add up to
+        1.
+        """
         if len(self.points) + bool(self.destinations) < 2:
-            raise ValueError("points: a bridge leads from one way point to another; give two, or destinations")
+            raise ValueError(
+                "points: a bridge leads from one way point to another; give two, or destinations"
+            )
         given = [table.probability for table in self.destinations]
         if None in given:
-            raise ValueError(f"destinations.{given.index(None) + 1}.probability is missing; together they add up to 1")
+            raise ValueError(
+                f"destinations.{given.index(None) + 1}.probability is missing; together they add up to 1"
+            )
         if given and abs((total := math.fsum(x or 0.0 for x in given)) - 1) > 1e-6:
-            raise ValueError(f"destinations: their probabilities add up to {total:g}; they must add up to 1")
+            raise ValueError(
+                f"destinations: their probabilities add up to {total:g}; they must add up to 1"
+            )
         if any(table.probability is not None for table in self.points):
             raise ValueError("points: a probability belongs to destinations")
         return self
@@ -202,20 +230,29 @@ class BridgeTable(BoundedTable):
         points = _points(self.points, start, start)
         last = points[-1].place
         ends = tuple(
-            (_point(table, last, start, start), float(table.probability or 0.0)) for table in self.destinations
+            (_point(table, last, start, start), float(table.probability or 0.0))
+            for table in self.destinations
         )
         for some in (points, *((points[-1], end) for end, _ in ends)):
             _in_order(list(some), start)
             self.in_time(some)
             self.has_law(some)
         return Ways(
-            points, start, NONE, ends, k=self.k, k_spread=math.log(self.k_spread),
-            slowest=self.min_speed, fastest=self.max_speed or math.inf,
-        )  # fmt: skip
+            points,
+            start,
+            NONE,
+            ends,
+            k=self.k,
+            k_spread=math.log(self.k_spread),
+            slowest=self.min_speed,
+            fastest=self.max_speed or math.inf,
+        )
 
 
 class VoyageTable(fields.Table):
-    """A voyage by way points: when and where it departs, how fast it is, how far off the track it may be."""
+    """A voyage by way points: when and where it departs, how fast it is, how far off the track it
+    may be.
+    """
 
     waypoints: Annotated[list[fields.Position], Field(min_length=2)]
     departure: Time = AT_ONCE
@@ -232,7 +269,9 @@ class VoyageTable(fields.Table):
         ahead = lanes.bearing(lon[:-1], lat[:-1], lon[1:], lat[1:])
         behind = lanes.bearing(lon[1:], lat[1:], lon[:-1], lat[:-1]) + np.pi
         off = np.full(lon.size, self.cross_track)
-        half, toward = lanes.across(np.append(ahead[0], behind), np.append(ahead, behind[-1]), off, off)
+        half, toward = lanes.across(
+            np.append(ahead[0], behind), np.append(ahead, behind[-1]), off, off
+        )
         columns = (x.tolist() for x in (lon, lat, half, toward))
         places: list[Abeam | Near] = [
             Abeam(x, y, wide, away, "normal") for x, y, wide, away in zip(*columns, strict=True)
@@ -261,31 +300,45 @@ class LanesTable(fields.Table):
         return replace(ways, lanes=Lanes(lanes.followed(chart.network, [route]), route))
 
 
-def _by_speed(places: Sequence[Abeam | Near], distance: Any, begin: Times, speed: Spread, start: np.datetime64) -> Ways:
-    points = [WayPoint(place, distance=float(far)) for place, far in zip(places, distance, strict=True)]
+def _by_speed(
+    places: Sequence[Abeam | Near], distance: Any, begin: Times, speed: Spread, start: np.datetime64
+) -> Ways:
+    points = [
+        WayPoint(place, distance=float(far)) for place, far in zip(places, distance, strict=True)
+    ]
     return Ways(tuple(points), *begins(begin, start), speed=speed)
 
 
-def _points(tables: list[PointTable], origin: np.datetime64 | None, start: np.datetime64) -> tuple[WayPoint, ...]:
+def _points(
+    tables: list[PointTable], origin: np.datetime64 | None, start: np.datetime64
+) -> tuple[WayPoint, ...]:
     points: list[WayPoint] = []
     for table in tables:
         points.append(_point(table, points[-1].place if points else None, origin, start))
     return tuple(points)
 
 
-def _point(table: PointTable, before: Place | None, origin: np.datetime64 | None, start: np.datetime64) -> WayPoint:
+def _point(
+    table: PointTable, before: Place | None, origin: np.datetime64 | None, start: np.datetime64
+) -> WayPoint:
     """Return a way point; origin: what its times count from, None where they come as `after`."""
     if origin is None:
         if table.after is None or table.time is not None:
-            raise ValueError('points of a track have after, like "6 h" or ["6 h", "9 h"]: the time from its start')
+            raise ValueError(
+                'points of a track have after, like "6 h" or ["6 h", "9 h"]: the time from its start'
+            )
         return WayPoint(table.place(before), table.after)
     if table.time is None or table.after is not None:
         raise ValueError("points and destinations of a bridge have a time each")
     return WayPoint(table.place(before), table.time.seconds(origin, start))
 
 
-def _in_order(points: list[WayPoint], start: np.datetime64, told: Callable[[float], str] | None = None) -> None:
-    """Refuse a way point that is surely reached before the one before it; told: how seconds are told, by default as times."""
+def _in_order(
+    points: list[WayPoint], start: np.datetime64, told: Callable[[float], str] | None = None
+) -> None:
+    """Refuse a way point that is surely reached before the one before it; told: how seconds are
+    told, by default as times.
+    """
     told = told or (lambda seconds: notation.group(start + np.timedelta64(round(seconds), "s")))
     for a, b in itertools.pairwise(points):
         earliest = a.time.low if isinstance(a.time, Spread) else a.time.mean if a.time else 0.0

@@ -23,7 +23,9 @@ class LineTable(fields.Table):
     def lines(self) -> "LineTable":
         """Refuse a line of one point, one without length and one that is too long."""
         if len(self.points) < 2:
-            raise ValueError(f"points are {len(self.points)}; a line has at least 2, with great circles between them")
+            raise ValueError(
+                f"points are {len(self.points)}; a line has at least 2, with great circles between them"
+            )
         try:
             gnomonic.line(self.points)
         except ValueError as error:
@@ -56,7 +58,9 @@ class BarrierTable(LineTable):
                 if getattr(self, key) is not None
             ]
         elif self.error is None:
-            wrong.append('error is missing: the standard deviation of the time reported, like "10 min"')
+            wrong.append(
+                'error is missing: the standard deviation of the time reported, like "10 min"'
+            )
         fields.refuse(self, wrong)
         return self
 
@@ -72,15 +76,21 @@ class BarrierTable(LineTable):
                 f"{notation.group(over)}"
             )
         error, false = self.error or 0.0, self.false_alarms or 0.0
-        return Barrier(name, begin, over, tuple(self.points), self.detection, reported, error, false)
+        return Barrier(
+            name, begin, over, tuple(self.points), self.detection, reported, error, false
+        )
 
 
 def build_barriers(tables: list[BarrierTable], run: Run) -> tuple[Barrier, ...]:
     """Return the barriers by end; raise UserError for all that is wrong with them."""
-    every = build_each([table.barrier for table in tables], [table.name for table in tables], "barrier", run)
+    every = build_each(
+        [table.barrier for table in tables], [table.name for table in tables], "barrier", run
+    )
     return tuple(sorted(every, key=lambda barrier: barrier.end))
 
 
 def build_lines(tables: list[LineTable], run: Run) -> tuple[Line, ...]:
     """Return the lines as they stand; raise UserError for names that come twice."""
-    return tuple(build_each([table.line for table in tables], [table.name for table in tables], "line", run))
+    return tuple(
+        build_each([table.line for table in tables], [table.name for table in tables], "line", run)
+    )

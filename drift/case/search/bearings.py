@@ -22,7 +22,11 @@ class SeriesTable(heard.BySensorTable):
     """A series of bearings from a place or a sensor of the case."""
 
     file: str
-    """A CSV file: `time`, `bearing`, and where they change also `std`, `heading`, `lon` and `lat`, `received_level`, `frequency`."""
+    """A CSV file:
+
+    `time`, `bearing`, and where they change also `std`, `heading`, `lon` and `lat`,
+    `received_level`, `frequency`.
+    """
     std: heard.BearingError = None
     """As of a bearing."""
     wedge: heard.Wedge | None = None
@@ -36,11 +40,15 @@ class SeriesTable(heard.BySensorTable):
     def lone(self) -> "SeriesTable":
         """Refuse a file that is none."""
         if not self.file.lower().endswith((".csv", ".txt")):
-            raise ValueError(f"file {self.file!r} must be a CSV file, with a line of names: time, bearing")
+            raise ValueError(
+                f"file {self.file!r} must be a CSV file, with a line of names: time, bearing"
+            )
         return self
 
     def bearings(self, folder: Path) -> Iterator[tuple[int, str, dict[str, Any], dict[str, str]]]:
-        """Give line, time, bearing as of a [[contact]], and what else was measured, of each line of its file."""
+        """Give line, time, bearing as of a [[contact]], and what else was measured, of each line of
+        its file.
+        """
         path = sources.one_file(self.file, folder, "bearings.file")
         given = self.model_dump(by_alias=True, exclude_unset=True, exclude={"file"})
         if isinstance(self.std, tuple):
@@ -49,7 +57,12 @@ class SeriesTable(heard.BySensorTable):
             own = given | {key: row[key] for key in ("bearing", "std", "heading") if row.get(key)}
             if row.get("lon") or row.get("lat"):
                 own["from"] = [row.get("lon", ""), row.get("lat", "")]
-            yield line, row["time"], own, {key: row[key] for key in ("received_level", "frequency") if row.get(key)}
+            yield (
+                line,
+                row["time"],
+                own,
+                {key: row[key] for key in ("received_level", "frequency") if row.get(key)},
+            )
 
 
 def _lines(path: str) -> Iterator[tuple[int, dict[str, str]]]:
@@ -65,4 +78,6 @@ def _lines(path: str) -> Iterator[tuple[int, dict[str, str]]]:
             raise UserError(f"bearings.file: {table.name}, line {line}: {table.wanted}")
         yield line, values
     if not 0 < many <= MOST:
-        raise UserError(f"bearings.file: {table.name} has {many:,} bearings; 1 to {MOST:,} can be read")
+        raise UserError(
+            f"bearings.file: {table.name} has {many:,} bearings; 1 to {MOST:,} can be read"
+        )

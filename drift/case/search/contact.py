@@ -29,7 +29,9 @@ DENSITY = {  # kinds of contact, with unit and example of the density of false o
 
 def _fix(row: object) -> Fix:
     if not isinstance(row, list | tuple) or len(row) != 2:
-        raise ValueError(f'{row!r} is not a fix; write [position, share], like ["27 30N 088 15W", 0.7]')
+        raise ValueError(
+            f'{row!r} is not a fix; write [position, share], like ["27 30N 088 15W", 0.7]'
+        )
     place, share = units.position(row[0]), probability(row[1], "share")
     if share == 0:
         raise ValueError(f"a fix with a share of 0, at {row[0]!r}, says nothing; leave it out")
@@ -82,10 +84,14 @@ class BearingTable(heard.BySensorTable):
 
     @model_validator(mode="after")
     def proper(self) -> "BearingTable":
-        """Refuse none or two errors, what is of a sensor where none is named, and ranges from far to near."""
+        """Refuse none or two errors, what is of a sensor where none is named, and ranges from far
+        to near.
+        """
         wrong = self.without_sensor()
         if (self.std is None) == (self.wedge is None):
-            wrong.append('give std, like "5 deg", or wedge, within which all errors are as likely, like "8 deg"')
+            wrong.append(
+                'give std, like "5 deg", or wedge, within which all errors are as likely, like "8 deg"'
+            )
         if self.sensor is None:
             if isinstance(self.std, tuple):
                 wrong.append("std by relative bearing is of an array; give sensor, or one std")
@@ -137,9 +143,12 @@ class RangeTable(heard.BySensorTable):
     def details(self, run: Run) -> dict[str, Any]:
         """Return the fields of the contact's record that it gives."""
         return {
-            "sensor": self.place(run), "range": self.range, "range_std": self.std, "zones": self.zones,
+            "sensor": self.place(run),
+            "range": self.range,
+            "range_std": self.std,
+            "zones": self.zones,
             "heard": self.heard(run),
-        }  # fmt: skip
+        }
 
 
 class SeenInTable(RegionTable):
@@ -166,7 +175,9 @@ class CourseSeenTable(fields.Table):
 
     value: fields.Direction
     """The course over ground."""
-    std: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "deg", "angle", "10 deg"))]
+    std: Annotated[
+        float, BeforeValidator(lambda value: units.quantity(value, "deg", "angle", "10 deg"))
+    ]
     """Its standard deviation, to 90 degrees."""
 
     @model_validator(mode="after")
@@ -214,11 +225,15 @@ class ContactTable(fields.Table):
         if self.time is None:
             raise ValueError("time is missing and has no default")
         if self.belief is not None and self.false_density is not None:
-            raise ValueError("give belief or false_density, not both: either says how a contact may be false")
+            raise ValueError(
+                "give belief or false_density, not both: either says how a contact may be false"
+            )
         self.false()
         if self.course is not None or self.speed is not None:
             if self.false_density is not None:
-                raise ValueError("false_density is of places alone; with course or speed give belief")
+                raise ValueError(
+                    "false_density is of places alone; with course or speed give belief"
+                )
             if self.of is not None:
                 raise ValueError("course and speed are the object's own; leave them out of debris")
         if self.guide is not None and (self.of is None or self.position is None):
@@ -228,16 +243,31 @@ class ContactTable(fields.Table):
 
     def _check_sensor(self) -> None:
         """Refuse what a contact by a sensor of the case cannot tell, and what only such a one can."""
-        by_sensor = isinstance(seen := getattr(self, self.kind()), heard.BySensorTable) and seen.sensor is not None
-        measured = [key for key in ("received_level", "frequency") if getattr(self, key) is not None]
+        by_sensor = (
+            isinstance(seen := getattr(self, self.kind()), heard.BySensorTable)
+            and seen.sensor is not None
+        )
+        measured = [
+            key for key in ("received_level", "frequency") if getattr(self, key) is not None
+        ]
         wrong = []
         if measured and not by_sensor:
-            wrong.append(f"{' and '.join(measured)}: a bearing or range needs the sensor that measured it")
+            wrong.append(
+                f"{' and '.join(measured)}: a bearing or range needs the sensor that measured it"
+            )
         if measured and self.false_density is not None:
-            wrong.append(f"false_density is of places alone; with {' and '.join(measured)} give belief")
+            wrong.append(
+                f"false_density is of places alone; with {' and '.join(measured)} give belief"
+            )
         if by_sensor and self.of is not None:
-            wrong.append("of and sensor: a sensor of the case observes the object itself; leave one of them out")
-        if self.frequency is not None and self.frequency.source_group is not None and self.belief is not None:
+            wrong.append(
+                "of and sensor: a sensor of the case observes the object itself; leave one of them out"
+            )
+        if (
+            self.frequency is not None
+            and self.frequency.source_group is not None
+            and self.belief is not None
+        ):
             wrong.append(
                 "belief and source_group: what a doubtful contact teaches of the source is not followed; leave one out"
             )
@@ -261,14 +291,24 @@ class ContactTable(fields.Table):
         return density
 
     def each(self, run: Run) -> "list[ContactTable]":
-        """Return it, or of a series each of its contacts; raise UserError for what is wrong with one."""
+        """Return it, or of a series each of its contacts; raise UserError for what is wrong with
+        one.
+        """
         if self.bearings is None:
             return [self]
         found = []
-        given = self.model_dump(by_alias=True, exclude_unset=True, exclude={"bearings", "name", "time"})
-        for number, (line, time, bearing, measured) in enumerate(self.bearings.bearings(run.folder), 1):
+        given = self.model_dump(
+            by_alias=True, exclude_unset=True, exclude={"bearings", "name", "time"}
+        )
+        for number, (line, time, bearing, measured) in enumerate(
+            self.bearings.bearings(run.folder), 1
+        ):
             tables = {key: given.get(key, {}) | {"value": value} for key, value in measured.items()}
-            row = given | tables | {"name": f"{self.name or 'bearing'} {number}", "time": time, "bearing": bearing}
+            row = (
+                given
+                | tables
+                | {"name": f"{self.name or 'bearing'} {number}", "time": time, "bearing": bearing}
+            )
             try:
                 found.append(ContactTable.model_validate(row))
             except ValidationError as error:
@@ -290,13 +330,23 @@ class ContactTable(fields.Table):
         belief = 1.0 if self.belief is None else self.belief
         drifter = self.of.drifter() if self.of is not None else None
         if self.course is not None:
-            more |= {"course": math.radians(self.course.value), "course_std": math.radians(self.course.std)}
+            more |= {
+                "course": math.radians(self.course.value),
+                "course_std": math.radians(self.course.std),
+            }
         if self.speed is not None:
             more |= {"speed": self.speed.value, "speed_std": self.speed.std}
         if own := more.get("heard"):
             more["heard"] = heard.measured(own, self.received_level, self.frequency)
         contact = Contact(
-            name, time, self.kind(), belief, self.false(), drifter=drifter, guide=self.guide is not False, **more
+            name,
+            time,
+            self.kind(),
+            belief,
+            self.false(),
+            drifter=drifter,
+            guide=self.guide is not False,
+            **more,
         )
         if heard_law.asks_velocity(contact) and time == run.start:
             raise ValueError(
@@ -309,7 +359,9 @@ class ContactTable(fields.Table):
 def build_contacts(tables: list[ContactTable], run: Run) -> tuple[Contact, ...]:
     """Return the contacts by time; raise UserError for what is wrong with one."""
     tables = [one for table in tables for one in table.each(run)]
-    contacts = build_each([table.contact for table in tables], [table.name for table in tables], "contact", run)
+    contacts = build_each(
+        [table.contact for table in tables], [table.name for table in tables], "contact", run
+    )
     _check_groups(contacts)
     return tuple(sorted(contacts, key=lambda contact: contact.time))
 

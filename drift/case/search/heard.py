@@ -1,4 +1,6 @@
-"""What a contact by a sensor of the case may tell, as a case file gives it: sides, errors by bearing, levels and frequencies."""
+"""What a contact by a sensor of the case may tell, as a case file gives it: sides, errors by
+bearing, levels and frequencies.
+"""
 
 import math
 from dataclasses import replace
@@ -30,8 +32,13 @@ def bearing_error(value: object) -> Any:
     if not isinstance(value, list):
         return _std(value)
     if len(value) < 2 or not all(isinstance(row, list) and len(row) == 2 for row in value):
-        raise ValueError('std by relative bearing needs two or more rows, like [[0, "12 deg"], [90, "2 deg"]]')
-    rows = tuple((units.quantity(angle, "deg", "relative bearing", "30 deg"), _std(std)) for angle, std in value)
+        raise ValueError(
+            'std by relative bearing needs two or more rows, like [[0, "12 deg"], [90, "2 deg"]]'
+        )
+    rows = tuple(
+        (units.quantity(angle, "deg", "relative bearing", "30 deg"), _std(std))
+        for angle, std in value
+    )
     angles = [angle for angle, _ in rows]
     if angles[0] != 0 or angles[-1] not in (90, 180):
         raise ValueError(
@@ -59,8 +66,12 @@ Side = Literal["port", "starboard"]
 class LevelTable(fields.Table):
     """The level at which a target was received, before the array's gain."""
 
-    value: Annotated[float | None, BeforeValidator(sonar.decibels("received level", -50, 250))] = None
-    """In the band of the source level: source level - transmission loss, and the fluctuation; of a series in its file."""
+    value: Annotated[float | None, BeforeValidator(sonar.decibels("received level", -50, 250))] = (
+        None
+    )
+    """In the band of the source level: source level - transmission loss, and the fluctuation; of a
+    series in its file.
+    """
     std: Annotated[float, BeforeValidator(sonar.decibels("std", 0, 30, above=True))]
     """Standard deviation of its error alone; the fluctuation is the sensor's."""
 
@@ -74,10 +85,12 @@ class FrequencyTable(fields.Table):
     """Standard deviation of its error."""
     source: sonar.Frequency
     """As it was sent."""
-    source_std: Annotated[float, BeforeValidator(lambda value: units.quantity(value, "Hz", "frequency", "0.05 Hz"))] = (
-        0.0
-    )
-    """Standard deviation of the unknown part of that; each contact draws its own, unless they are of one `source_group`."""
+    source_std: Annotated[
+        float, BeforeValidator(lambda value: units.quantity(value, "Hz", "frequency", "0.05 Hz"))
+    ] = 0.0
+    """Standard deviation of the unknown part of that; each contact draws its own, unless they are
+    of one `source_group`.
+    """
     source_group: fields.Label | None = None
     """Contacts of one group heard the same source, whose frequency each of them makes better known."""
     sound_speed: sonar.SoundSpeed = 1500.0
@@ -92,20 +105,31 @@ class FrequencyTable(fields.Table):
         """Refuse what the sound is too slow for, and a group that has nothing to share."""
         wrong = []
         if self.source_std < 0 or self.source_std > 0.2 * self.source:
-            wrong.append(f"source_std {self.source_std:g} Hz must be 0 Hz to a fifth of source, {self.source:g} Hz")
+            wrong.append(
+                f"source_std {self.source_std:g} Hz must be 0 Hz to a fifth of source, {self.source:g} Hz"
+            )
         if self.value is not None and not 0.8 < self.value / self.source < 1.25:
             wrong.append(
                 f"value {self.value:g} Hz and source {self.source:g} Hz: no target is fast enough to shift one to the other"
             )
         if self.source_group is not None and self.source_std == 0:
-            wrong.append("source_group: the source is known; give source_std, or leave source_group out")
+            wrong.append(
+                "source_group: the source is known; give source_std, or leave source_group out"
+            )
         fields.refuse(self, wrong)
         return self
 
     def tone(self) -> Tone:
         """Return the record."""
         assert self.value is not None
-        return Tone(self.value, self.std, self.source, self.source_std, self.sound_speed, self.source_group or "")
+        return Tone(
+            self.value,
+            self.std,
+            self.source,
+            self.source_std,
+            self.sound_speed,
+            self.source_group or "",
+        )
 
 
 class BySensorTable(fields.Table):
@@ -124,7 +148,11 @@ class BySensorTable(fields.Table):
         """Return what is wrong with it where no sensor is named, or one beside zones."""
         if self.sensor is not None:
             zones = getattr(self, "zones", None) is not None
-            return ["zones and sensor: the sensor says how well it sees; leave zones out"] if zones else []
+            return (
+                ["zones and sensor: the sensor says how well it sees; leave zones out"]
+                if zones
+                else []
+            )
         wrong = [] if self.from_ is not None else ["from is missing and has no default"]
         return wrong + [
             f"{key} is of a sensor; give sensor, or leave {key} out"
@@ -133,7 +161,10 @@ class BySensorTable(fields.Table):
         ]
 
     def heard(self, run: Run, turns: bool = False) -> Heard | None:
-        """Return what the sensor told; None without one. turns: whether its heading matters to what was told."""
+        """Return what the sensor told;
+
+        None without one. turns: whether its heading matters to what was told.
+        """
         if self.sensor is None:
             return None
         sensor = sonar.named(self.sensor, run)
@@ -142,7 +173,9 @@ class BySensorTable(fields.Table):
                 f'sensor "{sensor.name}" stands where its table says (at); leave from and heading out here'
             )
         if sensor.place is None and self.from_ is None:
-            raise ValueError(f'where was sensor "{sensor.name}"? Give from here, or at in its [[sensor]] table')
+            raise ValueError(
+                f'where was sensor "{sensor.name}"? Give from here, or at in its [[sensor]] table'
+            )
         array = turns or (isinstance(sensor.sees, Sonar) and len(sensor.sees.gain.bearing) > 1)
         if array and sensor.place is None and self.heading is None:
             raise ValueError(f'sensor "{sensor.name}" has an array: give its heading at the time')
@@ -167,7 +200,8 @@ def reach(sensor: Sensor) -> float:
 
 
 def sided(own: Heard, bearing: float, side: Side | None) -> Heard:
-    """Return what was told with the bearing's image, where the array has one; refuse a side that it is not on.
+    """Return what was told with the bearing's image, where the array has one; refuse a side that it
+    is not on.
 
     bearing: [rad] true, as it was told.
     """
@@ -203,7 +237,9 @@ def measured(own: Heard, level: LevelTable | None, frequency: FrequencyTable | N
         own = replace(own, level=(level.value, level.std))
     if frequency is not None:
         if own.sensor.place is not None and (frequency.speed > 0 or frequency.course is not None):
-            raise ValueError(f'sensor "{own.sensor.name}" stands where its table says; leave speed and course out')
+            raise ValueError(
+                f'sensor "{own.sensor.name}" stands where its table says; leave speed and course out'
+            )
         course = own.heading if frequency.course is None else math.radians(frequency.course)
         velocity = frequency.speed * math.sin(course), frequency.speed * math.cos(course)
         own = replace(own, tone=frequency.tone(), velocity=velocity)

@@ -1,4 +1,6 @@
-"""Looks at a field at one time, as a case file gives them, and the fields that looks and presences share."""
+"""Looks at a field at one time, as a case file gives them, and the fields that looks and presences
+share.
+"""
 
 import difflib
 import itertools
@@ -26,7 +28,9 @@ STEEPEST = 100.0  # beta beyond which a sight is a cookie cutter's
 def _side(value: object) -> float:
     number = units.quantity(value, "m", "distance", "30 nmi")
     if not LEAST <= number <= LARGEST:
-        raise ValueError(f'{value!r} must be {LEAST:g} m to {LARGEST / NMI:g} nmi; write its unit, like "30 nmi"')
+        raise ValueError(
+            f'{value!r} must be {LEAST:g} m to {LARGEST / NMI:g} nmi; write its unit, like "30 nmi"'
+        )
     return number
 
 
@@ -55,9 +59,15 @@ class FieldTable(fields.Table):
         wrong = []
         if self.radius is not None and (box or self.turned is not None):
             more = [*box, *(["turned"] if self.turned is not None else [])]
-            wrong.append(f"{' and '.join(more)} of a box, and radius of a circle: give one or the other")
+            wrong.append(
+                f"{' and '.join(more)} of a box, and radius of a circle: give one or the other"
+            )
         elif self.radius is None and len(box) < 2:
-            missing = "width and height, or radius, are" if not box else f"{({'width', 'height'} - {*box}).pop()} is"
+            missing = (
+                "width and height, or radius, are"
+                if not box
+                else f"{({'width', 'height'} - {*box}).pop()} is"
+            )
             wrong.append(f"{missing} missing: a field is a box or a circle about `at`")
         return wrong
 
@@ -66,7 +76,10 @@ class FieldTable(fields.Table):
         if self.radius is not None:
             return records.Field(*self.at, radius=self.radius)
         return records.Field(
-            *self.at, width=self.width or 0.0, height=self.height or 0.0, turned=math.radians(self.turned or 0.0)
+            *self.at,
+            width=self.width or 0.0,
+            height=self.height or 0.0,
+            turned=math.radians(self.turned or 0.0),
         )
 
 
@@ -88,14 +101,18 @@ def _sight(value: object) -> Sight:
 def _linear(value: object) -> Sight:
     alpha = probability(value, "alpha")
     if alpha == 0:
-        raise ValueError("linear 0 sees everything everywhere; alpha is what detection falls by up to the edge")
+        raise ValueError(
+            "linear 0 sees everything everywhere; alpha is what detection falls by up to the edge"
+        )
     return Sight("linear", alpha)
 
 
 def _exponential(value: object) -> Sight:
     beta = units.quantity(value, "", "beta", "2")
     if not 0 < beta <= STEEPEST:
-        raise ValueError(f"beta {value!r} must be above 0 and at most {STEEPEST:g}; beyond, it is a cookie cutter")
+        raise ValueError(
+            f"beta {value!r} must be above 0 and at most {STEEPEST:g}; beyond, it is a cookie cutter"
+        )
     return Sight("exponential", beta)
 
 
@@ -105,11 +122,17 @@ def _table(value: object) -> Sight:
         or len(value) < 2
         or not all(isinstance(row, list) and len(row) == 2 for row in value)
     ):
-        raise ValueError("table needs two or more rows of distance and chance of detection, like [1, 0.4]")
-    distances = tuple(units.quantity(row[0], "", "distance in half sizes of the field", "1.5") for row in value)
+        raise ValueError(
+            "table needs two or more rows of distance and chance of detection, like [1, 0.4]"
+        )
+    distances = tuple(
+        units.quantity(row[0], "", "distance in half sizes of the field", "1.5") for row in value
+    )
     chances = tuple(probability(row[1], "chance of detection") for row in value)
     if distances[0] != 0:
-        raise ValueError(f"table begins at {value[0][0]!r}; its first distance must be 0, the middle of the field")
+        raise ValueError(
+            f"table begins at {value[0][0]!r}; its first distance must be 0, the middle of the field"
+        )
     for k, (near, far) in enumerate(itertools.pairwise(distances)):
         if far <= near:
             raise ValueError(f"table: {value[k + 1][0]!r} does not come after {value[k][0]!r}")
@@ -151,8 +174,14 @@ class LookTable(FieldTable):
             wrong += ["at is missing and has no default"] if self.at is None else []
             wrong += self.misshapen()
         else:
-            given = [key for key in ("radius", "width", "height", "turned", "law") if key in self.model_fields_set]
-            wrong += [f"{key} is of a field; a sensor says how it sees: leave {key} out" for key in given]
+            given = [
+                key
+                for key in ("radius", "width", "height", "turned", "law")
+                if key in self.model_fields_set
+            ]
+            wrong += [
+                f"{key} is of a field; a sensor says how it sees: leave {key} out" for key in given
+            ]
         fields.refuse(self, wrong)
         return self
 
@@ -161,7 +190,9 @@ class LookTable(FieldTable):
         time = units.resolve(self.time, run.start)
         run.check(time, time)
         if self.false_alarms == 1:
-            raise ValueError("false_alarms 1 sees something everywhere and so is no evidence; leave the look out")
+            raise ValueError(
+                "false_alarms 1 sees something everywhere and so is no evidence; leave the look out"
+            )
         if self.sensor is not None:
             return self._by_sensor(sonar.named(self.sensor, run), name, time, run)
         return Look(name, time, self.field(), self.sees == "something", self.law, self.false_alarms)
@@ -169,10 +200,14 @@ class LookTable(FieldTable):
     def _by_sensor(self, sensor: Sensor, name: str, time: np.datetime64, run: Run) -> Look:
         """Return the record of a look by a sensor; raise ValueError for what does not fit it."""
         if sensor.place is not None and (self.at is not None or self.heading is not None):
-            raise ValueError(f'sensor "{sensor.name}" stands where its table says (at); leave at and heading out here')
+            raise ValueError(
+                f'sensor "{sensor.name}" stands where its table says (at); leave at and heading out here'
+            )
         place = sensor.place or self.at
         if place is None:
-            raise ValueError(f'where is sensor "{sensor.name}"? Give at here, or in its [[sensor]] table')
+            raise ValueError(
+                f'where is sensor "{sensor.name}"? Give at here, or in its [[sensor]] table'
+            )
         array = isinstance(sensor.sees, Sonar) and len(sensor.sees.gain.bearing) > 1
         if array and sensor.place is None and self.heading is None:
             raise ValueError(f'sensor "{sensor.name}" has an array: give its heading at the time')
@@ -182,12 +217,21 @@ class LookTable(FieldTable):
             )
         heading = sensor.heading if sensor.place is not None else math.radians(self.heading or 0.0)
         return Look(
-            name, time, None, self.sees == "something", false_alarms=self.false_alarms, sensor=sensor,
-            beams=sonar.beams(self.beams, sensor), place=place, heading=heading,
-        )  # fmt: skip
+            name,
+            time,
+            None,
+            self.sees == "something",
+            false_alarms=self.false_alarms,
+            sensor=sensor,
+            beams=sonar.beams(self.beams, sensor),
+            place=place,
+            heading=heading,
+        )
 
 
 def build_looks(tables: list[LookTable], run: Run) -> tuple[Look, ...]:
     """Return the looks by time; raise UserError for all that is wrong with them."""
-    looks: list[Any] = build_each([table.look for table in tables], [table.name for table in tables], "look", run)
+    looks: list[Any] = build_each(
+        [table.look for table in tables], [table.name for table in tables], "look", run
+    )
     return tuple(sorted(looks, key=lambda look: look.time))

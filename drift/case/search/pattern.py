@@ -25,12 +25,16 @@ Spacing = Annotated[float, BeforeValidator(lambda value: _spacing(value))]
 def _spacing(value: object) -> float:
     number = units.quantity(value, "m", "spacing", "1 nmi")
     if not 10 <= number <= LARGEST:
-        raise ValueError(f'spacing {value!r} must be 10 m to {LARGEST / NMI:g} nmi; write its unit, like "1 nmi"')
+        raise ValueError(
+            f'spacing {value!r} must be 10 m to {LARGEST / NMI:g} nmi; write its unit, like "1 nmi"'
+        )
     return number
 
 
 class RegionTable(fields.Table):
-    """A region: polygon with great circles for edges, or a rectangle whose length lies along its orientation."""
+    """A region: polygon with great circles for edges, or a rectangle whose length lies along its
+    orientation.
+    """
 
     polygon: list[fields.Position] | None = None
     centre: fields.Position | None = None
@@ -45,11 +49,15 @@ class RegionTable(fields.Table):
         if shape == "centre":
             for key in ("length", "width"):
                 if getattr(self, key) is None:
-                    raise ValueError(f"{key} is missing: a rectangle has centre, length, width and orientation")
+                    raise ValueError(
+                        f"{key} is missing: a rectangle has centre, length, width and orientation"
+                    )
         else:
             for key in ("length", "width", "orientation"):
                 if getattr(self, key) is not None:
-                    raise ValueError(f"{key} belongs to a rectangle; a polygon has its corners alone")
+                    raise ValueError(
+                        f"{key} belongs to a rectangle; a polygon has its corners alone"
+                    )
         self.area()
         return self
 
@@ -58,7 +66,9 @@ class RegionTable(fields.Table):
         if self.centre is not None:
             assert self.length is not None  # one_shape
             assert self.width is not None
-            return patterns.rectangle(self.centre, self.length, self.width, math.radians(self.orientation or 0.0))
+            return patterns.rectangle(
+                self.centre, self.length, self.width, math.radians(self.orientation or 0.0)
+            )
         assert self.polygon is not None
         lon, lat = zip(*AreaTable.model_construct(polygon=self.polygon).corners(), strict=True)
         return Area(lon, lat)
@@ -150,7 +160,9 @@ class PatternTable(fields.Table):
             lon, lat = patterns.points_along(self.centre, turn, along, across)
             reach = -sphere.distance(*np.radians([lon, lat]), *np.radians(self.corner))
         order = np.argsort(reach)
-        if isinstance(self.corner, str) and reach[order[-1]] - reach[order[-2]] < 1e-3 * (self.length + self.width):
+        if isinstance(self.corner, str) and reach[order[-1]] - reach[order[-2]] < 1e-3 * (
+            self.length + self.width
+        ):
             raise ValueError(
                 f'corner "{self.corner}": two corners lie as far that way; name one, like "NE", or a position'
             )
@@ -168,11 +180,22 @@ class PatternTable(fields.Table):
             assert self.width is not None
             assert self.spacing is not None
             flown = patterns.parallel if self.kind == "parallel" else patterns.creeping
-            given = (self.centre, self.length, self.width, turn, self.spacing, start, speed, self.corner_signs())
+            given = (
+                self.centre,
+                self.length,
+                self.width,
+                turn,
+                self.spacing,
+                start,
+                speed,
+                self.corner_signs(),
+            )
             return flown(*given)
         if self.kind == "trackline":
             assert self.waypoints is not None
-            return patterns.trackline(self.waypoints, self.offset or 0.0, bool(self.back), start, speed)
+            return patterns.trackline(
+                self.waypoints, self.offset or 0.0, bool(self.back), start, speed
+            )
         assert self.datum is not None
         if self.kind == "sector":
             assert self.radius is not None
@@ -184,12 +207,15 @@ class PatternTable(fields.Table):
             raise ValueError("a square pattern needs legs = their number, or the sortie's end")
         number = patterns.square_legs(self.spacing, (end - start) * speed)
         if number > 500:
-            raise ValueError(f"spacing {self.spacing:g} m makes {number:,} legs until the end; at most 500")
+            raise ValueError(
+                f"spacing {self.spacing:g} m makes {number:,} legs until the end; at most 500"
+            )
         flown_ = patterns.square(self.datum, self.spacing, turn, number, start, speed)
         return Pattern(polyline.between(flown_.legs, start, end), flown_.area)
 
 
-NEEDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # keys that a kind must have, and may have
+# keys that a kind must have, and may have
+NEEDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "parallel": (("centre", "length", "width", "spacing"), ("orientation", "corner")),
     "creeping": (("centre", "length", "width", "spacing"), ("orientation", "corner")),
     "square": (("datum", "spacing"), ("orientation", "legs")),
@@ -211,7 +237,11 @@ def _timed(row: list[Any] | tuple[Any, ...]) -> bool:
     first, second = row
     if isinstance(second, list | tuple | dict) or not isinstance(first, str | int | float):
         return True
-    letters = {letter for letter in second.upper() if letter in "NSEW"} if isinstance(second, str) else set()
+    letters = (
+        {letter for letter in second.upper() if letter in "NSEW"}
+        if isinstance(second, str)
+        else set()
+    )
     return bool(letters & set("NS")) and bool(letters & set("EW"))
 
 
@@ -223,7 +253,9 @@ def waypoints(value: object) -> Any:
     rows = [_waypoint(row) for row in value]
     timed = sum(time is not None for time, _ in rows)
     if timed not in (0, len(rows)):
-        raise ValueError(f"{timed} of {len(rows)} waypoints have a time; give all a time, or none and a speed")
+        raise ValueError(
+            f"{timed} of {len(rows)} waypoints have a time; give all a time, or none and a speed"
+        )
     return rows
 
 
@@ -240,7 +272,9 @@ def timed_legs(rows: list[tuple[Any, tuple[float, float]]], start: np.datetime64
     times = [units.resolve(time, start) for time, _ in rows]
     for before, after in itertools.pairwise(times):
         if after <= before:
-            raise ValueError(f"waypoints: {notation.group(after)} does not come after {notation.group(before)}")
+            raise ValueError(
+                f"waypoints: {notation.group(after)} does not come after {notation.group(before)}"
+            )
     lon, lat = np.array([place for _, place in rows]).T
     return polyline.through([float(notation.epoch(time)) for time in times], lon, lat)
 

@@ -1,4 +1,6 @@
-"""What a case file says of the next search: units that can be sent, what the plan is for, and resampling."""
+"""What a case file says of the next search: units that can be sent, what the plan is for, and
+resampling.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -34,7 +36,9 @@ def _turnaround(value: object) -> float:
 def _endurance(value: object) -> float:
     number = units.quantity(value, "s", "duration", "4 h")
     if not 0 < number <= MOST_ENDURANCE:
-        raise ValueError(f"endurance {value!r} must be above 0 and at most {MOST_ENDURANCE / 86_400:.0f} days on scene")
+        raise ValueError(
+            f"endurance {value!r} must be above 0 and at most {MOST_ENDURANCE / 86_400:.0f} days on scene"
+        )
     return number
 
 
@@ -113,9 +117,16 @@ class PlanTable(fields.Table):
         return value
 
     def spec(
-        self, run: Run, sorties: Sequence[Sortie], contacts: Sequence[Contact], sensors: Sensors, asked: bool
+        self,
+        run: Run,
+        sorties: Sequence[Sortie],
+        contacts: Sequence[Contact],
+        sensors: Sensors,
+        asked: bool,
     ) -> PlanSpec:
-        """Return the record; asked: whether there is something to plan, so that its times must leave room for it."""
+        """Return the record; asked: whether there is something to plan, so that its times must
+        leave room for it.
+        """
         overdue = [scenario.itinerary.overdue for scenario in run.scenarios if scenario.itinerary]
         past = [
             run.start,
@@ -132,25 +143,32 @@ class PlanTable(fields.Table):
                 with wrong.gathered(f"plan.{key}"):
                     run.check(time, time)
         if self.begin is None:
-            begin = min(begin, until)  # a run whose sorties last to its end needs no time for a plan
+            # a run whose sorties last to its end needs no time for a plan
+            begin = min(begin, until)
         elif asked and begin >= until:
             wrong.lines.append(
                 f"plan: it begins at {notation.group(begin)}, not before its end, {notation.group(until)}; give begin "
                 "and until in [plan], or run for longer"
             )
-        if self.objective == "alive" and all(scenario.survival is None for scenario in run.scenarios):
+        if self.objective == "alive" and all(
+            scenario.survival is None for scenario in run.scenarios
+        ):
             wrong.lines.append(
                 'plan.objective: "alive" needs survival in the scenarios, like survival = { median = "18 h", spread = '
                 "1.6 }"
             )
         wrong.refuse()
-        return PlanSpec(begin, until, self.objective, self.separation, self.rounds, self.particles, self.ashore)
+        return PlanSpec(
+            begin, until, self.objective, self.separation, self.rounds, self.particles, self.ashore
+        )
 
 
 class ResamplingTable(fields.Table):
     """The [resampling] table as written."""
 
-    method: Literal["systematic", "kahn", "duplicates", "position", "course", "combined"] = "systematic"
+    method: Literal["systematic", "kahn", "duplicates", "position", "course", "combined"] = (
+        "systematic"
+    )
     below: fields.Share = 0.0
     across_scenarios: bool = False
     bulk: fields.Share | None = None
@@ -161,14 +179,20 @@ class ResamplingTable(fields.Table):
     def proper(cls, value: float) -> float:
         """Refuse to resample always."""
         if value >= 1:
-            raise ValueError(f"{value:g} must be below 1: the share of effective particles under which it resamples")
+            raise ValueError(
+                f"{value:g} must be below 1: the share of effective particles under which it resamples"
+            )
         return value
 
     def resampling(self) -> Resampling:
         """Return the record."""
         bulk = BULK if self.bulk is None else self.bulk
         return Resampling(
-            self.method, self.below, self.across_scenarios, bulk if self.method in METHODS else 0.0, self.fastest or 0.0
+            self.method,
+            self.below,
+            self.across_scenarios,
+            bulk if self.method in METHODS else 0.0,
+            self.fastest or 0.0,
         )
 
     @model_validator(mode="after")
@@ -189,7 +213,9 @@ class ResamplingTable(fields.Table):
         else:
             given = [key for key in ("bulk", "fastest") if getattr(self, key) is not None]
             if given:
-                wrong.append(f'{" and ".join(given)}: of method "position", "course" or "combined" alone; leave it out')
+                wrong.append(
+                    f'{" and ".join(given)}: of method "position", "course" or "combined" alone; leave it out'
+                )
         fields.refuse(self, wrong)
         return self
 
@@ -200,9 +226,13 @@ class ResamplingTable(fields.Table):
             why = {
                 "kahn": "the number of particles of a scenario floats, and cannot be given to another",
             }.get(self.method, "what is left of a scenario keeps its slots")
-            raise ValueError(f'across_scenarios = true needs method = "systematic": with "{self.method}" {why}')
+            raise ValueError(
+                f'across_scenarios = true needs method = "systematic": with "{self.method}" {why}'
+            )
         if self.across_scenarios and self.below == 0:
-            raise ValueError("across_scenarios = true needs below, such as 0.5: with below = 0 nothing is resampled")
+            raise ValueError(
+                "across_scenarios = true needs below, such as 0.5: with below = 0 nothing is resampled"
+            )
         return self
 
 
@@ -212,11 +242,17 @@ def build_units(tables: list[UnitTable], run: Run, plan: PlanSpec) -> tuple[Unit
     def maker(table: UnitTable) -> Callable[[str, Run], Unit]:
         return lambda name, run: table.unit(name, run, plan)
 
-    return tuple(build_each([maker(table) for table in tables], [table.name for table in tables], "unit", run))
+    return tuple(
+        build_each(
+            [maker(table) for table in tables], [table.name for table in tables], "unit", run
+        )
+    )
 
 
 def check_groups(sorties: Sequence[Sortie], fleet: Sequence[Unit]) -> None:
-    """Refuse a group whose members know their sweep widths differently well: its unknown factor is one."""
+    """Refuse a group whose members know their sweep widths differently well: its unknown factor is
+    one.
+    """
     first: dict[str, tuple[str, float]] = {}
     members: list[tuple[str, Sortie | Unit]] = [
         (f'sortie "{sortie.name}"', sortie) for sortie in sorties if not sortie.watches

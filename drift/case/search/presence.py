@@ -25,7 +25,9 @@ Detection = Annotated[float, BeforeValidator(detection)]
 
 
 def span(start: units.Instant, end: units.Instant, run: Run) -> tuple[np.datetime64, np.datetime64]:
-    """Return from when to when a sensor looked on; raise ValueError for times out of order or outside the run."""
+    """Return from when to when a sensor looked on; raise ValueError for times out of order or
+    outside the run.
+    """
     begin, over = units.resolve(start, run.start), units.resolve(end, run.start)
     if over <= begin:
         raise ValueError(f"end {notation.group(over)} is not after start {notation.group(begin)}")
@@ -46,13 +48,22 @@ class PresenceTable(FieldTable):
     def presence(self, name: str, run: Run) -> Presence:
         """Return the record; raise ValueError for what does not fit the run."""
         if self.false_alarms == 1:
-            raise ValueError("false_alarms 1 says the same wherever the object is; leave the presence out")
+            raise ValueError(
+                "false_alarms 1 says the same wherever the object is; leave the presence out"
+            )
         return Presence(
-            name, *span(self.start, self.end, run), self.field(), self.present, self.detection, self.false_alarms
+            name,
+            *span(self.start, self.end, run),
+            self.field(),
+            self.present,
+            self.detection,
+            self.false_alarms,
         )
 
 
 def build_presences(tables: list[PresenceTable], run: Run) -> tuple[Presence, ...]:
     """Return the presences by end; raise UserError for all that is wrong with them."""
-    every = build_each([table.presence for table in tables], [table.name for table in tables], "presence", run)
+    every = build_each(
+        [table.presence for table in tables], [table.name for table in tables], "presence", run
+    )
     return tuple(sorted(every, key=lambda presence: presence.end))

@@ -1,7 +1,7 @@
 """How a unit sees, as a case file says it: law of detection, sweep width, zones of range.
 
-Sorties and units share these keys. A sweep width is one quantity, one for each scenario by name, or the conditions by
-which the published tables give it for each scenario's search_object.
+Sorties and units share these keys. A sweep width is one quantity, one for each scenario by name, or
+the conditions by which the published tables give it for each scenario's search_object.
 """
 
 import difflib
@@ -37,13 +37,16 @@ def _sensor(value: object) -> str:
 
 Sensor = Annotated[str, BeforeValidator(_sensor)]
 MOST_WIDTH = 200 * NMI  # [m]
-MOST_UNKNOWN = 1.0  # standard deviation as a share of the width; beyond it 16 values do not hold the tail
+# standard deviation as a share of the width; beyond it 16 values do not hold the tail
+MOST_UNKNOWN = 1.0
 
 
 def _length(value: object) -> float:
     number = units.quantity(value, "m", "distance", "1 nmi")
     if not 0 <= number <= fields.HALF_TURN:
-        raise ValueError(f"distance {value!r} must be at least 0 m and at most half the way round the Earth")
+        raise ValueError(
+            f"distance {value!r} must be at least 0 m and at most half the way round the Earth"
+        )
     return number
 
 
@@ -68,14 +71,18 @@ def _law(value: object) -> Law:
             return read(given)
     near = difflib.get_close_matches(str(value), plain, n=1, cutoff=0.5)
     hint = f'did you mean "{near[0]}"? ' if near and isinstance(value, str) else ""
-    allowed = ", ".join([f'"{kind}"' for kind in plain] + [example for _, example in WITH_NUMBERS.values()])
+    allowed = ", ".join(
+        [f'"{kind}"' for kind in plain] + [example for _, example in WITH_NUMBERS.values()]
+    )
     raise ValueError(f"no detection function {value!r}; {hint}Allowed: {allowed}")
 
 
 def _m_beta(value: object) -> Law:
     beta = probability(value, "m_beta")
     if beta == 0:
-        raise ValueError("m_beta 0 never detects; it is the chance of detection within the maximum range")
+        raise ValueError(
+            "m_beta 0 never detects; it is the chance of detection within the maximum range"
+        )
     return Law("m_beta", beta=beta)
 
 
@@ -85,7 +92,9 @@ def _curve(value: object) -> Law:
         or len(value) < 2
         or not all(isinstance(row, list) and len(row) == 2 for row in value)
     ):
-        raise ValueError('curve needs two or more rows of lateral range and chance of detection, like ["1 nmi", 0.4]')
+        raise ValueError(
+            'curve needs two or more rows of lateral range and chance of detection, like ["1 nmi", 0.4]'
+        )
     ranges = tuple(_length(row[0]) for row in value)
     chances = tuple(probability(row[1], "chance of detection") for row in value)
     if ranges[0] != 0:
@@ -115,7 +124,9 @@ class ConditionsTable(fields.Table):
 
     @model_validator(mode="after")
     def weather(self) -> "ConditionsTable":
-        """Refuse a search in no weather: left out it would pass for fair, up to four times the sweep width."""
+        """Refuse a search in no weather: left out it would pass for fair, up to four times the
+        sweep width.
+        """
         if self.wind is None and self.seas is None:
             raise ValueError(
                 'wind or seas is missing: bad weather leaves a quarter of the sweep width; give wind = "12 kn", say'
@@ -185,8 +196,14 @@ class SensorTable(fields.Table):
     altitude: fields.Length | None = None
 
     def shape(self) -> float:
-        """Return the shape of the unknown factor's gamma distribution of mean 1: its variance is 1 / shape."""
-        return 1 / self.sweep_width_uncertainty**2 if self.sweep_width_uncertainty >= CERTAIN else math.inf
+        """Return the shape of the unknown factor's gamma distribution of mean 1: its variance is 1
+        / shape.
+        """
+        return (
+            1 / self.sweep_width_uncertainty**2
+            if self.sweep_width_uncertainty >= CERTAIN
+            else math.inf
+        )
 
     def group(self, kind: str) -> str:
         """Return which sorties share the unknown factor of the sweep width.
@@ -207,7 +224,8 @@ class SensorTable(fields.Table):
     def widths(self, kind: str, speed: float, scenarios: Sequence[Scenario]) -> tuple[float, ...]:
         """Return the sweep width [m] for each scenario; a lateral range curve brings its own.
 
-        kind: of unit, "" if not given; speed [m/s], NaN if not given. Raises ValueError for what is missing.
+        kind: of unit, "" if not given; speed [m/s], NaN if not given. Raises ValueError for what is
+        missing.
         """
         given, own = self.sweep_width, laws.formulas_of(self.law).width
         if given is None and own is not None:
@@ -228,10 +246,14 @@ class SensorTable(fields.Table):
             )
         return (float(given),) * len(scenarios)
 
-    def widths_under_way(self, kind: str, speed: float, scenarios: Sequence[Scenario]) -> tuple[float, ...]:
-        """Return the sweep width [m] for each scenario while its vessel is under way; (): nothing steers.
+    def widths_under_way(
+        self, kind: str, speed: float, scenarios: Sequence[Scenario]
+    ) -> tuple[float, ...]:
+        """Return the sweep width [m] for each scenario while its vessel is under way; (): nothing
+        steers.
 
-        It is the one given for that; by the tables it is that of the vessel; else it is the same as adrift.
+        It is the one given for that; by the tables it is that of the vessel; else it is the same as
+        adrift.
         """
         given = self.sweep_width_under_way
         steer = [scenario.itinerary is not None for scenario in scenarios]
@@ -244,7 +266,9 @@ class SensorTable(fields.Table):
         if given is None and not isinstance(self.sweep_width, ConditionsTable):
             return self.widths(kind, speed, scenarios)
         under_way = [
-            replace(scenario, search_object=scenario.itinerary.search_object or scenario.search_object)
+            replace(
+                scenario, search_object=scenario.itinerary.search_object or scenario.search_object
+            )
             if scenario.itinerary
             else scenario
             for scenario in scenarios
@@ -252,7 +276,9 @@ class SensorTable(fields.Table):
         table = self if given is None else self.model_copy(update={"sweep_width": given})
         return table.widths(kind, speed, under_way)
 
-    def _tabulated(self, seen: ConditionsTable, kind: str, speed: float, scenario: Scenario) -> float:
+    def _tabulated(
+        self, seen: ConditionsTable, kind: str, speed: float, scenario: Scenario
+    ) -> float:
         if self.sensor != VISUAL:
             raise ValueError(
                 f'sweep_width: the tables are of visual search, not of sensor "{self.sensor}"; give a length'
@@ -264,41 +290,59 @@ class SensorTable(fields.Table):
             stays = scenario.itinerary is not None and scenario.itinerary.distress is None
             raise ValueError(
                 f'the sweep width tables need search_object in scenario "{scenario.name}", '
-                + (f"which stays under way: there write vessel = {{ {EXAMPLE} }}" if stays else f"like {EXAMPLE}")
+                + (
+                    f"which stays under way: there write vessel = {{ {EXAMPLE} }}"
+                    if stays
+                    else f"like {EXAMPLE}"
+                )
                 + "; or give sweep_width as a length here"
             )
         altitude = self.height()
         if math.isnan(altitude):
             if kind != "Boat":
-                raise ValueError(f'the sweep width tables of {kind} need altitude, like altitude = "500 ft"')
+                raise ValueError(
+                    f'the sweep width tables of {kind} need altitude, like altitude = "500 ft"'
+                )
             altitude = 8 * sweep_width.FOOT  # height of eye in a small boat
-        given = sweep_width.Conditions(seen.visibility, altitude, speed, seen.wind, seen.seas, seen.fatigue)
+        given = sweep_width.Conditions(
+            seen.visibility, altitude, speed, seen.wind, seen.seas, seen.fatigue
+        )
         try:
             return sweep_width.width(scenario.search_object, kind, given)
         except UserError as error:
             raise ValueError(f"sweep_width: {error}") from None
 
 
-def by_scenario(given: dict[str, float], scenarios: Sequence[Scenario], key: str) -> tuple[float, ...]:
+def by_scenario(
+    given: dict[str, float], scenarios: Sequence[Scenario], key: str
+) -> tuple[float, ...]:
     """Return values in the order of the scenarios from a table by name.
 
     Every scenario is in the table, by its own name or else by that of its family, and nothing else.
     """
     names = [scenario.name for scenario in scenarios]
-    places = {scenario.name: scenario.family for scenario in scenarios if scenario.family is not None}
+    places = {
+        scenario.name: scenario.family for scenario in scenarios if scenario.family is not None
+    }
     families = dict.fromkeys(place.family.name for place in places.values())
     called = [*families, *names]
     for name in given:
         if name not in called:
             near = difflib.get_close_matches(name, called, n=1, cutoff=0.5)
             hint = f'did you mean "{near[0]}"? ' if near else ""
-            there = ", ".join(dict.fromkeys([*families, *(name for name in names if name not in places)]))
+            there = ", ".join(
+                dict.fromkeys([*families, *(name for name in names if name not in places)])
+            )
             raise ValueError(f'{key}: no scenario "{name}"; {hint}there are: {there}')
-    keys = [name if name in given or name not in places else places[name].family.name for name in names]
+    keys = [
+        name if name in given or name not in places else places[name].family.name for name in names
+    ]
     missing = [own for own in keys if own not in given]
     if missing:
         what = "family" if missing[0] in families else "scenario"
-        raise ValueError(f'{key} lacks {what} "{missing[0]}"; give one for each, 0 where it is not seen at all')
+        raise ValueError(
+            f'{key} lacks {what} "{missing[0]}"; give one for each, 0 where it is not seen at all'
+        )
     return tuple(given[own] for own in keys)
 
 
@@ -309,7 +353,9 @@ def _zone(row: object) -> tuple[float, float, float]:
         )
     inner, outer, pod = _length(row[0]), _length(row[1]), probability(row[2])
     if outer <= inner:
-        raise ValueError(f"zone from {row[0]!r} to {row[1]!r} must go from its inner to its outer range")
+        raise ValueError(
+            f"zone from {row[0]!r} to {row[1]!r} must go from its inner to its outer range"
+        )
     if pod == 0:
         raise ValueError(
             f"zone from {row[0]!r} to {row[1]!r} has a POD of 0; leave it out: nothing is seen outside zones"
@@ -319,7 +365,9 @@ def _zone(row: object) -> tuple[float, float, float]:
 
 def _zones(value: object) -> Watch:
     if not isinstance(value, list) or not value:
-        raise ValueError('must be a list of zones, like [["0 nmi", "5 nmi", 0.8], ["28 nmi", "32 nmi", 0.6]]')
+        raise ValueError(
+            'must be a list of zones, like [["0 nmi", "5 nmi", 0.8], ["28 nmi", "32 nmi", 0.6]]'
+        )
     rows = sorted(_zone(row) for row in value)
     for (_, outer, _), (inner, _, _) in itertools.pairwise(rows):
         if inner < outer:
@@ -330,8 +378,13 @@ def _zones(value: object) -> Watch:
 
 
 Zones = Annotated[Watch, BeforeValidator(_zones)]
-Pod = Annotated[Any, PlainValidator(
-    lambda value: (
-        {str(name): probability(pod) for name, pod in value.items()} if isinstance(value, dict) else probability(value)
-    )
-)]  # fmt: skip
+Pod = Annotated[
+    Any,
+    PlainValidator(
+        lambda value: (
+            {str(name): probability(pod) for name, pod in value.items()}
+            if isinstance(value, dict)
+            else probability(value)
+        )
+    ),
+]

@@ -1,7 +1,8 @@
 """Sorties as a case file gives them, and the records that the engine takes.
 
-A sortie searches an area, or along legs (a pattern, waypoints, a track), or it watches in zones of range. What was done
-counts, not what was planned: `completed` cuts the legs, `actual` replaces them.
+A sortie searches an area, or along legs (a pattern, waypoints, a track), or it watches in zones of
+range. What was done counts, not what was planned: `completed` cuts the legs, `actual` replaces
+them.
 """
 
 import math
@@ -33,7 +34,9 @@ MODES = ("area", "pattern", "waypoints", "track", "watch")
 
 
 class WatchTable(fields.Table):
-    """A sensor of the case, or one with zones of range: at one place, or moving along the sortie's waypoints or track."""
+    """A sensor of the case, or one with zones of range: at one place, or moving along the sortie's
+    waypoints or track.
+    """
 
     at: fields.Position | None = None
     zones: Zones | None = None
@@ -45,7 +48,9 @@ class WatchTable(fields.Table):
         """Refuse none or two ways of seeing, and beams of zones."""
         if (self.zones is None) == (self.sensor is None):
             found = "neither" if self.zones is None else "both"
-            raise ValueError(f"zones or sensor must say how it sees; {found} is given, and exactly one must be")
+            raise ValueError(
+                f"zones or sensor must say how it sees; {found} is given, and exactly one must be"
+            )
         if self.beams is not None and self.sensor is None:
             raise ValueError("beams are of a sensor's array; give sensor, or leave beams out")
         return self
@@ -62,7 +67,9 @@ class MarkerTable(fields.Table):
         """Refuse none or two ways, and positions without times."""
         fields.one_of(self, ("track", "positions"))
         if self.positions is not None and self.positions[0][0] is None:
-            raise ValueError('positions of a marker need their times: ["211800ZNOV26", "27 30N 088 15W"]')
+            raise ValueError(
+                'positions of a marker need their times: ["211800ZNOV26", "27 30N 088 15W"]'
+            )
         return self
 
 
@@ -71,7 +78,9 @@ def _actual(value: object) -> Any:
         return value
     rows: Any = pattern_table.waypoints(value)
     if rows[0][0] is None:
-        raise ValueError('actual is a GPX file, or positions with their times: ["211800ZNOV26", "27 30N 088 15W"]')
+        raise ValueError(
+            'actual is a GPX file, or positions with their times: ["211800ZNOV26", "27 30N 088 15W"]'
+        )
     return rows
 
 
@@ -116,7 +125,11 @@ class SortieTable(SensorTable):
         if self.area is None:
             for key in ("pod", "spacing"):
                 if getattr(self, key) is not None:
-                    where = "inside pattern" if self.pattern is not None and key == "spacing" else "with area"
+                    where = (
+                        "inside pattern"
+                        if self.pattern is not None and key == "spacing"
+                        else "with area"
+                    )
                     raise ValueError(f"{key} belongs {where}; legs give their own coverage")
         if self._anywhere() and self.area is None and self.watch is None:
             raise ValueError(
@@ -147,10 +160,14 @@ class SortieTable(SensorTable):
                 raise ValueError(f"watch and {key}: a watch has a place (at), waypoints or a track")
         places = [self.watch.at is not None, self.waypoints is not None, self.track is not None]
         if sum(places) > 1 or (sum(places) < 1 and self.watch.sensor is None):
-            raise ValueError("watch needs exactly one place: watch.at, or waypoints or a track along which it moves")
+            raise ValueError(
+                "watch needs exactly one place: watch.at, or waypoints or a track along which it moves"
+            )
         for key in ("law", "sweep_width", "sweep_width_uncertainty", "completed", "actual"):
             if key in self.model_fields_set:
-                raise ValueError(f"{key} does not belong to a watch, whose zones say how it sees; leave it out")
+                raise ValueError(
+                    f"{key} does not belong to a watch, whose zones say how it sees; leave it out"
+                )
 
     def _check_actual(self) -> None:
         for key in ("completed", "track", "marker"):
@@ -170,14 +187,18 @@ class SortieTable(SensorTable):
     def _check_effort(self) -> None:
         given = [key for key in ("pod", "spacing") if getattr(self, key) is not None]
         if len(given) == 2:
-            raise ValueError("give pod or spacing, not both: either says how well the area was searched")
+            raise ValueError(
+                "give pod or spacing, not both: either says how well the area was searched"
+            )
         if not given and self.speed is None:
             raise ValueError(
                 "how well was the area searched? Give one of pod, spacing, or speed (then effort is speed x time)"
             )
 
     def frame_(self) -> Literal["ground", "datum"]:
-        """Return the frame: expanding squares and sectors drift with their datum unless told otherwise."""
+        """Return the frame: expanding squares and sectors drift with their datum unless told
+        otherwise.
+        """
         if self.actual is not None:
             return "ground"
         drifting = self.pattern is not None and self.pattern.kind in {"square", "sector"}
@@ -188,8 +209,12 @@ class SortieTable(SensorTable):
         start = None if self.start is None else units.resolve(self.start, run.start)
         end = None if self.end is None else units.resolve(self.end, run.start)
         if start is not None and end is not None and end <= start:
-            raise ValueError(f"end {notation.group(end)} is not after start {notation.group(start)}")
-        sensor = sonar_table.named(self.watch.sensor, run) if self.watch and self.watch.sensor else None
+            raise ValueError(
+                f"end {notation.group(end)} is not after start {notation.group(start)}"
+            )
+        sensor = (
+            sonar_table.named(self.watch.sensor, run) if self.watch and self.watch.sensor else None
+        )
         area, legs = self._place(start, end, run, self._stands(sensor))
         begin, finish = self._times(start, end, legs)
         wrong = Mistakes()
@@ -203,7 +228,9 @@ class SortieTable(SensorTable):
         wrong.refuse()
         # Zones of a watch, or a POD in place of a width, say it of both states.
         told = math.isnan(widths[0]) and self.sweep_width_under_way is None
-        under_way = () if self.watch or told else self.widths_under_way(self.unit, speed, run.scenarios)
+        under_way = (
+            () if self.watch or told else self.widths_under_way(self.unit, speed, run.scenarios)
+        )
         if self.actual is not None or self.track is not None:
             assert legs is not None
             legs = polyline.thinned(legs, _fineness(widths))
@@ -221,9 +248,13 @@ class SortieTable(SensorTable):
             shape=self.shape(),
             group=sensor.group if sensor else "" if self.watch else self.group(self.unit),
             area=area,
-            coverage=self._coverage(widths, area, begin, finish, run.scenarios) if legs is None else (),
+            coverage=self._coverage(widths, area, begin, finish, run.scenarios)
+            if legs is None
+            else (),
             coverage_under_way=(
-                self._coverage(under_way, area, begin, finish, run.scenarios) if legs is None and under_way else ()
+                self._coverage(under_way, area, begin, finish, run.scenarios)
+                if legs is None and under_way
+                else ()
             ),
             legs=legs,
             watch=self.watch.zones if self.watch else None,
@@ -234,7 +265,9 @@ class SortieTable(SensorTable):
             speed=speed,
             altitude=self.height(),
             spacing=self._given_spacing(),
-            crossed=self.actual is None and self.pattern is not None and self.pattern.kind in {"parallel", "creeping"},
+            crossed=self.actual is None
+            and self.pattern is not None
+            and self.pattern.kind in {"parallel", "creeping"},
         )
         return self._drifting(sortie, run)
 
@@ -254,7 +287,11 @@ class SortieTable(SensorTable):
                 f'where is sensor "{sensor.name}"? Give waypoints or a track along which it moves, or watch.at, or at in its '
                 "[[sensor]] table"
             )
-        if self.watch.at is not None and isinstance(sensor.sees, Sonar) and len(sensor.sees.gain.bearing) > 1:
+        if (
+            self.watch.at is not None
+            and isinstance(sensor.sees, Sonar)
+            and len(sensor.sees.gain.bearing) > 1
+        ):
             raise ValueError(
                 f'sensor "{sensor.name}" has an array, which has a heading: give waypoints or a track along which it moves, or '
                 "at and heading in its [[sensor]] table"
@@ -275,12 +312,16 @@ class SortieTable(SensorTable):
             legs = track_table.made_good(self.actual, "actual", self.speed, since, until, run)
             if self.pattern is None:
                 return self.area.area() if self.area else None, legs
-            return self._planned(since or legs.time[0], until or legs.time[-1], self._speed(legs)).area, legs
+            return self._planned(
+                since or legs.time[0], until or legs.time[-1], self._speed(legs)
+            ).area, legs
         if self.area is not None:
             return self.area.area(), None
         if self.track is not None:
             return None, track_table.completed_share(
-                track_table.made_good(self.track, "track", self.speed, since, until, run), self.completed, until
+                track_table.made_good(self.track, "track", self.speed, since, until, run),
+                self.completed,
+                until,
             )
         if self.waypoints is not None and self.waypoints[0][0] is not None:
             legs = self._transit(pattern_table.timed_legs(self.waypoints, run.start))
@@ -299,7 +340,9 @@ class SortieTable(SensorTable):
             return pattern.area, track_table.completed_share(pattern.legs, self.completed, until)
         assert self.waypoints is not None
         if self.speed is None:
-            raise ValueError('speed is missing: waypoints without times are passed at one, like speed = "90 kn"')
+            raise ValueError(
+                'speed is missing: waypoints without times are passed at one, like speed = "90 kn"'
+            )
         lon_, lat_ = np.array([place for _, place in self.waypoints]).T
         try:
             return None, track_table.completed_share(
@@ -314,7 +357,9 @@ class SortieTable(SensorTable):
             return legs
         many, named = len(legs.searching), self.transit_legs
         if not named or min(named) < 1 or max(named) > many or len(set(named)) == many:
-            raise ValueError(f"transit_legs {named} must be numbers of some of its {many} legs, from 1, not of all")
+            raise ValueError(
+                f"transit_legs {named} must be numbers of some of its {many} legs, from 1, not of all"
+            )
         return replace(legs, searching=tuple(k + 1 not in named for k in range(many)))
 
     def _planned(self, since: float, until: float | None, speed: float) -> patterns.Pattern:
@@ -351,7 +396,9 @@ class SortieTable(SensorTable):
         """Return the speed [m/s], that of the legs where none is given; NaN where neither is known."""
         if self.speed is not None:
             return self.speed
-        if legs is None or (self.watch is not None and len({*zip(legs.lon, legs.lat, strict=True)}) == 1):
+        if legs is None or (
+            self.watch is not None and len({*zip(legs.lon, legs.lat, strict=True)}) == 1
+        ):
             return math.nan
         return float(polyline.lengths(legs).sum()) / (legs.time[-1] - legs.time[0])
 
@@ -359,7 +406,12 @@ class SortieTable(SensorTable):
         """Return sweep widths [m]; NaN for a watch, and where a POD is given in place of a width."""
         if self.watch is not None:
             return (math.nan,) * len(scenarios)
-        if self.area is not None and self.actual is None and self.pod is not None and self.sweep_width is None:
+        if (
+            self.area is not None
+            and self.actual is None
+            and self.pod is not None
+            and self.sweep_width is None
+        ):
             return (math.nan,) * len(scenarios)
         return self.widths(self.unit, speed, scenarios)
 
@@ -375,7 +427,9 @@ class SortieTable(SensorTable):
         assert area is not None
         if self.pod is not None:
             pods = (
-                by_scenario(self.pod, scenarios, "pod") if isinstance(self.pod, dict) else (self.pod,) * len(scenarios)
+                by_scenario(self.pod, scenarios, "pod")
+                if isinstance(self.pod, dict)
+                else (self.pod,) * len(scenarios)
             )
             try:
                 return tuple(laws.coverage_of(self.law, pod) for pod in pods)
@@ -421,7 +475,9 @@ class SortieTable(SensorTable):
 
 def build_sorties(tables: Sequence[SortieTable], run: Run) -> tuple[Sortie, ...]:
     """Return the sorties by start; raise UserError for what is wrong with one, or between them."""
-    sorties = build_each([table.sortie for table in tables], [table.name for table in tables], "sortie", run)
+    sorties = build_each(
+        [table.sortie for table in tables], [table.name for table in tables], "sortie", run
+    )
     return tuple(sorted(sorties, key=lambda sortie: (sortie.start, sortie.end)))
 
 

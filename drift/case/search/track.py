@@ -24,10 +24,13 @@ SLACK = 1.0  # [s] by which legs may be late: times are whole seconds
 FINEST = 25.0  # [m] to which tracks are followed at most
 
 
-def made_good(given: Any, key: str, speed: float | None, since: float | None, until: float | None, run: Run) -> Legs:
+def made_good(
+    given: Any, key: str, speed: float | None, since: float | None, until: float | None, run: Run
+) -> Legs:
     """Return the legs of a track, as far as they lie between start and end [s since 1970].
 
-    given: a file, or waypoints with times; key: where it stands; speed [m/s]: of the unit, None if not told.
+    given: a file, or waypoints with times; key: where it stands; speed [m/s]: of the unit, None if
+    not told.
     """
     if isinstance(given, list):
         legs = pattern_table.timed_legs(given, run.start)
@@ -53,7 +56,9 @@ def made_good(given: Any, key: str, speed: float | None, since: float | None, un
 
 
 def completed_share(legs: Legs, completed: float, until: float | None) -> Legs:
-    """Return what was completed of legs, a share; refuse what cannot be done by the end [s since 1970]."""
+    """Return what was completed of legs, a share; refuse what cannot be done by the end [s since
+    1970].
+    """
     done = polyline.cut_legs(legs, completed)
     if until is None or done.time[-1] <= until:
         return done
@@ -67,7 +72,9 @@ def completed_share(legs: Legs, completed: float, until: float | None) -> Legs:
     return polyline.between(done, done.time[0], until)
 
 
-def marker(track: str | None, positions: Any, start: np.datetime64, end: np.datetime64, run: Run) -> Legs:
+def marker(
+    track: str | None, positions: Any, start: np.datetime64, end: np.datetime64, run: Run
+) -> Legs:
     """Return where a marker was, all the time from a start to an end.
 
     Its track is a GPX track, or positions with times.
@@ -93,12 +100,16 @@ def check_speed(legs: Legs, speed: float | None, shortest: float, key: str) -> N
     """Refuse legs of search that lasted more than `shortest` [s] and were faster than the unit."""
     time = np.array(legs.time)
     lasted = np.diff(time)
-    speeds = np.where((lasted > shortest) & np.array(legs.searching), polyline.lengths(legs) / lasted, 0.0)
+    speeds = np.where(
+        (lasted > shortest) & np.array(legs.searching), polyline.lengths(legs) / lasted, 0.0
+    )
     most = FASTEST if speed is None else TOO_FAST * speed
     if speeds.size and speeds.max() > most:
         k = int(np.argmax(speeds))
         first, last = (notation.group(pattern_table.moment(legs.time[j])) for j in (k, k + 1))
-        said = "no unit searches at that" if speed is None else f"its speed is {speed / KNOT:.3g} kn"
+        said = (
+            "no unit searches at that" if speed is None else f"its speed is {speed / KNOT:.3g} kn"
+        )
         raise ValueError(
             f"{key}: the leg from {first} to {last} is made at {speeds.max() / KNOT:.3g} kn; {said}; check times and "
             f"positions{'' if shortest == 0 else ', or give start and end of the search without its transit'}"

@@ -1,4 +1,6 @@
-"""Processing that is scarce, as a case file gives it: which arrays have beams to be processed, by whom, in what slots."""
+"""Processing that is scarce, as a case file gives it: which arrays have beams to be processed, by
+whom, in what slots.
+"""
 
 import itertools
 import math
@@ -49,7 +51,11 @@ class TowedTable(fields.Table):
         untimed = self.waypoints is not None and self.waypoints[0][0] is None
         if untimed and (self.speed is None or self.start is None):
             raise ValueError("waypoints without times need speed and start")
-        if not untimed and self.waypoints is not None and (self.speed is not None or self.start is not None):
+        if (
+            not untimed
+            and self.waypoints is not None
+            and (self.speed is not None or self.start is not None)
+        ):
             raise ValueError("speed and start are of waypoints without times; leave them out")
         return self
 
@@ -57,10 +63,18 @@ class TowedTable(fields.Table):
         """Return the record; raise ValueError for what does not fit the run."""
         sensor = sonar_table.named(self.sensor, run)
         if sensor.place is not None:
-            raise ValueError(f'sensor "{sensor.name}" stands where its table says (at); give its name alone')
-        since = None if self.start is None else float(notation.epoch(units.resolve(self.start, run.start)))
+            raise ValueError(
+                f'sensor "{sensor.name}" stands where its table says (at); give its name alone'
+            )
+        since = (
+            None
+            if self.start is None
+            else float(notation.epoch(units.resolve(self.start, run.start)))
+        )
         if self.track is not None:
-            legs = polyline.thinned(track_table.made_good(self.track, "track", self.speed, since, None, run), FINE)
+            legs = polyline.thinned(
+                track_table.made_good(self.track, "track", self.speed, since, None, run), FINE
+            )
         elif since is None:
             legs = track_table.made_good(self.waypoints, "waypoints", None, None, None, run)
         else:
@@ -79,7 +93,10 @@ class ProcessorTable(fields.Table):
     sensors: list[fields.Label] | None = None
     """The arrays that it can serve, by their names in `plan.processing.sensors`; without it all."""
     manned: list[list[fields.Time]] = Field(default_factory=list)
-    """When it works, rows of from and to; without it always. A slot counts that is manned all through."""
+    """When it works, rows of from and to; without it always.
+
+    A slot counts that is manned all through.
+    """
 
     def serves(self, listeners: Sequence[Listener], asked: Sequence[str]) -> list[bool]:
         """Return which arrays it can serve; raise ValueError for one that is not there.
@@ -89,13 +106,17 @@ class ProcessorTable(fields.Table):
         every = dict.fromkeys([*asked, *(listener.name for listener in listeners)])
         for name in self.sensors or ():
             if name not in every:
-                raise ValueError(f'sensors: no sensor "{name}" in {HERE}.sensors; there are: {", ".join(every)}')
+                raise ValueError(
+                    f'sensors: no sensor "{name}" in {HERE}.sensors; there are: {", ".join(every)}'
+                )
         found = [
             self.sensors is None or listener.name in self.sensors or name in self.sensors
             for listener, name in zip(listeners, asked, strict=True)
         ]
         if not any(found):
-            raise ValueError("sensors is empty: name those that it can serve, or leave it out for all")
+            raise ValueError(
+                "sensors is empty: name those that it can serve, or leave it out for all"
+            )
         return found
 
     def works(self, edges: Any, run: Run) -> list[bool]:
@@ -108,12 +129,19 @@ class ProcessorTable(fields.Table):
                 raise ValueError('manned: write rows of from and to, like [["+0 h", "+8 h"]]')
             begin, end = (units.resolve(time, run.start) for time in row)
             if end <= begin:
-                raise ValueError(f"manned: {notation.group(end)} is not after {notation.group(begin)}")
+                raise ValueError(
+                    f"manned: {notation.group(end)} is not after {notation.group(begin)}"
+                )
             spans.append((begin, end))
         joined = _joined(spans)
-        found = [any(a <= begin and end <= b for a, b in joined) for begin, end in itertools.pairwise(edges)]
+        found = [
+            any(a <= begin and end <= b for a, b in joined)
+            for begin, end in itertools.pairwise(edges)
+        ]
         if not any(found):
-            raise ValueError("manned: no slot of the plan lies within these hours; give longer ones, or leave it out")
+            raise ValueError(
+                "manned: no slot of the plan lies within these hours; give longer ones, or leave it out"
+            )
         return found
 
 
@@ -131,12 +159,16 @@ def _processors(value: object) -> Any:
 def _sensors(value: object) -> Any:
     if not isinstance(value, list) or not value:
         raise ValueError('must be a list of names, like ["west", "east"], with one at least')
-    return [TowedTable.model_validate(row) if isinstance(row, dict) else _name(row) for row in value]
+    return [
+        TowedTable.model_validate(row) if isinstance(row, dict) else _name(row) for row in value
+    ]
 
 
 def _name(value: object) -> str:
     if not isinstance(value, str):
-        raise ValueError(f'{value!r} is no name of a sensor, nor a table like {{ sensor = "tail", waypoints = [..] }}')
+        raise ValueError(
+            f'{value!r} is no name of a sensor, nor a table like {{ sensor = "tail", waypoints = [..] }}'
+        )
     return value
 
 
@@ -146,14 +178,19 @@ class ProcessingTable(fields.Table):
     slot: fields.Duration
     """How long a processor works on a beam before it may take another."""
     processors: Annotated[int | list[ProcessorTable], BeforeValidator(_processors)]
-    """How many there are, each for any array; or a table for each, `{ name = "P1", sensors = ["west"], manned = [["+0 h", "+8 h"]] }`."""
+    """How many there are, each for any array; or a table for each, `{ name = "P1", sensors =
+    ["west"], manned = [["+0 h", "+8 h"]] }`.
+    """
     sensors: Annotated[list[str | TowedTable], BeforeValidator(_sensors)]
-    """Arrays whose beams may be processed: `[[sensor]]`s that stand, or that a `[[tow]]` tows, by their names or that of the tow; or
-    `{ sensor = "tail", waypoints = [["+0 h", "36N 170W"], ["+9 h", "36N 169W"]] }`."""
+    """Arrays whose beams may be processed: `[[sensor]]`s that stand, or that a `[[tow]]` tows, by
+    their names or that of the tow; or `{ sensor = "tail", waypoints = [["+0 h", "36N 170W"], ["+9
+    h", "36N 169W"]] }`."""
     cost: fields.Share = 0.0
     """The chance of being heard that a beam must add to be worth a processor's slot."""
     today: dict[str, list[fields.Count]] | None = None
-    """Beams by number from 1 that are processed all the time today, `{ west = [3, 4] }`: its value is shown beside the plan."""
+    """Beams by number from 1 that are processed all the time today, `{ west = [3, 4] }`: its value
+    is shown beside the plan.
+    """
 
     def processing(self, run: Run, plan: PlanSpec, tows: Sequence[Tow]) -> Processing:
         """Return the record; raise one UserError for all that is wrong."""
@@ -186,7 +223,9 @@ class ProcessingTable(fields.Table):
             today = self._today(listeners)
         wrong.refuse()
         processors = tuple(table.name for table in tables)
-        made = Processing(edges, listeners, processors, np.array(serves), np.array(manned).T, self.cost, today)
+        made = Processing(
+            edges, listeners, processors, np.array(serves), np.array(manned).T, self.cost, today
+        )
         most = int(made.manned.sum(axis=1).max())
         if most > sum(made.beams):
             raise UserError(
@@ -207,7 +246,9 @@ class ProcessingTable(fields.Table):
             )
         many = math.ceil(span / self.slot - 1e-6)
         if many > MOST_SLOTS:
-            raise ValueError(f"{HERE}.slot: the plan has {many:,} slots of {_hours(self.slot)}; at most {MOST_SLOTS:,}")
+            raise ValueError(
+                f"{HERE}.slot: the plan has {many:,} slots of {_hours(self.slot)}; at most {MOST_SLOTS:,}"
+            )
         seconds = np.minimum(np.round(np.arange(many + 1) * self.slot), span)
         return plan.begin + seconds.astype("timedelta64[s]")
 
@@ -224,15 +265,23 @@ class ProcessingTable(fields.Table):
         names = [listener.name for listener in listeners]
         for name in self.today:
             if name not in names:
-                raise ValueError(f'no sensor "{name}" in {HERE}.sensors; there are: {", ".join(names)}')
+                raise ValueError(
+                    f'no sensor "{name}" in {HERE}.sensors; there are: {", ".join(names)}'
+                )
         return tuple(
-            sonar_table.beams(self.today[listener.name], listener.sensor) if self.today.get(listener.name) else ()
+            sonar_table.beams(self.today[listener.name], listener.sensor)
+            if self.today.get(listener.name)
+            else ()
             for listener in listeners
         )
 
 
-def _listeners(asked: Any, number: int, run: Run, tows: Sequence[Tow]) -> list[tuple[str, Listener]]:
-    """Return the arrays that a row of sensors asks for, each with the name by which it was asked for."""
+def _listeners(
+    asked: Any, number: int, run: Run, tows: Sequence[Tow]
+) -> list[tuple[str, Listener]]:
+    """Return the arrays that a row of sensors asks for, each with the name by which it was asked
+    for.
+    """
     if isinstance(asked, TowedTable):
         try:
             found = [asked.listener(run)]
@@ -244,7 +293,10 @@ def _listeners(asked: Any, number: int, run: Run, tows: Sequence[Tow]) -> list[t
         found = _by_sensor(sonar_table.named(asked, run), tows)
     for listener in found:
         _check(listener.sensor)
-    return [(asked.name or asked.sensor if isinstance(asked, TowedTable) else asked, listener) for listener in found]
+    return [
+        (asked.name or asked.sensor if isinstance(asked, TowedTable) else asked, listener)
+        for listener in found
+    ]
 
 
 def _by_sensor(sensor: Sensor, tows: Sequence[Tow]) -> list[Listener]:
@@ -257,7 +309,9 @@ def _by_sensor(sensor: Sensor, tows: Sequence[Tow]) -> list[Listener]:
             f'where is sensor "{sensor.name}"? It has no place (at): give a [[tow]] that tows it, or '
             f'{{ sensor = "{sensor.name}", waypoints = [["+0 h", "36N 170W"], ..] }}'
         )
-    return [Listener(sensor.name if len(own) == 1 else tow.name, sensor, tow=tow.name) for tow in own]
+    return [
+        Listener(sensor.name if len(own) == 1 else tow.name, sensor, tow=tow.name) for tow in own
+    ]
 
 
 def _check(sensor: Sensor) -> None:
@@ -270,7 +324,9 @@ def _check(sensor: Sensor) -> None:
         )
 
 
-def _joined(spans: Sequence[tuple[np.datetime64, np.datetime64]]) -> list[tuple[np.datetime64, np.datetime64]]:
+def _joined(
+    spans: Sequence[tuple[np.datetime64, np.datetime64]],
+) -> list[tuple[np.datetime64, np.datetime64]]:
     """Return spans of time in order, those that meet as one."""
     found: list[tuple[np.datetime64, np.datetime64]] = []
     for begin, end in sorted(spans):

@@ -1,6 +1,8 @@
-"""Sensors that know the water, as a case file gives them: [[sensor]] tables, to which watches, looks and contacts refer.
+"""Sensors that know the water, as a case file gives them: [[sensor]] tables, to which watches,
+looks and contacts refer.
 
-A sensor is a passive sonar, by the terms of its equation, or a table of POD by place or by bearing and range.
+A sensor is a passive sonar, by the terms of its equation, or a table of POD by place or by bearing
+and range.
 """
 
 import difflib
@@ -17,7 +19,9 @@ from drift.case.context import Run, build_each
 from drift.case.forcing import sources
 from drift.case.values import fields, units
 from drift.engine.motion.scenario import Scenario
-from drift.evidence.sensors import unknown  # the others as they are wanted: they import SciPy and xarray
+
+# the others as they are wanted: they import SciPy and xarray
+from drift.evidence.sensors import unknown
 from drift.evidence.sensors.records import Gain, Levels, Losses, Noise, PodGrid, Sensor, Sonar
 from geo import sphere
 from geo.errors import UserError
@@ -54,7 +58,9 @@ def _decibels(value: object, what: str, example: str = "6 dB") -> float:
             raise ValueError
         number = float(text)
     except ValueError:
-        raise ValueError(f'{what} {value!r} is no number of decibels; write it like "{example}"') from None
+        raise ValueError(
+            f'{what} {value!r} is no number of decibels; write it like "{example}"'
+        ) from None
     if not math.isfinite(number):
         raise ValueError(f"{what} {value!r} must be finite")
     return number
@@ -70,10 +76,14 @@ def source_level(value: object) -> Level:
         return SOURCE(value)
     if len(value) < 2 or not all(isinstance(row, list) and len(row) == 2 for row in value):
         raise ValueError('source_level by speed needs two or more rows, like ["5 kn", "128 dB"]')
-    rows = tuple((units.quantity(speed, "m/s", "speed", "5 kn"), SOURCE(level)) for speed, level in value)
+    rows = tuple(
+        (units.quantity(speed, "m/s", "speed", "5 kn"), SOURCE(level)) for speed, level in value
+    )
     for k in range(1, len(rows)):
         if not 0 <= rows[k - 1][0] < rows[k][0]:
-            raise ValueError(f"source_level: speed {value[k][0]!r} does not come after {value[k - 1][0]!r}")
+            raise ValueError(
+                f"source_level: speed {value[k][0]!r} does not come after {value[k - 1][0]!r}"
+            )
     return rows
 
 
@@ -115,7 +125,9 @@ def _rate_of_loss(value: object) -> float:
     try:
         number = float(text)
     except ValueError:
-        raise ValueError(f'absorption {value!r} must be decibels a kilometre, like "0.02 dB/km"') from None
+        raise ValueError(
+            f'absorption {value!r} must be decibels a kilometre, like "0.02 dB/km"'
+        ) from None
     if not 0 <= number < 1000:
         raise ValueError(f'absorption {value!r} must be 0 to 1000 dB/km, like "0.02 dB/km"')
     return number
@@ -158,13 +170,19 @@ class LossTable(FileTable):
     spreading: float = 20.0
     """Of the formula, decibels for ten times the range, up to the transition."""
     transition: Annotated[fields.Length | None, Field(gt=0)] = None
-    """From which range on the loss spreads as in a duct, 10 dB for ten times the range; without it nowhere."""
+    """From which range on the loss spreads as in a duct, 10 dB for ten times the range; without it
+    nowhere.
+    """
     absorption: Annotated[float | None, BeforeValidator(_rate_of_loss)] = None
-    """Absorption, like `"0.02 dB/km"`; without it that of Francois and Garrison (1982) at `frequency`, or none."""
+    """Absorption, like `"0.02 dB/km"`; without it that of Francois and Garrison (1982) at
+    `frequency`, or none.
+    """
     frequency: Frequency | None = None
     """Of the formula, for its absorption."""
     zones: list[Annotated[Any, BeforeValidator(_zone)]] = Field(default_factory=list)
-    """Convergence zones, `["28 nmi", "33 nmi", "10 dB"]`: inner and outer range, and by how much the loss is less there."""
+    """Convergence zones, `["28 nmi", "33 nmi", "10 dB"]`: inner and outer range, and by how much
+    the loss is less there.
+    """
     to: Annotated[fields.Length | None, Field(gt=0)] = None
     """Of the formula, the range beyond which nothing is heard; 500 nmi without it."""
 
@@ -177,9 +195,13 @@ class LossTable(FileTable):
             if key in self.model_fields_set
         ]
         if self.file is not None and given:
-            raise ValueError(f"file and {given[0]}: the loss is that of a file, or of a formula; give one of them")
+            raise ValueError(
+                f"file and {given[0]}: the loss is that of a file, or of a formula; give one of them"
+            )
         if self.file is None and (self.variable or self.select or self.units):
-            raise ValueError("variable, select and units are of a file; give file, or leave them out")
+            raise ValueError(
+                "variable, select and units are of a file; give file, or leave them out"
+            )
         if self.absorption is not None and self.frequency is not None:
             raise ValueError("give absorption, or frequency from which it follows, not both")
         return self
@@ -189,14 +211,20 @@ class LossTable(FileTable):
         from drift.evidence.sensors import losses, spreading
 
         if self.file is not None:
-            return losses.read_losses(sources.one_file(self.file, folder, "loss.file"), name="loss", **self.asked())
+            return losses.read_losses(
+                sources.one_file(self.file, folder, "loss.file"), name="loss", **self.asked()
+            )
         absorbed = self.absorption
         if absorbed is None:
             absorbed = 0.0 if self.frequency is None else spreading.absorption(self.frequency)
         return spreading.losses(
-            self.to or 500 * 1852.0, coefficient=self.spreading, transition=self.transition, absorption=absorbed,
-            zones=self.zones, name="loss",
-        )  # fmt: skip
+            self.to or 500 * 1852.0,
+            coefficient=self.spreading,
+            transition=self.transition,
+            absorption=absorbed,
+            zones=self.zones,
+            name="loss",
+        )
 
 
 class LineTable(fields.Table):
@@ -221,9 +249,14 @@ class LineTable(fields.Table):
 
         turned = None if self.steered is None else [math.radians(angle) for angle in self.steered]
         return line_array.of_line(
-            self.elements, self.spacing, self.frequency, sound_speed=self.sound_speed, beams=self.beams, steered=turned,
+            self.elements,
+            self.spacing,
+            self.frequency,
+            sound_speed=self.sound_speed,
+            beams=self.beams,
+            steered=turned,
             name="gain",
-        )  # fmt: skip
+        )
 
 
 class GainTable(fields.Table):
@@ -261,7 +294,9 @@ def _rows(table: Sequence[Any], what: str) -> list[list[float]]:
     rows = []
     for row in table:
         if not isinstance(row, list) or len(row) != 2:
-            raise ValueError(f'{what}: {row!r} is not a row; write [bearing, decibels], like [30, "12 dB"]')
+            raise ValueError(
+                f'{what}: {row!r} is not a row; write [bearing, decibels], like [30, "12 dB"]'
+            )
         rows.append([units.quantity(row[0], "deg", "bearing", "30 deg"), _decibels(row[1], what)])
     return rows
 
@@ -286,13 +321,19 @@ class SonarTable(fields.Table):
     """A passive sonar: signal excess = source level - loss - (noise - gain) - threshold."""
 
     source_level: Annotated[Any, BeforeValidator(_source_levels)] = None
-    """Of the target [dB re 1 uPa at 1 m], rows of speed and level, or a table of either by scenario; without it the scenarios have their own."""
+    """Of the target [dB re 1 uPa at 1 m], rows of speed and level, or a table of either by
+    scenario; without it the scenarios have their own.
+    """
     loss: LossTable = LossTable()
     """Transmission loss."""
     noise: Annotated[Any, BeforeValidator(_noise)]
-    """Ambient noise: a level, rows of true bearing and level (four quarters will do), or `{ file = .. }` by bearing and time."""
+    """Ambient noise: a level, rows of true bearing and level (four quarters will do), or `{ file =
+    .. }` by bearing and time.
+    """
     gain: Annotated[Any, BeforeValidator(_gain)] = 0.0
-    """Array gain: a number, rows of relative bearing and gain, or a table with `line`, `symmetric` and `mirrored`."""
+    """Array gain: a number, rows of relative bearing and gain, or a table with `line`, `symmetric`
+    and `mirrored`.
+    """
     threshold: Annotated[float, BeforeValidator(decibels("threshold", -100, 100))] = 0.0
     """Detection threshold."""
     fluctuation: Annotated[float, BeforeValidator(decibels("fluctuation", 0, 30, above=True))] = 6.0
@@ -325,12 +366,20 @@ class SonarTable(fields.Table):
         else:
             heard = noise.constant(self.noise, name="noise")
         gain = (
-            self.gain.gain() if isinstance(self.gain, GainTable) else line_array.of_table([[0, self.gain]], name="gain")
+            self.gain.gain()
+            if isinstance(self.gain, GainTable)
+            else line_array.of_table([[0, self.gain]], name="gain")
         )
         return Sonar(
-            self.levels(scenarios), self.loss.losses(folder), heard, gain, self.threshold, self.fluctuation,
-            self.jump_rate, self.unknown,
-        )  # fmt: skip
+            self.levels(scenarios),
+            self.loss.losses(folder),
+            heard,
+            gain,
+            self.threshold,
+            self.fluctuation,
+            self.jump_rate,
+            self.unknown,
+        )
 
     def levels(self, scenarios: Sequence[Scenario]) -> Levels:
         """Return the source levels of scenarios; raise ValueError where one has none."""
@@ -342,13 +391,19 @@ class SonarTable(fields.Table):
                 if name not in names:
                     near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
                     hint = f'did you mean "{near[0]}"? ' if near else ""
-                    raise ValueError(f'source_level: no scenario "{name}"; {hint}there are: {", ".join(names[:20])}')
+                    raise ValueError(
+                        f'source_level: no scenario "{name}"; {hint}there are: {", ".join(names[:20])}'
+                    )
             every = [given.get(scenario.name, scenario.source_level) for scenario in scenarios]
         elif given is not None:
             every = [given] * len(scenarios)
         else:
             every = [scenario.source_level for scenario in scenarios]
-        without = [f'"{scenario.name}"' for scenario, own in zip(scenarios, every, strict=True) if own is None]
+        without = [
+            f'"{scenario.name}"'
+            for scenario, own in zip(scenarios, every, strict=True)
+            if own is None
+        ]
         if without:
             more = f" and {len(without) - SHOWN} more" if len(without) > SHOWN else ""
             raise ValueError(
@@ -365,7 +420,9 @@ class PodTable(FileTable):
     """POD of any sensor by place and time, or by bearing and range round it."""
 
     per: fields.Duration | None = None
-    """How long what is detected with this probability is there; without it, for as long as the watch."""
+    """How long what is detected with this probability is there; without it, for as long as the
+    watch.
+    """
     gaps: Literal["refuse", "blind"] = "refuse"
     """`"blind"`: nothing is detected where the file has no value; else such a file is rejected."""
     coordinates: dict[str, str] | None = None
@@ -377,9 +434,13 @@ class PodTable(FileTable):
 
         path = sources.one_file(self.file, folder, "pod.file")
         return pod_grid.read_pod(
-            path, per=math.nan if self.per is None else self.per, gaps=self.gaps, coordinates=self.coordinates,
-            name="pod", **self.asked(),
-        )  # fmt: skip
+            path,
+            per=math.nan if self.per is None else self.per,
+            gaps=self.gaps,
+            coordinates=self.coordinates,
+            name="pod",
+            **self.asked(),
+        )
 
 
 class NamedSensorTable(fields.Table):
@@ -421,10 +482,22 @@ class NamedSensorTable(fields.Table):
         else:
             assert self.pod is not None
             sees = self.pod.grid(run.folder)
-        if isinstance(sees, Sonar) and len(sees.gain.bearing) > 1 and self.at is not None and self.heading is None:
-            raise ValueError("heading is missing: it stands and has an array, whose gains are relative to its heading")
+        if (
+            isinstance(sees, Sonar)
+            and len(sees.gain.bearing) > 1
+            and self.at is not None
+            and self.heading is None
+        ):
+            raise ValueError(
+                "heading is missing: it stands and has an array, whose gains are relative to its heading"
+            )
         place = self.at
-        if place is None and isinstance(sees, PodGrid) and sees.lon is not None and sees.lat is not None:
+        if (
+            place is None
+            and isinstance(sees, PodGrid)
+            and sees.lon is not None
+            and sees.lat is not None
+        ):
             # It sees where its table says, wherever it is: it is drawn in the middle.
             place = (
                 float(sphere.wrap_degrees(np.degrees(0.5 * (sees.lon[0] + sees.lon[-1])))),
@@ -435,12 +508,16 @@ class NamedSensorTable(fields.Table):
 
 def build_sensors(tables: Sequence[NamedSensorTable], run: Run) -> dict[str, Sensor]:
     """Return the sensors by name; raise UserError for all that is wrong with them."""
-    every = build_each([table.sensor for table in tables], [table.name for table in tables], "sensor", run)
+    every = build_each(
+        [table.sensor for table in tables], [table.name for table in tables], "sensor", run
+    )
     return {sensor.name: sensor for sensor in _in_groups(every)}
 
 
 def _in_groups(every: Sequence[Sensor]) -> list[Sensor]:
-    """Return sensors that know of their group how steady its steadiest is; raise UserError where unknowns differ."""
+    """Return sensors that know of their group how steady its steadiest is; raise UserError where
+    unknowns differ.
+    """
     first: dict[str, tuple[str, Sonar]] = {}
     steadiest: dict[str, float] = {}
     for sensor in every:
@@ -468,7 +545,9 @@ def named(name: str, run: Run) -> Sensor:
 
 
 def beams(given: Sequence[int] | None, sensor: Sensor) -> tuple[int, ...]:
-    """Return numbers of beams, from 0, given from 1; raise ValueError for those that the sensor does not have."""
+    """Return numbers of beams, from 0, given from 1; raise ValueError for those that the sensor
+    does not have.
+    """
     if given is None:
         return ()
     if not isinstance(sensor.sees, Sonar):

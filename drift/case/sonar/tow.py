@@ -20,7 +20,9 @@ LEAST_SPEED = 0.25  # [m/s] of a ship that tows
 
 def _courses(value: object) -> Any:
     if not isinstance(value, list) or len(value) != 2:
-        raise ValueError(f"{value!r} must be [from, to], the courses that it steers, clockwise, like [250, 40]")
+        raise ValueError(
+            f"{value!r} must be [from, to], the courses that it steers, clockwise, like [250, 40]"
+        )
     low, high = (units.quantity(x, "deg", "course", "250") for x in value)
     if not (0 <= low <= 360 and 0 <= high <= 360):
         raise ValueError(f"{value!r} must be two courses, 0 to 360 degrees")
@@ -58,9 +60,13 @@ class TowTable(fields.Table):
         """Refuse a ship that does not move, and a transit from nowhere."""
         wrong = []
         if self.speed < LEAST_SPEED:
-            wrong.append(f"speed {self.speed:.3g} m/s is too slow to tow an array; at least {LEAST_SPEED} m/s, 0.5 kn")
+            wrong.append(
+                f"speed {self.speed:.3g} m/s is too slow to tow an array; at least {LEAST_SPEED} m/s, 0.5 kn"
+            )
         if self.transit_speed is not None and self.base is None:
-            wrong.append("transit_speed is of the way from its base: give base, or leave transit_speed out")
+            wrong.append(
+                "transit_speed is of the way from its base: give base, or leave transit_speed out"
+            )
         fields.refuse(self, wrong)
         return self
 
@@ -100,4 +106,6 @@ def build_ships(tables: Sequence[TowTable], run: Run, plan: PlanSpec) -> tuple[T
     def maker(table: TowTable) -> Callable[[str, Run], Tow]:
         return lambda name, run: table.tow(name, run, plan)
 
-    return tuple(build_each([maker(table) for table in tables], [table.name for table in tables], "tow", run))
+    return tuple(
+        build_each([maker(table) for table in tables], [table.name for table in tables], "tow", run)
+    )

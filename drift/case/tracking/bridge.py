@@ -1,7 +1,8 @@
-"""The file of `drift bridge`: way points, how far it strays between them, lines, and what is asked, as TOML.
+"""The file of `drift bridge`: way points, how far it strays between them, lines, and what is asked,
+as TOML.
 
-It is a small file of its own, not a case: no forcing, no particles. Its words are those of cases. Every mistake is found here,
-all of them at once, a line each.
+It is a small file of its own, not a case: no forcing, no particles. Its words are those of cases.
+Every mistake is found here, all of them at once, a line each.
 """
 
 import os
@@ -31,7 +32,9 @@ MOST = 1000  # times that may be asked for
 
 
 def _correlation(value: object) -> Array:
-    """Return the correlation of two places' errors, (2, 2): rows east and north of the first, columns of the second."""
+    """Return the correlation of two places' errors, (2, 2): rows east and north of the first,
+    columns of the second.
+    """
     single = isinstance(value, int | float) and not isinstance(value, bool)
     try:
         matrix = np.asarray(np.eye(2) * float(str(value)) if single else value, np.float64)
@@ -79,11 +82,15 @@ class PointTable(fields.Table):
         wrong = [name for name in ("error", "std", "ellipse") if name in given]
         if len(wrong) != 1:
             found = " and ".join(wrong) or "orientation alone"
-            raise ValueError(f"one of error, std and ellipse says how well the place is known; found {found}")
+            raise ValueError(
+                f"one of error, std and ellipse says how well the place is known; found {found}"
+            )
         if "orientation" in given and "std" not in given:
             raise ValueError("orientation belongs to std; an ellipse has its own inside its table")
         if self.std is not None and self.std[0] != self.std[1] and self.orientation is None:
-            raise ValueError("std has two values: give orientation too, of the first, in degrees true")
+            raise ValueError(
+                "std has two values: give orientation too, of the first, in degrees true"
+            )
         long, short, turn = ErrorTable(**given).axes()
         axes = np.array([[np.sin(turn), np.cos(turn)], [np.cos(turn), -np.sin(turn)]])
         return np.asarray(axes.T @ np.diag([long**2, short**2]) @ axes)
@@ -162,21 +169,30 @@ def load(path: str | os.PathLike[str], spread_rate: str | None = None) -> Study:
     if spread_rate is not None:
         data["k"] = spread_rate
     try:
-        return study(BridgeTable.model_validate(data, context={"whole": BridgeTable}), path.absolute().parent)
+        return study(
+            BridgeTable.model_validate(data, context={"whole": BridgeTable}), path.absolute().parent
+        )
     except ValidationError as error:
         raise _refusal(path, messages.lines(error, data)) from None
     except (UserError, ValueError) as error:
-        raise _refusal(path, error.lines if isinstance(error, UserError) else (str(error),)) from None
+        raise _refusal(
+            path, error.lines if isinstance(error, UserError) else (str(error),)
+        ) from None
     except OverflowError:  # integers beyond the largest float
         raise UserError(f"{path.name}: one of its whole numbers is too large") from None
 
 
 def _refusal(path: Path, lines: Sequence[str]) -> UserError:
-    return UserError(*(f"{path.name}: {' '.join(line.split())}" for line in mistakes.shortened(tuple(lines))))
+    return UserError(
+        *(f"{path.name}: {' '.join(line.split())}" for line in mistakes.shortened(tuple(lines)))
+    )
 
 
 def study(table: BridgeTable, folder: Path) -> Study:
-    """Return what a file's tables ask for; folder: where a shoreline file is looked for. Raises UserError."""
+    """Return what a file's tables ask for; folder: where a shoreline file is looked for.
+
+    Raises UserError.
+    """
     start = table.point[0].time
     if isinstance(start, np.timedelta64):
         raise UserError("point 1: its time must be a date and time; times like +6 h count from it")
@@ -189,13 +205,21 @@ def study(table: BridgeTable, folder: Path) -> Study:
     seconds = _times(table.output, start, bridge.time, wrong)
     coast = table.output.coast
     if coast.lower() not in ("gshhg", "none") and not (folder / coast).is_file():
-        wrong.lines.append(f'output.coast: no file "{coast}"; give "gshhg", "none" or a shoreline file')
+        wrong.lines.append(
+            f'output.coast: no file "{coast}"; give "gshhg", "none" or a shoreline file'
+        )
     wrong.refuse()
     names = tuple(point.name or f"way point {k}" for k, point in enumerate(table.point, 1))
     return Study(
-        table.title, bridge, names, tuple(line.line() for line in table.line), seconds, table.output.areas,
-        table.output.percentiles, coast if coast.lower() in ("gshhg", "none") else str(folder / coast),
-    )  # fmt: skip
+        table.title,
+        bridge,
+        names,
+        tuple(line.line() for line in table.line),
+        seconds,
+        table.output.areas,
+        table.output.percentiles,
+        coast if coast.lower() in ("gshhg", "none") else str(folder / coast),
+    )
 
 
 def _covariance(points: Sequence[PointTable]) -> Array:
@@ -205,7 +229,9 @@ def _covariance(points: Sequence[PointTable]) -> Array:
     for k, block in enumerate(blocks):
         whole[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = block
     if points[0].correlation is not None:
-        raise UserError("point 1.correlation: is with the point before, and there is none; give it at the later point")
+        raise UserError(
+            "point 1.correlation: is with the point before, and there is none; give it at the later point"
+        )
     for k, (before, after) in enumerate(pairwise(range(len(points)))):
         if points[after].correlation is not None:
             scale = np.outer(*(np.sqrt(np.diag(blocks[side])) for side in (before, after)))
@@ -221,7 +247,9 @@ def _times(output: OutputTable, start: np.datetime64, time: Array, wrong: Mistak
     if output.every is not None:
         count = int((end - begin) / output.every) + 1
         if count > MOST:
-            wrong.lines.append(f"output.every: asks for {count:,} times; at most {MOST:,} are allowed")
+            wrong.lines.append(
+                f"output.every: asks for {count:,} times; at most {MOST:,} are allowed"
+            )
             return time
         return begin + output.every * np.arange(count)
     if output.times is None:

@@ -1,4 +1,6 @@
-"""What was detected of a target that is rarely seen, from a CSV file, and where its tracker was, from it or a GPX file."""
+"""What was detected of a target that is rarely seen, from a CSV file, and where its tracker was,
+from it or a GPX file.
+"""
 
 import re
 from collections.abc import Sequence
@@ -31,8 +33,12 @@ def _range(value: object) -> float:
 
 
 def _with_unit(value: object) -> float:
-    """Return a range [m] that has its unit: a bare number is nautical miles in a CSV file, and would be metres here."""
-    if isinstance(value, int | float) or (isinstance(value, str) and re.fullmatch(r"[\d.\s]*", value)):
+    """Return a range [m] that has its unit: a bare number is nautical miles in a CSV file, and
+    would be metres here.
+    """
+    if isinstance(value, int | float) or (
+        isinstance(value, str) and re.fullmatch(r"[\d.\s]*", value)
+    ):
         raise ValueError(f'range {value} has no unit; write it like "9.2 nmi"')
     return _range(value)
 
@@ -93,11 +99,15 @@ class _Log:
             )
         before, self._before = self._before, time
         if time < before:
-            raise ValueError(f"time {self._told(time)} is before that of the one above; put them in order of time")
+            raise ValueError(
+                f"time {self._told(time)} is before that of the one above; put them in order of time"
+            )
         if row.sensor:
             _check(row, self._names, self._sensors)
         elif row.bearing is not None or row.range is not None:
-            raise ValueError(f"a bearing or a range, and no sensor; there are {', '.join(self._names)}")
+            raise ValueError(
+                f"a bearing or a range, and no sensor; there are {', '.join(self._names)}"
+            )
         elif row.lat is None:
             raise ValueError("neither a sensor nor lat and lon")
         if (row.lat is None) != (row.lon is None):
@@ -105,17 +115,24 @@ class _Log:
         if row.lat is not None:
             own = (time, row.lon, row.lat)
             if self._place is not None and self._place[0] == time and self._place != own:
-                raise ValueError(f"the tracker is at two places at {self._told(time)}; the other stands above")
+                raise ValueError(
+                    f"the tracker is at two places at {self._told(time)}; the other stands above"
+                )
             self._place = own
         self._rows.append((time, row))
 
     def found(self, label: str) -> tuple[Detections, path.Path | None]:
-        """Return what was detected, and where the tracker was if that is told; raise UserError where it is not enough."""
+        """Return what was detected, and where the tracker was if that is told; raise UserError
+        where it is not enough.
+        """
         seen = [(time, row) for time, row in self._rows if row.sensor]
         if not seen:
             raise UserError(f"{label}: no detection; a track begins with one")
         bearing, distance = (
-            np.array([np.nan if (value := getattr(row, key)) is None else value for _, row in seen], np.float64)
+            np.array(
+                [np.nan if (value := getattr(row, key)) is None else value for _, row in seen],
+                np.float64,
+            )
             for key in ("bearing", "range")
         )
         found = Detections(
@@ -124,11 +141,16 @@ class _Log:
             np.radians(bearing),
             distance,
         )
-        placed = np.array([(time, row.lon, row.lat) for time, row in self._rows if row.lat is not None], np.float64)
+        placed = np.array(
+            [(time, row.lon, row.lat) for time, row in self._rows if row.lat is not None],
+            np.float64,
+        )
         if not len(placed):
             return found, None
         if placed[0, 0] > found.time[0]:
-            raise UserError(f"{label}: the tracker has no position at the first detection; give lat and lon there")
+            raise UserError(
+                f"{label}: the tracker has no position at the first detection; give lat and lon there"
+            )
         return found, tracker.through(placed[:, 0], placed[:, 1], placed[:, 2], self._start, label)
 
     def _told(self, time: float) -> str:
@@ -147,7 +169,9 @@ def read_detections(
     try:
         table = rows.Rows(name, NEEDED, ALLOWED, words=("sensor", "remarks"))
         if ("lat" in table.columns) != ("lon" in table.columns):
-            raise UserError(f"{table.name}: lat and lon go together; allowed are {', '.join(ALLOWED)}")
+            raise UserError(
+                f"{table.name}: lat and lon go together; allowed are {', '.join(ALLOWED)}"
+            )
     except UserError as error:
         true = (
             "; bearings are true: add the variation to magnetic ones"
@@ -195,11 +219,17 @@ def _check(row: DetectionTable, names: list[str], sensors: tuple[Sensor, ...]) -
         )
     sensor = sensors[names.index(row.sensor)]
     if row.range is not None and not 0 <= row.range * (1 - sensor.range_share) <= sensor.reach:
-        raise ValueError(f"range {row.range / NMI:.4g} nmi is beyond the reach of {sensor.name}, {_reach(sensor)}")
+        raise ValueError(
+            f"range {row.range / NMI:.4g} nmi is beyond the reach of {sensor.name}, {_reach(sensor)}"
+        )
 
 
 def _reach(sensor: Sensor) -> str:
-    return f"{sensor.reach / NMI:.4g} nmi" if sensor.reach >= 0.1 * NMI else f"{sensor.reach:g} m: write its unit"
+    return (
+        f"{sensor.reach / NMI:.4g} nmi"
+        if sensor.reach >= 0.1 * NMI
+        else f"{sensor.reach:g} m: write its unit"
+    )
 
 
 def _after(time: units.Instant, start: np.datetime64) -> float:

@@ -1,4 +1,6 @@
-"""Where a tracker is, as keys of case files and of tracking files have it: from a place along legs, or by a GPX file."""
+"""Where a tracker is, as keys of case files and of tracking files have it: from a place along legs,
+or by a GPX file.
+"""
 
 import math
 from pathlib import Path
@@ -43,7 +45,9 @@ class WayTable(fields.Table):
         left, legs = end, []
         for number, leg in enumerate(self.legs, 1):
             if leg.lasting is None and number < len(self.legs):
-                raise ValueError(f"legs {number}: lasting is missing; only the last leg goes on until the end")
+                raise ValueError(
+                    f"legs {number}: lasting is missing; only the last leg goes on until the end"
+                )
             lasting = min(left, end if leg.lasting is None else leg.lasting)
             if lasting > 0:
                 legs.append(Leg(math.radians(leg.course), leg.speed, lasting))
@@ -55,7 +59,9 @@ class WayTable(fields.Table):
 
 
 class TrackerTable(fields.Table):
-    """Where the tracker is: from a place along legs, or by a track; of detections also by their file's lat and lon."""
+    """Where the tracker is: from a place along legs, or by a track; of detections also by their
+    file's lat and lon.
+    """
 
     at: fields.Position | None = None
     """Where it begins."""
@@ -67,14 +73,20 @@ class TrackerTable(fields.Table):
     @model_validator(mode="after")
     def proper(self) -> "TrackerTable":
         """Refuse two ways at once, and legs from nowhere."""
-        wrong = ["at and track are both given; give one"] if self.at is not None and self.track is not None else []
+        wrong = (
+            ["at and track are both given; give one"]
+            if self.at is not None and self.track is not None
+            else []
+        )
         if self.legs and self.at is None:
             wrong.append("at: is missing; legs begin there")
         fields.refuse(self, wrong)
         return self
 
 
-def way(table: TrackerTable, own: path.Path | None, start: np.datetime64, end: float, folder: Path) -> path.Path:
+def way(
+    table: TrackerTable, own: path.Path | None, start: np.datetime64, end: float, folder: Path
+) -> path.Path:
     """Return where the tracker is; own: by the file of detections."""
     if own is not None and (table.at is not None or table.track is not None):
         raise ValueError("the detections say where it was (lat, lon); leave at and track out")
@@ -82,7 +94,11 @@ def way(table: TrackerTable, own: path.Path | None, start: np.datetime64, end: f
         way = WayTable(at=table.at, legs=table.legs).way(end)
         # It stays where its legs end.
         stays = way.time[-1] < end
-        return path.Path(np.append(way.time, end), np.vstack([way.place, way.place[-1:]])) if stays else way
+        return (
+            path.Path(np.append(way.time, end), np.vstack([way.place, way.place[-1:]]))
+            if stays
+            else way
+        )
     if table.track is not None:
         return _tracked(table.track, folder, start, end)
     if own is None:
@@ -93,7 +109,10 @@ def way(table: TrackerTable, own: path.Path | None, start: np.datetime64, end: f
 
 
 def _tracked(file: str, folder: Path, start: np.datetime64, end: float) -> path.Path:
-    """Return where a tracker was by a GPX file, from the start on to an end [s after it]. Raises UserError, one line."""
+    """Return where a tracker was by a GPX file, from the start on to an end [s after it].
+
+    Raises UserError, one line.
+    """
     name = sources.one_file(file, folder, "track")
     points = gpx.read_gpx(name)
     if not points.time:
@@ -105,7 +124,9 @@ def _tracked(file: str, folder: Path, start: np.datetime64, end: float) -> path.
 
 
 def through(time: Array, lon: Array, lat: Array, start: np.datetime64, label: str) -> path.Path:
-    """Return the way through places [deg] at times [s] after the start, of those of one time the last."""
+    """Return the way through places [deg] at times [s] after the start, of those of one time the
+    last.
+    """
     last = np.append(np.diff(time) > 0, True)
     time, lon, lat = time[last], np.radians(lon[last]), np.radians(lat[last])
     if len(time) == 1:
@@ -113,7 +134,10 @@ def through(time: Array, lon: Array, lat: Array, start: np.datetime64, label: st
     way = path.through(time, lon, lat)
     k = int(way.rate.argmax())
     if way.rate[k] * sphere.RADIUS > FASTEST:
-        before, after = (notation.iso(start + np.timedelta64(round(float(t)), "s")) for t in (time[k], time[k + 1]))
+        before, after = (
+            notation.iso(start + np.timedelta64(round(float(t)), "s"))
+            for t in (time[k], time[k + 1])
+        )
         raise UserError(
             f"{label}: from {before} to {after} the tracker would make {way.rate[k] * sphere.RADIUS / KNOT:,.0f} kn; allowed are "
             f"{FASTEST / KNOT:.0f}: check times, latitudes and longitudes there"

@@ -1,7 +1,7 @@
 """The file of a tracking case: a target that is rarely seen, who follows it and how, as TOML.
 
-It is a small file of its own, without forcing. Its words are those of cases. Every mistake is found here, all of them at once, a
-line each.
+It is a small file of its own, without forcing. Its words are those of cases. Every mistake is found
+here, all of them at once, a line each.
 """
 
 import math
@@ -81,14 +81,18 @@ class PlanTable(fields.Table):
 
 
 def _on(value: object) -> object:
-    """Return a plan or whether it is on at all; of a table that is wrong what is wrong with it, and nothing of the other kind."""
+    """Return a plan or whether it is on at all; of a table that is wrong what is wrong with it, and
+    nothing of the other kind.
+    """
     if isinstance(value, dict):
         try:
             return PlanTable.model_validate(value)
         except ValidationError as error:
             raise ValueError("; ".join(messages.lines(error, value))) from None
     if not isinstance(value, bool | PlanTable):
-        raise ValueError(f'{value!r} must be true, false, or a table like {{ every = "15 min", lasting = "2 min" }}')
+        raise ValueError(
+            f'{value!r} must be true, false, or a table like {{ every = "15 min", lasting = "2 min" }}'
+        )
     return value
 
 
@@ -100,7 +104,9 @@ class TargetTable(WayTable):
     sweep: fields.Duration = 1.2
     """Of its radar."""
     behaviour: BehaviourTable | None = None
-    """What it does on its own from its first act on, another in each run; by default it keeps to its legs."""
+    """What it does on its own from its first act on, another in each run; by default it keeps to
+    its legs.
+    """
 
 
 class SensorTable(fields.Table):
@@ -121,7 +127,9 @@ class SensorTable(fields.Table):
     hears: bool = False
     """It detects a target's radar while that is on; its silence is no evidence."""
     grace: Elapsed = 300.0
-    """Of `detections`: its silence counts no nearer to a detection, by any sensor, of what is within its reach, for not every plot is written down."""
+    """Of `detections`: its silence counts no nearer to a detection, by any sensor, of what is
+    within its reach, for not every plot is written down.
+    """
 
     @model_validator(mode="after")
     def proper(self) -> "SensorTable":
@@ -129,7 +137,9 @@ class SensorTable(fields.Table):
         if self.sweep < SHORTEST:
             raise ValueError(f"sweep {self.sweep:g} s must be {SHORTEST:g} s or more")
         if self.hears and "on" in self.model_fields_set:
-            raise ValueError("on: a sensor that hears does so while the target radiates; leave on out")
+            raise ValueError(
+                "on: a sensor that hears does so while the target radiates; leave on out"
+            )
         return self
 
     def sensor(self, emissions: float) -> Sensor:
@@ -154,7 +164,9 @@ class MethodTable(BehaviourTable):
     name: fields.Label
     """What it is called."""
     fill: Literal["position", "course", "combined"] = "combined"
-    """How particles are repopulated from a detection: weighted by the speed they need from the last estimate, on the course from it, or both."""
+    """How particles are repopulated from a detection: weighted by the speed they need from the last
+    estimate, on the course from it, or both.
+    """
     partial: fields.Share = 0.75
     """Share of the particles below which what is left is duplicated."""
     bulk: fields.Share = 0.1
@@ -191,7 +203,9 @@ class ExperimentTable(fields.Table):
     window: fields.DurationRange | None = None
     """Times after the start between which figures are averaged; all by default."""
     areas: fields.Percents = ()
-    """Per cent whose areas are asked how often they hold the target, like [50, 90]; none by default."""
+    """Per cent whose areas are asked how often they hold the target, like [50, 90]; none by
+    default.
+    """
     criteria: CriteriaTable | None = None
     """Of the time to criteria."""
     published: dict[str, dict[str, float]] = Field(default_factory=dict)
@@ -208,8 +222,9 @@ class PursuitTable(fields.Table):
     reach: fields.Reach
     """Within which it sees the target, or is seen."""
     begin: fields.Moment | None = None
-    """After the start, or a date and time; by default the last detection, or until when a log or a track says where the tracker was if that is later. The path
-    is planned on what was seen, and not seen, until then; from then on the vessel's own looks count."""
+    """After the start, or a date and time; by default the last detection, or until when a log or a
+    track says where the tracker was if that is later. The path is planned on what was seen, and not
+    seen, until then; from then on the vessel's own looks count."""
     lasting: fields.Duration | None = None
     """How long; until the end of the case by default."""
     step: fields.Duration = 600.0
@@ -221,7 +236,9 @@ class PursuitTable(fields.Table):
     worth: fields.Duration = 3600.0
     """Of one that avoids: how much longer it would go to meet the target once less, as expected."""
     replan: fields.Share = 0.8
-    """It is planned again when seeing nothing since the last plan was less likely than this (Klaas' trigger)."""
+    """It is planned again when seeing nothing since the last plan was less likely than this (Klaas'
+    trigger).
+    """
 
     def pursuit(
         self,
@@ -234,31 +251,55 @@ class PursuitTable(fields.Table):
     ) -> Pursuit:
         """Return the record.
 
-        seen: times of detections [s after the start of the case]; known: until when the log knows the tracker [s]; start, end [s
-        after it]: of the case; told: puts a time in words.
+        seen: times of detections [s after the start of the case]; known: until when the log knows
+        the tracker [s]; start, end [s after it]: of the case; told: puts a time in words.
 
         Raises ValueError for what does not fit.
         """
-        begin = max(float(seen[-1]), min(known, end)) if self.begin is None else fields.seconds(self.begin, start)
+        begin = (
+            max(float(seen[-1]), min(known, end))
+            if self.begin is None
+            else fields.seconds(self.begin, start)
+        )
         lasting = end - begin if self.lasting is None else self.lasting
         if begin < seen[-1]:
             raise ValueError(f"begin {told(begin)} is before the last detection, {told(seen[-1])}")
         if begin + lasting > end + 1e-6:
-            raise ValueError(f"it would last until {told(begin + lasting)}, the case until {told(end)}")
+            raise ValueError(
+                f"it would last until {told(begin + lasting)}, the case until {told(end)}"
+            )
         if begin + self.step > end + 1e-6:
             raise ValueError(
                 f"begins {told(begin)}, and the case ends {told(end)}: there is no step of {notation.lasting(self.step)} between"
                 + ("; give begin" if self.begin is None else "")
             )
         if self.at is None and not tracker.time[0] <= begin <= tracker.time[-1]:
-            raise ValueError(f"the tracker has no position at {told(begin)}; give at, or another begin")
-        place = np.radians(self.at) if self.at is not None else np.radians(path.degrees(tracker.at([begin])[0][0]))
-        to = None if self.to is None else (float(np.radians(self.to[0])), float(np.radians(self.to[1])))
+            raise ValueError(
+                f"the tracker has no position at {told(begin)}; give at, or another begin"
+            )
+        place = (
+            np.radians(self.at)
+            if self.at is not None
+            else np.radians(path.degrees(tracker.at([begin])[0][0]))
+        )
+        to = (
+            None
+            if self.to is None
+            else (float(np.radians(self.to[0])), float(np.radians(self.to[1])))
+        )
         steps = int(lasting / self.step + 1e-9)
         found = Pursuit(
-            self.aim, (float(place[0]), float(place[1])), self.speed, self.reach, begin, self.step, steps, to, self.worth,
+            self.aim,
+            (float(place[0]), float(place[1])),
+            self.speed,
+            self.reach,
+            begin,
+            self.step,
+            steps,
+            to,
+            self.worth,
             self.replan,
-        )  # fmt: skip
+        )
         pursuit.check(found)
         return found
 
@@ -281,15 +322,23 @@ class TrackingTable(fields.Table):
     target: TargetTable | None = None
     """The target of an experiment."""
     detections: str | None = None
-    """In place of it, a CSV file of what was detected: `time`, `sensor`, `bearing` (true, degrees), `range` (nmi), and where the tracker was, `lat` and `lon`."""
+    """In place of it, a CSV file of what was detected:
+
+    `time`, `sensor`, `bearing` (true, degrees), `range` (nmi), and where the tracker was, `lat` and
+    `lon`.
+    """
     detection: list[DetectionTable] = Field(default_factory=list)
     """The same in this file, in order of time; ranges with their unit."""
     show: list[fields.Moment] = Field(default_factory=list)
-    """Of detections: times, after the start or of date and time, at which the cloud is drawn and its areas are reported; by default the last detection, the end, and between."""
+    """Of detections: times, after the start or of date and time, at which the cloud is drawn and
+    its areas are reported; by default the last detection, the end, and between.
+    """
     tracker: TrackerTable = TrackerTable()
     """The vessel that follows."""
     land: Literal["turn", "ignore"] = "turn"
-    """What the shore means to particles, and to a target that acts: they turn there to any other course, or pass over."""
+    """What the shore means to particles, and to a target that acts: they turn there to any other
+    course, or pass over.
+    """
     sensor: Annotated[list[SensorTable], Field(min_length=1)]
     """Its sensors."""
     method: Annotated[list[MethodTable], Field(min_length=1)]
@@ -306,7 +355,9 @@ def shipped() -> list[str]:
 
 
 def is_one(name: str | os.PathLike[str]) -> bool:
-    """Return whether a name is that of a shipped tracking case, or a file with what such a case has."""
+    """Return whether a name is that of a shipped tracking case, or a file with what such a case
+    has.
+    """
     if str(name) in shipped():
         return True
     try:
@@ -331,7 +382,9 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
     except OSError as error:
         other = str(name) in (case for case, _ in case_file.shipped())
         what = "is a case of drift run" if other else f"cannot be read: {error.strerror}"
-        raise UserError(f'case "{str(name)[:300]}": {what}; tracking cases that ship: {", ".join(shipped())}') from None
+        raise UserError(
+            f'case "{str(name)[:300]}": {what}; tracking cases that ship: {", ".join(shipped())}'
+        ) from None
     except UnicodeDecodeError:
         raise UserError(f'case "{name}": is not text in UTF-8') from None
     except (ValueError, RecursionError) as error:
@@ -345,23 +398,35 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
     if not any(key in data for key in ("target", "detections", "detection")) and (
         "scenario" in data or "spill" in data
     ):
-        raise UserError(f"{place.name}: is a case of drift run; a tracking case has [target] and [tracker]")
+        raise UserError(
+            f"{place.name}: is a case of drift run; a tracking case has [target] and [tracker]"
+        )
     try:
         return study(
-            TrackingTable.model_validate(data, context={"whole": TrackingTable}), place.stem, text, place.parent
+            TrackingTable.model_validate(data, context={"whole": TrackingTable}),
+            place.stem,
+            text,
+            place.parent,
         )
     except ValidationError as error:
         raise _refusal(place, messages.lines(error, data)) from None
     except (UserError, ValueError) as error:
-        raise _refusal(place, error.lines if isinstance(error, UserError) else (str(error),)) from None
+        raise _refusal(
+            place, error.lines if isinstance(error, UserError) else (str(error),)
+        ) from None
 
 
 def _refusal(place: Path, lines: Sequence[str]) -> UserError:
-    return UserError(*(f"{place.name}: {' '.join(line.split())}" for line in mistakes.shortened(tuple(lines))))
+    return UserError(
+        *(f"{place.name}: {' '.join(line.split())}" for line in mistakes.shortened(tuple(lines)))
+    )
 
 
 def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
-    """Return what the tables ask for; name, text, folder: of their file. Raises UserError with a line for each mistake."""
+    """Return what the tables ask for; name, text, folder: of their file.
+
+    Raises UserError with a line for each mistake.
+    """
     wrong = Mistakes()
     start = table.start
     if isinstance(start, np.timedelta64):
@@ -390,10 +455,14 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     shown = sorted(fields.seconds(moment, start) for moment in table.show)
     wrong.lines += [
         f"show: {told(after)} is not within the case, {told(0)} to {told(table.duration)}"
-        for after in shown if not 0 <= after <= table.duration
-    ]  # fmt: skip
+        for after in shown
+        if not 0 <= after <= table.duration
+    ]
     window = table.experiment.window
-    if window is not None and not math.floor(min(window[1], table.duration) / table.every) * table.every >= window[0]:
+    if (
+        window is not None
+        and not math.floor(min(window[1], table.duration) / table.every) * table.every >= window[0]
+    ):
         wrong.lines.append(
             f"experiment.window: no figure is taken from {notation.lasting(window[0])} to {notation.lasting(window[1])}; the case lasts {notation.lasting(table.duration)}, every {notation.lasting(table.every)}"
         )
@@ -404,7 +473,9 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     target = table.target
     for sensor in table.sensor:
         if table.duration / sensor.sweep > MOST_SWEEPS:
-            wrong.lines.append(f'sensor "{sensor.name}".sweep: asks for more than {MOST_SWEEPS:,} sweeps')
+            wrong.lines.append(
+                f'sensor "{sensor.name}".sweep: asks for more than {MOST_SWEEPS:,} sweeps'
+            )
         if sensor.hears and target is not None and target.radiates is None:
             wrong.lines.append(
                 f'sensor "{sensor.name}": hears the target\'s radar, which is never on; give [target.radiates]'
@@ -415,40 +486,59 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
             )
     if target is not None and table.show:
         wrong.lines.append("show: is of detections; a [target] is followed in experiments")
-    if target is None and "experiment" in table.model_fields_set and (table.detections or table.detection):
-        wrong.lines.append("experiment: is of a [target]; detections are followed by drift track, once")
+    if (
+        target is None
+        and "experiment" in table.model_fields_set
+        and (table.detections or table.detection)
+    ):
+        wrong.lines.append(
+            "experiment: is of a [target]; detections are followed by drift track, once"
+        )
     strange = sorted(set(table.experiment.published) - {method.name for method in table.method})
     wrong.lines += [f'experiment.published: no method "{name}"' for name in strange]
     figures = study_figures(table.experiment.areas, table.experiment.criteria is not None)
     for way, told_figures in table.experiment.published.items():
         wrong.lines += [
             f'experiment.published "{way}": no figure "{figure}"; there are {", ".join(figures)}, and median before each'
-            for figure in told_figures if way not in strange and figure.removeprefix("median ") not in figures
-        ]  # fmt: skip
+            for figure in told_figures
+            if way not in strange and figure.removeprefix("median ") not in figures
+        ]
     given = [
         name
-        for name, one in (("[target]", target), ("detections", table.detections), ("[[detection]]", table.detection))
+        for name, one in (
+            ("[target]", target),
+            ("detections", table.detections),
+            ("[[detection]]", table.detection),
+        )
         if one
     ]
     if not given:
-        wrong.lines.append('[target] is missing: give it, or detections = "file.csv", or [[detection]]')
+        wrong.lines.append(
+            '[target] is missing: give it, or detections = "file.csv", or [[detection]]'
+        )
     elif len(given) > 1:
         wrong.lines.append(f"{' and '.join(given)} are both given; give one")
-    sensors = tuple(sensor.sensor(1.2 if target is None else target.sweep) for sensor in table.sensor)
+    sensors = tuple(
+        sensor.sensor(1.2 if target is None else target.sweep) for sensor in table.sensor
+    )
     own: path.Path | None = None
     followed: Scene | Detections | None = None
     if target is not None:
         with wrong.gathered("target"):
             followed = Scene(
-                target.way(table.duration), None if target.radiates is None else target.radiates.plan(), target.sweep,
+                target.way(table.duration),
+                None if target.radiates is None else target.radiates.plan(),
+                target.sweep,
                 None if target.behaviour is None else target.behaviour.behaviour(),
-            )  # fmt: skip
+            )
     elif table.detection:
         with wrong.gathered():
             followed, own = detections.told(table.detection, start, table.duration, sensors)
     elif table.detections is not None:
         with wrong.gathered():
-            followed, own = detections.read_detections(table.detections, folder, start, table.duration, sensors)
+            followed, own = detections.read_detections(
+                table.detections, folder, start, table.duration, sensors
+            )
     wrong.refuse()
     tracker: path.Path | None = None
     with wrong.gathered("tracker"):
@@ -457,7 +547,9 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     assert tracker is not None
     assert followed is not None
     if isinstance(followed, Detections):
-        known = (followed.time >= tracker.time[0] - 1e-6) & (followed.time <= tracker.time[-1] + 1e-6)
+        known = (followed.time >= tracker.time[0] - 1e-6) & (
+            followed.time <= tracker.time[-1] + 1e-6
+        )
         for time in followed.time[~known]:
             wrong.lines.append(
                 f"detections: the tracker has no position at the detection of {told(time)}; give lat and lon there, or a track until then"
@@ -479,15 +571,32 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     wrong.refuse()
     criteria = table.experiment.criteria
     return Study(
-        name, text, table.title, start, table.duration, table.every, table.particles, table.seed,
-        table.experiment.runs, tracker, followed, sensors,
+        name,
+        text,
+        table.title,
+        start,
+        table.duration,
+        table.every,
+        table.particles,
+        table.seed,
+        table.experiment.runs,
+        tracker,
+        followed,
+        sensors,
         tuple(method.tracker() for method in table.method),
         table.experiment.window or (0.0, math.inf),
-        None if criteria is None else Criteria(criteria.position, math.radians(criteria.course), criteria.speed),
-        table.experiment.areas, tuple(shown), chase, table.experiment.published, table.land == "turn",
+        None
+        if criteria is None
+        else Criteria(criteria.position, math.radians(criteria.course), criteria.speed),
+        table.experiment.areas,
+        tuple(shown),
+        chase,
+        table.experiment.published,
+        table.land == "turn",
         logged=table.tracker.at is None,
         files=tuple(
             sources.one_file(file, folder, what)
-            for what, file in (("detections", table.detections), ("track", table.tracker.track)) if file is not None
+            for what, file in (("detections", table.detections), ("track", table.tracker.track))
+            if file is not None
         ),
-    )  # fmt: skip
+    )

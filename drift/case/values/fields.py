@@ -1,7 +1,7 @@
 """Types of the case file's fields: what is written, checked and turned into SI at once.
 
-Each is an annotated type for a pydantic model. A refusal says what was given and what is allowed; messages.py says
-where.
+Each is an annotated type for a pydantic model. A refusal says what was given and what is allowed;
+messages.py says where.
 """
 
 import difflib
@@ -24,25 +24,34 @@ from pydantic_core import InitErrorDetails
 
 from drift.case.values import units
 
-NORTH = re.compile(r"([\d.]+)\s*°?\s*([TM])(?:RUE|AG\.?|AGNETIC)?", re.IGNORECASE)  # by which north a direction is
+# by which north a direction is
+NORTH = re.compile(r"([\d.]+)\s*°?\s*([TM])(?:RUE|AG\.?|AGNETIC)?", re.IGNORECASE)
 
 
 class Table(BaseModel):
     """A table of the case file: frozen, and no key that it doesn't know."""
 
-    old_keys: ClassVar[Mapping[str, str]] = {}  # earlier names of keys, which are still read, and what they are now
+    # earlier names of keys, which are still read, and what they are now
+    old_keys: ClassVar[Mapping[str, str]] = {}
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, populate_by_name=False)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, arbitrary_types_allowed=True, populate_by_name=False
+    )
 
     @model_validator(mode="wrap")
     @classmethod
-    def known_keys(cls, data: Any, handler: ModelWrapValidatorHandler[Any], info: ValidationInfo) -> Any:
-        """Refuse unknown keys with the nearest known one, together with all else that is wrong in the table.
+    def known_keys(
+        cls, data: Any, handler: ModelWrapValidatorHandler[Any], info: ValidationInfo
+    ) -> Any:
+        """Refuse unknown keys with the nearest known one, together with all else that is wrong in
+        the table.
 
-        A key of another table is said to be of that: of one within this, or of the whole file, if the context has it as "whole".
+        A key of another table is said to be of that: of one within this, or of the whole file, if
+        the context has it as "whole".
 
-        What only follows from an unknown key is left out: that the key it stands for is missing, and what the table as
-        a whole would lack. A key may bear its old name, but not stand there by both.
+        What only follows from an unknown key is left out: that the key it stands for is missing,
+        and what the table as a whole would lack. A key may bear its old name, but not stand there
+        by both.
         """
         if isinstance(data, cls):
             return handler(data)
@@ -50,21 +59,36 @@ class Table(BaseModel):
             raise ValueError(f"must be a table, not {data!r}")
         known = [field.alias or name for name, field in cls.model_fields.items()]
         twice = {old: new for old, new in cls.old_keys.items() if old in data and new in data}
-        data = {cls.old_keys.get(key, key): value for key, value in data.items() if key not in twice}
+        data = {
+            cls.old_keys.get(key, key): value for key, value in data.items() if key not in twice
+        }
         strange = [str(key) for key in data if str(key) not in known]
         unknown = {key: difflib.get_close_matches(key, known, n=1, cutoff=0.6) for key in strange}
         if not unknown and not twice:
             return handler(data)
         wrong = [
-            f'"{old}" is the old name of "{new}", and both are given; give {new} alone' for old, new in twice.items()
+            f'"{old}" is the old name of "{new}", and both are given; give {new} alone'
+            for old, new in twice.items()
         ]
         whole = (info.context or {}).get("whole", cls)
         places = {key: _tables_with(cls, key) for key in unknown}
-        places |= {key: ["the file itself, above its first [table]"] for key in unknown if key in whole.model_fields}
+        places |= {
+            key: ["the file itself, above its first [table]"]
+            for key in unknown
+            if key in whole.model_fields
+        }
         unknown = {key: [] if places[key] else near for key, near in unknown.items()}
-        hints = {key: f'did you mean "{near[0]}"? ' if near else "" for key, near in unknown.items()}
-        hints |= {key: f"it is a key of {' and '.join(tables)}. " for key, tables in places.items() if tables}
-        wrong += [f'unknown key "{key}"; {hint}Allowed: {", ".join(known)}' for key, hint in hints.items()]
+        hints = {
+            key: f'did you mean "{near[0]}"? ' if near else "" for key, near in unknown.items()
+        }
+        hints |= {
+            key: f"it is a key of {' and '.join(tables)}. "
+            for key, tables in places.items()
+            if tables
+        }
+        wrong += [
+            f'unknown key "{key}"; {hint}Allowed: {", ".join(known)}' for key, hint in hints.items()
+        ]
         meant = {near[0] for near in unknown.values() if near}
         other: list[InitErrorDetails] = []
         try:
@@ -73,7 +97,8 @@ class Table(BaseModel):
             other = [
                 _detail(mistake)
                 for mistake in error.errors(include_url=False)
-                if mistake["loc"] and not (mistake["type"] == "missing" and mistake["loc"][0] in meant)
+                if mistake["loc"]
+                and not (mistake["type"] == "missing" and mistake["loc"][0] in meant)
             ]
         raise ValidationError.from_exception_data(cls.__name__, [*map(complaint, wrong), *other])
 
@@ -83,8 +108,13 @@ def _tables_with(table: type[Table], key: str) -> list[str]:
     found = []
     for name, field in table.model_fields.items():
         kinds = _kinds(field.annotation)
-        several = any(get_origin(kind) is list for kind in (field.annotation, *get_args(field.annotation)))
-        if any(key in [inner.alias or own for own, inner in kind.model_fields.items()] for kind in kinds):
+        several = any(
+            get_origin(kind) is list for kind in (field.annotation, *get_args(field.annotation))
+        )
+        if any(
+            key in [inner.alias or own for own, inner in kind.model_fields.items()]
+            for kind in kinds
+        ):
             found.append(f"[[{field.alias or name}]]" if several else f"[{field.alias or name}]")
     return found
 
@@ -104,11 +134,18 @@ def complaint(message: str) -> InitErrorDetails:
 def refuse(table: BaseModel, messages: Sequence[str]) -> None:
     """Refuse a table for all that is wrong with it, if anything is."""
     if messages:
-        raise ValidationError.from_exception_data(type(table).__name__, [complaint(message) for message in messages])
+        raise ValidationError.from_exception_data(
+            type(table).__name__, [complaint(message) for message in messages]
+        )
 
 
 def _detail(mistake: Any) -> InitErrorDetails:
-    return {"type": mistake["type"], "loc": mistake["loc"], "input": mistake["input"], "ctx": mistake.get("ctx", {})}
+    return {
+        "type": mistake["type"],
+        "loc": mistake["loc"],
+        "input": mistake["input"],
+        "ctx": mistake.get("ctx", {}),
+    }
 
 
 def one_of(table: BaseModel, names: tuple[str, ...]) -> str:
@@ -121,14 +158,21 @@ def one_of(table: BaseModel, names: tuple[str, ...]) -> str:
 
 
 def _quantity(
-    unit: str, what: str, example: str, low: float = 0.0, high: float = float("inf"), above: bool = False
+    unit: str,
+    what: str,
+    example: str,
+    low: float = 0.0,
+    high: float = float("inf"),
+    above: bool = False,
 ) -> BeforeValidator:
     """Return a validator of a quantity in [low, high], or (low, high] where `above`."""
 
     def check(value: object) -> float:
         number = units.quantity(value, unit, what, example)
         if number < low or (above and number == low):
-            raise ValueError(f"{what} {value!r} must be {'above' if above else 'at least'} {low:g} {unit}".rstrip())
+            raise ValueError(
+                f"{what} {value!r} must be {'above' if above else 'at least'} {low:g} {unit}".rstrip()
+            )
         if number > high:
             raise ValueError(f"{what} {value!r} must be at most {high:g} {unit}".rstrip())
         return number
@@ -171,7 +215,9 @@ def direction(value: object) -> float:
 
 
 def _sector(value: object) -> tuple[float, float]:
-    """Return a sector [deg], clockwise from its first to its second edge: [350, 20] is 30 degrees wide."""
+    """Return a sector [deg], clockwise from its first to its second edge: [350, 20] is 30 degrees
+    wide.
+    """
     first, second = pair_of(direction)(value)
     return first, second if second >= first else second + 360.0
 
@@ -185,7 +231,8 @@ def count(value: object) -> int:
 
 
 def _jibe(value: object) -> float:
-    rate = value / 3600.0 if isinstance(value, int | float) else value  # bare numbers are per hour, as published
+    # bare numbers are per hour, as published
+    rate = value / 3600.0 if isinstance(value, int | float) else value
     number = units.quantity(rate, "1/s", "jibing rate", "0.04 / h")
     if not 0 <= number <= 1 / 60:
         raise ValueError(f"jibing rate {value!r} must be 0 to 60 per hour")
@@ -193,7 +240,9 @@ def _jibe(value: object) -> float:
 
 
 def rate(value: object) -> float:
-    """Return a rate of events [1/s]; it has its unit, for a bare number would be taken for one a second."""
+    """Return a rate of events [1/s]; it has its unit, for a bare number would be taken for one a
+    second.
+    """
     if value != 0 and (not isinstance(value, str) or not any(letter.isalpha() for letter in value)):
         raise ValueError(f'rate {value!r} needs a unit, like "{value} /h"')
     number = units.quantity(value, "1/s", "rate", "0.2 /day")
@@ -209,7 +258,8 @@ def share(value: object) -> float:
     return number
 
 
-LIGHTEST, HEAVIEST = 1e-30, 1e30  # weights: products and sums of them stay within what a number holds
+# weights: products and sums of them stay within what a number holds
+LIGHTEST, HEAVIEST = 1e-30, 1e30
 
 
 def weight(value: object) -> float:
@@ -282,13 +332,16 @@ def _percents(value: object) -> tuple[float, ...]:
         if isinstance(one, bool) or not isinstance(one, int | float) or not 0 < one < 100:
             raise ValueError(f"{one!r} must be a percentage above 0 and below 100")
         if one < 1:
-            raise ValueError(f"{one!r} would be less than a per cent; write {100 * one:g} for a share of {one:g}")
+            raise ValueError(
+                f"{one!r} would be less than a per cent; write {100 * one:g} for a share of {one:g}"
+            )
         shares.append(float(one) / 100)
     return tuple(sorted(set(shares)))
 
 
 Percents = Annotated[tuple[float, ...], BeforeValidator(_percents)]  # as shares, ascending
-Label = Annotated[str, BeforeValidator(_label)]  # a title or name, as it will stand on maps and in tables
+# a title or name, as it will stand on maps and in tables
+Label = Annotated[str, BeforeValidator(_label)]
 Count = Annotated[int, BeforeValidator(count)]
 Rate = Annotated[float, BeforeValidator(_jibe)]
 Direction = Annotated[float, BeforeValidator(direction)]
@@ -300,7 +353,9 @@ interval: Callable[[object], Any] = _quantity("s", "time after", "2 h", high=uni
 
 
 def _moment(value: object) -> float | units.Instant:
-    if isinstance(value, datetime) or (isinstance(value, str) and re.match(r"\s*(\d{4}-\d|\d{6}\s*[A-Za-z])", value)):
+    if isinstance(value, datetime) or (
+        isinstance(value, str) and re.match(r"\s*(\d{4}-\d|\d{6}\s*[A-Za-z])", value)
+    ):
         return units.time(value)
     return float(interval(value))
 
@@ -310,10 +365,12 @@ ShareRange = Annotated[tuple[float, float], _ordered(share)]
 LengthPair = Annotated[tuple[float, float], BeforeValidator(pair_of(_length.func))]
 Position = Annotated[tuple[float, float], BeforeValidator(units.position)]  # (lon, lat) [deg]
 Longitude = Annotated[float, BeforeValidator(lambda value: units.angle(value, "EW"))]
-Edge = Annotated[float, BeforeValidator(units.edge)]  # longitude of an edge of a box, which may be above 180
+# longitude of an edge of a box, which may be above 180
+Edge = Annotated[float, BeforeValidator(units.edge)]
 Latitude = Annotated[float, BeforeValidator(lambda value: units.angle(value, "NS"))]
 Time = Annotated[units.Instant, BeforeValidator(units.time)]
-Moment = Annotated[float | units.Instant, BeforeValidator(_moment)]  # after the start [s], or a date and time
+# after the start [s], or a date and time
+Moment = Annotated[float | units.Instant, BeforeValidator(_moment)]
 
 
 def seconds(moment: float | units.Instant, start: np.datetime64) -> float:

@@ -1,11 +1,12 @@
 """Tracks of GPS receivers: GPX files (topografix.com/GPX/1/1), points with or without times.
 
-Reads track points, or where there are none route points, or waypoints, in the file's order. Segments of a track follow
-each other with a gap that was not searched. Elements are known by their names in any namespace; a document type, with
-which a file could pull in others, is refused.
+Reads track points, or where there are none route points, or waypoints, in the file's order.
+Segments of a track follow each other with a gap that was not searched. Elements are known by their
+names in any namespace; a document type, with which a file could pull in others, is refused.
 
-The library gpxpy (1.6.2) reads UTF-8 alone, takes a time that it cannot read for none, and finds nothing in a file
-whose elements have a prefix, or in one that is no GPX at all; what it would save are twenty lines.
+The library gpxpy (1.6.2) reads UTF-8 alone, takes a time that it cannot read for none, and finds
+nothing in a file whose elements have a prefix, or in one that is no GPX at all; what it would save
+are twenty lines.
 """
 
 import math
@@ -46,13 +47,18 @@ def _root(path: Path) -> ET.Element:
     data = small.contents(path, LARGEST)
     plain = data.replace(b"\0", b"")  # so that UTF-16 is searched too
     if b"<!DOCTYPE" in plain or b"<!ENTITY" in plain:
-        raise ValueError("has a document type (<!DOCTYPE ..>), which no GPX file needs; save it again without")
+        raise ValueError(
+            "has a document type (<!DOCTYPE ..>), which no GPX file needs; save it again without"
+        )
     try:
         root = ET.fromstring(data)
-    except (ET.ParseError, ValueError, LookupError) as error:  # LookupError: an encoding that nobody knows
+    except (ET.ParseError, ValueError, LookupError) as error:
+        # LookupError: an encoding that nobody knows
         raise ValueError(f"is not a GPX file: not valid XML ({error})") from None
     if _name(root) != "gpx":
-        raise ValueError(f"is not a GPX file: its outermost element is <{_name(root)[:40]}>, not <gpx>")
+        raise ValueError(
+            f"is not a GPX file: its outermost element is <{_name(root)[:40]}>, not <gpx>"
+        )
     return root
 
 
@@ -65,7 +71,11 @@ def _inside(element: ET.Element, name: str) -> list[ET.Element]:
 
 
 def _track(root: ET.Element) -> Track:
-    segments = [_inside(part, "trkpt") for track in _inside(root, "trk") for part in _inside(track, "trkseg")]
+    segments = [
+        _inside(part, "trkpt")
+        for track in _inside(root, "trk")
+        for part in _inside(track, "trkseg")
+    ]
     segments = [segment for segment in segments if segment]
     if not segments:
         segments = [points for route in _inside(root, "rte") if (points := _inside(route, "rtept"))]
@@ -80,9 +90,14 @@ def _track(root: ET.Element) -> Track:
         points_ = [(math.nan, lon, lat) for segment in read_ for _, lon, lat in segment]
         joined = [k < len(segment) - 1 for segment in read_ for k in range(len(segment))][:-1]
     elif len(timed) < total:
-        raise ValueError(f"has times for {len(timed):,} of its {total:,} points; give all a time, or none")
+        raise ValueError(
+            f"has times for {len(timed):,} of its {total:,} points; give all a time, or none"
+        )
     else:
-        whole = [[(time, lon, lat) for time, lon, lat in segment if time is not None] for segment in read_]
+        whole = [
+            [(time, lon, lat) for time, lon, lat in segment if time is not None]
+            for segment in read_
+        ]
         points_, joined = _ordered(sorted(whole, key=lambda segment: segment[0][0]))
     if len(points_) < 2:
         raise ValueError("holds only one point; a track needs two")
@@ -90,8 +105,12 @@ def _track(root: ET.Element) -> Track:
     return Track(time if timed and not math.isnan(time[0]) else (), lon, lat, tuple(joined))
 
 
-def _ordered(segments: list[list[tuple[float, float, float]]]) -> tuple[list[tuple[float, float, float]], list[bool]]:
-    """Return points in order of time, without those of the same second as the one before, and which are joined."""
+def _ordered(
+    segments: list[list[tuple[float, float, float]]],
+) -> tuple[list[tuple[float, float, float]], list[bool]]:
+    """Return points in order of time, without those of the same second as the one before, and which
+    are joined.
+    """
     points: list[tuple[float, float, float]] = []
     joined: list[bool] = []
     for segment in segments:
@@ -130,6 +149,8 @@ def _time(point: ET.Element) -> float | None:
         try:
             moment = datetime.fromisoformat(text.upper())
         except ValueError:
-            raise ValueError(f'has a time that is none: "{text[:40]}"; it must be like 2026-11-21T18:30:00Z') from None
+            raise ValueError(
+                f'has a time that is none: "{text[:40]}"; it must be like 2026-11-21T18:30:00Z'
+            ) from None
         return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
     return None

@@ -1,4 +1,6 @@
-"""A grid of the user's own for all outputs (output.grid), so that runs can be subtracted cell by cell."""
+"""A grid of the user's own for all outputs (output.grid), so that runs can be subtracted cell by
+cell.
+"""
 
 import math
 import re
@@ -52,7 +54,9 @@ class GridTable(fields.Table):
         if self.south >= self.north:
             raise ValueError(f"south {self.south:g} is not below north {self.north:g}")
         if max(abs(self.south), abs(self.north)) > POLEWARD:
-            raise ValueError(f"reaches beyond {POLEWARD:g} degrees of latitude, where there is no forecast")
+            raise ValueError(
+                f"reaches beyond {POLEWARD:g} degrees of latitude, where there is no forecast"
+            )
         cells = self.cells()
         given = f"{self._described()} makes {cells.nlon:,} x {cells.nlat:,} cells"
         if min(cells.shape) < FEWEST:

@@ -16,7 +16,11 @@ def lines(error: ValidationError, data: Mapping[str, Any]) -> tuple[str, ...]:
     complaints = []
     for mistake in error.errors(include_url=False):
         place, what = where(mistake["loc"], data), _what(mistake)
-        if mistake["type"] == "list_type" and isinstance(mistake["input"], Mapping) and mistake["loc"]:
+        if (
+            mistake["type"] == "list_type"
+            and isinstance(mistake["input"], Mapping)
+            and mistake["loc"]
+        ):
             what = f"must be a list of tables, [[{mistake['loc'][-1]}]] in place of [{mistake['loc'][-1]}]; given one table"
         complaints.append(f"{place}: {what}" if place else what)
     return tuple(complaints)
@@ -30,7 +34,9 @@ def where(loc: Sequence[int | str], data: Any) -> str:
         if isinstance(part, int):
             name = value.get("name") if isinstance(value, Mapping) else None
             place += (
-                f' "{name if len(name) <= LONGEST else f"{name[:40]}..."}"' if isinstance(name, str) else f" {part + 1}"
+                f' "{name if len(name) <= LONGEST else f"{name[:40]}..."}"'
+                if isinstance(name, str)
+                else f" {part + 1}"
             )
         else:
             place += f".{part}" if place else part

@@ -48,7 +48,9 @@ class EllipseTable(fields.Table):
         if self.minor > self.major:
             raise ValueError("minor is longer than major; orientation belongs to the major axis")
         if not 0 < self.probability < 1:
-            raise ValueError(f"probability {self.probability:g} must lie between 0 and 1, like 0.5 or 0.95")
+            raise ValueError(
+                f"probability {self.probability:g} must lie between 0 and 1, like 0.5 or 0.95"
+            )
         return self
 
 
@@ -79,9 +81,13 @@ class ErrorTable(fields.Table):
         kind = fields.one_of(self, ("std", "ellipse", "error"))
         unequal = self.std is not None and self.std[0] != self.std[1]
         if unequal and self.orientation is None:
-            raise ValueError("std has two values: give orientation too, of the first, in degrees true")
+            raise ValueError(
+                "std has two values: give orientation too, of the first, in degrees true"
+            )
         if self.orientation is not None and kind != "std":
-            raise ValueError("orientation belongs to std here; an ellipse has its own inside its table")
+            raise ValueError(
+                "orientation belongs to std here; an ellipse has its own inside its table"
+            )
         return self
 
     def axes(self) -> tuple[float, float, float]:
@@ -112,7 +118,9 @@ class PositionTable(ErrorTable, WindowTable):
         moved = None
         if self.displacement is not None:
             first, second = self.displacement.direction
-            moved = Displacement(self.displacement.distance, (math.radians(first), math.radians(second)))
+            moved = Displacement(
+                self.displacement.distance, (math.radians(first), math.radians(second))
+            )
         lon, lat = (math.radians(angle) for angle in self.at)
         return PositionPrior(lon, lat, *self.axes(), moved, *self.window(start))
 
@@ -133,7 +141,11 @@ class AreaTable(WindowTable):
         """Return the corners [deg], longitude without jumps."""
         import shapely  # here, since an area is rare and the import takes 0.1 s
 
-        points = [point for point, before in zip(self.polygon, [None, *self.polygon], strict=False) if point != before]
+        points = [
+            point
+            for point, before in zip(self.polygon, [None, *self.polygon], strict=False)
+            if point != before
+        ]
         points = points[:-1] if len(points) > 1 and points[0] == points[-1] else points
         if len(points) < 3:
             raise ValueError(f"polygon has {len(points)} corners; at least 3 are needed")
@@ -142,7 +154,10 @@ class AreaTable(WindowTable):
         if abs(steps.sum()) > 1:
             raise ValueError("polygon goes round a pole; split it into areas that don't")
         if np.abs(steps).max() > LONGEST_EDGE:
-            (west, south), (east, north) = points[k := int(np.argmax(np.abs(steps)))], points[(k + 1) % len(points)]
+            (west, south), (east, north) = (
+                points[k := int(np.argmax(np.abs(steps)))],
+                points[(k + 1) % len(points)],
+            )
             raise ValueError(
                 f"polygon's edge from [{west:g}, {south:g}] to [{east:g}, {north:g}] is {abs(steps[k]):.0f} degrees of "
                 f"longitude wide: which way round is not clear; put corners at most {LONGEST_EDGE:g} degrees apart"
@@ -150,9 +165,13 @@ class AreaTable(WindowTable):
         unwrapped = lon[0] + np.concatenate([[0.0], np.cumsum(steps[:-1])])
         shape = shapely.Polygon(np.column_stack([unwrapped, lat]))
         if not shape.is_valid or shape.area == 0:
-            raise ValueError(f"polygon {_fault(shapely.is_valid_reason(shape))}; give its corners in order")
+            raise ValueError(
+                f"polygon {_fault(shapely.is_valid_reason(shape))}; give its corners in order"
+            )
         if shape.area < NARROWEST * shape.length:
-            raise ValueError("polygon is narrower than 2 m, too narrow to lie in; give a position or a trackline")
+            raise ValueError(
+                "polygon is narrower than 2 m, too narrow to lie in; give a position or a trackline"
+            )
         return list(zip(unwrapped.tolist(), lat.tolist(), strict=True))
 
     def prior(self, start: np.datetime64) -> AreaPrior:

@@ -1,4 +1,6 @@
-"""Tables that a case names, as CSV: with commas, semicolons or tabs, as spreadsheets write them in any country."""
+"""Tables that a case names, as CSV: with commas, semicolons or tabs, as spreadsheets write them in
+any country.
+"""
 
 import csv
 import difflib
@@ -15,18 +17,25 @@ LARGEST = 10_000_000  # [bytes]
 class Rows:
     """The lines of a table: their numbers, and their values by column, stripped.
 
-    Lines without any value and those that begin with # are left out, and columns without name and values at the end.
-    Columns are in lower case. Where no comma parts them one between digits is a decimal one.
+    Lines without any value and those that begin with # are left out, and columns without name and
+    values at the end. Columns are in lower case. Where no comma parts them one between digits is a
+    decimal one.
     """
 
-    def __init__(self, path: str, needed: Sequence[str], allowed: Sequence[str], words: Sequence[str] = ()) -> None:
-        """Read the names of the columns; raise UserError for a file that is no table, or not of these.
+    def __init__(
+        self, path: str, needed: Sequence[str], allowed: Sequence[str], words: Sequence[str] = ()
+    ) -> None:
+        """Read the names of the columns; raise UserError for a file that is no table, or not of
+        these.
 
         words: columns that hold no numbers.
         """
         self.name = Path(path).name
         lines = _text(path).splitlines()
-        header = next((line for line in lines if line.strip() and not line.lower().startswith(("#", "sep="))), "")
+        header = next(
+            (line for line in lines if line.strip() and not line.lower().startswith(("#", "sep="))),
+            "",
+        )
         delimiter = max(",;\t", key=header.count)
         self._reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
         names = next((row for row in self._rows() if not row[0].lower().startswith("sep=")), [])
@@ -39,15 +48,24 @@ class Rows:
         twice = [name for name in allowed if self.columns.count(name) > 1]
         if missing or strange or twice:
             wrong = (
-                f"no column {', '.join(missing)}" if missing else
-                f"unknown column {', '.join(_strange(name, allowed) for name in strange)}" if strange else
-                f"there are two columns {twice[0]}"
-            )  # fmt: skip
-            first = "the first two are needed" if len(needed) == 2 else f"{', '.join(needed)} are needed"
+                f"no column {', '.join(missing)}"
+                if missing
+                else f"unknown column {', '.join(_strange(name, allowed) for name in strange)}"
+                if strange
+                else f"there are two columns {twice[0]}"
+            )
+            first = (
+                "the first two are needed"
+                if len(needed) == 2
+                else f"{', '.join(needed)} are needed"
+            )
             raise UserError(f"{self.name}: {wrong}; allowed are {', '.join(allowed)}, {first}")
 
     def __iter__(self) -> Iterator[tuple[int, dict[str, str] | None]]:
-        """Give the number and the values of each line; None in place of values that are not as many as the columns."""
+        """Give the number and the values of each line;
+
+        None in place of values that are not as many as the columns.
+        """
         for values in self._rows():
             if len(values) < len(self.columns) or any(values[len(self.columns) :]):
                 yield self._reader.line_num, None

@@ -1,4 +1,6 @@
-"""Numbers and times that are uncertain: one value, a range, a truncated triangle or, of times, a normal law."""
+"""Numbers and times that are uncertain: one value, a range, a truncated triangle or, of times, a
+normal law.
+"""
 
 import math
 from collections.abc import Callable
@@ -34,13 +36,19 @@ def _uncertain(value: object, single: Callable[[object], float], example: str) -
 def _triangle(value: dict[Any, Any], single: Callable[[object], float], example: str) -> Spread:
     keys = ("low", "best", "high", "ratio")
     if set(value) != set(keys):
-        raise ValueError(f"{value!r} must be one value, [low, high], or a table with {', '.join(keys)}, like {example}")
+        raise ValueError(
+            f"{value!r} must be one value, [low, high], or a table with {', '.join(keys)}, like {example}"
+        )
     low, best, high = (single(value[key]) for key in keys[:3])
     ratio = units.quantity(value["ratio"], "", "ratio", "4")
     if not low <= best <= high:
-        raise ValueError(f"best {value['best']!r} must lie between low {value['low']!r} and high {value['high']!r}")
+        raise ValueError(
+            f"best {value['best']!r} must lie between low {value['low']!r} and high {value['high']!r}"
+        )
     if ratio < LEAST_RATIO:
-        raise ValueError(f"ratio {ratio:g}, of the highest to the lowest density, must be at least 1 (1: uniform)")
+        raise ValueError(
+            f"ratio {ratio:g}, of the highest to the lowest density, must be at least 1 (1: uniform)"
+        )
     return Spread(low, high, best, ratio)
 
 
@@ -64,12 +72,18 @@ def _course(value: object) -> Spread:
         return units.quantity(number, "deg", "direction", "120 deg")
 
     spread = _uncertain(value, bare, "{ low = 340, best = 10, high = 40, ratio = 4 }")
-    return Spread(math.radians(spread.low), math.radians(spread.high), math.radians(spread.mode), spread.ratio)
+    return Spread(
+        math.radians(spread.low), math.radians(spread.high), math.radians(spread.mode), spread.ratio
+    )
 
 
-Speeds = Annotated[Spread, _spread(fields.ship_speed, '{ low = "5 kn", best = "8 kn", high = "12 kn", ratio = 4 }')]
+Speeds = Annotated[
+    Spread, _spread(fields.ship_speed, '{ low = "5 kn", best = "8 kn", high = "12 kn", ratio = 4 }')
+]
 Courses = Annotated[Spread, BeforeValidator(_course)]
-Durations = Annotated[Spread, _spread(fields.interval, '{ low = "2 h", best = "3 h", high = "6 h", ratio = 4 }')]
+Durations = Annotated[
+    Spread, _spread(fields.interval, '{ low = "2 h", best = "3 h", high = "6 h", ratio = 4 }')
+]
 Parts = Annotated[Spread, _spread(fields.share, "{ low = 0.2, best = 0.5, high = 0.9, ratio = 4 }")]
 
 
@@ -93,17 +107,26 @@ class Times(fields.Table):
     def one_law(self) -> "Times":
         """Refuse half a law, or two."""
         given = {name for name in self.model_fields_set if getattr(self, name) is not None}
-        if given not in ({"at"}, {"at", "std"}, {"earliest", "latest"}, {"earliest", "best", "latest", "ratio"}):
+        if given not in (
+            {"at"},
+            {"at", "std"},
+            {"earliest", "latest"},
+            {"earliest", "best", "latest", "ratio"},
+        ):
             raise ValueError(
                 "give a time, [earliest, latest], { earliest, best, latest, ratio } or { at, std }; found "
                 f"{', '.join(sorted(given)) or 'nothing'}"
             )
         if self.ratio < LEAST_RATIO:
-            raise ValueError(f"ratio {self.ratio:g}, of the highest to the lowest density, must be at least 1")
+            raise ValueError(
+                f"ratio {self.ratio:g}, of the highest to the lowest density, must be at least 1"
+            )
         return self
 
     def seconds(self, origin: np.datetime64, start: np.datetime64) -> Spread | Moment:
-        """Return the law in seconds after an origin, for a case that starts at `start`; refuse times out of order."""
+        """Return the law in seconds after an origin, for a case that starts at `start`; refuse
+        times out of order.
+        """
 
         def after(time: units.Instant) -> float:
             return float((units.resolve(time, start) - origin) / np.timedelta64(1, "s"))
@@ -116,8 +139,12 @@ class Times(fields.Table):
         low, high = after(self.earliest), after(self.latest)
         best = after(self.best) if self.best is not None else (low + high) / 2
         if not low <= best <= high:
-            first, last = (notation.group(units.resolve(time, start)) for time in (self.earliest, self.latest))
-            raise ValueError(f"times go from {first} to {last}, or the best one lies outside; give them in order")
+            first, last = (
+                notation.group(units.resolve(time, start)) for time in (self.earliest, self.latest)
+            )
+            raise ValueError(
+                f"times go from {first} to {last}, or the best one lies outside; give them in order"
+            )
         return Spread(low, high, best, self.ratio)
 
 
@@ -141,7 +168,9 @@ def begins(law: Times, start: np.datetime64) -> tuple[np.datetime64, Spread]:
     """Return the earliest time of a start, and how long after it the start is."""
     seconds = law.seconds(start, start)
     if isinstance(seconds, Moment):
-        raise ValueError("a start has no std; give a time, [earliest, latest] or { earliest, best, latest, ratio }")
+        raise ValueError(
+            "a start has no std; give a time, [earliest, latest] or { earliest, best, latest, ratio }"
+        )
     earliest = start + np.timedelta64(round(seconds.low), "s")
     low = seconds.low
     return earliest, Spread(0.0, seconds.high - low, seconds.mode - low, seconds.ratio)

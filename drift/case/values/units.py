@@ -1,9 +1,10 @@
 """Quantities, positions and times as a planner writes them, turned into SI.
 
-A quantity is "12 kn" or a bare SI number. A position is degrees and decimal minutes with hemisphere letters, or
-[lon, lat] in degrees. A time is a date-time group or ISO 8601, always with a zone, or relative to the start of the
-case ("+6 h"). Whatever can be read in two ways ("5 nm": nautical miles or nanometres) is refused. Refusals are
-ValueErrors whose text says what was given and what is allowed; the caller knows where.
+A quantity is "12 kn" or a bare SI number. A position is degrees and decimal minutes with hemisphere
+letters, or [lon, lat] in degrees. A time is a date-time group or ISO 8601, always with a zone, or
+relative to the start of the case ("+6 h"). Whatever can be read in two ways ("5 nm": nautical miles
+or nanometres) is refused. Refusals are ValueErrors whose text says what was given and what is
+allowed; the caller knows where.
 """
 
 import math
@@ -32,7 +33,8 @@ ROOT = re.compile(  # the unit of a spread rate: a length over the square root o
     r"|(?P<time>[A-Za-z]+)\s*(?:\^|\*\*)\s*(?:0?\.50*|\(?\s*1\s*/\s*2\s*\)?))"
     r"|[\s*](?P<inverse>[A-Za-z]+)\s*(?:\^|\*\*)?\s*\(?\s*-\s*(?:0?\.50*|1\s*/\s*2)\s*\)?)"
 )
-TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")  # arithmetic that no unit needs and that may take for ever
+# arithmetic that no unit needs and that may take for ever
+TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")
 
 LONGEST = 200  # letters of a quantity, a position or a time
 MOST = 10**300  # of a whole number
@@ -42,27 +44,50 @@ FREEZING = 273.15  # [K] 0 degC
 Instant = np.datetime64 | np.timedelta64  # a time, or an interval after the start of the case
 
 # Mariners' spellings that mean something else, or nothing, to a physicist.
-MISREAD = {"nm": "nmi", "NM": "nmi", "Nm": "nmi", "M": "nmi or m", "miles": "nmi or mi", "mile": "nmi or mi"}
+MISREAD = {
+    "nm": "nmi",
+    "NM": "nmi",
+    "Nm": "nmi",
+    "M": "nmi or m",
+    "miles": "nmi or mi",
+    "mile": "nmi or mi",
+}
 
 
-# What cases are written in, in SI: Pint, which knows all other units and does the same sums, takes half a second to begin.
+# What cases are written in, in SI: Pint, which knows all other units and does the same sums, takes
+# half a second to begin.
 USUAL = {
-    ("nmi", "m"): 1852.0, ("km", "m"): 1000.0, ("m", "m"): 1.0, ("ft", "m"): 0.9144 * (1 / 3), ("nmi2", "m^2"): 1852.0**2,
-    ("d", "s"): 86_400.0, ("h", "s"): 3600.0, ("min", "s"): 60.0, ("s", "s"): 1.0, ("/day", "1/s"): 1 / 86_400,
-    ("/h", "1/s"): 1 / 3600, ("kn", "m/s"): 1852 / 3600, ("m/s", "m/s"): 1.0, ("%", ""): 0.01, ("deg", "deg"): 1.0,
-}  # fmt: skip
+    ("nmi", "m"): 1852.0,
+    ("km", "m"): 1000.0,
+    ("m", "m"): 1.0,
+    ("ft", "m"): 0.9144 * (1 / 3),
+    ("nmi2", "m^2"): 1852.0**2,
+    ("d", "s"): 86_400.0,
+    ("h", "s"): 3600.0,
+    ("min", "s"): 60.0,
+    ("s", "s"): 1.0,
+    ("/day", "1/s"): 1 / 86_400,
+    ("/h", "1/s"): 1 / 3600,
+    ("kn", "m/s"): 1852 / 3600,
+    ("m/s", "m/s"): 1.0,
+    ("%", ""): 0.01,
+    ("deg", "deg"): 1.0,
+}
 
 
 @lru_cache(maxsize=1)
 def registry() -> Any:
-    """Return the units in use; built once, at the first quantity that carries a unit beyond the usual ones."""
+    """Return the units in use; built once, at the first quantity that carries a unit beyond the
+    usual ones.
+    """
     import pint
 
     return pint.UnitRegistry()
 
 
 def short(value: object, what: str, example: str) -> None:
-    """Reject a text longer than LONGEST, and a whole number beyond every float: both are typing errors.
+    """Reject a text longer than LONGEST, and a whole number beyond every float: both are typing
+    errors.
 
     Arithmetic of units, and patterns, would take minutes over 100,000 letters.
     """
@@ -71,14 +96,16 @@ def short(value: object, what: str, example: str) -> None:
             f'"{value[:20]}..." has {len(value):,} letters, too many for {_a(what)}; write it like "{example}"'
         )
     if isinstance(value, int) and abs(value) > MOST:
-        raise ValueError(f"{str(value)[:20]}... is too large for {_a(what)}; write it like {example!r}")
+        raise ValueError(
+            f"{str(value)[:20]}... is too large for {_a(what)}; write it like {example!r}"
+        )
 
 
 def quantity(value: object, unit: str, what: str, example: str) -> float:
     """Return a quantity in SI.
 
-    value: "12 kn", or a bare number already in `unit`. unit: SI unit that the quantity must have ("m/s").
-    what, example: words for the refusal ("speed", "12 kn").
+    value: "12 kn", or a bare number already in `unit`. unit: SI unit that the quantity must have
+    ("m/s"). what, example: words for the refusal ("speed", "12 kn").
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(f'{value!r} is not {_a(what)}; write it like "{example}"')
@@ -113,7 +140,9 @@ def _convert(text: str, unit: str, what: str, example: str) -> float:
             f'"{text}" is not {_a(what)}: "{name}" is of another kind; write it like "{example}"'
         ) from None
     except Exception:  # pint and its tokenizer raise many kinds for text that is no unit
-        raise ValueError(f'"{text}": there is no unit "{name}"; write the {what} like "{example}"') from None
+        raise ValueError(
+            f'"{text}": there is no unit "{name}"; write the {what} like "{example}"'
+        ) from None
     return number * float(factor)
 
 
@@ -130,7 +159,9 @@ def temperature(value: object) -> float:
         if TOWER.search(match[2]):
             raise ValueError
         name = match[2].replace("°", "deg")
-        kelvin = float(registry().Quantity(float(match[1].replace("_", "")), name).to("kelvin").magnitude)
+        kelvin = float(
+            registry().Quantity(float(match[1].replace("_", "")), name).to("kelvin").magnitude
+        )
     except Exception:  # pint and its tokenizer raise many kinds for text that is no unit
         raise ValueError(f'"{value}" is not a temperature; write it like "12 degC"') from None
     if not math.isfinite(kelvin):
@@ -139,10 +170,12 @@ def temperature(value: object) -> float:
 
 
 def spread_rate(value: object) -> float:
-    """Return how fast what steers strays from its way, K of a Brownian bridge [m/sqrt(s)], at least 0.
+    """Return how fast what steers strays from its way, K of a Brownian bridge [m/sqrt(s)], at least
+    0.
 
-    value: "12 nmi/sqrt(h)", "12 nmi/h^0.5", or a bare number in m/sqrt(s). The root is read here, because what pint
-    makes of a power that is no whole number is inexact, and its "sqrt" is no unit. A speed or a diffusivity is refused.
+    value: "12 nmi/sqrt(h)", "12 nmi/h^0.5", or a bare number in m/sqrt(s). The root is read here,
+    because what pint makes of a power that is no whole number is inexact, and its "sqrt" is no
+    unit. A speed or a diffusivity is refused.
     """
     what, example = "spread rate", "12 nmi/sqrt(h)"
     short(value, what, example)
@@ -156,7 +189,9 @@ def spread_rate(value: object) -> float:
                 f'"{value}" is not {_a(what)}: "{match[2]}" is no length over the square root of a time; write it like '
                 f'"{example}"'
             )
-        time_unit = next(unit[name] for name in ("root", "bare", "sign", "time", "inverse") if unit[name])
+        time_unit = next(
+            unit[name] for name in ("root", "bare", "sign", "time", "inverse") if unit[name]
+        )
         length = quantity(f"1 {unit['length']}", "m", f"length of {_a(what)}", example)
         seconds = quantity(f"1 {time_unit}", "s", f"time of {_a(what)}", example)
         number = float(match[1].replace("_", "")) * length / math.sqrt(seconds)
@@ -183,13 +218,21 @@ def angle(value: object, letters: str) -> float:
             raise ValueError(f"{what} {value!r} is outside {-limit:g} to {limit:g}")
         return sphere.wrap_degrees(value) if abs(value) > 180 else float(value)
     match = ANGLE.fullmatch(str(value).strip().upper().replace("º", "°").replace("’", "'"))
-    if match is None or not (match["before"] or match["after"]) or (match["before"] and match["after"]):
-        raise ValueError(f'"{value}" is not a {what}; write it like {"27 30.5N" if letters == "NS" else "088 15.0W"}')
+    if (
+        match is None
+        or not (match["before"] or match["after"])
+        or (match["before"] and match["after"])
+    ):
+        raise ValueError(
+            f'"{value}" is not a {what}; write it like {"27 30.5N" if letters == "NS" else "088 15.0W"}'
+        )
     return _signed(match, letters, what, limit)
 
 
 def edge(value: object) -> float:
-    """Return the longitude of an edge of a box as `angle` does, but a number above 180 as it is: east counts on from west."""
+    """Return the longitude of an edge of a box as `angle` does, but a number above 180 as it is:
+    east counts on from west.
+    """
     lon = angle(value, "EW")
     return float(value) if isinstance(value, int | float) and value > 180 else lon
 
@@ -198,12 +241,16 @@ def _signed(match: re.Match[str], letters: str, what: str, limit: float) -> floa
     letter = match["before"] or match["after"]
     text = match[0].strip()
     if letter not in letters:
-        raise ValueError(f'"{text}" is not a {what}: it ends in {letter}, not in {letters[0]} or {letters[1]}')
+        raise ValueError(
+            f'"{text}" is not a {what}: it ends in {letter}, not in {letters[0]} or {letters[1]}'
+        )
     degrees, minutes, seconds = match["degrees"], match["minutes"] or "0", match["seconds"] or "0"
     if degrees[0] in "+-":
         raise ValueError(f'"{text}" has both a sign and a letter; leave the sign out')
     if ("." in degrees and match["minutes"]) or ("." in minutes and match["seconds"]):
-        raise ValueError(f'"{text}": only the last of degrees, minutes and seconds may have decimals')
+        raise ValueError(
+            f'"{text}": only the last of degrees, minutes and seconds may have decimals'
+        )
     if float(minutes) >= 60 or float(seconds) >= 60:
         raise ValueError(f'"{text}": minutes and seconds must be below 60')
     size = float(degrees) + float(minutes) / 60 + float(seconds) / 3600
@@ -215,7 +262,8 @@ def _signed(match: re.Match[str], letters: str, what: str, limit: float) -> floa
 def position(value: object) -> tuple[float, float]:
     """Return (lon, lat) [deg], lon in [-180, 180).
 
-    value: "27 30.5N 088 15.0W" in either order (the letters tell), [lon, lat] in degrees, or { lat = .., lon = .. }.
+    value: "27 30.5N 088 15.0W" in either order (the letters tell), [lon, lat] in degrees, or { lat
+    = .., lon = .. }.
     """
     short(value, "position", "27 30.5N 088 15.0W")
     if isinstance(value, dict):
@@ -237,7 +285,9 @@ def position(value: object) -> tuple[float, float]:
 
 
 def _pair(text: str) -> tuple[float, float]:
-    """Return (lon, lat) [deg] of two angles with hemisphere letters, all before or all after their numbers."""
+    """Return (lon, lat) [deg] of two angles with hemisphere letters, all before or all after their
+    numbers.
+    """
     plain = text.strip().upper().replace("º", "°").replace("’", "'")
     if fault := _no_position(plain):
         raise ValueError(f'position "{text}" {fault}; write it like "27 30.5N 088 15.0W"')
@@ -256,7 +306,8 @@ def _pair(text: str) -> tuple[float, float]:
 
 
 def _no_position(text: str) -> str:
-    """Return what is wrong with a text that should hold two angles with their letters; "" if nothing is.
+    """Return what is wrong with a text that should hold two angles with their letters; "" if
+    nothing is.
 
     The text is in capitals.
     """
@@ -264,19 +315,29 @@ def _no_position(text: str) -> str:
         return "is empty"
     if not re.search(r"\d", text):
         return "holds no number"
-    words = [word for word in re.findall(r"[^\W\d_]+", text) if word not in {"N", "S", "E", "W", "D"}]
+    words = [
+        word for word in re.findall(r"[^\W\d_]+", text) if word not in {"N", "S", "E", "W", "D"}
+    ]
     if words:
         return f'holds "{words[0]}", which is neither a number nor one of N, S, E and W'
     letters = re.findall(r"[NSEW]", text)
     if not letters:
         return "is ambiguous: no letter says which number is the latitude, N or S, and which the longitude, E or W"
     if len(letters) > 2:
-        return f"has {len(letters)} letters of N, S, E and W; a latitude and a longitude have one each"
+        return (
+            f"has {len(letters)} letters of N, S, E and W; a latitude and a longitude have one each"
+        )
     if len(letters) == 1:
-        there, lacks = ("latitude", "longitude, E or W") if letters[0] in "NS" else ("longitude", "latitude, N or S")
+        there, lacks = (
+            ("latitude", "longitude, E or W")
+            if letters[0] in "NS"
+            else ("longitude", "latitude, N or S")
+        )
         return f"has a {there} and lacks its {lacks}"
     if (letters[0] in "NS") == (letters[1] in "NS"):
-        there, lacks = ("latitudes", "longitude") if letters[0] in "NS" else ("longitudes", "latitude")
+        there, lacks = (
+            ("latitudes", "longitude") if letters[0] in "NS" else ("longitudes", "latitude")
+        )
         return f"has two {there} and no {lacks}"
     if comma := re.search(r"\d+,\d+", text):
         return f"has a decimal comma; with a point it is {comma[0].replace(',', '.')}"
@@ -297,13 +358,15 @@ def _exchanged(lon: str, lat: str) -> str:
 def time(value: object) -> Instant:
     """Return a UTC time [s], or an interval after the start for "+6 h".
 
-    value: "211830ZNOV26" (any military zone letter but J), "2026-11-21T18:30Z" or with an offset, a TOML date-time with
-    an offset, or "+6 h" / "-30 min".
+    value: "211830ZNOV26" (any military zone letter but J), "2026-11-21T18:30Z" or with an offset, a
+    TOML date-time with an offset, or "+6 h" / "-30 min".
     """
     if isinstance(value, datetime):
         return _utc(value, value.isoformat())
     if not isinstance(value, str):
-        raise ValueError(f'{value!r} is not a time; write it like "211830ZNOV26", or in ISO 8601 with its zone')
+        raise ValueError(
+            f'{value!r} is not a time; write it like "211830ZNOV26", or in ISO 8601 with its zone'
+        )
     short(value, "time", "211830ZNOV26")
     text = value.strip()
     if text[:1] in {"+", "-"}:
@@ -317,7 +380,9 @@ def time(value: object) -> Instant:
     if match := GROUP.fullmatch(group):
         return _utc(_group(match, text), text)
     if re.fullmatch(r"\d{6}[A-Z]?([A-Z]{3})?", group):
-        raise ValueError(f'time "{text}" lacks its zone, month or year; write it like "211830ZNOV26"')
+        raise ValueError(
+            f'time "{text}" lacks its zone, month or year; write it like "211830ZNOV26"'
+        )
     try:
         moment = datetime.fromisoformat(re.sub(r"[zZ]$", "+00:00", text))
     except ValueError:
@@ -333,14 +398,19 @@ def _group(match: re.Match[str], text: str) -> datetime:
     if month not in notation.MONTHS:
         raise ValueError(f'time "{text}": there is no month "{month}"')
     if letter == "J":
-        raise ValueError(f'time "{text}": zone J is the reader\'s own; write the zone letter, Z for UTC')
-    # A to M without J are 1 to 12 hours ahead of UTC, N to Y 1 to 12 behind (ACP 121(I), 2010, table of zones).
+        raise ValueError(
+            f'time "{text}": zone J is the reader\'s own; write the zone letter, Z for UTC'
+        )
+    # A to M without J are 1 to 12 hours ahead of UTC, N to Y 1 to 12 behind (ACP 121(I), 2010,
+    # table of zones).
     ahead = "ZABCDEFGHIKLM".find(letter)
     hours = ahead if ahead >= 0 else -("NOPQRSTUVWXY".index(letter) + 1)
     century = int(year) if len(year) == 4 else 2000 + int(year)
     zone = timezone(timedelta(hours=hours))
     try:
-        return datetime(century, notation.MONTHS.index(month) + 1, int(day), int(hour), int(minute), tzinfo=zone)
+        return datetime(
+            century, notation.MONTHS.index(month) + 1, int(day), int(hour), int(minute), tzinfo=zone
+        )
     except ValueError as error:
         raise ValueError(f'time "{text}" does not exist: {error}') from None
 

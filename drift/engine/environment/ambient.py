@@ -1,6 +1,7 @@
 """Winds and currents at places and times, on the host: what arrows on maps and the report show.
 
-Particles are moved by the same slices on the device (drift.engine.motion.forcing); here they are read for some hundred places.
+Particles are moved by the same slices on the device (drift.engine.motion.forcing); here they are
+read for some hundred places.
 """
 
 from collections.abc import Sequence
@@ -22,11 +23,14 @@ from geo.grids.grid import Grid, sample
 ACROSS = 14  # arrows along the longer side of a map
 
 
-def ambient_at(sources: Sources, quantity: str, times: npt.NDArray[np.datetime64], lon: Array, lat: Array) -> Array:
-    """Return a quantity at places [deg] (m,) and times (t,): east and north [m/s], (t, m, 2), NaN where there is none.
+def ambient_at(
+    sources: Sources, quantity: str, times: npt.NDArray[np.datetime64], lon: Array, lat: Array
+) -> Array:
+    """Return a quantity at places [deg] (m,) and times (t,): east and north [m/s], (t, m, 2), NaN
+    where there is none.
 
-    As for particles, of sources by priority the first with a value at a place counts, and what is added to it must have one too.
-    Of an ensemble it is the mean of its members.
+    As for particles, of sources by priority the first with a value at a place counts, and what is
+    added to it must have one too. Of an ensemble it is the mean of its members.
     """
     moments = notation.epochs(times).tolist()
     total = np.full((len(moments), len(lon), 2), np.nan)
@@ -39,14 +43,18 @@ def ambient_at(sources: Sources, quantity: str, times: npt.NDArray[np.datetime64
                     missing = np.isnan(values[k]).any(axis=1)
                     if missing.any():
                         place = source.grid, moment, lon[missing], lat[missing]
-                        values[k, missing] = sum(_then(slices, *place) for slices in members) / len(members)
+                        values[k, missing] = sum(_then(slices, *place) for slices in members) / len(
+                            members
+                        )
             total = values if number == 0 else total + values
     return total
 
 
 @dataclass(frozen=True)
 class Flow:
-    """A quantity at places [deg] (m,) and times (t,): velocity east and north [m/s], (t, m, 2), NaN where there is none."""
+    """A quantity at places [deg] (m,) and times (t,): velocity east and north [m/s], (t, m, 2), NaN
+    where there is none.
+    """
 
     time: npt.NDArray[np.datetime64]
     lon: Array
@@ -55,10 +63,16 @@ class Flow:
 
 
 def over(sources: Sources, box: Box, times: npt.NDArray[np.datetime64]) -> dict[str, Flow]:
-    """Return what flows over a box, at places spread over it: ACROSS along its longer side, by quantity."""
+    """Return what flows over a box, at places spread over it:
+
+    ACROSS along its longer side, by quantity.
+    """
     lon, lat = lattice(box, ACROSS)
     there = [quantity for quantity in QUANTITIES if sources.of(quantity)]
-    return {quantity: Flow(times, lon, lat, ambient_at(sources, quantity, times, lon, lat)) for quantity in there}
+    return {
+        quantity: Flow(times, lon, lat, ambient_at(sources, quantity, times, lon, lat))
+        for quantity in there
+    }
 
 
 def lattice(box: Box, across: int) -> tuple[Array, Array]:
@@ -74,7 +88,9 @@ def lattice(box: Box, across: int) -> tuple[Array, Array]:
 
 
 def _tiles(sources: Sources, quantity: str, term: Sequence[Source]) -> list[tuple[Source, int]]:
-    """Return the sources of a term with how deep each is filled [cells]: several first as they are, then filled."""
+    """Return the sources of a term with how deep each is filled [cells]: several first as they are,
+    then filled.
+    """
     filled = [(source, sources.cells.get((quantity, source.name), 0)) for source in term]
     return [*((source, 0) for source in term), *filled] if len(term) > 1 else filled
 
@@ -94,4 +110,8 @@ def _then(slices: Slices, grid: Grid, moment: int, lon: Array, lat: Array) -> Ar
 
 def _blended(slices: Slices, bracket: Bracket, weight: float) -> Array:
     earlier = slices.get(bracket.earlier)
-    return earlier if weight == 0 else np.asarray((1 - weight) * earlier + weight * slices.get(bracket.later))
+    return (
+        earlier
+        if weight == 0
+        else np.asarray((1 - weight) * earlier + weight * slices.get(bracket.later))
+    )

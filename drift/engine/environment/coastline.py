@@ -30,10 +30,11 @@ NEAR = 1.0  # [deg] about a reported position within which full detail says whet
 
 
 def around(spec: EnsembleSpec, box: Box, sources: Sequence[Source]) -> Box:
-    """Return the box of the coast for a domain: where its sources know a current, and a little further.
+    """Return the box of the coast for a domain: where its sources know a current, and a little
+    further.
 
-    It is the whole domain where a scenario's objects go on without a current. sources: those whose values are not only
-    added to others'.
+    It is the whole domain where a scenario's objects go on without a current. sources: those whose
+    values are not only added to others'.
     """
     reached = _shrunk(box, sources) if models.forced(spec.scenarios) else box
     # A last step may lead out of the domain.
@@ -49,10 +50,11 @@ def open_coast(
 ) -> tuple[Shore, shoreline.Coast | None]:
     """Return the land in a box and its coast, None where there is none.
 
-    Raises UserError for a position that was reported on land, and for lanes, voyages and areas of patrol that touch it.
+    Raises UserError for a position that was reported on land, and for lanes, voyages and areas of
+    patrol that touch it.
 
-    seen: what of the land's detail is wanted, all of it unless a function says; shared: land and coast, where other
-    runs have built them.
+    seen: what of the land's detail is wanted, all of it unless a function says; shared: land and
+    coast, where other runs have built them.
     """
     if shared:
         whole, coast = shared
@@ -74,7 +76,8 @@ def open_coast(
 def lands(coast: shoreline.Coast | None, asked: Coast) -> Callable[[Box], Array]:
     """Return what returns the land polygons [deg] of a run in a box.
 
-    They are those of its coast, or read again if the box reaches beyond it: once for boxes that are nearly the same.
+    They are those of its coast, or read again if the box reaches beyond it: once for boxes that are
+    nearly the same.
     """
 
     @functools.cache
@@ -84,7 +87,9 @@ def lands(coast: shoreline.Coast | None, asked: Coast) -> Callable[[Box], Array]
     def land(box: Box) -> Array:
         if coast is not None and shoreline.covers(coast, box):
             return coast.polygons
-        west, south, east, north = (f(v / LATTICE) * LATTICE for f, v in zip(OUTWARD, astuple(box), strict=True))
+        west, south, east, north = (
+            f(v / LATTICE) * LATTICE for f, v in zip(OUTWARD, astuple(box), strict=True)
+        )
         return read(Box(west, south, east, north))
 
     return land
@@ -95,7 +100,10 @@ def _shrunk(box: Box, sources: Sequence[Source]) -> Box:
     extents = [source.grid.box for source in sources if source.quantity == "current"]
     if box.east - box.west > 180 or any(extent.east - extent.west >= 360 for extent in extents):
         return box
-    south, north = max(box.south, min(e.south for e in extents)), min(box.north, max(e.north for e in extents))
+    south, north = (
+        max(box.south, min(e.south for e in extents)),
+        min(box.north, max(e.north for e in extents)),
+    )
     if south >= north:
         return box
     # Longitudes relative to the box's west: extents may be written a turn away.
@@ -117,13 +125,20 @@ def _about(lon: float, lat: float, land: Shore) -> shoreline.Coast:
     return shoreline.build_coast(Shore(shore.clip(land.polygons, cut), land.source, box=cut), box)
 
 
-def _check_ways(spec: EnsembleSpec, asked: Coast, box: Box, whole: Shore, coast: shoreline.Coast | None) -> None:
-    """Refuse itineraries over land; whole: the land in the box; coast: in full detail, None where it is not built."""
+def _check_ways(
+    spec: EnsembleSpec, asked: Coast, box: Box, whole: Shore, coast: shoreline.Coast | None
+) -> None:
+    """Refuse itineraries over land; whole: the land in the box; coast: in full detail, None where
+    it is not built.
+    """
     need = sailable.box(spec.scenarios)
     if need is None:
         return
     inside = box.south <= need.south and need.north <= box.north
-    inside &= sphere.wrap_degrees(need.west - box.west) % 360 + need.east - need.west <= box.east - box.west
+    inside &= (
+        sphere.wrap_degrees(need.west - box.west) % 360 + need.east - need.west
+        <= box.east - box.west
+    )
     if not inside:  # the case's own domain is smaller than its ways, or its sources are
         whole, coast = shore.land(asked.source, need, asked.lakes), None
     if coast is None and whole.polygons.size:

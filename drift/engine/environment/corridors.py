@@ -1,10 +1,12 @@
-"""Refusals of what is meant to be sailed and lies on land: the corridors of lanes, and areas to loiter in.
+"""Refusals of what is meant to be sailed and lies on land: the corridors of lanes, and areas to
+loiter in.
 
-The corridor of a lane is all that a particle on any side of it may come to: the ways between the lines across it at its
-two nodes, which depend on the lanes before and after it (drift.engine.motion.steering.lanes). All that may come before and after are
-looked at, and the way back along the same lane (a U-turn) where a route makes one. Each of these is a quadrilateral of
-great circles, a straight one in the gnomonic projection about the lane's middle, where it is held against every edge of
-the full coast. So nothing is different at the antimeridian or near a pole.
+The corridor of a lane is all that a particle on any side of it may come to: the ways between the
+lines across it at its two nodes, which depend on the lanes before and after it
+(drift.engine.motion.steering.lanes). All that may come before and after are looked at, and the way
+back along the same lane (a U-turn) where a route makes one. Each of these is a quadrilateral of
+great circles, a straight one in the gnomonic projection about the lane's middle, where it is held
+against every edge of the full coast. So nothing is different at the antimeridian or near a pole.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,12 +25,12 @@ from geo.coast.edges import Coast
 from geo.errors import UserError
 from geo.notation import NMI
 
-# Shoreline edges are straight in longitude and latitude, and at most 2.4 km: a great circle leaves them by less than
-# this up to 85 degrees of latitude. Positions of particles are stored to 9 mm.
+# Shoreline edges are straight in longitude and latitude, and at most 2.4 km: a great circle leaves
+# them by less than this up to 85 degrees of latitude. Positions of particles are stored to 9 mm.
 CLEAR = 10.0  # [m] that must lie between a corridor and the coast
 HALF_EDGE = shoreline.LONGEST_EDGE * sphere.UNIT  # [rad] more than from an edge's middle to its end
-# In strips of latitude from west to east, edges that follow each other are near each other: most such blocks are far
-# from a lane.
+# In strips of latitude from west to east, edges that follow each other are near each other: most
+# such blocks are far from a lane.
 BLOCK = 256
 STRIP = np.radians(0.25)
 
@@ -62,8 +64,8 @@ class Shore:
 def refuse_lanes(network: Network, coast: Coast, routes: Sequence[Route] = ()) -> None:
     """Raise UserError, a line for each lane, where the corridors of lanes touch land.
 
-    routes: those that a case has; they matter where they turn back on a lane. Raises ValueError where the coast does
-    not cover the network.
+    routes: those that a case has; they matter where they turn back on a lane. Raises ValueError
+    where the coast does not cover the network.
     """
     wrong = []
     for lane, width, where in touching(network, Shore.of(coast), routes):
@@ -75,8 +77,11 @@ def refuse_lanes(network: Network, coast: Coast, routes: Sequence[Route] = ()) -
         raise UserError(*wrong)
 
 
-def touching(network: Network, shore: Shore, routes: Sequence[Route] = ()) -> Iterator[tuple[int, str, str]]:
-    """Give the number of each lane whose corridor touches land, how wide that is and where, in words.
+def touching(
+    network: Network, shore: Shore, routes: Sequence[Route] = ()
+) -> Iterator[tuple[int, str, str]]:
+    """Give the number of each lane whose corridor touches land, how wide that is and where, in
+    words.
 
     Raises ValueError where the coast does not cover the network.
     """
@@ -85,7 +90,9 @@ def touching(network: Network, shore: Shore, routes: Sequence[Route] = ()) -> It
         _known(coast, np.concatenate([corners.reshape(-1, 2), _halfway(corners)]))
         a, b = (int(node[lane]) for node in (network.start, network.end))
         touched = _touched(network.lon[[a, b]], network.lat[[a, b]], corners, shore)
-        if touched is None and not shoreline.is_land(coast, *_binary(network.lon[a], network.lat[a])):
+        if touched is None and not shoreline.is_land(
+            coast, *_binary(network.lon[a], network.lat[a])
+        ):
             continue
         lon, lat, away = touched or (float(network.lon[a]), float(network.lat[a]), 0.0)
         where = f"near [{np.degrees(sphere.wrap(lon)):.3f}, {np.degrees(lat):.3f}]"
@@ -96,8 +103,8 @@ def touching(network: Network, shore: Shore, routes: Sequence[Route] = ()) -> It
 def refuse_area(place: str, ring: Sequence[tuple[float, float]], coast: Coast) -> None:
     """Raise UserError where an area touches land.
 
-    place: what messages call it; ring: its corners (lon, lat) [deg] in order, with edges that are straight in longitude
-    and latitude, as those of a scenario's area.
+    place: what messages call it; ring: its corners (lon, lat) [deg] in order, with edges that are
+    straight in longitude and latitude, as those of a scenario's area.
     """
     lon = polyline.unwrap([corner[0] for corner in ring])
     area = shapely.Polygon(np.column_stack([lon, [corner[1] for corner in ring]]))
@@ -121,14 +128,18 @@ def refuse_area(place: str, ring: Sequence[tuple[float, float]], coast: Coast) -
         at = ring[0]
     else:
         return
-    raise UserError(f"{place}: touches land near [{at[0]:.3f}, {at[1]:.3f}]; move its corners into the water")
+    raise UserError(
+        f"{place}: touches land near [{at[0]:.3f}, {at[1]:.3f}]; move its corners into the water"
+    )
 
 
 def swept(network: Network, routes: Sequence[Route] = ()) -> dict[int, Array]:
-    """Return the corridor of each lane by its number: corners (lon, lat) [rad] of quadrilaterals, shape (q, 4, 2).
+    """Return the corridor of each lane by its number: corners (lon, lat) [rad] of quadrilaterals,
+    shape (q, 4, 2).
 
-    They are what lies between the lines across it at its nodes, after and before any other lane that may be followed
-    there, or none; and on the legs of routes. Corners: on side -1 and 1 at one node, on side 1 and -1 at the other.
+    They are what lies between the lines across it at its nodes, after and before any other lane
+    that may be followed there, or none; and on the legs of routes. Corners: on side -1 and 1 at one
+    node, on side 1 and -1 at the other.
     """
     quads: dict[int, list[Array]] = {lane: [] for lane in range(network.start.size)}
     begins, ends = _lines_across(network)
@@ -144,14 +155,18 @@ def swept(network: Network, routes: Sequence[Route] = ()) -> dict[int, Array]:
 
 
 def _lines_across(network: Network) -> tuple[list[list[Array]], list[list[Array]]]:
-    """Return the lines across the corridor where each way along a lane may begin and end, by `lanes.directed`.
+    """Return the lines across the corridor where each way along a lane may begin and end, by
+    `lanes.directed`.
 
     A line is its two ends (lon, lat) [rad] on side -1 and 1, shape (2, 2).
     """
     start, end, lane = lanes.directed(network)
     half = network.width[lane] / 2
     places = [(network.lon[node], network.lat[node]) for node in (start, end)]
-    ahead, behind = lanes.bearing(*places[0], *places[1]), lanes.bearing(*places[1], *places[0]) + np.pi
+    ahead, behind = (
+        lanes.bearing(*places[0], *places[1]),
+        lanes.bearing(*places[1], *places[0]) + np.pi,
+    )
     p, w = np.nonzero((end[:, None] == start) & (start[:, None] != end))  # way w may follow way p
     joint = _lines(network, start[w], behind[p], ahead[w], half[p], half[w])
     first = _lines(network, start, ahead, ahead, half, half)
@@ -160,20 +175,33 @@ def _lines_across(network: Network) -> tuple[list[list[Array]], list[list[Array]
     return [[first[k], *joint[w == k]] for k in ways], [[last[k], *joint[p == k]] for k in ways]
 
 
-def _lines(network: Network, node: Array, arriving: Array, leaving: Array, before: Array, after: Array) -> Array:
+def _lines(
+    network: Network, node: Array, arriving: Array, leaving: Array, before: Array, after: Array
+) -> Array:
     """Return lines across the corridor at nodes, (c, 2, 2), as `lanes.across` has them."""
     half, toward = lanes.across(arriving, leaving, before, after)
     away = half * np.array([[-1.0], [1.0]])
-    ends = sphere.destination(network.lon[node], network.lat[node], away * np.sin(toward), away * np.cos(toward))
+    ends = sphere.destination(
+        network.lon[node], network.lat[node], away * np.sin(toward), away * np.cos(toward)
+    )
     return np.stack(ends, axis=-1).swapaxes(0, 1)
 
 
 def _width(network: Network, lane: int, corners: Array) -> str:
-    """Return how wide a corridor is, in words: the lane, and its nodes where it is much wider there."""
+    """Return how wide a corridor is, in words: the lane, and its nodes where it is much wider
+    there.
+    """
     lon, lat = corners[..., 0], corners[..., 1]
-    most = max(float(sphere.distance(lon[:, k], lat[:, k], lon[:, k + 1], lat[:, k + 1]).max()) for k in (0, 2))
+    most = max(
+        float(sphere.distance(lon[:, k], lat[:, k], lon[:, k + 1], lat[:, k + 1]).max())
+        for k in (0, 2)
+    )
     text = f"{network.width[lane] / NMI:.3g} nmi"
-    return f"{text} (up to {most / NMI:.2g} nmi at its nodes)" if most > 1.1 * network.width[lane] else text
+    return (
+        f"{text} (up to {most / NMI:.2g} nmi at its nodes)"
+        if most > 1.1 * network.width[lane]
+        else text
+    )
 
 
 def _known(coast: Coast, points: Array) -> None:
@@ -187,7 +215,9 @@ def _known(coast: Coast, points: Array) -> None:
 
 
 def _halfway(corners: Array) -> Array:
-    """Return the points (lon, lat) [rad] halfway along the sides of corridors, where these are nearest to a pole."""
+    """Return the points (lon, lat) [rad] halfway along the sides of corridors, where these are
+    nearest to a pole.
+    """
     x, y, z = (_vectors(*corners[:, :2].T) + _vectors(*corners[:, :1:-1].T)).reshape(-1, 3).T
     return np.column_stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
 
@@ -197,25 +227,34 @@ def _binary(lon: npt.ArrayLike, lat: npt.ArrayLike) -> tuple[Array, Array]:
     return sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat))
 
 
-def _touched(lon: Array, lat: Array, corners: Array, shore: Shore) -> tuple[float, float, float] | None:
-    """Return (lon [rad], lat, distance from the centre line [m]) where a corridor first meets the coast, going outward.
+def _touched(
+    lon: Array, lat: Array, corners: Array, shore: Shore
+) -> tuple[float, float, float] | None:
+    """Return (lon [rad], lat, distance from the centre line [m]) where a corridor first meets the
+    coast, going outward.
 
-    Returns None where it does not. lon, lat: [rad] of the lane's nodes; corners: of its quadrilaterals, (q, 4, 2).
+    Returns None where it does not. lon, lat: [rad] of the lane's nodes; corners: of its
+    quadrilaterals, (q, 4, 2).
     """
     line = _vectors(lon, lat)
     up = line.sum(axis=0) / np.linalg.norm(line.sum(axis=0))
     across = np.cross(line[0], line[1])
     across /= np.linalg.norm(across)
-    frame = np.stack([np.cross(across, up), across, up], axis=1)  # columns: along the lane, across it, up
+    # columns: along the lane, across it, up
+    frame = np.stack([np.cross(across, up), across, up], axis=1)
     points = _plane(_vectors(corners[..., 0], corners[..., 1]) @ frame)
-    # Every way leads from a point of one line across to one of the other: the corners' hull holds them all.
+    # Every way leads from a point of one line across to one of the other: the corners' hull holds
+    # them all.
     hulls = shapely.convex_hull(shapely.multipoints(points))
     corridor = shapely.union_all(hulls).buffer(CLEAR / sphere.RADIUS)
     x0, y0, x1, y1 = corridor.bounds
-    # The plane's four lines that bound the corridor are planes through the Earth's centre; these are their normals.
+    # The plane's four lines that bound the corridor are planes through the Earth's centre; these
+    # are their normals.
     sides = np.array([[1, 0, -x0], [-1, 0, x1], [0, 1, -y0], [0, -1, y1]])
     sides = sides @ frame.T / np.linalg.norm(sides, axis=1)[:, None]
-    blocks = np.flatnonzero((shore.centre @ sides.T > -(shore.reach + HALF_EDGE)[:, None]).all(axis=1))
+    blocks = np.flatnonzero(
+        (shore.centre @ sides.T > -(shore.reach + HALF_EDGE)[:, None]).all(axis=1)
+    )
     near = (blocks[:, None] * BLOCK + np.arange(BLOCK)).ravel()
     near = near[near < len(shore.middle)]
     near = near[(shore.middle[near] @ sides.T > -HALF_EDGE).all(axis=1)]
@@ -237,5 +276,7 @@ def _vectors(lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
 
 
 def _plane(vectors: Array) -> Array:
-    """Return vectors, shape (..., 3), in the gnomonic projection about their third axis, shape (..., 2)."""
+    """Return vectors, shape (..., 3), in the gnomonic projection about their third axis, shape
+    (..., 2).
+    """
     return np.asarray(vectors[..., :2] / vectors[..., 2:])

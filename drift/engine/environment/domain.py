@@ -22,7 +22,8 @@ from kernels.step import advance
 FASTEST_CURRENT = 2.5  # [m/s] with which a domain is computed where the case states none
 STRONGEST_WIND = 25.0  # [m/s]
 POLEWARD = 89.0  # [deg] a domain that reaches beyond holds the pole: there meridians meet
-VAST = 4_000.0  # [deg2] size of a box above which it is worth asking how much of it can be reached at all
+# [deg2] size of a box above which it is worth asking how much of it can be reached at all
+VAST = 4_000.0
 FARTHEST = 7.0  # standard deviations beyond which practically nothing is drawn
 SPREADS = 5.0  # standard deviations of a prior that lie in its box
 
@@ -33,7 +34,10 @@ def bounds(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
     if (box.east - box.west) * (box.north - box.south) > VAST:
         box = _common(box, utmost(spec, asked))
     if is_polar(box):
-        south, north = (-90.0 if box.south < -POLEWARD else box.south), (90.0 if box.north > POLEWARD else box.north)
+        south, north = (
+            (-90.0 if box.south < -POLEWARD else box.south),
+            (90.0 if box.north > POLEWARD else box.north),
+        )
         return Box(-180.0, south, 180.0, north)
     return box
 
@@ -51,7 +55,9 @@ def binary(box: Box) -> advance.Domain:
 
 
 def middle(spec: EnsembleSpec) -> tuple[float, float]:
-    """Return the middle (lon, lat) [deg] of where the first scenario begins: near a pole, what is typed is stated for it."""
+    """Return the middle (lon, lat) [deg] of where the first scenario begins: near a pole, what is
+    typed is stated for it.
+    """
     x, y, _ = next(extent for scenario in spec.scenarios for extent in scenario.extents(0.0))
     return float(sphere.wrap_degrees(np.degrees(np.mean(x)))), float(np.degrees(np.mean(y)))
 
@@ -73,22 +79,31 @@ def within_reach(spec: EnsembleSpec) -> Box:
 def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
     """Return a box that practically nothing of a run leaves.
 
-    It assumes speeds that last nowhere, or those of the case if they are faster, and errors beyond chance.
+    It assumes speeds that last nowhere, or those of the case if they are faster, and errors beyond
+    chance.
 
-    With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in a thousand runs. A
-    particle that leaves the box all the same counts as having left the domain.
+    With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in
+    a thousand runs. A particle that leaves the box all the same counts as having left the domain.
     """
-    utmost = {name: _fastest(asked.forcing.get(name, ()), quantity) for name, quantity in QUANTITIES.items()}
+    utmost = {
+        name: _fastest(asked.forcing.get(name, ()), quantity)
+        for name, quantity in QUANTITIES.items()
+    }
     wind = utmost["wind"] + FARTHEST * spec.errors.wind.std
 
     def carried(leeway: float) -> float:
-        speed = sum(utmost[name] for name, quantity in QUANTITIES.items() if not quantity.in_air) + leeway
+        speed = (
+            sum(utmost[name] for name, quantity in QUANTITIES.items() if not quantity.in_air)
+            + leeway
+        )
         speed += FARTHEST * (spec.errors.current.std + spec.errors.current.bias)
         if spec.release:
             speed += leeway * math.exp(FARTHEST * spec.release.windage_bias)
         return speed + FARTHEST * math.sqrt(2 * spec.errors.diffusivity / spec.period.duration)
 
-    objects = [(model_of(s).forced, model_of(s).fastest(s, wind, FARTHEST)) for s in _drifting(spec)]
+    objects = [
+        (model_of(s).forced, model_of(s).fastest(s, wind, FARTHEST)) for s in _drifting(spec)
+    ]
     debris = [(True, drift.fastest(drifter, wind, FARTHEST)) for drifter in spec.debris]
     return around(spec, _fastest_of(spec, objects + debris, carried), FARTHEST)
 
@@ -98,11 +113,14 @@ def _drifting(spec: EnsembleSpec) -> list[Scenario]:
     return [s for s in spec.scenarios if s.model in s.models]
 
 
-def _fastest_of(spec: EnsembleSpec, drifting: Sequence[tuple[bool, float]], carried: Callable[[float], float]) -> float:
+def _fastest_of(
+    spec: EnsembleSpec, drifting: Sequence[tuple[bool, float]], carried: Callable[[float], float]
+) -> float:
     """Return the highest speed [m/s] at which anything leaves the extent of its scenario.
 
-    drifting: of what goes adrift, whether it is forced, and its speed through the water; carried: makes of that one over
-    ground. What steers leaves its extent on a course, and by the current that it feels.
+    drifting: of what goes adrift, whether it is forced, and its speed through the water; carried:
+    makes of that one over ground. What steers leaves its extent on a course, and by the current
+    that it feels.
     """
     speeds = [carried(speed) if forced else speed for forced, speed in drifting]
     for own in (s.itinerary for s in spec.scenarios if s.itinerary):
@@ -111,7 +129,8 @@ def _fastest_of(spec: EnsembleSpec, drifting: Sequence[tuple[bool, float]], carr
 
 
 def _fastest(specs: Sequence[ForcingSpec], quantity: Quantity) -> float:
-    """Return the fastest speed of a quantity that a case states [m/s], or the utmost of its kind if that is more.
+    """Return the fastest speed of a quantity that a case states [m/s], or the utmost of its kind if
+    that is more.
 
     What a run does not need anywhere, and its case does not have, has no speed.
     """
@@ -119,7 +138,12 @@ def _fastest(specs: Sequence[ForcingSpec], quantity: Quantity) -> float:
         return 0.0
     parts = [part for spec in specs for part in spec.parts]
     typed = [spec.constant for spec in parts if spec.constant is not None]
-    typed += [row for spec in parts if spec.table for row in zip(spec.table.east, spec.table.north, strict=True)]
+    typed += [
+        row
+        for spec in parts
+        if spec.table
+        for row in zip(spec.table.east, spec.table.north, strict=True)
+    ]
     return max([quantity.utmost, *(math.hypot(east, north) for east, north in typed)])
 
 
@@ -134,7 +158,8 @@ def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
     for scenario in spec.scenarios:
         for x, y, far in scenario.extents(spreads):
             spread = max(spread, far)
-            # Each prior's longitudes run without jumps: shift them as a whole, by turns, next to the first prior's.
+            # Each prior's longitudes run without jumps: shift them as a whole, by turns, next to
+            # the first prior's.
             about = lon[0].mean() if lon else x.mean()
             lon.append(x - 2 * np.pi * np.round((x.mean() - about) / (2 * np.pi)))
             lat.append(y)
@@ -142,7 +167,8 @@ def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
         spread += spreads * spec.release.release_std
     grown = np.degrees((spread + fastest * spec.period.duration) / sphere.RADIUS)
     x, y = np.degrees(np.concatenate(lon)), np.degrees(np.concatenate(lat))
-    highest = min(float(np.abs(y).max() + grown), POLEWARD)  # what reaches beyond goes all round the pole
+    # what reaches beyond goes all round the pole
+    highest = min(float(np.abs(y).max() + grown), POLEWARD)
     west = float(sphere.wrap_degrees(x.min()))
     tight = Box(west, float(y.min()), west + max(float(np.ptp(x)), 1e-6), float(y.max()))
     return tight.grown(float(grown / np.cos(np.radians(highest))), float(grown))
@@ -159,7 +185,9 @@ def _common(box: Box, other: Box) -> Box:
     elif box.east - box.west >= 360:
         spans = [(other.west, other.east)]
     else:
-        sides = ((max(box.west, other.west + k), min(box.east, other.east + k)) for k in (-360, 0, 360))
+        sides = (
+            (max(box.west, other.west + k), min(box.east, other.east + k)) for k in (-360, 0, 360)
+        )
         spans = [(west, east) for west, east in sides if west < east]
     if south >= north or len(spans) != 1:
         return box

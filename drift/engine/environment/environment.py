@@ -1,4 +1,6 @@
-"""What a run drifts in: the winds and currents of its domain, and the coast; opened once, checked once."""
+"""What a run drifts in: the winds and currents of its domain, and the coast; opened once, checked
+once.
+"""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -29,7 +31,8 @@ from geo.forcing.reading import memory, stream
 from geo.forcing.reading.kept import Finished
 from geo.forcing.sources import Source
 
-# What is read of a source ends on a lattice, whose lines are at most this share of the box's width or height apart.
+# What is read of a source ends on a lattice, whose lines are at most this share of the box's width
+# or height apart.
 FINEST_SHARE = 1 / 8
 FAR = np.timedelta64(12, "h")  # between rows of a table: weather changes within it
 COARSEST = 4.0  # [deg] the lattice's widest spacing
@@ -53,10 +56,13 @@ class Environment:
 
 
 class Common(Protocol):
-    """What a run has in common with others, opened and built for all of them: see drift.pipeline.shared_forcing.Waters."""
+    """What a run has in common with others, opened and built for all of them: see
+    drift.pipeline.shared_forcing.Waters.
+    """
 
     def source(self, spec: ForcingSpec, box: Box) -> Source:
-        """Return the part of a source, of files or a dataset in memory, that `open_source` gives for a box.
+        """Return the part of a source, of files or a dataset in memory, that `open_source` gives
+        for a box.
 
         See geo.forcing.sources.
         """
@@ -64,7 +70,10 @@ class Common(Protocol):
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
     ) -> tuple[Shore, shoreline.Coast | None] | None:
-        """Return the land and a coast that within a box is as one built for it; None if there is nothing to share."""
+        """Return the land and a coast that within a box is as one built for it;
+
+        None if there is nothing to share.
+        """
 
 
 def open_for(
@@ -76,11 +85,11 @@ def open_for(
 ) -> Environment:
     """Return the environment of a run.
 
-    held: datasets in memory that its sources name; seen: what of the land's detail is wanted, all unless a function
-    says; common: what is shared with other runs.
+    held: datasets in memory that its sources name; seen: what of the land's detail is wanted, all
+    unless a function says; common: what is shared with other runs.
 
-    Raises UserError when a file can't be understood, when sources leave part of the run without forcing, or when a
-    reported position lies on land.
+    Raises UserError when a file can't be understood, when sources leave part of the run without
+    forcing, or when a reported position lies on land.
     """
     box = domain.bounds(spec, asked)
     about = domain.middle(spec) if domain.is_polar(box) else None
@@ -88,14 +97,18 @@ def open_for(
     wrong: list[str] = []
     for source in asked.sources:
         try:
-            opened[source.quantity, source.name] = _open(source, box, spec.period, held, common, about)
+            opened[source.quantity, source.name] = _open(
+                source, box, spec.period, held, common, about
+            )
         except UserError as error:
             wrong += error.lines
     if wrong:
         raise UserError(*wrong)
     finished = Finished(first=True)  # the step is chosen on what the run then drifts in
     opened = {
-        key: source if source.shelf else source.shelved((*key, source.fingerprint, source.grid), finished)
+        key: source
+        if source.shelf
+        else source.shelved((*key, source.fingerprint, source.grid), finished)
         for key, source in opened.items()
     }
     cells = {(source.quantity, source.name): source.fill for source in asked.sources}
@@ -115,7 +128,9 @@ def open_for(
         place = f'{spec.story} "{scenario.name}"'
         for quantity in needed():
             for k, term in enumerate(named.terms(quantity)):
-                for complaint in _without_forcing(spec.period, asked.max_lost, quantity, term, added=k > 0):
+                for complaint in _without_forcing(
+                    spec.period, asked.max_lost, quantity, term, added=k > 0
+                ):
                     without.setdefault(complaint, []).append(place)
     for complaint, (first, *others) in without.items():
         wrong.append(f"{first}{f' and {len(others)} more' if others else ''}: {complaint}")
@@ -140,7 +155,9 @@ def open_for(
         for quantity in QUANTITIES
         for source in named.of(quantity)
     }
-    return Environment(box, tuple(scenarios), shown, coast, land.notes, _members(list(used.values())))
+    return Environment(
+        box, tuple(scenarios), shown, coast, land.notes, _members(list(used.values()))
+    )
 
 
 def warnings(where: Environment) -> list[str]:
@@ -154,7 +171,10 @@ def warnings(where: Environment) -> list[str]:
 
 
 def store(where: Environment, folder: Path | None) -> None:
-    """Have the slices of an environment's forcing made once for all processes that see a folder; None: no longer."""
+    """Have the slices of an environment's forcing made once for all processes that see a folder;
+
+    None: no longer.
+    """
     for source in where.sources:
         if source.shelf:
             source.shelf.finished.store(folder)
@@ -172,15 +192,17 @@ def _members(used: Sequence[Source]) -> tuple[str, ...]:
             f"the ensembles of a run must have the same number of members, for a particle drifts in the same member of "
             f"each; given {told}: name as many of each, or choose one of a source by variables"
         )
-    together = zip(*([member.label for member in source.members] for source in ensembles), strict=True)
+    together = zip(
+        *([member.label for member in source.members] for source in ensembles), strict=True
+    )
     return tuple(" + ".join(dict.fromkeys(labels)) for labels in together)
 
 
 def part(box: Box) -> Box:
     """Return the box that is read of a source: the one asked for, widened to a lattice.
 
-    The lattice's lines are at most an eighth of the box apart. So runs that begin near each other see the same part of
-    a source, on the same grid, which for many forecasts is prepared only once.
+    The lattice's lines are at most an eighth of the box apart. So runs that begin near each other
+    see the same part of a source, on the same grid, which for many forecasts is prepared only once.
     """
 
     def outward(low: float, high: float) -> tuple[float, float]:
@@ -205,8 +227,11 @@ def _names(spec: EnsembleSpec, scenario: Scenario) -> dict[str, tuple[str, ...]]
     }
 
 
-def hold(asked: EnvironmentSpec, datasets: Mapping[str, Any] | None, place: str) -> dict[str, memory.Held]:
-    """Return the datasets in memory by name; refuse one that is named and not given, or given and not named.
+def hold(
+    asked: EnvironmentSpec, datasets: Mapping[str, Any] | None, place: str
+) -> dict[str, memory.Held]:
+    """Return the datasets in memory by name; refuse one that is named and not given, or given and
+    not named.
 
     place: what a refusal calls the case, the name of its file.
     """
@@ -240,14 +265,21 @@ def _open(
     if spec.each:
         own = [_open(part, box, period, held, common, about) for part in spec.parts]
         called = _called(spec)
-        joined = sources.ensemble([replace(source, label=label) for source, label in zip(own, called, strict=True)])
+        joined = sources.ensemble(
+            [replace(source, label=label) for source, label in zip(own, called, strict=True)]
+        )
         return replace(joined, name=spec.name)
     if spec.constant is not None:
         return sources.constant(spec.quantity, *spec.constant, name=spec.name, about=about)
     if spec.table is not None:
         table = spec.table
         rows = sources.uniform_field(
-            spec.quantity, np.array(table.times), table.east, table.north, name=spec.name, about=about
+            spec.quantity,
+            np.array(table.times),
+            table.east,
+            table.north,
+            name=spec.name,
+            about=about,
         )
         return replace(rows, gapless=True, notes=rows.notes + _far_apart(rows))
     if spec.analytic is not None:
@@ -274,27 +306,38 @@ def _open(
 
 
 def _far_apart(rows: Source) -> tuple[str, ...]:
-    """Return a note on rows of a table that are FAR or more apart: the weather in between is unknown."""
+    """Return a note on rows of a table that are FAR or more apart: the weather in between is
+    unknown.
+    """
     longest = np.diff(rows.times).max()
     if longest < FAR:
         return ()
     hours = notation.number(float(longest / np.timedelta64(1, "h")))
-    return (f"rows up to {hours} h apart, interpolated linearly: add rows where it changed in another way",)
+    return (
+        f"rows up to {hours} h apart, interpolated linearly: add rows where it changed in another way",
+    )
 
 
 def _called(spec: ForcingSpec) -> list[str]:
-    """Return what members that are sources of their own are called: by what they are, or by number if that is long."""
+    """Return what members that are sources of their own are called: by what they are, or by number
+    if that is long.
+    """
     called = []
     for number, part in enumerate(spec.parts, 1):
         if part.constant is not None:
             called.append(sources.as_said(spec.quantity, *part.constant))
         elif part.analytic is not None:
             called.append(
-                ", ".join(f"{k} = {v:g}" for k, v in part.parameters.items() if _differs(spec, k)) or str(number)
+                ", ".join(f"{k} = {v:g}" for k, v in part.parameters.items() if _differs(spec, k))
+                or str(number)
             )
         else:
             called.append(dataset.title(part.files) or part.dataset or str(number))
-    return called if len(set(called)) == len(called) else [str(number) for number in range(1, len(called) + 1)]
+    return (
+        called
+        if len(set(called)) == len(called)
+        else [str(number) for number in range(1, len(called) + 1)]
+    )
 
 
 def _differs(spec: ForcingSpec, key: str) -> bool:
@@ -310,12 +353,21 @@ def _with_notes(source: Source, added: frozenset[tuple[str, str]]) -> Source:
         return source
     notes, box = list(source.notes), source.grid.box
     if (source.quantity, source.name) in added:
-        notes.append(f"added to the other sources of [[{source.quantity}]]: where it has no value the sum has none")
+        notes.append(
+            f"added to the other sources of [[{source.quantity}]]: where it has no value the sum has none"
+        )
     if source.grid is not sources.EVERYWHERE:
-        notes.append(f"within {box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N")
+        notes.append(
+            f"within {box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N"
+        )
     if source.times.size:
-        notes.append(f"from {notation.group(source.times[0])} to {notation.group(source.times[-1])}")
-    notes += [f"no values between {notation.group(a)} and {notation.group(b)}" for a, b in stream.holes_of(source)]
+        notes.append(
+            f"from {notation.group(source.times[0])} to {notation.group(source.times[-1])}"
+        )
+    notes += [
+        f"no values between {notation.group(a)} and {notation.group(b)}"
+        for a, b in stream.holes_of(source)
+    ]
     return replace(source, notes=tuple(notes))
 
 
@@ -338,16 +390,26 @@ def _without_forcing(
     without = [hole for hole in without if hole[1] > hole[0]]
     if not without or (max_lost == 1 and without != [(first, last)]):
         return []
-    share = 1 - float(sum((end - begin for begin, end in without), np.timedelta64(0, "s")) / (last - first))
+    share = 1 - float(
+        sum((end - begin for begin, end in without), np.timedelta64(0, "s")) / (last - first)
+    )
     names = ", ".join(f'"{source.name}"' for source in sources)
-    whole = f"{notation.group(min(s[0] for s in spans))} to {notation.group(max(s[1] for s in spans))}"
+    whole = (
+        f"{notation.group(min(s[0] for s in spans))} to {notation.group(max(s[1] for s in spans))}"
+    )
     gaps = sorted(hole for source in sources for hole in stream.holes_of(source))
-    inside = any(begin < hole_end and hole_begin < end for begin, end in without for hole_begin, hole_end in gaps)
+    inside = any(
+        begin < hole_end and hole_begin < end
+        for begin, end in without
+        for hole_begin, hole_end in gaps
+    )
     holds = (
         f" with gaps of more than {stream.LONGEST_GAP} times its usual interval, which are not interpolated over"
         * inside
     )
-    lacking = " and ".join(f"from {notation.group(begin)} to {notation.group(end)}" for begin, end in without[:3])
+    lacking = " and ".join(
+        f"from {notation.group(begin)} to {notation.group(end)}" for begin, end in without[:3]
+    )
     more = f" and {len(without) - 3} times more" if len(without) > 3 else ""
     return [
         f"{quantity} {names} lasts from {whole}{holds}, the run from "

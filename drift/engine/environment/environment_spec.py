@@ -10,11 +10,14 @@ from geo.box import Box
 
 @dataclass(frozen=True)
 class Coast:
-    """Where the shoreline comes from ("gshhg", "none" or an absolute path) and what it does to a particle."""
+    """Where the shoreline comes from ("gshhg", "none" or an absolute path) and what it does to a
+    particle.
+    """
 
     source: str
     behaviour: Literal["strand", "refloat", "slide"]
-    half_life: float = 0.0  # [s] of lying ashore before it is afloat again; 0: it lies there for good
+    # [s] of lying ashore before it is afloat again; 0: it lies there for good
+    half_life: float = 0.0
     offing: float = 0.0  # [m] off the beach where it is afloat again
     lakes: bool | str = False  # water; or the absolute path of a file of lakes
 

@@ -1,7 +1,7 @@
 """Which winds and currents a run asks for.
 
-They come from files, a dataset in memory, a constant, a table, or a built-in flow. Constants and tables are what was
-reported on scene. Nothing is opened here; geo.forcing.sources does that.
+They come from files, a dataset in memory, a constant, a table, or a built-in flow. Constants and
+tables are what was reported on scene. Nothing is opened here; geo.forcing.sources does that.
 """
 
 from collections.abc import Mapping
@@ -13,7 +13,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Report:
-    """A vector by time, as reported on scene: UTC times, strictly increasing, true east and north [m/s]."""
+    """A vector by time, as reported on scene:
+
+    UTC times, strictly increasing, true east and north [m/s].
+    """
 
     times: tuple[np.datetime64, ...]
     east: tuple[float, ...]
@@ -24,8 +27,8 @@ class Report:
 class Slices:
     """How the user interprets times.
 
-    Of the first slice, and from one to the next, in place of a file's own; or how these are meant: their zone, ahead of
-    UTC, and where in the interval of a mean they stand.
+    Of the first slice, and from one to the next, in place of a file's own; or how these are meant:
+    their zone, ahead of UTC, and where in the interval of a mean they stand.
     """
 
     start: np.datetime64 | None = None  # [s] UTC
@@ -36,7 +39,9 @@ class Slices:
 
 @dataclass(frozen=True)
 class ForcingSpec:
-    """One source of a quantity; exactly one of files, dataset, constant, table, analytic and each is given."""
+    """One source of a quantity; exactly one of files, dataset, constant, table, analytic and each
+    is given.
+    """
 
     name: str
     quantity: str
@@ -45,7 +50,8 @@ class ForcingSpec:
     constant: tuple[float, float] | None = None  # true east, north [m/s]
     table: Report | None = None
     analytic: str | None = None
-    parameters: Mapping[str, float] = field(default_factory=dict)  # parameters of the built-in flow, SI
+    # parameters of the built-in flow, SI
+    parameters: Mapping[str, float] = field(default_factory=dict)
     variables: Mapping[str, str] | None = None
     units: str | None = None
     depth: float | None = None  # [m]
@@ -55,10 +61,13 @@ class ForcingSpec:
     plausible: bool = False  # the user vouches for the speeds in the files
     timeout: float = 60.0  # [s] that the server of an address may leave a question unanswered
     add: bool = False  # added to what the sources without it give by priority
-    # Whether its files, or its dataset, are members of an ensemble; or the name of the dimension along which members lie.
+    # Whether its files, or its dataset, are members of an ensemble; or the name of the dimension
+    # along which members lie.
     members: bool | str = False
-    entries: tuple[tuple[str, ...], ...] = ()  # the files of each entry of a list, or each file of a single pattern
-    each: tuple["ForcingSpec", ...] = ()  # the members of an ensemble, where each is a source of its own
+    # the files of each entry of a list, or each file of a single pattern
+    entries: tuple[tuple[str, ...], ...] = ()
+    # the members of an ensemble, where each is a source of its own
+    each: tuple["ForcingSpec", ...] = ()
 
     @property
     def parts(self) -> tuple["ForcingSpec", ...]:

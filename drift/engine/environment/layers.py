@@ -1,7 +1,8 @@
 """What a chart shows of where targets may go: lane networks and itineraries.
 
-Of a network: corridors as a wash of colour, the lanes' middles, and arrows on one-way lanes. Of an itinerary: its way,
-where its way points may be, and where it loiters; what several scenarios share is drawn once.
+Of a network: corridors as a wash of colour, the lanes' middles, and arrows on one-way lanes. Of an
+itinerary: its way, where its way points may be, and where it loiters; what several scenarios share
+is drawn once.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,7 +23,16 @@ from drift.engine.environment.ambient import Flow
 from drift.engine.motion.scenario import Scenario
 from drift.engine.motion.steering import family
 from drift.engine.motion.steering import lanes as network_of
-from drift.engine.motion.steering.itinerary import Acts, InBox, InDisc, InRing, Itinerary, Near, Place, Ways
+from drift.engine.motion.steering.itinerary import (
+    Acts,
+    InBox,
+    InDisc,
+    InRing,
+    Itinerary,
+    Near,
+    Place,
+    Ways,
+)
 from drift.engine.motion.steering.lanes import Network
 from drift.products.maps import chart, labels
 from drift.products.maps.chart import Frame
@@ -32,16 +42,34 @@ from geo.array import Array
 from geo.notation import KNOT
 
 INK, WASH = "#1f4e8c", "#a9c4e6"  # of lanes and their corridors
-TRACKER: dict[str, Any] = {"color": "#12355b", "linewidth": 1.3, "marker": ">", "markevery": [-1], "markersize": 6}
+TRACKER: dict[str, Any] = {
+    "color": "#12355b",
+    "linewidth": 1.3,
+    "marker": ">",
+    "markevery": [-1],
+    "markersize": 6,
+}
 AREA: dict[str, Any] = {"color": "#7a1f6b", "linewidth": 1.5, "linestyle": (0, (6, 2))}
 WAY_COLOURS = ("#1b5e20", "#00838f", "#5d4037", "#9e7b00", "#b0306a")
-WAY_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1, 1, 1, 1)), (0, (5, 1.5)), "-")
+WAY_DASHES: tuple[Any, ...] = (
+    (0, (6, 2, 1, 2)),
+    (0, (10, 2.5)),
+    (0, (3, 1, 1, 1, 1, 1)),
+    (0, (5, 1.5)),
+    "-",
+)
 # More ways than there are colours cannot be told apart; they are drawn alike.
 CROWD: dict[str, Any] = {"color": WAY_COLOURS[0], "linestyle": "-", "linewidth": 0.5, "alpha": 0.5}
 ARROW = 0.05  # of the chart's width: the longest arrow of a current
 ARROWS: dict[str, Any] = {
-    "color": "#00629b", "angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.0016, "headwidth": 4.5, "alpha": 0.75,
-}  # fmt: skip
+    "color": "#00629b",
+    "angles": "xy",
+    "scale_units": "xy",
+    "scale": 1.0,
+    "width": 0.0016,
+    "headwidth": 4.5,
+    "alpha": 0.75,
+}
 BARBS: dict[str, Any] = {"color": "#4a4a4a", "length": 5.5, "linewidth": 0.7, "alpha": 0.8}
 HALF = np.sqrt(2 * np.log(2))  # standard deviations within which half of a round normal law lies
 NAMED = 3  # scenarios that a row of the legend names
@@ -61,7 +89,8 @@ def overlay(network: Network, areas: Mapping[str, Ring]) -> Overlay:
 
 
 def lanes(ax: Axes, frame: Frame, network: Network, alpha: float = 0.75) -> None:
-    """Draw corridors with all their joints, the middles of lanes, and an arrow on the middle of each one-way lane.
+    """Draw corridors with all their joints, the middles of lanes, and an arrow on the middle of
+    each one-way lane.
 
     alpha: of the corridors, under which shading is to be seen where there is any.
     """
@@ -70,10 +99,16 @@ def lanes(ax: Axes, frame: Frame, network: Network, alpha: float = 0.75) -> None
     for corners in quads:
         closed = np.vstack([corners, corners[:1]])
         lon, lat = sphere.track(closed[:, 0], closed[:, 1], FINE)
-        shapes.append(shapely.make_valid(shapely.Polygon(np.column_stack(frame.project(*np.degrees([lon, lat]))))))
+        shapes.append(
+            shapely.make_valid(
+                shapely.Polygon(np.column_stack(frame.project(*np.degrees([lon, lat]))))
+            )
+        )
     whole = shapely.union_all(shapes)
     rings = [np.array(ring.coords) for ring in shapely.get_rings(shapely.get_parts(whole))]
-    codes = [[Outline.MOVETO, *[Outline.LINETO] * (len(ring) - 2), Outline.CLOSEPOLY] for ring in rings]
+    codes = [
+        [Outline.MOVETO, *[Outline.LINETO] * (len(ring) - 2), Outline.CLOSEPOLY] for ring in rings
+    ]
     wash = Outline(np.concatenate(rings), np.concatenate(codes))
     chart.outline(ax, PathPatch(wash, facecolor=WASH, edgecolor="none", alpha=alpha, zorder=5.5))
     lines = [np.column_stack(frame.project(*line.T)) for line in middles(network)]
@@ -85,8 +120,14 @@ def lanes(ax: Axes, frame: Frame, network: Network, alpha: float = 0.75) -> None
         ax.annotate("", a + 0.6 * (b - a), a + 0.4 * (b - a), zorder=6.2, arrowprops=style)
     ax.plot(
         *frame.project(*np.degrees([network.lon, network.lat])),
-        marker="o", markersize=2.6, linestyle="none", color=INK, zorder=6.3, scalex=False, scaley=False,
-    )  # fmt: skip
+        marker="o",
+        markersize=2.6,
+        linestyle="none",
+        color=INK,
+        zorder=6.3,
+        scalex=False,
+        scaley=False,
+    )
 
 
 def patrols(ax: Axes, frame: Frame, rings: Iterable[Ring]) -> None:
@@ -110,7 +151,10 @@ def middles(network: Network) -> list[Array]:
 def key(areas: bool = True) -> list[tuple[Any, str]]:
     """Return symbols and texts of a legend."""
     rows: list[tuple[Any, str]] = [
-        (Line2D([], [], color=INK, linewidth=0.7, marker="o", markersize=2.6), "Lane; an arrow where it is one-way"),
+        (
+            Line2D([], [], color=INK, linewidth=0.7, marker="o", markersize=2.6),
+            "Lane; an arrow where it is one-way",
+        ),
         (Patch(facecolor=WASH, alpha=0.75), "Its corridor, joints included"),
     ]
     return [*rows, (Line2D([], [], **AREA), "Area of patrol")] if areas else rows
@@ -123,7 +167,8 @@ def flows(found: Mapping[str, Flow], time: np.datetime64) -> Overlay:
         if quantity not in found:
             continue
         flow = found[quantity]
-        some = _some(flow) if quantity == "wind" else np.ones(len(flow.lon), bool)  # barbs take more room than arrows
+        # barbs take more room than arrows
+        some = _some(flow) if quantity == "wind" else np.ones(len(flow.lon), bool)
         for velocity in flow.velocity[flow.time == time]:
             there = some & np.isfinite(velocity).all(axis=1)
             if there.any():
@@ -166,7 +211,9 @@ def _some(flow: Flow) -> Array:
 
 
 def _turned(frame: Frame, lon: Array, lat: Array, velocity: Array) -> tuple[Array, Array]:
-    """Return velocities east and north (m, 2) as they lie on a chart, whose north is up in its middle alone."""
+    """Return velocities east and north (m, 2) as they lie on a chart, whose north is up in its
+    middle alone.
+    """
     little = np.where(lat > 89, -0.01, 0.01)
     x0, y0 = frame.project(lon, lat)
     x1, y1 = frame.project(lon, lat + little)
@@ -176,18 +223,30 @@ def _turned(frame: Frame, lon: Array, lat: Array, velocity: Array) -> tuple[Arra
 
 
 def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
-    """Return the itineraries of scenarios as a layer of a chart: lanes, ways, way points and areas of patrol."""
-    stories = [(scenario.name, own) for scenario in scenarios if (own := scenario.itinerary) is not None]
+    """Return the itineraries of scenarios as a layer of a chart: lanes, ways, way points and areas
+    of patrol.
+    """
+    stories = [
+        (scenario.name, own) for scenario in scenarios if (own := scenario.itinerary) is not None
+    ]
     networks = [
-        phase.lanes.network for _, own in stories for phase in own.phases if isinstance(phase, Ways) and phase.lanes
+        phase.lanes.network
+        for _, own in stories
+        for phase in own.phases
+        if isinstance(phase, Ways) and phase.lanes
     ]
     network = network_of.join_networks(networks) if networks else None
-    places_of = {scenario.name: scenario.family for scenario in scenarios if scenario.family is not None}
+    places_of = {
+        scenario.name: scenario.family for scenario in scenarios if scenario.family is not None
+    }
     ways = _ways(stories)
     groups = [(shapes, family.together(names, places_of)) for shapes, names in ways.items()]
     rings = list(dict.fromkeys(ring for _, own in stories for ring in own.rings))
     trackers = _trackers(stories)
-    corners = [list(zip(np.degrees(ring.lon).tolist(), np.degrees(ring.lat).tolist(), strict=True)) for ring in rings]
+    corners = [
+        list(zip(np.degrees(ring.lon).tolist(), np.degrees(ring.lat).tolist(), strict=True))
+        for ring in rings
+    ]
 
     def draw(ax: Axes, frame: Frame) -> None:
         if network is not None:
@@ -202,19 +261,31 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
             ax.plot(*frame.project(*line.T), zorder=6.6, scalex=False, scaley=False, **TRACKER)
 
     if len(groups) > len(WAY_COLOURS):
-        rows: list[tuple[Any, str]] = [(Line2D([], [], **CROWD), f"Ways of {sum(map(len, ways.values()))} scenarios")]
+        rows: list[tuple[Any, str]] = [
+            (Line2D([], [], **CROWD), f"Ways of {sum(map(len, ways.values()))} scenarios")
+        ]
     else:
-        rows = [(Line2D([], [], **_style(k)), f"Way: {_names(names)}") for k, (_, names) in enumerate(groups)]
+        rows = [
+            (Line2D([], [], **_style(k)), f"Way: {_names(names)}")
+            for k, (_, names) in enumerate(groups)
+        ]
     if any(shapes.outlines for shapes, _ in groups):
         rows.append((Patch(facecolor="none", edgecolor=WAY_COLOURS[0]), "50 % area of a way point"))
     rows += key(areas=False) if network is not None else []
     rows += [(Line2D([], [], **AREA), "Area of patrol")] if rings else []
     rows += (
-        [(Line2D([], [], **{**TRACKER, "markevery": None}), "Tracker that targets seek or flee from")]
+        [
+            (
+                Line2D([], [], **{**TRACKER, "markevery": None}),
+                "Tracker that targets seek or flee from",
+            )
+        ]
         if trackers
         else []
     )
-    places: dict[str, Sequence[Array]] = {f"the way of {_names(names)}": shapes.arrays for shapes, names in groups}
+    places: dict[str, Sequence[Array]] = {
+        f"the way of {_names(names)}": shapes.arrays for shapes, names in groups
+    }
     if len(groups) > len(WAY_COLOURS):
         places = {"the ways": [line for shapes, _ in groups for line in shapes.arrays]}
     if network is not None:
@@ -230,15 +301,25 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
 def _trackers(stories: Sequence[tuple[str, Itinerary]]) -> list[Array]:
     """Return where each tracker goes, points (lon, lat) [deg] without jumps, (n, 2)."""
     found = dict.fromkeys(
-        phase.tracker for _, own in stories for phase in own.phases if isinstance(phase, Acts) and phase.tracker
+        phase.tracker
+        for _, own in stories
+        for phase in own.phases
+        if isinstance(phase, Acts) and phase.tracker
     )
-    return [np.degrees(np.column_stack([np.unwrap(own.lon), own.lat])) for own in found if own is not None]
+    return [
+        np.degrees(np.column_stack([np.unwrap(own.lon), own.lat]))
+        for own in found
+        if own is not None
+    ]
 
 
 def _beginnings(stories: Sequence[tuple[str, Itinerary]]) -> list[Array]:
     """Return the first node of each route, points (lon, lat) [deg], (1, 2)."""
     routes = [
-        phase.lanes.route for _, own in stories for phase in own.phases if isinstance(phase, Ways) and phase.lanes
+        phase.lanes.route
+        for _, own in stories
+        for phase in own.phases
+        if isinstance(phase, Ways) and phase.lanes
     ]
     first = dict.fromkeys((float(route.lon[0]), float(route.lat[0])) for route in routes)
     return [np.degrees([place]) for place in first]
@@ -250,7 +331,8 @@ class _Shapes:
 
     lines: tuple[tuple[tuple[float, float], ...], ...]
     outlines: tuple[tuple[tuple[float, float], ...], ...]  # closed: where its way points may be
-    odds: tuple[tuple[float, float, float], ...]  # where over each of its destinations (lon, lat), and its probability
+    # where over each of its destinations (lon, lat), and its probability
+    odds: tuple[tuple[float, float, float], ...]
 
     @property
     def arrays(self) -> list[Array]:
@@ -268,7 +350,9 @@ def _ways(stories: Sequence[tuple[str, Itinerary]]) -> dict[_Shapes, list[str]]:
             if isinstance(phase, Ways) and phase.lanes is None
             for line in Itinerary((phase,)).ways
         )
-        outlines = tuple(_rows(outline) for place, _ in own.places if (outline := _outline(place)) is not None)
+        outlines = tuple(
+            _rows(outline) for place, _ in own.places if (outline := _outline(place)) is not None
+        )
         odds = tuple((*_over(place), share) for place, share in own.places if share < 1)
         if lines:
             found.setdefault(_Shapes(lines, outlines, odds), []).append(name)
@@ -280,7 +364,10 @@ def _rows(lonlat: npt.ArrayLike) -> tuple[tuple[float, float], ...]:
 
 
 def _outline(place: Place) -> Array | None:
-    """Return (lon, lat) [deg] of the edge of where a way point may be, or holds half of its law; None: it is a point."""
+    """Return (lon, lat) [deg] of the edge of where a way point may be, or holds half of its law;
+
+    None: it is a point.
+    """
     turn = np.linspace(0, 2 * np.pi, 73)
     match place:
         case InRing():
@@ -288,19 +375,27 @@ def _outline(place: Place) -> Array | None:
         case InDisc():
             along, across, to = place.radius * np.cos(turn), place.radius * np.sin(turn), 0.0
         case Near() if place.minor > 0:
-            along, across, to = HALF * place.major * np.cos(turn), HALF * place.minor * np.sin(turn), place.orientation
+            along, across, to = (
+                HALF * place.major * np.cos(turn),
+                HALF * place.minor * np.sin(turn),
+                place.orientation,
+            )
         case InBox():
             along = place.length / 2 * np.array([1, 1, -1, -1, 1])
             across, to = place.width / 2 * np.array([1, -1, -1, 1, 1]), place.orientation
         case _:
             return None
     s, c = np.sin(to), np.cos(to)
-    lon, lat = sphere.destination(place.lon, place.lat, along * s + across * c, along * c - across * s)
+    lon, lat = sphere.destination(
+        place.lon, place.lat, along * s + across * c, along * c - across * s
+    )
     return np.array([polyline.unwrap(np.degrees(lon)), np.degrees(lat)])
 
 
 def _over(place: Place) -> tuple[float, float]:
-    """Return the northern end (lon, lat) [deg] of where a way point may be: there its odds cover neither way nor map."""
+    """Return the northern end (lon, lat) [deg] of where a way point may be: there its odds cover
+    neither way nor map.
+    """
     outline = _outline(place)
     if outline is None:
         return float(np.degrees(place.lon)), float(np.degrees(place.lat))
@@ -316,18 +411,34 @@ def _draw_ways(ax: Axes, frame: Frame, some: Sequence[_Shapes], style: dict[str,
         if drawn:
             gap = np.full((1, 2), np.nan)
             ax.plot(
-                *np.concatenate([x for one in drawn for x in (one, gap)]).T, scalex=False, scaley=False, zorder=8, **how
+                *np.concatenate([x for one in drawn for x in (one, gap)]).T,
+                scalex=False,
+                scaley=False,
+                zorder=8,
+                **how,
             )
 
     lines((line for shapes in some for line in shapes.lines), **style)
-    lines((outline for shapes in some for outline in shapes.outlines), color=style["color"], linewidth=0.9)
+    lines(
+        (outline for shapes in some for outline in shapes.outlines),
+        color=style["color"],
+        linewidth=0.9,
+    )
     for lon, lat, share in (odds for shapes in some for odds in shapes.odds):
         x, y = frame.project(lon, lat)
         text = f"prior {notation.number(100 * share, 3)} %"
         ax.annotate(
-            text, (float(x), float(y)), (0, 3), textcoords="offset points", ha="center", fontsize=8,
-            color=style["color"], path_effects=labels.HALO, zorder=14, annotation_clip=True,
-        )  # fmt: skip
+            text,
+            (float(x), float(y)),
+            (0, 3),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+            color=style["color"],
+            path_effects=labels.HALO,
+            zorder=14,
+            annotation_clip=True,
+        )
 
 
 def _style(number: int) -> dict[str, Any]:

@@ -1,4 +1,6 @@
-"""Refusals of a run that would lose more than it may, to places without forcing or outside of the domain."""
+"""Refusals of a run that would lose more than it may, to places without forcing or outside of the
+domain.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -30,16 +32,18 @@ MANY = 10  # scenarios of which a refusal tells
 
 @dataclass(frozen=True)
 class Lacking:
-    """What of a prior, or of a shard's part of it, lies outside the domain or where there is no forcing.
+    """What of a prior, or of a shard's part of it, lies outside the domain or where there is no
+    forcing.
 
     Each is summed with the vectors of its places, by block: see `_placed`.
     """
 
     weight: Partial  # of all particles, (1,)
     beyond: Partial  # outside the domain
-    missing: Mapping[str, Partial]  # by quantity: where one of its terms or more have no value, (1,)
-    # By quantity, number of the sea (see _seas) and number of the term in it: where that has no value; and the weight of
-    # all that see it, (1,).
+    # by quantity: where one of its terms or more have no value, (1,)
+    missing: Mapping[str, Partial]
+    # By quantity, number of the sea (see _seas) and number of the term in it: where that has no
+    # value; and the weight of all that see it, (1,).
     silent: Mapping[tuple[str, int, int], tuple[Partial, Partial]]
 
 
@@ -48,25 +52,33 @@ def lacking(box: Box, ensemble: Ensemble, scene: Scene, clock: Clock) -> Lacking
     low, high, _ = next(clock.steps())
     scene.forcing.set(low, high)
     lon, lat, release, logs = (
-        column.to_numpy() for column in (ensemble.lon, ensemble.lat, ensemble.release, ensemble.log_weight)
+        column.to_numpy()
+        for column in (ensemble.lon, ensemble.lat, ensemble.release, ensemble.log_weight)
     )
     member = members.member_of_particles(ensemble)
     parts = []
     for blocks, (first, last) in ensemble.blocks.cuts(PART):
         own = slice(first, last)
         weight = np.exp(logs[own].astype(np.float64))
-        # What is released later may find a value where a source has none yet, so the run itself judges it.
+        # What is released later may find a value where a source has none yet, so the run itself
+        # judges it.
         now = np.where(release[own] <= clock.step, weight, 0.0)
         parts.append(
             _lacking(
-                box, scene, blocks, weight, _Begun(lon[own], lat[own], now, None if member is None else member[own])
+                box,
+                scene,
+                blocks,
+                weight,
+                _Begun(lon[own], lat[own], now, None if member is None else member[own]),
             )
         )
     return merged(parts)
 
 
 class _Begun(NamedTuple):
-    """Where particles begin [binary angle], and their weights, 0 of those that are released later; (n,)."""
+    """Where particles begin [binary angle], and their weights, 0 of those that are released later;
+    (n,).
+    """
 
     lon: Array
     lat: Array
@@ -85,10 +97,13 @@ def _lacking(box: Box, scene: Scene, blocks: Blocks, whole: Array, begun: _Begun
     for number, sea in enumerate(_seas(scene)):
         slots = np.flatnonzero(np.isin(scenario, sea))
         seen = blocks.partial(begun.weight[slots], slots=slots)
-        lacks = {quantity: np.zeros(slots.size, bool) for quantity in needed()}  # where a term has no value
+        # where a term has no value
+        lacks = {quantity: np.zeros(slots.size, bool) for quantity in needed()}
         lon, lat = begun.lon[slots], begun.lat[slots]
         member = None if begun.member is None else begun.member[slots]
-        for k, (quantity, _, valid) in enumerate(silence.terms(scene.forcing, sea[0], lon, lat, member)):
+        for k, (quantity, _, valid) in enumerate(
+            silence.terms(scene.forcing, sea[0], lon, lat, member)
+        ):
             lacks[quantity] |= ~valid
             silent[quantity, number, k] = _placed(blocks, begun, slots[~valid]), seen
         for quantity, there in lacks.items():
@@ -108,14 +123,21 @@ def merged(parts: Sequence[Lacking]) -> Lacking:
         merge([part.beyond for part in parts]),
         {key: merge([part.missing[key] for part in parts]) for key in first.missing},
         {
-            key: (merge([part.silent[key][0] for part in parts]), merge([part.silent[key][1] for part in parts]))
+            key: (
+                merge([part.silent[key][0] for part in parts]),
+                merge([part.silent[key][1] for part in parts]),
+            )
             for key in first.silent
         },
     )
 
 
-def check_prior(spec: EnsembleSpec, where: Environment, max_lost: float, scene: Scene, lacks: Lacking) -> None:
-    """Refuse a prior of which more than a share lies where there is no forcing, or outside the domain."""
+def check_prior(
+    spec: EnsembleSpec, where: Environment, max_lost: float, scene: Scene, lacks: Lacking
+) -> None:
+    """Refuse a prior of which more than a share lies where there is no forcing, or outside the
+    domain.
+    """
     whole = float(lacks.weight.total[0, 0])
     _check_domain(where.box, max_lost, lacks.beyond.total[0] / whole)
     for quantity, partial in lacks.missing.items():
@@ -125,7 +147,9 @@ def check_prior(spec: EnsembleSpec, where: Environment, max_lost: float, scene: 
             for (of, sea, k), sums in lacks.silent.items():
                 if of == quantity:
                     numbers = _seas(scene)[sea]
-                    term = [term for own in needed() for term in scene.forcing.terms[numbers[0]][own]][k]
+                    term = [
+                        term for own in needed() for term in scene.forcing.terms[numbers[0]][own]
+                    ][k]
                     places += _without(spec, where, quantity, term, numbers, *sums)
             summed = any(key[0] == quantity for named in where.scenarios for key in named.added)
             raise UserError(
@@ -137,7 +161,9 @@ def check_prior(spec: EnsembleSpec, where: Environment, max_lost: float, scene: 
 
 
 def _seas(scene: Scene) -> list[tuple[int, ...]]:
-    """Return the numbers of scenarios that see the same sources of all quantities that are needed, together."""
+    """Return the numbers of scenarios that see the same sources of all quantities that are needed,
+    together.
+    """
     together: dict[tuple[Any, ...], list[int]] = {}
     for number, ranges in enumerate(scene.forcing.ranges):
         together.setdefault(tuple(ranges[quantity] for quantity in needed()), []).append(number)
@@ -153,18 +179,25 @@ def _without(
     lacks: Partial,
     seen: Partial,
 ) -> list[tuple[int, str]]:
-    """Return numbers of the scenarios of a sea that lie where a term has no value, and in words how much, and where."""
+    """Return numbers of the scenarios of a sea that lie where a term has no value, and in words how
+    much, and where.
+    """
     found = []
     for number in sea:
         (lost, *vector), whole = lacks.by_scenario[number, 0], seen.by_scenario[number, 0, 0]
         if not lost > 0:
             continue
         middle = _middle(vector)
-        silent = [source for source in where.scenarios[number].of(quantity) if source.name in term.names]
+        silent = [
+            source for source in where.scenarios[number].of(quantity) if source.name in term.names
+        ]
         away = ", ".join(f'"{source.name}" {_away(source, *middle)}' for source in silent)
         share, name = lost / max(whole, 1e-300), spec.scenarios[number].name
         found.append(
-            (number, f'{notation.percent(share)} of {spec.story} "{name}", about {notation.position(*middle)}: {away}')
+            (
+                number,
+                f'{notation.percent(share)} of {spec.story} "{name}", about {notation.position(*middle)}: {away}',
+            )
         )
     return found
 
@@ -172,11 +205,18 @@ def _without(
 def _some(places: list[tuple[int, str]]) -> str:
     """Return what is lost of each scenario, in their order; of many only the first."""
     words = [text for _, text in sorted(places, key=lambda place: place[0])]
-    return "; ".join([*words[:MANY], f"and {len(words) - MANY} more"] if len(words) > MANY else words)
+    return "; ".join(
+        [*words[:MANY], f"and {len(words) - MANY} more"] if len(words) > MANY else words
+    )
 
 
 def check_end(
-    where: Environment, max_lost: float, scene: Scene, clock: Clock, status: Array, ends: Callable[[], Iterable[AtEnd]]
+    where: Environment,
+    max_lost: float,
+    scene: Scene,
+    clock: Clock,
+    status: Array,
+    ends: Callable[[], Iterable[AtEnd]],
 ) -> None:
     """Refuse a run that has lost more than a share of the probability by its end.
 
@@ -195,7 +235,9 @@ def check_end(
 
 
 def _check_domain(box: Box, max_lost: float, beyond: Array) -> None:
-    """Refuse a prior of which more than a share lies outside the domain; beyond: that share, with its place."""
+    """Refuse a prior of which more than a share lies outside the domain; beyond: that share, with
+    its place.
+    """
     share, *vector = beyond
     if share <= max_lost:
         return
@@ -208,15 +250,21 @@ def _check_domain(box: Box, max_lost: float, beyond: Array) -> None:
 
 
 def _placed(blocks: Blocks, begun: _Begun, slots: Array) -> Partial:
-    """Return the sums of the weights of some slots, and of these times the unit vectors of their places, (4,)."""
+    """Return the sums of the weights of some slots, and of these times the unit vectors of their
+    places, (4,).
+    """
     x, y, own = begun.lon[slots] * sphere.UNIT, begun.lat[slots] * sphere.UNIT, begun.weight[slots]
-    return blocks.partial(own, own * np.cos(y) * np.cos(x), own * np.cos(y) * np.sin(x), own * np.sin(y), slots=slots)
+    return blocks.partial(
+        own, own * np.cos(y) * np.cos(x), own * np.cos(y) * np.sin(x), own * np.sin(y), slots=slots
+    )
 
 
 def _middle(vector: Sequence[float]) -> tuple[float, float]:
     """Return the position (lon, lat) [deg] in the direction of a vector."""
     east, north, up = vector
-    return math.degrees(math.atan2(north, east)), math.degrees(math.atan2(up, math.hypot(east, north)))
+    return math.degrees(math.atan2(north, east)), math.degrees(
+        math.atan2(up, math.hypot(east, north))
+    )
 
 
 def _away(source: Source, lon: float, lat: float) -> str:
@@ -250,5 +298,7 @@ def _edge(box: Box, lon: float, lat: float) -> str:
         np.concatenate([x, x, 0 * y + box.west, 0 * y + box.east]),
         np.concatenate([0 * x + box.south, 0 * x + box.north, y, y]),
     )
-    near = int(np.argmin(sphere.distance(np.radians(lon), np.radians(lat), np.radians(x), np.radians(y))))
+    near = int(
+        np.argmin(sphere.distance(np.radians(lon), np.radians(lat), np.radians(x), np.radians(y)))
+    )
     return notation.toward(lon, lat, float(x[near]), float(y[near]))

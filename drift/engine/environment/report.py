@@ -1,4 +1,6 @@
-"""What report.html shows of where a run drifts: arrows of winds and currents, and the ways of what steers."""
+"""What report.html shows of where a run drifts: arrows of winds and currents, and the ways of what
+steers.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -18,9 +20,14 @@ def flows(found: Mapping[str, Flow]) -> list[Leaf]:
     """Return arrows of what a scenario drifts in, by quantity."""
     shown: list[Leaf] = []
     for quantity, flow in found.items():
-        title, look = QUANTITIES[quantity].spoken.capitalize(), "wind" if QUANTITIES[quantity].in_air else "current"
+        title, look = (
+            QUANTITIES[quantity].spoken.capitalize(),
+            "wind" if QUANTITIES[quantity].in_air else "current",
+        )
         lon, visible = sphere.wrap_degrees(flow.lon), quantity == "current"
-        shown.append(leaves.arrows(title, flow.time, lon, flow.lat, flow.velocity, look, shown=visible))
+        shown.append(
+            leaves.arrows(title, flow.time, lon, flow.lat, flow.velocity, look, shown=visible)
+        )
     return shown
 
 
@@ -30,7 +37,14 @@ def itineraries(scenarios: Sequence[Scenario]) -> list[Leaf]:
         return []
     places = layers.itineraries(scenarios).places
     drawn = [
-        geojson.feature(geojson.lines([shapely.LineString(line) for line in lines if len(line) > 1]), {"name": name})
+        geojson.feature(
+            geojson.lines([shapely.LineString(line) for line in lines if len(line) > 1]),
+            {"name": name},
+        )
         for name, lines in places.items()
     ]
-    return [leaves.features("Ways of what steers", [one for one in drawn if one["geometry"]["coordinates"]], "way")]
+    return [
+        leaves.features(
+            "Ways of what steers", [one for one in drawn if one["geometry"]["coordinates"]], "way"
+        )
+    ]

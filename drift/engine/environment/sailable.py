@@ -1,7 +1,9 @@
-"""Refusals of itineraries that lead over land, where their vessel refuses land: lanes, voyages, areas to loiter in.
+"""Refusals of itineraries that lead over land, where their vessel refuses land: lanes, voyages,
+areas to loiter in.
 
-Lanes are held against the full coast with their corridors, voyages with SPREADS standard deviations of their cross-track
-error, the way from one of these to the next with what is wider, polygons as they are. A course, a track and a bridge lead anywhere, and are not refused: their way points lie in
+Lanes are held against the full coast with their corridors, voyages with SPREADS standard deviations
+of their cross-track error, the way from one of these to the next with what is wider, polygons as
+they are. A course, a track and a bridge lead anywhere, and are not refused: their way points lie in
 water.
 """
 
@@ -20,18 +22,24 @@ from geo.box import Box
 from geo.coast.edges import Coast
 from geo.errors import UserError
 
-SPREADS = 4.0  # standard deviations of a cross-track error: 1 target in 16,000 keeps farther off its voyage
+# standard deviations of a cross-track error: 1 target in 16,000 keeps farther off its voyage
+SPREADS = 4.0
 OTHERWISE = 'set vessel = { land = "stop" } (or "ignore") in its [[scenario]]'
 ROOM = 0.1  # [deg] of coast that must be known beyond what is held against it
 
 
 def box(scenarios: Sequence[Scenario]) -> Box | None:
-    """Return the box in which the coast must be known for `refuse`; None: nothing is held against it."""
+    """Return the box in which the coast must be known for `refuse`;
+
+    None: nothing is held against it.
+    """
     places = [
         (np.unwrap(lon), lat, far)
         for scenario in scenarios
         if scenario.itinerary is not None and scenario.itinerary.land == "refuse"
-        for phase, (lon, lat, far) in zip(scenario.itinerary.phases, _extents(scenario), strict=True)
+        for phase, (lon, lat, far) in zip(
+            scenario.itinerary.phases, _extents(scenario), strict=True
+        )
         if isinstance(phase, Loiter) or _voyage(phase) or (isinstance(phase, Ways) and phase.lanes)
     ]
     if not places:
@@ -39,11 +47,15 @@ def box(scenarios: Sequence[Scenario]) -> Box | None:
     middle = places[0][0][0]
     near = [lon - 2 * np.pi * np.round((lon.mean() - middle) / (2 * np.pi)) for lon, _, _ in places]
     far = np.degrees(max(far for _, _, far in places) / sphere.RADIUS)
-    north, south = (np.degrees(f(np.concatenate([lat for _, lat, _ in places]))) for f in (np.max, np.min))
+    north, south = (
+        np.degrees(f(np.concatenate([lat for _, lat, _ in places]))) for f in (np.max, np.min)
+    )
     west, east = (np.degrees(f(np.concatenate(near))) for f in (np.min, np.max))
     whole = Box(west, max(south, -90.0), east, min(north, 90.0))
     high = far + ROOM
-    return whole.grown(high / np.cos(np.radians(min(max(abs(north), abs(south)) + high, 85.0))), high)
+    return whole.grown(
+        high / np.cos(np.radians(min(max(abs(north), abs(south)) + high, 85.0))), high
+    )
 
 
 def _extents(scenario: Scenario) -> list[tuple[Array, Array, float]]:
@@ -51,20 +63,34 @@ def _extents(scenario: Scenario) -> list[tuple[Array, Array, float]]:
     assert scenario.itinerary is not None
     own = iter(scenario.itinerary.extents(SPREADS))
     nothing = np.zeros(1), np.zeros(1), 0.0
-    return [next(own) if isinstance(phase, Ways | Loiter) else nothing for phase in scenario.itinerary.phases]
+    return [
+        next(own) if isinstance(phase, Ways | Loiter) else nothing
+        for phase in scenario.itinerary.phases
+    ]
 
 
 def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
-    """Raise UserError, a line for each lane, leg and area, for those that touch land; the coast covers `box`."""
+    """Raise UserError, a line for each lane, leg and area, for those that touch land; the coast
+    covers `box`.
+    """
     wrong: dict[str, None] = {}
-    stories = [(s.name, s.itinerary) for s in scenarios if s.itinerary is not None and s.itinerary.land == "refuse"]
+    stories = [
+        (s.name, s.itinerary)
+        for s in scenarios
+        if s.itinerary is not None and s.itinerary.land == "refuse"
+    ]
     followed = [
-        phase.lanes for _, own in stories for phase in own.phases if isinstance(phase, Ways) and phase.lanes is not None
+        phase.lanes
+        for _, own in stories
+        for phase in own.phases
+        if isinstance(phase, Ways) and phase.lanes is not None
     ]
     if followed:
         routes = {route.node: route for _, route in ((own.network, own.route) for own in followed)}
         try:
-            corridors.refuse_lanes(lanes.join_networks([own.network for own in followed]), coast, list(routes.values()))
+            corridors.refuse_lanes(
+                lanes.join_networks([own.network for own in followed]), coast, list(routes.values())
+            )
         except UserError as error:
             wrong |= dict.fromkeys(error.lines)
     seen: dict[InRing, None] = {}
@@ -77,7 +103,9 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
                 seen[phase.ring] = None
                 corners = np.degrees([phase.ring.lon, phase.ring.lat]).T
                 try:
-                    corridors.refuse_area(f"{place}.loiter.polygon", [(float(x), float(y)) for x, y in corners], coast)
+                    corridors.refuse_area(
+                        f"{place}.loiter.polygon", [(float(x), float(y)) for x, y in corners], coast
+                    )
                 except UserError as error:
                     wrong |= dict.fromkeys(error.lines)
             elif isinstance(phase, Ways) and (legs := _voyage(phase)) is not None:
@@ -90,29 +118,45 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
                         f"{place}.voyage: leg {lane + 1}, {width} wide {spread}, touches land {where}; move its waypoints, "
                         f"or {OTHERWISE}"
                     ] = None
-            if number < len(own.phases) and (between := _between(phase, own.phases[number])) is not None:
-                for _, width, where in _touching(between, shore, place, f"on the way to phase {number + 1}"):
+            if (
+                number < len(own.phases)
+                and (between := _between(phase, own.phases[number])) is not None
+            ):
+                for _, width, where in _touching(
+                    between, shore, place, f"on the way to phase {number + 1}"
+                ):
                     wrong[
                         f"{place}: the way from its end to where phase {number + 1} begins, {width} wide, touches land "
                         f"{where}; let this one begin where that one ends, or {OTHERWISE}"
                     ] = None
     if wrong:
-        raise UserError(*family.gathered([*wrong], {s.name: s.family for s in scenarios if s.family is not None}))
+        raise UserError(
+            *family.gathered(
+                [*wrong], {s.name: s.family for s in scenarios if s.family is not None}
+            )
+        )
 
 
-def _touching(legs: Network, shore: corridors.Shore, place: str, what: str) -> Iterator[tuple[int, str, str]]:
-    """Give the legs that touch land, as corridors.touching does; refuse those that cannot be held against the coast.
+def _touching(
+    legs: Network, shore: corridors.Shore, place: str, what: str
+) -> Iterator[tuple[int, str, str]]:
+    """Give the legs that touch land, as corridors.touching does; refuse those that cannot be held
+    against the coast.
 
     what: of them is spoken.
     """
     try:
         yield from corridors.touching(legs, shore, [lanes.route(legs, legs.name)])
-    except ValueError as error:  # a turn too sharp for its width, or a leg that bulges out of the box of the coast
+    except ValueError as error:
+        # a turn too sharp for its width, or a leg that bulges out of the box of the coast
         raise UserError(f"{place}: {what}: {error}; or {OTHERWISE}") from None
 
 
 def _between(before: Phase, after: Phase) -> Network | None:
-    """Return the way between two phases along fixed way points as a lane; None where there is none, or nobody knows it."""
+    """Return the way between two phases along fixed way points as a lane;
+
+    None where there is none, or nobody knows it.
+    """
     if not isinstance(before, Ways) or not isinstance(after, Ways) or before.destinations:
         return None
     a, b = before.points[-1].place, after.points[0].place
@@ -125,11 +169,16 @@ def _between(before: Phase, after: Phase) -> Network | None:
     half = max(place.half * (SPREADS if place.law == "normal" else 1.0) for place in (a, b))
     lon, lat = np.array([a.lon, b.lon]), np.array([a.lat, b.lat])
     first, last = np.zeros(1, int), np.ones(1, int)
-    return Network(("end", "begin"), lon, lat, first, last, np.array([2 * half]), np.ones(1, np.bool_))
+    return Network(
+        ("end", "begin"), lon, lat, first, last, np.array([2 * half]), np.ones(1, np.bool_)
+    )
 
 
 def _voyage(phase: object) -> Network | None:
-    """Return a voyage as a network of lanes as wide as its cross-track error; None for other phases."""
+    """Return a voyage as a network of lanes as wide as its cross-track error;
+
+    None for other phases.
+    """
     if not isinstance(phase, Ways) or phase.lanes is not None:
         return None
     places = [point.place for point in phase.points]
@@ -138,7 +187,8 @@ def _voyage(phase: object) -> Network | None:
     if not across or len(across) < len(places) - isinstance(begin, Near):
         return None
     legs = np.arange(len(places) - 1)
-    # Half the line across a corner is longer than the error by the mitre, which the network puts on again.
+    # Half the line across a corner is longer than the error by the mitre, which the network puts on
+    # again.
     width = np.full(legs.size, 2 * SPREADS * min(across))
     if isinstance(begin, Near):  # the error of its departure
         width[0] = max(width[0], 2 * SPREADS * begin.major)

@@ -1,4 +1,6 @@
-"""Which sources have no value where particles are, and which of them ended the way of those that are lost."""
+"""Which sources have no value where particles are, and which of them ended the way of those that
+are lost.
+"""
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
@@ -18,23 +20,37 @@ from geo.forcing.quantity import needed
 Shares = dict[tuple[str, tuple[str, ...]], float]  # by quantity and the names of a term's sources
 
 MOST = 24  # steps that are looked at: those that lost most stand for all
-AHEAD = (0.0, 1.0, 3.0)  # steps ahead along the current: a stage of the step found nothing, not always its begin
+# steps ahead along the current: a stage of the step found nothing, not always its begin
+AHEAD = (0.0, 1.0, 3.0)
 
 
 def terms(
-    forcing: Forcing, scenario: int, lon: Array, lat: Array, member: Array | None, fraction: float = 0.0
+    forcing: Forcing,
+    scenario: int,
+    lon: Array,
+    lat: Array,
+    member: Array | None,
+    fraction: float = 0.0,
 ) -> Iterator[tuple[str, Term, Array]]:
-    """Yield the quantity and the term, and where the term has a value, for all terms of a scenario that it needs.
+    """Yield the quantity and the term, and where the term has a value, for all terms of a scenario
+    that it needs.
 
-    lon, lat: places [binary angle] (n,); member: in which member of an ensemble each is, int32 (n,), None without one; fraction: of the step that the forcing is set to.
+    lon, lat: places [binary angle] (n,); member: in which member of an ensemble each is, int32
+    (n,), None without one; fraction: of the step that the forcing is set to.
     """
     for quantity in needed():
         for term in forcing.terms[scenario][quantity]:
-            yield quantity, term, forcing.tiles.at(term.first, term.last, lon, lat, fraction, member)[:, 2] > 0.5
+            yield (
+                quantity,
+                term,
+                forcing.tiles.at(term.first, term.last, lon, lat, fraction, member)[:, 2] > 0.5,
+            )
 
 
 class AtEnd(NamedTuple):
-    """Some of the particles at the end of a run, and when the status of each began [s after start], (n,)."""
+    """Some of the particles at the end of a run, and when the status of each began [s after start],
+    (n,).
+    """
 
     snapshot: Snapshot
     since: Array
@@ -43,24 +59,28 @@ class AtEnd(NamedTuple):
 def lost(forcing: Forcing, clock: Clock, ends: Callable[[], Iterable[AtEnd]]) -> Shares:
     """Return how much of the probability ran out of forcing where a term had no value.
 
-    ends: gives all particles at the end of the run, part by part. The search looks where a particle stayed, at the begin
-    and the end of the step that it could not make, then ahead of it along the current. A gap to which only its leeway
-    led is not found.
+    ends: gives all particles at the end of the run, part by part. The search looks where a particle
+    stayed, at the begin and the end of the step that it could not make, then ahead of it along the
+    current. A gap to which only its leeway led is not found.
     """
     steps = [(step.elapsed, low, high) for low, high, step in clock.steps()]
     begins = [elapsed for elapsed, _, _ in steps]
 
     def stuck(end: AtEnd) -> tuple[Array, Array]:
-        """Return the probability of particles where they are outside, and the number of the step they could not make.
+        """Return the probability of particles where they are outside, and the number of the step
+        they could not make.
 
-        Particles released before the first step, and pending ones, are not outside: their number does not matter.
+        Particles released before the first step, and pending ones, are not outside: their number
+        does not matter.
         """
         outside = end.snapshot.status == Status.OUTSIDE
         number = (np.searchsorted(begins, end.since, "right") - 1).clip(0)
         return np.where(outside, end.snapshot.probability, 0.0), number
 
     sums = [
-        end.snapshot.blocks.partial(p, code=number, many=len(steps)) for end in ends() for p, number in [stuck(end)]
+        end.snapshot.blocks.partial(p, code=number, many=len(steps))
+        for end in ends()
+        for p, number in [stuck(end)]
     ]
     by_step = partials.merged(sums).total[:, 0]
     chosen = [int(k) for k in np.argsort(-by_step, kind="stable")[:MOST] if by_step[k] > 0]
@@ -71,16 +91,29 @@ def lost(forcing: Forcing, clock: Clock, ends: Callable[[], Iterable[AtEnd]]) ->
             _, low, high = steps[k]
             forcing.set(low, high)
             for scenario in np.unique(end.snapshot.scenario).tolist():
-                slots = np.flatnonzero((probability > 0) & (number == k) & (end.snapshot.scenario == scenario))
+                slots = np.flatnonzero(
+                    (probability > 0) & (number == k) & (end.snapshot.scenario == scenario)
+                )
                 for ahead in AHEAD:
                     if slots.size:
                         time = ahead * clock.direction * clock.step
                         own = end.snapshot
                         member = None if own.member is None else own.member[slots]
-                        lon, lat = _along(forcing, scenario, own.lon[slots], own.lat[slots], member, time)
+                        lon, lat = _along(
+                            forcing, scenario, own.lon[slots], own.lat[slots], member, time
+                        )
                         share = partial(end.snapshot.blocks.total, slots=slots)
                         slots = slots[
-                            _add_silent(shares, forcing, scenario, lon, lat, member, probability[slots], share)
+                            _add_silent(
+                                shares,
+                                forcing,
+                                scenario,
+                                lon,
+                                lat,
+                                member,
+                                probability[slots],
+                                share,
+                            )
                         ]
     scale = float(by_step.sum() / by_step[chosen].sum()) if chosen else 1.0
     return {key: share * scale for key, share in shares.items()}
@@ -110,7 +143,8 @@ def _add_silent(
     probability: Array,
     total: Callable[[Array], float],
 ) -> Array:
-    """Add the shares of what has no value at places (n,), and return where all terms have one, bool (n,).
+    """Add the shares of what has no value at places (n,), and return where all terms have one, bool
+    (n,).
 
     total: returns the sum of values (n,) over these particles.
     """

@@ -1,8 +1,9 @@
 """The clock of a run, which steps along a lattice that the forcing's times lie on.
 
-Lattice steps are whole seconds long and counted from 1970, so that noise, keyed by the number of the step, does not
-depend on where a run begins, on its outputs or on how it is cut up. Times of the forcing that lie on no lattice of use
-cut the step that holds them, for within a step the forcing is one straight line in time.
+Lattice steps are whole seconds long and counted from 1970, so that noise, keyed by the number of
+the step, does not depend on where a run begins, on its outputs or on how it is cut up. Times of the
+forcing that lie on no lattice of use cut the step that holds them, for within a step the forcing is
+one straight line in time.
 """
 
 import itertools
@@ -35,7 +36,9 @@ def lattice(times: list[npt.NDArray[np.int64]]) -> tuple[int, int]:
 
 
 def breaks(times: Sequence[npt.NDArray[np.int64]], step: int, origin: int) -> tuple[int, ...]:
-    """Return the times of sources [s since 1970], ascending, at which a step of the lattice through `origin` is cut."""
+    """Return the times of sources [s since 1970], ascending, at which a step of the lattice through
+    `origin` is cut.
+    """
     every = np.unique(np.concatenate([np.zeros(0, np.int64), *times]))
     return tuple(every[(every - origin) % step != 0].tolist())
 
@@ -65,7 +68,8 @@ class Clock:
     step: int  # [s]
     phase: int = 0  # [s] lattice points lie at phase + k step
     breaks: tuple[int, ...] = ()  # [s since 1970] ascending: times at which a step is cut in two
-    straight: int = NEVER  # [s] ways of what drifts are straight for so long: evidence looks at pieces of a step
+    # [s] ways of what drifts are straight for so long: evidence looks at pieces of a step
+    straight: int = NEVER
 
     def ends(self, elapsed: int) -> bool:
         """Return whether a step ends at a time [s after start]."""
@@ -74,7 +78,8 @@ class Clock:
 
     def steps(self) -> Iterator[Timed]:
         """Return the steps in the order of the run, covering start to end."""
-        inside = (self.start - self.phase) % self.step  # how far the start lies above its lattice point
+        # how far the start lies above its lattice point
+        inside = (self.start - self.phase) % self.step
         low = self.start - inside
         if self.direction < 0 and inside == 0:
             low -= self.step
@@ -85,7 +90,9 @@ class Clock:
                     return
                 if elapsed + end - begin > 0:  # else it ends before the run begins
                     pieces = -(-(end - begin) // self.straight)
-                    step = kernel.Step(self._number(begin), elapsed, end - begin, self.direction, pieces)
+                    step = kernel.Step(
+                        self._number(begin), elapsed, end - begin, self.direction, pieces
+                    )
                     yield Timed(begin, end, step)
             low += self.direction * self.step
 
@@ -96,6 +103,8 @@ class Clock:
         return parts[:: self.direction]
 
     def _number(self, begin: int) -> int:
-        """Return the key of a step's noise: its number on the lattice; of a part that begins between, a time."""
+        """Return the key of a step's noise: its number on the lattice; of a part that begins
+        between, a time.
+        """
         number, inside = divmod(begin - self.phase, self.step)
         return number if inside == 0 else -begin

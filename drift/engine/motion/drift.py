@@ -2,7 +2,8 @@
 
 Breivik and Allen 2008, doi:10.1016/j.jmarsys.2007.02.010; docs/leeway.md, docs/errors.md.
 
-Every particle has its own three leeway lines, its own side of the wind, and its present errors of current and wind.
+Every particle has its own three leeway lines, its own side of the wind, and its present errors of
+current and wind.
 """
 
 import math
@@ -33,27 +34,43 @@ COLUMNS = (
     Column("side", np.int32, 1, "", "+1 drifts to the right of the wind, -1 to the left"),
     *(
         Column(
-            name, np.float32, 0, "" if "slope" in name else "m/s", "leeway line: speed per wind speed, or offset",
+            name,
+            np.float32,
+            0,
+            "" if "slope" in name else "m/s",
+            "leeway line: speed per wind speed, or offset",
             "leeway",
         )
         for name in LEEWAY
     ),
     *(
         Column(
-            name, np.float32, 0, "m/s", "the same, north" if name.endswith("north") else _MEANING[name[:-5]], "errors"
+            name,
+            np.float32,
+            0,
+            "m/s",
+            "the same, north" if name.endswith("north") else _MEANING[name[:-5]],
+            "errors",
         )
         for name in ERRORS
     ),
-)  # fmt: skip
+)
 
 
 def physics(errors: Errors, scenario: Scenario) -> Physics:
     """Return a scenario's physics; an error without spread is off."""
-    current, wind = errors.current, errors.wind if scenario.object.uses_wind else ForcingError(0.0, 1.0)
-    return Physics(current.std, current.time, wind.std, wind.time, errors.diffusivity, scenario.jibe_rate)
+    current, wind = (
+        errors.current,
+        errors.wind if scenario.object.uses_wind else ForcingError(0.0, 1.0),
+    )
+    return Physics(
+        current.std, current.time, wind.std, wind.time, errors.diffusivity, scenario.jibe_rate
+    )
 
 
-def draw_objects(ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors) -> None:
+def draw_objects(
+    ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors
+) -> None:
     """Draw each particle's own leeway and errors."""
     draw_leeway(ensemble, slots, key, scenario.object)
     draw_errors(ensemble, slots, key, errors)
@@ -70,7 +87,16 @@ def draw_leeway(ensemble: Ensemble, slots: Slots, key: Key, drifter: Drifter) ->
         slope, offset = own[f"{name}_slope"], own[f"{name}_offset"]
         least = 0.0 if name == "down" and line.slope >= 0 else -np.inf
         draws.draw_object(
-            *slots, slope, offset, number, *key, line.slope, line.offset, line.slope_std, line.offset_std, least
+            *slots,
+            slope,
+            offset,
+            number,
+            *key,
+            line.slope,
+            line.offset,
+            line.slope_std,
+            line.offset_std,
+            least,
         )
     draws.draw_side(*slots, own["side"], *key)
 
@@ -78,20 +104,38 @@ def draw_leeway(ensemble: Ensemble, slots: Slots, key: Key, drifter: Drifter) ->
 def draw_errors(ensemble: Ensemble, slots: Slots, key: Key, errors: Errors) -> None:
     """Draw the errors of current and wind that each particle starts with, and its bias."""
     for number, (name, std) in enumerate(
-        (("current_error", errors.current.std), ("wind_error", errors.wind.std), ("current_bias", errors.current.bias))
+        (
+            ("current_error", errors.current.std),
+            ("wind_error", errors.wind.std),
+            ("current_bias", errors.current.bias),
+        )
     ):
         east, north = ensemble.own[f"{name}_east"], ensemble.own[f"{name}_north"]
         draws.draw_error(*slots, east, north, number, *key, std)
 
 
-def mover(ensemble: Ensemble, group: Group, waters: Waters, direction: int, bend: Any) -> kernel.Move:
+def mover(
+    ensemble: Ensemble, group: Group, waters: Waters, direction: int, bend: Any
+) -> kernel.Move:
     """Return what moves a group of scenarios over a step: see kernels.step.advance."""
     return kernel.mover(
-        ensemble, group.batch, waters.tiles, waters.ranges, group.terms, waters.place, direction, bend=bend
+        ensemble,
+        group.batch,
+        waters.tiles,
+        waters.ranges,
+        group.terms,
+        waters.place,
+        direction,
+        bend=bend,
     )
 
 
-def between(ensemble: Ensemble, terms: tuple[Physics | None, ...], place: kernel.Surroundings, inside: Inside) -> None:
+def between(
+    ensemble: Ensemble,
+    terms: tuple[Physics | None, ...],
+    place: kernel.Surroundings,
+    inside: Inside,
+) -> None:
     """Take positions on to a time inside a step: on a Brownian bridge about their drift.
 
     Its variance a component is 2 D s (1 - s) T at a share s of a way that takes T.
@@ -107,25 +151,34 @@ def still(terms: Physics) -> Physics:
 
 
 def longest(errors: Errors) -> dict[str, float]:
-    """Return the longest steps [s] that the errors' processes allow: a sixth of their decorrelation times."""
+    """Return the longest steps [s] that the errors' processes allow: a sixth of their decorrelation
+    times.
+    """
     return {
-        f"a sixth of the decorrelation time of the {name}'s errors": error.time / 6 if error.std > 0 else np.inf
+        f"a sixth of the decorrelation time of the {name}'s errors": error.time / 6
+        if error.std > 0
+        else np.inf
         for name, error in (("current", errors.current), ("wind", errors.wind))
     }
 
 
 def usual(drifter: Drifter, wind: float) -> float:
-    """Return how fast an object goes through the water in a wind [m/s], by the slope of its steepest line."""
+    """Return how fast an object goes through the water in a wind [m/s], by the slope of its
+    steepest line.
+    """
     return max(abs(line.slope) for line in (drifter.down, drifter.right, drifter.left)) * wind
 
 
 def fastest(drifter: Drifter, wind: float, spreads: float) -> float:
-    """Return the speed through the water [m/s] that no particle of an object exceeds in a wind [m/s].
+    """Return the speed through the water [m/s] that no particle of an object exceeds in a wind
+    [m/s].
 
     spreads: as many standard deviations from its lines as are drawn.
     """
     line = max(
-        (abs(line.slope) + spreads * line.slope_std) * wind + abs(line.offset) + spreads * line.offset_std
+        (abs(line.slope) + spreads * line.slope_std) * wind
+        + abs(line.offset)
+        + spreads * line.offset_std
         for line in (drifter.down, drifter.right, drifter.left)
     )
     return line * math.sqrt(2)  # down and across the wind

@@ -24,20 +24,26 @@ class Release:
 
 @dataclass(frozen=True)
 class EnsembleSpec:
-    """What an ensemble is drawn from. The scenarios of a spill are its classes of objects, all with one prior."""
+    """What an ensemble is drawn from.
+
+    The scenarios of a spill are its classes of objects, all with one prior.
+    """
 
     period: Period
     scenarios: tuple[Scenario, ...]
     errors: Errors
     particles: int
     seed: int
-    # How particles are resampled (drift.engine.particles.resample.METHODS), which may need slots to spare; None: never.
+    # How particles are resampled (drift.engine.particles.resample.METHODS), which may need slots to
+    # spare; None: never.
     resampling: str | None = None
     debris: tuple[Drifter, ...] = ()  # what drifts beside the objects, and is reported by contacts
     release: Release | None = None  # only of a spill
     counts: tuple[int, ...] | None = None  # particles of each scenario; None: by their weights
-    members: tuple[str, ...] = ()  # what the members of an ensemble of forcings are called; empty: there is none
-    guiding: int = 0  # finds of debris toward which particles are guided: drift.evidence.filter.debris.guide
+    # what the members of an ensemble of forcings are called; empty: there is none
+    members: tuple[str, ...] = ()
+    # finds of debris toward which particles are guided: drift.evidence.filter.debris.guide
+    guiding: int = 0
 
     @property
     def story(self) -> str:

@@ -38,7 +38,9 @@ class SearchObjects:
 def _meanings() -> dict[str, tuple[str, str]]:
     """Return the patterns of classes, and the note, by word or phrase."""
     return {
-        words: (row["classes"], row["note"]) for row in _rows("everyday_words.csv") for words in row["words"].split("|")
+        words: (row["classes"], row["note"])
+        for row in _rows("everyday_words.csv")
+        for words in row["words"].split("|")
     }
 
 
@@ -48,7 +50,9 @@ def everyday_words() -> tuple[str, ...]:
 
 
 def parts(text: str) -> list[str]:
-    """Return the words of a text, in lower case; those that together are a phrase of the table as one."""
+    """Return the words of a text, in lower case; those that together are a phrase of the table as
+    one.
+    """
     single, found = text.lower().split(), list[str]()
     while single:
         size = next((k for k in (3, 2) if _known(" ".join(single[:k]))), 1)
@@ -58,7 +62,10 @@ def parts(text: str) -> list[str]:
 
 
 def meaning(word: str, classes: Sequence[str]) -> Meaning | None:
-    """Return what a word or phrase, singular or plural, stands for among some classes; None for nothing."""
+    """Return what a word or phrase, singular or plural, stands for among some classes;
+
+    None for nothing.
+    """
     key = _known(word)
     if key is None:
         return None
@@ -67,7 +74,10 @@ def meaning(word: str, classes: Sequence[str]) -> Meaning | None:
 
 
 def search_objects_of(text: str, classes: Sequence[str]) -> tuple[str, ...] | None:
-    """Return what of the sweep width tables goes with a word or phrase, () for nothing; None where it is no such word."""
+    """Return what of the sweep width tables goes with a word or phrase, () for nothing;
+
+    None where it is no such word.
+    """
     meant = meaning(" ".join(text.lower().split()), classes)
     if meant is None:
         return None
@@ -76,7 +86,10 @@ def search_objects_of(text: str, classes: Sequence[str]) -> tuple[str, ...] | No
 
 
 def search_objects(name: str) -> SearchObjects | None:
-    """Return what of the sweep width tables goes with a class; None where nothing of its size is in them."""
+    """Return what of the sweep width tables goes with a class;
+
+    None where nothing of its size is in them.
+    """
     for row in _rows("search_objects.csv"):
         if _matching(row["classes"], (name,)):
             return SearchObjects(tuple(row["objects"].split("|")), row["by"])
@@ -85,12 +98,16 @@ def search_objects(name: str) -> SearchObjects | None:
 
 def _known(word: str) -> str | None:
     spelled = (word, word.replace("-", " "), word.replace("-", ""))
-    return next((key for one in spelled for key in (one, one.removesuffix("s")) if key in _meanings()), None)
+    return next(
+        (key for one in spelled for key in (one, one.removesuffix("s")) if key in _meanings()), None
+    )
 
 
 def _matching(patterns: str, classes: Sequence[str]) -> list[str]:
     """Return the classes that any of some patterns fit, which are set apart by blanks."""
-    return [name for name in classes if any(fnmatchcase(name, pattern) for pattern in patterns.split())]
+    return [
+        name for name in classes if any(fnmatchcase(name, pattern) for pattern in patterns.split())
+    ]
 
 
 @lru_cache(maxsize=2)

@@ -2,10 +2,10 @@
 
 Each scenario sees tiles of its own.
 
-Sources of a quantity stand in order of priority. A particle takes the first that has a value at its place as it is,
-then the first that has one once missing values next to the coast are filled. So with several sources each has two
-tiles. Sources that are added to these are filled each by itself, and each must have a value at the place: a sum with a
-missing term is missing.
+Sources of a quantity stand in order of priority. A particle takes the first that has a value at its
+place as it is, then the first that has one once missing values next to the coast are filled. So
+with several sources each has two tiles. Sources that are added to these are filled each by itself,
+and each must have a value at the place: a sum with a missing term is missing.
 """
 
 from collections.abc import Mapping
@@ -37,9 +37,13 @@ class Sources:
         return self.by_quantity.get(quantity, ())
 
     def terms(self, quantity: str) -> list[tuple[Source, ...]]:
-        """Return the terms of a quantity's sum: the sources by priority together, then each added one by itself."""
+        """Return the terms of a quantity's sum: the sources by priority together, then each added
+        one by itself.
+        """
         sources = self.of(quantity)
-        extra: list[tuple[Source, ...]] = [(source,) for source in sources if (quantity, source.name) in self.added]
+        extra: list[tuple[Source, ...]] = [
+            (source,) for source in sources if (quantity, source.name) in self.added
+        ]
         base = tuple(source for source in sources if (quantity, source.name) not in self.added)
         return [base, *extra] if base else extra
 
@@ -54,9 +58,11 @@ class Term:
 
 
 def _heed(closed: Event) -> None:
-    """Leave the wait for a server once this is set; the thread that reads ahead asks it while it waits.
+    """Leave the wait for a server once this is set; the thread that reads ahead asks it while it
+    waits.
 
-    No method of Forcing: it would hold a reference to it, and a circle of references keeps files open.
+    No method of Forcing: it would hold a reference to it, and a circle of references keeps files
+    open.
     """
     if closed.is_set():
         raise waiting.Left
@@ -65,13 +71,15 @@ def _heed(closed: Event) -> None:
 class Forcing:
     """Tiles of all scenarios, by quantity.
 
-    `ranges[s]` are the first and last tile of each quantity of scenario s. terms: of scenario s and a quantity, in the
-    order of their tiles.
+    `ranges[s]` are the first and last tile of each quantity of scenario s. terms: of scenario s and
+    a quantity, in the order of their tiles.
     """
 
     def __init__(self, scenarios: list[Sources], direction: int) -> None:
         self._closed = Event()
-        self._pool = ThreadPoolExecutor(1, "read-ahead", waiting.ask, (partial(_heed, self._closed),))
+        self._pool = ThreadPoolExecutor(
+            1, "read-ahead", waiting.ask, (partial(_heed, self._closed),)
+        )
         self._slices: list[tuple[Slices, ...]] = []  # of each tile, by member
         self.ranges: list[Ranges] = []
         self.terms: list[dict[str, list[Term]]] = []
@@ -90,11 +98,14 @@ class Forcing:
                     for sources in terms:
                         first = len(self._slices)
                         raw = [(s, 0) for s in sources] if len(sources) > 1 else []
-                        for source, cells in raw + [(s, scenario.cells.get((quantity, s.name), 0)) for s in sources]:
+                        for source, cells in raw + [
+                            (s, scenario.cells.get((quantity, s.name), 0)) for s in sources
+                        ]:
                             key = (id(source), cells)
                             if key not in shared:
                                 shared[key] = tuple(
-                                    Slices(member, cells, direction, self._pool) for member in source.members
+                                    Slices(member, cells, direction, self._pool)
+                                    for member in source.members
                                 )
                             self._slices.append(shared[key])
                         last = len(self._slices)
@@ -104,13 +115,17 @@ class Forcing:
                 ranges[quantity] = (tiled[0].first, tiled[-1].last) if tiled else (0, 0)
                 self.terms[-1][quantity] = tiled
             self.ranges.append(ranges)
-        self.tiles = Tiles([s[0].source.grid for s in self._slices], ends, [len(s) for s in self._slices])
+        self.tiles = Tiles(
+            [s[0].source.grid for s in self._slices], ends, [len(s) for s in self._slices]
+        )
         self._held: list[tuple[Key, Key] | None] = [None] * len(self._slices)
         self.movers: dict[tuple[int, int, int], tuple[Any, Any]] = {}  # see scene.Scene
 
     def members(self, scenario: int, quantity: str) -> int:
         """Return how many members of an ensemble tell a scenario a quantity; 1 where it is none."""
-        return max((len(self._slices[tile]) for tile in range(*self.ranges[scenario][quantity])), default=1)
+        return max(
+            (len(self._slices[tile]) for tile in range(*self.ranges[scenario][quantity])), default=1
+        )
 
     def set(self, low: int, high: int, count: int = 1) -> None:
         """Make the tiles say what the forcing is over a step and over those after it.
@@ -118,24 +133,34 @@ class Forcing:
         Args:
             low: when the step begins [s since 1970], in calendar time.
             high: when it ends.
-            count: of the steps, as long as the first, whose slices must be those of the first: see `same_slices`.
+            count: of the steps, as long as the first, whose slices must be those of the first: see
+                `same_slices`.
         """
         forth = self._direction * (high - low)
-        steps = [[s[0].bracket(low + k * forth, high + k * forth) for s in self._slices] for k in range(count)]
+        steps = [
+            [s[0].bracket(low + k * forth, high + k * forth) for s in self._slices]
+            for k in range(count)
+        ]
         for tile, (slices, bracket) in enumerate(zip(self._slices, steps[0], strict=True)):
             if bracket is not None:
                 self._load(tile, slices, bracket)
         self.tiles.blend(*([self._weights(bracket) for bracket in brackets] for brackets in steps))
 
     def _weights(self, bracket: Bracket | None) -> tuple[float, float] | None:
-        """Return the weights of the later slice as a step begins and as it ends; None: there is no slice."""
+        """Return the weights of the later slice as a step begins and as it ends;
+
+        None: there is no slice.
+        """
         if bracket is None:
             return None
         return (bracket.low, bracket.high) if self._direction > 0 else (bracket.high, bracket.low)
 
     def same_slices(self, one: tuple[int, int], other: tuple[int, int]) -> bool:
-        """Return whether two steps, low and high [s since 1970] each, lie between the same slices of all sources."""
-        both = ((s[0].bracket(*one), s[0].bracket(*other)) for s in self._slices)  # members have the same times
+        """Return whether two steps, low and high [s since 1970] each, lie between the same slices
+        of all sources.
+        """
+        # members have the same times
+        both = ((s[0].bracket(*one), s[0].bracket(*other)) for s in self._slices)
         return all((a and (a.earlier, a.later)) == (b and (b.earlier, b.later)) for a, b in both)
 
     def _load(self, tile: int, members: tuple[Slices, ...], bracket: Bracket) -> None:
@@ -150,8 +175,14 @@ class Forcing:
         self._held[tile] = wanted
 
     def size(self, low: int, high: int) -> int:
-        """Return how many bytes the slices of a run from one time to another [s since 1970] take at most, once made."""
-        every = {id(s): (s, grid) for of, grid in zip(self._slices, self.tiles.grids, strict=True) for s in of}.values()
+        """Return how many bytes the slices of a run from one time to another [s since 1970] take at
+        most, once made.
+        """
+        every = {
+            id(s): (s, grid)
+            for of, grid in zip(self._slices, self.tiles.grids, strict=True)
+            for s in of
+        }.values()
         return sum(s.within(low, high) * 8 * grid.nlon * grid.nlat for s, grid in every)
 
     def close(self) -> None:

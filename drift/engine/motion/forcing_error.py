@@ -1,4 +1,6 @@
-"""How wrong winds and currents may be: the error of each quantity, and who states it, also in words."""
+"""How wrong winds and currents may be: the error of each quantity, and who states it, also in
+words.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -6,23 +8,30 @@ from typing import Any
 from geo import notation
 
 CASE, DEFAULT, NOWHERE, RIVALS, MEMBERS, UNFELT = (
-    "case", "default", "not from model files", "rival sources", "the spread of its members stands for it",
+    "case",
+    "default",
+    "not from model files",
+    "rival sources",
+    "the spread of its members stands for it",
     "nothing drifts with it",
-)  # fmt: skip
+)
 HOUR = 3600.0
 
 
 @dataclass(frozen=True)
 class ForcingError:
-    """Error of each component of a wind or current: an Ornstein-Uhlenbeck process about a lasting bias.
+    """Error of each component of a wind or current: an Ornstein-Uhlenbeck process about a lasting
+    bias.
 
     Zeros switch it off.
     """
 
     std: float  # [m/s]
     time: float  # [s] decorrelation
-    bias: float = 0.0  # [m/s] standard deviation of what a particle, or in a spill a world, draws once and keeps
-    by: tuple[str, str, str] = (CASE, CASE, CASE)  # who says std, time and bias; or why there is none
+    # [m/s] standard deviation of what a particle, or in a spill a world, draws once and keeps
+    bias: float = 0.0
+    # who says std, time and bias; or why there is none
+    by: tuple[str, str, str] = (CASE, CASE, CASE)
 
 
 @dataclass(frozen=True)
@@ -37,20 +46,27 @@ class Errors:
     diffusivity: float  # [m2/s]
 
     def unbiased(self) -> "Errors":
-        """Return the same errors without the bias of the current, which in a spill a world draws, not a particle."""
+        """Return the same errors without the bias of the current, which in a spill a world draws,
+        not a particle.
+        """
         return replace(self, current=replace(self.current, bias=0.0))
 
 
 def switched_off(current: ForcingError, wind: ForcingError | None) -> str:
-    """Return a warning where a case itself says that its winds or currents have no error, "" where it does not."""
+    """Return a warning where a case itself says that its winds or currents have no error, "" where
+    it does not.
+    """
     off = [
-        name for name, error in (("current", current), ("wind", wind))
+        name
+        for name, error in (("current", current), ("wind", wind))
         if error is not None and error.std == error.bias == 0 and error.by[0] == CASE
-    ]  # fmt: skip
+    ]
     return f"NO ERROR of {' and '.join(off)} in this forecast" if off else ""
 
 
-def errors_in_words(current: ForcingError, wind: ForcingError | None, diffusivity: float, by: str) -> str:
+def errors_in_words(
+    current: ForcingError, wind: ForcingError | None, diffusivity: float, by: str
+) -> str:
     """Return in a line which errors a run has, and who says so.
 
     by: who says the diffusivity. wind: None where there is no wind.
@@ -65,7 +81,9 @@ def _words(quantity: str, error: ForcingError) -> str:
     parts = []
     if error.std > 0:
         whose = std if std == time else f"{std}, time by {time}"
-        parts.append((f"{notation.number(error.std)} m/s over {notation.number(error.time / HOUR)} h", whose))
+        parts.append(
+            (f"{notation.number(error.std)} m/s over {notation.number(error.time / HOUR)} h", whose)
+        )
     if error.bias > 0:
         parts.append((f"{notation.number(error.bias)} m/s that lasts", bias))
     if not parts:
@@ -75,13 +93,17 @@ def _words(quantity: str, error: ForcingError) -> str:
     return f"{quantity} {' and '.join(f'{text} ({whose})' for text, whose in parts)}"
 
 
-def summary_of_errors(current: ForcingError, wind: ForcingError, diffusivity: float, by: str) -> dict[str, Any]:
+def summary_of_errors(
+    current: ForcingError, wind: ForcingError, diffusivity: float, by: str
+) -> dict[str, Any]:
     """Return the errors of a run for its summary, each with who says so."""
     errors: dict[str, Any] = {
         name: {
-            "std_m_s": error.std, "time_s": error.time, "bias_m_s": error.bias,
+            "std_m_s": error.std,
+            "time_s": error.time,
+            "bias_m_s": error.bias,
             "by": dict(zip(("std", "time", "bias"), error.by, strict=True)),
         }
         for name, error in (("current", current), ("wind", wind))
-    }  # fmt: skip
+    }
     return errors | {"diffusivity": {"m2_s": diffusivity, "by": by}}

@@ -1,7 +1,7 @@
 """Particles whose noise is nudged, step by step, toward what was found.
 
-drift.evidence.filter.debris.guide says how far each particle is pulled toward each find; this is what its errors of
-current and wind are given of that in every step.
+drift.evidence.filter.debris.guide says how far each particle is pulled toward each find; this is
+what its errors of current and wind are given of that in every step.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,10 @@ def columns(finds: int) -> tuple[Column, ...]:
         return ()
     pulls = [name for pair in pull_names(finds) for name in pair]
     return (
-        *(Column(name, np.float32, 0, "", "added to this step's normal", "nudges") for name in kernel.NUDGES),
+        *(
+            Column(name, np.float32, 0, "", "added to this step's normal", "nudges")
+            for name in kernel.NUDGES
+        ),
         *(Column(name, np.float32, 0, "1/m", "how far a find guides it") for name in pulls),
     )
 

@@ -1,8 +1,10 @@
-"""How objects answer the wind: leeway classes, own coefficients, plain windage, pure water drifters.
+"""How objects answer the wind: leeway classes, own coefficients, plain windage, pure water
+drifters.
 
-Leeway is downwind and crosswind speed, each slope * wind speed at 10 m + offset, on a downwind, a right and a left
-line (Allen and Plourde 1999, CG-D-08-99; Allen 2005, CG-D-05-05). The left line is not the right one's mirror. Works
-from the project's own table, data/leeway.csv, in % and cm/s; everything returned is SI.
+Leeway is downwind and crosswind speed, each slope * wind speed at 10 m + offset, on a downwind, a
+right and a left line (Allen and Plourde 1999, CG-D-08-99; Allen 2005, CG-D-05-05). The left line is
+not the right one's mirror. Works from the project's own table, data/leeway.csv, in % and cm/s;
+everything returned is SI.
 """
 
 import csv
@@ -22,9 +24,10 @@ AIR_IN_WATER = 0.0346  # sqrt(1.225 kg/m3 / 1025 kg/m3)
 class Line:
     """One leeway line: speed = slope * wind + offset, with the standard error of the regression.
 
-    A particle draws xi ~ N(0, 1) once for a line and has slope + slope_std * xi and offset + offset_std * xi, so that
-    at 10 m/s of wind its error is std * xi (Breivik and Allen 2008, doi:10.1016/j.jmarsys.2007.02.010). On a downwind
-    line xi is drawn anew until its slope is not negative (docs/leeway.md).
+    A particle draws xi ~ N(0, 1) once for a line and has slope + slope_std * xi and offset +
+    offset_std * xi, so that at 10 m/s of wind its error is std * xi (Breivik and Allen 2008,
+    doi:10.1016/j.jmarsys.2007.02.010). On a downwind line xi is drawn anew until its slope is not
+    negative (docs/leeway.md).
     """
 
     slope: float = 0.0  # [1]
@@ -45,7 +48,9 @@ class Line:
 
 @dataclass(frozen=True)
 class Drifter:
-    """What drifts: its name and three leeway lines; level is its depth below its main class in the table."""
+    """What drifts: its name and three leeway lines; level is its depth below its main class in the
+    table.
+    """
 
     name: str
     description: str
@@ -53,7 +58,8 @@ class Drifter:
     right: Line
     left: Line
     level: int = 0
-    immersion: tuple[float, float] | None = None  # share under water, uniform between objects; down holds the mean
+    # share under water, uniform between objects; down holds the mean
+    immersion: tuple[float, float] | None = None
     blown: bool = False  # whether the wind moves it by a model of motion that has no lines
 
     @property
@@ -64,7 +70,9 @@ class Drifter:
 
     @property
     def lull(self) -> float:
-        """Wind speed [m/s] below which its downwind line, as published, leads upwind; 0 where it never does."""
+        """Wind speed [m/s] below which its downwind line, as published, leads upwind; 0 where it
+        never does.
+        """
         return max(0.0, -self.down.offset / self.down.slope) if self.down.slope > 0 else 0.0
 
     @property
@@ -78,8 +86,9 @@ def windage(immersion: Any) -> Any:
 
     immersion: share of its height under water.
 
-    Drag of air on what is above balances that of water below: sqrt(rho_air / rho_water) sqrt((1 - I) / I), drag
-    coefficients taken as equal (Daniel et al. 2002, doi:10.1016/S1353-2561(02)00075-0).
+    Drag of air on what is above balances that of water below: sqrt(rho_air / rho_water) sqrt((1 -
+    I) / I), drag coefficients taken as equal (Daniel et al. 2002,
+    doi:10.1016/S1353-2561(02)00075-0).
     """
     return AIR_IN_WATER * ((1.0 - immersion) / immersion) ** 0.5
 
@@ -97,10 +106,19 @@ def classes() -> dict[str, Drifter]:
 
 def _drifter(row: dict[str, str]) -> Drifter:
     def line(side: str) -> Line:
-        slope, offset, std = (float(row[f"{side}_{column}"]) for column in ("slope", "offset", "std"))
+        slope, offset, std = (
+            float(row[f"{side}_{column}"]) for column in ("slope", "offset", "std")
+        )
         return Line(slope / 100, offset / 100, std / 100)
 
-    return Drifter(row["name"], row["description"], line("down"), line("right"), line("left"), level=int(row["level"]))
+    return Drifter(
+        row["name"],
+        row["description"],
+        line("down"),
+        line("right"),
+        line("left"),
+        level=int(row["level"]),
+    )
 
 
 def find(name: str) -> Drifter:
@@ -121,9 +139,11 @@ def _hint(name: str) -> str:
 
 
 def search(words: str = "") -> list[Drifter]:
-    """Return the classes whose name or description, or their main classes' ones, hold every word, in any case.
+    """Return the classes whose name or description, or their main classes' ones, hold every word,
+    in any case.
 
-    An everyday word, such as yacht, is held by the classes that it stands for too: drift.engine.motion.everyday.
+    An everyday word, such as yacht, is held by the classes that it stands for too:
+    drift.engine.motion.everyday.
     """
     wanted = [(word, everyday.meaning(word, tuple(classes()))) for word in everyday.parts(words)]
     matches, above = [], [""] * 8

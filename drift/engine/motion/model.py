@@ -1,8 +1,10 @@
-"""Models of motion: what a particle has besides the core of the ensemble, and the functions that move it.
+"""Models of motion: what a particle has besides the core of the ensemble, and the functions that
+move it.
 
-A model is a record of functions; a new one is a file of its own in this room, a kernel in `kernels/` and a line in
-drift.engine.motion.models. A scenario moves by one model. Scenarios that move by the same one in the same forcing are a group,
-which one launch a step moves, however many they are.
+A model is a record of functions; a new one is a file of its own in this room, a kernel in
+`kernels/` and a line in drift.engine.motion.models. A scenario moves by one model. Scenarios that
+move by the same one in the same forcing are a group, which one launch a step moves, however many
+they are.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,11 +20,14 @@ from kernels.step.bridge import Inside
 from kernels.step.sample import Ranges, Tiles
 
 Key = tuple[int, int]  # key of random numbers: kernels.maths.noise.key
-Terms = Any  # what a model's kernel takes of a scenario, also of its `motion`: opaque to all but the model
+# what a model's kernel takes of a scenario, also of its `motion`: opaque to all but the model
+Terms = Any
 
 
 class Waters(NamedTuple):
-    """What the objects of a group move through: nodes of forcing, which of them are its sources, and the place."""
+    """What the objects of a group move through: nodes of forcing, which of them are its sources,
+    and the place.
+    """
 
     tiles: Tiles
     ranges: Ranges  # first and last tile by quantity
@@ -40,8 +45,8 @@ class Group(NamedTuple):
 class Model:
     """How objects of one kind move.
 
-    What is forced moves with currents and winds and their errors: without them it is lost. What is not goes on
-    everywhere, and its speeds are over ground.
+    What is forced moves with currents and winds and their errors: without them it is lost. What is
+    not goes on everywhere, and its speeds are over ground.
     """
 
     forced: bool
@@ -49,18 +54,21 @@ class Model:
     terms: Callable[[Errors, Scenario], Terms]
     # Draws the columns' first values, of a scenario's slots.
     draw: Callable[[Ensemble, Slots, Key, Scenario, Errors], None]
-    # Returns what moves a group of scenarios over steps, see kernels.step.advance.Move; int: direction in time.
-    # Device array (4 n,) or None: takes how each way departs from its chord.
+    # Returns what moves a group of scenarios over steps, see kernels.step.advance.Move; int:
+    # direction in time. Device array (4 n,) or None: takes how each way departs from its chord.
     mover: Callable[[Ensemble, Group, Waters, int, Any], kernel.Move]
-    # Takes positions on to a time inside a step, in place; terms by scenario, None for those that move by another model.
+    # Takes positions on to a time inside a step, in place; terms by scenario, None for those that
+    # move by another model.
     between: Callable[[Ensemble, tuple[Terms | None, ...], kernel.Surroundings, Inside], None]
     # Returns terms that leave nothing to chance, so that the error of a step can be measured.
     still: Callable[[Terms], Terms]
     # Returns the longest steps [s] that the model allows, by the reason for each.
     longest: Callable[[Errors], Mapping[str, float]]
-    # Returns how fast a scenario's object usually goes through the water in a wind [m/s], to draw its box.
+    # Returns how fast a scenario's object usually goes through the water in a wind [m/s], to draw
+    # its box.
     usual: Callable[[Scenario, float], float]
-    # Returns the speed that none exceeds in a wind [m/s]; second float: so many standard deviations out.
+    # Returns the speed that none exceeds in a wind [m/s]; second float: so many standard deviations
+    # out.
     fastest: Callable[[Scenario, float, float], float]
 
 

@@ -19,11 +19,17 @@ MODELS: dict[str, Model] = {"drift": DRIFT}
 
 def model_of(scenario: Scenario) -> Model:
     """Return the model by which a scenario's object moves once it is adrift."""
-    return own_model.model(scenario.motion) if isinstance(scenario.motion, OwnMotion) else MODELS[scenario.model]
+    return (
+        own_model.model(scenario.motion)
+        if isinstance(scenario.motion, OwnMotion)
+        else MODELS[scenario.model]
+    )
 
 
 def forced(scenarios: Iterable[Scenario]) -> bool:
-    """Return whether all of some scenarios move with currents and winds alone, and are lost without them."""
+    """Return whether all of some scenarios move with currents and winds alone, and are lost without
+    them.
+    """
     return all(_feels(s.itinerary) if s.itinerary else model_of(s).forced for s in scenarios)
 
 
@@ -33,13 +39,19 @@ def _feels(itinerary: Itinerary) -> bool:
 
 def columns(scenarios: Iterable[Scenario]) -> tuple[Column, ...]:
     """Return the columns that particles of some scenarios have besides the core, each once."""
-    every = [column for s in scenarios for column in (*model_of(s).columns, *(steer.COLUMNS if s.itinerary else ()))]
+    every = [
+        column
+        for s in scenarios
+        for column in (*model_of(s).columns, *(steer.COLUMNS if s.itinerary else ()))
+    ]
     return tuple({column.name: column for column in every}.values())
 
 
 def motions(errors: Errors, scenarios: Iterable[Scenario]) -> tuple[Motion, ...]:
     """Return how the objects of each scenario move."""
-    return tuple(Motion(model := model_of(scenario), model.terms(errors, scenario)) for scenario in scenarios)
+    return tuple(
+        Motion(model := model_of(scenario), model.terms(errors, scenario)) for scenario in scenarios
+    )
 
 
 def steering(scenarios: Iterable[Scenario], period: Period, errors: Errors) -> Steering | None:

@@ -1,7 +1,8 @@
 """A model of motion made of a user's own function of current, wind and waves.
 
-It is the model of what drifts (drift.engine.motion.drift) with that function in the place of leeway: errors of the
-forcing, random walk and coast are the same. Its parameters stand in the columns of the leeway lines.
+It is the model of what drifts (drift.engine.motion.drift) with that function in the place of
+leeway: errors of the forcing, random walk and coast are the same. Its parameters stand in the
+columns of the leeway lines.
 """
 
 from collections.abc import Callable
@@ -24,7 +25,8 @@ from kernels.step import advance as kernel
 from kernels.step import own_velocity
 from kernels.step import prior as draws
 
-COLUMNS = ("down_slope", "down_offset", "right_slope", "right_offset")  # that hold the parameters, in their order
+# that hold the parameters, in their order
+COLUMNS = ("down_slope", "down_offset", "right_slope", "right_offset")
 SPARE = "left_offset"  # that nothing reads
 CURRENTS = (0.0, 1.0, 2.5)  # [m/s] in which a function is asked how fast it goes through the water
 DIRECTIONS = np.radians(np.arange(0, 360, 45))
@@ -35,7 +37,8 @@ LATITUDES = np.radians([-75.0, -45.0, -15.0, 0.1, 15.0, 45.0, 75.0])
 
 @lru_cache(maxsize=64)
 def model(own: OwnMotion) -> Model:
-    """Return the model: the same one for the same file and parameters, so that its kernels are compiled once.
+    """Return the model: the same one for the same file and parameters, so that its kernels are
+    compiled once.
 
     Raises:
         UserError: where the file fails when it is run, or its function can't be compiled.
@@ -61,15 +64,21 @@ def _loaded(own: OwnMotion) -> tuple[Callable[..., Any], Any]:
     return _compiled(own.path, own.digest, own.by_latitude)
 
 
-def _draw(own: OwnMotion, ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors) -> None:
+def _draw(
+    own: OwnMotion, ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors
+) -> None:
     """Draw each particle's parameters, and its errors of the forcing."""
     for number, (parameter, name) in enumerate(zip(own.parameters, COLUMNS, strict=False)):
         column, spare = ensemble.own[name], ensemble.own[SPARE]
-        draws.draw_object(*slots, column, spare, number, *key, parameter.mean, 0.0, parameter.std, 0.0, -np.inf)
+        draws.draw_object(
+            *slots, column, spare, number, *key, parameter.mean, 0.0, parameter.std, 0.0, -np.inf
+        )
     drift.draw_errors(ensemble, slots, key, errors)
 
 
-def _mover(velocity: Any, ensemble: Ensemble, group: Group, waters: Waters, direction: int, bend: Any) -> kernel.Move:
+def _mover(
+    velocity: Any, ensemble: Ensemble, group: Group, waters: Waters, direction: int, bend: Any
+) -> kernel.Move:
     """Return what moves a group of scenarios over a step: see kernels.step.advance."""
     return kernel.mover(
         ensemble,
@@ -90,7 +99,10 @@ def _fastest(own: OwnMotion, function: Callable[..., Any], wind: float, spreads:
 
     spreads: how many standard deviations the parameters are away from their means, up and down.
     """
-    ways = [p.mean + p.std * spreads * np.array([-1.0, 0.0, 1.0] if p.std * spreads else [0.0]) for p in own.parameters]
+    ways = [
+        p.mean + p.std * spreads * np.array([-1.0, 0.0, 1.0] if p.std * spreads else [0.0])
+        for p in own.parameters
+    ]
     parameters = np.array(list(product(*ways, *[[0.0]] * (MOST - len(ways)))))
     toward = np.column_stack([np.sin(DIRECTIONS), np.cos(DIRECTIONS)])
     currents = np.vstack([speed * toward[:1] for speed in CURRENTS])
@@ -106,7 +118,10 @@ def _fastest(own: OwnMotion, function: Callable[..., Any], wind: float, spreads:
 
 
 def _speeds(
-    own: OwnMotion, function: Callable[..., Any], given: tuple[Array, Array, Array, Array], latitude: float
+    own: OwnMotion,
+    function: Callable[..., Any],
+    given: tuple[Array, Array, Array, Array],
+    latitude: float,
 ) -> Array:
     """Return speeds through the water [m/s] (n,); raise UserError where one is no number.
 
@@ -124,7 +139,9 @@ def _speeds(
     speed: Array = np.hypot(way[:, 0], way[:, 1])
     if not np.isfinite(speed).all():
         k = int(np.argmin(np.isfinite(speed)))
-        named = ", ".join(f"{p.name} {value:g}" for p, value in zip(own.parameters, parameters[k], strict=False))
+        named = ", ".join(
+            f"{p.name} {value:g}" for p, value in zip(own.parameters, parameters[k], strict=False)
+        )
         raise UserError(
             f"{own.path.name}: velocity is no number in a current of {np.hypot(*current[k]):.3g} m/s and a wind of "
             f"{np.hypot(*wind[k]):.3g} m/s at {np.degrees(latitude):.0f} degrees{', with ' + named if named else ''}"

@@ -1,7 +1,8 @@
 """What a Python file says of a drift model of the user's own, read without running it.
 
-The file has a function `velocity` of `current`, `wind`, `waves` and `parameters`, and may name its parameters in a
-tuple PARAMETERS; docs/howto/model.md shows one. drift.engine.motion.own_model makes a model of it.
+The file has a function `velocity` of `current`, `wind`, `waves` and `parameters`, and may name its
+parameters in a tuple PARAMETERS; docs/howto/model.md shows one. drift.engine.motion.own_model makes
+a model of it.
 """
 
 import ast
@@ -47,15 +48,17 @@ def read(path: Path, given: Mapping[str, tuple[float, float]]) -> OwnMotion:
         given: mean and standard deviation of each parameter, by name.
 
     Raises:
-        UserError: where the file is no Python, its function is not as it must be, or the parameters are others than it
-            names.
+        UserError: where the file is no Python, its function is not as it must be, or the parameters
+            are others than it names.
     """
     data = path.read_bytes()
     try:
         tree = ast.parse(data, str(path))
     except (SyntaxError, ValueError) as error:
         where = f" in line {error.lineno}" if isinstance(error, SyntaxError) else ""
-        raise UserError(f"{path.name} is no Python{where}: {getattr(error, 'msg', error)}") from None
+        raise UserError(
+            f"{path.name} is no Python{where}: {getattr(error, 'msg', error)}"
+        ) from None
     function = _function(tree, path)
     names = _names(tree, path)
     _check_body(function, tree, names, path)
@@ -71,7 +74,9 @@ def read(path: Path, given: Mapping[str, tuple[float, float]]) -> OwnMotion:
 
 
 def _function(tree: ast.Module, path: Path) -> ast.FunctionDef:
-    """Return the definition of a file's function; raise UserError where there is none, or more than one."""
+    """Return the definition of a file's function; raise UserError where there is none, or more than
+    one.
+    """
     made = [line for line in tree.body if FUNCTION in _bound(line)]
     if len(made) > 1:
         raise UserError(
@@ -84,7 +89,9 @@ def _function(tree: ast.Module, path: Path) -> ast.FunctionDef:
         )
     given = made[0].args
     takes = tuple(argument.arg for argument in given.args)
-    plain = not (given.posonlyargs or given.kwonlyargs or given.vararg or given.kwarg or given.defaults)
+    plain = not (
+        given.posonlyargs or given.kwonlyargs or given.vararg or given.kwarg or given.defaults
+    )
     if not plain or takes not in (TAKES, (*TAKES, LATITUDE)):
         raise UserError(
             f"{path.name}: {FUNCTION}({ast.unparse(given)}) must take ({', '.join(TAKES)}), and {LATITUDE} after them "
@@ -97,22 +104,40 @@ def _bound(line: ast.stmt) -> set[str]:
     """Return the names that a line of a module binds."""
     if isinstance(line, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         return {line.name}
-    targets = line.targets if isinstance(line, ast.Assign) else [line.target] if isinstance(line, ast.AnnAssign) else []
+    targets = (
+        line.targets
+        if isinstance(line, ast.Assign)
+        else [line.target]
+        if isinstance(line, ast.AnnAssign)
+        else []
+    )
     return {target.id for target in targets if isinstance(target, ast.Name)}
 
 
-def _check_body(function: ast.FunctionDef, tree: ast.Module, names: tuple[str, ...], path: Path) -> None:
-    """Raise UserError for what the compiler would end the process at, take in a wrong way, or explain badly."""
+def _check_body(
+    function: ast.FunctionDef, tree: ast.Module, names: tuple[str, ...], path: Path
+) -> None:
+    """Raise UserError for what the compiler would end the process at, take in a wrong way, or
+    explain badly.
+    """
     lines = []
     returns = [node for node in ast.walk(function) if isinstance(node, ast.Return)]
     if len(returns) != 1 or returns[0] is not function.body[-1] or returns[0].value is None:
-        where = f", not in line{'s' * (len(returns) > 1)} {_listed(one.lineno for one in returns)}" if returns else ""
+        where = (
+            f", not in line{'s' * (len(returns) > 1)} {_listed(one.lineno for one in returns)}"
+            if returns
+            else ""
+        )
         lines.append(
             f"{FUNCTION} must return its velocity in its last line, and nowhere else{where}; assign it to a variable in "
             "branches"
         )
     for node in ast.walk(function):
-        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id == "parameters":
+        if (
+            isinstance(node, ast.Subscript)
+            and isinstance(node.value, ast.Name)
+            and node.value.id == "parameters"
+        ):
             try:
                 index = ast.literal_eval(node.slice)
             except ValueError:
@@ -121,9 +146,15 @@ def _check_body(function: ast.FunctionDef, tree: ast.Module, names: tuple[str, .
                 told = f"names {len(names)}: {', '.join(names)}" if names else "names none"
                 lines.append(f"line {node.lineno} reads parameters[{index}], and {NAMES} {told}")
     for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("ti", "taichi"):
+        if (
+            isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name)
+            and node.value.id in ("ti", "taichi")
+        ):
             if node.attr in ("init", "reset"):
-                lines.append(f"line {node.lineno} calls {ast.unparse(node)}, which drift does itself; leave it out")
+                lines.append(
+                    f"line {node.lineno} calls {ast.unparse(node)}, which drift does itself; leave it out"
+                )
             elif node.attr in ("random", "randn"):
                 lines.append(
                     f"line {node.lineno} draws with {ast.unparse(node)}; say what is uncertain in [uncertainty]"
@@ -174,9 +205,13 @@ def _names(tree: ast.Module, path: Path) -> tuple[str, ...]:
     except ValueError:
         names = None
     if not isinstance(names, tuple | list) or not all(isinstance(name, str) for name in names):
-        raise UserError(f'{path.name}: {NAMES} must be a tuple of names, such as ("length", "keel")')
+        raise UserError(
+            f'{path.name}: {NAMES} must be a tuple of names, such as ("length", "keel")'
+        )
     if len(names) > MOST or len(set(names)) < len(names):
-        raise UserError(f"{path.name}: {NAMES} has {', '.join(names)}; at most {MOST} are allowed, each once")
+        raise UserError(
+            f"{path.name}: {NAMES} has {', '.join(names)}; at most {MOST} are allowed, each once"
+        )
     return tuple(names)
 
 

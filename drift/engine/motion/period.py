@@ -17,7 +17,9 @@ SECOND = np.timedelta64(1, "s")
 
 @dataclass(frozen=True)
 class Period:
-    """When a run begins and ends, UTC; direction: +1, or -1 for a backward run, whose end is before its start."""
+    """When a run begins and ends, UTC; direction: +1, or -1 for a backward run, whose end is before
+    its start.
+    """
 
     start: np.datetime64
     end: np.datetime64

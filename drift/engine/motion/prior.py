@@ -1,7 +1,8 @@
 """Scenarios -> the initial ensemble: where, when and what, drawn in water.
 
-Each scenario has a range of slots, about in proportion to its weight but never fewer than a tenth of an equal share, so
-that an unlikely scenario still has enough particles; log weights make up for it.
+Each scenario has a range of slots, about in proportion to its weight but never fewer than a tenth
+of an equal share, so that an unlikely scenario still has enough particles; log weights make up for
+it.
 """
 
 from collections.abc import Callable
@@ -28,7 +29,8 @@ from kernels.runtime import runtime
 from kernels.step import prior as kernel
 from kernels.step.coast import DeviceCoast, open_sea
 
-PIECE = 20_000.0  # [m] longest piece of a great-circle leg with one course: it turns by less than 0.2 degrees at 45 N
+# [m] longest piece of a great-circle leg with one course: it turns by less than 0.2 degrees at 45 N
+PIECE = 20_000.0
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,13 @@ def layout(spec: EnsembleSpec) -> Layout:
 
 
 def empty(spec: EnsembleSpec, own: Layout, *, still: bool = False) -> Ensemble:
-    """Return an ensemble of scenarios with the columns of their models, before anything is drawn; still: without these."""
-    columns = (*(() if still else models.columns(spec.scenarios)), *((members.COLUMN,) if spec.members else ()))
+    """Return an ensemble of scenarios with the columns of their models, before anything is drawn;
+    still: without these.
+    """
+    columns = (
+        *(() if still else models.columns(spec.scenarios)),
+        *((members.COLUMN,) if spec.members else ()),
+    )
     columns = (*columns, *guided.columns(spec.guiding))
     return record.empty(spec.seed, own, columns)
 
@@ -62,9 +69,11 @@ def empty(spec: EnsembleSpec, own: Layout, *, still: bool = False) -> Ensemble:
 def draw_ensemble(
     spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = None, *, still: bool = False
 ) -> Prior:
-    """Return the initial ensemble of scenarios, conditioned on water; own: of a shard, by default of the whole run.
+    """Return the initial ensemble of scenarios, conditioned on water; own: of a shard, by default
+    of the whole run.
 
-    still: without what tells how its particles move, which takes more than half of the time, unless any steers.
+    still: without what tells how its particles move, which takes more than half of the time, unless
+    any steers.
     """
     whole = layout(spec)
     own = own or whole
@@ -77,7 +86,9 @@ def draw_ensemble(
         drawn = failed = 0
         if scenario.prior is not None:
             tries = runtime.upload(np.zeros(2, np.int64))
-            DRAWS[type(scenario.prior)](scenario.prior, _Draw(spec.period, ensemble, slots, key, tries, coast))
+            DRAWS[type(scenario.prior)](
+                scenario.prior, _Draw(spec.period, ensemble, slots, key, tries, coast)
+            )
             drawn, failed = (int(x) for x in tries.to_numpy())
         tried.append((drawn, failed))
         if not still:
@@ -86,21 +97,25 @@ def draw_ensemble(
     if steering:
         begun = begun + steer.draw_targets(ensemble, steering, coast)
     counts = counts_of(spec)
-    within = ensemble.places - np.repeat(whole.bounds[:-1], np.diff(own.bounds))  # number in its scenario
+    # number in its scenario
+    within = ensemble.places - np.repeat(whole.bounds[:-1], np.diff(own.bounds))
     spare = within >= np.repeat(counts, np.diff(own.bounds))
     log_weight = _log_weights(spec, ensemble, counts, spare)
     if spec.members:
         _deal(spec, ensemble, counts, within, log_weight)
     ensemble.log_weight.from_numpy(log_weight)
     if spare.any():
-        ensemble.status.from_numpy(np.where(spare, int(Status.LEFT), ensemble.status.to_numpy()).astype(np.int32))
+        ensemble.status.from_numpy(
+            np.where(spare, int(Status.LEFT), ensemble.status.to_numpy()).astype(np.int32)
+        )
     return Prior(ensemble, begun)
 
 
 def dry(spec: EnsembleSpec, tried: Array, coast: DeviceCoast | None) -> tuple[float, ...]:
     """Return the share of each scenario's prior that lies on land and was left out.
 
-    tried: of all particles of the run. Raises UserError when a scenario's prior holds next to no water.
+    tried: of all particles of the run. Raises UserError when a scenario's prior holds next to no
+    water.
     """
     return tuple(
         _dry(spec, number, many, tried[number], coast)
@@ -108,16 +123,25 @@ def dry(spec: EnsembleSpec, tried: Array, coast: DeviceCoast | None) -> tuple[fl
     )
 
 
-def _dry(spec: EnsembleSpec, number: int, many: int, tried: Array, coast: DeviceCoast | None) -> float:
-    """Return the share of a scenario's prior that lies on land; refuse one that holds next to no water."""
+def _dry(
+    spec: EnsembleSpec, number: int, many: int, tried: Array, coast: DeviceCoast | None
+) -> float:
+    """Return the share of a scenario's prior that lies on land; refuse one that holds next to no
+    water.
+    """
     drawn, failed = tried
     if failed:
-        fault = "its area is too thin to draw from" if coast is None else "its prior lies on land, or is too thin"
+        fault = (
+            "its area is too thin to draw from"
+            if coast is None
+            else "its prior lies on land, or is too thin"
+        )
         raise UserError(
             f'scenario "{spec.scenarios[number].name}": {fault}: {failed} of {many} particles found no place '
             "in many tries; move or widen it, or check [coast] source"
         )
-    return 1.0 - many / float(drawn) if drawn else 0.0  # what begins where another object goes adrift is not drawn
+    # what begins where another object goes adrift is not drawn
+    return 1.0 - many / float(drawn) if drawn else 0.0
 
 
 def counts_of(spec: EnsembleSpec) -> list[int]:
@@ -131,7 +155,9 @@ def counts_of(spec: EnsembleSpec) -> list[int]:
 
 
 def _bounds(spec: EnsembleSpec, counts: list[int]) -> tuple[int, ...]:
-    """Return the first slot of each scenario and, last, their number; with slots to spare where that is asked."""
+    """Return the first slot of each scenario and, last, their number; with slots to spare where
+    that is asked.
+    """
     if spec.resampling is not None:
         counts = [resample.METHODS[spec.resampling].slots(n) for n in counts]
     return (0, *(int(x) for x in np.cumsum(counts)))
@@ -151,13 +177,18 @@ def _log_weights(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], spar
     return np.where(spare, -np.inf, np.repeat(each, np.diff(ensemble.bounds))).astype(np.float32)
 
 
-def _deal(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], within: Array, log_weight: Array) -> None:
-    """Give each particle its member of the ensemble of forcings, all equally likely in each scenario, in place.
+def _deal(
+    spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], within: Array, log_weight: Array
+) -> None:
+    """Give each particle its member of the ensemble of forcings, all equally likely in each
+    scenario, in place.
 
     within: number of each in its scenario, (n,).
     """
     many, column = len(spec.members), np.zeros(ensemble.n, np.int32)
-    for scenario, (first, last), count in zip(spec.scenarios, ensemble.scenarios, counts, strict=True):
+    for scenario, (first, last), count in zip(
+        spec.scenarios, ensemble.scenarios, counts, strict=True
+    ):
         if count < many:
             raise UserError(
                 f'scenario "{scenario.name}" gets {count} of the {sum(counts)} particles, which is too few for {many} '
@@ -203,12 +234,26 @@ def _draw_position(prior: PositionPrior, to: _Draw) -> None:
     lon, lat = (int(sphere.to_binary(np.degrees(x))) for x in (prior.lon, prior.lat))
     nearest, farthest, bearing, sector = 0.0, 0.0, 0.0, 0.0
     if prior.displacement:
-        (nearest, farthest), (bearing, end) = prior.displacement.distance, prior.displacement.direction
+        (nearest, farthest), (bearing, end) = (
+            prior.displacement.distance,
+            prior.displacement.direction,
+        )
         sector = end - bearing
     kernel.draw_position(
-        *to.common, to.tries, *to.key, lon, lat, prior.major, prior.minor, prior.orientation,
-        nearest, farthest, bearing, sector, to.water,
-    )  # fmt: skip
+        *to.common,
+        to.tries,
+        *to.key,
+        lon,
+        lat,
+        prior.major,
+        prior.minor,
+        prior.orientation,
+        nearest,
+        farthest,
+        bearing,
+        sector,
+        to.water,
+    )
 
 
 def _draw_area(prior: AreaPrior, to: _Draw) -> None:
@@ -218,7 +263,16 @@ def _draw_area(prior: AreaPrior, to: _Draw) -> None:
     inside = np.array([south, south + height]) * sphere.UNIT
     broadest = 1.0 if inside[0] <= 0 <= inside[1] else float(np.cos(np.abs(inside).min()))
     kernel.draw_area(
-        *to.common, to.tries, *to.key, runtime.upload(vertices), west, south, width, height, broadest, to.water
+        *to.common,
+        to.tries,
+        *to.key,
+        runtime.upload(vertices),
+        west,
+        south,
+        width,
+        height,
+        broadest,
+        to.water,
     )
 
 
@@ -228,10 +282,19 @@ def _draw_trackline(prior: TracklinePrior, to: _Draw) -> None:
     mode = -1.0 if prior.mode is None else prior.mode
     voyage = to.period.direction * float((prior.arrival - prior.departure) / np.timedelta64(1, "s"))
     kernel.draw_trackline(
-        *to.common, to.ensemble.release, to.tries, *to.key,
-        *(runtime.upload(x) for x in (points, courses, lengths, ends)), prior.cross_track, prior.low, prior.high, mode,
-        to.period.elapsed(prior.departure), voyage, to.water,
-    )  # fmt: skip
+        *to.common,
+        to.ensemble.release,
+        to.tries,
+        *to.key,
+        *(runtime.upload(x) for x in (points, courses, lengths, ends)),
+        prior.cross_track,
+        prior.low,
+        prior.high,
+        mode,
+        to.period.elapsed(prior.departure),
+        voyage,
+        to.water,
+    )
 
 
 DRAWS: dict[type, Callable[[Any, _Draw], None]] = {
@@ -252,9 +315,16 @@ def _polygon(prior: AreaPrior) -> tuple[Array, int, int, int, int]:
 
 
 def _pieces(prior: TracklinePrior) -> tuple[Array, Array, Array, Array]:
-    """Return begins (lon, lat binary), courses [rad], lengths [m], and shares of the voyage done at their ends."""
+    """Return begins (lon, lat binary), courses [rad], lengths [m], and shares of the voyage done at
+    their ends.
+    """
     lon, lat = sphere.track(prior.lon, prior.lat, PIECE)
     east, north = sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:])
     course, length = np.arctan2(east, north).astype(np.float32), np.hypot(east, north)
     points = sphere.to_binary(np.degrees(np.stack([lon, lat], axis=1)[:-1]))
-    return points, course, length.astype(np.float32), (np.cumsum(length) / length.sum()).astype(np.float32)
+    return (
+        points,
+        course,
+        length.astype(np.float32),
+        (np.cumsum(length) / length.sum()).astype(np.float32),
+    )

@@ -1,9 +1,11 @@
-"""Scenarios: what may have happened, each with its weight, its object, and where and when it went adrift.
+"""Scenarios: what may have happened, each with its weight, its object, and where and when it went
+adrift.
 
-Records are in SI, radians and UTC. There are three kinds of prior: around a reported position, inside an area, along a
-trackline. Each answers the same questions. `reported`: its position [deg], where it is the report of one; `moving`:
-whether the place where the object went adrift depends on the time; `extent`: how far the prior reaches. Priors are
-drawn in drift.engine.motion.prior and drift.spills.worlds.releases.
+Records are in SI, radians and UTC. There are three kinds of prior: around a reported position,
+inside an area, along a trackline. Each answers the same questions. `reported`: its position [deg],
+where it is the report of one; `moving`: whether the place where the object went adrift depends on
+the time; `extent`: how far the prior reaches. Priors are drawn in drift.engine.motion.prior and
+drift.spills.worlds.releases.
 """
 
 import math
@@ -38,15 +40,19 @@ class Survival:
         return np.asarray(0.5 * special.erfc(z / math.sqrt(2)))
 
 
-JIBE_RATE = 0.04 / 3600  # [1/s] 4 % an hour (Allen 2005, CG-D-05-05; Breivik and Allen 2008, section 2.3)
+# [1/s] 4 % an hour (Allen 2005, CG-D-05-05; Breivik and Allen 2008, section 2.3)
+JIBE_RATE = 0.04 / 3600
 
 
 @dataclass(frozen=True)
 class Displacement:
-    """A move from the reported position before the object drifts, uniform in distance and in direction."""
+    """A move from the reported position before the object drifts, uniform in distance and in
+    direction.
+    """
 
     distance: tuple[float, float]  # [m]
-    direction: tuple[float, float]  # [rad] toward, clockwise from north; second >= first, up to 2 turns
+    # [rad] toward, clockwise from north; second >= first, up to 2 turns
+    direction: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,8 @@ class PositionPrior:
         return float(np.degrees(self.lon)), float(np.degrees(self.lat))
 
     def extent(self, spreads: float) -> tuple[Array, Array, float]:
-        """Return places (lon, lat) [rad] without jumps, and how far about them [m] the prior reaches.
+        """Return places (lon, lat) [rad] without jumps, and how far about them [m] the prior
+        reaches.
 
         spreads: how many standard deviations count.
         """
@@ -102,8 +109,8 @@ class AreaPrior:
 class TracklinePrior:
     """Along great-circle legs at constant speed, with cross-track error.
 
-    The object goes adrift at an unknown share of the voyage. The share is uniform in [low, high], or triangular there
-    with its top at `mode`.
+    The object goes adrift at an unknown share of the voyage. The share is uniform in [low, high],
+    or triangular there with its top at `mode`.
     """
 
     reported: ClassVar[tuple[float, float] | None] = None
@@ -144,9 +151,11 @@ class Scenario:
     model: str = "drift"  # model of motion: drift.engine.motion.models
     motion: Any = None  # parameters of the model's own: opaque to all but the model
     survival: Survival | None = None
-    itinerary: Itinerary | None = None  # how it steers until its distress; None: it is adrift from the first
+    # how it steers until its distress; None: it is adrift from the first
+    itinerary: Itinerary | None = None
     family: InFamily | None = None  # where it stands in its family; None: it is in none
-    # How loud it is to a passive sonar [dB re 1 uPa at 1 m], or rows of speed [m/s] and level; None: not told.
+    # How loud it is to a passive sonar [dB re 1 uPa at 1 m], or rows of speed [m/s] and level;
+    # None: not told.
     source_level: float | tuple[tuple[float, float], ...] | None = None
 
     @property
@@ -157,6 +166,8 @@ class Scenario:
         return ("steer",) if self.itinerary.distress is None else ("steer", self.model)
 
     def extents(self, spreads: float) -> list[tuple[Array, Array, float]]:
-        """Return the extents of its prior, and of the places to which its itinerary leads: see PositionPrior.extent."""
+        """Return the extents of its prior, and of the places to which its itinerary leads: see
+        PositionPrior.extent.
+        """
         own = [self.prior.extent(spreads)] if self.prior is not None else []
         return own + (self.itinerary.extents(spreads) if self.itinerary else [])

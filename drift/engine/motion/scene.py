@@ -32,16 +32,21 @@ from kernels.step import curve, sample
 from kernels.step.bridge import Inside
 from kernels.step.sample import Ranges, ordered
 
-AT_ONCE = 20_000_000  # steps of a particle in a launch, about a second, after which a run can be interrupted
+# steps of a particle in a launch, about a second, after which a run can be interrupted
+AT_ONCE = 20_000_000
 
 
 class Begin(NamedTuple):
     """Where the particles of an ensemble began a step, on the device."""
 
-    lon: Device  # binary angle, int32 (n,): where they were when what steers had been moved, so where each went adrift
+    # binary angle, int32 (n,): where they were when what steers had been moved, so where each went
+    # adrift
+    lon: Device
     lat: Device
-    helm: Mapping[str, Device] | None  # the columns of what steers, at the begin of the step; None: nothing does
-    bend: Device  # how the way of each departs from its chord: see kernels.step.curve, float32 (4 n,)
+    # the columns of what steers, at the begin of the step; None: nothing does
+    helm: Mapping[str, Device] | None
+    # how the way of each departs from its chord: see kernels.step.curve, float32 (4 n,)
+    bend: Device
     polar: bool = False  # whether the domain holds a pole
 
 
@@ -64,12 +69,19 @@ class Scene:
     guided: Guided | None = None  # how noise is nudged toward finds; None: it is not
 
     def advance(
-        self, ensemble: Ensemble, low: int, high: int, step: kernel.Step, keep: bool = False, count: int = 1
+        self,
+        ensemble: Ensemble,
+        low: int,
+        high: int,
+        step: kernel.Step,
+        keep: bool = False,
+        count: int = 1,
     ) -> Begin | None:
-        """Move all slots over one step, in place: first what steers, each until its distress, then what is adrift.
+        """Move all slots over one step, in place: first what steers, each until its distress, then
+        what is adrift.
 
-        Return where they began the step, if it is to be kept. count: also move them over the steps after it, so many in
-        all, none of which is kept: see `at_once` and Forcing.same_slices.
+        Return where they began the step, if it is to be kept. count: also move them over the steps
+        after it, so many in all, none of which is kept: see `at_once` and Forcing.same_slices.
         """
         self.forcing.set(low, high, count)
         helm, at_helm = self.helm(ensemble), None
@@ -79,7 +91,13 @@ class Scene:
             helm.move(step, note=keep)
         moves, bend = self._movers(ensemble, step.direction, keep)
         begin = (
-            Begin(runtime.copy(ensemble.lon), runtime.copy(ensemble.lat), at_helm, bend, self.place.polar)
+            Begin(
+                runtime.copy(ensemble.lon),
+                runtime.copy(ensemble.lat),
+                at_helm,
+                bend,
+                self.place.polar,
+            )
             if keep
             else None
         )
@@ -106,8 +124,11 @@ class Scene:
         helm: Helm = self.forcing.movers[key][1]
         return helm
 
-    def _movers(self, ensemble: Ensemble, direction: int, keep: bool) -> tuple[tuple[kernel.Move, ...], Device]:
-        """Return what moves an ensemble, one a group, and where that keeps the bend of ways, if it is to be kept.
+    def _movers(
+        self, ensemble: Ensemble, direction: int, keep: bool
+    ) -> tuple[tuple[kernel.Move, ...], Device]:
+        """Return what moves an ensemble, one a group, and where that keeps the bend of ways, if it
+        is to be kept.
 
         It is made once for a layout of the ensemble, and kept until the forcing is closed.
         """
@@ -115,7 +136,9 @@ class Scene:
         if key not in self.forcing.movers or self.forcing.movers[key][0][2] is not ensemble.layout:
             bend = runtime.empty(4 * ensemble.n) if keep else None
             movers = tuple(
-                model.mover(ensemble, group, Waters(self.forcing.tiles, ranges, self.place), direction, bend)
+                model.mover(
+                    ensemble, group, Waters(self.forcing.tiles, ranges, self.place), direction, bend
+                )
                 for model, ranges, group in self.groups(ensemble)
             )
             # They are kept alive, for an id() may be given again.
@@ -124,17 +147,24 @@ class Scene:
         return made
 
     def groups(self, ensemble: Ensemble) -> list[tuple[Model, Ranges, Group]]:
-        """Return the groups of an ensemble's scenarios: those of one model that see the same tiles of the forcing.
+        """Return the groups of an ensemble's scenarios: those of one model that see the same tiles
+        of the forcing.
 
         What never goes adrift is in none.
         """
         together: dict[tuple[Model, tuple[int, ...]], list[int]] = {}
-        for number, (ranges, motion) in enumerate(zip(self.forcing.ranges, self.motions, strict=True)):
+        for number, (ranges, motion) in enumerate(
+            zip(self.forcing.ranges, self.motions, strict=True)
+        ):
             if self.steering and not self.steering.adrift(number):
                 continue
             together.setdefault((motion.model, ordered(ranges)), []).append(number)
         return [
-            (model, self.forcing.ranges[own[0]], Group(ensemble.batch(own), tuple(self.motions[k].terms for k in own)))
+            (
+                model,
+                self.forcing.ranges[own[0]],
+                Group(ensemble.batch(own), tuple(self.motions[k].terms for k in own)),
+            )
             for (model, _), own in together.items()
         ]
 
@@ -146,7 +176,8 @@ class Scene:
         return list(together.values())
 
     def without_noise(self) -> "Scene":
-        """Return the same scene in which nothing is left to chance, and what comes ashore stays there or slides.
+        """Return the same scene in which nothing is left to chance, and what comes ashore stays
+        there or slides.
 
         Nothing steers in it: that is exact at any step.
         """
@@ -156,12 +187,19 @@ class Scene:
         return replace(self, motions=motions, place=still, steering=None, guided=None)
 
     def between(
-        self, ensemble: Ensemble, begin: Begin, kept: Kept | None, step: kernel.Step, time: int, start: int
+        self,
+        ensemble: Ensemble,
+        begin: Begin,
+        kept: Kept | None,
+        step: kernel.Step,
+        time: int,
+        start: int,
     ) -> tuple[Array, Array]:
-        """Return where an ensemble's particles are at a time inside the step just made: lon, lat [binary angle], (n,).
+        """Return where an ensemble's particles are at a time inside the step just made: lon, lat
+        [binary angle], (n,).
 
-        kept: where they were at an earlier time inside the step, if that has been asked and is to hold; start: of the
-        run [s since 1970].
+        kept: where they were at an earlier time inside the step, if that has been asked and is to
+        hold; start: of the run [s since 1970].
         """
         end, since = step.elapsed + step.duration, kept.since if kept else step.elapsed
         moment = (start + step.direction * time) % 2**31
@@ -175,35 +213,46 @@ class Scene:
         lon, lat = (column.to_numpy() for column in places)
         helm = self.helm(ensemble)
         if helm and begin.helm:
-            steers = np.isin(ensemble.scenario.to_numpy(), self.steering.scenarios if self.steering else ())
+            steers = np.isin(
+                ensemble.scenario.to_numpy(), self.steering.scenarios if self.steering else ()
+            )
             own = kept or Kept(begin.helm["lon"].to_numpy(), begin.helm["lat"].to_numpy(), since)
             there = helm.inside(begin.helm, (own.lon, own.lat), since, step, time, moment)
             mine = steers & (time < ensemble.release.to_numpy())
-            lon, lat = (np.where(mine, new, old) for new, old in zip(there, (lon, lat), strict=True))
+            lon, lat = (
+                np.where(mine, new, old) for new, old in zip(there, (lon, lat), strict=True)
+            )
         return lon, lat
 
     def _from(self, ensemble: Ensemble, begin: Begin, kept: Kept | None) -> tuple[Device, Device]:
-        """Return copies of where particles began the step, or where they were when that was asked: lon, lat."""
+        """Return copies of where particles began the step, or where they were when that was asked:
+        lon, lat.
+        """
         if kept is None:
             return runtime.copy(begin.lon), runtime.copy(begin.lat)
         known = ensemble.release.to_numpy() <= kept.since
         lon = runtime.upload(np.where(known, kept.lon, begin.lon.to_numpy()))
         return lon, runtime.upload(np.where(known, kept.lat, begin.lat.to_numpy()))
 
-    def velocity(self, ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int) -> tuple[Array, Array]:
-        """Return (east, north) [m/s] over ground of particles at a time inside the step just made, (n,).
+    def velocity(
+        self, ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int
+    ) -> tuple[Array, Array]:
+        """Return (east, north) [m/s] over ground of particles at a time inside the step just made,
+        (n,).
 
-        What is adrift has the velocity of its drift then, with the mean of what chance adds in the step; what lies still
-        has none.
+        What is adrift has the velocity of its drift then, with the mean of what chance adds in the
+        step; what lies still has none.
         """
         lives, end = life.read_lives(ensemble), step.elapsed + step.duration
         left, finish = lives.way(step.elapsed, end)
         status = lives.at(time)
         lon, lat = begin.lon.to_numpy(), begin.lat.to_numpy()
         apart = sphere.offset(
-            lon * sphere.UNIT, lat * sphere.UNIT, ensemble.lon.to_numpy() * sphere.UNIT,
+            lon * sphere.UNIT,
+            lat * sphere.UNIT,
+            ensemble.lon.to_numpy() * sphere.UNIT,
             ensemble.lat.to_numpy() * sphere.UNIT,
-        )  # fmt: skip
+        )
         off_lon, off_lat = curve.slopes(begin.bend.to_numpy(), lives.share(step.elapsed, end, time))
         if begin.polar:
             off = sphere.from_pole(lon * sphere.UNIT, lat, off_lon, off_lat)
@@ -212,12 +261,17 @@ class Scene:
             off = off_lon * metres * np.cos(lat * sphere.UNIT), off_lat * metres
         moving = (status == Status.ADRIFT) & (finish > left)
         lasting = np.maximum(finish - left, 1)
-        east, north = (np.where(moving, (way + more) / lasting, 0.0) for way, more in zip(apart, off, strict=True))
+        east, north = (
+            np.where(moving, (way + more) / lasting, 0.0)
+            for way, more in zip(apart, off, strict=True)
+        )
         helm = self.helm(ensemble)
         if helm and begin.helm:
             steers = status == Status.UNDER_WAY
             own = helm.velocity(begin.helm, step, time)
-            east, north = (np.where(steers, new, old) for new, old in zip(own, (east, north), strict=True))
+            east, north = (
+                np.where(steers, new, old) for new, old in zip(own, (east, north), strict=True)
+            )
         return east, north
 
 
@@ -230,7 +284,8 @@ def paths(
     scenarios: Sequence[int],
     chosen: Array | None = None,
 ) -> Iterator[Paths]:
-    """Yield the paths of particles in the step just made, as sensors take them: of what steers, then of what drifts.
+    """Yield the paths of particles in the step just made, as sensors take them: of what steers,
+    then of what drifts.
 
     What drifts goes straight in each part of the step, and has paths for each of them.
 
@@ -257,7 +312,9 @@ def paths(
         if before is None:
             before = _at(ensemble, begin, step, low)
         after = _at(ensemble, begin, step, high)
-        yield pieces.straight(ensemble, own, before, after, low, high - low, step.number, begin.polar)
+        yield pieces.straight(
+            ensemble, own, before, after, low, high - low, step.number, begin.polar
+        )
         before = after
 
 
@@ -273,7 +330,12 @@ def _at(ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int) -> tuple
     return places
 
 
-def land_of(scene: Scene) -> Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.NDArray[np.bool_]] | None:
-    """Return what says whether points [binary angles] lie on land, asked on the device; None without a coast."""
+def land_of(
+    scene: Scene,
+) -> Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.NDArray[np.bool_]] | None:
+    """Return what says whether points [binary angles] lie on land, asked on the device;
+
+    None without a coast.
+    """
     coast = scene.place.coast
     return None if coast is None else lambda lon, lat: ~device_coast.wet(coast, lon, lat)

@@ -1,7 +1,8 @@
 """A run: moves an ensemble through its scene, step by step, from one output to the next.
 
-Steps are those of the clock's lattice. Releases and outputs fall where they may: a particle moves from its release on,
-an output inside a step lies on the curve that the step describes (kernels.step.curve).
+Steps are those of the clock's lattice. Releases and outputs fall where they may: a particle moves
+from its release on, an output inside a step lies on the curve that the step describes
+(kernels.step.curve).
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -31,36 +32,49 @@ class Moment:
     status: Array  # int32 (n,)
     layout: Layout  # which slots belong to which scenario
     log_weight: Array | None = None  # float32 (n,) at that time; None: those of the end of the run
-    ancestors: Array | None = None  # (n,) slots of the whole run at the moment before, if any were drawn anew since
-    lineage: Array | None = None  # int32 (n,) particle of the begin from which each descends; None: itself
+    # (n,) slots of the whole run at the moment before, if any were drawn anew since
+    ancestors: Array | None = None
+    # int32 (n,) particle of the begin from which each descends; None: itself
+    lineage: Array | None = None
 
 
-# Returns where the particles of an ensemble were at a time [s after start], as lon, lat [binary angle]. Its arguments
-# are the ensemble, the scene in which it moves, where its particles began the step that holds the time, and the time.
-# The third is None for the run's own ensemble, of which it is known.
+# Returns where the particles of an ensemble were at a time [s after start], as lon, lat [binary
+# angle]. Its arguments are the ensemble, the scene in which it moves, where its particles began the
+# step that holds the time, and the time. The third is None for the run's own ensemble, of which it
+# is known.
 PositionsAt = Callable[[Ensemble, Scene, Begin | None, int], tuple[Array, Array]]
 
 
 class Filter(Protocol):
-    """An observer that changes the weights of an ensemble while it moves: see drift.evidence.filter.filter.SearchFilter."""
+    """An observer that changes the weights of an ensemble while it moves: see
+    drift.evidence.filter.filter.SearchFilter.
+    """
 
     def stops(self, after: int, until: int, step: kernel.Step | None = None) -> list[int]:
-        """Return the times in (after, until] at which an update takes effect [s after start]; step: the step between the two."""
+        """Return the times in (after, until] at which an update takes effect [s after start]; step:
+        the step between the two.
+        """
 
     def rests(self, step: kernel.Step) -> bool:
         """Return whether a step is nothing to it, so that none of what follows need be called."""
 
     def before(self, elapsed: int, duration: int) -> bool:
-        """Make ready for a step, for which the forcing is set; return whether it has to know where the step began."""
+        """Make ready for a step, for which the forcing is set; return whether it has to know where
+        the step began.
+        """
 
     def ready(self, step: kernel.Step) -> None:
         """Make ready for a step that is about to be made."""
 
     def moved(self, begin: Begin | None) -> None:
-        """Take note of where the particles began the step that has just been made, and move what else moves over it."""
+        """Take note of where the particles began the step that has just been made, and move what
+        else moves over it.
+        """
 
     def take_effect(self, time: int, place: PositionsAt) -> None:
-        """Change weights by what ends or is seen at a time; place: gives where an ensemble's particles were then."""
+        """Change weights by what ends or is seen at a time; place: gives where an ensemble's
+        particles were then.
+        """
 
     def watch(self, until: int) -> None:
         """Look on until the end of the step that has just been made."""
@@ -72,7 +86,10 @@ class Filter(Protocol):
         """Return the weights as they stand at a time."""
 
     def ancestors(self) -> Array | None:
-        """Return whose offspring the particles are since it was last asked; None: they are themselves."""
+        """Return whose offspring the particles are since it was last asked;
+
+        None: they are themselves.
+        """
 
     def lineage(self) -> Array | None:
         """Return from which particle of the begin each descends; None: from itself."""
@@ -82,7 +99,8 @@ class Filter(Protocol):
 class _Within:
     """Where particles are inside a step that has been made. Times are asked for in ascending order.
 
-    A place that evidence has asked for is kept: from there a particle's bridge leads on to the end of the step.
+    A place that evidence has asked for is kept: from there a particle's bridge leads on to the end
+    of the step.
     """
 
     own: Ensemble  # the run's own ensemble
@@ -96,14 +114,20 @@ class _Within:
         """When the step ends [s after the run's start]."""
         return int(self.step.elapsed + self.step.duration)
 
-    def at(self, which: Ensemble, scene: Scene, begin: Begin | None, time: int) -> tuple[Array, Array]:
-        """Return where an ensemble's particles, which began this step somewhere, were at a time in it, and keep it."""
+    def at(
+        self, which: Ensemble, scene: Scene, begin: Begin | None, time: int
+    ) -> tuple[Array, Array]:
+        """Return where an ensemble's particles, which began this step somewhere, were at a time in
+        it, and keep it.
+        """
         places = self.look(which, scene, begin, time)
         if time < self.end:
             self.kept[id(which)] = Kept(*places, time)
         return places
 
-    def look(self, which: Ensemble, scene: Scene, begin: Begin | None, time: int) -> tuple[Array, Array]:
+    def look(
+        self, which: Ensemble, scene: Scene, begin: Begin | None, time: int
+    ) -> tuple[Array, Array]:
         """Like `at`, but do not condition later positions on this sample."""
         begin = self.begin if which is self.own else begin
         if begin is None or time == self.end:
@@ -128,10 +152,12 @@ def run(
     search: Filter | None = None,
     since: int | None = None,
 ) -> Iterator[Moment]:
-    """Yield the ensemble at each output time [s since start, ascending, shape (m,)], moving it in place.
+    """Yield the ensemble at each output time [s since start, ascending, shape (m,)], moving it in
+    place.
 
-    progress: takes the share of the run that is done; watch: takes when each step began [s since start]; search: looks on and changes weights. since: go on from the step that begins then [s since start]; None: from the
-    run's start.
+    progress: takes the share of the run that is done; watch: takes when each step began [s since
+    start]; search: looks on and changes weights. since: go on from the step that begins then [s
+    since start]; None: from the run's start.
     """
     due = [int(t) for t in outputs if since is None or t > since]
     if search and since is None:
@@ -163,17 +189,24 @@ def run(
             if watching and t in stops:
                 watching.take_effect(t, within.at)
             while due and due[0] == t:
-                yield _moment(ensemble, partial(within.look, ensemble, scene, None, t), due.pop(0), search)
+                yield _moment(
+                    ensemble, partial(within.look, ensemble, scene, None, t), due.pop(0), search
+                )
         if watching:
             watching.watch(end)
-            if end < clock.duration:  # the last outputs show the particles as they were when it ended
+            # the last outputs show the particles as they were when it ended
+            if end < clock.duration:
                 watching.after(end)
         if progress:
             progress(min(end / clock.duration, 1.0))
 
 
-def _together(steps: Iterable[Timed], joins: Callable[[Timed, Timed, Timed], bool]) -> Iterator[tuple[Timed, Timed]]:
-    """Yield the first and the last of steps that are made in one go; joins: whether a step joins such steps."""
+def _together(
+    steps: Iterable[Timed], joins: Callable[[Timed, Timed, Timed], bool]
+) -> Iterator[tuple[Timed, Timed]]:
+    """Yield the first and the last of steps that are made in one go; joins: whether a step joins
+    such steps.
+    """
     made: tuple[Timed, Timed] | None = None
     for timed in steps:
         if made is not None and joins(*made, timed):
@@ -187,11 +220,18 @@ def _together(steps: Iterable[Timed], joins: Callable[[Timed, Timed, Timed], boo
 
 
 def _joins(
-    forcing: Forcing, at_once: int, due: list[int], search: Filter | None, first: Timed, last: Timed, timed: Timed
+    forcing: Forcing,
+    at_once: int,
+    due: list[int],
+    search: Filter | None,
+    first: Timed,
+    last: Timed,
+    timed: Timed,
 ) -> bool:
     """Return whether a step is made together with those from the first to the last before it.
 
-    So it is where nothing is asked until its end, and all lie between the same slices of the forcing.
+    So it is where nothing is asked until its end, and all lie between the same slices of the
+    forcing.
     """
     step, begun = timed.step, first.step
     return (
@@ -204,10 +244,15 @@ def _joins(
     )
 
 
-def _moment(ensemble: Ensemble, look: Callable[[], tuple[Array, Array]], time: int, search: Filter | None) -> Moment:
+def _moment(
+    ensemble: Ensemble, look: Callable[[], tuple[Array, Array]], time: int, search: Filter | None
+) -> Moment:
     """Return positions, with each particle's status and weight as they were known at that time."""
-    status = life.read_lives(ensemble).at(time)  # first: the columns that it reads have gone before others come
+    # first: the columns that it reads have gone before others come
+    status = life.read_lives(ensemble).at(time)
     if search is None:
         return Moment(time, *look(), status, ensemble.layout)
     weight = search.log_weight(time)
-    return Moment(time, *look(), status, ensemble.layout, weight, search.ancestors(), search.lineage())
+    return Moment(
+        time, *look(), status, ensemble.layout, weight, search.ancestors(), search.lineage()
+    )

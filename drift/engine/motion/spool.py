@@ -32,12 +32,21 @@ BYTES_END = 24  # a particle, of the end of the run
 KINDS = {
     name: np.dtype(kind)
     for name, kind in (
-        ("lon", np.int32), ("lat", np.int32), ("status", np.uint8), ("log_weight", np.float32),
-        ("ancestors", np.int32), ("family", np.int32), ("world", np.int32), ("release", np.int32),
-        ("status_since", np.int32), ("edge", np.int32), ("member", np.int32),
+        ("lon", np.int32),
+        ("lat", np.int32),
+        ("status", np.uint8),
+        ("log_weight", np.float32),
+        ("ancestors", np.int32),
+        ("family", np.int32),
+        ("world", np.int32),
+        ("release", np.int32),
+        ("status_since", np.int32),
+        ("edge", np.int32),
+        ("member", np.int32),
     )
-}  # fmt: skip
-END = ("log_weight", "release", "status_since", "edge", "world")  # columns of an ensemble that are kept of its end
+}
+# columns of an ensemble that are kept of its end
+END = ("log_weight", "release", "status_since", "edge", "world")
 
 
 def _refusal(reason: str, folder: Path | None = None) -> UserError:
@@ -47,7 +56,10 @@ def _refusal(reason: str, folder: Path | None = None) -> UserError:
 
 
 class NoRoom(Exception):
-    """The file of a shard cannot be written, and why. Errors of the motion itself are raised unchanged."""
+    """The file of a shard cannot be written, and why.
+
+    Errors of the motion itself are raised unchanged.
+    """
 
 
 class Noted(NamedTuple):
@@ -70,12 +82,14 @@ class SnapshotIndex(NamedTuple):
 class ShardFile:
     """What some of a run's particles, whole blocks, were like at all output times, in a file."""
 
-    file: BufferedRandom | Path  # open, or where it is: a run may have more of them than a process may hold open
+    # open, or where it is: a run may have more of them than a process may hold open
+    file: BufferedRandom | Path
     n: int
     taken: list[SnapshotIndex] = field(default_factory=list)
     end: dict[str, int] = field(default_factory=dict)  # where columns of the end of the run begin
     notes: dict[str, Noted] = field(default_factory=dict)  # what else a run takes down, by name
-    later: "tuple[ShardFile, int] | None" = None  # a file of log weights given after the run, and where its own begin
+    # a file of log weights given after the run, and where its own begin
+    later: "tuple[ShardFile, int] | None" = None
     size: int = 0  # [bytes] of what it has taken
 
     def record(self, period: Period, moments: Iterable[Moment]) -> None:
@@ -87,7 +101,9 @@ class ShardFile:
             if moment.ancestors is not None:
                 columns["ancestors"] = moment.ancestors
             before = self.taken[-1].where if self.taken else {}
-            if moment.lineage is not None and (moment.ancestors is not None or "family" not in before):
+            if moment.lineage is not None and (
+                moment.ancestors is not None or "family" not in before
+            ):
                 columns["family"] = moment.lineage
             where = {name: self._keep(name, values) for name, values in columns.items()}
             if moment.lineage is not None and "family" not in where:
@@ -106,13 +122,17 @@ class ShardFile:
 
     def note(self, name: str, values: Array) -> None:
         """Take down values of one dimension and any kind under a name."""
-        self.notes[name] = Noted(self._append(np.ascontiguousarray(values)), values.dtype.str, values.size)
+        self.notes[name] = Noted(
+            self._append(np.ascontiguousarray(values)), values.dtype.str, values.size
+        )
 
     def noted(self, name: str, first: int = 0, last: int | None = None) -> Array:
         """Return values that were stored under a name, or some of them."""
         noted = self.notes[name]
         kind, last = np.dtype(noted.kind), noted.size if last is None else last
-        return np.frombuffer(self._bytes(noted.begin + first * kind.itemsize, (last - first) * kind.itemsize), kind)
+        return np.frombuffer(
+            self._bytes(noted.begin + first * kind.itemsize, (last - first) * kind.itemsize), kind
+        )
 
     def _keep(self, name: str, values: Array) -> int:
         """Append a column to the file, and return where it begins."""
@@ -155,14 +175,22 @@ class ShardFile:
 
     def read(self, name: str, at: int | None, first: int, last: int) -> Array:
         """Return a column of some slots, of a moment or of the end of the run (None)."""
-        kind, file, begin = KINDS[name], self, (self.end if at is None else self.taken[at].where)[name]
+        kind, file, begin = (
+            KINDS[name],
+            self,
+            (self.end if at is None else self.taken[at].where)[name],
+        )
         if at is None and name == "log_weight" and self.later is not None:
             file, begin = self.later
-        return np.frombuffer(file._bytes(begin + first * kind.itemsize, (last - first) * kind.itemsize), kind)
+        return np.frombuffer(
+            file._bytes(begin + first * kind.itemsize, (last - first) * kind.itemsize), kind
+        )
 
     def logs(self, at: int, first: int, last: int) -> Array:
         """Return the log weights of some slots at a moment: its own, or those of the end."""
-        return self.read("log_weight", at if "log_weight" in self.taken[at].where else None, first, last)
+        return self.read(
+            "log_weight", at if "log_weight" in self.taken[at].where else None, first, last
+        )
 
     @property
     def layout(self) -> Layout:
@@ -188,12 +216,17 @@ class Portion:
 
     def read(self, name: str, at: int | None = None) -> Array:
         """Return a column, of a moment or of the end of the run (None)."""
-        return np.concatenate([self.reel.read(name, at, first, last) for first, last, _ in self.slots])
+        return np.concatenate(
+            [self.reel.read(name, at, first, last) for first, last, _ in self.slots]
+        )
 
 
 @contextlib.contextmanager
 def scratch(folder: Path | None) -> Iterator[ShardFile]:
-    """Give a file for what is made of a run's particles, which goes at the end; None: in the temporary folder."""
+    """Give a file for what is made of a run's particles, which goes at the end;
+
+    None: in the temporary folder.
+    """
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             yield ShardFile(file, 0)
@@ -202,15 +235,20 @@ def scratch(folder: Path | None) -> Iterator[ShardFile]:
 
 
 class SnapshotStore(Sequence[Snapshot]):
-    """Snapshots of a run, read back one at a time or part by part; a context, which closes its files at its end."""
+    """Snapshots of a run, read back one at a time or part by part; a context, which closes its
+    files at its end.
+    """
 
     def __init__(self, stretches: Sequence[Sequence[ShardFile]], *, worlds: bool = False) -> None:
-        """Put the reels of all shards together, stretch after stretch of the run; all moments of one are in one stretch.
+        """Put the reels of all shards together, stretch after stretch of the run; all moments of
+        one are in one stretch.
 
         worlds: whether particles share unknowns with others of their world.
         """
         self._stretches, self._worlds = [list(reels) for reels in stretches], worlds
-        self._moments = [(reels, at) for reels in self._stretches for at in range(len(reels[0].taken))]
+        self._moments = [
+            (reels, at) for reels in self._stretches for at in range(len(reels[0].taken))
+        ]
         self._scale: dict[int, tuple[float, float]] = {}  # see _normal
         self._open = contextlib.ExitStack()  # of files besides those of the reels
 
@@ -225,10 +263,11 @@ class SnapshotStore(Sequence[Snapshot]):
         worlds: bool = False,
         more: Callable[[ShardFile], None] | None = None,
     ) -> "SnapshotStore":
-        """Take up the moments of a run as they come, in a temporary file that goes when it is closed.
+        """Take up the moments of a run as they come, in a temporary file that goes when it is
+        closed.
 
-        Weights are theirs, or those that the ensemble has afterwards. outputs: the number of moments; more: takes down
-        what else is known at the end of the run.
+        Weights are theirs, or those that the ensemble has afterwards. outputs: the number of
+        moments; more: takes down what else is known at the end of the run.
         """
         need = ensemble.n * BYTES * outputs
         temporary.check_room(need, "the particles at all output times")
@@ -253,7 +292,10 @@ class SnapshotStore(Sequence[Snapshot]):
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         for reel in itertools.chain(*self._stretches):
             reel.close()
@@ -266,20 +308,28 @@ class SnapshotStore(Sequence[Snapshot]):
         return file.parent if isinstance(file, Path) else None
 
     def portions(self) -> Iterator[Portion]:
-        """Yield all particles in portions of about PART, or of one block of each scenario where these hold more."""
+        """Yield all particles in portions of about PART, or of one block of each scenario where
+        these hold more.
+        """
         for reel in self._stretches[-1]:
             scenarios = list(zip(reel.layout.slots, reel.layout.block, strict=True))
             blocks = max(-(-(last - first) // size) for (first, last, _), size in scenarios)
             step = max(PART // sum(reel.layout.block), 1)
             for begin in range(0, blocks, step):
                 ranges = (
-                    (min(first + begin * size, last), min(first + (begin + step) * size, last), number + begin * size)
+                    (
+                        min(first + begin * size, last),
+                        min(first + (begin + step) * size, last),
+                        number + begin * size,
+                    )
                     for (first, last, number), size in scenarios
                 )
                 yield Portion(reel, tuple(Slots(*own) for own in ranges))
 
     def reweigh(self, log_weights: Iterable[Array]) -> None:
-        """Take log weights for all times that have none of their own: those of each portion, in their order."""
+        """Take log weights for all times that have none of their own: those of each portion, in
+        their order.
+        """
         kind, begin = KINDS["log_weight"], 0
         file = self._open.enter_context(scratch(self.folder))
         for reel in self._stretches[-1]:
@@ -314,7 +364,9 @@ class SnapshotStore(Sequence[Snapshot]):
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         (reel,), at = self._moments[index]
-        return self._some(reel, range(len(self))[index], (0, len(reel.taken[at].layout.blocks.first)))
+        return self._some(
+            reel, range(len(self))[index], (0, len(reel.taken[at].layout.blocks.first))
+        )
 
     def __iter__(self) -> Iterator[Snapshot]:
         return (self[i] for i in range(len(self)))
@@ -345,16 +397,33 @@ class SnapshotStore(Sequence[Snapshot]):
         scenario = np.repeat(own.scenario.astype(np.int32), np.diff(own.first, append=own.n))
         family = reel.read("family", at, *slots) if "family" in taken.where else None
         world = reel.read("world", None, *slots) if self._worlds else None
-        # What a particle drifts in is known of its end: before it was resampled a slot may have had another.
-        member = reel.read("member", None, *slots) if "member" in reel.end and number == len(self) - 1 else None
+        # What a particle drifts in is known of its end: before it was resampled a slot may have had
+        # another.
+        member = (
+            reel.read("member", None, *slots)
+            if "member" in reel.end and number == len(self) - 1
+            else None
+        )
         return Snapshot(
-            taken.time, lon, lat, probability, status.astype(np.int32), scenario, family, world, member, own
+            taken.time,
+            lon,
+            lat,
+            probability,
+            status.astype(np.int32),
+            scenario,
+            family,
+            world,
+            member,
+            own,
         )
 
     def _normal(self, at: int) -> tuple[float, float]:
-        """Return the largest log weight of a snapshot, and the sum of all weights in units of the largest."""
+        """Return the largest log weight of a snapshot, and the sum of all weights in units of the
+        largest.
+        """
         (reels, at), number = self._moments[at], at
-        key = number if "log_weight" in reels[0].taken[at].where else -1  # those of the end are summed once
+        # those of the end are summed once
+        key = number if "log_weight" in reels[0].taken[at].where else -1
         if key not in self._scale:
             spans = [(reel, span) for reel in reels for span in reel.spans(at)]
             top = max(float(reel.logs(at, *reel.slots(at, span)).max()) for reel, span in spans)
@@ -368,13 +437,19 @@ class SnapshotStore(Sequence[Snapshot]):
         return self._scale[key]
 
     def follow(self, slots: Array) -> dict[str, Array]:
-        """Return what particles were like at all times, as columns lon, lat, status, scenario and probability, (m, times).
+        """Return what particles were like at all times, as columns lon, lat, status, scenario and
+        probability, (m, times).
 
         slots: their numbers at the last time, (m,). A resampled particle has its ancestors' past.
         """
-        found: dict[str, list[Array]] = {name: [] for name in ("lon", "lat", "status", "scenario", "probability")}
+        found: dict[str, list[Array]] = {
+            name: [] for name in ("lon", "lat", "status", "scenario", "probability")
+        }
         for number in range(len(self) - 1, -1, -1):
-            own = {name: np.empty(len(slots), np.float64 if name == "probability" else np.int32) for name in found}
+            own = {
+                name: np.empty(len(slots), np.float64 if name == "probability" else np.int32)
+                for name in found
+            }
             before, (reels, at) = slots.copy(), self._moments[number]
             for reel in reels:
                 for span in reel.spans(at):
@@ -390,7 +465,9 @@ class SnapshotStore(Sequence[Snapshot]):
         return {name: np.stack(values[::-1], axis=1) for name, values in found.items()}
 
     def at_end(self, names: Sequence[str], slots: Array) -> tuple[Array, ...]:
-        """Return columns of the ensemble at the end of the run, (m,) each; slots: numbers of particles, (m,)."""
+        """Return columns of the ensemble at the end of the run, (m,) each; slots: numbers of
+        particles, (m,).
+        """
         columns = tuple(np.empty(len(slots), KINDS[name]) for name in names)
         for reel in self._stretches[-1]:
             here, which = _within(reel.taken[-1].layout.blocks, slots)
@@ -403,7 +480,9 @@ class SnapshotStore(Sequence[Snapshot]):
 
 
 def _within(blocks: Blocks, slots: Array) -> tuple[Array, Array]:
-    """Return which particles of some blocks are asked for, and where they stand among what is asked; slots: numbers."""
+    """Return which particles of some blocks are asked for, and where they stand among what is
+    asked; slots: numbers.
+    """
     block = np.searchsorted(blocks.number, slots, "right") - 1
     inside = slots - blocks.number[block]
     which = np.flatnonzero((block >= 0) & (inside < np.diff(blocks.first, append=blocks.n)[block]))

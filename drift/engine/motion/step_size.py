@@ -1,4 +1,6 @@
-"""The step of a run: as the case says, or the largest whose error on a sample of its particles is small."""
+"""The step of a run: as the case says, or the largest whose error on a sample of its particles is
+small.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -24,11 +26,16 @@ from kernels.step.curve import CHORD
 
 Times = npt.NDArray[np.int64]  # [s since 1970]
 
-LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)  # [s] steps that "auto" chooses from
-RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))  # rungs of the ladder that are tried together: often the first one will do
+# [s] steps that "auto" chooses from
+LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)
+# rungs of the ladder that are tried together: often the first one will do
+RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))
 FEWEST = 100  # least particles from which a percentile is taken
-TRIAL_SIZE = 1000  # particles whose error decides on the step: the rank of their percentile errs by 0.7 %
-SLIDES = 600  # [s] longest step of what slides: inside a step that lies on a straight line, at an hour up to 3.5 km off
+# particles whose error decides on the step: the rank of their percentile errs by 0.7 %
+TRIAL_SIZE = 1000
+# [s] longest step of what slides: inside a step that lies on a straight line, at an hour up to 3.5
+# km off
+SLIDES = 600
 WINDOW = 86_400  # [s] over which an error is measured
 WINDOWS = 4  # most windows: those of a longer run lie apart, evenly from its begin to its end
 DAY = 86_400
@@ -45,19 +52,28 @@ class Trial:
 
 
 def clock_of(
-    period: Period, spec: ClockSpec, errors: Errors, sources: Sequence[Source], ensemble: Ensemble, scene: Scene,
-    ends: Sequence[np.datetime64] = (), evidence: bool = False,
-) -> tuple[Clock, Trial | None]:  # fmt: skip
+    period: Period,
+    spec: ClockSpec,
+    errors: Errors,
+    sources: Sequence[Source],
+    ensemble: Ensemble,
+    scene: Scene,
+    ends: Sequence[np.datetime64] = (),
+    evidence: bool = False,
+) -> tuple[Clock, Trial | None]:
     """Return the clock, on the lattice of the forcing's times, and why its step was chosen.
 
-    The step is the one asked for, or the largest whose error is small. sources: of all forcing. ends: times at
-    which a step has to end, those of contacts at which particles are placed again. evidence: whether anything looks at
-    ways inside steps, so that it matters for how long they are straight.
+    The step is the one asked for, or the largest whose error is small. sources: of all forcing.
+    ends: times at which a step has to end, those of contacts at which particles are placed again.
+    evidence: whether anything looks at ways inside steps, so that it matters for how long they are
+    straight.
     """
     times = [notation.epochs(s.times) for s in sources if s.times.size > 1]
     divisor, origin = lattice(times)
     divisor = int(
-        np.gcd.reduce([divisor, *(abs(int(end) - origin) for end in notation.epochs(np.array(ends, "M8[s]")))])
+        np.gcd.reduce(
+            [divisor, *(abs(int(end) - origin) for end in notation.epochs(np.array(ends, "M8[s]")))]
+        )
     )
     if spec.step is not None and divisor % spec.step and ends:
         raise UserError(
@@ -66,14 +82,23 @@ def clock_of(
         )
     start, duration, direction = period.epoch, period.duration, period.direction
     limits = {
-        **{reason: longest for model, _ in scene.motions for reason, longest in model.longest(errors).items()},
-        # What lands again waits for the next step: with r this share, its wait is longer by r^2 / 6, 4 %.
+        **{
+            reason: longest
+            for model, _ in scene.motions
+            for reason, longest in model.longest(errors).items()
+        },
+        # What lands again waits for the next step: with r this share, its wait is longer by r^2 /
+        # 6, 4 %.
         "half of the mean time on the beach": scene.place.beach.stay / 2 or np.inf,
         "what sliding allows (inside a step what slid lies on a straight line)": SLIDES
         if scene.place.beach.slides
         else np.inf,
-        "the interval of the forcing": min((float(np.median(np.diff(t))) for t in times), default=np.inf),
-        "the time in which what feels the current under way crosses a cell of it": _crossing(scene, sources),
+        "the interval of the forcing": min(
+            (float(np.median(np.diff(t))) for t in times), default=np.inf
+        ),
+        "the time in which what feels the current under way crosses a cell of it": _crossing(
+            scene, sources
+        ),
     }
     reason, longest = min(limits.items(), key=lambda item: item[1])
     run = Clock(start, duration, direction, 1, 0)
@@ -92,16 +117,26 @@ def clock_of(
     return _stepping(run, step, origin, times, straight), None
 
 
-def _stepping(run: Clock, step: int, origin: int, times: Sequence[Times], straight: int = NEVER) -> Clock:
+def _stepping(
+    run: Clock, step: int, origin: int, times: Sequence[Times], straight: int = NEVER
+) -> Clock:
     """Return the clock of a run in some step, on the lattice through `origin` [s since 1970]."""
-    return replace(run, step=step, phase=origin % step, breaks=breaks(times, step, origin), straight=straight)
+    return replace(
+        run, step=step, phase=origin % step, breaks=breaks(times, step, origin), straight=straight
+    )
 
 
 def _crossing(scene: Scene, sources: Sequence[Source]) -> float:
-    """Return the shortest time [s] in which a target that feels the current crosses a cell of a current."""
+    """Return the shortest time [s] in which a target that feels the current crosses a cell of a
+    current.
+    """
     felt = [scene.steering.itineraries[k] for k in scene.steering.feel] if scene.steering else []
     fastest = max((itinerary.pace for itinerary in felt if itinerary), default=0.0)
-    grids = [source.grid for source in sources if source.quantity == "current" and source.grid.dlon < HALF_TURN]
+    grids = [
+        source.grid
+        for source in sources
+        if source.quantity == "current" and source.grid.dlon < HALF_TURN
+    ]
     if fastest == 0 or not grids:
         return np.inf
     box = scene.place.domain
@@ -122,10 +157,11 @@ def choose_step(
 ) -> Trial:
     """Return the largest step of the ladder whose error stays under a tolerance.
 
-    The error of a step is that between tracks of a sample with it and with half of it, noise off: the distance between
-    their ends, over at most a day [m a day], and inside a step the distance between where the longer one says particles
-    are and where the shorter one brings them [m] (step halving; Hairer, Norsett and Wanner 1993, II.4). It is the 95th
-    percentile among those adrift to the end with both, or ashore if hardly any is, in the worst of the windows.
+    The error of a step is that between tracks of a sample with it and with half of it, noise off:
+    the distance between their ends, over at most a day [m a day], and inside a step the distance
+    between where the longer one says particles are and where the shorter one brings them [m] (step
+    halving; Hairer, Norsett and Wanner 1993, II.4). It is the 95th percentile among those adrift to
+    the end with both, or ashore if hardly any is, in the worst of the windows.
 
     Args:
         ensemble: of the run, of which a sample is taken.
@@ -140,7 +176,9 @@ def choose_step(
     Returns:
         The step, and the errors of all that were tried.
     """
-    ladder = [s for s in LADDER if divisor % s == 0 and s <= longest] or [_largest_divisor(divisor, longest)]
+    ladder = [s for s in LADDER if divisor % s == 0 and s <= longest] or [
+        _largest_divisor(divisor, longest)
+    ]
     errors: dict[int, float] = {}
     straight: dict[int, int] = {}
     for first, last in RUNGS:
@@ -164,12 +202,16 @@ class _Window:
 
     ends: dict[int, tuple[Array, Array, Array]]  # lon, lat [binary angle] and status at its end
     days: Array  # for how long each particle drifted in it, at least an hour
-    inside: dict[int, float]  # [m] how far apart particles are by a step and by its half, half-way in a step
+    # [m] how far apart particles are by a step and by its half, half-way in a step
+    inside: dict[int, float]
     bulges: dict[int, float]  # [m] by how much a way departs from its chord at most
 
     def error(self, step: int) -> float:
         """Return the error of a step: see `choose_step`."""
-        (lon, lat, status), (lon_half, lat_half, status_half) = self.ends[step], self.ends[_half(step)]
+        (lon, lat, status), (lon_half, lat_half, status_half) = (
+            self.ends[step],
+            self.ends[_half(step)],
+        )
         adrift = (status == Status.ADRIFT) & (status_half == Status.ADRIFT)
         if adrift.sum() < FEWEST:  # most went ashore: where they did so counts
             adrift = on_map(status) & on_map(status_half)
@@ -185,23 +227,37 @@ class _Window:
 
 
 class _March:
-    """A sample of a run's particles that goes through windows of the run with several steps side by side, noise off.
+    """A sample of a run's particles that goes through windows of the run with several steps side by
+    side, noise off.
 
-    All steps go through the forcing together, so that it is read once. What has come ashore or is lost in a window is
-    back in the next one where it was last afloat, so that each window is judged by particles that drift.
+    All steps go through the forcing together, so that it is read once. What has come ashore or is
+    lost in a window is back in the next one where it was last afloat, so that each window is judged
+    by particles that drift.
     """
 
     def __init__(
-        self, ensemble: Ensemble, scene: Scene, run: Clock, steps: list[int], origin: int, times: Sequence[Times]
+        self,
+        ensemble: Ensemble,
+        scene: Scene,
+        run: Clock,
+        steps: list[int],
+        origin: int,
+        times: Sequence[Times],
     ) -> None:
         """Take the sample; steps [s]: descending, each but the last of pairs followed by its half."""
-        chosen = np.unique(np.linspace(0, ensemble.n - 1, min(TRIAL_SIZE, ensemble.n)).astype(np.int64))
+        chosen = np.unique(
+            np.linspace(0, ensemble.n - 1, min(TRIAL_SIZE, ensemble.n)).astype(np.int64)
+        )
         self._scene, self._run, self._origin = scene.without_noise(), run, origin
         self._clocks = {step: _stepping(run, step, origin, times) for step in steps}
         self._trials = {step: record.sample(ensemble, chosen) for step in steps}
         self._stretch = int(np.lcm.reduce(steps))
         first = self._trials[steps[-1]]
-        self._lon, self._lat, self._release = first.lon.to_numpy(), first.lat.to_numpy(), first.release.to_numpy()
+        self._lon, self._lat, self._release = (
+            first.lon.to_numpy(),
+            first.lat.to_numpy(),
+            first.release.to_numpy(),
+        )
 
     def windows(self) -> Iterator[_Window]:
         """Yield the sample after each window, for each step."""
@@ -247,7 +303,8 @@ class _March:
                     together = self._run.direction * ((low - self._origin) // self._stretch)
                     plan.append((together, -size, step.elapsed, low, high, step))
         inside, bulges = (dict.fromkeys(self._clocks, 0.0) for _ in range(2))
-        awaited: dict[int, tuple[int, int, Array, Array, Array]] = {}  # by half: when and where, by the whole
+        # by half: when and where, by the whole
+        awaited: dict[int, tuple[int, int, Array, Array, Array]] = {}
         seen: set[tuple[int, int]] = set()
         ends: dict[int, tuple[Array, Array, Array]] = {}
         for together, minus, _, low, high, step in sorted(plan):
@@ -262,7 +319,12 @@ class _March:
                 bulges[size] = max(bulges[size], _bulge(kept, trial.lat.to_numpy(), status))
                 middle = step.elapsed + _half(size)
                 if _half(size) in self._trials and middle < over:
-                    awaited[_half(size)] = (middle, size, *_places(trial, kept, step, middle), status)
+                    awaited[_half(size)] = (
+                        middle,
+                        size,
+                        *_places(trial, kept, step, middle),
+                        status,
+                    )
                 if is_last:
                     ends[size] = (*_places(trial, kept, step, end), status)
             if size in awaited and awaited[size][0] == over:
@@ -277,8 +339,12 @@ class _March:
 
 
 def _places(trial: Ensemble, kept: Begin, step: kernel.Step, time: int) -> tuple[Array, Array]:
-    """Return where particles are at a time inside the step just made: lon, lat [binary angle], (m,)."""
-    lon, lat = curve.places(trial, (kept.lon, kept.lat), kept.bend, step.elapsed, step.duration, time, kept.polar)
+    """Return where particles are at a time inside the step just made: lon, lat [binary angle],
+    (m,).
+    """
+    lon, lat = curve.places(
+        trial, (kept.lon, kept.lat), kept.bend, step.elapsed, step.duration, time, kept.polar
+    )
     return lon.to_numpy(), lat.to_numpy()
 
 
@@ -302,5 +368,7 @@ def _half(step: int) -> int:
 
 
 def _largest_divisor(number: int, most: float) -> int:
-    """Return the largest whole number of seconds, at most a quarter of an hour, that divides `number`."""
+    """Return the largest whole number of seconds, at most a quarter of an hour, that divides
+    `number`.
+    """
     return next(s for s in range(int(max(min(most, 900, number), 1)), 0, -1) if number % s == 0)

@@ -1,8 +1,9 @@
 """The record of a run: one slot a particle, one column a property.
 
-Columns lie on the device (opaque here: only `kernels` touches them) and keep their order: the slots of a scenario are
-contiguous, so that a scenario is a range of slots. Columns that kernels take together stand in the rows of one device
-array (kernels.runtime.rows); under its own name each is read and written as if it had an array of its own.
+Columns lie on the device (opaque here: only `kernels` touches them) and keep their order: the slots
+of a scenario are contiguous, so that a scenario is a range of slots. Columns that kernels take
+together stand in the rows of one device array (kernels.runtime.rows); under its own name each is
+read and written as if it had an array of its own.
 """
 
 import itertools
@@ -33,7 +34,8 @@ class Column:
     first: float  # value before anything is drawn
     unit: str
     meaning: str
-    array: str = ""  # columns that name the same one stand in its rows, in their order; "": it has one of its own
+    # columns that name the same one stand in its rows, in their order; "": it has one of its own
+    array: str = ""
 
 
 NEVER = 2**31 - 1  # [s] a time that does not come
@@ -43,12 +45,22 @@ CORE = (
     Column("lat", np.int32, 0, "binary angle", "latitude"),
     Column("status", np.int32, Status.PENDING, "", "drift.engine.particles.status.Status"),
     Column("release", np.int32, 0, "s", "when it is released"),
-    Column("status_since", np.int32, 0, "s", "when it went ashore, sank, left, or ran out of forcing"),
-    Column("moving_since", np.int32, 0, "s", "when it last began to move, where what strands refloats"),
+    Column(
+        "status_since", np.int32, 0, "s", "when it went ashore, sank, left, or ran out of forcing"
+    ),
+    Column(
+        "moving_since", np.int32, 0, "s", "when it last began to move, where what strands refloats"
+    ),
     Column("sink_time", np.int32, NEVER, "s", "when it sinks if it is still adrift"),
     Column("edge", np.int32, -1, "", "number of the shoreline edge where it went ashore; -1: none"),
     Column("scenario", np.int32, 0, "", "number of the scenario to which it belongs"),
-    Column("world", np.int32, 0, "", "number of the world whose unknowns it shares; 0 where there are none"),
+    Column(
+        "world",
+        np.int32,
+        0,
+        "",
+        "number of the world whose unknowns it shares; 0 where there are none",
+    ),
     Column("log_weight", np.float32, 0, "", "logarithm of its weight; -inf is legal"),
 )
 
@@ -67,7 +79,8 @@ class Layout:
 
     bounds: tuple[int, ...]  # the first slot of each scenario and, last, n
     numbers: tuple[int, ...]  # number of each scenario's first slot in the whole run
-    block: tuple[int, ...]  # slots of each scenario that make a block: drift.engine.particles.partials
+    # slots of each scenario that make a block: drift.engine.particles.partials
+    block: tuple[int, ...]
     _batches: dict[tuple[int, ...], Batch] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
@@ -79,14 +92,17 @@ class Layout:
     def slots(self) -> list[Slots]:
         """The slots of each scenario, as what draws noise takes them."""
         return [
-            Slots(a, b, number) for (a, b), number in zip(itertools.pairwise(self.bounds), self.numbers, strict=True)
+            Slots(a, b, number)
+            for (a, b), number in zip(itertools.pairwise(self.bounds), self.numbers, strict=True)
         ]
 
     def shards(self, many: int) -> "list[Layout]":
         """Return the layouts of about as many shards: of whole blocks, one after another."""
         edges = np.append(self.blocks.first, self.blocks.n)
         cuts = np.unique(np.rint(np.linspace(0, len(edges) - 1, many + 1)).astype(int))
-        return [self.some(int(edges[a]), int(edges[b])) for a, b in itertools.pairwise(cuts.tolist())]
+        return [
+            self.some(int(edges[a]), int(edges[b])) for a, b in itertools.pairwise(cuts.tolist())
+        ]
 
     def some(self, first: int, last: int) -> "Layout":
         """Return the layout of a range of slots, from the begin of a block to the end of one."""
@@ -96,7 +112,9 @@ class Layout:
         return Layout(tuple(int(x) for x in edges - first), numbers, self.block)
 
     def batch(self, scenarios: tuple[int, ...]) -> Batch:
-        """Return the slots of some scenarios (ascending), for one launch; they are made once and kept."""
+        """Return the slots of some scenarios (ascending), for one launch; they are made once and
+        kept.
+        """
         if scenarios not in self._batches:
             self._batches[scenarios] = batch.batch_of(self.bounds, self.numbers, scenarios)
         return self._batches[scenarios]
@@ -104,9 +122,11 @@ class Layout:
 
 @dataclass(eq=False)
 class Ensemble:
-    """All particles: CORE as fields of shape (n,), then the columns of the models by which they move, by name.
+    """All particles: CORE as fields of shape (n,), then the columns of the models by which they
+    move, by name.
 
-    What columns hold changes in place, and the layout where particles are resampled; nothing else of it changes.
+    What columns hold changes in place, and the layout where particles are resampled; nothing else
+    of it changes.
     """
 
     seed: int
@@ -152,7 +172,9 @@ class Ensemble:
     @property
     def places(self) -> Array:
         """The number of every slot in the whole run, int64 (n,)."""
-        return np.concatenate([number + np.arange(last - first) for first, last, number in self.slots])
+        return np.concatenate(
+            [number + np.arange(last - first) for first, last, number in self.slots]
+        )
 
     @property
     def blocks(self) -> Blocks:
@@ -170,18 +192,23 @@ class Ensemble:
 
 
 def empty(seed: int, of: Layout | tuple[int, ...], own: Sequence[Column] = ()) -> Ensemble:
-    """Return an ensemble whose particles all wait at (0, 0) for a release at the start, all of weight 1.
+    """Return an ensemble whose particles all wait at (0, 0) for a release at the start, all of
+    weight 1.
 
-    of: which slots belong to which scenario; or the first slot of each and, last, n, where this is the whole run. own:
-    columns besides CORE.
+    of: which slots belong to which scenario; or the first slot of each and, last, n, where this is
+    the whole run. own: columns besides CORE.
     """
-    layout = of if isinstance(of, Layout) else Layout(of, of[:-1], (partials.BLOCK,) * (len(of) - 1))
+    layout = (
+        of if isinstance(of, Layout) else Layout(of, of[:-1], (partials.BLOCK,) * (len(of) - 1))
+    )
     scenario, n = runtime.upload(owners(layout.bounds)), layout.bounds[-1]
     return Ensemble(seed, layout, own=filled(own, n), **filled(CORE, n) | {"scenario": scenario})
 
 
 def filled(columns: Sequence[Column], n: int) -> dict[str, Device]:
-    """Return new columns of n slots by name, in the order given, with what they hold before anything is drawn."""
+    """Return new columns of n slots by name, in the order given, with what they hold before
+    anything is drawn.
+    """
     together: dict[str, list[Column]] = {}
     for column in columns:
         together.setdefault(column.array or f"{column.name} alone", []).append(column)
@@ -197,15 +224,17 @@ def filled(columns: Sequence[Column], n: int) -> dict[str, Device]:
 
 
 def owners(bounds: tuple[int, ...]) -> Array:
-    """Return the number of the scenario to which each slot belongs, int32 (n,), by the bounds of scenarios."""
+    """Return the number of the scenario to which each slot belongs, int32 (n,), by the bounds of
+    scenarios.
+    """
     return np.repeat(np.arange(len(bounds) - 1, dtype=np.int32), np.diff(bounds))
 
 
 def inherit(columns: Iterable[Device], ancestors: Array) -> None:
     """Copy each ancestor's state into its offspring (resampling), in place; ancestors: slots, (n,).
 
-    columns: of (n,) values, or of several of each particle, one after another. Arrays in whose rows they stand are taken
-    whole: no other column may stand there.
+    columns: of (n,) values, or of several of each particle, one after another. Arrays in whose rows
+    they stand are taken whole: no other column may stand there.
     """
     for array in rows.arrays(columns):
         values = array.to_numpy()
@@ -237,12 +266,17 @@ def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
 
 
 def join_ensembles(parts: Sequence[Ensemble]) -> Ensemble:
-    """Return the particles of some ensembles of one run as one, part after part; scenarios are in their order."""
+    """Return the particles of some ensembles of one run as one, part after part; scenarios are in
+    their order.
+    """
     columns = [part.columns for part in parts]
 
     def one(name: str, _: Device) -> Device:
         arrays = [rows.located(own[name])[0].to_numpy() for own in columns]
-        values = [array.reshape(-1, max(part.n, 1))[:, : part.n] for array, part in zip(arrays, parts, strict=True)]
+        values = [
+            array.reshape(-1, max(part.n, 1))[:, : part.n]
+            for array, part in zip(arrays, parts, strict=True)
+        ]
         return runtime.upload(np.concatenate(values, axis=1))
 
     counts = np.sum([np.diff(part.bounds) for part in parts], axis=0)

@@ -13,8 +13,12 @@ from geo.array import Array
 
 
 def over(status: Array) -> Array:
-    """Return which particles have gone ashore, sunk, left, run out of forcing, arrived or grounded, bool (n,)."""
-    return np.asarray((status != Status.ADRIFT) & (status != Status.PENDING) & (status != Status.UNDER_WAY))
+    """Return which particles have gone ashore, sunk, left, run out of forcing, arrived or grounded,
+    bool (n,).
+    """
+    return np.asarray(
+        (status != Status.ADRIFT) & (status != Status.PENDING) & (status != Status.UNDER_WAY)
+    )
 
 
 @dataclass(frozen=True)
@@ -25,30 +29,39 @@ class Lives:
     release: Array
     since: Array  # when that status began, where it is an end
     moving: Array  # when the particle last began to move, where what strands refloats
-    departure: Array | None = None  # when it gets under way, if that is before its release; None: nothing steers
+    # when it gets under way, if that is before its release; None: nothing steers
+    departure: Array | None = None
 
     def at(self, time: int) -> Array:
         """Return the status of each particle at a time within the step, int32 (n,)."""
         ended = over(self.status) & (self.since <= time)
         status = np.where(ended, self.status, np.int32(Status.ADRIFT))
-        refloats = (status == Status.ADRIFT) & (self.moving > np.maximum(time, self.release))  # later in the step
+        # later in the step
+        refloats = (status == Status.ADRIFT) & (self.moving > np.maximum(time, self.release))
         status[refloats] = Status.ASHORE
         later = self.release > time
         if self.departure is None:
             status[later] = Status.PENDING
             return status
-        before = np.where(self.departure <= time, np.int32(Status.UNDER_WAY), np.int32(Status.PENDING))
-        before = np.where(ended, self.status, before)  # what ends before its release never goes adrift
+        before = np.where(
+            self.departure <= time, np.int32(Status.UNDER_WAY), np.int32(Status.PENDING)
+        )
+        # what ends before its release never goes adrift
+        before = np.where(ended, self.status, before)
         return np.where(later, before, status)
 
     def way(self, begin: int, end: int) -> tuple[Array, Array]:
-        """Return when each particle begins to move between two times of the step, and when it ends; begin <= end."""
+        """Return when each particle begins to move between two times of the step, and when it ends;
+        begin <= end.
+        """
         finish = np.where(self.status == Status.ADRIFT, end, np.minimum(self.since, end))
         left = np.maximum(begin, self.release)
         return np.where(self.moving < finish, np.maximum(left, self.moving), left), finish
 
     def share(self, begin: int, end: int, time: int) -> Array:
-        """Return the share of its track between two times of the step that each particle has covered by a time, 0 to 1."""
+        """Return the share of its track between two times of the step that each particle has
+        covered by a time, 0 to 1.
+        """
         left, finish = self.way(begin, end)
         return np.asarray(np.clip((time - left) / np.maximum(finish - left, 1), 0.0, 1.0))
 

@@ -1,7 +1,8 @@
 """Members of an ensemble of forcings: which of them each particle drifts in, for its life.
 
-They are dealt in runs of slots that follow each other, so that neighbours read the same winds and currents, and a part
-of the particles (a shard of a run) needs few members. Where there are enough slots a run is made of whole blocks.
+They are dealt in runs of slots that follow each other, so that neighbours read the same winds and
+currents, and a part of the particles (a shard of a run) needs few members. Where there are enough
+slots a run is made of whole blocks.
 """
 
 import numpy as np
@@ -11,7 +12,9 @@ from drift.engine.particles.ensemble import Column, Ensemble
 from geo.array import Array
 
 COLUMN = Column("member", np.int32, 0, "", "member of the ensemble of forcings in which it drifts")
-ENOUGH = 8  # blocks a member from which runs are whole blocks: then no member has an eighth more slots than another
+# blocks a member from which runs are whole blocks: then no member has an eighth more slots than
+# another
+ENOUGH = 8
 
 
 def ends(count: int, members: int, block: int = partials.BLOCK) -> Array:
@@ -27,11 +30,15 @@ def ends(count: int, members: int, block: int = partials.BLOCK) -> Array:
 
 def deal(count: int, members: int, block: int = partials.BLOCK) -> Array:
     """Return the member of each of so many slots, int32 (count,), ascending."""
-    return np.repeat(np.arange(members, dtype=np.int32), np.diff(ends(count, members, block), prepend=0))
+    return np.repeat(
+        np.arange(members, dtype=np.int32), np.diff(ends(count, members, block), prepend=0)
+    )
 
 
 def even(member: Array, members: int) -> Array:
-    """Return the logarithm of what each slot weighs so that members are equally likely, float64 (n,), of sum 1."""
+    """Return the logarithm of what each slot weighs so that members are equally likely, float64
+    (n,), of sum 1.
+    """
     counts = np.bincount(member, minlength=members)
     return np.asarray(-np.log(members) - np.log(counts[member]))
 

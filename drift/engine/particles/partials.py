@@ -2,9 +2,10 @@
 
 They have the same bits however particles are dealt out to shards.
 
-A block is so many slots of one scenario that come one after the other. Each block is summed by itself, and the sums of
-blocks are added in the order of their slots. So a shard, which holds whole blocks, makes a `Partial`; partials of all
-shards merge; and what is made of the merged one does not depend on how many shards there were.
+A block is so many slots of one scenario that come one after the other. Each block is summed by
+itself, and the sums of blocks are added in the order of their slots. So a shard, which holds whole
+blocks, makes a `Partial`; partials of all shards merge; and what is made of the merged one does not
+depend on how many shards there were.
 """
 
 from __future__ import annotations
@@ -41,7 +42,10 @@ class Blocks:
     @property
     def places(self) -> Array:
         """The number of every particle in the whole run, int64 (n,)."""
-        return np.asarray(np.arange(self.n) + np.repeat(self.number - self.first, np.diff(self.first, append=self.n)))
+        return np.asarray(
+            np.arange(self.n)
+            + np.repeat(self.number - self.first, np.diff(self.first, append=self.n))
+        )
 
     def some(self, begin: int, end: int) -> Blocks:
         """Return the blocks from number `begin` to before number `end`, as if they alone were here."""
@@ -56,21 +60,28 @@ class Blocks:
         )
 
     def cuts(self, most: int) -> Iterator[tuple[Blocks, tuple[int, int]]]:
-        """Yield ranges of blocks of about as many slots at most, and the first slot of each and the one after its last."""
+        """Yield ranges of blocks of about as many slots at most, and the first slot of each and the
+        one after its last.
+        """
         edges = np.append(self.first, self.n).tolist()
         for begin, end in self.spans_of(most):
             yield self.some(begin, end), (edges[begin], edges[end])
 
     def spans_of(self, most: int) -> list[tuple[int, int]]:
-        """Return the same ranges by the numbers of their first block and of the one after their last."""
+        """Return the same ranges by the numbers of their first block and of the one after their
+        last.
+        """
         cuts = np.searchsorted(self.first, np.arange(0, self.n, most))
         return list(itertools.pairwise(np.unique([*cuts, len(self.first)]).tolist()))
 
-    def partial(self, *values: Array, code: Array | None = None, many: int = 1, slots: Array | None = None) -> Partial:
-        """Return the sums of some values by block, and by `code` within each; of no particles they are 0.
+    def partial(
+        self, *values: Array, code: Array | None = None, many: int = 1, slots: Array | None = None
+    ) -> Partial:
+        """Return the sums of some values by block, and by `code` within each; of no particles they
+        are 0.
 
-        values: (n,) each, finite. code: 0 to many - 1, (n,). slots: those that the values and codes are of, ascending;
-        by default all.
+        values: (n,) each, finite. code: 0 to many - 1, (n,). slots: those that the values and codes
+        are of, ascending; by default all.
         """
         k = self.first.size
         parts: list[Array]
@@ -79,9 +90,15 @@ class Blocks:
             cell = block if code is None else block * many + code
             parts = [np.bincount(cell, v, k * many).reshape(k, many) for v in values]
         elif code is None:
-            parts = [np.add.reduceat(np.asarray(v, np.float64), self.first)[:, None] for v in values if k]
+            parts = [
+                np.add.reduceat(np.asarray(v, np.float64), self.first)[:, None] for v in values if k
+            ]
         else:  # block by block: a block stays in the processor's cache
-            parts = [np.array([np.bincount(code[own], v[own], many) for own in self.spans]) for v in values if k]
+            parts = [
+                np.array([np.bincount(code[own], v[own], many) for own in self.spans])
+                for v in values
+                if k
+            ]
         if not k:
             parts = [np.empty((0, many))] * len(values)
         return Partial(self.scenarios, self.scenario, self.number, np.stack(parts, axis=-1))
@@ -106,7 +123,9 @@ class Blocks:
         return np.bincount(*self.runs(group, values))
 
     def runs(self, group: Array, values: Array) -> tuple[Array, Array]:
-        """Return the group of each run of slots of one group within a block, and the sum of its values, (r,) each."""
+        """Return the group of each run of slots of one group within a block, and the sum of its
+        values, (r,) each.
+        """
         if not self.n:
             return np.empty(0, np.int64), np.empty(0)
         heads = np.ones(self.n, bool)
@@ -116,7 +135,8 @@ class Blocks:
         return group[begin], np.add.reduceat(np.asarray(values, np.float64), begin)
 
     def running(self, values: Array, whole: Partial | None = None) -> Array:
-        """Return the sum of values (n,), none of them negative, up to and with each particle; it never falls.
+        """Return the sum of values (n,), none of them negative, up to and with each particle; it
+        never falls.
 
         whole: the sums of all blocks of the run, where these are some of them.
         """
@@ -132,8 +152,8 @@ class Blocks:
 def cut_blocks(bounds: Sequence[int], numbers: Sequence[int], size: Sequence[int]) -> Blocks:
     """Return the blocks of an ensemble.
 
-    bounds: the first slot of each scenario and, last, n; numbers: those of first slots in the whole run, which begin a
-    block; size: slots that make a block of each scenario.
+    bounds: the first slot of each scenario and, last, n; numbers: those of first slots in the whole
+    run, which begin a block; size: slots that make a block of each scenario.
     """
     firsts = [np.arange(a, b, m) for a, b, m in zip(bounds[:-1], bounds[1:], size, strict=True)]
     scenario = np.repeat(np.arange(len(firsts)), [len(own) for own in firsts])
@@ -143,7 +163,9 @@ def cut_blocks(bounds: Sequence[int], numbers: Sequence[int], size: Sequence[int
 
 
 def over_worlds(values: Array) -> Array:
-    """Return the sum over worlds (W, ...) of what each world's particles add up to, by blocks of WORLDS worlds."""
+    """Return the sum over worlds (W, ...) of what each world's particles add up to, by blocks of
+    WORLDS worlds.
+    """
     blocks = np.add.reduceat(values, np.arange(0, len(values), WORLDS), axis=0, dtype=np.float64)
     return np.asarray(np.add.accumulate(blocks, axis=0)[-1])
 
@@ -172,7 +194,8 @@ class Partial:
     def by_scenario(self) -> Array:
         """The sums of each scenario, (scenarios, codes, values)."""
         sums = np.zeros((self.scenarios, *self.sums.shape[1:]))
-        begun = np.flatnonzero(np.diff(self.scenario, prepend=-1))  # blocks of one scenario follow each other
+        # blocks of one scenario follow each other
+        begun = np.flatnonzero(np.diff(self.scenario, prepend=-1))
         if begun.size:
             sums[self.scenario[begun]] = np.add.reduceat(
                 self.sums, begun, axis=0
@@ -190,7 +213,8 @@ def merged(parts: Sequence[Partial]) -> Partial:
     if len(parts) == 1:
         return parts[0]
     number, scenario, sums = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("number", "scenario", "sums")
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("number", "scenario", "sums")
     )
     order = np.argsort(number, kind="stable")
     return replace(parts[0], scenario=scenario[order], number=number[order], sums=sums[order])

@@ -1,15 +1,17 @@
 """Resampling: how many offspring each particle has, in proportion to its weight.
 
-Within a scenario, so that no scenario dies by chance; or across scenarios, where those that have become likely take slots
-of the others, of which each keeps a few. Systematic: N offspring, the smallest spread (Kitagawa 1996; Douc,
-Cappe and Moulines 2005, arXiv:cs/0507025). Kahn's Russian roulette and splitting (Kahn 1955, RAND P-766): each particle
-on its own, so that their number floats; held at N it would be biased. Either way a particle's expected offspring are N
-times its share, and the weights of its offspring add up to its own in the mean.
+Within a scenario, so that no scenario dies by chance; or across scenarios, where those that have
+become likely take slots of the others, of which each keeps a few. Systematic: N offspring, the
+smallest spread (Kitagawa 1996; Douc, Cappe and Moulines 2005, arXiv:cs/0507025). Kahn's Russian
+roulette and splitting (Kahn 1955, RAND P-766): each particle on its own, so that their number
+floats; held at N it would be biased. Either way a particle's expected offspring are N times its
+share, and the weights of its offspring add up to its own in the mean.
 
-Duplicates (Borovies 2007, Particle filter based tracking in a detection sparse discrete event simulation environment, III.B.2) are a
-heuristic: what searches have all but ruled out is dropped, and its slots go to copies of the others, drawn by weight, which keep
-their weight as the originals keep theirs. So a particle of share w is expected to weigh w (1 + m w) with m copies made, before all are
-scaled to what they were together: what is heavy grows, and the posterior is lost.
+Duplicates (Borovies 2007, Particle filter based tracking in a detection sparse discrete event
+simulation environment, III.B.2) are a heuristic: what searches have all but ruled out is dropped,
+and its slots go to copies of the others, drawn by weight, which keep their weight as the originals
+keep theirs. So a particle of share w is expected to weigh w (1 + m w) with m copies made, before
+all are scaled to what they were together: what is heavy grows, and the posterior is lost.
 """
 
 from collections.abc import Callable
@@ -24,7 +26,8 @@ from kernels.maths import noise
 from kernels.maths.noise import Purpose
 
 LEAST_SHARE = 0.1  # least slots of a scenario, as a share of an equal share
-RULED_OUT = 1e-3  # of the mean weight of a scenario: a particle of less is ruled out, by those who duplicate
+# of the mean weight of a scenario: a particle of less is ruled out, by those who duplicate
+RULED_OUT = 1e-3
 SPARE = 4.0  # slots to spare for Kahn's way, in units of sqrt(N); the spread is at most half of one
 
 
@@ -77,9 +80,10 @@ def _duplicates(weight: Array, number: int, random: np.random.Generator) -> Arra
 class Method(NamedTuple):
     """A way to resample.
 
-    draw: ancestors, from weights, the number aimed at and random numbers. slots: how many a number of particles needs.
-    keeps: whether offspring weigh what their ancestor does, relative to one another; else all are alike. It is then done by how
-    many particles survive, not by how many are effective.
+    draw: ancestors, from weights, the number aimed at and random numbers. slots: how many a number
+    of particles needs. keeps: whether offspring weigh what their ancestor does, relative to one
+    another; else all are alike. It is then done by how many particles survive, not by how many are
+    effective.
     """
 
     draw: Callable[[Array, int, np.random.Generator], Array]
@@ -94,19 +98,24 @@ METHODS = {
         ("position", "course", "combined"), DUPLICATES
     ),  # besides what drift.evidence.filter.filling does at contacts
     "systematic": Method(
-        lambda weight, number, random: systematic(weight, number, random.random()), lambda number: number
+        lambda weight, number, random: systematic(weight, number, random.random()),
+        lambda number: number,
     ),
     "kahn": Method(_kahn_that_fits, capacity),
 }
 
 
 def offspring(
-    log_weight: Array, scenarios: list[tuple[int, int]], target: list[int], method: str, seeds: tuple[int, int]
+    log_weight: Array,
+    scenarios: list[tuple[int, int]],
+    target: list[int],
+    method: str,
+    seeds: tuple[int, int],
 ) -> tuple[Array, Array, Array]:
     """Return each slot's ancestor, its log weight, and which slots are left over, each (n,).
 
-    A log weight of -inf means that nobody is there. scenarios: first and last slot of each; target: how many particles
-    each aims at; seeds: of the run, and number of the event.
+    A log weight of -inf means that nobody is there. scenarios: first and last slot of each; target:
+    how many particles each aims at; seeds: of the run, and number of the event.
     """
     weight, scale = weights.relative(log_weight), float(log_weight.max())
     ancestors, spare = np.arange(len(log_weight)), np.zeros(len(log_weight), bool)
@@ -128,12 +137,14 @@ def offspring(
 def across(
     log_weight: Array, scenarios: list[tuple[int, int]], number: int, seeds: tuple[int, int]
 ) -> tuple[Array, Array, tuple[int, ...]]:
-    """Return each slot's ancestor, its log weight, (n,) each, and the bounds of the scenarios afterwards.
+    """Return each slot's ancestor, its log weight, (n,) each, and the bounds of the scenarios
+    afterwards.
 
-    Scenarios have slots by `counts` and draw systematically, each from its own particles: so a particle's offspring are
-    expected to be the number of its scenario's slots times its share of the scenario, and weigh as much together as it
-    did. number: of all slots, n; scenarios: first and last slot of each; seeds: of the run, and number of the event. A
-    scenario without weight has no slots left.
+    Scenarios have slots by `counts` and draw systematically, each from its own particles: so a
+    particle's offspring are expected to be the number of its scenario's slots times its share of
+    the scenario, and weigh as much together as it did. number: of all slots, n; scenarios: first
+    and last slot of each; seeds: of the run, and number of the event. A scenario without weight has
+    no slots left.
     """
     weight, scale = weights.relative(log_weight), float(log_weight.max())
     totals = np.array([weight[first:last].sum() for first, last in scenarios])
@@ -149,10 +160,11 @@ def across(
 
 
 def counts(weight: Array, number: int) -> npt.NDArray[np.int64]:
-    """Return how many of a number of slots each scenario gets, (scenarios,), in proportion to its weight.
+    """Return how many of a number of slots each scenario gets, (scenarios,), in proportion to its
+    weight.
 
-    None that has any weight gets fewer than about LEAST_SHARE of an equal share, or than one; number: at least as many
-    as there are of these.
+    None that has any weight gets fewer than about LEAST_SHARE of an equal share, or than one;
+    number: at least as many as there are of these.
     """
     alive = weight > 0
     share = np.where(alive, np.maximum(weight / weight.sum(), LEAST_SHARE / alive.sum()), 0.0)
@@ -168,5 +180,7 @@ def generator(seed: int, event: int, scenario: int) -> np.random.Generator:
 
     They depend on the run's seed, the event and the scenario alone.
     """
-    numbers: np.random.Generator = noise.generator(seed, Purpose.RESAMPLING, event=(event, scenario))
+    numbers: np.random.Generator = noise.generator(
+        seed, Purpose.RESAMPLING, event=(event, scenario)
+    )
     return numbers

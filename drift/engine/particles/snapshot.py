@@ -1,7 +1,7 @@
 """The particles at one time, as products see them, and their mean positions.
 
-A snapshot holds all of them, or a part: whole blocks. What is made of all particles takes them part by part, so that
-memory holds one part, however many particles there are.
+A snapshot holds all of them, or a part: whole blocks. What is made of all particles takes them part
+by part, so that memory holds one part, however many particles there are.
 """
 
 from collections.abc import Callable, Iterable
@@ -20,7 +20,11 @@ from kernels.step.tally import Swarm
 
 KINDS = np.array(
     [
-        tally.RESTING if code in status.AT_REST else tally.MOVING if code in status.ON_MAP else tally.HIDDEN
+        tally.RESTING
+        if code in status.AT_REST
+        else tally.MOVING
+        if code in status.ON_MAP
+        else tally.HIDDEN
         for code in status.Status
     ],
     np.int32,
@@ -40,10 +44,13 @@ class Snapshot:
     probability: npt.NDArray[np.float64]
     status: npt.NDArray[np.int32]  # drift.engine.particles.status.Status
     scenario: npt.NDArray[np.int32]
-    family: Array | None = None  # int: the particle of the beginning from which it descends; None: itself
+    # int: the particle of the beginning from which it descends; None: itself
+    family: Array | None = None
     world: Array | None = None  # int: the world whose unknowns it shares; None: there are none
-    member: Array | None = None  # int: of an ensemble of forcings in which it drifts; None: there is none
-    cut: Blocks | None = None  # blocks by which sums are made; None: those of scenarios that stand one after the other
+    # int: of an ensemble of forcings in which it drifts; None: there is none
+    member: Array | None = None
+    # blocks by which sums are made; None: those of scenarios that stand one after the other
+    cut: Blocks | None = None
 
     @property
     def blocks(self) -> Blocks:
@@ -103,16 +110,22 @@ class Means:
 
 
 def vectors(snapshot: Snapshot) -> Partial:
-    """Return what mean positions are made of: summed unit vectors of what moves and of what is at rest."""
+    """Return what mean positions are made of: summed unit vectors of what moves and of what is at
+    rest.
+    """
     return vectors_by(snapshot, status.at_rest(snapshot.status).astype(np.int64), 2)
 
 
 def vectors_by(snapshot: Snapshot, code: Array, many: int) -> Partial:
-    """Return the summed unit vectors to what is on the map, by weight and by code (n,), 0 to many - 1."""
+    """Return the summed unit vectors to what is on the map, by weight and by code (n,), 0 to many -
+    1.
+    """
     lon, lat = snapshot.lon * sphere.UNIT, snapshot.lat * sphere.UNIT
     weight = np.where(mapped(snapshot), snapshot.probability, 0.0)
     flat = weight * np.cos(lat)
-    return snapshot.blocks.partial(flat * np.cos(lon), flat * np.sin(lon), weight * np.sin(lat), code=code, many=many)
+    return snapshot.blocks.partial(
+        flat * np.cos(lon), flat * np.sin(lon), weight * np.sin(lat), code=code, many=many
+    )
 
 
 def places(of: Partial) -> Array:

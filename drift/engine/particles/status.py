@@ -31,7 +31,9 @@ _ON_MAP, _AT_REST = (
 
 
 def on_map(status: Array) -> Array:
-    """Return which particles are there to be seen: adrift, under way, or where they have stopped; bool, of any shape."""
+    """Return which particles are there to be seen: adrift, under way, or where they have stopped;
+    bool, of any shape.
+    """
     return np.asarray(_ON_MAP[status])
 
 
@@ -41,5 +43,7 @@ def at_rest(status: Array) -> Array:
 
 
 def under_way(status: Array) -> Array:
-    """Return which particles are under way, or have stopped there before they went adrift; bool, of any shape."""
+    """Return which particles are under way, or have stopped there before they went adrift; bool, of
+    any shape.
+    """
     return np.asarray(status >= Status.UNDER_WAY)

@@ -34,18 +34,23 @@ def effective(weight: Array) -> float:
     return float(weight.sum() ** 2 / (weight**2).sum())
 
 
-def of_families(code: Array, many: int, weight: Array, family: Array, blocks: Blocks) -> tuple[Array, Array]:
+def of_families(
+    code: Array, many: int, weight: Array, family: Array, blocks: Blocks
+) -> tuple[Array, Array]:
     """Return the codes 0 to many - 1 of all families (k,), and the sum of each one's weights (k,).
 
-    code, weight, family: (n,) of the particles; those of one family and code are one of the result. family: int, the
-    particle of the begin from which each descends.
+    code, weight, family: (n,) of the particles; those of one family and code are one of the result.
+    family: int, the particle of the begin from which each descends.
     """
     return families(many, [runs_of_families(code, many, weight, family, blocks)])
 
 
-def runs_of_families(code: Array, many: int, weight: Array, family: Array, blocks: Blocks) -> tuple[Array, Array]:
+def runs_of_families(
+    code: Array, many: int, weight: Array, family: Array, blocks: Blocks
+) -> tuple[Array, Array]:
     """Return what a part of the particles has to say to `families`."""
-    return blocks.runs(family.astype(np.int64) * many + code, weight)  # offspring lie side by side: runs are few
+    # offspring lie side by side: runs are few
+    return blocks.runs(family.astype(np.int64) * many + code, weight)
 
 
 def families(many: int, runs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
@@ -64,7 +69,10 @@ class Weighed:
 
     def _scaled(self, top: Array) -> Partial:
         """Return the sums in units of exp(top), of shape (k,) or ()."""
-        scale = np.exp(np.where(np.isfinite(self.top), self.top, -np.inf) - np.where(np.isfinite(top), top, 0.0))
+        scale = np.exp(
+            np.where(np.isfinite(self.top), self.top, -np.inf)
+            - np.where(np.isfinite(top), top, 0.0)
+        )
         sums = self.part.sums * np.stack([scale, scale**2], axis=-1)[:, None, :]
         return Partial(self.part.scenarios, self.part.scenario, self.part.number, sums)
 
@@ -86,7 +94,11 @@ class Weighed:
     def log_sum(self) -> float:
         """Log of the sum of all weights; -inf where there is none."""
         top = self.largest
-        return float(top + np.log(self._scaled(np.asarray(top)).total[0, 0])) if np.isfinite(top) else top
+        return (
+            float(top + np.log(self._scaled(np.asarray(top)).total[0, 0]))
+            if np.isfinite(top)
+            else top
+        )
 
     @property
     def scenarios(self) -> Array:

@@ -1,7 +1,9 @@
-"""What is told of each sortie, contact and word of a sensor, made from what it did to all particles of a run.
+"""What is told of each sortie, contact and word of a sensor, made from what it did to all particles
+of a run.
 
-The filter (drift.evidence.filter.filter) hands over an event as it takes effect, with columns of all particles, which are gone
-through part by part. Where the run is in shards these were taken down; what is told has the same bits for any number of them.
+The filter (drift.evidence.filter.filter) hands over an event as it takes effect, with columns of
+all particles, which are gone through part by part. Where the run is in shards these were taken
+down; what is told has the same bits for any number of them.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,8 +24,8 @@ from drift.evidence.filter.updates import Update, Updates
 from geo.array import Array
 from geo.errors import UserError
 
-# Takes an update, and columns of all particles: log weights `before` and `after` it and, where any has been drawn anew,
-# `lineage`, the particle of the begin from which each descends.
+# Takes an update, and columns of all particles: log weights `before` and `after` it and, where any
+# has been drawn anew, `lineage`, the particle of the begin from which each descends.
 Noted = Callable[[Update, Columns], None]
 
 
@@ -31,16 +33,18 @@ Noted = Callable[[Update, Columns], None]
 class Event:
     """Something that took effect, and what particles were like then.
 
-    Columns before, after: log weights. release [s after start]. lineage: the particle of the begin from which each descends,
-    where any has been drawn anew. never: share of the time that no sortie searched it, once one has. Of a sortie also
-    searched: the same share of this one; there: whether it lay ashore, or had run aground.
+    Columns before, after: log weights. release [s after start]. lineage: the particle of the begin
+    from which each descends, where any has been drawn anew. never: share of the time that no sortie
+    searched it, once one has. Of a sortie also searched: the same share of this one; there: whether
+    it lay ashore, or had run aground.
     """
 
     name: str
     kind: Kind
     time: np.datetime64
     columns: Columns
-    unit: float = 0.0  # log of what `after` is in units of: it belongs to the evidence, and not to the weights
+    # log of what `after` is in units of: it belongs to the evidence, and not to the weights
+    unit: float = 0.0
     middle: float = 0.0  # of a sortie [s after start]
     certain: bool = True  # whether it is told even if it says nothing new
 
@@ -60,8 +64,12 @@ class Account:
         """Take down the prior, by the `log_weight` of particles."""
         self._prior = _weighed(columns, "log_weight").scenarios
 
-    def told(self, sorties: Sequence[Callable[[int], Sortie]], crossings: Crossings | None) -> Updates:
-        """Return what has happened; sorties: each as it was flown, if a scenario, by number, is true."""
+    def told(
+        self, sorties: Sequence[Callable[[int], Sortie]], crossings: Crossings | None
+    ) -> Updates:
+        """Return what has happened; sorties: each as it was flown, if a scenario, by number, is
+        true.
+        """
         last = self.updates[-1].posterior if self.updates else self._prior
         flown = tuple(
             sortie(int(np.argmax(last))) for sortie in sorties
@@ -79,10 +87,21 @@ class Account:
         ess = _effective(columns, "after", now)
         self._least = min(self._least, ess)
         update = Update(
-            event.name, event.kind, event.time, evidence, now.scenarios, _effective(columns, "before", then), ess,
-            standing=standing(event.time, columns.named("after", "log_weight"), self._least, self._spec.period.duration),
+            event.name,
+            event.kind,
+            event.time,
+            evidence,
+            now.scenarios,
+            _effective(columns, "before", then),
+            ess,
+            standing=standing(
+                event.time,
+                columns.named("after", "log_weight"),
+                self._least,
+                self._spec.period.duration,
+            ),
             distinct=self.updates[-1].distinct if self.updates else 1.0,
-        )  # fmt: skip
+        )
         if event.kind == "sortie":
             update = self._found(update, event, then.largest)
         self.updates.append(update)
@@ -90,7 +109,8 @@ class Account:
             self._noted(update, columns)
 
     def drawn_anew(self, log_weight: Array, lineage: Array, layout: Layout, many: int) -> None:
-        """Take down that particles were drawn anew after the last update: their log weights and lineage (n,).
+        """Take down that particles were drawn anew after the last update: their log weights and
+        lineage (n,).
 
         many: of them at first.
         """
@@ -99,7 +119,9 @@ class Account:
         self.updates[-1] = replace(self.updates[-1], ess_resampled=ess, distinct=distinct)
 
     def filled(self, log_weight: Array, layout: Layout) -> None:
-        """Take down that particles were placed anew after the last update, which was a contact: their log weights (n,)."""
+        """Take down that particles were placed anew after the last update, which was a contact:
+        their log weights (n,).
+        """
         ess = weights.weighed(log_weight, layout.blocks).ess
         self.updates[-1] = replace(self.updates[-1], ess_resampled=ess, filled="contact")
 
@@ -108,8 +130,11 @@ class Account:
         self.updates[-1] = replace(self.updates[-1], filled="lost")
 
     def _found(self, update: Update, event: Event, top: float) -> Update:
-        """Return an update with what is told of a sortie that found nothing; top: largest log weight before it."""
-        pos = np.nan_to_num(-np.expm1(update.log_evidence))  # a scenario that had no weight finds nothing
+        """Return an update with what is told of a sortie that found nothing; top: largest log
+        weight before it.
+        """
+        # a scenario that had no weight finds nothing
+        pos = np.nan_to_num(-np.expm1(update.log_evidence))
         self._missed = self._missed * (1 - pos)
         survival, sums = any(scenario.survival for scenario in self._spec.scenarios), []
         names = ("before", "after", "searched", "there", "release")
@@ -122,7 +147,9 @@ class Account:
             sums.append(blocks.partial(*parts))
         merged = partials.merged(sums)
         under, *over = np.concatenate([merged.by_scenario[:, 0], merged.total]).T
-        poc, ashore, *alive = (np.divide(part, under, out=np.zeros(len(under)), where=under > 0) for part in over)
+        poc, ashore, *alive = (
+            np.divide(part, under, out=np.zeros(len(under)), where=under > 0) for part in over
+        )
         return replace(
             update,
             poc=poc,
@@ -133,7 +160,9 @@ class Account:
         )
 
     def _evidence(self, then: Weighed, now: Weighed, event: Event) -> Array:
-        """Return the log of mean weight after over before, by scenario and of all; refuse what no scenario allows."""
+        """Return the log of mean weight after over before, by scenario and of all; refuse what no
+        scenario allows.
+        """
         whole = now.log_sum - then.log_sum
         with np.errstate(invalid="ignore"):  # NaN for a scenario that had no weight before
             sums = now.log_sums - then.log_sums
@@ -147,7 +176,9 @@ class Account:
         return np.array([*sums, whole]) + event.unit
 
     def _alive(self, blocks: Blocks, release: Array, middle: float) -> Array:
-        """Return the chance of being alive in the middle of a sortie of each particle of some blocks; 1 without survival times."""
+        """Return the chance of being alive in the middle of a sortie of each particle of some
+        blocks; 1 without survival times.
+        """
         alive = np.ones(blocks.n)
         for number, own in zip(blocks.scenario, blocks.spans, strict=True):
             survival = self._spec.scenarios[number].survival
@@ -158,7 +189,9 @@ class Account:
 
 def _weighed(columns: Columns, name: str) -> Weighed:
     """Return what is needed of a column of log weights."""
-    return weights.merged([weights.weighed(log_weight, blocks) for blocks, log_weight in columns.parts(name)])
+    return weights.merged(
+        [weights.weighed(log_weight, blocks) for blocks, log_weight in columns.parts(name)]
+    )
 
 
 def _says_anything(columns: Columns) -> bool:
@@ -168,7 +201,9 @@ def _says_anything(columns: Columns) -> bool:
 
 
 def _effective(columns: Columns, name: str, own: Weighed) -> float:
-    """Return the effective number of particles by a column of log weights, copies as one (drift.forecast.effective)."""
+    """Return the effective number of particles by a column of log weights, copies as one
+    (drift.forecast.effective).
+    """
     if "lineage" not in columns:
         return own.ess
     runs = [
@@ -180,5 +215,9 @@ def _effective(columns: Columns, name: str, own: Weighed) -> float:
 
 
 def begun(spec: EnsembleSpec, columns: Columns) -> Standing:
-    """Return how a search stands before any sortie or contact, by the `log_weight` and `release` of its particles."""
-    return standing(spec.period.start, columns, _weighed(columns, "log_weight").ess, spec.period.duration)
+    """Return how a search stands before any sortie or contact, by the `log_weight` and `release` of
+    its particles.
+    """
+    return standing(
+        spec.period.start, columns, _weighed(columns, "log_weight").ess, spec.period.duration
+    )

@@ -2,8 +2,8 @@
 
 The fit is the logarithm of the probability density of what was seen, given where the object was.
 
-Contacts are Gaussian fixes, bearings, ranges and areas, each with the sensor's chance of detection by range
-(docs/searches.md, "Contacts").
+Contacts are Gaussian fixes, bearings, ranges and areas, each with the sensor's chance of detection
+by range (docs/searches.md, "Contacts").
 """
 
 import math
@@ -27,21 +27,27 @@ def log_likelihood(contact: Contact, lon: Array, lat: Array) -> Array:
 
     It is -inf where the contact is impossible.
 
-    It is a density: per m2 for positions and areas, per radian for bearings, per metre for ranges. Belief and false
-    contacts are left out. Beyond 6 standard deviations, where no error is normal, it is -inf: a wrong digit must not
-    look like a discovery.
+    It is a density: per m2 for positions and areas, per radian for bearings, per metre for ranges.
+    Belief and false contacts are left out. Beyond 6 standard deviations, where no error is normal,
+    it is -inf: a wrong digit must not look like a discovery.
     """
     with np.errstate(divide="ignore"):
         return LIKELIHOODS[contact.kind](contact, lon, lat)
 
 
 def log_unit(contact: Contact) -> float:
-    """Return the log of a density of the size of a contact's highest, with its false contacts and its motion.
+    """Return the log of a density of the size of a contact's highest, with its false contacts and
+    its motion.
 
-    Weights are multiplied by likelihoods in units of it: so they keep near 1, where float32 has its digits.
+    Weights are multiplied by likelihoods in units of it: so they keep near 1, where float32 has its
+    digits.
     """
     if contact.kind == "position":
-        unit = max(math.log(fix.share) for fix in contact.fixes) + _highest(contact.major) + _highest(contact.minor)
+        unit = (
+            max(math.log(fix.share) for fix in contact.fixes)
+            + _highest(contact.major)
+            + _highest(contact.minor)
+        )
     elif contact.kind == "area":
         assert contact.area is not None
         unit = -math.log(patterns.square_metres(contact.area))
@@ -75,7 +81,8 @@ def _highest(std: float) -> float:
 
 
 def log_motion(contact: Contact, east: Array, north: Array) -> Array:
-    """Return the log likelihood of the course and speed of a contact, of velocities (east, north) [m/s] (n,).
+    """Return the log likelihood of the course and speed of a contact, of velocities (east, north)
+    [m/s] (n,).
 
     It is a density, per radian and per m/s. What lies still has any course.
     """
@@ -93,12 +100,15 @@ def _area(contact: Contact, lon: Array, lat: Array) -> Array:
     """Return the log of 1 / area inside it, and -inf outside."""
     assert contact.area is not None
     return np.asarray(
-        np.log(inside(contact.area, lon, lat).astype(np.float64)) - math.log(patterns.square_metres(contact.area))
+        np.log(inside(contact.area, lon, lat).astype(np.float64))
+        - math.log(patterns.square_metres(contact.area))
     )
 
 
 def _bearing(contact: Contact, lon: Array, lat: Array) -> Array:
-    """Return the log density of the true bearing from the sensor, between the ranges; half of it may be its image's."""
+    """Return the log density of the true bearing from the sensor, between the ranges; half of it
+    may be its image's.
+    """
     east, north = _from_sensor(contact, lon, lat)
     far, true = np.hypot(east, north), np.arctan2(east, north)
     log_density = _off_bearing(contact, true, contact.bearing)
@@ -110,7 +120,9 @@ def _bearing(contact: Contact, lon: Array, lat: Array) -> Array:
 
 
 def image(bearing: float, heading: float) -> float:
-    """Return a bearing [rad] as an array on a heading takes it for that cannot tell port from starboard."""
+    """Return a bearing [rad] as an array on a heading takes it for that cannot tell port from
+    starboard.
+    """
     return (2 * heading - bearing) % (2 * math.pi)
 
 
@@ -133,7 +145,9 @@ def bearing_std(contact: Contact, true: Array | float) -> Array | float:
 def _range(contact: Contact, lon: Array, lat: Array) -> Array:
     """Return the log of a normal of the distance from the sensor."""
     far = np.hypot(*_from_sensor(contact, lon, lat))
-    return np.asarray(normal(far - contact.range, contact.range_std) + np.log(_detection(contact, far)))
+    return np.asarray(
+        normal(far - contact.range, contact.range_std) + np.log(_detection(contact, far))
+    )
 
 
 def _from_sensor(contact: Contact, lon: Array, lat: Array) -> tuple[Array, Array]:
@@ -151,7 +165,9 @@ def _fixes(contact: Contact, lon: Array, lat: Array) -> Array:
     for fix in contact.fixes:
         east, north = sphere.offset(math.radians(fix.lon), math.radians(fix.lat), x, y)
         along, across = north * c + east * s, east * c - north * s
-        log_density = normal(along, contact.major) + normal(across, contact.minor) + math.log(fix.share)
+        log_density = (
+            normal(along, contact.major) + normal(across, contact.minor) + math.log(fix.share)
+        )
         total = np.logaddexp(total, log_density)
     if contact.zones is not None and contact.sensor is not None:
         at = math.radians(contact.sensor[0]), math.radians(contact.sensor[1])
@@ -161,7 +177,9 @@ def _fixes(contact: Contact, lon: Array, lat: Array) -> Array:
 
 def normal(x: Array, std: Array | float) -> Array:
     """Return the log of a normal density, -inf beyond 6 standard deviations."""
-    return np.where(np.abs(x) > BEYOND * std, -np.inf, -0.5 * (x / std) ** 2 - np.log(std) - 0.5 * LOG_TURN)
+    return np.where(
+        np.abs(x) > BEYOND * std, -np.inf, -0.5 * (x / std) ** 2 - np.log(std) - 0.5 * LOG_TURN
+    )
 
 
 def _detection(contact: Contact, far: Array) -> Array:
@@ -169,7 +187,9 @@ def _detection(contact: Contact, far: Array) -> Array:
     if contact.zones is None:
         return np.ones_like(far)
     chance = np.zeros_like(far)
-    for inner, outer, pod in zip(contact.zones.inner, contact.zones.outer, contact.zones.pod, strict=True):
+    for inner, outer, pod in zip(
+        contact.zones.inner, contact.zones.outer, contact.zones.pod, strict=True
+    ):
         chance[(far >= inner) & (far < outer)] = pod
     return chance
 
@@ -180,9 +200,12 @@ def inside(area: Area, lon: Array, lat: Array) -> Array:
 
     at_lon, at_lat, outline = sensor_path.ring(area)
     shape = shapely.Polygon(outline.reshape(-1, 2).astype(np.float64))
-    apart = np.subtract(lon, sphere.to_binary(at_lon)).astype(np.float64) * sphere.UNIT  # wraps as int32
+    # wraps as int32
+    apart = np.subtract(lon, sphere.to_binary(at_lon)).astype(np.float64) * sphere.UNIT
     return np.asarray(
-        shapely.contains_xy(shape, *sensor_path.chart(0.0, math.radians(at_lat), apart, lat * sphere.UNIT))
+        shapely.contains_xy(
+            shape, *sensor_path.chart(0.0, math.radians(at_lat), apart, lat * sphere.UNIT)
+        )
     )
 
 

@@ -1,7 +1,9 @@
-"""A sortie as it is flown: what its sensor has done to each particle, and what its failure does to weights.
+"""A sortie as it is flown: what its sensor has done to each particle, and what its failure does to
+weights.
 
-An area counts the time inside it, legs the hazard along relative tracks or the passes abeam, a watch the time in its
-zones. All of it is kept on the device, in buffers that are freed when the sortie ends.
+An area counts the time inside it, legs the hazard along relative tracks or the passes abeam, a
+watch the time in its zones. All of it is kept on the device, in buffers that are freed when the
+sortie ends.
 """
 
 import math
@@ -39,9 +41,11 @@ CERTAIN = 1 - 1e-12  # highest chance of detection of a watch that has a finite 
 class Exposed:
     """What a sortie has done to each particle, on the device."""
 
-    adrift: Device  # exposure while it was adrift (n,); logs of misses by factor of the sweep width (factors * n,)
+    # exposure while it was adrift (n,); logs of misses by factor of the sweep width (factors * n,)
+    adrift: Device
     inside: Device | None  # share of the time in its area (n,), where exposure is another quantity
-    under_way: Device | None  # exposure while it was under way (n,); None: nothing steers, or passes have been written
+    # exposure while it was under way (n,); None: nothing steers, or passes have been written
+    under_way: Device | None
     passed: Device | None  # number of the leg on which a target under way has last been passed (n,)
 
     @property
@@ -51,7 +55,9 @@ class Exposed:
 
     def copy(self) -> "Exposed":
         """Return a copy."""
-        return Exposed(*(None if column is None else runtime.copy(column) for column in vars(self).values()))
+        return Exposed(
+            *(None if column is None else runtime.copy(column) for column in vars(self).values())
+        )
 
 
 @dataclass(frozen=True)
@@ -67,15 +73,22 @@ class SortieExposure:
     """One sortie in one run; times are seconds after the run's start."""
 
     def __init__(
-        self, sortie: Sortie, start: int, seas: Sequence[tuple[int, ...]], members: Sequence[int] | None = None
+        self,
+        sortie: Sortie,
+        start: int,
+        seas: Sequence[tuple[int, ...]],
+        members: Sequence[int] | None = None,
     ) -> None:
         """Make ready.
 
-        start: of the run [s since 1970]; seas: scenarios that see the same current, together, all of the run's;
-        members: of each sea's current, by default one.
+        start: of the run [s since 1970]; seas: scenarios that see the same current, together, all
+        of the run's; members: of each sea's current, by default one.
         """
         self.sortie = sortie
-        self.begin, self.end = notation.epoch(sortie.start) - start, notation.epoch(sortie.end) - start
+        self.begin, self.end = (
+            notation.epoch(sortie.start) - start,
+            notation.epoch(sortie.end) - start,
+        )
         self.factors, self.chances = laws.factors(sortie.shape)
         self._path = sensor_path.of_legs(sortie.legs, start) if sortie.legs else None
         self._place, self._ring = None, None
@@ -93,12 +106,16 @@ class SortieExposure:
         self.exposed: Exposed | None = None  # what it has done to each particle; None: nothing yet
 
     def _drifts(self, start: int, seas: Sequence[tuple[int, ...]], members: Sequence[int]) -> None:
-        """Make ready to drift with a marker, which goes with the current of each sea, and of each of its members."""
+        """Make ready to drift with a marker, which goes with the current of each sea, and of each
+        of its members.
+        """
         path = self._path or self._place
         assert path is not None
         datum = self._datum = self.sortie.datum or (float(path.lon[0]), float(path.lat[0]))
         if self.sortie.marker is not None:
-            self._ways = self._shown = [_Way(self._ways[0].scenarios, markers.tracked(self.sortie.marker, start))]
+            self._ways = self._shown = [
+                _Way(self._ways[0].scenarios, markers.tracked(self.sortie.marker, start))
+            ]
             return
         self._ways, self._shown = [], []
         for sea, many in zip(seas, members, strict=True):
@@ -118,7 +135,9 @@ class SortieExposure:
             return int(sweep.ZONES)
         if self._path is None:
             return int(sweep.INSIDE)
-        return int(sweep.CUBE if laws.formulas_of(self.sortie.law).detects == "along" else sweep.ABEAM)
+        return int(
+            sweep.CUBE if laws.formulas_of(self.sortie.law).detects == "along" else sweep.ABEAM
+        )
 
     def as_flown(self, scenario: int, start: int) -> Sortie:
         """Return the sortie, with the track of its marker in a scenario if it drifts.
@@ -126,7 +145,11 @@ class SortieExposure:
         start: of the run [s since 1970].
         """
         marker = next(way.marker for way in self._shown if scenario in way.scenarios)
-        return replace(self.sortie, marker=marker.legs(start)) if isinstance(marker, Marker) else self.sortie
+        return (
+            replace(self.sortie, marker=marker.legs(start))
+            if isinstance(marker, Marker)
+            else self.sortie
+        )
 
     @property
     def markers(self) -> list[Marker]:
@@ -140,12 +163,18 @@ class SortieExposure:
             marker.drift(forcing, elapsed, duration)
 
     def expose(
-        self, ensemble: Ensemble, begin: Begin, helm: Helm | None, step: Step, until: int, keep: bool = True
+        self,
+        ensemble: Ensemble,
+        begin: Begin,
+        helm: Helm | None,
+        step: Step,
+        until: int,
+        keep: bool = True,
     ) -> Exposed:
         """Return what it has done to each particle until a time within the step that was just made.
 
-        begin: where particles began the step; helm: what steers them. keep: whether its own columns change. They stay
-        as they were for one who merely looks, so that its legs are not cut there.
+        begin: where particles began the step; helm: what steers them. keep: whether its own columns
+        change. They stay as they were for one who merely looks, so that its legs are not cut there.
         """
         self.ready(ensemble, helm is not None)
         assert self.exposed is not None
@@ -155,16 +184,29 @@ class SortieExposure:
         exposed = self.exposed if keep else self.exposed.copy()
         if keep:
             self._seen = last
-        member = dealt.member_of_particles(ensemble) if any(way.member is not None for way in self._ways) else None
+        member = (
+            dealt.member_of_particles(ensemble)
+            if any(way.member is not None for way in self._ways)
+            else None
+        )
         for way in self._ways:
             chosen = None  # which slots of all, where it is not all of these scenarios
             if member is not None and way.member is not None:
                 chosen = member == way.member
-            for paths in scene.paths(ensemble, begin, helm, step, (first, last), way.scenarios, chosen):
+            for paths in scene.paths(
+                ensemble, begin, helm, step, (first, last), way.scenarios, chosen
+            ):
                 self._expose(ensemble, paths, (first, last), way, exposed)
         return exposed
 
-    def _expose(self, ensemble: Ensemble, paths: Paths, span: tuple[float, float], way: _Way, exposed: Exposed) -> None:
+    def _expose(
+        self,
+        ensemble: Ensemble,
+        paths: Paths,
+        span: tuple[float, float],
+        way: _Way,
+        exposed: Exposed,
+    ) -> None:
         """Add its exposure of particles along their paths, between two times of the step."""
         other = exposed.under_way if paths.steers else exposed.adrift
         for kind, track, (table, scale) in self._tracks(span, paths, way):
@@ -172,13 +214,24 @@ class SortieExposure:
             if kind == sweep.INSIDE and exposed.inside is not None:
                 column = exposed.inside
             sweep.expose(
-                ensemble, paths, kind, track, table, scale, column, self.sortie.ashore, self._unit, exposed.passed
+                ensemble,
+                paths,
+                kind,
+                track,
+                table,
+                scale,
+                column,
+                self.sortie.ashore,
+                self._unit,
+                exposed.passed,
             )
 
     def _tracks(
         self, span: tuple[float, float], paths: Paths, way: _Way
     ) -> Iterator[tuple[int, Track, tuple[Array, Array]]]:
-        """Yield the kind of exposure, the track between two times and the tables, for its path and for its area."""
+        """Yield the kind of exposure, the track between two times and the tables, for its path and
+        for its area.
+        """
         (first, last), begin, polar = paths.cut(*span), paths.elapsed, paths.polar
         moved = way.marker.where if way.marker else None
         if self._path is not None and self._looks:
@@ -191,7 +244,9 @@ class SortieExposure:
                 ring = self._ring
                 if polar:
                     lon, lat = np.radians(self._place.lon[:1]), self._place.lat[:1]
-                    ring = np.stack(sphere.to_pole(lon, lat, ring[::2], ring[1::2]), axis=1).reshape(-1)
+                    ring = np.stack(
+                        sphere.to_pole(lon, lat, ring[::2], ring[1::2]), axis=1
+                    ).reshape(-1)
                 yield sweep.INSIDE, track, (ring, np.array([1 / (self.end - self.begin)]))
 
     def ready(self, ensemble: Ensemble, steers: bool) -> Exposed:
@@ -210,7 +265,9 @@ class SortieExposure:
     @property
     def _looks(self) -> bool:
         """Whether there is anything that it may see along its path."""
-        return bool(self.sortie.watch) or max((*self.sortie.sweep_width, *self._width_under_way)) > 0
+        return (
+            bool(self.sortie.watch) or max((*self.sortie.sweep_width, *self._width_under_way)) > 0
+        )
 
     @property
     def _width_under_way(self) -> tuple[float, ...]:
@@ -246,30 +303,53 @@ class SortieExposure:
             return np.zeros(1), width > 0
         ranges, chances = laws.range_curve(self.sortie.law)
         factors = np.where(width > 0, width, 1.0) * self.factors
-        return np.stack([ranges, chances], axis=1).reshape(-1), np.where(width > 0, 1 / factors, 0.0)
+        return np.stack([ranges, chances], axis=1).reshape(-1), np.where(
+            width > 0, 1 / factors, 0.0
+        )
 
-    def fail(self, ensemble: Ensemble, exposed: Exposed, shared: Device, log_weight: Device) -> None:
+    def fail(
+        self, ensemble: Ensemble, exposed: Exposed, shared: Device, log_weight: Device
+    ) -> None:
         """Multiply weights by the chance that it has missed each particle, in place.
 
-        exposed: what it has done to them. shared: logs of the misses so far of all sorties that share its unknown
-        factor of sweep width.
+        exposed: what it has done to them. shared: logs of the misses so far of all sorties that
+        share its unknown factor of sweep width.
         """
         meaning, coefficient = self._coefficients
-        also = None if exposed.under_way is None else (exposed.under_way, self._coefficients_under_way[1])
+        also = (
+            None
+            if exposed.under_way is None
+            else (exposed.under_way, self._coefficients_under_way[1])
+        )
         if max(coefficient.max(), also[1].max() if also else 0.0) > 0:
-            sweep.fail(ensemble.scenario, meaning, exposed.adrift, coefficient, self.chances, shared, log_weight, also)
+            sweep.fail(
+                ensemble.scenario,
+                meaning,
+                exposed.adrift,
+                coefficient,
+                self.chances,
+                shared,
+                log_weight,
+                also,
+            )
 
     @cached_property
     def _coefficients(self) -> tuple[int, Array]:
-        """What the exposure means, and what to multiply it by, (scenarios, factors of the sweep width)."""
+        """What the exposure means, and what to multiply it by, (scenarios, factors of the sweep
+        width).
+        """
         return self._coefficients_of(self.sortie.sweep_width, self.sortie.coverage)
 
     @cached_property
     def _coefficients_under_way(self) -> tuple[int, Array]:
         """The same for targets under way."""
-        return self._coefficients_of(self._width_under_way, self.sortie.coverage_under_way or self.sortie.coverage)
+        return self._coefficients_of(
+            self._width_under_way, self.sortie.coverage_under_way or self.sortie.coverage
+        )
 
-    def _coefficients_of(self, widths: Sequence[float], coverages: Sequence[float]) -> tuple[int, Array]:
+    def _coefficients_of(
+        self, widths: Sequence[float], coverages: Sequence[float]
+    ) -> tuple[int, Array]:
         sortie, kind = self.sortie, self._kind
         if kind == sweep.ZONES:
             return sweep.HAZARD, np.ones((self._scenarios, 1))
@@ -287,15 +367,25 @@ class SortieExposure:
     def searched(self) -> Array:
         """Return the share of its time that each particle was where it searched, float64 (n,).
 
-        That is in its area; of a watch, which has none, the share is 1 of all that came into a zone.
+        That is in its area; of a watch, which has none, the share is 1 of all that came into a
+        zone.
         """
         assert self.exposed is not None
         own = self.exposed
         if self._place is None:
-            adrift = own.adrift.to_numpy().reshape(len(self.factors) if self._kind == sweep.ABEAM else 1, -1)
+            adrift = own.adrift.to_numpy().reshape(
+                len(self.factors) if self._kind == sweep.ABEAM else 1, -1
+            )
             seen = adrift.any(axis=0)
-            return np.asarray(seen if own.under_way is None else seen | own.under_way.to_numpy().astype(bool), float)
+            return np.asarray(
+                seen if own.under_way is None else seen | own.under_way.to_numpy().astype(bool),
+                float,
+            )
         if own.inside is not None:
             return np.asarray(own.inside.to_numpy(), np.float64)
-        both = own.adrift.to_numpy() if own.under_way is None else own.adrift.to_numpy() + own.under_way.to_numpy()
+        both = (
+            own.adrift.to_numpy()
+            if own.under_way is None
+            else own.adrift.to_numpy() + own.under_way.to_numpy()
+        )
         return np.asarray(both, np.float64)

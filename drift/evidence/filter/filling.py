@@ -1,10 +1,14 @@
-"""Particles placed anew where a contact has ruled most of them out: the bulk repopulation of Borovies 2007.
+"""Particles placed anew where a contact has ruled most of them out: the bulk repopulation of
+Borovies 2007.
 
-That is Particle filter based tracking in a detection sparse discrete event simulation environment, III.B.2, for targets that keep a course or act. Where a contact leaves fewer
-than `bulk` of the particles, all that it rules out are placed where it may have been, with any course and speed up to `fastest`; what else
-is known of the target is the estimate at the contact before. By "position" particles weigh the more the nearer the speed that they would have needed from
-there is to the estimated one; by "course" half of them come straight from there, and all weigh alike; "combined" does both. It is a
-heuristic, no Bayes: docs/searches.md says what becomes of weights. kernels.tracking.clouds does the same for a tracker's clouds.
+That is Particle filter based tracking in a detection sparse discrete event simulation environment,
+III.B.2, for targets that keep a course or act. Where a contact leaves fewer than `bulk` of the
+particles, all that it rules out are placed where it may have been, with any course and speed up to
+`fastest`; what else is known of the target is the estimate at the contact before. By "position"
+particles weigh the more the nearer the speed that they would have needed from there is to the
+estimated one; by "course" half of them come straight from there, and all weigh alike; "combined"
+does both. It is a heuristic, no Bayes: docs/searches.md says what becomes of weights.
+kernels.tracking.clouds does the same for a tracker's clouds.
 """
 
 import math
@@ -29,7 +33,8 @@ from kernels.maths.noise import Purpose
 from kernels.step import coast
 from kernels.step.coast import DeviceCoast
 
-LEAST = 0.1 / 32  # least weight, as a share of the fastest speed: a tenth of a knot where that is 32
+# least weight, as a share of the fastest speed: a tenth of a knot where that is 32
+LEAST = 0.1 / 32
 FLOOR = -200.0  # log likelihood of what a contact contradicts: it may contradict every particle
 TRIES = 64  # places drawn for a particle until one is in water; without one it stays ruled out
 
@@ -55,7 +60,9 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Placed:
-    """Particles that have been placed anew: their slots, what they are now, and the log weights of all."""
+    """Particles that have been placed anew: their slots, what they are now, and the log weights of
+    all.
+    """
 
     slots: Array  # int64 (m,)
     lon: Array  # [rad] (m,)
@@ -63,13 +70,22 @@ class Placed:
     course: Array  # [rad] (m,)
     speed: Array  # [m/s] (m,)
     change: Array  # int64 [s after start] (m,): when it changes its course or acts next
-    fresh: Array  # bool (m,): whether that is so of all, or of those alone that had stopped, for whose others it has no memory
+    # bool (m,): whether that is so of all, or of those alone that had stopped, for whose others it
+    # has no memory
+    fresh: Array
     log_weight: Array  # float64 (n,)
 
 
 def bounded(contact: Contact) -> bool:
-    """Return whether a contact is surely of the object, and says where that may be: only then does it rule out and place anew."""
-    sure = contact.belief == 1 and contact.false_density == 0 and contact.drifter is None and contact.zones is None
+    """Return whether a contact is surely of the object, and says where that may be: only then does
+    it rule out and place anew.
+    """
+    sure = (
+        contact.belief == 1
+        and contact.false_density == 0
+        and contact.drifter is None
+        and contact.zones is None
+    )
     return sure and (contact.kind != "bearing" or math.isfinite(contact.far))
 
 
@@ -77,16 +93,26 @@ def estimate(cloud: Cloud, time: int) -> Estimate:
     """Return what a cloud says of its target at a time [s after start]."""
     share = weights.relative(cloud.log_weight)
     x, y, z = (share @ axis for axis in sphere.vector(cloud.lon, cloud.lat))
-    return Estimate(math.atan2(y, x), math.atan2(z, math.hypot(x, y)), float(share @ cloud.speed / share.sum()), time)
+    return Estimate(
+        math.atan2(y, x),
+        math.atan2(z, math.hypot(x, y)),
+        float(share @ cloud.speed / share.sum()),
+        time,
+    )
 
 
 class Filling:
     """How particles are placed anew at contacts, one after the other."""
 
     def __init__(
-        self, rule: Resampling, seed: int, changes: Sequence[float | tuple[float, float]], shore: DeviceCoast | None
+        self,
+        rule: Resampling,
+        seed: int,
+        changes: Sequence[float | tuple[float, float]],
+        shore: DeviceCoast | None,
     ) -> None:
-        """Make ready; changes: mean time between changes of course [s] by scenario, 0: none, or the least and longest between acts.
+        """Make ready; changes: mean time between changes of course [s] by scenario, 0: none, or the
+        least and longest between acts.
 
         shore: on whose land nothing is placed, None: anywhere.
         """
@@ -94,14 +120,20 @@ class Filling:
         self._last: Estimate | None = None  # at the contact before
 
     def anew(
-        self, contact: Contact, number: int, time: int, cloud: Cloud, contradicted: Array, layout: Layout
+        self,
+        contact: Contact,
+        number: int,
+        time: int,
+        cloud: Cloud,
+        contradicted: Array,
+        layout: Layout,
     ) -> Placed | None:
         """Return the particles to repopulate after a contact; None if there are none.
 
         Particles whose new position would be on land are not placed.
 
-        number: of the contact in the case; time: of it [s after start]; cloud: after it; contradicted: whom it leaves nothing,
-        bool (n,).
+        number: of the contact in the case; time: of it [s after start]; cloud: after it;
+        contradicted: whom it leaves nothing, bool (n,).
         """
         share, left = weights.relative(cloud.log_weight), ~contradicted
         scenarios = list(zip(layout.bounds[:-1], layout.bounds[1:], strict=True))
@@ -115,18 +147,30 @@ class Filling:
         return placed
 
     def _placed(
-        self, contact: Contact, number: int, time: int, cloud: Cloud, left: Array, scenarios: list[tuple[int, int]]
+        self,
+        contact: Contact,
+        number: int,
+        time: int,
+        cloud: Cloud,
+        left: Array,
+        scenarios: list[tuple[int, int]],
     ) -> Placed:
         log_weight, parts = np.array(cloud.log_weight, np.float64), []
         for scenario, (first, last) in enumerate(scenarios):
-            own, rng = cloud.log_weight[first:last], noise.generator(self._seed, Purpose.FILLING, number, (scenario, 0))
+            own, rng = (
+                cloud.log_weight[first:last],
+                noise.generator(self._seed, Purpose.FILLING, number, (scenario, 0)),
+            )
             out = np.flatnonzero(~left[first:last])
             lon, lat, wet = self._in_water(contact, out.size, rng)
             course, speed, need = self._motion(contact, time, lon, lat, rng)
             law = self._changes[scenario]
             change = time + _waits(law, out.size, rng)
             fresh = np.full(out.size, isinstance(law, tuple))
-            out, moving = out[wet], [values[wet] for values in (lon, lat, course, speed, change, fresh)]
+            out, moving = (
+                out[wet],
+                [values[wet] for values in (lon, lat, course, speed, change, fresh)],
+            )
             weight = np.where(left[first:last], weights.relative(own), 0.0)
             mean = weight.sum() / max(left[first:last].sum(), 1) or 1.0
             weight[out] = mean
@@ -141,13 +185,17 @@ class Filling:
                 with np.errstate(divide="ignore"):
                     log_weight[first:last] = np.log(weight / weight.sum()) + total
             parts.append((first + out, *moving))
-        slots, lon, lat, course, speed, change, fresh = (np.concatenate(column) for column in zip(*parts, strict=True))
+        slots, lon, lat, course, speed, change, fresh = (
+            np.concatenate(column) for column in zip(*parts, strict=True)
+        )
         return Placed(slots, lon, lat, course, speed, change, fresh, log_weight)
 
     def _motion(
         self, contact: Contact, time: int, lon: Array, lat: Array, rng: np.random.Generator
     ) -> tuple[Array, Array, Array | None]:
-        """Return courses, speeds, and those needed from the last estimate, if there is one from before."""
+        """Return courses, speeds, and those needed from the last estimate, if there is one from
+        before.
+        """
         high, n = self._rule.fastest, lon.size
         course, speed = rng.uniform(0, 2 * np.pi, n), rng.uniform(0, high, n)
         if contact.course_std > 0:
@@ -156,7 +204,8 @@ class Filling:
             speed = np.clip(contact.speed + contact.speed_std * rng.standard_normal(n), 0, high)
         straight = rng.random(n) < 0.5
         last = self._last
-        if last is None or time <= last.time:  # of two contacts at one time the first tells no speed
+        # of two contacts at one time the first tells no speed
+        if last is None or time <= last.time:
             return course % (2 * np.pi), speed, None
         need = sphere.distance(last.lon, last.lat, lon, lat) / (time - last.time)
         if self._rule.method != "position":
@@ -165,20 +214,30 @@ class Filling:
             speed = np.where(straight, np.minimum(need, high), speed)
         return course % (2 * np.pi), speed, need
 
-    def _in_water(self, contact: Contact, n: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        """Return places (lon, lat) [rad] where a contact may have been, (n,), and which of them are in water."""
+    def _in_water(
+        self, contact: Contact, n: int, rng: np.random.Generator
+    ) -> tuple[Array, Array, Array]:
+        """Return places (lon, lat) [rad] where a contact may have been, (n,), and which of them are
+        in water.
+        """
         lon, lat, wet = np.zeros(n), np.zeros(n), np.zeros(n, bool)
         for _ in range(TRIES):
             dry = np.flatnonzero(~wet)
             if not dry.size:
                 break
             lon[dry], lat[dry] = places(contact, dry.size, rng)
-            wet[dry] = True if self._shore is None else coast.wet(self._shore, *(_binary(x[dry]) for x in (lon, lat)))
+            wet[dry] = (
+                True
+                if self._shore is None
+                else coast.wet(self._shore, *(_binary(x[dry]) for x in (lon, lat)))
+            )
         return lon, lat, wet
 
 
 def _waits(law: float | tuple[float, float], n: int, rng: np.random.Generator) -> Array:
-    """Return times until courses change [s], int64 (n,): exponential about a mean, 0 of which is never, or alike between two times."""
+    """Return times until courses change [s], int64 (n,): exponential about a mean, 0 of which is
+    never, or alike between two times.
+    """
     if isinstance(law, tuple):
         return np.rint(rng.uniform(*law, n)).astype(np.int64)
     if law == 0:
@@ -191,14 +250,24 @@ def of_run(rule: Resampling, spec: EnsembleSpec, shore: DeviceCoast | None) -> F
     itineraries = [scenario.itinerary for scenario in spec.scenarios]
     changes = [
         phase.between if isinstance(phase, Acts) else phase.change
-        for own in itineraries if own for phase in own.phases if isinstance(phase, Course | Acts)
-    ]  # fmt: skip
+        for own in itineraries
+        if own
+        for phase in own.phases
+        if isinstance(phase, Course | Acts)
+    ]
     minds_land = any(own and own.land != "ignore" for own in itineraries)
     return Filling(rule, spec.seed, changes, shore if minds_land else None)
 
 
-def refused(rule: Resampling, scenarios: Sequence[Scenario], contacts: Sequence[Contact], start: np.datetime64) -> str:
-    """Return why particles cannot be placed anew at the contacts of a case, in a line; "": they can."""
+def refused(
+    rule: Resampling,
+    scenarios: Sequence[Scenario],
+    contacts: Sequence[Contact],
+    start: np.datetime64,
+) -> str:
+    """Return why particles cannot be placed anew at the contacts of a case, in a line; "": they
+    can.
+    """
     what = f'resampling: method "{rule.method}" places what keeps a course where a contact may have been'
     for scenario in scenarios:
         own = scenario.itinerary
@@ -239,11 +308,16 @@ def _binary(angle: Array) -> Array:
 
 
 def places(contact: Contact, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return places (lon, lat) [rad] where a contact may have been, (n,): alike in range between the ranges of a bearing."""
+    """Return places (lon, lat) [rad] where a contact may have been, (n,): alike in range between
+    the ranges of a bearing.
+    """
     if contact.kind == "position":
         which = rng.choice(len(contact.fixes), n, p=[fix.share for fix in contact.fixes])
         lon, lat = np.radians([(fix.lon, fix.lat) for fix in contact.fixes])[which].T
-        along, across = contact.major * rng.standard_normal(n), contact.minor * rng.standard_normal(n)
+        along, across = (
+            contact.major * rng.standard_normal(n),
+            contact.minor * rng.standard_normal(n),
+        )
         c, s = math.cos(contact.orientation), math.sin(contact.orientation)
         return sphere.destination(lon, lat, along * s + across * c, along * c - across * s)
     if contact.kind == "area":
@@ -259,10 +333,14 @@ def places(contact: Contact, n: int, rng: np.random.Generator) -> tuple[Array, A
 
 
 def _bearings(contact: Contact, n: int, rng: np.random.Generator) -> Array:
-    """Return bearings [rad] that a contact may have had; half of them the image's where the array cannot tell."""
+    """Return bearings [rad] that a contact may have had; half of them the image's where the array
+    cannot tell.
+    """
     bearing = np.full(n, contact.bearing)
     if contact.heard is not None and contact.heard.mirrored:
-        bearing = np.where(rng.random(n) < 0.5, bearing, contact_laws.image(contact.bearing, contact.heard.heading))
+        bearing = np.where(
+            rng.random(n) < 0.5, bearing, contact_laws.image(contact.bearing, contact.heard.heading)
+        )
     if contact.wedge > 0:
         return bearing + contact.wedge * (rng.random(n) - 0.5)
     return np.asarray(bearing + contact_laws.bearing_std(contact, bearing) * rng.standard_normal(n))
@@ -274,7 +352,9 @@ def _within(contact: Contact, n: int, rng: np.random.Generator) -> tuple[Array, 
     lon, lat, inside = np.zeros(n), np.zeros(n), np.zeros(n, bool)
     corners = np.radians(np.array(contact.area.ring))
     x, y = sphere.track(corners[:, 0], corners[:, 1], sensor_path.EDGE)  # great circles bulge
-    (west, east), (south, north) = ((float(edge.min()), float(edge.max())) for edge in (np.unwrap(x), y))
+    (west, east), (south, north) = (
+        (float(edge.min()), float(edge.max())) for edge in (np.unwrap(x), y)
+    )
     while not inside.all():
         out = np.flatnonzero(~inside)
         lon[out] = rng.uniform(west, east, out.size)

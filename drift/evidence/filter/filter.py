@@ -1,13 +1,15 @@
-"""The filter: what sorties that found nothing, contacts and sensors do to the weights of an ensemble.
+"""The filter: what sorties that found nothing, contacts and sensors do to the weights of an
+ensemble.
 
 It works while the ensemble moves.
 
-The clock of the forecast tells it of every step. A sortie's exposure grows as it is flown and changes weights when it
-ends; an output in between sees what it has done so far. Evidence is the mean weight after over that before. A sortie
-that does nothing changes no bit.
+The clock of the forecast tells it of every step. A sortie's exposure grows as it is flown and
+changes weights when it ends; an output in between sees what it has done so far. Evidence is the
+mean weight after over that before. A sortie that does nothing changes no bit.
 
-The ensemble may be a shard of a run. What it does to a particle it makes of that particle alone; what takes all of
-them it asks of its meeting (drift.evidence.filter.meeting), and what is told of an update is made elsewhere (drift.evidence.filter.account).
+The ensemble may be a shard of a run. What it does to a particle it makes of that particle alone;
+what takes all of them it asks of its meeting (drift.evidence.filter.meeting), and what is told of
+an update is made elsewhere (drift.evidence.filter.account).
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,7 +41,17 @@ from drift.evidence.filter.filling import Cloud, Filling
 from drift.evidence.filter.markers import Marker
 from drift.evidence.filter.meeting import Alone, Drawn, Meeting, Redrawing
 from drift.evidence.filter.observers import Observers
-from drift.evidence.filter.records import NO_SENSORS, Contact, Heard, Kind, Look, Resampling, Sensors, Sortie, Tone
+from drift.evidence.filter.records import (
+    NO_SENSORS,
+    Contact,
+    Heard,
+    Kind,
+    Look,
+    Resampling,
+    Sensors,
+    Sortie,
+    Tone,
+)
 from drift.evidence.filter.updates import Updates
 from drift.evidence.sensors import unknown
 from geo import sphere
@@ -68,8 +80,8 @@ class HostColumn:
 
 
 class SearchFilter:
-    """Sorties, contacts and sensors of one run, or of a shard of it; of a run in one piece `updates` tells afterwards what
-    each did."""
+    """Sorties, contacts and sensors of one run, or of a shard of it; of a run in one piece
+    `updates` tells afterwards what each did."""
 
     def __init__(
         self,
@@ -87,17 +99,20 @@ class SearchFilter:
     ) -> None:
         """Make ready for a run through a scene of an ensemble that has been drawn from `spec`.
 
-        noted: is told of each update as it takes effect. known: when it is known that nothing was reported, besides the times
-        of sorties, contacts and sensors. meeting: with the other shards of the run; None: this is all of it. resumed: whether the
-        particles' columns are still to come from elsewhere, and `resume` is to be called.
+        noted: is told of each update as it takes effect. known: when it is known that nothing was
+        reported, besides the times of sorties, contacts and sensors. meeting: with the other shards
+        of the run; None: this is all of it. resumed: whether the particles' columns are still to
+        come from elsewhere, and `resume` is to be called.
         """
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
         self._start = spec.period.epoch
         self._all = exposures(spec, sorties, scene)
         self._waiting = list(self._all)
-        self._factors = {flown.key: len(flown.factors) for flown in self._all}  # values that stand for each unknown
+        # values that stand for each unknown
+        self._factors = {flown.key: len(flown.factors) for flown in self._all}
         self._contacts = [
-            (spec.period.elapsed(contact.time), number, contact) for number, contact in enumerate(contacts)
+            (spec.period.elapsed(contact.time), number, contact)
+            for number, contact in enumerate(contacts)
         ]
         self._shared: dict[tuple[str, float], Device] = {}
         self._step: Step | None = None
@@ -110,15 +125,21 @@ class SearchFilter:
         self._begins = overdue.begins(spec)
         self._overdue = overdue.times(spec, [spec.period.elapsed(time) for time in heard])
         self._debris = debris.of_contacts(
-            spec, [(time, seen) for time, _, seen in self._contacts], scene, ensemble, resumed=resumed
+            spec,
+            [(time, seen) for time, _, seen in self._contacts],
+            scene,
+            ensemble,
+            resumed=resumed,
         )
         first = self.ensemble.log_weight.to_numpy()
-        # What no kernel needs: "unsearched", log weights (n,) by all that was seen, as if no sortie had been flown; "never",
-        # product over sorties of the share of time that a particle was not searched; "lineage", the particle of the begin
-        # from which each descends, and "ancestors", of those at the last output; without a column: itself.
+        # What no kernel needs: "unsearched", log weights (n,) by all that was seen, as if no sortie
+        # had been flown; "never", product over sorties of the share of time that a particle was not
+        # searched; "lineage", the particle of the begin from which each descends, and "ancestors",
+        # of those at the last output; without a column: itself.
         self._held = {"unsearched": HostColumn(first.astype(np.float64))}
         self._happened = False  # whether anything took effect in the present step
-        self._contradicted = np.zeros(0, bool)  # particles that the last contact leaves nothing (n,)
+        # particles that the last contact leaves nothing (n,)
+        self._contradicted = np.zeros(0, bool)
         self._filling: Filling | None = None
         if resampling.fills:
             self._filling = filling.of_run(resampling, spec, scene.place.coast)
@@ -134,9 +155,14 @@ class SearchFilter:
         flown = [partial(sortie.as_flown, start=self._start) for sortie in self._all]
         crossed, lines = None, self.watched
         if lines:
-            columns = {"log_weight": self.ensemble.log_weight.to_numpy(), **crossings.columns_of(lines)}
+            columns = {
+                "log_weight": self.ensemble.log_weight.to_numpy(),
+                **crossings.columns_of(lines),
+            }
             crossed = crossings.build_crossings(
-                self._spec, [seen.line for seen in lines], Columns.held(self.ensemble.blocks, columns)
+                self._spec,
+                [seen.line for seen in lines],
+                Columns.held(self.ensemble.blocks, columns),
             )
         return self._account.told(flown, crossed)
 
@@ -157,13 +183,21 @@ class SearchFilter:
 
     @property
     def columns(self) -> dict[str, Device]:
-        """All that a particle has, by names that `column` knows; those of several values have them one after another."""
+        """All that a particle has, by names that `column` knows; those of several values have them
+        one after another.
+        """
         found = {f"particle {name}": column for name, column in self.ensemble.columns.items()}
         for number, beside in enumerate(self._debris.values()):
-            found |= {f"debris {number} {name}": column for name, column in beside.ensemble.columns.items()}
+            found |= {
+                f"debris {number} {name}": column
+                for name, column in beside.ensemble.columns.items()
+            }
         for number, flown in enumerate(self._all):
             if flown.exposed is not None:
-                found |= {f"sortie {number} {name}": column for name, column in flown.exposed.columns.items()}
+                found |= {
+                    f"sortie {number} {name}": column
+                    for name, column in flown.exposed.columns.items()
+                }
         for key, column in self._shared.items():
             found[f"shared {self._groups.index(key)}"] = column
         return found | self._observers.columns | self._held
@@ -176,7 +210,11 @@ class SearchFilter:
         if kind == "debris":
             return list(self._debris.values())[int(which[0])].ensemble.columns[which[1]]
         if kind == "sortie":
-            return self._all[int(which[0])].ready(self.ensemble, self._scene.steering is not None).columns[which[1]]
+            return (
+                self._all[int(which[0])]
+                .ready(self.ensemble, self._scene.steering is not None)
+                .columns[which[1]]
+            )
         if kind == "shared":
             key = self._groups[int(which[0])]
             return self._shared.setdefault(key, runtime.empty(self.ensemble.n * self._factors[key]))
@@ -190,23 +228,33 @@ class SearchFilter:
         return list(self._factors)
 
     def resume(self, time: int) -> None:
-        """Go on from a time at which a step begins: sorties that were over by then are past [s after start]."""
+        """Go on from a time at which a step begins: sorties that were over by then are past [s
+        after start].
+        """
         self._waiting = [flown for flown in self._waiting if flown.end > time]
         self._observers.over_by(time)
 
     def stops(self, after: int, until: int, step: Step | None = None) -> list[int]:
-        """Return the times in (after, until] at which an update takes effect [s after start]; step: the step between the two."""
+        """Return the times in (after, until] at which an update takes effect [s after start]; step:
+        the step between the two.
+        """
         times = [flown.end for flown in self._waiting] + self._overdue
         times += [time for time, _, _ in self._contacts] + [time for time, _ in self._looks]
-        return sorted({t for t in times if after < t <= until} | self._observers.stops(after, until, step))
+        return sorted(
+            {t for t in times if after < t <= until} | self._observers.stops(after, until, step)
+        )
 
     def rests(self, step: Step) -> bool:
         """Return whether nothing looks on or takes effect in a step."""
         end = step.elapsed + step.duration
-        return not (self._looks_on(step.elapsed, end) or self.stops(max(step.elapsed, 0), end, step))
+        return not (
+            self._looks_on(step.elapsed, end) or self.stops(max(step.elapsed, 0), end, step)
+        )
 
     def before(self, elapsed: int, duration: int) -> bool:
-        """Take the markers of sorties over a step, for which the forcing is set; return whether any is flown in it."""
+        """Take the markers of sorties over a step, for which the forcing is set; return whether any
+        is flown in it.
+        """
         self._meeting.begin(elapsed, elapsed + duration)
         for flown in self._flown(elapsed + duration):
             flown.drift(self._scene.forcing, elapsed, duration)
@@ -215,8 +263,13 @@ class SearchFilter:
     def _looks_on(self, elapsed: int, end: int) -> bool:
         """Return whether something asks where the particles begin a step between two times."""
         debris = any(beside.last > elapsed for beside in self._debris.values())
-        moving = any(elapsed < when <= end and heard.asks_velocity(contact) for when, _, contact in self._contacts)
-        moving |= any(elapsed < when <= end and sight.by_speed(look.sensor) for when, look in self._looks)
+        moving = any(
+            elapsed < when <= end and heard.asks_velocity(contact)
+            for when, _, contact in self._contacts
+        )
+        moving |= any(
+            elapsed < when <= end and sight.by_speed(look.sensor) for when, look in self._looks
+        )
         return bool(self._flown(end)) or debris or moving or self._observers.looking(end)
 
     def moved(self, begin: Begin | None) -> None:
@@ -240,7 +293,9 @@ class SearchFilter:
     def _exposed(self, flown: Flown, until: int, keep: bool) -> Any:
         assert self._begin is not None
         assert self._step is not None
-        return flown.expose(self.ensemble, self._begin, self._scene.helm(self.ensemble), self._step, until, keep)
+        return flown.expose(
+            self.ensemble, self._begin, self._scene.helm(self.ensemble), self._step, until, keep
+        )
 
     def take_effect(self, time: int, place: PositionsAt) -> None:
         """Change weights by all that ends or is seen at a time.
@@ -267,7 +322,14 @@ class SearchFilter:
         if time in self._overdue:
             missing = overdue.log_likelihood(self._spec, time, self.ensemble)
             told = time in self._begins  # later only if that is news to any particle
-            self._tell(overdue.name(self._spec, time), "overdue", time, missing, positive=True, certain=told)
+            self._tell(
+                overdue.name(self._spec, time),
+                "overdue",
+                time,
+                missing,
+                positive=True,
+                certain=told,
+            )
         for seen in self._observers.over(time):
             likelihood = seen.likelihood(seen.ready(self.ensemble.n), over=True)
             assert likelihood is not None
@@ -277,7 +339,12 @@ class SearchFilter:
         """Place particles anew that a contact at the end of a step rules out, if it leaves too few."""
         e, own = self.ensemble, self.ensemble.columns
         lon, lat = (own[name].to_numpy() * sphere.UNIT for name in ("lon", "lat"))
-        cloud = Cloud(lon, lat, own["speed"].to_numpy().astype(np.float64), e.log_weight.to_numpy().astype(np.float64))
+        cloud = Cloud(
+            lon,
+            lat,
+            own["speed"].to_numpy().astype(np.float64),
+            e.log_weight.to_numpy().astype(np.float64),
+        )
         placed = how.anew(contact, number, time, cloud, self._contradicted, e.layout)
         if placed is None:
             return
@@ -290,12 +357,15 @@ class SearchFilter:
         new = placed.log_weight.astype(np.float32)
         e.log_weight.from_numpy(new)
         with np.errstate(invalid="ignore"):  # what finds no water has no weight before or after
-            unsearched = np.where(new > -np.inf, self._held["unsearched"].values + new - before, -np.inf)
+            unsearched = np.where(
+                new > -np.inf, self._held["unsearched"].values + new - before, -np.inf
+            )
         unsearched[placed.slots] = new[placed.slots]  # nothing was searched where they are
         self._held["unsearched"].values = unsearched
         for name, values in (("never", 1), ("lineage", placed.slots)):  # they descend from nobody
             if name in self._held:
-                self._held[name].values = self._held[name].values.copy()  # an output may hold the old ones
+                # an output may hold the old ones
+                self._held[name].values = self._held[name].values.copy()
                 self._held[name].values[placed.slots] = values
         self._meeting.account.filled(new, e.layout)
 
@@ -319,15 +389,22 @@ class SearchFilter:
         """Change weights because a sortie found nothing."""
         sortie, exposed = flown.sortie, self._exposed(flown, flown.end, keep=True)
         before = self.ensemble.log_weight.to_numpy()
-        flown.fail(self.ensemble, exposed, self._group(flown, self._shared), self.ensemble.log_weight)
+        flown.fail(
+            self.ensemble, exposed, self._group(flown, self._shared), self.ensemble.log_weight
+        )
         searched = flown.searched()
         never = self._held.setdefault("never", HostColumn(np.ones(self.ensemble.n, np.float32)))
         never.values = (never.values * (1 - searched)).astype(np.float32)
         there = np.isin(life.read_lives(self.ensemble).at(flown.end), STRANDED)
         self._note(
-            sortie.name, "sortie", sortie.end, before, self.ensemble.log_weight.to_numpy(),
-            {"searched": searched, "there": there}, middle=0.5 * (flown.begin + flown.end),
-        )  # fmt: skip
+            sortie.name,
+            "sortie",
+            sortie.end,
+            before,
+            self.ensemble.log_weight.to_numpy(),
+            {"searched": searched, "there": there},
+            middle=0.5 * (flown.begin + flown.end),
+        )
 
     def _see(self, contact: Contact, number: int, time: int, place: PositionsAt) -> None:
         """Change weights by a contact."""
@@ -338,7 +415,14 @@ class SearchFilter:
         lon, lat = place(who, its, begin, time)
         status, unit = life.read_lives(who).at(time), contact_laws.log_unit(contact)
         if contact.heard is not None:
-            self._hear(contact, contact.heard, number, time, self._targets(lon, lat, status, contact, time), unit)
+            self._hear(
+                contact,
+                contact.heard,
+                number,
+                time,
+                self._targets(lon, lat, status, contact, time),
+                unit,
+            )
             return
         likelihood = contact_laws.log_likelihood(contact, lon, lat)
         if contact.moves:
@@ -348,8 +432,12 @@ class SearchFilter:
         doubted, unit = self._doubted(contact, number, time, likelihood, likelihood, unit)
         self._tell(contact.name, "contact", time, doubted - unit, positive=True, unit=unit)
 
-    def _hear(self, contact: Contact, own: Heard, number: int, time: int, targets: Targets, unit: float) -> None:
-        """Change weights by a contact of a sensor of the case; unit: log of what its likelihood is about."""
+    def _hear(
+        self, contact: Contact, own: Heard, number: int, time: int, targets: Targets, unit: float
+    ) -> None:
+        """Change weights by a contact of a sensor of the case; unit: log of what its likelihood is
+        about.
+        """
         sent = self._sent(own.tone) if own.tone and own.tone.group else None
         said = heard.log_likelihood(contact, targets, sent)
         if contact.moves:
@@ -366,12 +454,16 @@ class SearchFilter:
         if sent is not None and own.tone:
             self._learn(own.tone, heard.learned(contact, targets, sent))
         said = said - unit
-        told = self._allowed(contact, sight.together(said, shared, chances) if many > 1 else said[0], 0.0)
+        told = self._allowed(
+            contact, sight.together(said, shared, chances) if many > 1 else said[0], 0.0
+        )
         self._tell(contact.name, "contact", time, told, positive=True, unit=unit)
         self._forget(key)
 
     def _allowed(self, contact: Contact, likelihood: Array, unit: float) -> Array:
-        """Return the log likelihoods of a contact (n,), with a floor above its `unit` where particles are placed anew at contacts."""
+        """Return the log likelihoods of a contact (n,), with a floor above its `unit` where
+        particles are placed anew at contacts.
+        """
         if self._filling is None or not filling.bounded(contact):
             return likelihood
         self._contradicted = likelihood - unit <= filling.FLOOR
@@ -380,7 +472,8 @@ class SearchFilter:
     def _doubted(
         self, contact: Contact, number: int, time: int, said: Array, likelihood: Array, unit: float
     ) -> tuple[Array, float]:
-        """Return the log likelihoods `said` of a contact that may be false, and the log of their unit.
+        """Return the log likelihoods `said` of a contact that may be false, and the log of their
+        unit.
 
         likelihood: the same if it is of the object, whatever the unknown, (n,).
         """
@@ -395,9 +488,13 @@ class SearchFilter:
         if unit == -np.inf:
             return np.zeros_like(said), 0.0
         with np.errstate(divide="ignore"):
-            return np.logaddexp(np.log(contact.belief) + said, np.log1p(-contact.belief) + unit), unit
+            return np.logaddexp(
+                np.log(contact.belief) + said, np.log1p(-contact.belief) + unit
+            ), unit
 
-    def _targets(self, lon: Array, lat: Array, status: Array, contact: Contact, time: int) -> Targets:
+    def _targets(
+        self, lon: Array, lat: Array, status: Array, contact: Contact, time: int
+    ) -> Targets:
         """Return the particles as a sensor of the case asks for them."""
         still = np.zeros(lon.shape)
         east, north = self._velocity(time) if heard.asks_velocity(contact) else (still, still)
@@ -410,7 +507,9 @@ class SearchFilter:
         return self._scene.velocity(self.ensemble, self._begin, self._step, time)
 
     def _sent(self, tone: Tone) -> Sent:
-        """Return what is known of the frequency that each particle sends, by all contacts of a group so far."""
+        """Return what is known of the frequency that each particle sends, by all contacts of a
+        group so far.
+        """
         first = heard.at_first(tone, self.ensemble.n)
         held = (
             self._held.setdefault(name, HostColumn(values))
@@ -428,7 +527,13 @@ class SearchFilter:
         lon, lat = place(self.ensemble, self._scene, None, time)
         status = life.read_lives(self.ensemble).at(time)
         if look.sensor is None:
-            self._tell(look.name, "look", time, looks.log_likelihood(look, lon, lat, on_map(status)), look.positive)
+            self._tell(
+                look.name,
+                "look",
+                time,
+                looks.log_likelihood(look, lon, lat, on_map(status)),
+                look.positive,
+            )
             return
         still = np.zeros(lon.shape)
         east, north = self._velocity(time) if sight.by_speed(look.sensor) else (still, still)
@@ -453,23 +558,40 @@ class SearchFilter:
         unit: float = 0.0,
         certain: bool = True,
     ) -> None:
-        """Change weights by the log likelihood (n,) of what was told at a time; positive: of something that was seen.
+        """Change weights by the log likelihood (n,) of what was told at a time; positive: of
+        something that was seen.
 
-        unit: log of what the likelihood is in units of; certain: whether it is told even if it says nothing new.
+        unit: log of what the likelihood is in units of; certain: whether it is told even if it says
+        nothing new.
         """
         if positive:
             self._held["unsearched"].values = self._held["unsearched"].values + likelihood
         before = self.ensemble.log_weight.to_numpy()
         after = before + likelihood
         self.ensemble.log_weight.from_numpy(after.astype(np.float32))
-        self._note(name, kind, self._spec.period.time(time), before, after, {}, unit=unit, certain=certain)
+        self._note(
+            name, kind, self._spec.period.time(time), before, after, {}, unit=unit, certain=certain
+        )
 
     def _note(
-        self, name: str, kind: Kind, time: np.datetime64, before: Array, after: Array,
-        more: Mapping[str, Array], *, unit: float = 0.0, middle: float = 0.0, certain: bool = True,
-    ) -> None:  # fmt: skip
+        self,
+        name: str,
+        kind: Kind,
+        time: np.datetime64,
+        before: Array,
+        after: Array,
+        more: Mapping[str, Array],
+        *,
+        unit: float = 0.0,
+        middle: float = 0.0,
+        certain: bool = True,
+    ) -> None:
         """Hand an update over, with the log weights (n,) before and after it."""
-        held = {key: self._held[key].values for key in list[str](("lineage", "never")) if key in self._held}
+        held = {
+            key: self._held[key].values
+            for key in list[str](("lineage", "never"))
+            if key in self._held
+        }
         own = {"before": before, "after": after, "release": self.ensemble.release.to_numpy()}
         columns = Columns.held(self.ensemble.blocks, {**own, **held, **more})
         self._meeting.take(Event(name, kind, time, columns, unit, middle, certain))
@@ -486,9 +608,16 @@ class SearchFilter:
             return only if said is None else (only + said).astype(np.float32)
         weight = runtime.copy(self.ensemble.log_weight)
         groups = {flown.key for flown in under_way}
-        shared = {key: runtime.copy(column) for key, column in self._shared.items() if key in groups}
+        shared = {
+            key: runtime.copy(column) for key, column in self._shared.items() if key in groups
+        }
         for flown in under_way:
-            flown.fail(self.ensemble, self._exposed(flown, time, keep=False), self._group(flown, shared), weight)
+            flown.fail(
+                self.ensemble,
+                self._exposed(flown, time, keep=False),
+                self._group(flown, shared),
+                weight,
+            )
         failed = np.asarray(weight.to_numpy())
         return failed if said is None else (failed + said).astype(np.float32)
 
@@ -501,7 +630,8 @@ class SearchFilter:
     def after(self, until: int) -> None:
         """Resample at the end of a step, if the effective particles are fewer than asked for.
 
-        Particles that are guided toward a find wait for it: their weights go by the noise that they are still to meet.
+        Particles that are guided toward a find wait for it: their weights go by the noise that they
+        are still to meet.
         """
         if self._scene.guided is not None and until < self._scene.guided.until:
             return
@@ -512,7 +642,9 @@ class SearchFilter:
         if drawn is not None:
             self.redraw(drawn, until)
             assert isinstance(self._meeting, Alone)
-            self._meeting.drawn(drawn.log_weight, self._held["lineage"].values, self.ensemble.layout)
+            self._meeting.drawn(
+                drawn.log_weight, self._held["lineage"].values, self.ensemble.layout
+            )
 
     def redraw(self, drawn: Drawn, until: int) -> None:
         """Draw all particles of a run anew at a time [s after start]."""
@@ -529,7 +661,9 @@ class SearchFilter:
         for name in ("lineage", "ancestors"):
             self._held.setdefault(name, HostColumn(drawn.ancestors.astype(np.int32)))
         e.log_weight.from_numpy(drawn.log_weight)
-        e.status.from_numpy(np.where(drawn.spare, int(Status.LEFT), e.status.to_numpy()).astype(np.int32))
+        e.status.from_numpy(
+            np.where(drawn.spare, int(Status.LEFT), e.status.to_numpy()).astype(np.int32)
+        )
         for which in every:
             which.layout = drawn.layout
             self._wait_anew(which, until)
@@ -537,14 +671,16 @@ class SearchFilter:
     def _wait_anew(self, which: Ensemble, time: int) -> None:
         """Let the waits of particles ashore begin at a time, where they refloat.
 
-        A wait is drawn for slot and landing. It has no memory, so that copies may begin theirs anew.
+        A wait is drawn for slot and landing. It has no memory, so that copies may begin theirs
+        anew.
         """
         if self._scene.place.beach.stay > 0:
             ashore, since = which.status.to_numpy() == Status.ASHORE, which.status_since.to_numpy()
             which.status_since.from_numpy(np.where(ashore, time, since).astype(np.int32))
 
     def ancestors(self) -> Array | None:
-        """Return whose offspring the particles are, slots of the whole run (n,), since it was last asked.
+        """Return whose offspring the particles are, slots of the whole run (n,), since it was last
+        asked.
 
         Return None if they are themselves.
         """
@@ -567,7 +703,9 @@ class SearchFilter:
 
 
 def _tone_names(tone: Tone) -> tuple[str, str]:
-    """Return the names of the columns of what is known of a frequency; a name of a column has no blanks."""
+    """Return the names of the columns of what is known of a frequency; a name of a column has no
+    blanks.
+    """
     group = tone.group.replace(" ", "_")
     return f"precision:{group}", f"turned:{group}"
 

@@ -1,8 +1,9 @@
 """Datum markers: where a pattern that drifts with the water has got to.
 
-A marker whose track is not known drifts with the water from the pattern's datum on, in the scenario's own forcing and
-without errors, and in each member by itself where that is an ensemble: by Runge-Kutta steps on the host, one for each step of the run,
-in three dimensions, so that a pole is a place like others.
+A marker whose track is not known drifts with the water from the pattern's datum on, in the
+scenario's own forcing and without errors, and in each member by itself where that is an ensemble:
+by Runge-Kutta steps on the host, one for each step of the run, in three dimensions, so that a pole
+is a place like others.
 """
 
 import math
@@ -15,7 +16,9 @@ from geo import sphere
 from geo.array import Array
 from geo.polyline import Legs
 
-NODE = 60.0  # [s] at most between places that are kept, and joined by straight lines in lon and lat: 0.2 m off in a strong tide, 12 m in the minute of passing 20 m from a pole
+# [s] at most between places that are kept, and joined by straight lines in lon and lat: 0.2 m off
+# in a strong tide, 12 m in the minute of passing 20 m from a pole
+NODE = 60.0
 
 
 @dataclass
@@ -33,7 +36,9 @@ class Marker:
     def where(self, time: Array) -> tuple[Array, Array]:
         """Return (lon, lat) [rad] at times [s after the run's start]."""
         if not self._time:
-            return np.full(time.shape, np.radians(self.lon)), np.full(time.shape, np.radians(self.lat))
+            return np.full(time.shape, np.radians(self.lon)), np.full(
+                time.shape, np.radians(self.lat)
+            )
         lon, lat = np.array(self._place).T
         return np.interp(time, self._time, lon), np.interp(time, self._time, lat)
 
@@ -68,22 +73,30 @@ class Marker:
         k3 = self._rate(forcing, place + 0.5 * dt * k2, middle)
         k4 = self._rate(forcing, place + dt * k3, last)
         there = place + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        # Inside the step it is on Hermite's cubic, as particles are: the chord of an hour may be half a kilometre off.
+        # Inside the step it is on Hermite's cubic, as particles are: the chord of an hour may be
+        # half a kilometre off.
         nodes = max(math.ceil(dt / NODE), 1)
         u = (np.arange(nodes) + 1)[:, None] / nodes
         way = (1 + 2 * u) * (1 - u) ** 2 * place + u**2 * (3 - 2 * u) * there
         way += dt * u * (1 - u) * ((1 - u) * k1 - u * self._rate(forcing, there, last))
-        lon, lat = np.arctan2(way[:, 1], way[:, 0]), np.arctan2(way[:, 2], np.hypot(way[:, 0], way[:, 1]))
+        lon, lat = (
+            np.arctan2(way[:, 1], way[:, 0]),
+            np.arctan2(way[:, 2], np.hypot(way[:, 0], way[:, 1])),
+        )
         lon = np.unwrap([self._place[-1][0], *lon])[1:]
         self._time += np.linspace(begin, end, nodes + 1)[1:].tolist()
         self._place += list(np.column_stack([lon, lat]))
 
     def _rate(self, forcing: Forcing, place: Array, share: float) -> Array:
-        """Return the change [1/s] of a place (a vector as long as the Earth's radius is 1) in the current.
+        """Return the change [1/s] of a place (a vector as long as the Earth's radius is 1) in the
+        current.
 
         It is 0 where there is no forcing: there the marker stays.
         """
-        lon, lat = np.arctan2(place[1], place[0]), np.arctan2(place[2], np.hypot(place[0], place[1]))
+        lon, lat = (
+            np.arctan2(place[1], place[0]),
+            np.arctan2(place[2], np.hypot(place[0], place[1])),
+        )
         tiles = forcing.ranges[self.scenario]["current"]
         several = forcing.members(self.scenario, "current") if self.member is None else 1
         every = np.arange(several, dtype=np.int32) + (self.member or 0)
@@ -117,4 +130,6 @@ class Tracked:
 
 def tracked(track: Legs, start: int) -> Tracked:
     """Return the marker of a known track; start: of the run [s since 1970]."""
-    return Tracked(np.array(track.time) - start, np.unwrap(np.radians(track.lon)), np.radians(track.lat))
+    return Tracked(
+        np.array(track.time) - start, np.unwrap(np.radians(track.lon)), np.radians(track.lat)
+    )

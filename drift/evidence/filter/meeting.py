@@ -1,7 +1,8 @@
 """Where all particles of a run meet: what the filter asks of them together.
 
-That is how likely a doubtful contact is, and whether so few of them count that they are drawn anew. A run in one piece
-has its particles here (`Alone`); a shard of a run stops where it has to ask (drift.pipeline.shards.stretch).
+That is how likely a doubtful contact is, and whether so few of them count that they are drawn anew.
+A run in one piece has its particles here (`Alone`); a shard of a run stops where it has to ask
+(drift.pipeline.shards.stretch).
 """
 
 from typing import NamedTuple, Protocol
@@ -35,14 +36,21 @@ class Meeting(Protocol):
         """Take down what took effect."""
 
     def mean(self, contact: int, before: Weighed, after: Weighed) -> float:
-        """Return the log of the mean likelihood of a contact, by the weights before and after it that are here."""
+        """Return the log of the mean likelihood of a contact, by the weights before and after it
+        that are here.
+        """
 
     def anew(self, log_weight: Array, layout: Layout) -> Drawn | None:
-        """Return the particles drawn anew at the end of a step in which something took effect; None: they need not be."""
+        """Return the particles drawn anew at the end of a step in which something took effect;
+
+        None: they need not be.
+        """
 
 
 def log_mean(before: Weighed, after: Weighed) -> float:
-    """Return the log of the mean likelihood by all weights before and after it; -inf: it is impossible."""
+    """Return the log of the mean likelihood by all weights before and after it; -inf: it is
+    impossible.
+    """
     return after.log_sum - before.log_sum
 
 
@@ -54,20 +62,34 @@ class Redrawing:
         self._seed, self._rule, self.target = seed, rule, target
 
     def anew(self, log_weight: Array, layout: Layout, events: int) -> Drawn | None:
-        """Return the particles drawn anew by their log weights (n,) after so many events; None: they need not be."""
+        """Return the particles drawn anew by their log weights (n,) after so many events;
+
+        None: they need not be.
+        """
         scenarios = list(zip(layout.bounds[:-1], layout.bounds[1:], strict=True))
         left = self._left(log_weight, layout)
         if left >= self._rule.below * sum(self.target) or self.lost(log_weight, layout):
             return None
         seeds = self._seed, events
         if self._rule.across:
-            ancestors, new, bounds = resample.across(log_weight, scenarios, layout.bounds[-1], seeds)
-            return Drawn(ancestors, new, np.zeros(len(new), bool), Layout(bounds, bounds[:-1], layout.block))
-        return Drawn(*resample.offspring(log_weight, scenarios, self.target, self._rule.method, seeds), layout)
+            ancestors, new, bounds = resample.across(
+                log_weight, scenarios, layout.bounds[-1], seeds
+            )
+            return Drawn(
+                ancestors, new, np.zeros(len(new), bool), Layout(bounds, bounds[:-1], layout.block)
+            )
+        return Drawn(
+            *resample.offspring(log_weight, scenarios, self.target, self._rule.method, seeds),
+            layout,
+        )
 
     def lost(self, log_weight: Array, layout: Layout) -> bool:
-        """Return whether so few particles are left that the track is lost: nothing is made of them until a contact is."""
-        return self._rule.fills and self._left(log_weight, layout) < self._rule.bulk * sum(self.target)
+        """Return whether so few particles are left that the track is lost: nothing is made of them
+        until a contact is.
+        """
+        return self._rule.fills and self._left(log_weight, layout) < self._rule.bulk * sum(
+            self.target
+        )
 
     def _left(self, log_weight: Array, layout: Layout) -> float:
         """Return how many particles count, as the method counts them."""
@@ -75,7 +97,11 @@ class Redrawing:
             return weights.weighed(log_weight, layout.blocks).ess
         weight = weights.relative(log_weight)
         scenarios = zip(layout.bounds[:-1], layout.bounds[1:], strict=True)
-        return sum(float(resample.survivors(weight[first:last]).sum()) for first, last in scenarios if last > first)
+        return sum(
+            float(resample.survivors(weight[first:last]).sum())
+            for first, last in scenarios
+            if last > first
+        )
 
 
 class Alone:

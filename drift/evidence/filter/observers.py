@@ -1,8 +1,8 @@
 """Sensors that look on over a time: fields, barriers, and lines whose first crossing is told.
 
-While the ensemble moves, each keeps for every particle the probability that things have stayed as they were: that the
-field or the line has not been touched, or that the field has not been left. Steps are cut where something else asks
-where the particles are, for their ways are tied down there.
+While the ensemble moves, each keeps for every particle the probability that things have stayed as
+they were: that the field or the line has not been touched, or that the field has not been left.
+Steps are cut where something else asks where the particles are, for their ways are tied down there.
 """
 
 import math
@@ -45,20 +45,24 @@ class Observer:
     shape: Shape
     besides: int = observe.WHETHER
     report: tuple[float, float] = (0.0, 1.0)  # time [s] and error [s]
-    columns: list[Device] = field(default_factory=list)  # see kernels.evidence.observe.observe_along: stayed, told
+    # see kernels.evidence.observe.observe_along: stayed, told
+    columns: list[Device] = field(default_factory=list)
 
     def ready(self, n: int) -> list[Device]:
         """Return its columns of n particles, which it has from when it begins."""
         if not self.columns:
-            told = np.full(n if self.besides else 1, -1.0 if self.besides == observe.WHEN else 0.0, np.float32)
+            told = np.full(
+                n if self.besides else 1, -1.0 if self.besides == observe.WHEN else 0.0, np.float32
+            )
             self.columns = [runtime.empty(n), runtime.upload(told)]
         return self.columns
 
     def likelihood(self, columns: list[Device], over: bool) -> Array | None:
-        """Return the log likelihood of what it says, float64 (n,); None where it has said nothing yet.
+        """Return the log likelihood of what it says, float64 (n,); None where it has said nothing
+        yet.
 
-        over: whether it is over. Until then what has always been so is known: that a field or barrier says nothing, or that
-        a field says that the object is still in it.
+        over: whether it is over. Until then what has always been so is known: that a field or
+        barrier says nothing, or that a field says that the object is still in it.
         """
         stayed = columns[0].to_numpy().astype(np.float64)
         if isinstance(self.what, Presence):
@@ -66,7 +70,9 @@ class Observer:
             if self.what.present == "sometime" and not over:
                 return None
             chance = np.exp(stayed) if throughout else -np.expm1(stayed)
-            return looks.said(chance, self.what.present != "never", self.what.detection, self.what.false_alarms)
+            return looks.said(
+                chance, self.what.present != "never", self.what.detection, self.what.false_alarms
+            )
         if isinstance(self.what, Line):
             return None
         missed = 1 + self.what.detection * np.expm1(stayed)
@@ -93,7 +99,9 @@ class Observer:
 class Observers:
     """All sensors of a run that look on over a time."""
 
-    def __init__(self, spec: EnsembleSpec, sensors: Sensors, ensemble: Ensemble, scene: Scene) -> None:
+    def __init__(
+        self, spec: EnsembleSpec, sensors: Sensors, ensemble: Ensemble, scene: Scene
+    ) -> None:
         """Make ready for a run of an ensemble that has been drawn from `spec`, through a scene."""
         self._spec, self._ensemble, self._scene = spec, ensemble, scene
         looking: list[Presence | Barrier] = [*sensors.presences, *sensors.barriers]
@@ -102,7 +110,8 @@ class Observers:
         self._all = (*self._waiting, *self.lines)
         self._step: Step | None = None
         self._begin: Begin | None = None
-        self._known: tuple[int, Places] | None = None  # when in the step, and where, its particles are known to be last
+        # when in the step, and where, its particles are known to be last
+        self._known: tuple[int, Places] | None = None
         self._cuts = 0  # parts of the step so far
 
     @property
@@ -134,9 +143,11 @@ class Observers:
         return found
 
     def stops(self, after: int, until: int, step: Step | None = None) -> set[int]:
-        """Return the times in (after, until] at which one of them begins or is over [s after start].
+        """Return the times in (after, until] at which one of them begins or is over [s after
+        start].
 
-        step: that reaches from one to the other; between its straight pieces ways are tied down where one looks on.
+        step: that reaches from one to the other; between its straight pieces ways are tied down
+        where one looks on.
         """
         times = {time for seen in self._waiting for time in (seen.begin, seen.end)}
         if step is not None and self.looking(until):
@@ -163,7 +174,9 @@ class Observers:
         return runtime.copy(self._ensemble.lon), runtime.copy(self._ensemble.lat)
 
     def cut(self, time: int, place: PositionsAt) -> None:
-        """See what has happened until a time at which it is asked where particles are: from there their ways go on."""
+        """See what has happened until a time at which it is asked where particles are: from there
+        their ways go on.
+        """
         if self._known is None or time <= self._known[0]:
             return
         lon, lat = place(self._ensemble, self._scene, None, time)
@@ -175,24 +188,40 @@ class Observers:
         """See what happens until the end of the step that has just been made."""
         if self._known is not None and until > self._known[0]:
             places = self._ensemble.lon, self._ensemble.lat
-            self._see(until, places, [(seen, seen.ready(self._ensemble.n)) for seen in self._open(until)])
+            self._see(
+                until, places, [(seen, seen.ready(self._ensemble.n)) for seen in self._open(until)]
+            )
         self._known = None
 
     def _open(self, until: int) -> list[Observer]:
         """Return those that look on from when places were last known until a time."""
         assert self._known is not None
-        return [seen for seen in (*self._waiting, *self.lines) if seen.begin <= self._known[0] and until <= seen.end]
+        return [
+            seen
+            for seen in (*self._waiting, *self.lines)
+            if seen.begin <= self._known[0] and until <= seen.end
+        ]
 
     def _see(self, until: int, places: Places, every: list[tuple[Observer, list[Device]]]) -> None:
         assert self._step is not None
         assert self._known is not None
         since, before = self._known
         window = Window(self._step.number, self._cuts, since, until - since)
-        k = math.sqrt(2 * self._spec.errors.diffusivity)  # what drifts walks about its way as its diffusivity has it
+        # what drifts walks about its way as its diffusivity has it
+        k = math.sqrt(2 * self._spec.errors.diffusivity)
         for paths in self._paths(before, places, window):
             for seen, columns in every:
                 observe.observe_along(
-                    self._ensemble, paths, before, places, window, k, seen.shape, seen.besides, seen.report, *columns
+                    self._ensemble,
+                    paths,
+                    before,
+                    places,
+                    window,
+                    k,
+                    seen.shape,
+                    seen.besides,
+                    seen.report,
+                    *columns,
                 )
 
     def _paths(self, before: Places, after: Places, window: Window) -> Iterator[Paths]:
@@ -203,18 +232,27 @@ class Observers:
             steered = helm.paths(self._begin.helm, self._step, range(len(scenarios)))
             if steered:
                 yield steered
-        drifts = e.batch([number for number, own in enumerate(scenarios) if own.model in own.models])
+        drifts = e.batch(
+            [number for number, own in enumerate(scenarios) if own.model in own.models]
+        )
         if drifts.last > drifts.first:  # where all steer, its kernel need not be compiled
             begun = self._adrift_from(window.since, before)
-            yield pieces.straight(e, drifts, begun, after, window.since, window.lasting, window.step)
+            yield pieces.straight(
+                e, drifts, begun, after, window.since, window.lasting, window.step
+            )
 
     def _adrift_from(self, since: int, places: Places) -> Places:
-        """Return where each particle's drift begins: where it was, or where it went adrift since [s]."""
+        """Return where each particle's drift begins: where it was, or where it went adrift since
+        [s].
+        """
         if self._begin is None or self._begin.helm is None:
             return places
         later = self._ensemble.release.to_numpy() > since
         began = self._begin.lon, self._begin.lat
-        lon, lat = (np.where(later, new.to_numpy(), old.to_numpy()) for new, old in zip(began, places, strict=True))
+        lon, lat = (
+            np.where(later, new.to_numpy(), old.to_numpy())
+            for new, old in zip(began, places, strict=True)
+        )
         return runtime.upload(lon), runtime.upload(lat)
 
     def over(self, time: int) -> list[Observer]:
@@ -224,7 +262,8 @@ class Observers:
         return over
 
     def so_far(self, time: int) -> Array | None:
-        """Return the log likelihood (n,) of what those that are not over have said until a time; None: nothing.
+        """Return the log likelihood (n,) of what those that are not over have said until a time;
+        None: nothing.
 
         At a time within a step it is what they have said until they last saw where particles are.
         """
@@ -233,7 +272,12 @@ class Observers:
         at_end = self._step is not None and time == self._step.elapsed + self._step.duration
         for seen in looking:
             columns = seen.columns
-            if at_end and self._known is not None and time > self._known[0] and seen in self._open(time):
+            if (
+                at_end
+                and self._known is not None
+                and time > self._known[0]
+                and seen in self._open(time)
+            ):
                 columns = [runtime.copy(column) for column in seen.ready(self._ensemble.n)]
                 self._see(time, (self._ensemble.lon, self._ensemble.lat), [(seen, columns)])
             likelihood = seen.likelihood(columns, over=False) if columns else None
@@ -248,7 +292,9 @@ def observer(what: Presence | Barrier | Line, spec: EnsembleSpec) -> Observer:
         return Observer(what, 0, FOR_EVER, sensor_shape.of_line(what.points), observe.WHEN)
     begin, end = spec.period.elapsed(what.start), spec.period.elapsed(what.end)
     if isinstance(what, Presence):
-        return Observer(what, begin, end, sensor_shape.of_field(what.field, stays=what.present == "throughout"))
+        return Observer(
+            what, begin, end, sensor_shape.of_field(what.field, stays=what.present == "throughout")
+        )
     shape = sensor_shape.of_line(what.points)
     if what.reported is None:
         return Observer(what, begin, end, shape)

@@ -2,8 +2,9 @@
 
 They follow the IAMSAR Manual, Vol. II, chapter 5.
 
-Points are laid out in the tangent plane of the pattern's centre or datum and wrapped onto the sphere along great
-circles; legs between them are great circles. Legs have constant speed; turns take no time.
+Points are laid out in the tangent plane of the pattern's centre or datum and wrapped onto the
+sphere along great circles; legs between them are great circles. Legs have constant speed; turns
+take no time.
 """
 
 import math
@@ -56,7 +57,9 @@ def square_metres(area: Area) -> float:
     """Return the area [m2] that great circles enclose on the sphere."""
     import pyproj  # imported here, since most cases search nothing and the import takes 0.1 s
 
-    size, _ = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS).polygon_area_perimeter(area.lon, area.lat)
+    size, _ = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS).polygon_area_perimeter(
+        area.lon, area.lat
+    )
     return float(abs(size))
 
 
@@ -72,11 +75,11 @@ def parallel(
 ) -> Pattern:
     """Return a parallel sweep (PS): legs along the length, which creep across it.
 
-    There are as many legs as fit the width, n = max(1, floor(width / spacing + 1/2)). They lie exactly one spacing
-    apart and centred in it, so that the outer ones lie half a spacing inside where the width is a whole number of
-    spacings. Legs end half a spacing inside too, and the cross legs between them are searched.
-    corner: (along, across), each -1 or 1, of the rectangle, nearest to which the search commences; (-1, -1) is astern
-    and to the left of the orientation.
+    There are as many legs as fit the width, n = max(1, floor(width / spacing + 1/2)). They lie
+    exactly one spacing apart and centred in it, so that the outer ones lie half a spacing inside
+    where the width is a whole number of spacings. Legs end half a spacing inside too, and the cross
+    legs between them are searched. corner: (along, across), each -1 or 1, of the rectangle, nearest
+    to which the search commences; (-1, -1) is astern and to the left of the orientation.
     """
     number = leg_count(width, spacing)
     if number > MOST_LEGS:
@@ -85,10 +88,14 @@ def parallel(
         )
     half = max(length - spacing, 0.0) / 2
     if half == 0:
-        raise ValueError(f"spacing {spacing:g} m leaves legs of a length of {length:g} m none; make it smaller")
+        raise ValueError(
+            f"spacing {spacing:g} m leaves legs of a length of {length:g} m none; make it smaller"
+        )
     across = (np.arange(number) - (number - 1) / 2) * spacing * -corner[1]
     ends = np.where(np.arange(number) % 2 == 0, half, -half) * corner[0]
-    points = points_along(centre, orientation, np.column_stack([ends, -ends]).ravel(), np.repeat(across, 2))
+    points = points_along(
+        centre, orientation, np.column_stack([ends, -ends]).ravel(), np.repeat(across, 2)
+    )
     return Pattern(fly(*points, start, speed), rectangle(centre, length, width, orientation))
 
 
@@ -102,10 +109,15 @@ def creeping(
     speed: float,
     corner: tuple[int, int] = (-1, -1),
 ) -> Pattern:
-    """Return a creeping line search (CS): legs across the length, which creep along it; see `parallel`."""
-    # A quarter turn to the right: what was to the right is now ahead, and what was ahead is to the left.
+    """Return a creeping line search (CS): legs across the length, which creep along it; see
+    `parallel`.
+    """
+    # A quarter turn to the right: what was to the right is now ahead, and what was ahead is to the
+    # left.
     turned = (corner[1], -corner[0])
-    swept = parallel(centre, width, length, orientation + math.pi / 2, spacing, start, speed, turned)
+    swept = parallel(
+        centre, width, length, orientation + math.pi / 2, spacing, start, speed, turned
+    )
     return Pattern(swept.legs, rectangle(centre, length, width, orientation))
 
 
@@ -114,7 +126,9 @@ def leg_count(width: float, spacing: float) -> int:
     return max(1, math.floor(width / spacing + 0.5))
 
 
-def square(datum: LonLat, spacing: float, orientation: float, legs: int, start: float, speed: float) -> Pattern:
+def square(
+    datum: LonLat, spacing: float, orientation: float, legs: int, start: float, speed: float
+) -> Pattern:
     """Return an expanding square search (SS) from the datum.
 
     Its legs are S, S, 2 S, 2 S, 3 S, ... long, with turns of 90 deg to starboard.
@@ -129,8 +143,12 @@ def square(datum: LonLat, spacing: float, orientation: float, legs: int, start: 
     swept = shapely.LineString(np.column_stack([along, across])).buffer(
         0.5001 * spacing, cap_style="square", join_style="mitre"
     )
-    outline = points_along(datum, orientation, *np.array(swept.exterior.simplify(1e-3 * spacing).coords)[:-1].T)
-    return Pattern(fly(*points_along(datum, orientation, along, across), start, speed), _area(*outline))
+    outline = points_along(
+        datum, orientation, *np.array(swept.exterior.simplify(1e-3 * spacing).coords)[:-1].T
+    )
+    return Pattern(
+        fly(*points_along(datum, orientation, along, across), start, speed), _area(*outline)
+    )
 
 
 def square_legs(spacing: float, distance: float) -> int:
@@ -142,12 +160,14 @@ def square_legs(spacing: float, distance: float) -> int:
     return number
 
 
-def sector(datum: LonLat, radius: float, sectors: int, orientation: float, start: float, speed: float) -> Pattern:
+def sector(
+    datum: LonLat, radius: float, sectors: int, orientation: float, start: float, speed: float
+) -> Pattern:
     """Return a sector search (VS) of 1 to 6 sectors through the datum.
 
-    A sector is an equilateral triangle: out along a radius, across by a chord and back, all turns 120 deg to starboard,
-    then straight on over the datum into the next. Three sectors are a search; the fourth to sixth are a second one,
-    turned by 30 deg.
+    A sector is an equilateral triangle: out along a radius, across by a chord and back, all turns
+    120 deg to starboard, then straight on over the datum into the next. Three sectors are a search;
+    the fourth to sixth are a second one, turned by 30 deg.
     """
     along, across = [0.0], [0.0]
     for number in range(sectors):
@@ -159,11 +179,17 @@ def sector(datum: LonLat, radius: float, sectors: int, orientation: float, start
         across.append(0.0)
     turn = np.arange(ROUND) * (2 * math.pi / ROUND)
     outline = points_along(datum, orientation, radius * np.cos(turn), radius * np.sin(turn))
-    return Pattern(fly(*points_along(datum, orientation, along, across), start, speed), _area(*outline))
+    return Pattern(
+        fly(*points_along(datum, orientation, along, across), start, speed), _area(*outline)
+    )
 
 
-def trackline(waypoints: list[LonLat], offset: float, back: bool, start: float, speed: float) -> Pattern:
-    """Return a trackline search (TS): along a route `offset` [m] to its right, and `back` on its other side."""
+def trackline(
+    waypoints: list[LonLat], offset: float, back: bool, start: float, speed: float
+) -> Pattern:
+    """Return a trackline search (TS): along a route `offset` [m] to its right, and `back` on its
+    other side.
+    """
     lon, lat = _beside(waypoints, offset)
     if back:
         home = _beside(waypoints[::-1], offset)
@@ -179,8 +205,10 @@ def _beside(route: list[LonLat], offset: float) -> tuple[Array, Array]:
     lon, lat = np.radians(np.array(route)).T
     if offset == 0:
         return np.degrees(lon), np.degrees(lat)
-    out = np.arctan2(*sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:]))  # course at the beginning of each leg
-    into = np.arctan2(*sphere.offset(lon[1:], lat[1:], lon[:-1], lat[:-1])) + math.pi  # course at the end of each leg
+    # course at the beginning of each leg
+    out = np.arctan2(*sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:]))
+    # course at the end of each leg
+    into = np.arctan2(*sphere.offset(lon[1:], lat[1:], lon[:-1], lat[:-1])) + math.pi
     courses, reach, which = [out[0]], [offset], [0]
     for k in range(1, lon.size - 1):
         turn = float(sphere.wrap(out[k] - into[k - 1]))

@@ -1,7 +1,9 @@
-"""Records of a search: what was looked for where and how, what was seen, what sensors said, what can be sent next.
+"""Records of a search: what was looked for where and how, what was seen, what sensors said, what
+can be sent next.
 
-The engine takes these. All is SI and UTC; positions are degrees, their longitudes running on along one shape. What
-depends on the object that is looked for has one entry per scenario, in the order of the case.
+The engine takes these. All is SI and UTC; positions are degrees, their longitudes running on along
+one shape. What depends on the object that is looked for has one entry per scenario, in the order of
+the case.
 """
 
 import math
@@ -14,12 +16,15 @@ from drift.engine.motion.leeway import Drifter
 from drift.evidence.sensors.records import Sensor
 from geo.polyline import Area, Legs
 
-Kind = Literal["sortie", "contact", "look", "presence", "barrier", "overdue"]  # what changes weights
+# what changes weights
+Kind = Literal["sortie", "contact", "look", "presence", "barrier", "overdue"]
 
 
 @dataclass(frozen=True)
 class Law:
-    """How likely a sweep detects what it passes (Koopman 1980, Search and Screening; docs/searches.md)."""
+    """How likely a sweep detects what it passes (Koopman 1980, Search and Screening;
+    docs/searches.md).
+    """
 
     kind: str = "inverse_cube"  # an entry of drift.evidence.filter.detection.laws.LAWS
     beta: float = 1.0  # m_beta: chance of detection within M = W / (2 beta)
@@ -31,7 +36,8 @@ class Law:
 class Watch:
     """A sensor that sees in zones of range: radar, or passive sonar with convergence zones.
 
-    An object that stays in a zone for the whole watch is detected with its chance; time adds up as a constant hazard.
+    An object that stays in a zone for the whole watch is detected with its chance; time adds up as
+    a constant hazard.
     """
 
     inner: tuple[float, ...]  # [m]
@@ -41,7 +47,9 @@ class Watch:
 
 @dataclass(frozen=True)
 class Sortie:
-    """One search that found nothing, by an area with a coverage, by legs, or by a watch along its legs."""
+    """One search that found nothing, by an area with a coverage, by legs, or by a watch along its
+    legs.
+    """
 
     name: str
     kind: str  # kind of unit, as in the sweep width tables; "" if not given
@@ -49,27 +57,33 @@ class Sortie:
     end: np.datetime64
     law: Law
     sweep_width: tuple[float, ...]  # [m], one per scenario; 0: its object is not seen
-    shape: float = math.inf  # shape of the gamma distribution (mean 1) of the unknown factor of W; inf: W is known
+    # shape of the gamma distribution (mean 1) of the unknown factor of W; inf: W is known
+    shape: float = math.inf
     group: str = ""  # sorties of one group share that factor
-    area: Area | None = None  # the area that it searched; with legs, the area that counts as searched
+    # the area that it searched; with legs, the area that counts as searched
+    area: Area | None = None
     coverage: tuple[float, ...] = ()  # C = W v t / A, one per scenario; of an area without legs
     legs: Legs | None = None  # tracks made good; of a watch, where its sensor was
     watch: Watch | None = None
     sensor: Sensor | None = None  # with which it watches, in place of zones
-    beams: tuple[int, ...] = ()  # numbers of the beams of its array that were processed, from 0; (): all
+    # numbers of the beams of its array that were processed, from 0; (): all
+    beams: tuple[int, ...] = ()
     completed: float = 1.0  # share of the effort that was spent; legs are already cut
     ashore: bool = True  # whether it sees what lies ashore or has run aground
     frame: Literal["ground", "datum"] = "ground"  # "datum": area and legs drift with a marker
-    marker: Legs | None = None  # track of the marker, if known; else it drifts with the water from `datum`
+    # track of the marker, if known; else it drifts with the water from `datum`
+    marker: Legs | None = None
     datum: tuple[float, float] | None = None  # (lon, lat) [deg] where a drifting frame begins
     # Only action plans and legends use these.
     speed: float = math.nan  # [m/s]
     altitude: float = math.nan  # [m]
     spacing: float = math.nan  # [m]
-    width_under_way: tuple[float, ...] = ()  # [m], one per scenario, while it is under way; (): nothing steers
+    # [m], one per scenario, while it is under way; (): nothing steers
+    width_under_way: tuple[float, ...] = ()
     coverage_under_way: tuple[float, ...] = ()  # as coverage, while it is under way
     planned: bool = False  # it is still to be flown
-    crossed: bool = False  # whether every other leg, from the second on, is a cross leg, which crews do not count
+    # whether every other leg, from the second on, is a cross leg, which crews do not count
+    crossed: bool = False
 
     @property
     def watches(self) -> bool:
@@ -110,13 +124,17 @@ class Tone:
 
 @dataclass(frozen=True)
 class Heard:
-    """What a sensor of the case told of a contact besides its bearing or range; its chance of detection is the sensor's."""
+    """What a sensor of the case told of a contact besides its bearing or range; its chance of
+    detection is the sensor's.
+    """
 
     sensor: Sensor
     beams: tuple[int, ...] = ()  # of its array that were processed, from 0; (): all
     heading: float = 0.0  # [rad] true, of its array
-    mirrored: bool = False  # whether the bearing may as well be its image on the other side of the array
-    level: tuple[float, float] | None = None  # received level, and the standard deviation of its error [dB]
+    # whether the bearing may as well be its image on the other side of the array
+    mirrored: bool = False
+    # received level, and the standard deviation of its error [dB]
+    level: tuple[float, float] | None = None
     tone: Tone | None = None
     velocity: tuple[float, float] = (0.0, 0.0)  # (east, north) [m/s] of the sensor
 
@@ -131,14 +149,17 @@ class Contact:
     name: str
     time: np.datetime64
     kind: str  # an entry of drift.evidence.filter.contacts.LIKELIHOODS
-    # With N the density of what was seen, the likelihood is belief N / E[N] + 1 - belief, or N + false_density.
+    # With N the density of what was seen, the likelihood is belief N / E[N] + 1 - belief, or N +
+    # false_density.
     belief: float = 1.0  # probability that it is of the object
-    false_density: float = 0.0  # density of false contacts [1/m2] (range: [1/m], bearing: [1/rad]); belief is then 1
+    # density of false contacts [1/m2] (range: [1/m], bearing: [1/rad]); belief is then 1
+    false_density: float = 0.0
     fixes: tuple[Fix, ...] = ()
     major: float = 0.0  # [m] standard deviation along the major axis
     minor: float = 0.0
     orientation: float = 0.0  # [rad] of the major axis, clockwise from north
-    sensor: tuple[float, float] | None = None  # (lon, lat) [deg] from which bearing and range were taken
+    # (lon, lat) [deg] from which bearing and range were taken
+    sensor: tuple[float, float] | None = None
     bearing: float = 0.0  # [rad] true
     bearing_std: float = 0.0  # of a wedge 0
     bearing_stds: tuple[
@@ -150,10 +171,12 @@ class Contact:
     near: float = 0.0  # [m]; the object of a bearing is between near and far
     far: float = math.inf
     zones: Watch | None = None  # chance of detection by range; None: the same at all ranges
-    heard: Heard | None = None  # by which sensor of the case, whose chance of detection counts in place of zones
+    # by which sensor of the case, whose chance of detection counts in place of zones
+    heard: Heard | None = None
     area: Area | None = None
     drifter: Drifter | None = None  # how it drifts, if it is debris; None: it is the object itself
-    guide: bool = True  # whether particles may be guided toward it, if it is debris: drift.evidence.filter.debris.guide
+    # whether particles may be guided toward it, if it is debris: drift.evidence.filter.debris.guide
+    guide: bool = True
     course: float = 0.0  # [rad] over ground, clockwise from north, with which it was seen to move
     course_std: float = 0.0  # 0: no course was seen
     speed: float = 0.0  # [m/s] over ground
@@ -179,7 +202,9 @@ class Field:
 
 @dataclass(frozen=True)
 class Sight:
-    """How likely a look sees what lies at a distance, in units of the field's half size: 1 is its edge."""
+    """How likely a look sees what lies at a distance, in units of the field's half size: 1 is its
+    edge.
+    """
 
     kind: str = "cookie_cutter"  # an entry of drift.evidence.filter.detection.looks.SIGHTS
     number: float = 1.0  # alpha of linear, beta of exponential
@@ -223,7 +248,8 @@ class Barrier:
     name: str
     start: np.datetime64
     end: np.datetime64
-    points: tuple[tuple[float, float], ...]  # (lon, lat) [deg], two or more, great circles between them
+    # (lon, lat) [deg], two or more, great circles between them
+    points: tuple[tuple[float, float], ...]
     detection: float
     reported: np.datetime64 | None = None  # when it reported a crossing; None: it reported none
     error: float = 0.0  # [s] standard deviation of that time
@@ -256,7 +282,9 @@ class Sensors:
     def times(self) -> list[np.datetime64]:
         """When anything of it begins or ends."""
         lasting: list[Presence | Barrier] = [*self.presences, *self.barriers]
-        return [look.time for look in self.looks] + [time for what in lasting for time in (what.start, what.end)]
+        return [look.time for look in self.looks] + [
+            time for what in lasting for time in (what.start, what.end)
+        ]
 
 
 NO_SENSORS = Sensors()
@@ -284,7 +312,8 @@ class Unit:
     least_spacing: float = 0.0  # [m]
     clear_of_land: float = 0.0  # [m] that a boat keeps from the shore
     draught: float = 0.0  # [m] of a boat, where depths are known
-    width_under_way: tuple[float, ...] = ()  # [m], one per scenario, while it is under way; (): nothing steers
+    # [m], one per scenario, while it is under way; (): nothing steers
+    width_under_way: tuple[float, ...] = ()
 
     @property
     def afloat(self) -> bool:
@@ -301,7 +330,8 @@ class PlanSpec:
     objective: Literal["pos", "alive"] = "pos"
     separation: float = 0.0  # [m] between areas that are searched at the same time
     rounds: int = 1  # sorties of each unit, each planned on the failure of those before
-    particles: int = 40_000  # particles on which the plan is made; it is scored on those of the case
+    # particles on which the plan is made; it is scored on those of the case
+    particles: int = 40_000
     ashore: bool = False  # whether its units look for what lies ashore too
 
 
@@ -309,11 +339,16 @@ class PlanSpec:
 class Resampling:
     """When and how particles are drawn anew in proportion to their weights."""
 
-    method: Literal["systematic", "kahn", "duplicates", "position", "course", "combined"] = "systematic"
-    below: float = 0.0  # share of the particles; with fewer effective ones, or survivors, they are drawn anew; 0: never
+    method: Literal["systematic", "kahn", "duplicates", "position", "course", "combined"] = (
+        "systematic"
+    )
+    # share of the particles; with fewer effective ones, or survivors, they are drawn anew; 0: never
+    below: float = 0.0
     across: bool = False  # whether slots may go from one scenario to another, or each keeps its own
     bulk: float = (
-        0.0  # share of survivors below which a contact places particles anew, and silence loses the track; 0: never
+        # share of survivors below which a contact places particles anew, and silence loses the
+        # track; 0: never
+        0.0
     )
     fastest: float = 0.0  # [m/s] of what is placed anew
 

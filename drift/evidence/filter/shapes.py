@@ -1,7 +1,9 @@
-"""Where a search went, as shapes over the ground: areas, legs as flown, and where a contact may have been.
+"""Where a search went, as shapes over the ground: areas, legs as flown, and where a contact may
+have been.
 
-Shapes are arrays (n, 2) of lon, lat [deg], longitudes running on without a jump; edges follow great circles. What
-drifts with a marker is moved with it, where the marker's track is known. No area may hold a pole.
+Shapes are arrays (n, 2) of lon, lat [deg], longitudes running on without a jump; edges follow great
+circles. What drifts with a marker is moved with it, where the marker's track is known. No area may
+hold a pole.
 """
 
 import math
@@ -20,7 +22,8 @@ from geo.polyline import Area, Legs
 
 Shape = tuple[str, Array]  # name and points
 
-LONGEST = 20_000.0  # [m] between points of an edge: at 60 degrees of latitude a chord is 14 m off the great circle
+# [m] between points of an edge: at 60 degrees of latitude a chord is 14 m off the great circle
+LONGEST = 20_000.0
 NEAR_ALL = 0.95  # share of a contact's error that its shape holds
 IN_PLANE = math.sqrt(-2 * math.log(1 - NEAR_ALL))  # standard deviations: Rayleigh's quantile
 ON_LINE = 1.959964  # normal's two-sided quantile
@@ -45,8 +48,12 @@ def outline(area: Area) -> Array:
     return curve(ring[:, 0], ring[:, 1])
 
 
-def circle(lon: float, lat: float, radius: float, begin: float = 0.0, end: float = 2 * math.pi) -> Array:
-    """Return a circle of a radius [m] round a point [deg], (n, 2), or an arc of it [rad clockwise from north]."""
+def circle(
+    lon: float, lat: float, radius: float, begin: float = 0.0, end: float = 2 * math.pi
+) -> Array:
+    """Return a circle of a radius [m] round a point [deg], (n, 2), or an arc of it [rad clockwise
+    from north].
+    """
     angle = np.linspace(begin, end, max(int(abs(end - begin) / 0.05), 2) + 1)
     return _about(lon, lat, radius * np.sin(angle), radius * np.cos(angle))
 
@@ -66,14 +73,21 @@ def searched(sortie: Sortie, time: np.datetime64 | None = None) -> Array | None:
     if not _drifts(sortie):
         return outline(sortie.area)
     at = epoch(sortie.start if time is None else time)
-    lon, lat = _moved(sortie, np.full(len(sortie.area.lon), at), np.array(sortie.area.lon), np.array(sortie.area.lat))
+    lon, lat = _moved(
+        sortie,
+        np.full(len(sortie.area.lon), at),
+        np.array(sortie.area.lon),
+        np.array(sortie.area.lat),
+    )
     return outline(Area(tuple(lon), tuple(lat)))
 
 
 def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool, Array]]:
-    """Return a sortie's legs over the ground as lines: whether each searches, and its points (n, 2).
+    """Return a sortie's legs over the ground as lines: whether each searches, and its points (n,
+    2).
 
-    until: the time to which they are drawn, by default the sortie's end. Neighbouring legs of one sort are one line.
+    until: the time to which they are drawn, by default the sortie's end. Neighbouring legs of one
+    sort are one line.
     """
     if sortie.legs is None:
         return []
@@ -87,11 +101,16 @@ def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool
         if not parts or parts[-1][0] != searching:
             parts.append((searching, [i]))
         parts[-1][1].append(i + 1)
-    return [(seeks, curve([legs.lon[i] for i in which], [legs.lat[i] for i in which])) for seeks, which in parts]
+    return [
+        (seeks, curve([legs.lon[i] for i in which], [legs.lat[i] for i in which]))
+        for seeks, which in parts
+    ]
 
 
 def position_on_legs(legs: Legs, time: float) -> tuple[float, float]:
-    """Return where on legs something is at a time [s since 1970], (lon, lat) [deg]; outside their time, an end."""
+    """Return where on legs something is at a time [s since 1970], (lon, lat) [deg]; outside their
+    time, an end.
+    """
     return polyline.position_at(legs, min(max(time, legs.time[0]), legs.time[-1]))
 
 
@@ -105,15 +124,19 @@ def zones(sortie: Sortie, time: np.datetime64) -> list[Array]:
 
 
 def contact(seen: Contact) -> list[Shape]:
-    """Return where something seen may have been: points, and shapes that hold NEAR_ALL of its error.
+    """Return where something seen may have been: points, and shapes that hold NEAR_ALL of its
+    error.
 
-    Shapes are "point" (1, 2), "region" (closed) or "line". A bearing without a far end is drawn to FARTHEST.
+    Shapes are "point" (1, 2), "region" (closed) or "line". A bearing without a far end is drawn to
+    FARTHEST.
     """
     return CONTACTS[seen.kind](seen)
 
 
 def sensor(what: Look | Presence | Barrier | Line) -> Array:
-    """Return the closed outline of a look's or a presence's field, or the line of a barrier, (n, 2)."""
+    """Return the closed outline of a look's or a presence's field, or the line of a barrier, (n,
+    2).
+    """
     if isinstance(what, Barrier | Line):
         lon, lat = np.array(what.points).T
         return curve(lon, lat)
@@ -124,8 +147,12 @@ def sensor(what: Look | Presence | Barrier | Line) -> Array:
     assert field is not None
     if field.radius > 0:
         return circle(field.lon, field.lat, field.radius)
-    x, y = np.array([-1, 1, 1, -1, -1]) * field.width / 2, np.array([-1, -1, 1, 1, -1]) * field.height / 2
-    # Sides are straight in the tangent plane of the middle: between corners they are followed there.
+    x, y = (
+        np.array([-1, 1, 1, -1, -1]) * field.width / 2,
+        np.array([-1, -1, 1, 1, -1]) * field.height / 2,
+    )
+    # Sides are straight in the tangent plane of the middle: between corners they are followed
+    # there.
     share = np.linspace(0, 4, 4 * 16 + 1)
     x, y = np.interp(share, np.arange(5), x), np.interp(share, np.arange(5), y)
     c, s = math.cos(field.turned), math.sin(field.turned)
@@ -156,22 +183,36 @@ def _toward(contact: Contact, bearing: float) -> list[Shape]:
     far = contact.far if math.isfinite(contact.far) else max(FARTHEST, 2 * contact.near)
     off = NEAR_ALL * contact.wedge / 2 or ON_LINE * float(contacts.bearing_std(contact, bearing))
     low, high = bearing - off, bearing + off
-    outer, inner = circle(lon, lat, far, low, high), circle(lon, lat, max(contact.near, 1.0), high, low)
-    ends = _about(lon, lat, *(np.array([contact.near, far]) * f(bearing) for f in (math.sin, math.cos)))
-    return [("region", np.concatenate([outer, inner, outer[:1]])), ("line", curve(ends[:, 0], ends[:, 1]))]
+    outer, inner = (
+        circle(lon, lat, far, low, high),
+        circle(lon, lat, max(contact.near, 1.0), high, low),
+    )
+    ends = _about(
+        lon, lat, *(np.array([contact.near, far]) * f(bearing) for f in (math.sin, math.cos))
+    )
+    return [
+        ("region", np.concatenate([outer, inner, outer[:1]])),
+        ("line", curve(ends[:, 0], ends[:, 1])),
+    ]
 
 
 def _range(contact: Contact) -> list[Shape]:
     assert contact.sensor is not None
     lon, lat = contact.sensor
-    near, far = contact.range - ON_LINE * contact.range_std, contact.range + ON_LINE * contact.range_std
+    near, far = (
+        contact.range - ON_LINE * contact.range_std,
+        contact.range + ON_LINE * contact.range_std,
+    )
     circles = (circle(lon, lat, radius) for radius in (near, contact.range, far) if radius > 0)
     return [("point", np.array([[lon, lat]])), *(("line", points) for points in circles)]
 
 
 def _fixes(contact: Contact) -> Iterator[Shape]:
     angle = np.linspace(0, 2 * np.pi, 73)
-    along, across = IN_PLANE * contact.major * np.cos(angle), IN_PLANE * contact.minor * np.sin(angle)
+    along, across = (
+        IN_PLANE * contact.major * np.cos(angle),
+        IN_PLANE * contact.minor * np.sin(angle),
+    )
     east = along * math.sin(contact.orientation) + across * math.cos(contact.orientation)
     north = along * math.cos(contact.orientation) - across * math.sin(contact.orientation)
     for fix in contact.fixes:
@@ -189,7 +230,9 @@ CONTACTS: dict[str, Callable[[Contact], list[Shape]]] = {
 
 
 def polygon(rings: Sequence[Array]) -> dict[str, Any]:
-    """Return closed outlines as a GeoJSON MultiPolygon, cut at the antimeridian, outer rings anticlockwise."""
+    """Return closed outlines as a GeoJSON MultiPolygon, cut at the antimeridian, outer rings
+    anticlockwise.
+    """
     whole = shapely.MultiPolygon([part for ring in rings for part in _valid(ring)])
     return geojson.polygons(whole)
 
@@ -229,7 +272,9 @@ def _over_ground(sortie: Sortie) -> Legs:
     times = np.array(sorted({*legs.time, *between}))
     where = np.array([position_on_legs(legs, t) for t in times])
     lon, lat = _moved(sortie, times, where[:, 0], where[:, 1])
-    which = np.clip(np.searchsorted(legs.time, times[:-1], side="right") - 1, 0, len(legs.searching) - 1)
+    which = np.clip(
+        np.searchsorted(legs.time, times[:-1], side="right") - 1, 0, len(legs.searching) - 1
+    )
     return Legs(tuple(times), tuple(lon), tuple(lat), tuple(legs.searching[k] for k in which))
 
 
@@ -239,7 +284,10 @@ def _moved(sortie: Sortie, times: Array, lon: Array, lat: Array) -> tuple[Array,
     assert sortie.datum is not None
     marker = np.radians([position_on_legs(sortie.marker, t) for t in times])
     east, north = sphere.offset(
-        math.radians(sortie.datum[0]), math.radians(sortie.datum[1]), np.radians(lon), np.radians(lat)
+        math.radians(sortie.datum[0]),
+        math.radians(sortie.datum[1]),
+        np.radians(lon),
+        np.radians(lat),
     )
     x, y = sphere.destination(marker[:, 0], marker[:, 1], east, north)
     return np.degrees(np.unwrap(x)), np.degrees(y)

@@ -1,7 +1,7 @@
 """How a search stands after an update: when the object went adrift, and what was never searched.
 
-The weights say when the object went adrift. A few numbers, made from millions of particles, are enough to say how
-likely somebody is alive at any time.
+The weights say when the object went adrift. A few numbers, made from millions of particles, are
+enough to say how likely somebody is alive at any time.
 """
 
 from dataclasses import dataclass
@@ -12,8 +12,9 @@ from drift.engine.particles import partials, weights
 from drift.engine.particles.columns import Columns
 from geo.array import Array
 
-# Bins of release times, each with its own mean: those within the run (of a window of 40 h each has 6 minutes), those in
-# the month after it, of which what lies ahead is told, and what is later still or never goes adrift.
+# Bins of release times, each with its own mean: those within the run (of a window of 40 h each has
+# 6 minutes), those in the month after it, of which what lies ahead is told, and what is later still
+# or never goes adrift.
 WITHIN, AFTER, MONTH = 400, 99, 30 * 86_400.0
 
 
@@ -24,12 +25,15 @@ class Standing:
     time: np.datetime64
     release: Array  # [s after start] mean of each bin, (S, B)
     mass: Array  # probability, (S, B); adds up to 1
-    never: Array  # probability of having been where no sortie searched, given each scenario, then of all; (S + 1,)
+    # probability of having been where no sortie searched, given each scenario, then of all; (S +
+    # 1,)
+    never: Array
     effective: float  # number of particles that count for all this
 
 
 def standing(time: np.datetime64, columns: Columns, effective: float, duration: float) -> Standing:
-    """Return how a search stands by its particles' `release` times, `log_weight`, and shares `never` searched, if any was.
+    """Return how a search stands by its particles' `release` times, `log_weight`, and shares
+    `never` searched, if any was.
 
     duration: of the run [s].
     """
@@ -44,7 +48,10 @@ def standing(time: np.datetime64, columns: Columns, effective: float, duration: 
         weight = unit.shares(log_weight)
         inside = np.minimum((release - first) / max(last - first, 1.0) * WITHIN, WITHIN - 1)
         beyond = WITHIN + np.minimum((release - duration) / MONTH * AFTER, AFTER)
-        bins, many = np.where(release <= duration, inside, beyond).astype(np.int64), WITHIN + AFTER + 1
+        bins, many = (
+            np.where(release <= duration, inside, beyond).astype(np.int64),
+            WITHIN + AFTER + 1,
+        )
         sums.append(blocks.partial(weight, weight * release, code=bins, many=many))
         if never is not None:
             unsearched.append(blocks.partial(weight * never))
@@ -52,5 +59,7 @@ def standing(time: np.datetime64, columns: Columns, effective: float, duration: 
     when = np.divide(when, mass, out=np.full_like(when, first), where=mass > 0)
     share, free = mass.sum(axis=1), np.ones(len(mass))
     if unsearched:
-        np.divide(partials.merged(unsearched).by_scenario[:, 0, 0], share, out=free, where=share > 0)
+        np.divide(
+            partials.merged(unsearched).by_scenario[:, 0, 0], share, out=free, where=share > 0
+        )
     return Standing(time, when, mass, np.append(free, share @ free), effective)

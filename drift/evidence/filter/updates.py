@@ -1,4 +1,6 @@
-"""What each sortie, contact and sensor did to the probability: the record behind tables, pictures and the debrief."""
+"""What each sortie, contact and sensor did to the probability: the record behind tables, pictures
+and the debrief.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -17,26 +19,33 @@ from geo.array import Array
 class Update:
     """One sortie, contact or word of a sensor, when it took effect.
 
-    Arrays, unless they say otherwise, have shape (scenarios + 1,): each scenario, then all together.
+    Arrays, unless they say otherwise, have shape (scenarios + 1,): each scenario, then all
+    together.
     """
 
     name: str
     kind: Kind
     time: np.datetime64
-    log_evidence: Array  # log probability (density) of the sortie's failure, or of what was told, given all before
+    # log probability (density) of the sortie's failure, or of what was told, given all before
+    log_evidence: Array
     posterior: Array  # (scenarios,) probability of each scenario afterwards
     ess_before: float
     ess_after: float
     poc: Array | None = None  # probability that the object was where the sortie searched
-    pos: Array | None = None  # 1 - exp(log_evidence): probability that it would have found the object
-    ashore: Array | None = None  # part of pos that is of what lies ashore, or has run aground, at its end
-    alive: Array | None = None  # probability that it would have found the object alive; only with survival times
+    # 1 - exp(log_evidence): probability that it would have found the object
+    pos: Array | None = None
+    # part of pos that is of what lies ashore, or has run aground, at its end
+    ashore: Array | None = None
+    # probability that it would have found the object alive; only with survival times
+    alive: Array | None = None
     cumulative: Array | None = None  # 1 - product of (1 - pos) over the sorties so far
     ess_resampled: float | None = None  # after particles were drawn anew, if they were
     standing: Standing | None = None  # how the search stands then
-    # "contact": particles were placed anew where it may have been; "lost": it left too few for a track; "": neither
+    # "contact": particles were placed anew where it may have been; "lost": it left too few for a
+    # track; "": neither
     filled: Literal["", "contact", "lost"] = ""
-    distinct: float = 1.0  # share of the original particles that still have descendants, after this update
+    # share of the original particles that still have descendants, after this update
+    distinct: float = 1.0
 
     @property
     def resampled(self) -> bool:
@@ -46,7 +55,11 @@ class Update:
     @property
     def left(self) -> float:
         """How many particles count from it on: copies add nothing, but what is placed anew does."""
-        return self.ess_after if self.ess_resampled is None or self.filled != "contact" else self.ess_resampled
+        return (
+            self.ess_after
+            if self.ess_resampled is None or self.filled != "contact"
+            else self.ess_resampled
+        )
 
     @property
     def pod(self) -> Array | None:
@@ -74,7 +87,9 @@ class Updates:
 
 def shown_of(updates: Updates) -> Shown:
     """Return which scenarios are shown: those that were the likeliest at any time."""
-    return likeliest.likeliest_scenarios([updates.prior, *(update.posterior for update in updates.all)])
+    return likeliest.likeliest_scenarios(
+        [updates.prior, *(update.posterior for update in updates.all)]
+    )
 
 
 def together(updates: Updates) -> Updates:
@@ -85,7 +100,8 @@ def together(updates: Updates) -> Updates:
     every: list[Update] = []
     before, missed = np.asarray(updates.prior, float), np.ones(shown.size + 1)
     for update in updates.all:
-        with np.errstate(divide="ignore", invalid="ignore"):  # nothing is known of what had no weight
+        # nothing is known of what had no weight
+        with np.errstate(divide="ignore", invalid="ignore"):
             evidence = np.log(_with_all(shown, np.exp(update.log_evidence), before))
         poc, pos, ashore, alive = (
             None if values is None else _with_all(shown, values, before)
@@ -95,16 +111,28 @@ def together(updates: Updates) -> Updates:
             missed = missed * (1 - pos)
         every.append(
             replace(
-                update, log_evidence=np.append(evidence[:-1], update.log_evidence[-1]), poc=poc, pos=pos, ashore=ashore, alive=alive,
+                update,
+                log_evidence=np.append(evidence[:-1], update.log_evidence[-1]),
+                poc=poc,
+                pos=pos,
+                ashore=ashore,
+                alive=alive,
                 posterior=shown.sums(np.asarray(update.posterior, float)),
                 cumulative=None if update.cumulative is None else 1 - missed,
             )
-        )  # fmt: skip
+        )
         before = np.asarray(update.posterior, float)
     names = tuple(shown.names(updates.scenarios))
-    return replace(updates, scenarios=names, prior=shown.sums(np.asarray(updates.prior, float)), all=tuple(every))
+    return replace(
+        updates,
+        scenarios=names,
+        prior=shown.sums(np.asarray(updates.prior, float)),
+        all=tuple(every),
+    )
 
 
 def _with_all(shown: Shown, values: Array, weight: Array) -> Array:
-    """Return means by scenario, then of all (scenarios + 1,), as those that are shown have them, (size + 1,)."""
+    """Return means by scenario, then of all (scenarios + 1,), as those that are shown have them,
+    (size + 1,).
+    """
     return np.append(shown.means(np.nan_to_num(values[:-1]), weight), values[-1])

@@ -17,27 +17,41 @@ class Beliefs:
     """What is believed of the quantities of a run; `note` takes it down."""
 
     def __init__(self, spec: EnsembleSpec, columns: Columns, source: Source) -> None:
-        """Take down the prior of particles that have just been drawn from `spec`, by their `log_weight`."""
+        """Take down the prior of particles that have just been drawn from `spec`, by their
+        `log_weight`.
+        """
         self._spec, self.source = spec, source
         self._stages: list[Stage] = []
         told = (_told(quantity, source.columns(quantity), columns, spec) for quantity in QUANTITIES)
         self._told = [one for one in told if one is not None]
-        self._own = {quantity.name: np.arange(len(spec.scenarios)) for quantity in QUANTITIES if quantity.by_scenario}
-        for place, own in enumerate(family.along([scenario.family for scenario in spec.scenarios]), 1):
-            if self._told and self._told[0].quantity.by_scenario:  # else one scenario alone has any weight
+        self._own = {
+            quantity.name: np.arange(len(spec.scenarios))
+            for quantity in QUANTITIES
+            if quantity.by_scenario
+        }
+        for place, own in enumerate(
+            family.along([scenario.family for scenario in spec.scenarios]), 1
+        ):
+            # else one scenario alone has any weight
+            if self._told and self._told[0].quantity.by_scenario:
                 quantity = of_axis(own.axis)
                 self._told.insert(place, Told(quantity, 0.0, 0.0, own.axis.labels))
                 self._own[quantity.name] = own.number
         self.note("before the first update", "prior", spec.period.start, columns)
 
     def note(self, name: str, kind: str, time: np.datetime64, columns: Columns) -> None:
-        """Take down what is believed by the `log_weight` of particles after an update; `lineage`: see search.account.Noted."""
+        """Take down what is believed by the `log_weight` of particles after an update;
+
+        `lineage`: see search.account.Noted.
+        """
         if not self._told:
             return
         own = marginal.weighted(columns)
         told = tuple(self._marginal(told, own) for told in self._told)
         scenarios = own.total[:-1] / own.total[-1]
-        self._stages.append(Stage(len(self._stages), name, kind, time, float(own.ess[-1]), scenarios, told))
+        self._stages.append(
+            Stage(len(self._stages), name, kind, time, float(own.ess[-1]), scenarios, told)
+        )
 
     @property
     def posteriors(self) -> Posteriors | None:
@@ -46,7 +60,9 @@ class Beliefs:
             return None
         names = tuple(scenario.name for scenario in self._spec.scenarios)
         families = tuple(scenario.family for scenario in self._spec.scenarios)
-        return Posteriors(names, self._spec.period, tuple(self._told), tuple(self._stages), families)
+        return Posteriors(
+            names, self._spec.period, tuple(self._told), tuple(self._stages), families
+        )
 
     def _marginal(self, told: Told, own: marginal.Weighted) -> Marginal:
         if told.quantity.by_scenario:
@@ -60,10 +76,17 @@ class Beliefs:
         return marginal.of_number(own, found, told.low, told.high)
 
 
-def _told(quantity: Quantity, found: Columns | None, columns: Columns, spec: EnsembleSpec) -> Told | None:
-    """Return a quantity as it is in a run; None where no two of the particles that are alive differ in it."""
+def _told(
+    quantity: Quantity, found: Columns | None, columns: Columns, spec: EnsembleSpec
+) -> Told | None:
+    """Return a quantity as it is in a run;
+
+    None where no two of the particles that are alive differ in it.
+    """
     ends = []
-    for _, values, holds, log_weight in (found | columns).parts("values", "holds", "log_weight") if found else ():
+    for _, values, holds, log_weight in (
+        (found | columns).parts("values", "holds", "log_weight") if found else ()
+    ):
         own = values[holds & (log_weight > -np.inf)].astype(np.float64)
         ends += [own.min(), own.max()] if own.size else []
     if not ends or min(ends) == max(ends):

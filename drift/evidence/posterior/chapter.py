@@ -1,7 +1,7 @@
 """What is handed out of posteriors: tables, numbers of the summary, and pictures.
 
-It is a chapter of its own, neither the forecast's nor the search's: a run in which targets steer has priors to tell
-before anything was searched, and a forecast knows of no updates.
+It is a chapter of its own, neither the forecast's nor the search's: a run in which targets steer
+has priors to tell before anything was searched, and a forecast knows of no updates.
 """
 
 import math
@@ -32,7 +32,8 @@ class PosteriorOutputs:
 
 
 def _draw(matter: PosteriorOutputs, path: Path) -> None:
-    from drift.evidence.posterior import map as posterior_map  # imported here, for Matplotlib takes a second
+    # imported here, for Matplotlib takes a second
+    from drift.evidence.posterior import map as posterior_map
 
     posterior_map.plot_posteriors(matter.posteriors, path, matter.setting)
 
@@ -78,10 +79,18 @@ def many(ranked: Ranking) -> bool:
 
 def _leaves(posteriors: Posteriors, ranked: Ranking | None) -> list[Any]:
     columns = [
-        ("time", "Time", "time"), ("name", "After", "words"), ("quantity", "Quantity", "words"), ("unit", "Unit", "words"),
-        ("value", "Value", "words"), ("share", "Share", "share"), ("mean", "Mean", "words"), ("std", "Standard deviation", "words"),
-        ("q05", "5 %", "words"), ("q50", "Median", "words"), ("q95", "95 %", "words"),
-    ]  # fmt: skip
+        ("time", "Time", "time"),
+        ("name", "After", "words"),
+        ("quantity", "Quantity", "words"),
+        ("unit", "Unit", "words"),
+        ("value", "Value", "words"),
+        ("share", "Share", "share"),
+        ("mean", "Mean", "words"),
+        ("std", "Standard deviation", "words"),
+        ("q05", "5 %", "words"),
+        ("q50", "Median", "words"),
+        ("q95", "95 %", "words"),
+    ]
     note = "All scenarios together; posteriors.csv has those of each."
     told = [one.quantity.name for one in posteriors.told]
     shown: list[Any] = []
@@ -91,24 +100,39 @@ def _leaves(posteriors: Posteriors, ranked: Ranking | None) -> list[Any]:
     if told:
         where: dict[str, str | list[str]] = {"scenario": "all", "quantity": told}
         shown.append(
-            leaves.table_leaf("Posteriors besides position", columns, file="posteriors.csv", where=where, note=note)
+            leaves.table_leaf(
+                "Posteriors besides position",
+                columns,
+                file="posteriors.csv",
+                where=where,
+                note=note,
+            )
         )
     return shown
 
 
 def _ranked(ranked: Ranking) -> list[Any]:
     """Return the likeliest scenarios, and what is told of them by axis."""
-    columns = [("", "Rank", "count"), ("", "Scenario", "words"), ("", "Before", "share"), ("", "Now", "share"),
-               ("", "Factor", "factor"), ("", "Together", "share")]  # fmt: skip
+    columns = [
+        ("", "Rank", "count"),
+        ("", "Scenario", "words"),
+        ("", "Before", "share"),
+        ("", "Now", "share"),
+        ("", "Factor", "factor"),
+        ("", "Together", "share"),
+    ]
     first = ranked.order[:RANKS]
     figures = zip(
         *(values[first].tolist() for values in (ranked.prior, ranked.posterior, ranked.factor)),
-        np.cumsum(ranked.posterior[first]).tolist(), strict=True,
-    )  # fmt: skip
+        np.cumsum(ranked.posterior[first]).tolist(),
+        strict=True,
+    )
     names = [ranked.posteriors.scenarios[k] for k in first]
     rows = [
         [rank, name, prior, now, factor if math.isfinite(factor) else None, total]
-        for rank, (name, (prior, now, factor, total)) in enumerate(zip(names, figures, strict=True), 1)
+        for rank, (name, (prior, now, factor, total)) in enumerate(
+            zip(names, figures, strict=True), 1
+        )
     ]
     note = f"{ranked.words}; scenarios.csv has all of them."
     found = [leaves.table_leaf("Scenarios by rank", columns, rows=rows, note=note)]
@@ -116,12 +140,21 @@ def _ranked(ranked: Ranking) -> list[Any]:
         [along.axis.name, label, prior, now]
         for along in ranked.axes
         for label, prior, now in zip(
-            along.axis.labels, *(along.shares(p).tolist() for p in (ranked.prior, ranked.posterior)), strict=True
+            along.axis.labels,
+            *(along.shares(p).tolist() for p in (ranked.prior, ranked.posterior)),
+            strict=True,
         )
     ]
     if by_axis:
-        heads = [("", "Axis", "words"), ("", "Value", "words"), ("", "Before", "share"), ("", "Now", "share")]
+        heads = [
+            ("", "Axis", "words"),
+            ("", "Value", "words"),
+            ("", "Before", "share"),
+            ("", "Now", "share"),
+        ]
         found.append(
-            leaves.table_leaf("Scenarios by axis", heads, rows=by_axis, note="All scenarios that have the axis.")
+            leaves.table_leaf(
+                "Scenarios by axis", heads, rows=by_axis, note="All scenarios that have the axis."
+            )
         )
     return found

@@ -1,7 +1,9 @@
-"""The picture of posteriors: small multiples, a column a quantity, a row before the first and after each update.
+"""The picture of posteriors: small multiples, a column a quantity, a row before the first and after
+each update.
 
-A row is drawn to a height of its own, and over it the outline of the first row to the same scale: so what an update has
-made likelier stands above the outline, and what it has made less likely below. Angles are cut opposite their mean.
+A row is drawn to a height of its own, and over it the outline of the first row to the same scale:
+so what an update has made likelier stands above the outline, and what it has made less likely
+below. Angles are cut opposite their mean.
 """
 
 import math
@@ -32,7 +34,8 @@ A_BAND = 4  # quantities beside each other
 MOST_ROWS = 12  # of more updates the first row and the last are shown
 NAME = 32  # letters of a value's name
 MOST_VALUES = 12  # of a category; of more the likeliest, and all others together
-LEFT, PANEL, BESIDE, GAP = 2.65, 1.95, 0.9, 0.34  # [in]: names of rows, a chart, its figures, what parts two charts
+# [in]: names of rows, a chart, its figures, what parts two charts
+LEFT, PANEL, BESIDE, GAP = 2.65, 1.95, 0.9, 0.34
 ROW, OVER, UNDER = 0.5, 0.42, 0.36  # [in]: a row, the heading over a band, the numbers under it
 HEAD, FOOT = 1.08, 0.72  # [in] over and under all bands
 LETTER = 0.053  # [in] of a value's name, upright
@@ -52,7 +55,8 @@ class Panel:
     edges: Array  # (bars + 1,)
     rows: Array  # (rows, bars) shares
     names: tuple[str, ...] = ()  # of a category's values
-    lone: Array | None = None  # (bars,) bool: which bars of a histogram are one value with much of the probability
+    # (bars,) bool: which bars of a histogram are one value with much of the probability
+    lone: Array | None = None
 
 
 def plot_posteriors(posteriors: Posteriors, path: Path, setting: Setting) -> None:
@@ -70,12 +74,18 @@ def plot_posteriors(posteriors: Posteriors, path: Path, setting: Setting) -> Non
     letters = width * 15
     on = sheet.begin(
         Sheet(
-            width, height, 120, left=0.28 / width, title=sheet.heading(1 - 0.4 / height, 14, (width - 0.5) / 0.118),
-            beside=(width - 4.7) / 0.118, lines=(Row(1 - 0.68 / height, 9.5, letters * 0.85),),
+            width,
+            height,
+            120,
+            left=0.28 / width,
+            title=sheet.heading(1 - 0.4 / height, 14, (width - 0.5) / 0.118),
+            beside=(width - 4.7) / 0.118,
+            lines=(Row(1 - 0.68 / height, 9.5, letters * 0.85),),
             caution=Badge(1 - 0.2 / width, 1 - 0.4 / height, side="right"),
-            rough=Badge(0.32 / width, 1 - 1.3 / height), footer=sheet.small(0.09 / height, 7, letters),
+            rough=Badge(0.32 / width, 1 - 1.3 / height),
+            footer=sheet.small(0.09 / height, 7, letters),
         )
-    )  # fmt: skip
+    )
     sheet.head(on, setting.imprint, _account(posteriors, stages))
     _key(on.figure, 1 - 0.82 / height, 0.28 / width)
     if least.few:
@@ -86,18 +96,36 @@ def plot_posteriors(posteriors: Posteriors, path: Path, setting: Setting) -> Non
         for k, own in enumerate(band):
             category = own.told.quantity.kind == "category"
             left = LEFT + k * (PANEL + BESIDE + GAP)
-            size = (left / width, bottom / height, (PANEL + BESIDE * category) / width, ROW * len(stages) / height)
+            size = (
+                left / width,
+                bottom / height,
+                (PANEL + BESIDE * category) / width,
+                ROW * len(stages) / height,
+            )
             ax = on.figure.add_axes(size)
             _chart(ax, own, len(stages))
             unit = f" [{own.told.quantity.unit}]" if own.told.quantity.unit else ""
-            ax.set_title(own.told.quantity.heading + unit, fontsize=10, weight="bold", color=INK, loc="left", pad=7)
+            ax.set_title(
+                own.told.quantity.heading + unit,
+                fontsize=10,
+                weight="bold",
+                color=INK,
+                loc="left",
+                pad=7,
+            )
             if not category:
                 _figures(ax, posteriors, stages, own.told)
             if k == 0:
                 _names(ax, stages)
         top = bottom - below
     on.figure.text(
-        0.28 / width, 0.4 / height, _explained(letters), fontsize=8, color=GREY, linespacing=1.35, va="center"
+        0.28 / width,
+        0.4 / height,
+        _explained(letters),
+        fontsize=8,
+        color=GREY,
+        linespacing=1.35,
+        va="center",
     )
     sheet.end(on, path, setting.imprint)
 
@@ -130,11 +158,15 @@ def panel(posteriors: Posteriors, stages: list[Stage], k: int) -> Panel:
     starts = np.arange(a, b, wide)
     rows = np.add.reduceat(table[:, :b], starts, axis=1)
     single = np.maximum.reduceat(table[:, :b], starts, axis=1) > 0.9 * rows
-    return Panel(told, edges[np.append(starts, b)], rows, lone=np.any(single & _stand_out(rows), axis=0))
+    return Panel(
+        told, edges[np.append(starts, b)], rows, lone=np.any(single & _stand_out(rows), axis=0)
+    )
 
 
 def _of_category(told: Told, table: Array) -> Panel:
-    """Return the bars of a category: one a value, of many values the likeliest and all others together."""
+    """Return the bars of a category: one a value, of many values the likeliest and all others
+    together.
+    """
     names = list(told.labels)
     if len(names) > MOST_VALUES:
         kept = np.sort(np.argsort(-table.max(axis=0), kind="stable")[: MOST_VALUES - 1])
@@ -148,7 +180,11 @@ def _under(own: Panel) -> float:
     """Return the room [in] that the numbers or names under a chart take."""
     if not own.names:
         return UNDER
-    return 0.2 + (0.115 * 3 if _level(own) else LETTER * max(map(len, page.names(own.names, NAME)))) + 0.12
+    return (
+        0.2
+        + (0.115 * 3 if _level(own) else LETTER * max(map(len, page.names(own.names, NAME))))
+        + 0.12
+    )
 
 
 def _level(own: Panel) -> bool:
@@ -160,10 +196,12 @@ def _chart(ax: Axes, own: Panel, many: int) -> None:
     """Draw the bars of all rows, and the first row's outline over each."""
     category = bool(own.names)
     density = own.rows if category else own.rows / np.diff(own.edges)
-    # Shares are told by their heights, from row to row; a histogram has a row's height, but for bars that stand out of it.
+    # Shares are told by their heights, from row to row; a histogram has a row's height, but for
+    # bars that stand out of it.
     lone = np.zeros(len(own.edges) - 1, bool) if own.lone is None else own.lone
     top = np.where(lone, 0.0, density).max(axis=1)
-    tall = TALL * (0.72 if lone.any() else 1.0)  # above them there is room for what is said of such a bar
+    # above them there is room for what is said of such a bar
+    tall = TALL * (0.72 if lone.any() else 1.0)
     top = np.full(many, top.max()) if category else np.where(top > 0, top, density.max(axis=1))
     ax.set_xlim(own.edges[0], own.edges[-1])
     ax.set_ylim(many, 0)
@@ -178,11 +216,19 @@ def _chart(ax: Axes, own: Panel, many: int) -> None:
             if k:
                 ax.bar(x, -first, thick, base, fill=False, edgecolor=INK, linewidth=0.6, zorder=4)
             for j in x:
-                _percent(ax, float(own.rows[k, j]), float(j), base - max(now[j], first[j] * bool(k)), len(own.names))
+                _percent(
+                    ax,
+                    float(own.rows[k, j]),
+                    float(j),
+                    base - max(now[j], first[j] * bool(k)),
+                    len(own.names),
+                )
         else:
             ax.stairs(base - now, own.edges, baseline=base, fill=True, color=colour, zorder=3)
             if k:
-                ax.stairs(base - first, own.edges, baseline=base, color=INK, linewidth=0.7, zorder=4)
+                ax.stairs(
+                    base - first, own.edges, baseline=base, color=INK, linewidth=0.7, zorder=4
+                )
             for j in np.flatnonzero(lone & (now > tall)):
                 _lone(ax, own, k, int(j), (base - now[j], base - TALL))
     for spine in ax.spines.values():
@@ -196,23 +242,44 @@ def _stand_out(rows: Array) -> Array:
     """Return which bars of histograms (rows, bars) would make all others flat."""
     beside = np.pad(rows, ((0, 0), (1, 1)))
     return np.asarray(
-        (rows > 0.1 * rows.sum(axis=1, keepdims=True)) & (rows > 4 * np.maximum(beside[:, :-2], beside[:, 2:]))
+        (rows > 0.1 * rows.sum(axis=1, keepdims=True))
+        & (rows > 4 * np.maximum(beside[:, :-2], beside[:, 2:]))
     )
 
 
 def _lone(ax: Axes, own: Panel, row: int, bar: int, y: tuple[float, float]) -> None:
-    """Break a bar that stands out of its row, and write beside it the share that it has; y: its top, and of the words."""
+    """Break a bar that stands out of its row, and write beside it the share that it has; y: its
+    top, and of the words.
+    """
     middle, right = float(own.edges[bar : bar + 2].mean()), bar < 0.8 * own.rows.shape[1]
     ax.plot(middle, y[0] + 0.1, "_", color="white", markersize=9, markeredgewidth=2.5, zorder=5)
     gap = 0.03 * (own.edges[-1] - own.edges[0]) * (1 if right else -1)
     text = notation.short_percent(float(own.rows[row, bar]))
-    ax.text(middle + gap, y[1], text, ha="left" if right else "right", va="center", fontsize=7, color=INK, zorder=6)
+    ax.text(
+        middle + gap,
+        y[1],
+        text,
+        ha="left" if right else "right",
+        va="center",
+        fontsize=7,
+        color=INK,
+        zorder=6,
+    )
 
 
 def _percent(ax: Axes, share: float, x: float, y: float, many: int) -> None:
     """Write a share over its bar."""
     text = "" if share <= 0 else notation.percent(share, 0, "")
-    ax.text(x, y - 0.02, text, ha="center", va="bottom", fontsize=7.5 if many <= 9 else 6.5, color=INK, zorder=5)
+    ax.text(
+        x,
+        y - 0.02,
+        text,
+        ha="center",
+        va="bottom",
+        fontsize=7.5 if many <= 9 else 6.5,
+        color=INK,
+        zorder=5,
+    )
 
 
 def _ticks(ax: Axes, own: Panel) -> None:
@@ -224,7 +291,8 @@ def _ticks(ax: Axes, own: Panel) -> None:
         ax.tick_params(axis="x", length=0)
         if _level(own):
             ax.set_xticklabels(
-                ["\n".join(textwrap.wrap(page.fit(name, NAME), 16)[:3]) for name in own.names], fontsize=7.5
+                ["\n".join(textwrap.wrap(page.fit(name, NAME), 16)[:3]) for name in own.names],
+                fontsize=7.5,
             )
         else:
             ax.set_xticklabels(page.names(own.names, NAME), rotation=90, fontsize=7)
@@ -233,12 +301,16 @@ def _ticks(ax: Axes, own: Panel) -> None:
     elif told.quantity.kind == "circular":
         span = math.degrees(high - low)
         step = next((step for step in ANGLES if span / step <= 5), ANGLES[-1])
-        marks = np.arange(math.ceil(math.degrees(low) / step), math.degrees(high) // step + 1) * step
+        marks = (
+            np.arange(math.ceil(math.degrees(low) / step), math.degrees(high) // step + 1) * step
+        )
         ax.set_xticks(np.radians(marks), [_compass(round(mark) % 360) for mark in marks])
     else:
         from matplotlib.ticker import MaxNLocator
 
-        marks = np.asarray(MaxNLocator(4).tick_values(low * told.quantity.scale, high * told.quantity.scale))
+        marks = np.asarray(
+            MaxNLocator(4).tick_values(low * told.quantity.scale, high * told.quantity.scale)
+        )
         marks = marks[(marks >= low * told.quantity.scale) & (marks <= high * told.quantity.scale)]
         ax.set_xticks(marks / told.quantity.scale, [f"{mark:g}" for mark in marks])
 
@@ -256,7 +328,9 @@ def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: Told) 
         sign = posteriors.period.direction
         first, last = sorted((begin + sign * low, begin + sign * high))
         times = labels.round_times(first, last, 4)
-        ax.set_xticks((times - begin) * sign, [notation.day_time(np.datetime64(round(t), "s")) for t in times])
+        ax.set_xticks(
+            (times - begin) * sign, [notation.day_time(np.datetime64(round(t), "s")) for t in times]
+        )
     beside = blended_transform_factory(ax.transAxes, ax.transData)
     partial = any(stage.marginals[number].share[-1] < 1 - 1e-9 for stage in stages)
     for k, stage in enumerate(stages):
@@ -281,7 +355,15 @@ def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: Told) 
             ax.plot(q[2], k + 0.9, "o", color="white", markeredgecolor=INK, markersize=4, zorder=6)
             said = [_said(posteriors, told, x) for x in found.quantiles[-1][[2, 0, 4]]]
             ax.text(1.04, k + 0.42, said[0], transform=beside, fontsize=9, color=INK, va="center")
-            ax.text(1.04, k + 0.66, f"{said[1]}-{said[2]}", transform=beside, fontsize=7, color=GREY, va="center")
+            ax.text(
+                1.04,
+                k + 0.66,
+                f"{said[1]}-{said[2]}",
+                transform=beside,
+                fontsize=7,
+                color=GREY,
+                va="center",
+            )
         if partial:
             ax.text(
                 1.04,
@@ -311,18 +393,33 @@ def _names(ax: Axes, stages: list[Stage]) -> None:
     for k, stage in enumerate(stages):
         count = effective.Count(stage.ess)
         name = (
-            stage.name if stage.kind in ("prior", "sortie", "overdue") else f"{page.fit(stage.name, 16)} ({stage.kind})"
+            stage.name
+            if stage.kind in ("prior", "sortie", "overdue")
+            else f"{page.fit(stage.name, 16)} ({stage.kind})"
         )
         head = page.fit(name, 26) if stage.number == 0 else f"{stage.number}  {page.fit(name, 26)}"
         below = f"{notation.group(stage.time)}, {count.words}"
         for y, text, size, colour, weight in (
-            (0.45, head, 9.0, GREY if stage.number == 0 else INK, "normal" if stage.number == 0 else "bold"),
+            (
+                0.45,
+                head,
+                9.0,
+                GREY if stage.number == 0 else INK,
+                "normal" if stage.number == 0 else "bold",
+            ),
             (0.75, below, 7.0, RED if count.few else GREY, "normal"),
         ):
             ax.text(
-                -0.14 * inch, k + y, text, transform=place, ha="right", va="center", fontsize=size, color=colour,
+                -0.14 * inch,
+                k + y,
+                text,
+                transform=place,
+                ha="right",
+                va="center",
+                fontsize=size,
+                color=colour,
                 weight=weight,
-            )  # fmt: skip
+            )
 
 
 def _key(figure: Figure, top: float, left: float) -> None:
@@ -333,12 +430,25 @@ def _key(figure: Figure, top: float, left: float) -> None:
         (Patch(fill=False, edgecolor=INK, linewidth=0.8), "as before the first"),
         (Line2D([], [], color=INK, linewidth=1), "5 to 95 %"),
         (Line2D([], [], color=INK, linewidth=3), "25 to 75 %"),
-        (Line2D([], [], color=INK, marker="o", markerfacecolor="white", markersize=4, linestyle=""), "median"),
+        (
+            Line2D(
+                [], [], color=INK, marker="o", markerfacecolor="white", markersize=4, linestyle=""
+            ),
+            "median",
+        ),
     ]
     sheet.legend(
-        figure, rows, loc="upper left", bbox_to_anchor=(left, top), ncols=len(rows), fontsize=8.5, borderaxespad=0,
-        borderpad=0, handlelength=1.8, columnspacing=1.6,
-    )  # fmt: skip
+        figure,
+        rows,
+        loc="upper left",
+        bbox_to_anchor=(left, top),
+        ncols=len(rows),
+        fontsize=8.5,
+        borderaxespad=0,
+        borderpad=0,
+        handlelength=1.8,
+        columnspacing=1.6,
+    )
 
 
 def _account(posteriors: Posteriors, stages: list[Stage]) -> str:

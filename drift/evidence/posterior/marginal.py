@@ -1,7 +1,9 @@
-"""The distribution of one quantity by the weights of particles: shares, moments, exact quantiles, and a histogram.
+"""The distribution of one quantity by the weights of particles: shares, moments, exact quantiles,
+and a histogram.
 
-Particles are gone through part by part, and sums made by blocks (drift.engine.particles.partials). Quantiles are exact: a
-histogram says in which bin each lies, and only the particles of those bins are sorted.
+Particles are gone through part by part, and sums made by blocks (drift.engine.particles.partials).
+Quantiles are exact: a histogram says in which bin each lies, and only the particles of those bins
+are sorted.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -20,7 +22,8 @@ from geo.array import Array
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 BINS = 256
 TURN = 2 * np.pi
-ROUNDING = 2.0**-44  # of the sums of a million terms: a variance that is a smaller part of the mean square is none
+# of the sums of a million terms: a variance that is a smaller part of the mean square is none
+ROUNDING = 2.0**-44
 SORTED = 2**21  # particles of a bin that are sorted at once; of more the bin is cut into bins again
 
 # Gives the numbers by which particles are ranked, and their weights, some after others.
@@ -29,25 +32,29 @@ Members = Callable[[], Iterable[tuple[Array, Array]]]
 
 @dataclass(frozen=True)
 class Marginal:
-    """A distribution in SI and radians; NaN where nothing has weight. Rows: each scenario, then all together.
+    """A distribution in SI and radians; NaN where nothing has weight. Rows: each scenario, then all
+    together.
 
     Of a category there are shares and effective numbers alone.
     """
 
     share: Array  # (rows,) probability of those for which the quantity means anything
     ess: Array  # (rows,) effective number of these particles (Kong 1992)
-    # of a category the shares of its values (rows, values), or of one that is the scenarios' own (1, values); else those of BINS of
-    # all together (1, BINS)
+    # of a category the shares of its values (rows, values), or of one that is the scenarios' own
+    # (1, values); else those of BINS of all together (1, BINS)
     table: Array
     mean: Array | None = None  # (rows,); of angles the direction of the mean vector, 0 to a turn
-    std: Array | None = None  # (rows,); of angles sqrt(-2 ln R), R the length of the mean vector (Mardia 1972)
-    quantiles: Array | None = None  # (rows, LEVELS); of angles those of a turn that begins opposite the mean
+    # (rows,); of angles sqrt(-2 ln R), R the length of the mean vector (Mardia 1972)
+    std: Array | None = None
+    # (rows, LEVELS); of angles those of a turn that begins opposite the mean
+    quantiles: Array | None = None
 
 
 class Weighted(NamedTuple):
     """Particles by their weights, and what these and their squares add up to."""
 
-    columns: Columns  # log_weight; lineage where any was drawn anew; holds of a quantity that means nothing for some
+    # log_weight; lineage where any was drawn anew; holds of a quantity that means nothing for some
+    columns: Columns
     top: float  # the largest log weight of all
     total: Array  # (rows,) in units of the largest weight
     squares: Array  # (rows,) of the weights of families
@@ -59,22 +66,31 @@ class Weighted(NamedTuple):
         return np.asarray(np.divide(self.total**2, self.squares, out=none, where=self.squares > 0))
 
     def parts(self, *names: str) -> Iterator[tuple[Any, ...]]:
-        """Yield the blocks of some particles after others, their weights, 0 where the quantity means nothing, and columns."""
-        for blocks, log_weight, holds, *columns in self.columns.parts("log_weight", "holds", *names):
+        """Yield the blocks of some particles after others, their weights, 0 where the quantity
+        means nothing, and columns.
+        """
+        for blocks, log_weight, holds, *columns in self.columns.parts(
+            "log_weight", "holds", *names
+        ):
             weight = weights.relative(log_weight, self.top)
             yield blocks, weight if holds is None else weight * holds, *columns
 
     def row(self, row: int) -> "Weighted":
         """Return the particles of a row: of a scenario, or all."""
         blocks = self.columns.blocks
-        return self if row == blocks.scenarios else self._replace(columns=self.columns.some(*_span(blocks, row)))
+        return (
+            self
+            if row == blocks.scenarios
+            else self._replace(columns=self.columns.some(*_span(blocks, row)))
+        )
 
 
 def weighted(columns: Columns, top: float | None = None) -> Weighted:
-    """Return particles as the other functions take them, by their `log_weight` and, where there is one, `lineage`.
+    """Return particles as the other functions take them, by their `log_weight` and, where there is
+    one, `lineage`.
 
-    lineage: int, the particle of the begin from which each descends: copies count as one (drift.forecast.effective). top: the
-    largest log weight, if it is known.
+    lineage: int, the particle of the begin from which each descends: copies count as one
+    (drift.forecast.effective). top: the largest log weight, if it is known.
     """
     if top is None:
         top = max(float(log_weight.max()) for _, log_weight in columns.parts("log_weight"))
@@ -84,7 +100,9 @@ def weighted(columns: Columns, top: float | None = None) -> Weighted:
         sums.append(blocks.partial(weight, weight**2))
         if lineage is not None:
             scenario = np.repeat(blocks.scenario, np.diff(blocks.first, append=blocks.n))
-            runs.append(weights.runs_of_families(scenario, blocks.scenarios, weight, lineage, blocks))
+            runs.append(
+                weights.runs_of_families(scenario, blocks.scenarios, weight, lineage, blocks)
+            )
     total, squares = _summed(sums)[:, 0].T
     if runs:
         many = columns.blocks.scenarios
@@ -110,7 +128,8 @@ def of_category(own: Weighted, values: Columns, many: int) -> Marginal:
 
 
 def of_scenarios(own: Weighted, number: npt.NDArray[np.int64], many: int) -> Marginal:
-    """Return the distribution of a category whose value is the scenario's own, of all scenarios together: the table has one row.
+    """Return the distribution of a category whose value is the scenario's own, of all scenarios
+    together: the table has one row.
 
     number: of each scenario's value, (scenarios,), 0 to many - 1; -1: it has none.
     """
@@ -127,12 +146,15 @@ def of_number(own: Weighted, values: Columns, low: float, high: float) -> Margin
 
     low, high: ends of the histogram, to whose first and last bin what lies outside is added.
     """
-    held, middle = _held(own, values), (low + high) / 2  # from there squares are small enough to be subtracted
+    # from there squares are small enough to be subtracted
+    held, middle = _held(own, values), (low + high) / 2
     moments, coded = [], []
     for blocks, weight, number in held.parts("values"):
         off = np.subtract(number, middle, dtype=np.float64)
         moments.append(blocks.partial(weight * off, weight * off * off))
-        coded.append(blocks.partial(weight, code=_bins(number.astype(np.float64), low, high), many=BINS))
+        coded.append(
+            blocks.partial(weight, code=_bins(number.astype(np.float64), low, high), many=BINS)
+        )
     sums, table = _summed(moments)[:, 0], _summed(coded)[:, :, 0]
     mean, square = _over(sums[:, 0], held.total), _over(sums[:, 1], held.total)
     variance = np.where(square - mean**2 > ROUNDING * square, square - mean**2, 0.0 * square)
@@ -141,15 +163,23 @@ def of_number(own: Weighted, values: Columns, low: float, high: float) -> Margin
         for _, weight, number in held.row(row).parts("values"):
             yield number.astype(np.float64), weight
 
-    quantiles = [_quantiles(partial(members, row), levels, low, high) for row, levels in enumerate(table)]
+    quantiles = [
+        _quantiles(partial(members, row), levels, low, high) for row, levels in enumerate(table)
+    ]
     shares = _over(held.total, own.total), held.ess
     return Marginal(
-        *shares, _over(table[-1], own.total[-1])[None], mean + middle, np.sqrt(variance), np.array(quantiles)
+        *shares,
+        _over(table[-1], own.total[-1])[None],
+        mean + middle,
+        np.sqrt(variance),
+        np.array(quantiles),
     )
 
 
 def of_angle(own: Weighted, values: Columns) -> Marginal:
-    """Return the distribution of angles [rad], where they hold; their histogram is of one turn from 0."""
+    """Return the distribution of angles [rad], where they hold; their histogram is of one turn from
+    0.
+    """
     held, turned, coded = _held(own, values), [], []
     for blocks, weight, angle in held.parts("values"):
         within = angle.astype(np.float64) % TURN
@@ -160,13 +190,17 @@ def of_angle(own: Weighted, values: Columns) -> Marginal:
     length = np.minimum(_over(np.hypot(sums[:, 0], sums[:, 1]), held.total), 1.0)
     with np.errstate(divide="ignore"):
         std = np.sqrt(-2 * np.log(length))
-    quantiles = np.array([_about(held.row(row), middle) for row, middle in enumerate(np.nan_to_num(mean))])
+    quantiles = np.array(
+        [_about(held.row(row), middle) for row, middle in enumerate(np.nan_to_num(mean))]
+    )
     shares = _over(held.total, own.total), held.ess
     return Marginal(*shares, _over(table[-1], own.total[-1])[None], mean, std, quantiles)
 
 
 def _about(held: Weighted, centre: float) -> Array:
-    """Return the quantiles of angles (LEVELS,): those of how far they are from a centre, -pi to pi, as angles again."""
+    """Return the quantiles of angles (LEVELS,): those of how far they are from a centre, -pi to pi,
+    as angles again.
+    """
 
     def members() -> Iterator[tuple[Array, Array]]:
         for _, weight, angle in held.parts("values"):
@@ -193,7 +227,8 @@ def _span(blocks: Blocks, scenario: int) -> tuple[int, int]:
 def _summed(parts: list[Partial]) -> Array:
     """Return the sums of all parts by scenario and, last, of all, (scenarios + 1, codes, values)."""
     by_scenario = partials.merged(parts).by_scenario
-    return np.concatenate([by_scenario, np.add.accumulate(by_scenario, axis=0)[-1:]])  # as Partial.total
+    # as Partial.total
+    return np.concatenate([by_scenario, np.add.accumulate(by_scenario, axis=0)[-1:]])
 
 
 def _over(part: Array, whole: Array) -> Array:
@@ -208,15 +243,21 @@ def _bins(values: Array, low: float, high: float) -> Array:
 
 
 def _quantiles(members: Members, table: Array, low: float, high: float) -> Array:
-    """Return the quantiles of what ranks some particles (LEVELS,); table: their weights in BINS from low to high."""
+    """Return the quantiles of what ranks some particles (LEVELS,); table: their weights in BINS
+    from low to high.
+    """
     return _ranked(members, table, low, high, np.asarray(LEVELS) * np.cumsum(table)[-1])
 
 
 def _ranked(members: Members, table: Array, low: float, high: float, aim: Array) -> Array:
-    """Return the least numbers up to and with which the weights add up to what is aimed at; NaN of no weight."""
+    """Return the least numbers up to and with which the weights add up to what is aimed at;
+
+    NaN of no weight.
+    """
     if not table.any():
         return np.full(len(aim), np.nan)
-    up_to, end = np.cumsum(table), np.flatnonzero(table)[-1]  # rounding must not lead beyond the last weight
+    # rounding must not lead beyond the last weight
+    up_to, end = np.cumsum(table), np.flatnonzero(table)[-1]
     wanted = np.minimum(np.searchsorted(up_to, aim), end)
     rest, found = aim - (up_to - table)[wanted], np.empty(len(aim))
     bins = {int(code): _Bin() for code in np.unique(wanted)}
@@ -259,7 +300,10 @@ class _Bin:
         if not numbers.size:
             return
         self.many += numbers.size
-        self.least, self.most = min(self.least, float(numbers.min())), max(self.most, float(numbers.max()))
+        self.least, self.most = (
+            min(self.least, float(numbers.min())),
+            max(self.most, float(numbers.max())),
+        )
         if self.many <= SORTED:
             self._kept.append((numbers, weight))
         else:

@@ -1,4 +1,5 @@
-"""The quantities of which posteriors are told. A new one is one more entry; files and pictures ask nothing else.
+"""The quantities of which posteriors are told. A new one is one more entry; files and pictures ask
+nothing else.
 
 A quantity is told of a run where any two of its particles differ in it.
 """
@@ -10,7 +11,15 @@ import numpy as np
 
 from drift.engine.motion.ensemble_spec import EnsembleSpec
 from drift.engine.motion.steering.family import Axis
-from drift.engine.motion.steering.itinerary import Acts, Course, InRing, Itinerary, Loiter, Place, Ways
+from drift.engine.motion.steering.itinerary import (
+    Acts,
+    Course,
+    InRing,
+    Itinerary,
+    Loiter,
+    Place,
+    Ways,
+)
 from drift.engine.particles import members
 from drift.engine.particles.status import Status
 from drift.evidence.posterior.quantity import Drawn, Quantity, Values
@@ -59,7 +68,8 @@ def _settled(drawn: Drawn, name: str) -> Values | None:
 def _adrift(drawn: Drawn) -> Values:
     """Return when particles go adrift within the run: at their release, or their distress.
 
-    What arrives, runs aground or is lost before its distress never does; of a voyage that is known from its begin.
+    What arrives, runs aground or is lost before its distress never does; of a voyage that is known
+    from its begin.
     """
     ensemble = drawn.ensemble
     release, status, since = (
@@ -84,7 +94,9 @@ def _members(spec: EnsembleSpec) -> tuple[str, ...]:
 
 
 def _side(drawn: Drawn) -> Values | None:
-    """Return on which side of the wind particles drift now, of objects whose sides differ; jibes change it."""
+    """Return on which side of the wind particles drift now, of objects whose sides differ; jibes
+    change it.
+    """
     if "side" not in drawn.ensemble.own:
         return None
     sided = np.array([s.object.jibes and "drift" in s.models for s in drawn.spec.scenarios])
@@ -104,7 +116,9 @@ class Ends(NamedTuple):
 
 def ends(spec: EnsembleSpec) -> Ends:
     """Return to which places scenarios lead in the end: one that several lead to is one place."""
-    places = [_ends(scenario.itinerary) if scenario.itinerary else [] for scenario in spec.scenarios]
+    places = [
+        _ends(scenario.itinerary) if scenario.itinerary else [] for scenario in spec.scenarios
+    ]
     labels: dict[str, int] = {}
     number = np.full((len(places), max(1, *(len(own) for own in places))), -1)
     for row, own in zip(number, places, strict=True):
@@ -114,7 +128,9 @@ def ends(spec: EnsembleSpec) -> Ends:
 
 
 def _ends(itinerary: Itinerary) -> list[Place]:
-    """Return the destinations of the last phase that has a choice of them, else where the last phase ends."""
+    """Return the destinations of the last phase that has a choice of them, else where the last
+    phase ends.
+    """
     for phase in reversed(itinerary.phases):
         if isinstance(phase, Ways) and phase.destinations:
             return [point.place for point, _ in phase.destinations]
@@ -158,7 +174,9 @@ def _of_none(drawn: Drawn) -> None:
 
 
 def of_axis(axis: Axis) -> Quantity:
-    """Return an axis of families of scenarios as a quantity; what particles have of it their scenarios say."""
+    """Return an axis of families of scenarios as a quantity; what particles have of it their
+    scenarios say.
+    """
     heading = f"{axis.name[:1].upper()}{axis.name[1:]} (by scenario)"
     return Quantity(f"axis {axis.name}", heading, "category", _of_none, by_scenario=True)
 

@@ -1,4 +1,6 @@
-"""A quantity of which a posterior is told: what it is called, and how it is read from the particles."""
+"""A quantity of which a posterior is told: what it is called, and how it is read from the
+particles.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,8 +11,8 @@ from drift.engine.motion.steering.settled import Settled
 from drift.engine.particles.ensemble import Ensemble
 from geo.array import Array
 
-# number: on a line; time: [s] after the start of the run; circular: an angle [rad], of which a turn more or less is the
-# same; category: the number of one of a few values.
+# number: on a line; time: [s] after the start of the run; circular: an angle [rad], of which a turn
+# more or less is the same; category: the number of one of a few values.
 Kind = Literal["number", "time", "circular", "category"]
 
 
@@ -40,5 +42,7 @@ class Quantity:
     of: Callable[[Drawn], Values | None]  # None: no particle of the run has it
     unit: str = ""  # in files and pictures
     scale: float = 1.0  # how many of these units an SI unit, or a radian, is
-    labels: Callable[[EnsembleSpec], tuple[str, ...]] | None = None  # the values of a category, in words
-    by_scenario: bool = False  # a category: its value is the scenario's own, and nothing is told of single scenarios
+    # the values of a category, in words
+    labels: Callable[[EnsembleSpec], tuple[str, ...]] | None = None
+    # a category: its value is the scenario's own, and nothing is told of single scenarios
+    by_scenario: bool = False

@@ -1,6 +1,7 @@
 """Scenarios by rank: which were likeliest in the end, and how much each gained.
 
-How many count is told by the entropy of their probabilities: exp(-sum p ln p), n for n scenarios that are all as likely.
+How many count is told by the entropy of their probabilities: exp(-sum p ln p), n for n scenarios
+that are all as likely.
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,9 @@ AXIS = "axis "  # before the name of an axis, in the headers of columns
 
 @dataclass(frozen=True)
 class Ranking:
-    """The scenarios of a run, before the first update and after the last; arrays are (scenarios,), in the order of the case."""
+    """The scenarios of a run, before the first update and after the last; arrays are (scenarios,),
+    in the order of the case.
+    """
 
     posteriors: Posteriors
     prior: Array
@@ -31,7 +34,9 @@ class Ranking:
 
     @property
     def order(self) -> npt.NDArray[np.int64]:
-        """The numbers of the scenarios, the likeliest first; of equals that which was likelier before."""
+        """The numbers of the scenarios, the likeliest first; of equals that which was likelier
+        before.
+        """
         return np.lexsort((-self.prior, -self.posterior))
 
     @property
@@ -58,7 +63,10 @@ class Ranking:
 
 
 def ranking_of(posteriors: Posteriors) -> Ranking | None:
-    """Return the ranking of a run's scenarios; None of one alone, and where nothing was searched, seen or not seen."""
+    """Return the ranking of a run's scenarios;
+
+    None of one alone, and where nothing was searched, seen or not seen.
+    """
     first, last = posteriors.stages[0], posteriors.stages[-1]
     if len(posteriors.scenarios) < 2 or first is last:
         return None
@@ -68,21 +76,35 @@ def ranking_of(posteriors: Posteriors) -> Ranking | None:
 def csv(ranking: Ranking, run: str) -> str:
     """Return a row for each scenario, the likeliest first; run: the run_id for the last column.
 
-    factor: posterior over prior; cumulative: probability of all up to this one. What follows is its value on each axis of its family.
+    factor: posterior over prior; cumulative: probability of all up to this one. What follows is its
+    value on each axis of its family.
     """
     axes, families, factor = ranking.axes, ranking.posteriors.families, ranking.factor
     rows, order = [], ranking.order
-    for rank, (k, total) in enumerate(zip(order.tolist(), np.cumsum(ranking.posterior[order]), strict=True), 1):
+    for rank, (k, total) in enumerate(
+        zip(order.tolist(), np.cumsum(ranking.posterior[order]), strict=True), 1
+    ):
         place = families[k]
         figures = (ranking.prior[k], ranking.posterior[k], factor[k], total)
         values = [axis.axis.labels[axis.number[k]] if axis.number[k] >= 0 else "" for axis in axes]
         told = [_text(value) for value in figures]
-        rows.append([rank, ranking.posteriors.scenarios[k], place.family.name if place else "", *told, *values, run])
+        rows.append(
+            [
+                rank,
+                ranking.posteriors.scenarios[k],
+                place.family.name if place else "",
+                *told,
+                *values,
+                run,
+            ]
+        )
     return formats.csv_text([*HEADER, *(AXIS + axis.axis.name for axis in axes), "run_id"], rows)
 
 
 def summary_of_ranking(ranking: Ranking) -> dict[str, Any]:
-    """Return for the summary how many scenarios count, and the probability of each value on each axis of families."""
+    """Return for the summary how many scenarios count, and the probability of each value on each
+    axis of families.
+    """
     before, now = family.effective(ranking.prior), family.effective(ranking.posterior)
     axes = {}
     for along in ranking.axes:
@@ -92,7 +114,9 @@ def summary_of_ranking(ranking: Ranking) -> dict[str, Any]:
             along.shares(ranking.posterior).tolist(),
             strict=True,
         )
-        axes[along.axis.name] = {label: {"prior": prior, "posterior": posterior} for label, prior, posterior in shares}
+        axes[along.axis.name] = {
+            label: {"prior": prior, "posterior": posterior} for label, prior, posterior in shares
+        }
     return {
         "number": len(ranking.prior),
         "effective": {"prior": before, "posterior": now},

@@ -1,4 +1,6 @@
-"""What is told of posteriors: the quantities, and their distributions before the first and after each update."""
+"""What is told of posteriors: the quantities, and their distributions before the first and after
+each update.
+"""
 
 from dataclasses import dataclass
 

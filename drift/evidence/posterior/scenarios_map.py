@@ -1,7 +1,7 @@
 """The picture of scenarios by rank, readable however many there are.
 
-On the left the likeliest as bars, all others together as the last, with how likely each was before; beside them, where there are
-families, the probability of each value on each axis.
+On the left the likeliest as bars, all others together as the last, with how likely each was before;
+beside them, where there are families, the probability of each value on each axis.
 """
 
 from pathlib import Path
@@ -48,12 +48,18 @@ def plot_scenario_ranking(ranking: Ranking, path: Path, setting: Setting) -> Non
     height = HEAD + tall + FOOT
     on = sheet.begin(
         Sheet(
-            width, height, 120, left=0.28 / width, title=sheet.heading(1 - 0.4 / height, 14, (width - 0.5) / 0.118),
-            beside=(width - 4.7) / 0.118, lines=(Row(1 - 0.68 / height, 9.5, width * 12),),
+            width,
+            height,
+            120,
+            left=0.28 / width,
+            title=sheet.heading(1 - 0.4 / height, 14, (width - 0.5) / 0.118),
+            beside=(width - 4.7) / 0.118,
+            lines=(Row(1 - 0.68 / height, 9.5, width * 12),),
             caution=Badge(1 - 0.2 / width, 1 - 0.4 / height, side="right"),
-            rough=Badge(3.3 / width, 1 - 0.86 / height, 8), footer=sheet.small(0.09 / height, 7, width * 15),
+            rough=Badge(3.3 / width, 1 - 0.86 / height, 8),
+            footer=sheet.small(0.09 / height, 7, width * 15),
         )
-    )  # fmt: skip
+    )
     sheet.head(on, setting.imprint, ranking.words)
     count = effective.Count(ranking.posteriors.stages[-1].ess, setting.particles)
     if count.few:
@@ -62,7 +68,12 @@ def plot_scenario_ranking(ranking: Ranking, path: Path, setting: Setting) -> Non
         (Patch(color=NOW), "now"),
         (Line2D([], [], color=INK, linewidth=2.2), "before the first update"),
     ]
-    at = {"loc": "upper left", "bbox_to_anchor": (0.28 / width, 1 - 0.78 / height), "borderaxespad": 0, "borderpad": 0}
+    at = {
+        "loc": "upper left",
+        "bbox_to_anchor": (0.28 / width, 1 - 0.78 / height),
+        "borderaxespad": 0,
+        "borderpad": 0,
+    }
     sheet.legend(on.figure, key, ncols=2, fontsize=8.5, **at)
     bottom = (FOOT + tall - rows * ROW) / height
     ax = on.figure.add_axes(((0.3 + NAMES) / width, bottom, BARS / width, rows * ROW / height))
@@ -72,7 +83,11 @@ def plot_scenario_ranking(ranking: Ranking, path: Path, setting: Setting) -> Non
         left = 0.3 + NAMES + BARS + FIGURES + BESIDE + column * (AXIS + BESIDE)
         high = tall / lines - under - OVER
         base = FOOT + tall - (line + 1) * (tall / lines) + OVER + under
-        _axis(on.figure.add_axes((left / width, base / height, AXIS / width, high / height)), along, ranking)
+        _axis(
+            on.figure.add_axes((left / width, base / height, AXIS / width, high / height)),
+            along,
+            ranking,
+        )
     words = "Effective scenarios: exp of the entropy of their probabilities. All scenarios by rank: scenarios.csv."
     if len(ranking.axes) > AXES:
         words += f" {len(ranking.axes) - AXES} more axes: posteriors.csv."
@@ -85,7 +100,9 @@ def _ranks(ax: Axes, ranking: Ranking) -> None:
     shown, names = ranking.shown, ranking.posteriors.scenarios
     alone = [k for k in ranking.order.tolist() if k in shown.alone]
     rest = [k for k in ranking.order.tolist() if k not in shown.alone]
-    prior, now = ([*(float(values[k]) for k in alone)] for values in (ranking.prior, ranking.posterior))
+    prior, now = (
+        [*(float(values[k]) for k in alone)] for values in (ranking.prior, ranking.posterior)
+    )
     told = page.names([names[k] for k in alone], LETTERS)
     if rest:
         prior.append(float(ranking.prior[rest].sum()))
@@ -93,19 +110,42 @@ def _ranks(ax: Axes, ranking: Ranking) -> None:
         told.append(f"{len(rest):,} others together")
     top = max([*prior[: len(alone)], *now[: len(alone)]]) * 1.02  # all others may reach beyond
     y = np.arange(len(now))
-    ax.barh(y, np.minimum(now, top), 0.62, color=[NOW] * len(alone) + [BEFORE] * bool(rest), zorder=3)
+    ax.barh(
+        y, np.minimum(now, top), 0.62, color=[NOW] * len(alone) + [BEFORE] * bool(rest), zorder=3
+    )
     known = np.array(prior) <= top
-    ax.vlines(np.array(prior)[known], y[known] - 0.4, y[known] + 0.4, color=INK, linewidth=2.2, zorder=4)
+    ax.vlines(
+        np.array(prior)[known], y[known] - 0.4, y[known] + 0.4, color=INK, linewidth=2.2, zorder=4
+    )
     for k in np.flatnonzero(np.maximum(prior, now) > top).tolist():
-        ax.text(top * 0.99, k, "›", fontsize=13, weight="bold", color=INK, ha="right", va="center_baseline", zorder=5)
+        ax.text(
+            top * 0.99,
+            k,
+            "›",
+            fontsize=13,
+            weight="bold",
+            color=INK,
+            ha="right",
+            va="center_baseline",
+            zorder=5,
+        )
     ax.set_xlim(0, top)
     ax.set_ylim(len(now) - 0.5, -0.5)
     ax.set_yticks(y, told, fontsize=8.5, color=INK)
-    ax.set_title("Likeliest scenarios [%]", fontsize=10, weight="bold", color=INK, loc="left", pad=7)
+    ax.set_title(
+        "Likeliest scenarios [%]", fontsize=10, weight="bold", color=INK, loc="left", pad=7
+    )
     for k, (before, after) in enumerate(zip(prior, now, strict=True)):
         ax.text(top * 1.03, k - 0.17, notation.percent(after), fontsize=9, color=INK, va="center")
         factor = f", × {_factor(after / before)}" if before > 0 else ""
-        ax.text(top * 1.03, k + 0.22, f"{notation.percent(before)} before{factor}", fontsize=7, color=GREY, va="center")
+        ax.text(
+            top * 1.03,
+            k + 0.22,
+            f"{notation.percent(before)} before{factor}",
+            fontsize=7,
+            color=GREY,
+            va="center",
+        )
     _plain(ax, "x")
 
 
@@ -118,7 +158,9 @@ def _axis(ax: Axes, along: Along, ranking: Ranking) -> None:
     prior, now = along.shares(ranking.prior), along.shares(ranking.posterior)
     x = np.arange(len(now))
     ax.bar(x, now, 0.76, color=NOW, zorder=3)
-    ax.hlines(prior, x - 0.44, x + 0.44, color=INK, linewidth=1.8 if len(now) <= 40 else 0.8, zorder=4)
+    ax.hlines(
+        prior, x - 0.44, x + 0.44, color=INK, linewidth=1.8 if len(now) <= 40 else 0.8, zorder=4
+    )
     top = 1.18 * float(max(prior.max(), now.max()))
     ax.set_ylim(0, top)
     ax.set_xlim(-0.6, len(now) - 0.4)
@@ -134,9 +176,18 @@ def _axis(ax: Axes, along: Along, ranking: Ranking) -> None:
                 va="bottom",
             )
     told, step = page.names(list(along.axis.labels), WORD), -(-len(now) // NAMED)
-    aslant: dict[str, Any] = {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if _aslant(along) else {}
+    aslant: dict[str, Any] = (
+        {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if _aslant(along) else {}
+    )
     ax.set_xticks(x[::step], told[::step], fontsize=7, color=INK, **aslant)
-    ax.set_title(page.fit(f"By {along.axis.name} [%]", 28), fontsize=9, weight="bold", color=INK, loc="left", pad=7)
+    ax.set_title(
+        page.fit(f"By {along.axis.name} [%]", 28),
+        fontsize=9,
+        weight="bold",
+        color=INK,
+        loc="left",
+        pad=7,
+    )
     if 0 < prior.sum() < 1 - 1e-9:
         words = f"in all {notation.percent(float(now.sum()))}, {notation.percent(float(prior.sum()))} before"
         ax.set_title(words, fontsize=7, color=GREY, loc="right", pad=7)

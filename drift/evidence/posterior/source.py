@@ -1,4 +1,6 @@
-"""Where beliefs read what particles have of each quantity: from an ensemble as it is, or from what was taken down of one."""
+"""Where beliefs read what particles have of each quantity: from an ensemble as it is, or from what
+was taken down of one.
+"""
 
 from typing import Protocol
 
@@ -18,7 +20,10 @@ class Source(Protocol):
     """The particles of a run at some time."""
 
     def columns(self, quantity: Quantity) -> Columns | None:
-        """Return what they have of a quantity, as columns by the names of Values; None: none has it."""
+        """Return what they have of a quantity, as columns by the names of Values;
+
+        None: none has it.
+        """
 
 
 class Particles:
@@ -31,11 +36,16 @@ class Particles:
         self._settled: Settled | None = None
 
     def columns(self, quantity: Quantity) -> Columns | None:
-        """Return what they have of a quantity; what is settled at birth is asked for again if births have changed."""
+        """Return what they have of a quantity; what is settled at birth is asked for again if
+        births have changed.
+        """
         if self._steering is not None:
             birth = self._ensemble.own["birth"].to_numpy()
             if self._birth is None or not np.array_equal(birth, self._birth):
-                self._birth, self._settled = birth.copy(), settled.read_settled(self._ensemble, self._steering)
+                self._birth, self._settled = (
+                    birth.copy(),
+                    settled.read_settled(self._ensemble, self._steering),
+                )
         scenario = self._ensemble.scenario.to_numpy().astype(np.int64)
         found = quantity.of(Drawn(self._spec, self._ensemble, scenario, self._settled))
         return None if found is None else Columns.held(self._ensemble.blocks, found._asdict())

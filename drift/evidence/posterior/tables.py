@@ -16,27 +16,51 @@ from geo import notation
 ALL = "all"
 QUANTILES = [f"q{100 * level:02.0f}" for level in LEVELS]
 HEADER = [
-    "update", "name", "kind", "time", "date_time_group", "quantity", "unit", "scenario", "value", "share", "mean", "std",
-    *QUANTILES, "ess", "run_id",
-]  # fmt: skip
+    "update",
+    "name",
+    "kind",
+    "time",
+    "date_time_group",
+    "quantity",
+    "unit",
+    "scenario",
+    "value",
+    "share",
+    "mean",
+    "std",
+    *QUANTILES,
+    "ess",
+    "run_id",
+]
 HOUR = 3600.0
-LEAST = 0.01  # probability that a scenario has at some time, if quantities are to be told of it by itself
+# probability that a scenario has at some time, if quantities are to be told of it by itself
+LEAST = 0.01
 
 
 def csv(posteriors: Posteriors, run: str) -> str:
-    """Return a row for each update, quantity and scenario, and one for all together; of a category one a value.
+    """Return a row for each update, quantity and scenario, and one for all together; of a category
+    one a value.
 
-    run: the run_id for the last column. A quantity that means nothing in a scenario has no row there, and a scenario
-    that never has a probability of LEAST none but its own. Times are ISO 8601, and their standard deviation is in hours.
+    run: the run_id for the last column. A quantity that means nothing in a scenario has no row
+    there, and a scenario that never has a probability of LEAST none but its own. Times are ISO
+    8601, and their standard deviation is in hours.
     """
     rows: list[list[Any]] = []
     for stage in posteriors.stages:
-        head = [stage.number, stage.name, stage.kind, notation.iso(stage.time), notation.group(stage.time)]
+        head = [
+            stage.number,
+            stage.name,
+            stage.kind,
+            notation.iso(stage.time),
+            notation.group(stage.time),
+        ]
         for k, told in enumerate(posteriors.told):
             for row, scenario in _scenarios(posteriors, k):
                 cells = _cells(posteriors, told, stage.marginals[k], row)
                 what = [told.quantity.name, unit(told), scenario]
-                rows += [[*head, *what, *own, _text(stage.marginals[k].ess[row]), run] for own in cells]
+                rows += [
+                    [*head, *what, *own, _text(stage.marginals[k].ess[row]), run] for own in cells
+                ]
     return formats.csv_text(HEADER, rows)
 
 
@@ -47,23 +71,37 @@ def unit(told: Told) -> str:
 
 def _scenarios(posteriors: Posteriors, k: int) -> list[tuple[int, str]]:
     """Return row and name of the scenarios in which quantity k means anything, and of all together."""
-    ever = np.any([np.nan_to_num(stage.marginals[k].share) > 0 for stage in posteriors.stages], axis=0)
+    ever = np.any(
+        [np.nan_to_num(stage.marginals[k].share) > 0 for stage in posteriors.stages], axis=0
+    )
     ever[:-1] &= np.max([stage.scenarios for stage in posteriors.stages], axis=0) >= LEAST
     names = posteriors.scenarios
     single = len(names) == 1 or posteriors.told[k].quantity.by_scenario  # then all together say it
-    return [(j, name) for j, name in enumerate(names) if ever[j] and not single] + [(len(names), ALL)]
+    return [(j, name) for j, name in enumerate(names) if ever[j] and not single] + [
+        (len(names), ALL)
+    ]
 
 
 def _cells(posteriors: Posteriors, told: Told, found: Marginal, row: int) -> list[list[str]]:
-    """Return value, share, mean, std and quantiles of a row of a marginal; of a category a list a value."""
+    """Return value, share, mean, std and quantiles of a row of a marginal; of a category a list a
+    value.
+    """
     if told.quantity.kind == "category":
-        shares = zip(told.labels, found.table[-1 if told.quantity.by_scenario else row], strict=True)
+        shares = zip(
+            told.labels, found.table[-1 if told.quantity.by_scenario else row], strict=True
+        )
         return [[label, _text(share), *[""] * (2 + len(LEVELS))] for label, share in shares]
     assert found.mean is not None
     assert found.std is not None
     assert found.quantiles is not None
-    values = [written(posteriors, told, value) for value in (found.mean[row], *found.quantiles[row])]
-    std = found.std[row] / HOUR if told.quantity.kind == "time" else found.std[row] * told.quantity.scale
+    values = [
+        written(posteriors, told, value) for value in (found.mean[row], *found.quantiles[row])
+    ]
+    std = (
+        found.std[row] / HOUR
+        if told.quantity.kind == "time"
+        else found.std[row] * told.quantity.scale
+    )
     return [["", _text(found.share[row]), values[0], _text(std), *values[1:]]]
 
 
@@ -91,7 +129,9 @@ def summary(posteriors: Posteriors) -> dict[str, Any]:
 
 
 def summary_of_posteriors(posteriors: Posteriors) -> list[dict[str, Any]]:
-    """Return the distributions of all scenarios together, for the summary; of many scenarios the likeliest and the others as one."""
+    """Return the distributions of all scenarios together, for the summary; of many scenarios the
+    likeliest and the others as one.
+    """
     shown = likeliest.likeliest_scenarios([stage.scenarios for stage in posteriors.stages])
     return [
         {
@@ -126,8 +166,16 @@ def _numbers(posteriors: Posteriors, told: Told, found: Marginal, shown: Shown) 
         return moment(posteriors, number) if math.isfinite(number) else None
 
     std = found.std[-1] * (1 / HOUR if time else told.quantity.scale)
-    quantiles = {name: value(number) for name, number in zip(QUANTILES, found.quantiles[-1], strict=True)}
-    return {**share, "unit": unit(told), "mean": value(found.mean[-1]), "std": float(std), **quantiles}
+    quantiles = {
+        name: value(number) for name, number in zip(QUANTILES, found.quantiles[-1], strict=True)
+    }
+    return {
+        **share,
+        "unit": unit(told),
+        "mean": value(found.mean[-1]),
+        "std": float(std),
+        **quantiles,
+    }
 
 
 def _text(value: float) -> str:

@@ -1,4 +1,6 @@
-"""Bearings all round: their order on the circle, bearings that stand twice, and gaps that no table may have."""
+"""Bearings all round: their order on the circle, bearings that stand twice, and gaps that no table
+may have.
+"""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,13 +14,19 @@ SAME = 1e-3  # [deg] bearings so close are the same: 0 and 360 in single precisi
 
 
 def around(
-    bearing: ArrayLike, values: Array, axis: int, name: str, agree: float, unit: str, widest: float = WIDEST
+    bearing: ArrayLike,
+    values: Array,
+    axis: int,
+    name: str,
+    agree: float,
+    unit: str,
+    widest: float = WIDEST,
 ) -> tuple[Array, Array]:
     """Return bearings [rad], ascending in [0, 2 pi), and values in their order along an axis.
 
-    bearing: [deg] in any order, negative or beyond 360. A bearing that stands twice, as 0 and 360 do, must have values
-    that are the same to within `agree` (in `unit`), and is kept once. One bearing alone means the same all round.
-    widest: gap [deg] between neighbours that is allowed.
+    bearing: [deg] in any order, negative or beyond 360. A bearing that stands twice, as 0 and 360
+    do, must have values that are the same to within `agree` (in `unit`), and is kept once. One
+    bearing alone means the same all round. widest: gap [deg] between neighbours that is allowed.
     Raises UserError where the bearings leave a gap, starting with `name`.
     """
     degrees = np.asarray(bearing, np.float64)
@@ -28,7 +36,9 @@ def around(
         )
     if np.abs(degrees).max(initial=0.0) > 720.0:
         largest = degrees[np.argmax(np.abs(degrees))]
-        raise UserError(f"{name}: bearing {largest:g} degrees; allowed are -720 to 720: mend the table, or its units")
+        raise UserError(
+            f"{name}: bearing {largest:g} degrees; allowed are -720 to 720: mend the table, or its units"
+        )
     turned = np.mod(degrees, 360.0)
     turned = np.where(turned > 360.0 - SAME, 0.0, turned)
     order = np.argsort(turned, kind="stable")
@@ -36,7 +46,9 @@ def around(
     first = np.concatenate(([True], np.diff(turned) > SAME))
     group = np.maximum.accumulate(np.where(first, np.arange(turned.size), 0))
     apart = np.abs(values - np.take(values, group, axis))
-    worst = apart.max(axis=tuple(k for k in range(values.ndim) if k != axis % values.ndim), initial=0.0)
+    worst = apart.max(
+        axis=tuple(k for k in range(values.ndim) if k != axis % values.ndim), initial=0.0
+    )
     if worst.max(initial=0.0) > agree:
         k = int(np.argmax(worst))
         raise UserError(
@@ -49,7 +61,9 @@ def around(
 
 
 def check_gaps(bearing: Array, name: str, widest: float = WIDEST) -> None:
-    """Refuse bearings [deg], ascending in [0, 360), that do not close the circle; one alone means all round."""
+    """Refuse bearings [deg], ascending in [0, 360), that do not close the circle; one alone means
+    all round.
+    """
     if bearing.size == 1:
         return
     gaps = np.diff(np.concatenate((bearing, bearing[:1] + 360.0)))

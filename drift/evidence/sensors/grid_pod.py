@@ -1,4 +1,6 @@
-"""Probability of detection by place, looked up where particles are, and laid out for what moves past (kernels.evidence.glimpse)."""
+"""Probability of detection by place, looked up where particles are, and laid out for what moves
+past (kernels.evidence.glimpse).
+"""
 
 import math
 
@@ -13,7 +15,8 @@ from kernels.evidence import glimpse
 from kernels.evidence.glimpse import Pods
 
 MOST_RINGS = 4000  # ranges to which a table is laid out
-LEAST_RINGS, LEAST_RAYS = 200, 720  # of a table with uneven ranges, or bearings: its corners lie anywhere
+# of a table with uneven ranges, or bearings: its corners lie anywhere
+LEAST_RINGS, LEAST_RAYS = 200, 720
 
 
 def pod_at(grid: PodGrid, time: np.datetime64) -> Array:
@@ -29,8 +32,12 @@ def pod_at(grid: PodGrid, time: np.datetime64) -> Array:
     return np.asarray((1 - share) * grid.pod[k] + share * grid.pod[k + 1])
 
 
-def chance(grid: PodGrid, place: tuple[float, float], time: np.datetime64, lon: Array, lat: Array) -> Array:
-    """Return the probability of detection at (lon, lat) [rad] (n,) by a sensor at a place [rad] at a time."""
+def chance(
+    grid: PodGrid, place: tuple[float, float], time: np.datetime64, lon: Array, lat: Array
+) -> Array:
+    """Return the probability of detection at (lon, lat) [rad] (n,) by a sensor at a place [rad] at
+    a time.
+    """
     table = pod_at(grid, time)
     if grid.range is not None:
         assert grid.bearing is not None
@@ -51,25 +58,42 @@ def chance(grid: PodGrid, place: tuple[float, float], time: np.datetime64, lon: 
 
 
 def tables(grid: PodGrid, time: np.datetime64, lasting: float) -> Pods:
-    """Return what a kernel takes of it at a time; lasting [s]: of the watch, for which POD without a time of its own is there."""
+    """Return what a kernel takes of it at a time; lasting [s]: of the watch, for which POD without
+    a time of its own is there.
+    """
     table, rate = pod_at(grid, time), 1 / (lasting if math.isnan(grid.per) else grid.per)
     if grid.range is not None:
         assert grid.bearing is not None
         rings, rays = _even(grid.range), hearing.even(grid.bearing, hearing.MOST_RAYS)
-        if rays > 1 and not np.allclose(np.mod(grid.bearing * rays / TURN + 0.5, 1.0), 0.5, atol=1e-3):
+        if rays > 1 and not np.allclose(
+            np.mod(grid.bearing * rays / TURN + 0.5, 1.0), 0.5, atol=1e-3
+        ):
             rays = max(rays, LEAST_RAYS)
         by_range = np.stack([np.interp(rings, grid.range, row) for row in table])
         found = hearing.round_circle(np.arange(rays) * TURN / rays, grid.bearing, by_range)
-        return Pods(glimpse.ROUND, found.astype(np.float32), float(rings[1] - rings[0]), rate, float(rings[0]))
+        return Pods(
+            glimpse.ROUND,
+            found.astype(np.float32),
+            float(rings[1] - rings[0]),
+            rate,
+            float(rings[0]),
+        )
     assert grid.lon is not None
     assert grid.lat is not None
     d_lon, d_lat = float(grid.lon[1] - grid.lon[0]), float(grid.lat[1] - grid.lat[0])
-    middle = [int(sphere.to_binary(math.degrees(0.5 * (axis[0] + axis[-1])))) for axis in (grid.lon, grid.lat)]
+    middle = [
+        int(sphere.to_binary(math.degrees(0.5 * (axis[0] + axis[-1]))))
+        for axis in (grid.lon, grid.lat)
+    ]
     narrow = d_lon * max(math.cos(float(np.abs(grid.lat).max())), 0.01)
     return Pods(
-        glimpse.PLACES, table.astype(np.float32), sphere.RADIUS * min(d_lat, narrow), rate,
-        middle=(middle[0], middle[1]), cell=(d_lon / sphere.UNIT, d_lat / sphere.UNIT),
-    )  # fmt: skip
+        glimpse.PLACES,
+        table.astype(np.float32),
+        sphere.RADIUS * min(d_lat, narrow),
+        rate,
+        middle=(middle[0], middle[1]),
+        cell=(d_lon / sphere.UNIT, d_lat / sphere.UNIT),
+    )
 
 
 def _even(ranges: Array) -> Array:

@@ -1,6 +1,8 @@
-"""A passive sonar at a place and time: its tables laid out evenly, and its signal excess by bearing and range.
+"""A passive sonar at a place and time: its tables laid out evenly, and its signal excess by bearing
+and range.
 
-The tables are those of kernels.evidence.listen, which moves particles past them; here they are asked for places of one time.
+The tables are those of kernels.evidence.listen, which moves particles past them; here they are
+asked for places of one time.
 """
 
 import math
@@ -17,11 +19,13 @@ from kernels.evidence.listen import Tables
 
 TURN = 2 * math.pi
 MOST_RAYS = 720  # bearings to which losses are laid out
-FINE_RAYS = 360  # where none hold those of a table: of a peak of 10 dB in 30 degrees, straight lines cut off 0.1 dB
+# where none hold those of a table: of a peak of 10 dB in 30 degrees, straight lines cut off 0.1 dB
+FINE_RAYS = 360
 FINEST = 100.0  # [m] between ranges to which losses are laid out
 MOST_SIDES = 7200  # bearings to which gains are laid out
 FINE_SIDES = 3600  # and at the least, where they are not the same all round
-SILENT = 6.0  # standard deviations of the fluctuation by which it is too far to be heard: once in 10^9 draws
+# standard deviations of the fluctuation by which it is too far to be heard: once in 10^9 draws
+SILENT = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +39,9 @@ class Ear:
     def gain(self) -> Array:
         """Its gain [dB] by relative bearing, the best of the beams (b,)."""
         gain: Gain = self.sonar.gain
-        return np.asarray(np.max(gain.beams[list(self.beams)] if self.beams else gain.beams, axis=0))
+        return np.asarray(
+            np.max(gain.beams[list(self.beams)] if self.beams else gain.beams, axis=0)
+        )
 
     @cached_property
     def ranges(self) -> Array:
@@ -45,10 +51,18 @@ class Ear:
         if len(far) < 2:
             return np.array([far[0], far[0] + 1.0])
         whole, least = far[-1] - far[0], max(float(np.diff(far).min()), FINEST)
-        first, most = (max(math.ceil(whole / gap - 1e-6), 1) for gap in (least, max(least / 4, FINEST)))
+        first, most = (
+            max(math.ceil(whole / gap - 1e-6), 1) for gap in (least, max(least / 4, FINEST))
+        )
         rings = _holding((far - far[0]) / whole, first, most) + 1
         even = np.linspace(far[0], far[-1], rings)
-        best = own.levels.level.max() + self.gain.max() - own.noise.level.min() - own.threshold + 4 * own.unknown
+        best = (
+            own.levels.level.max()
+            + self.gain.max()
+            - own.noise.level.min()
+            - own.threshold
+            + 4 * own.unknown
+        )
         lowest = own.losses.loss.min(axis=(0, 1))
         heard = np.flatnonzero(best - lowest > -SILENT * own.fluctuation)
         last = far[min(heard[-1] + 1, len(far) - 1)] if heard.size else far[0]
@@ -56,13 +70,21 @@ class Ear:
 
     @cached_property
     def _sides(self) -> int:
-        """How many bearings gains are laid out to: a heading turns the array's between those of the noise."""
+        """How many bearings gains are laid out to: a heading turns the array's between those of the
+        noise.
+        """
         every = self.sonar.gain.bearing, self.sonar.noise.bearing
         gaps = [np.diff(own, append=own[0] + TURN).min() for own in every]
-        return 1 if min(gaps) >= TURN else min(max(math.ceil(TURN / min(gaps)), FINE_SIDES), MOST_SIDES)
+        return (
+            1
+            if min(gaps) >= TURN
+            else min(max(math.ceil(TURN / min(gaps)), FINE_SIDES), MOST_SIDES)
+        )
 
     def tables(self, lon: float, lat: float, heading: float, time: np.datetime64) -> Tables:
-        """Return what a kernel takes of it at a place [rad], with its array on a heading [rad], at a time."""
+        """Return what a kernel takes of it at a place [rad], with its array on a heading [rad], at
+        a time.
+        """
         own, ranges = self.sonar, self.ranges
         rays = even(own.losses.bearing, MOST_RAYS)
         sides = self._sides
@@ -72,9 +94,14 @@ class Ear:
         gains = gains - round_circle(toward, own.noise.bearing, self.noise(time)) - own.threshold
         return Tables(
             np.ascontiguousarray(laid, np.float32),
-            float(ranges[0]), float(ranges[1] - ranges[0]), gains.astype(np.float32), own.levels.level,
-            own.levels.speed.astype(np.float32), own.fluctuation, own.jump_rate,
-        )  # fmt: skip
+            float(ranges[0]),
+            float(ranges[1] - ranges[0]),
+            gains.astype(np.float32),
+            own.levels.level,
+            own.levels.speed.astype(np.float32),
+            own.fluctuation,
+            own.jump_rate,
+        )
 
     def laid_out(self, loss: Array, rays: int) -> Array:
         """Return losses (b, r) laid out evenly (rays, rings)."""
@@ -82,18 +109,26 @@ class Ear:
         return round_circle(np.arange(rays) * TURN / rays, self.sonar.losses.bearing, by_range)
 
     def noise(self, time: np.datetime64) -> Array:
-        """Return the noise [dB] by bearing at a time, straight between the times that are given (b,)."""
+        """Return the noise [dB] by bearing at a time, straight between the times that are given
+        (b,).
+        """
         own = self.sonar.noise
         if not own.times.size:
             return np.asarray(own.level[0])
         at = float(notation.epoch(time))
         known = np.array([float(notation.epoch(moment)) for moment in own.times])
         k = int(np.clip(np.searchsorted(known, at, side="right") - 1, 0, max(len(known) - 2, 0)))
-        share = np.clip((at - known[k]) / (known[k + 1] - known[k]), 0, 1) if len(known) > 1 else 0.0
-        return np.asarray((1 - share) * own.level[k] + share * own.level[min(k + 1, len(known) - 1)])
+        share = (
+            np.clip((at - known[k]) / (known[k + 1] - known[k]), 0, 1) if len(known) > 1 else 0.0
+        )
+        return np.asarray(
+            (1 - share) * own.level[k] + share * own.level[min(k + 1, len(known) - 1)]
+        )
 
     def change(self, begin: np.datetime64, end: np.datetime64) -> float:
-        """Return by how much the noise changes from one time to another at the most, up and down [dB]."""
+        """Return by how much the noise changes from one time to another at the most, up and down
+        [dB].
+        """
         known = self.sonar.noise.times
         times = [begin, *known[(known > begin) & (known < end)], end]
         every = np.array([self.noise(time) for time in times])
@@ -101,7 +136,9 @@ class Ear:
 
 
 def even(bearings: Array, most: int) -> int:
-    """Return how many bearings, evenly round the circle, hold all of a table's or are much finer; at most so many."""
+    """Return how many bearings, evenly round the circle, hold all of a table's or are much finer;
+    at most so many.
+    """
     if len(bearings) == 1:
         return 1
     gaps = np.diff(bearings, append=bearings[0] + TURN)
@@ -110,7 +147,8 @@ def even(bearings: Array, most: int) -> int:
 
 
 def _holding(shares: Array, least: int, most: int) -> int:
-    """Return the first number of equal parts of 1, least to most, whose ends are all of some shares of it; else most.
+    """Return the first number of equal parts of 1, least to most, whose ends are all of some shares
+    of it; else most.
 
     Straight lines between other points than a table's would cut off its peaks.
     """
@@ -121,7 +159,9 @@ def _holding(shares: Array, least: int, most: int) -> int:
 
 
 def round_circle(at: Array, bearings: Array, values: Array) -> Array:
-    """Return values (b, ...) at bearings [rad] (k,), straight between those of a table (b,) all round the circle."""
+    """Return values (b, ...) at bearings [rad] (k,), straight between those of a table (b,) all
+    round the circle.
+    """
     if len(bearings) == 1:
         return np.repeat(values[:1], len(at), axis=0)
     turned = np.mod(at, TURN)
@@ -141,13 +181,16 @@ def _along(ranges: Array, known: Array, loss: Array) -> Array:
 
 
 def excess(tables: Tables, east: Array, north: Array) -> Array:
-    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from the sonar, any shape; -inf: too far."""
+    """Return the signal excess [dB] of a source of 0 dB at (east, north) [m] from the sonar, any
+    shape; -inf: too far.
+    """
     arrives, gain = terms(tables, east, north)
     return np.asarray(arrives + gain)
 
 
 def terms(tables: Tables, east: Array, north: Array) -> tuple[Array, Array]:
-    """Return the level [dB] at which a source of 0 dB at (east, north) [m] arrives, -inf: too far, and gain - noise - threshold.
+    """Return the level [dB] at which a source of 0 dB at (east, north) [m] arrives, -inf: too far,
+    and gain - noise - threshold.
 
     Together they are its signal excess.
     """
@@ -156,13 +199,17 @@ def terms(tables: Tables, east: Array, north: Array) -> tuple[Array, Array]:
     ring = np.maximum((far - tables.nearest) / tables.between, 0.0)
     k = np.minimum(ring.astype(int), rings - 2)
     share = ring - k
-    low = (1 - share) * _round(tables.losses, bearing, k) + share * _round(tables.losses, bearing, k + 1)
+    low = (1 - share) * _round(tables.losses, bearing, k) + share * _round(
+        tables.losses, bearing, k + 1
+    )
     gain = _round(tables.gains[:, None], bearing, np.zeros_like(k))
     return np.where(ring <= rings - 1, -low, -np.inf), gain
 
 
 def _round(table: Array, bearing: Array, column: Array) -> Array:
-    """Return a table's (sides, columns) values at bearings [rad] and columns, straight between its even bearings."""
+    """Return a table's (sides, columns) values at bearings [rad] and columns, straight between its
+    even bearings.
+    """
     many = len(table)
     place = np.mod(bearing / TURN, 1.0) * many
     k = np.minimum(place.astype(int), many - 1)
@@ -181,9 +228,17 @@ def level(sonar: Sonar, scenario: Array, speed: Array) -> Array:
 
 
 def over(
-    ear: Ear, place: tuple[float, float], heading: float, time: np.datetime64, lon: Array, lat: Array, source: Array
+    ear: Ear,
+    place: tuple[float, float],
+    heading: float,
+    time: np.datetime64,
+    lon: Array,
+    lat: Array,
+    source: Array,
 ) -> Array:
-    """Return the signal excess [dB] of sources (n,) [dB] at (lon, lat) [rad] (n,) heard at a place [rad] at a time."""
+    """Return the signal excess [dB] of sources (n,) [dB] at (lon, lat) [rad] (n,) heard at a place
+    [rad] at a time.
+    """
     way = sphere.offset(*place, lon, lat)
     return np.asarray(excess(ear.tables(*place, heading, time), *way) + source)
 

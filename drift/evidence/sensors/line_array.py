@@ -1,10 +1,12 @@
 """Array gain by relative bearing: of a line of equal elements by theory, or of a table.
 
-A line of n elements a spacing d apart, summed with delays for a steering angle s from its axis, answers a plane wave from
-the angle a by AF = sin(n x / 2) / (n sin(x / 2)), x = k d (cos a - cos s), k = 2 pi f / c. In isotropic noise its gain in the
-steering direction is the directivity index DI = 10 log10(n^2 / sum over all pairs of cos(x_s (i - j)) sinc(k d (i - j))),
-x_s = k d cos s (Urick 1983, Principles of Underwater Sound, chapter 3; Van Trees 2002, Optimum Array Processing, section 2.6).
-Its gain elsewhere is DI + 20 log10 |AF|. Sound is taken to come in the array's plane, and noise from all of the sphere.
+A line of n elements a spacing d apart, summed with delays for a steering angle s from its axis,
+answers a plane wave from the angle a by AF = sin(n x / 2) / (n sin(x / 2)), x = k d (cos a - cos
+s), k = 2 pi f / c. In isotropic noise its gain in the steering direction is the directivity index
+DI = 10 log10(n^2 / sum over all pairs of cos(x_s (i - j)) sinc(k d (i - j))), x_s = k d cos s
+(Urick 1983, Principles of Underwater Sound, chapter 3; Van Trees 2002, Optimum Array Processing,
+section 2.6). Its gain elsewhere is DI + 20 log10 |AF|. Sound is taken to come in the array's plane,
+and noise from all of the sphere.
 """
 
 import math
@@ -20,9 +22,13 @@ from geo.array import Array
 from geo.errors import UserError
 
 SPEED = 1500.0  # [m/s]
-FLOOR = -40.0  # [dB] lowest gain, from the beam's peak; what leaks into a real array is higher than theory's nulls
-HALF_POWER = 0.886  # wavelengths by aperture: width in cos(a) of a long line's beam between its points of -3 dB
-STEP = 0.07  # of n x / 2 from bearing to bearing: straight lines err by 0.07 dB at 20 dB below a long line's peak
+# [dB] lowest gain, from the beam's peak; what leaks into a real array is higher than theory's nulls
+FLOOR = -40.0
+# wavelengths by aperture: width in cos(a) of a long line's beam between its points of -3 dB
+HALF_POWER = 0.886
+# of n x / 2 from bearing to bearing: straight lines err by 0.07 dB at 20 dB below a long line's
+# peak
+STEP = 0.07
 MOST_VALUES = 25_000_000  # of a table of beams and bearings, 100 MB
 MOST_ELEMENTS = 2000
 AGREE = 0.1  # [dB] between bearings that stand twice in a table
@@ -42,11 +48,12 @@ def of_line(
 ) -> Gain:
     """Return the gain of a line array of equal elements.
 
-    spacing [m] between neighbours; frequency [Hz]; sound_speed [m/s]; floor [dB] below each beam's peak. Beams are
-    steered from dead ahead to dead astern, equally spaced in the cosine, or at `steered` relative bearings [rad]. Without
-    a number there are as many as it takes for neighbours to cross at -3 dB or higher: 1.13 n at half a wavelength (n
-    orthogonal beams cross at -3.9 dB). As a line cannot tell port from starboard the gain is mirrored. Linear
-    interpolation between its bearings errs by less than 0.1 dB within 20 dB of a peak.
+    spacing [m] between neighbours; frequency [Hz]; sound_speed [m/s]; floor [dB] below each beam's
+    peak. Beams are steered from dead ahead to dead astern, equally spaced in the cosine, or at
+    `steered` relative bearings [rad]. Without a number there are as many as it takes for neighbours
+    to cross at -3 dB or higher: 1.13 n at half a wavelength (n orthogonal beams cross at -3.9 dB).
+    As a line cannot tell port from starboard the gain is mirrored. Linear interpolation between its
+    bearings errs by less than 0.1 dB within 20 dB of a peak.
     """
     _check(elements, spacing, frequency, sound_speed, floor, name)
     kd = 2.0 * math.pi * frequency / sound_speed * spacing
@@ -71,19 +78,25 @@ def of_line(
 
 
 def directivity(elements: int, kd: float, cosine: float) -> float:
-    """Return the directivity index [dB] of a line steered to an angle of this cosine; kd: 2 pi spacing / wavelength."""
+    """Return the directivity index [dB] of a line steered to an angle of this cosine; kd: 2 pi
+    spacing / wavelength.
+    """
     m = np.arange(1, elements)
     pairs = (elements - m) * np.sinc(m * kd / np.pi) * np.cos(m * kd * cosine)
     return 10.0 * math.log10(elements / (1.0 + 2.0 / elements * float(pairs.sum())))
 
 
 def of_table(
-    rows: Sequence[Sequence[float]], *, symmetric: bool = False, mirrored: bool = False, name: str = "array"
+    rows: Sequence[Sequence[float]],
+    *,
+    symmetric: bool = False,
+    mirrored: bool = False,
+    name: str = "array",
 ) -> Gain:
     """Return the gain of a table of [relative bearing in degrees, gain in dB], one beam.
 
-    symmetric: the rows go from 0 to 180 degrees and hold on either side; mirrored: the array cannot tell these sides
-    apart. Refuses bearings that do not close the circle.
+    symmetric: the rows go from 0 to 180 degrees and hold on either side; mirrored: the array cannot
+    tell these sides apart. Refuses bearings that do not close the circle.
     """
     table = np.array([list(row) for row in rows if len(row) == 2], np.float64).reshape(-1, 2)
     if len(table) != len(rows) or not len(rows):
@@ -130,16 +143,22 @@ def _steering(
     if steered is not None:
         given = np.asarray(steered, np.float64).reshape(-1)
         if not given.size or not np.isfinite(given).all():
-            raise UserError(f"{name}: beams are steered at one relative bearing or more, each a number: set steered")
+            raise UserError(
+                f"{name}: beams are steered at one relative bearing or more, each a number: set steered"
+            )
         return np.cos(given)
     if beams is None:
         beams = max(2, math.ceil(2.0 * elements * kd / (2.0 * math.pi * HALF_POWER)) + 1)
     if not 1 <= beams <= 10 * MOST_ELEMENTS:
-        raise UserError(f"{name}: {beams} beams; allowed are 1 to {10 * MOST_ELEMENTS:,}: set beams")
+        raise UserError(
+            f"{name}: {beams} beams; allowed are 1 to {10 * MOST_ELEMENTS:,}: set beams"
+        )
     return np.linspace(1.0, -1.0, beams) if beams > 1 else np.zeros(1)  # one alone looks abeam
 
 
-def _check(elements: int, spacing: float, frequency: float, sound_speed: float, floor: float, name: str) -> None:
+def _check(
+    elements: int, spacing: float, frequency: float, sound_speed: float, floor: float, name: str
+) -> None:
     for key, value, low, high, unit in (
         ("elements", elements, 2, MOST_ELEMENTS, ""),
         ("spacing", spacing, 1e-4, 1000.0, " m"),
@@ -148,7 +167,9 @@ def _check(elements: int, spacing: float, frequency: float, sound_speed: float, 
         ("floor", floor, -120.0, -20.0, " dB"),
     ):
         if not low <= value <= high:
-            raise UserError(f"{name}: {key} {value:g}{unit}; allowed are {low:g} to {high:g}{unit}: set {key}")
+            raise UserError(
+                f"{name}: {key} {value:g}{unit}; allowed are {low:g} to {high:g}{unit}: set {key}"
+            )
     wavelengths = spacing * frequency / sound_speed
     if wavelengths > 2.0:
         raise UserError(

@@ -1,6 +1,8 @@
-"""Transmission loss by bearing and range from a netCDF file, and that at a position between its places.
+"""Transmission loss by bearing and range from a netCDF file, and that at a position between its
+places.
 
-The file has a variable in dB over range, and optionally bearing and places; see `table_file` for what it may look like.
+The file has a variable in dB over range, and optionally bearing and places; see `table_file` for
+what it may look like.
 """
 
 import os
@@ -26,7 +28,9 @@ from geo.grids import naming
 MEANT = re.compile(r"transmission.?loss|propagation.?loss|^(tl|pl|loss|losses)$", re.I)
 LEAST_LARGEST = 20.0  # [dB] largest loss of a table: at 10 m from a source it is that much already
 MOST = 500.0  # [dB] beyond which a loss is taken for a fill value
-AGREE = 0.02  # [dB] between the bearings 0 and 360, which both may stand in a file: two steps of a packed hundredth
+# [dB] between the bearings 0 and 360, which both may stand in a file: two steps of a packed
+# hundredth
+AGREE = 0.02
 REMEDY = "mend its attribute units, or set variable to that of the transmission loss"
 
 _joined: "weakref.WeakKeyDictionary[Losses, Places]" = weakref.WeakKeyDictionary()
@@ -42,9 +46,9 @@ def read_losses(
 ) -> Losses:
     """Return the losses of a netCDF file.
 
-    variable: that of the loss, where the file leaves it open; select: the value of each further dimension that has
-    several (depth, frequency); units: of variables whose attribute is absent or wrong; name: with which messages start,
-    else that of the file. Raises UserError in one line.
+    variable: that of the loss, where the file leaves it open; select: the value of each further
+    dimension that has several (depth, frequency); units: of variables whose attribute is absent or
+    wrong; name: with which messages start, else that of the file. Raises UserError in one line.
     """
     asked = table_file.asked_for(path, name, variable, select, units)
     with table_file.open_table(path) as data:
@@ -53,11 +57,23 @@ def read_losses(
         metres, order = table_values.ranges(found)
         bearing = table_values.axis(found, "bearing") if "bearing" in found.kinds else np.zeros(1)
         dims = [*place_dims, *(found.kinds[k] for k in ("bearing", "range") if k in found.kinds)]
-        table = table_file.values(found, dims).reshape(max(len(lon), 1), len(bearing), len(metres))[:, :, order]
-    labels = (("place", np.arange(1, len(table) + 1), ""), ("bearing", bearing, " deg"), ("range", metres, " m"))
+        table = table_file.values(found, dims).reshape(max(len(lon), 1), len(bearing), len(metres))[
+            :, :, order
+        ]
+    labels = (
+        ("place", np.arange(1, len(table) + 1), ""),
+        ("bearing", bearing, " deg"),
+        ("range", metres, " m"),
+    )
     table_values.check_whole(table, labels, asked.name)
     table_values.check_decibels(
-        table, table_values.unit_of(found, found.variable), MOST, 0.0, "transmission loss", asked.name, REMEDY
+        table,
+        table_values.unit_of(found, found.variable),
+        MOST,
+        0.0,
+        "transmission loss",
+        asked.name,
+        REMEDY,
     )
     _check_losses(table, labels, asked.name)
     radians, table = circle.around(bearing, table, 1, asked.name, AGREE, "dB")
@@ -84,7 +100,9 @@ def between(losses: Losses, lon: float, lat: float) -> NDArray[np.float32]:
 
 
 def weights(losses: Losses, lon: float, lat: float) -> places.Weights:
-    """Return the numbers of the places whose losses hold at a position [rad], and their weights; of one, or of up to three."""
+    """Return the numbers of the places whose losses hold at a position [rad], and their weights; of
+    one, or of up to three.
+    """
     if len(losses.loss) == 1:
         return np.zeros(1, np.int64), np.ones(1)
     joined = _joined.get(losses)
@@ -94,12 +112,18 @@ def weights(losses: Losses, lon: float, lat: float) -> places.Weights:
 
 
 def _places(found: Found) -> tuple[Array, Array, list[str]]:
-    """Return lon, lat (p,) [rad] of a table's places, none without any, and the dimensions along which they lie."""
+    """Return lon, lat (p,) [rad] of a table's places, none without any, and the dimensions along
+    which they lie.
+    """
     data, name = found.data, found.name
     free = [str(d) for d in data[found.variable].dims if d not in found.kinds.values()]
-    lon_name, lat_name = (_coordinate(data, free, pattern, units, standard) for pattern, units, standard in (
-        (naming.LON, naming.EAST_UNITS, "longitude"), (naming.LAT, naming.NORTH_UNITS, "latitude"),
-    ))  # fmt: skip
+    lon_name, lat_name = (
+        _coordinate(data, free, pattern, units, standard)
+        for pattern, units, standard in (
+            (naming.LON, naming.EAST_UNITS, "longitude"),
+            (naming.LAT, naming.NORTH_UNITS, "latitude"),
+        )
+    )
     if lon_name is None or lat_name is None:
         if (lon_name or lat_name) is not None:
             raise UserError(
@@ -123,12 +147,16 @@ def _places(found: Found) -> tuple[Array, Array, list[str]]:
     return *radians, dims
 
 
-def _coordinate(data: xr.Dataset, free: list[str], pattern: Any, units: Any, standard: str) -> str | None:
+def _coordinate(
+    data: xr.Dataset, free: list[str], pattern: Any, units: Any, standard: str
+) -> str | None:
     """Return the name of the longitudes or latitudes of places, None without any."""
     best, highest = None, 0
     for name in map(str, data.variables):
         variable = data[name]
-        if not set(map(str, variable.dims)) <= set(free) or not np.issubdtype(variable.dtype, np.number):
+        if not set(map(str, variable.dims)) <= set(free) or not np.issubdtype(
+            variable.dtype, np.number
+        ):
             continue
         score = (
             4 * (str(variable.attrs.get("standard_name", "")) == standard)

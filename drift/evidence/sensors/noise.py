@@ -49,7 +49,9 @@ def read_noise(
     units: Mapping[str, str] | None = None,
     name: str | None = None,
 ) -> Noise:
-    """Return the noise of a netCDF file over bearing, and optionally time; the keys are those of `losses.read`."""
+    """Return the noise of a netCDF file over bearing, and optionally time; the keys are those of
+    `losses.read`.
+    """
     asked = table_file.asked_for(path, name, variable, select, units)
     with table_file.open_table(path) as data:
         found = table_file.find(data, asked, MEANT, "noise", ("time", "bearing"))

@@ -1,8 +1,9 @@
 """Weights of places at a position: the three round it, or the two nearest on the edge of all.
 
-Weights are linear on Delaunay's triangles in the azimuthal equidistant plane about the middle of the places, add up to 1,
-and are continuous everywhere but at the antipode of that middle. Beyond the places they are those of the nearest point of
-their hull in the plane; nothing is extrapolated. Places in a line, as two always are, are interpolated along it.
+Weights are linear on Delaunay's triangles in the azimuthal equidistant plane about the middle of
+the places, add up to 1, and are continuous everywhere but at the antipode of that middle. Beyond
+the places they are those of the nearest point of their hull in the plane; nothing is extrapolated.
+Places in a line, as two always are, are interpolated along it.
 """
 
 import math
@@ -37,7 +38,9 @@ class Places:
 
 
 def join(lon: Array, lat: Array, name: str) -> Places:
-    """Return what joins at least two places [rad]; refuses those that are the same or all round the Earth."""
+    """Return what joins at least two places [rad]; refuses those that are the same or all round the
+    Earth.
+    """
     x, y, z = (float(v.mean()) for v in sphere.vector(lon, lat))
     if math.sqrt(x * x + y * y + z * z) < 1e-3:
         raise UserError(
@@ -54,9 +57,12 @@ def join(lon: Array, lat: Array, name: str) -> Places:
         offset = float(plane.mean(axis=0) @ direction)
         return Places(*middle, plane, order=order, along=along[order] + offset, direction=direction)
     mesh = Delaunay(plane)
-    if mesh.coplanar.size:  # a place that the triangles leave out would not be met at its own position
+    # a place that the triangles leave out would not be met at its own position
+    if mesh.coplanar.size:
         k = int(mesh.coplanar[0, 0])
-        raise UserError(f"{name}: place {k + 1} is too close to the line or corner of others; leave it out")
+        raise UserError(
+            f"{name}: place {k + 1} is too close to the line or corner of others; leave it out"
+        )
     return Places(*middle, plane, mesh=mesh, hull=np.asarray(mesh.convex_hull, np.int64))
 
 

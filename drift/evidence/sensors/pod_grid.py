@@ -1,8 +1,9 @@
 """Probability of detection by place, or by bearing and range round the sensor, from a netCDF file.
 
-Over places the file may have any grid that forcing may have: 0..360 or descending axes, uneven ones, a projection, a curved
-grid or triangles. Values on an even grid of longitude and latitude are taken as they are; others are carried to one twice as
-fine by linear interpolation, and are 0 outside their own domain. The table of bearings and ranges is read as a loss is.
+Over places the file may have any grid that forcing may have: 0..360 or descending axes, uneven
+ones, a projection, a curved grid or triangles. Values on an even grid of longitude and latitude are
+taken as they are; others are carried to one twice as fine by linear interpolation, and are 0
+outside their own domain. The table of bearings and ranges is read as a loss is.
 """
 
 import math
@@ -45,17 +46,22 @@ def read_pod(
     gaps: Gaps = "refuse",
     name: str | None = None,
 ) -> PodGrid:
-    """Return the POD of a netCDF file over (time, lat, lon) or (time, bearing, range); time may be absent.
+    """Return the POD of a netCDF file over (time, lat, lon) or (time, bearing, range); time may be
+    absent.
 
-    per: time [s] of searching for which it holds, NaN for as long as the watch; coordinates: names of lon, lat or the
-    reference system (crs), where the file leaves them open; gaps: "blind" makes what is missing 0. The others are those of
-    `losses.read`. Raises UserError in one line.
+    per: time [s] of searching for which it holds, NaN for as long as the watch; coordinates: names
+    of lon, lat or the reference system (crs), where the file leaves them open; gaps: "blind" makes
+    what is missing 0. The others are those of `losses.read`. Raises UserError in one line.
     """
     asked = table_file.asked_for(path, name, variable, select, units)
     if not (math.isnan(per) or 0.0 < per < math.inf):
-        raise UserError(f"{asked.name}: per = {per:g} s; it is a time above 0, or left out: set per")
+        raise UserError(
+            f"{asked.name}: per = {per:g} s; it is a time above 0, or left out: set per"
+        )
     if gaps not in ("refuse", "blind"):
-        raise UserError(f'{asked.name}: gaps = "{gaps}"; allowed are "refuse" and "blind": set gaps')
+        raise UserError(
+            f'{asked.name}: gaps = "{gaps}"; allowed are "refuse" and "blind": set gaps'
+        )
     with table_file.open_table(path) as data:
         polar = _polar(data, asked)
         if polar is not None:
@@ -64,13 +70,17 @@ def read_pod(
 
 
 def _polar(data: xr.Dataset, asked: Asked) -> Found | None:
-    """Return the table of a file by bearing and range, None where it has none or another variable is asked for."""
+    """Return the table of a file by bearing and range, None where it has none or another variable
+    is asked for.
+    """
     kinds = ("time", "bearing", "range")
     if asked.variable is not None and asked.variable in data.variables:
         if "range" not in table_file.dimensions(data, asked.variable, kinds)[0]:
             return None
     elif asked.variable is None and not any(
-        "range" in table_file.dimensions(data, str(n), kinds)[0] for n, v in data.variables.items() if v.dims != (n,)
+        "range" in table_file.dimensions(data, str(n), kinds)[0]
+        for n, v in data.variables.items()
+        if v.dims != (n,)
     ):
         return None
     return table_file.find(data, asked, MEANT, "POD", kinds)
@@ -90,10 +100,16 @@ def _round_sensor(found: Found, per: float, gaps: Gaps) -> PodGrid:
     return PodGrid(pod, when, bearing=radians, range=metres, per=per, name=name)
 
 
-def _over_places(data: xr.Dataset, asked: Asked, coordinates: Mapping[str, str], per: float, gaps: Gaps) -> PodGrid:
+def _over_places(
+    data: xr.Dataset, asked: Asked, coordinates: Mapping[str, str], per: float, gaps: Gaps
+) -> PodGrid:
     """Return a table by place, on an even grid."""
     variable = table_file.variable_of(
-        data, asked, MEANT, "POD over longitude and latitude, or bearing and range", lambda n: data[n].ndim > 0
+        data,
+        asked,
+        MEANT,
+        "POD over longitude and latitude, or bearing and range",
+        lambda n: data[n].ndim > 0,
     )
     data = table_file.selected(data, variable, asked)
     time = clock.variable_of(data, [str(d) for d in data[variable].dims], {})
@@ -105,7 +121,11 @@ def _over_places(data: xr.Dataset, asked: Asked, coordinates: Mapping[str, str],
     try:
         layout = locate.locate(data, variable, dims, coordinates)[0]
     except UserError as error:
-        said = str(error).replace("set variables = {", "set coordinates = {").replace("variables.", "coordinates.")
+        said = (
+            str(error)
+            .replace("set variables = {", "set coordinates = {")
+            .replace("variables.", "coordinates.")
+        )
         raise UserError(f"{name}: {said}") from error
     table = table_file.values(found, [*kinds.values(), *dims])
     table = table.reshape(-1, *table.shape[len(kinds) :])
@@ -156,8 +176,12 @@ def _horizontal(found: Found, coordinates: Mapping[str, str]) -> tuple[str, ...]
     return tuple(several)
 
 
-def _probabilities(table: Array, unit: str, labels: Sequence[table_file.Label], name: str, gaps: Gaps) -> Array:
-    """Return POD from 0 to 1; refuses what is missing, unless it is blind there, and what is no probability."""
+def _probabilities(
+    table: Array, unit: str, labels: Sequence[table_file.Label], name: str, gaps: Gaps
+) -> Array:
+    """Return POD from 0 to 1; refuses what is missing, unless it is blind there, and what is no
+    probability.
+    """
     if unit.lower() in PERCENT:
         table = table / 100.0
     elif unit.lower() not in SHARES:
@@ -167,13 +191,18 @@ def _probabilities(table: Array, unit: str, labels: Sequence[table_file.Label], 
     if gaps == "blind":
         table = np.where(np.isnan(table), 0.0, table)
     table_values.check_whole(
-        table, labels, name, "" if gaps == "blind" else ', or set gaps = "blind": nothing is detected there'
+        table,
+        labels,
+        name,
+        "" if gaps == "blind" else ', or set gaps = "blind": nothing is detected there',
     )
     wrong = (table < -ROUNDING) | (table > 1.0 + ROUNDING)
     if wrong.any():
         first = float(table[wrong][0])
         percent = table.min() >= 0.0 and table.max() <= 100.0 and unit.lower() not in PERCENT
-        remedy = ': is it in per cent? Set its attribute units to "%"' if percent else ": mend the file"
+        remedy = (
+            ': is it in per cent? Set its attribute units to "%"' if percent else ": mend the file"
+        )
         raise UserError(
             f"{name}: {int(wrong.sum()):,} of {table.size:,} values are no probability, first {first:.6g} at "
             f"{table_values.where(wrong, labels)}; allowed are 0 to 1{remedy}"

@@ -1,4 +1,6 @@
-"""Transmission loss by formulas: spreading, absorption and convergence zones, the same all round and everywhere."""
+"""Transmission loss by formulas: spreading, absorption and convergence zones, the same all round
+and everywhere.
+"""
 
 import math
 from collections.abc import Sequence
@@ -17,9 +19,12 @@ FARTHEST = 2.0e7  # [m] half way round the Earth
 
 # The oceans, and frequencies about those of Francois and Garrison's measurements.
 ALLOWED = {
-    "frequency": (10.0, 1.0e6, "Hz"), "temperature": (-2.0, 35.0, "degrees Celsius"), "salinity": (0.0, 45.0, "g/kg"),
-    "depth": (0.0, 10_000.0, "m"), "ph": (7.0, 8.6, ""),
-}  # fmt: skip
+    "frequency": (10.0, 1.0e6, "Hz"),
+    "temperature": (-2.0, 35.0, "degrees Celsius"),
+    "salinity": (0.0, 45.0, "g/kg"),
+    "depth": (0.0, 10_000.0, "m"),
+    "ph": (7.0, 8.6, ""),
+}
 
 
 def losses(
@@ -33,26 +38,38 @@ def losses(
 ) -> Losses:
     """Return the losses of a formula up to a largest range [m]: one bearing, no places.
 
-    loss = coefficient log10(r / 1 m) up to the transition [m] (none: at all ranges), 10 log10 beyond it (Urick 1983,
-    Principles of Underwater Sound, section 5.3), + absorption [dB/km] r, - the gain of the convergence zones. zones:
-    (inner, outer [m], gain [dB]); a gain rises and falls over the 10 m about a zone's limits. Linear interpolation
-    between the ranges errs by at most 0.04 dB. name: with which messages start.
+    loss = coefficient log10(r / 1 m) up to the transition [m] (none: at all ranges), 10 log10
+    beyond it (Urick 1983, Principles of Underwater Sound, section 5.3), + absorption [dB/km] r, -
+    the gain of the convergence zones. zones: (inner, outer [m], gain [dB]); a gain rises and falls
+    over the 10 m about a zone's limits. Linear interpolation between the ranges errs by at most
+    0.04 dB. name: with which messages start.
     """
     _check(largest, coefficient, transition, absorption, zones, name)
     ratio = math.exp(math.sqrt(8.0 * ERROR * math.log(10.0) / max(coefficient, CYLINDRICAL)))
     count = math.ceil(math.log(largest / NEAREST) / math.log(ratio)) + 1
-    corners = [limit + side * EDGE / 2 for inner, outer, _ in zones for limit in (inner, outer) for side in (-1.0, 1.0)]
+    corners = [
+        limit + side * EDGE / 2
+        for inner, outer, _ in zones
+        for limit in (inner, outer)
+        for side in (-1.0, 1.0)
+    ]
     corners += [] if transition is None else [transition]
-    metres = np.concatenate((np.geomspace(NEAREST, largest, count), [c for c in corners if NEAREST < c < largest]))
+    metres = np.concatenate(
+        (np.geomspace(NEAREST, largest, count), [c for c in corners if NEAREST < c < largest])
+    )
     metres = np.unique(metres)
-    table = loss_at(metres, coefficient=coefficient, transition=transition, absorption=absorption, zones=zones)
+    table = loss_at(
+        metres, coefficient=coefficient, transition=transition, absorption=absorption, zones=zones
+    )
     if table.min() < 0.0:
         k = int(np.argmin(table))
         raise UserError(
             f"{name}: the loss is {table[k]:.3g} dB at {metres[k]:.6g} m; a loss is at least 0 dB: make the gain of its "
             "convergence zone smaller"
         )
-    return Losses(np.zeros(1), metres, table.astype(np.float32)[None, None], np.empty(0), np.empty(0), name)
+    return Losses(
+        np.zeros(1), metres, table.astype(np.float32)[None, None], np.empty(0), np.empty(0), name
+    )
 
 
 def loss_at(
@@ -66,7 +83,9 @@ def loss_at(
     """Return the formula's loss [dB] at ranges [m] of at least 1 m; see `losses`."""
     knee = math.inf if transition is None else transition
     near = coefficient * np.log10(np.minimum(metres, knee) / NEAREST)
-    total = near + CYLINDRICAL * np.log10(np.maximum(metres / knee, 1.0)) + absorption * metres / 1000.0
+    total = (
+        near + CYLINDRICAL * np.log10(np.maximum(metres / knee, 1.0)) + absorption * metres / 1000.0
+    )
     for inner, outer, gain in zones:
         rise, fall = (np.clip((metres - limit) / EDGE + 0.5, 0.0, 1.0) for limit in (inner, outer))
         total = total - gain * (rise - fall)
@@ -74,16 +93,28 @@ def loss_at(
 
 
 def absorption(
-    frequency: float, *, temperature: float = 10.0, salinity: float = 35.0, depth: float = 0.0, ph: float = 8.0,
+    frequency: float,
+    *,
+    temperature: float = 10.0,
+    salinity: float = 35.0,
+    depth: float = 0.0,
+    ph: float = 8.0,
     name: str = "absorption",
-) -> float:  # fmt: skip
+) -> float:
     """Return the absorption of sound in sea water [dB/km].
 
-    frequency [Hz], temperature [degrees Celsius], salinity [g/kg], depth [m], pH: Francois and Garrison 1982, part II,
-    doi:10.1121/1.388673: the sum of boric acid, magnesium sulphate and pure water. It is for all oceans from 200 Hz to
-    1 MHz and accurate to about 5 %; below 200 Hz, where sound is absorbed by 0.01 dB/km at most, it is extrapolated.
+    frequency [Hz], temperature [degrees Celsius], salinity [g/kg], depth [m], pH: Francois and
+    Garrison 1982, part II, doi:10.1121/1.388673: the sum of boric acid, magnesium sulphate and pure
+    water. It is for all oceans from 200 Hz to 1 MHz and accurate to about 5 %; below 200 Hz, where
+    sound is absorbed by 0.01 dB/km at most, it is extrapolated.
     """
-    given = {"frequency": frequency, "temperature": temperature, "salinity": salinity, "depth": depth, "ph": ph}
+    given = {
+        "frequency": frequency,
+        "temperature": temperature,
+        "salinity": salinity,
+        "depth": depth,
+        "ph": ph,
+    }
     for key, value in given.items():
         low, high, unit = ALLOWED[key]
         if not low <= value <= high:
@@ -107,9 +138,13 @@ def absorption(
 
 
 def _check(
-    largest: float, coefficient: float, transition: float | None, absorption: float,
-    zones: Sequence[tuple[float, float, float]], name: str,
-) -> None:  # fmt: skip
+    largest: float,
+    coefficient: float,
+    transition: float | None,
+    absorption: float,
+    zones: Sequence[tuple[float, float, float]],
+    name: str,
+) -> None:
     """Refuse numbers that make no formula."""
     for key, value, low, high, unit in (
         ("largest range", largest, 100.0, FARTHEST, " m"),
@@ -118,7 +153,9 @@ def _check(
         ("absorption", absorption, 0.0, 1000.0, " dB/km"),
     ):
         if not low <= value <= high:
-            raise UserError(f"{name}: {key} {value:g}{unit}; allowed are {low:g} to {high:g}{unit}: set {key}")
+            raise UserError(
+                f"{name}: {key} {value:g}{unit}; allowed are {low:g} to {high:g}{unit}: set {key}"
+            )
     before = -math.inf
     for inner, outer, gain in sorted(zones):
         told = f"{name}: convergence zone {inner:g} to {outer:g} m"
@@ -132,5 +169,7 @@ def _check(
                 f"{told} has a gain of {gain:g} dB; allowed are gains above 0 and up to 60 dB: set its zones"
             )
         if inner < before:
-            raise UserError(f"{told} begins within the one before, which ends at {before:g} m: set its zones apart")
+            raise UserError(
+                f"{told} begins within the one before, which ends at {before:g} m: set its zones apart"
+            )
         before = outer

@@ -1,7 +1,9 @@
-"""Tables of sensors in netCDF files: which variable, what its dimensions are, in what units, and what is missing.
+"""Tables of sensors in netCDF files: which variable, what its dimensions are, in what units, and
+what is missing.
 
-A dimension is told by CF's standard names, else by its name, its long name or its units. Whatever else a table depends on
-(depth, frequency) has one value or is chosen. `table_values` reads axes and checks what was read.
+A dimension is told by CF's standard names, else by its name, its long name or its units. Whatever
+else a table depends on (depth, frequency) has one value or is chosen. `table_values` reads axes and
+checks what was read.
 """
 
 import difflib
@@ -27,15 +29,30 @@ MOST_VALUES = 2**28  # values of a table, 2 GiB while it is read
 CLOSE = 1e-6  # share by which a chosen value may differ from the file's
 
 ANGLES = {  # [deg]
-    "degree": 1.0, "degrees": 1.0, "deg": 1.0, "degs": 1.0, "°": 1.0, "degree_true": 1.0, "degrees_true": 1.0,
-    "degree_t": 1.0, "degrees_t": 1.0, "degt": 1.0, "deg true": 1.0, "degrees true": 1.0,
-    "rad": math.degrees(1.0), "radian": math.degrees(1.0), "radians": math.degrees(1.0),
-}  # fmt: skip
+    "degree": 1.0,
+    "degrees": 1.0,
+    "deg": 1.0,
+    "degs": 1.0,
+    "°": 1.0,
+    "degree_true": 1.0,
+    "degrees_true": 1.0,
+    "degree_t": 1.0,
+    "degrees_t": 1.0,
+    "degt": 1.0,
+    "deg true": 1.0,
+    "degrees true": 1.0,
+    "rad": math.degrees(1.0),
+    "radian": math.degrees(1.0),
+    "radians": math.degrees(1.0),
+}
 # kind of dimension: (standard names, names, long names)
 LIKE = {
     "bearing": (
         re.compile(r"azimuth|bearing|_from_direction|_to_direction", re.I),
-        re.compile(r"^(true_?)?(bearings?|radials?|azimuths?|azim?|brg|directions?)(_?(deg|rad|true))?$", re.I),
+        re.compile(
+            r"^(true_?)?(bearings?|radials?|azimuths?|azim?|brg|directions?)(_?(deg|rad|true))?$",
+            re.I,
+        ),
         re.compile(r"^(the |true )*(azimuth|bearing|radial|direction)s?\b", re.I),
     ),
     "range": (
@@ -45,7 +62,8 @@ LIKE = {
     ),
 }
 NEITHER = re.compile(r"depth|height|altitude|freq|elevation|pressure|time|level", re.I)
-Label = tuple[str, Array, str]  # what a dimension is called, its values and their unit, for messages
+# what a dimension is called, its values and their unit, for messages
+Label = tuple[str, Array, str]
 
 
 @dataclass(frozen=True)
@@ -81,7 +99,9 @@ def asked_for(
     select: Mapping[str, Any] | None,
     units: Mapping[str, str] | None,
 ) -> Asked:
-    """Return how a file is asked for; its messages start with its own name where they are given none."""
+    """Return how a file is asked for; its messages start with its own name where they are given
+    none.
+    """
     return Asked(name or dataset.title([path]), variable, select or {}, units or {})
 
 
@@ -95,15 +115,21 @@ def open_table(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
         yield data
 
 
-def find(data: xr.Dataset, asked: Asked, meant: re.Pattern[str], what: str, kinds: Sequence[str]) -> Found:
+def find(
+    data: xr.Dataset, asked: Asked, meant: re.Pattern[str], what: str, kinds: Sequence[str]
+) -> Found:
     """Return the variable of a table and what its dimensions are.
 
-    meant: names, standard names and long names of what is sought; what: the same in words; kinds: of its dimensions, of
-    which it may lack some but not the last.
+    meant: names, standard names and long names of what is sought; what: the same in words; kinds:
+    of its dimensions, of which it may lack some but not the last.
     """
     wanted = " and ".join(k for k in kinds if k != "time")
     name = variable_of(
-        data, asked, meant, f"{what} over {wanted}", lambda n: kinds[-1] in dimensions(data, n, kinds)[0]
+        data,
+        asked,
+        meant,
+        f"{what} over {wanted}",
+        lambda n: kinds[-1] in dimensions(data, n, kinds)[0],
     )
     data = selected(data, name, asked)
     found, coordinates = dimensions(data, name, kinds)
@@ -115,7 +141,9 @@ def find(data: xr.Dataset, asked: Asked, meant: re.Pattern[str], what: str, kind
     return Found(data, name, found, coordinates, asked)
 
 
-def variable_of(data: xr.Dataset, asked: Asked, meant: re.Pattern[str], what: str, fits: Callable[[str], bool]) -> str:
+def variable_of(
+    data: xr.Dataset, asked: Asked, meant: re.Pattern[str], what: str, fits: Callable[[str], bool]
+) -> str:
     """Return the name of the variable that the user names, or else of the one that fits best.
 
     fits: whether a variable of this name has the dimensions that are needed.
@@ -123,7 +151,9 @@ def variable_of(data: xr.Dataset, asked: Asked, meant: re.Pattern[str], what: st
     name = asked.variable
     odd = [key for key in asked.units if key not in data.variables]
     if odd:
-        raise UserError(f'{asked.name}: units "{odd[0]}": no such variable; it holds {listed(data)}: mend units')
+        raise UserError(
+            f'{asked.name}: units "{odd[0]}": no such variable; it holds {listed(data)}: mend units'
+        )
     if name is None:
         return _meant(data, asked, meant, what, fits)
     if name not in data.variables:
@@ -133,7 +163,9 @@ def variable_of(data: xr.Dataset, asked: Asked, meant: re.Pattern[str], what: st
             f'{asked.name}: no variable "{name}"{hint}; it holds {listed(data)}: set variable to one of them'
         )
     if not np.issubdtype(data[name].dtype, np.number):
-        raise UserError(f'{asked.name}: "{name}" holds no numbers; set variable to that of the {what}')
+        raise UserError(
+            f'{asked.name}: "{name}" holds no numbers; set variable to that of the {what}'
+        )
     return name
 
 
@@ -147,7 +179,9 @@ def spoken(data: xr.Dataset, name: str) -> str:
     return f'"{name}" ({", ".join(f"{d} = {data.sizes[d]}" for d in data[name].dims)})'
 
 
-def _meant(data: xr.Dataset, asked: Asked, meant: re.Pattern[str], what: str, fits: Callable[[str], bool]) -> str:
+def _meant(
+    data: xr.Dataset, asked: Asked, meant: re.Pattern[str], what: str, fits: Callable[[str], bool]
+) -> str:
     """Return the name of the variable that is meant, where the user names none."""
     scores: dict[str, int] = {}
     for name in map(str, data.variables):
@@ -156,24 +190,37 @@ def _meant(data: xr.Dataset, asked: Asked, meant: re.Pattern[str], what: str, fi
             continue
         if variable.dims == (name,) or naming.of_grid(name, variable.attrs) or not fits(name):
             continue
-        texts = (name, *(str(variable.attrs.get(key, "")) for key in ("standard_name", "long_name")))
+        texts = (
+            name,
+            *(str(variable.attrs.get(key, "")) for key in ("standard_name", "long_name")),
+        )
         scores[name] = sum(bool(meant.search(text)) for text in texts) + (variable.ndim > 1)
     best = [name for name, score in scores.items() if score == max(scores.values())]
     if not best:
-        raise UserError(f"{asked.name}: no {what}; it holds {listed(data)}: set variable, if one of them is it")
+        raise UserError(
+            f"{asked.name}: no {what}; it holds {listed(data)}: set variable, if one of them is it"
+        )
     if len(best) > 1:
-        raise UserError(f"{asked.name}: {', '.join(best)} may each be the {what}; set variable to one of them")
+        raise UserError(
+            f"{asked.name}: {', '.join(best)} may each be the {what}; set variable to one of them"
+        )
     return best[0]
 
 
-def dimensions(data: xr.Dataset, name: str, kinds: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the dimension and the coordinate of each kind ("time", "bearing", "range") that a variable has."""
+def dimensions(
+    data: xr.Dataset, name: str, kinds: Sequence[str]
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the dimension and the coordinate of each kind ("time", "bearing", "range") that a
+    variable has.
+    """
     found, coordinates = dict[str, str](), dict[str, str]()
     dims = [str(d) for d in data[name].dims]
     scores = []
     for dim in dims:
         along = [dim] if dim in data.variables else []
-        along += [str(n) for n, v in data.variables.items() if v.dims == (dim,) and n not in (dim, name)]
+        along += [
+            str(n) for n, v in data.variables.items() if v.dims == (dim,) and n not in (dim, name)
+        ]
         along += [] if dim in data.variables else [""]
         for kind in kinds:
             if kind in LIKE:
@@ -190,15 +237,23 @@ def dimensions(data: xr.Dataset, name: str, kinds: Sequence[str]) -> tuple[dict[
 
 
 def _likeness(kind: str, dim: str, name: str, data: xr.Dataset) -> float:
-    """Return how well a coordinate fits a kind of dimension: standard name, name, long name, unit; 0 for not at all.
+    """Return how well a coordinate fits a kind of dimension: standard name, name, long name, unit;
+    0 for not at all.
 
-    name: of the coordinate; "" for a dimension that has none of its own, and may be told by its name alone. What else
-    lies along it (the sea's depth along the range) does not become its coordinate by that.
+    name: of the coordinate; "" for a dimension that has none of its own, and may be told by its
+    name alone. What else lies along it (the sea's depth along the range) does not become its
+    coordinate by that.
     """
     standards, names, longs = LIKE[kind]
     attributes = data[name].attrs if name else {}
-    standard, long, units = (str(attributes.get(key, "")).strip() for key in ("standard_name", "long_name", "units"))
-    if naming.NORTH_UNITS.match(units) or naming.EAST_UNITS.match(units) or standard in ("latitude", "longitude"):
+    standard, long, units = (
+        str(attributes.get(key, "")).strip() for key in ("standard_name", "long_name", "units")
+    )
+    if (
+        naming.NORTH_UNITS.match(units)
+        or naming.EAST_UNITS.match(units)
+        or standard in ("latitude", "longitude")
+    ):
         return 0.0
     if standards.search(standard):
         return 8.0
@@ -214,11 +269,15 @@ def _likeness(kind: str, dim: str, name: str, data: xr.Dataset) -> float:
 
 
 def selected(data: xr.Dataset, name: str, asked: Asked) -> xr.Dataset:
-    """Return a dataset at the values that are chosen of its dimensions; refuse one that is not there, and no values."""
+    """Return a dataset at the values that are chosen of its dimensions; refuse one that is not
+    there, and no values.
+    """
     for key, value in asked.select.items():
         dims = [str(d) for d in data[name].dims]
         beside = {
-            str(n): v for n, v in data.variables.items() if v.ndim == 0 or (v.ndim == 1 and str(v.dims[0]) in dims)
+            str(n): v
+            for n, v in data.variables.items()
+            if v.ndim == 0 or (v.ndim == 1 and str(v.dims[0]) in dims)
         }
         if key not in dims and key not in beside:
             free = [d for d in [*dims, *beside] if d != name]
@@ -239,12 +298,16 @@ def selected(data: xr.Dataset, name: str, asked: Asked) -> xr.Dataset:
         if dim is not None:
             data = data.isel({dim: index})
     if 0 in data[name].shape:
-        raise UserError(f"{asked.name}: {spoken(data, name)} holds no values; give a table with some")
+        raise UserError(
+            f"{asked.name}: {spoken(data, name)} holds no values; give a table with some"
+        )
     return data
 
 
 def _entries(data: xr.Dataset, key: str, dim: str | None) -> Array:
-    """Return what stands along a dimension: its coordinate, its times, or numbers from 0 where it has none."""
+    """Return what stands along a dimension: its coordinate, its times, or numbers from 0 where it
+    has none.
+    """
     if key not in data.variables:
         return np.arange(data.sizes[key])
     if " since " in str(data[key].attrs.get("units", "")):
@@ -268,7 +331,10 @@ def _index(there: Array, value: Any) -> int | None:
             return None
         same = np.isclose(there.astype(np.float64), float(value), rtol=CLOSE, atol=1e-9)
     else:
-        same = np.array([str(t.decode() if isinstance(t, bytes) else t).strip() == str(value) for t in there], bool)
+        same = np.array(
+            [str(t.decode() if isinstance(t, bytes) else t).strip() == str(value) for t in there],
+            bool,
+        )
     return int(np.argmax(same)) if np.any(same) else None
 
 
@@ -286,7 +352,8 @@ def _unit(data: xr.Dataset, key: str) -> str:
 def values(found: Found, dims: Sequence[str]) -> Array:
     """Return a table's values, float64, NaN missing, over dimensions in this order.
 
-    Dimensions that are not among them have one value; refuses those with more, which nothing chooses.
+    Dimensions that are not among them have one value; refuses those with more, which nothing
+    chooses.
     """
     data, name = found.data, found.variable
     rest = [str(d) for d in data[name].dims if d not in dims]

@@ -15,12 +15,29 @@ from geo.errors import UserError
 from geo.forcing.times import clock
 
 LENGTHS = {  # [m]
-    "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0,
-    "km": 1000.0, "kilometer": 1000.0, "kilometers": 1000.0, "kilometre": 1000.0, "kilometres": 1000.0,
-    "nmi": 1852.0, "nm": 1852.0, "nautical_mile": 1852.0, "nautical_miles": 1852.0, "nautical mile": 1852.0,
-    "nautical miles": 1852.0, "international_nautical_mile": 1852.0, "international_nautical_miles": 1852.0,
-    "kyd": 914.4, "yd": 0.9144, "yard": 0.9144, "yards": 0.9144,
-}  # fmt: skip
+    "m": 1.0,
+    "meter": 1.0,
+    "meters": 1.0,
+    "metre": 1.0,
+    "metres": 1.0,
+    "km": 1000.0,
+    "kilometer": 1000.0,
+    "kilometers": 1000.0,
+    "kilometre": 1000.0,
+    "kilometres": 1000.0,
+    "nmi": 1852.0,
+    "nm": 1852.0,
+    "nautical_mile": 1852.0,
+    "nautical_miles": 1852.0,
+    "nautical mile": 1852.0,
+    "nautical miles": 1852.0,
+    "international_nautical_mile": 1852.0,
+    "international_nautical_miles": 1852.0,
+    "kyd": 914.4,
+    "yd": 0.9144,
+    "yard": 0.9144,
+    "yards": 0.9144,
+}
 UNITS = {"bearing": ANGLES, "range": LENGTHS}
 SPOKEN = {"bearing": "degree or rad", "range": "m, km or nmi"}
 DECIBEL = re.compile(r"^(db|decibels?)(\s*(re\b|rel\b|\(|//|@).*)?$", re.I)  # not dB/km
@@ -43,7 +60,9 @@ def axis(found: Found, kind: str) -> Array:
         )
     given = np.asarray(found.data[coordinate].values)
     if not np.issubdtype(given.dtype, np.number):
-        raise UserError(f'{found.name}: "{coordinate}" holds no numbers; {kind}s are numbers in {SPOKEN[kind]}')
+        raise UserError(
+            f'{found.name}: "{coordinate}" holds no numbers; {kind}s are numbers in {SPOKEN[kind]}'
+        )
     if not np.isfinite(given).all():
         raise UserError(
             f'{found.name}: {np.sum(~np.isfinite(given))} of the {kind}s "{coordinate}" are missing; mend the file'
@@ -73,7 +92,9 @@ def ranges(found: Found) -> tuple[Array, NDArray[np.intp]]:
         raise UserError(f'{name}: "{coordinate}" has one range only; at least two are needed')
     twice = np.flatnonzero(np.diff(metres) <= 0)
     if twice.size:
-        raise UserError(f'{name}: the range {metres[twice[0]]:g} m stands twice (in "{coordinate}"); mend the file')
+        raise UserError(
+            f'{name}: the range {metres[twice[0]]:g} m stands twice (in "{coordinate}"); mend the file'
+        )
     return metres, order
 
 
@@ -122,8 +143,12 @@ def where(wrong: NDArray[np.bool_], labels: Sequence[Label]) -> str:
     return ", ".join(filter(None, words))
 
 
-def check_decibels(table: Array, unit: str, most: float, least: float, what: str, name: str, remedy: str) -> None:
-    """Refuse a table that is not in dB, or whose values no such quantity has; least, most: allowed [dB]."""
+def check_decibels(
+    table: Array, unit: str, most: float, least: float, what: str, name: str, remedy: str
+) -> None:
+    """Refuse a table that is not in dB, or whose values no such quantity has; least, most: allowed
+    [dB].
+    """
     if unit and not DECIBEL.match(unit):
         raise UserError(f'{name}: the {what} is in "{unit}"; allowed is dB: {remedy}')
     if table.max() > most:

@@ -5,15 +5,17 @@ import numpy as np
 from drift.evidence.sensors.records import Sensor, Sonar
 from geo.array import Array
 
-NODES = ((0.6, 8), (1.0, 12), (1.5, 16))  # values that stand for it, up to such a share of the fluctuation
+# values that stand for it, up to such a share of the fluctuation
+NODES = ((0.6, 8), (1.0, 12), (1.5, 16))
 MOST = NODES[-1][0]  # beyond it 16 values do not hold products of misses to 0.001
 
 
 def offsets(unknown: float, fluctuation: float) -> tuple[Array, Array]:
-    """Return values [dB] of a normal number of standard deviation `unknown`, and their probabilities; one where it is 0.
+    """Return values [dB] of a normal number of standard deviation `unknown`, and their
+    probabilities; one where it is 0.
 
-    fluctuation [dB]: of the signal excess, which smooths what the values are asked for. Gauss-Hermite quadrature, for
-    which NumPy is enough.
+    fluctuation [dB]: of the signal excess, which smooths what the values are asked for.
+    Gauss-Hermite quadrature, for which NumPy is enough.
     """
     if unknown == 0:
         return np.zeros(1), np.ones(1)
@@ -24,7 +26,9 @@ def offsets(unknown: float, fluctuation: float) -> tuple[Array, Array]:
 
 
 def values(sensor: Sensor) -> tuple[Array, Array]:
-    """Return the values [dB] that stand for a sensor's unknown, and their probabilities: all of its group have the same."""
+    """Return the values [dB] that stand for a sensor's unknown, and their probabilities: all of its
+    group have the same.
+    """
     sonar = sensor.sees
     if not isinstance(sonar, Sonar):
         return np.zeros(1), np.ones(1)
@@ -32,5 +36,9 @@ def values(sensor: Sensor) -> tuple[Array, Array]:
 
 
 def key(sensor: Sensor) -> tuple[str, float]:
-    """Return what looks and watches have in common that share an unknown; sorties have keys of other names."""
-    return f"sensors {sensor.group}", sensor.sees.unknown if isinstance(sensor.sees, Sonar) else np.inf
+    """Return what looks and watches have in common that share an unknown; sorties have keys of
+    other names.
+    """
+    return f"sensors {sensor.group}", sensor.sees.unknown if isinstance(
+        sensor.sees, Sonar
+    ) else np.inf

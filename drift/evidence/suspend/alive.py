@@ -16,9 +16,11 @@ HOUR = 3600.0  # [s]
 
 
 def alive_at(scenarios: Sequence[Scenario], standing: Standing, time: float) -> tuple[Array, Array]:
-    """Return the probability of being alive at a time by scenario and of all, and its standard error.
+    """Return the probability of being alive at a time by scenario and of all, and its standard
+    error.
 
-    time: [s after start]. Both have shape (S + 1,). A scenario without survival times counts as alive.
+    time: [s after start]. Both have shape (S + 1,). A scenario without survival times counts as
+    alive.
     """
     if not any(scenario.survival for scenario in scenarios):
         return np.ones(len(scenarios) + 1), np.zeros(len(scenarios) + 1)
@@ -29,7 +31,9 @@ def alive_at(scenarios: Sequence[Scenario], standing: Standing, time: float) -> 
     chance, error = np.ones(len(scenarios) + 1), np.zeros(len(scenarios) + 1)
     for s in range(len(scenarios) + 1):
         of_all = s == len(scenarios)
-        mass, alive = (standing.mass.ravel(), by_bin.ravel()) if of_all else (standing.mass[s], by_bin[s])
+        mass, alive = (
+            (standing.mass.ravel(), by_bin.ravel()) if of_all else (standing.mass[s], by_bin[s])
+        )
         if mass.sum() > 0:
             chance[s] = mass @ alive / mass.sum()
             variance = mass @ (alive - chance[s]) ** 2 / mass.sum()

@@ -23,14 +23,19 @@ class SuspensionOutputs:
 
 
 def _picture(matter: SuspensionOutputs, path: Path) -> None:
-    from drift.evidence.suspend import map as suspend_map  # here: Matplotlib takes a second to import
+    # here: Matplotlib takes a second to import
+    from drift.evidence.suspend import map as suspend_map
 
     suspend_map.plot_suspension(matter.suspension, path, matter.imprint)
 
 
 FILES: dict[str, Callable[[SuspensionOutputs, Stamped], Contents]] = {
     "suspend.txt": lambda matter, stamped: suspend_text.suspension_text(
-        matter.suspension, matter.imprint.title, stamped["run_id"], synthetic=matter.synthetic, lost=matter.lost
+        matter.suspension,
+        matter.imprint.title,
+        stamped["run_id"],
+        synthetic=matter.synthetic,
+        lost=matter.lost,
     ),
 }
 PICTURES: dict[str, Callable[[SuspensionOutputs, Path], None]] = {

@@ -1,7 +1,7 @@
 """What a decision to suspend rests on: who may be alive, what was searched, what more could add.
 
-All of it is given that nothing has been found. Standard errors are of the particles alone; the survival times are far
-less sure than these say.
+All of it is given that nothing has been found. Standard errors are of the particles alone; the
+survival times are far less sure than these say.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,10 @@ CURVE = 160  # times of the curve
 
 @dataclass(frozen=True)
 class Suspension:
-    """The basis of a decision; S scenarios, arrays of S + 1 end with all scenarios together; T times."""
+    """The basis of a decision; S scenarios, arrays of S + 1 end with all scenarios together;
+
+    T times.
+    """
 
     now: np.datetime64  # of the last sortie or contact
     scenarios: tuple[str, ...]
@@ -38,14 +41,18 @@ class Suspension:
     times: Array  # (T,) datetime64, of the curve; from when the first may have gone adrift
     alive: Array  # (T, S + 1) probability of being alive
     alive_error: Array  # (T, S + 1)
-    ahead: tuple[tuple[np.datetime64, Array, Array], ...]  # time, alive, alive_error at round times from now
-    sorties: tuple[tuple[Update, float], ...]  # what was flown, and the area of each [m2], NaN without one
+    # time, alive, alive_error at round times from now
+    ahead: tuple[tuple[np.datetime64, Array, Array], ...]
+    # what was flown, and the area of each [m2], NaN without one
+    sorties: tuple[tuple[Update, float], ...]
     cumulative: Array  # (S + 1,) POS of all sorties so far
     never: Array  # (S + 1,) probability of having been where no sortie searched
     effective: float  # particles that it stands on
-    further: tuple[Further, ...]  # a planned search, or days of effort as flown; empty: nothing to estimate it by
+    # a planned search, or days of effort as flown; empty: nothing to estimate it by
+    further: tuple[Further, ...]
     how: str  # what `further` is made from
-    planned: bool  # `further` is of a plan, on particles that drift on; otherwise of days on a map that is held
+    # `further` is of a plan, on particles that drift on; otherwise of days on a map that is held
+    planned: bool
 
     @property
     def mortal(self) -> bool:
@@ -72,8 +79,8 @@ def build_decision(
 ) -> Suspension:
     """Return what a decision rests on.
 
-    begun: how the search stood before any update. data: the forecast's maps. With a plan, updates are those of its
-    execution: its own sorties are still to come.
+    begun: how the search stood before any update. data: the forecast's maps. With a plan, updates
+    are those of its execution: its own sorties are still to come.
     """
     planned = plan.names if plan else frozenset()
     every = updates.all if updates else ()
@@ -88,7 +95,9 @@ def build_decision(
     if plan:
         further, how = searching_on.by_plan(standing, plan, every, scenarios, start)
     else:
-        further, how = searching_on.like_the_last(standing, scenarios, start, list(flown.values()), data)
+        further, how = searching_on.like_the_last(
+            standing, scenarios, start, list(flown.values()), data
+        )
     suspension = Suspension(
         now=standing.time,
         scenarios=tuple(scenario.name for scenario in scenarios),
@@ -99,10 +108,13 @@ def build_decision(
         alive=alive,
         alive_error=alive_error,
         ahead=tuple(
-            (standing.time + np.timedelta64(h, "h"), *alive_at(scenarios, standing, now + HOUR * h)) for h in hours
+            (standing.time + np.timedelta64(h, "h"), *alive_at(scenarios, standing, now + HOUR * h))
+            for h in hours
         ),
         sorties=tuple((u, searching_on.area(flown[u.name])) for u in searched if u.name in flown),
-        cumulative=np.zeros(len(scenarios) + 1) if cumulative is None else np.asarray(cumulative, float),
+        cumulative=np.zeros(len(scenarios) + 1)
+        if cumulative is None
+        else np.asarray(cumulative, float),
         never=standing.never,
         effective=standing.effective,
         further=further,
@@ -129,14 +141,19 @@ def _together(suspension: Suspension, updates: Updates | None) -> Suspension:
     def error(values: Array) -> Array:
         """Errors of scenarios are independent: their weighted squares add up."""
         parts = shown.sums((values[..., :-1] * weight) ** 2)
-        return np.concatenate([np.sqrt(parts) / np.maximum(shown.sums(weight), 1e-300), values[..., -1:]], axis=-1)
+        return np.concatenate(
+            [np.sqrt(parts) / np.maximum(shown.sums(weight), 1e-300), values[..., -1:]], axis=-1
+        )
 
     return replace(
         suspension,
         scenarios=tuple(shown.names(suspension.scenarios)),
         prior=shown.sums(suspension.prior),
         share=shown.sums(suspension.share),
-        bases=(*(suspension.bases[k] for k in shown.alone), _basis([suspension.bases[k] for k in shown.rest])),
+        bases=(
+            *(suspension.bases[k] for k in shown.alone),
+            _basis([suspension.bases[k] for k in shown.rest]),
+        ),
         alive=mean(suspension.alive),
         alive_error=error(suspension.alive_error),
         ahead=tuple((time, mean(chance), error(wrong)) for time, chance, wrong in suspension.ahead),

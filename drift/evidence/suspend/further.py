@@ -1,9 +1,9 @@
 """What searching on from now would come to: by further days like the last one, or by a plan.
 
-The further days are a rough figure, neither a plan nor a bound. They are random search with its effort divided without
-limit where it adds most (Koopman 1980, Search and Screening, ch. 3; Charnes and Cooper 1958), on one map, which is held
-while the object drifts on. How wrong that makes them is not known, and is more than the error of the particles, so
-their text and picture bear no error.
+The further days are a rough figure, neither a plan nor a bound. They are random search with its
+effort divided without limit where it adds most (Koopman 1980, Search and Screening, ch. 3; Charnes
+and Cooper 1958), on one map, which is held while the object drifts on. How wrong that makes them is
+not known, and is more than the error of the particles, so their text and picture bear no error.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,8 @@ DAY = 86_400.0  # [s]
 ACROSS = 80  # cells along the longer side of the map on which further days are computed
 DAYS = 7  # stated at most
 STEPS = 24  # parts of a day; within each, the chance of being alive is that of its middle
-ALL = 1 + 1e-9  # shares that add up to more are of more than the whole effort, however they are added up
+# shares that add up to more are of more than the whole effort, however they are added up
+ALL = 1 + 1e-9
 GONE = 0.005  # probability of being alive below which no further time or day is stated
 
 
@@ -67,13 +68,18 @@ def area(sortie: Sortie) -> float:
 
 
 def size(area: Area) -> float:
-    """Return an area [m2] on the plane about its first corner; 100 nmi across it is 1 in 10,000 off."""
+    """Return an area [m2] on the plane about its first corner; 100 nmi across it is 1 in 10,000
+    off.
+    """
     lon, lat = np.radians(area.lon), np.radians(area.lat)
     return float(shapely.Polygon(np.column_stack(sphere.offset(lon[0], lat[0], lon, lat))).area)
 
 
 def effort(sortie: Sortie) -> Array | None:
-    """Return the area that a sortie swept for each scenario's object, W v t [m2], (S,); None for a watch."""
+    """Return the area that a sortie swept for each scenario's object, W v t [m2], (S,);
+
+    None for a watch.
+    """
     if sortie.watches:
         return None
     if sortie.legs is not None:
@@ -87,15 +93,20 @@ def effort(sortie: Sortie) -> Array | None:
 
 
 def spread(mass: Array, swept: Array, cells: Array) -> Array:
-    """Return which share of an effort each cell gets, (C,), so that random search over all finds most.
+    """Return which share of an effort each cell gets, (C,), so that random search over all finds
+    most.
 
-    mass: probability by scenario and cell, (S, C). swept: area swept for each scenario's object, (S,) [m2]. cells:
-    their areas [m2], (C,). At the optimum, a little more effort finds as much in every cell that has any, and less in
-    the others; that worth and the shares which lead to it are both found by halving intervals.
+    mass: probability by scenario and cell, (S, C). swept: area swept for each scenario's object,
+    (S,) [m2]. cells: their areas [m2], (C,). At the optimum, a little more effort finds as much in
+    every cell that has any, and less in the others; that worth and the shares which lead to it are
+    both found by halving intervals.
     """
     kinds, which = np.unique(swept, return_inverse=True)
     if kinds.size < swept.size:  # what is swept alike is found alike
-        swept, mass = kinds, np.array([mass[which == kind].sum(axis=0) for kind in range(kinds.size)])
+        swept, mass = (
+            kinds,
+            np.array([mass[which == kind].sum(axis=0) for kind in range(kinds.size)]),
+        )
     rate = swept[:, None] / cells
     slope = mass * rate
     first = slope.sum(axis=0)  # what the first effort in a cell is worth
@@ -125,12 +136,18 @@ def spread(mass: Array, swept: Array, cells: Array) -> Array:
 
 
 def days(
-    mass: Array, swept: Array, cells: Array, alive: Array, effective: float, until: Sequence[np.datetime64]
+    mass: Array,
+    swept: Array,
+    cells: Array,
+    alive: Array,
+    effective: float,
+    until: Sequence[np.datetime64],
 ) -> tuple[Further, ...]:
     """Return what searching on by days comes to, the effort of each day spent evenly over it.
 
-    mass, swept, cells: as in `spread`, swept in a day. alive: probability of being alive by scenario in the middle of
-    each of STEPS parts of each day and at its end, (days, STEPS + 1, S). until: end of each day.
+    mass, swept, cells: as in `spread`, swept in a day. alive: probability of being alive by
+    scenario in the middle of each of STEPS parts of each day and at its end, (days, STEPS + 1, S).
+    until: end of each day.
     """
     left, by_day = mass.copy(), []
     pos = saved = 0.0
@@ -148,7 +165,11 @@ def days(
         off_map = 1 - float(mass.sum())  # stays unfound
         unfound = left.sum(axis=1) + off_map * mass.sum(axis=1) / max(float(mass.sum()), 1e-300)
         part = saved / pos if pos > 0 else 0.0
-        by_day.append(Further(end, pos, float(error), saved, float(error) * part, float(unfound @ moments[-1])))
+        by_day.append(
+            Further(
+                end, pos, float(error), saved, float(error) * part, float(unfound @ moments[-1])
+            )
+        )
     return tuple(by_day)
 
 
@@ -173,8 +194,14 @@ def like_the_last(
         )
     times = data["time"].values.astype("datetime64[s]")
     later = np.flatnonzero(times >= standing.time)
-    k = int(later[np.argmin(np.abs(times[later] - (standing.time + day / 2)))]) if len(later) else len(times) - 1
-    mass, cells = _coarse(data["probability_by_scenario"].values[k].astype(float), data["cell_area"].values)
+    k = (
+        int(later[np.argmin(np.abs(times[later] - (standing.time + day / 2)))])
+        if len(later)
+        else len(times) - 1
+    )
+    mass, cells = _coarse(
+        data["probability_by_scenario"].values[k].astype(float), data["cell_area"].values
+    )
     if not (mass.sum(axis=1) * _mapped(total, standing, data)).any():
         return (), "nothing is on the map that the sorties of the last 24 h could see"
     now = seconds(standing.time, start)
@@ -198,7 +225,9 @@ def like_the_last(
 
 
 def _mapped(values: Array, standing: Standing, data: xr.Dataset) -> Array:
-    """Return values by scenario (..., S) as maps have them: those that share a map count by their mean."""
+    """Return values by scenario (..., S) as maps have them: those that share a map count by their
+    mean.
+    """
     return dataset.shown(data).means(values, standing.mass.sum(axis=1))
 
 
@@ -209,7 +238,8 @@ def by_plan(
     scenarios: Sequence[Scenario],
     start: np.datetime64,
 ) -> tuple[tuple[Further, ...], str]:
-    """Return what a plan adds, by the updates of its execution: one entry, at the end of its last sortie.
+    """Return what a plan adds, by the updates of its execution: one entry, at the end of its last
+    sortie.
 
     standing: of the search before the plan.
     """
@@ -224,7 +254,9 @@ def by_plan(
     if after is not None:
         waiting *= float(alive_at(scenarios, after, seconds(plan.end, start))[0][-1])
     pos = 1 - float(missed[-1])
-    pos_error, alive_error = (float(standard_error(share, standing.effective)) for share in (pos, saved))
+    pos_error, alive_error = (
+        float(standard_error(share, standing.effective)) for share in (pos, saved)
+    )
     further = Further(plan.end, pos, pos_error, saved, alive_error, waiting)
     return (further,), "the plan of plan.txt, as it scores on the case's particles"
 
@@ -232,8 +264,8 @@ def by_plan(
 def _coarse(mass: Array, area: Array) -> tuple[Array, Array]:
     """Return probability (S, C) and area (C,) of those blocks of cells that hold any probability.
 
-    mass: (S, ny, nx). area: of cells [m2], (ny, nx). Of a block at the coast only the cells count that hold
-    probability: the water.
+    mass: (S, ny, nx). area: of cells [m2], (ny, nx). Of a block at the coast only the cells count
+    that hold probability: the water.
     """
     shape = mass.shape[1:]
     side = -(-max(shape) // ACROSS)
@@ -241,7 +273,9 @@ def _coarse(mass: Array, area: Array) -> tuple[Array, Array]:
     blocks = [-(-length // side) for length in shape]
 
     def sums(values: Array) -> Array:
-        padded = np.pad(values, [(0, 0), *padding]).reshape(len(values), blocks[0], side, blocks[1], side)
+        padded = np.pad(values, [(0, 0), *padding]).reshape(
+            len(values), blocks[0], side, blocks[1], side
+        )
         return np.asarray(padded.sum(axis=(2, 4)).reshape(len(values), -1))
 
     water = sums(np.where(mass.sum(axis=0) > 0, area, 0.0)[None])[0]

@@ -19,9 +19,17 @@ from drift.products.maps.sheet import Badge, Row, Sheet
 from geo import notation
 
 SHEET = Sheet(
-    14.0, 6.4, 120, left=0.02, title=sheet.heading(0.945, 14, 95), beside=75, lines=(Row(0.903, 10.5),),
-    caution=Badge(0.985, 0.95, side="right"), rough=Badge(0.0225, 0.862), footer=sheet.small(0.015, 7, 210),
-)  # fmt: skip
+    14.0,
+    6.4,
+    120,
+    left=0.02,
+    title=sheet.heading(0.945, 14, 95),
+    beside=75,
+    lines=(Row(0.903, 10.5),),
+    caution=Badge(0.985, 0.95, side="right"),
+    rough=Badge(0.0225, 0.862),
+    footer=sheet.small(0.015, 7, 210),
+)
 BOX = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}  # behind words on a panel
 NOW = "#a33b20"
 ALL: dict[str, Any] = {"color": INK, "linewidth": 2.2}
@@ -33,7 +41,11 @@ def plot_suspension(suspension: Suspension, path: Path, imprint: Imprint) -> Non
     on = sheet.begin(SHEET)
     figure = on.figure
     now = notation.group(suspension.now)
-    sheet.head(on, imprint, f"What a decision to suspend rests on, as of {now}, given that nothing has been found")
+    sheet.head(
+        on,
+        imprint,
+        f"What a decision to suspend rests on, as of {now}, given that nothing has been found",
+    )
     if suspension.count.few:
         sheet.rough(on, effective.banner(suspension.count, "every figure here is rough"))
     for words in immortal(suspension):
@@ -42,7 +54,9 @@ def plot_suspension(suspension: Suspension, path: Path, imprint: Imprint) -> Non
     wide, high = (
         (0.265, 0.54) if suspension.mortal else (0.43, 0.56)
     )  # without survival times no line needs a legend above
-    for panel, left in zip(panels, (0.05, 0.38, 0.715) if suspension.mortal else (0.05, 0.55), strict=True):
+    for panel, left in zip(
+        panels, (0.05, 0.38, 0.715) if suspension.mortal else (0.05, 0.55), strict=True
+    ):
         panel(figure.add_axes((left, 0.2, wide, high)), suspension)
     _legend(figure, suspension)
     sheet.say(on, Row(0.055, 8, 230, colour=GREY, va="center"), _note(suspension))
@@ -80,14 +94,24 @@ def _percents(ax: Axes) -> None:
 
 
 def _alive(ax: Axes, suspension: Suspension) -> None:
-    """Draw the probability of being alive by time, by scenario and of all, with two standard errors."""
+    """Draw the probability of being alive by time, by scenario and of all, with two standard
+    errors.
+    """
     _prepare(ax, "Probability of being alive")
     x = notation.epochs(suspension.times).astype(float)
     for s in range(len(suspension.scenarios) if len(suspension.scenarios) > 1 else 0):
         colour, dashes, _ = STROKES[s % len(STROKES)]
         ax.plot(x, suspension.alive[:, s], color=colour, linestyle=dashes, linewidth=1.4, zorder=3)
     mean, error = suspension.alive[:, -1], 2 * suspension.alive_error[:, -1]
-    ax.fill_between(x, (mean - error).clip(0), (mean + error).clip(max=1), color=INK, alpha=0.15, linewidth=0, zorder=2)
+    ax.fill_between(
+        x,
+        (mean - error).clip(0),
+        (mean + error).clip(max=1),
+        color=INK,
+        alpha=0.15,
+        linewidth=0,
+        zorder=2,
+    )
     ax.plot(x, mean, zorder=4, **ALL)
     now = float(notation.epoch(suspension.now))
     ax.axvline(now, color=NOW, linewidth=1.4, zorder=3)
@@ -95,17 +119,37 @@ def _alive(ax: Axes, suspension: Suspension) -> None:
     ax.plot([now], [at], "o", markersize=6, markerfacecolor="white", markeredgecolor=NOW, zorder=6)
     right = now < (x[0] + x[-1]) / 2
     ax.annotate(
-        f"now {notation.percent(at)}", (now, at), (8 if right else -8, 8), textcoords="offset points", fontsize=9, weight="bold",
-        color=NOW, ha="left" if right else "right", zorder=7, bbox=BOX,
-    )  # fmt: skip
-    lines = [f"{100 * level:.0f} % at {notation.group(time)[:6]}Z" for level, time in reached(suspension)]
-    ax.text(
-        0.98, 0.97, "\n".join(lines), fontsize=8.5, color=INK, ha="right", va="top", transform=ax.transAxes, zorder=7,
+        f"now {notation.percent(at)}",
+        (now, at),
+        (8 if right else -8, 8),
+        textcoords="offset points",
+        fontsize=9,
+        weight="bold",
+        color=NOW,
+        ha="left" if right else "right",
+        zorder=7,
         bbox=BOX,
-    )  # fmt: skip
+    )
+    lines = [
+        f"{100 * level:.0f} % at {notation.group(time)[:6]}Z" for level, time in reached(suspension)
+    ]
+    ax.text(
+        0.98,
+        0.97,
+        "\n".join(lines),
+        fontsize=8.5,
+        color=INK,
+        ha="right",
+        va="top",
+        transform=ax.transAxes,
+        zorder=7,
+        bbox=BOX,
+    )
     ax.set_xlim(x[0], x[-1])
     ticks = labels.round_times(x[0], x[-1], 5)
-    ax.set_xticks(ticks, labels=[f"{notation.group(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks])
+    ax.set_xticks(
+        ticks, labels=[f"{notation.group(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks]
+    )
     _percents(ax)
 
 
@@ -124,7 +168,18 @@ def _left(ax: Axes, suspension: Suspension) -> None:
     )
     left = np.zeros(len(rows))
     for width, colour, hatch, word in parts:
-        ax.barh(y, width, 0.5, left, facecolor=colour, hatch=hatch, edgecolor=INK, linewidth=0.8, label=word, zorder=3)
+        ax.barh(
+            y,
+            width,
+            0.5,
+            left,
+            facecolor=colour,
+            hatch=hatch,
+            edgecolor=INK,
+            linewidth=0.8,
+            label=word,
+            zorder=3,
+        )
         left = left + width
     for k, name in enumerate(page.names(rows, 32)):
         words = f"{name}: POS {notation.percent(float(pos[k]))}; of the rest {notation.percent(float(never[k]))} never searched"
@@ -134,15 +189,20 @@ def _left(ax: Axes, suspension: Suspension) -> None:
     ax.set_yticks([])
     ax.set_xticks(np.linspace(0, 1, 6), labels=[f"{100 * x:.0f} %" for x in np.linspace(0, 1, 6)])
     ax.legend(
-        loc="upper left", bbox_to_anchor=(0, -0.06), fontsize=7.5, frameon=False, labelcolor=INK, handlelength=1.6
+        loc="upper left",
+        bbox_to_anchor=(0, -0.06),
+        fontsize=7.5,
+        frameon=False,
+        labelcolor=INK,
+        handlelength=1.6,
     )
 
 
 def _further(ax: Axes, suspension: Suspension) -> None:
     """Draw the probability that searching on finds, and finds alive, by its end.
 
-    A plan has whiskers of two standard errors. Days on a map that is held err by more than their particles do, and by
-    how much is not known, so whiskers would mislead.
+    A plan has whiskers of two standard errors. Days on a map that is held err by more than their
+    particles do, and by how much is not known, so whiskers would mislead.
     """
     _prepare(ax, "Searching on from now")
     if not suspension.further:
@@ -166,10 +226,21 @@ def _further(ax: Axes, suspension: Suspension) -> None:
     wide = 0.72 / len(series)
     for k, (value, error, colour, word) in enumerate(series):
         at = x + (k - (len(series) - 1) / 2) * wide
-        ax.bar(at, value, wide * 0.95, facecolor=colour, edgecolor=INK, linewidth=0.8, label=word, zorder=3)
+        ax.bar(
+            at,
+            value,
+            wide * 0.95,
+            facecolor=colour,
+            edgecolor=INK,
+            linewidth=0.8,
+            label=word,
+            zorder=3,
+        )
         above = 2 * error * suspension.planned
         if suspension.planned:
-            ax.errorbar(at, value, above, fmt="none", ecolor=INK, elinewidth=0.9, capsize=2, zorder=4)
+            ax.errorbar(
+                at, value, above, fmt="none", ecolor=INK, elinewidth=0.9, capsize=2, zorder=4
+            )
         if len(x) <= 4:
             for i, v in enumerate(value):
                 ax.text(
@@ -184,12 +255,28 @@ def _further(ax: Axes, suspension: Suspension) -> None:
     middle, half = (len(x) - 1) / 2, max(len(x), 3) / 2
     ax.set_xlim(middle - half - 0.1, middle + half + 0.1)
     ax.set_xticks(
-        x, labels=[f"{notation.group(end.until)[:6]}Z" for end in suspension.further], rotation=30 if len(x) > 4 else 0
+        x,
+        labels=[f"{notation.group(end.until)[:6]}Z" for end in suspension.further],
+        rotation=30 if len(x) > 4 else 0,
     )
     _percents(ax)
     ax.set_ylim(0, 1.2)  # room above a bar of 100 % for its figure, and for words above that
-    planned = "the plan of plan.txt" if suspension.planned else "each day as the last 24 h, map held: rough"
-    ax.text(0.02, 0.97, planned, fontsize=8, color=INK, va="top", transform=ax.transAxes, zorder=6, bbox=BOX)
+    planned = (
+        "the plan of plan.txt"
+        if suspension.planned
+        else "each day as the last 24 h, map held: rough"
+    )
+    ax.text(
+        0.02,
+        0.97,
+        planned,
+        fontsize=8,
+        color=INK,
+        va="top",
+        transform=ax.transAxes,
+        zorder=6,
+        bbox=BOX,
+    )
     ax.legend(
         loc="upper left",
         bbox_to_anchor=(0, -0.09 if len(x) <= 4 else -0.14),
@@ -207,7 +294,13 @@ def _legend(figure: Figure, suspension: Suspension) -> None:
     from matplotlib.lines import Line2D
 
     handles = [
-        Line2D([], [], color=STROKES[s % len(STROKES)][0], linestyle=STROKES[s % len(STROKES)][1], linewidth=1.4)
+        Line2D(
+            [],
+            [],
+            color=STROKES[s % len(STROKES)][0],
+            linestyle=STROKES[s % len(STROKES)][1],
+            linewidth=1.4,
+        )
         for s in range(len(suspension.scenarios))
     ]
     names = page.names(suspension.scenarios, 30)

@@ -18,13 +18,23 @@ def suspension_text(
 ) -> str:
     """Return what a decision to suspend rests on, as text.
 
-    run: its run_id. synthetic: whether winds or currents are made up. lost: probability that is on no map.
+    run: its run_id. synthetic: whether winds or currents are made up. lost: probability that is on
+    no map.
     """
     what = (
-        "the last sortie or contact" if suspension.now > suspension.times[0] and suspension.sorties else "what is known"
+        "the last sortie or contact"
+        if suspension.now > suspension.times[0] and suspension.sorties
+        else "what is known"
     )
-    lines = ["DECISION TO SUSPEND: WHAT IT RESTS ON", *_fill(case_title), f"Run {run}. Times are UTC.", ""]
-    lines += _fill(f"As of {notation.group(suspension.now)}, {what}. All of it is given that nothing has been found.")
+    lines = [
+        "DECISION TO SUSPEND: WHAT IT RESTS ON",
+        *_fill(case_title),
+        f"Run {run}. Times are UTC.",
+        "",
+    ]
+    lines += _fill(
+        f"As of {notation.group(suspension.now)}, {what}. All of it is given that nothing has been found."
+    )
     lines += _fill("The decision is the coordinator's: nothing here recommends.")
     for warning in warnings(suspension, synthetic):
         lines += ["", *_fill(f"WARNING: {warning}")]
@@ -45,14 +55,20 @@ def warnings(suspension: Suspension, synthetic: bool) -> list[str]:
     """Return warnings of what is not reliable in it."""
     lines = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
     if suspension.count.few:
-        lines.append(effective.sentence(suspension.count, "of all that were drawn", "every figure here is rough"))
+        lines.append(
+            effective.sentence(
+                suspension.count, "of all that were drawn", "every figure here is rough"
+            )
+        )
     return lines + immortal(suspension)
 
 
 def immortal(suspension: Suspension) -> list[str]:
     """Return a warning if some scenarios have no survival times while others have them."""
     names = ", ".join(
-        f'"{name}"' for name, basis in zip(suspension.scenarios, suspension.bases, strict=True) if basis is None
+        f'"{name}"'
+        for name, basis in zip(suspension.scenarios, suspension.bases, strict=True)
+        if basis is None
     )
     if not (suspension.mortal and names):
         return []
@@ -73,7 +89,9 @@ def reached(suspension: Suspension) -> list[tuple[float, np.datetime64]]:
         if len(below) and below[0] > 0:
             i = int(below[0])
             part = (alive[i - 1] - level) / (alive[i - 1] - alive[i])
-            crossings.append((level, np.datetime64(round(times[i - 1] + part * (times[i] - times[i - 1])), "s")))
+            crossings.append(
+                (level, np.datetime64(round(times[i - 1] + part * (times[i] - times[i - 1])), "s"))
+            )
     return crossings
 
 
@@ -85,18 +103,22 @@ def _alive(suspension: Suspension) -> list[str]:
     for time, mean, error in suspension.ahead:
         hours = float((time - suspension.now) / np.timedelta64(1, "h"))
         ahead = "now" if hours == 0 else f"+{hours:.0f} h" if hours < 72 else f"+{hours / 24:.0f} d"
-        lines.append(f"   {notation.group(time):18}{ahead:10}{give_or_take(float(mean[-1]), float(error[-1]))}")
+        lines.append(
+            f"   {notation.group(time):18}{ahead:10}{give_or_take(float(mean[-1]), float(error[-1]))}"
+        )
     for level, time in reached(suspension):
         tense = "was" if time < suspension.now else "is"
         lines.append(f"   It {tense} {100 * level:.0f} % at {notation.group(time)}.")
     lines += ["   By scenario, now:"] if several else []
     for s, basis in enumerate(suspension.bases):
-        now = f"{notation.percent(float(suspension.ahead[0][1][s]))} alive; " if several else "Survival times: "
+        now = (
+            f"{notation.percent(float(suspension.ahead[0][1][s]))} alive; "
+            if several
+            else "Survival times: "
+        )
         name = f'"{suspension.scenarios[s]}": ' if several else ""
         lines += _fill(f"{name}{now}{basis or 'no survival times'}", 3, 6)
-    caveat = (
-        "The error is that of the particles. Survival times are far less sure: take half and twice the median to see."
-    )
+    caveat = "The error is that of the particles. Survival times are far less sure: take half and twice the median to see."
     return [*lines, *_fill(caveat, 3)]
 
 
@@ -108,7 +130,8 @@ def _searched(suspension: Suspension) -> list[str]:
         name = update.name if len(update.name) <= 24 else f"{update.name[:21]}..."
         size = f"{area / NMI**2:,.0f}" if np.isfinite(area) else ""
         figures = [
-            float(v[-1]) if v is not None else np.nan for v in (update.poc, update.pod, update.pos, update.cumulative)
+            float(v[-1]) if v is not None else np.nan
+            for v in (update.poc, update.pod, update.pos, update.cumulative)
         ]
         poc, pod, pos, so_far = (f"{100 * v:.1f} %" if np.isfinite(v) else "" for v in figures)
         lines.append(
@@ -119,7 +142,8 @@ def _searched(suspension: Suspension) -> list[str]:
     if len(suspension.scenarios) > 1:
         for s, name in enumerate(suspension.scenarios):
             by_now, prior, posterior = (
-                notation.percent(float(v[s])) for v in (suspension.cumulative, suspension.prior, suspension.share)
+                notation.percent(float(v[s]))
+                for v in (suspension.cumulative, suspension.prior, suspension.share)
             )
             words = f'{by_now} had it been "{name}": {prior} probable at first, {posterior} now'
             lines += _fill(words, 3, 6)
@@ -136,17 +160,26 @@ def _left(suspension: Suspension, lost: float) -> list[str]:
             3,
         )
         for s, name in enumerate(suspension.scenarios if len(suspension.scenarios) > 1 else ()):
-            lines += _fill(f'"{name}": {notation.percent(float(suspension.never[s]))} of it never searched', 3, 6)
-        lines += _fill("Right after each sortie, the probability that was left where it had searched:", 3)
+            lines += _fill(
+                f'"{name}": {notation.percent(float(suspension.never[s]))} of it never searched',
+                3,
+                6,
+            )
+        lines += _fill(
+            "Right after each sortie, the probability that was left where it had searched:", 3
+        )
         for update, _ in suspension.sorties:
             if update.poc is not None and update.pos is not None:
                 poc, pos = float(update.poc[-1]), float(update.pos[-1])
-                lines += _fill(f"{notation.percent((poc - pos) / max(1 - pos, 1e-12))}  {update.name}", 3, 6)
+                lines += _fill(
+                    f"{notation.percent((poc - pos) / max(1 - pos, 1e-12))}  {update.name}", 3, 6
+                )
     else:
         lines += _fill("Nothing has been searched: all of it is left.", 3)
     if lost > 0:
         lines += _fill(
-            f"At the end of the run {notation.percent(lost)} is on no map: see the account in summary.json.", 3
+            f"At the end of the run {notation.percent(lost)} is on no map: see the account in summary.json.",
+            3,
         )
     return lines
 
@@ -182,4 +215,6 @@ def _further(suspension: Suspension) -> list[str]:
 
 def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:
     rest = " " * (indent if hang is None else hang)
-    return textwrap.wrap(words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False)
+    return textwrap.wrap(
+        words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False
+    )

@@ -18,10 +18,12 @@ NAMED = 3  # places that are given by name; of more, the number
 
 
 def left_out(frame: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = None) -> str:
-    """Return in a sentence what a frame leaves out of the map at a time; empty if that is little and no place.
+    """Return in a sentence what a frame leaves out of the map at a time; empty if that is little
+    and no place.
 
-    at: a forecast's data (drift.forecast.products.dataset) at one time. places: shapes (n, 2) [deg] by name; a place is reported
-    where no point of it is in the frame. Probability is reported where more than TELLING is outside.
+    at: a forecast's data (drift.forecast.products.dataset) at one time. places: shapes (n, 2) [deg]
+    by name; a place is reported where no point of it is in the frame. Probability is reported where
+    more than TELLING is outside.
     """
     parts = [_probability(frame, at), named(frame, places or {})]
     return "; ".join(part for part in parts if part)
@@ -47,7 +49,9 @@ def within(frame: Frame, points: Array) -> Array:
 
 
 def hidden(frame: Frame, shapes: Sequence[Array]) -> bool:
-    """Whether nothing of these shapes is in a frame: no part of a line, nor the frame in a closed one."""
+    """Whether nothing of these shapes is in a frame: no part of a line, nor the frame in a closed
+    one.
+    """
     box = shapely.box(frame.x[0], frame.y[0], frame.x[1], frame.y[1])
     for points in shapes:
         xy = np.column_stack(frame.project(points[:, 0], points[:, 1]))
@@ -55,7 +59,13 @@ def hidden(frame: Frame, shapes: Sequence[Array]) -> bool:
         if len(xy) == 0:
             continue
         closed = len(xy) > 3 and np.allclose(xy[0], xy[-1])
-        shape = shapely.Polygon(xy) if closed else shapely.LineString(xy) if len(xy) > 1 else shapely.Point(xy[0])
+        shape = (
+            shapely.Polygon(xy)
+            if closed
+            else shapely.LineString(xy)
+            if len(xy) > 1
+            else shapely.Point(xy[0])
+        )
         if shapely.intersects(shapely.make_valid(shape), box):
             return False
     return bool(len(shapes))
@@ -81,10 +91,11 @@ def _probability(frame: Frame, at: Any) -> str:
 
 
 def _most(mass: Array, at: Any) -> tuple[float, float, bool]:
-    """Return the mean position (lon, lat) [deg] of the place that holds most, and whether it is the only one.
+    """Return the mean position (lon, lat) [deg] of the place that holds most, and whether it is the
+    only one.
 
-    A place is made of connected cells. Only the densest cells count, which together hold NEARLY all: smoothing leaves a
-    trace everywhere.
+    A place is made of connected cells. Only the densest cells count, which together hold NEARLY
+    all: smoothing leaves a trace everywhere.
     """
     height = (mass / at["cell_area"].values).ravel()
     order = np.argsort(-height, kind="stable")
@@ -95,14 +106,19 @@ def _most(mass: Array, at: Any) -> tuple[float, float, bool]:
     each = ndimage.sum_labels(mass, patch, np.arange(1, many + 1))
     rows, columns = np.nonzero(patch == int(np.argmax(each)) + 1)
     weight = mass[rows, columns]
-    lon, lat = (float(np.average(at[name].values[i], weights=weight)) for name, i in (("lon", columns), ("lat", rows)))
+    lon, lat = (
+        float(np.average(at[name].values[i], weights=weight))
+        for name, i in (("lon", columns), ("lat", rows))
+    )
     return lon, lat, bool(each.max() >= NEARLY * each.sum())
 
 
 def named(frame: Frame, places: Mapping[str, Sequence[Array]]) -> str:
     """Return which places lie outside a frame, and where; empty if none does."""
     outside = [
-        f"{name}, {_where(frame, *shapes[0].mean(axis=0))}" for name, shapes in places.items() if hidden(frame, shapes)
+        f"{name}, {_where(frame, *shapes[0].mean(axis=0))}"
+        for name, shapes in places.items()
+        if hidden(frame, shapes)
     ]
     if not outside:
         return ""

@@ -32,10 +32,13 @@ class ForecastOutputs:
 
 
 def _map(matter: ForecastOutputs, path: Path) -> None:
-    from drift.forecast.products import map as forecast_map  # imported here, for Matplotlib takes a second
+    # imported here, for Matplotlib takes a second
+    from drift.forecast.products import map as forecast_map
 
     time = mapped.opening(matter.forecast.data, matter.setting.opens)
-    forecast_map.draw_map(matter.forecast, path, matter.setting, time=time, overlays=matter.overlays)
+    forecast_map.draw_map(
+        matter.forecast, path, matter.setting, time=time, overlays=matter.overlays
+    )
 
 
 def _snapshots(matter: ForecastOutputs, path: Path) -> None:

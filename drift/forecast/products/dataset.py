@@ -26,19 +26,26 @@ SUMMED = "time: point area: sum"  # CF's cell methods of a share of the cell at 
 CALIBRATED = "calibrated so that the share of held-out particles inside equals the stated one"
 
 
-def _positions(name: str, dims: tuple[str, ...], words: str) -> dict[str, tuple[tuple[str, ...], dict[str, str]]]:
+def _positions(
+    name: str, dims: tuple[str, ...], words: str
+) -> dict[str, tuple[tuple[str, ...], dict[str, str]]]:
     """Return the two variables of a position."""
     return {
         f"{name}_{short}": (
             dims,
-            {"standard_name": axis, "long_name": f"{axis} of {words}", "units": f"degrees_{toward}"},
+            {
+                "standard_name": axis,
+                "long_name": f"{axis} of {words}",
+                "units": f"degrees_{toward}",
+            },
         )
         for short, axis, toward in (("lon", "longitude", "east"), ("lat", "latitude", "north"))
     }
 
 
 CELLWISE = ("time", "lat", "lon")
-MAPPED_ALONE = ("time", "mapped_scenario", "lat", "lon")  # of many scenarios: drift.forecast.likeliest
+# of many scenarios: drift.forecast.likeliest
+MAPPED_ALONE = ("time", "mapped_scenario", "lat", "lon")
 # By name: dimensions, attributes. Each variable takes its values from `_maps` or `_numbers`.
 VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "probability": (
@@ -80,17 +87,28 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     ),
     "cell_area": (
         ("lat", "lon"),
-        {"standard_name": "cell_area", "long_name": "area of the cell on the sphere", "units": "m2"},
+        {
+            "standard_name": "cell_area",
+            "long_name": "area of the cell on the sphere",
+            "units": "m2",
+        },
     ),
     "lat_bnds": (("lat", "bnds"), {}),  # edges have their coordinate's attributes (CF, 7.1)
     "lon_bnds": (("lon", "bnds"), {}),
     "containment_area": (
         ("time", "share"),
-        {"long_name": "area of the smallest region that holds the share", "units": "m2", "comment": CALIBRATED},
+        {
+            "long_name": "area of the smallest region that holds the share",
+            "units": "m2",
+            "comment": CALIBRATED,
+        },
     ),
     "held_out": (
         ("time", "share"),
-        {"long_name": "share of the particles unseen by a map inside its region, calibrated on others", "units": "1"},
+        {
+            "long_name": "share of the particles unseen by a map inside its region, calibrated on others",
+            "units": "1",
+        },
     ),
     "status_probability": (
         ("time", "status"),
@@ -102,11 +120,19 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     ),
     "effective_particles": (
         ("time",),
-        {"long_name": "effective sample size of the particles on the map", "units": "1", "comment": COUNTED},
+        {
+            "long_name": "effective sample size of the particles on the map",
+            "units": "1",
+            "comment": COUNTED,
+        },
     ),
     "status_effective": (
         ("time", "status"),
-        {"long_name": "effective sample size of the particles of each status", "units": "1", "comment": COUNTED},
+        {
+            "long_name": "effective sample size of the particles of each status",
+            "units": "1",
+            "comment": COUNTED,
+        },
     ),
     "scenario_effective": (
         ("time", "scenario"),
@@ -125,7 +151,10 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
             "finds alone, of washup.nc",
         },
     ),
-    "particles_per_kernel": (("time",), {"long_name": "effective particles in a smoothing kernel", "units": "1"}),
+    "particles_per_kernel": (
+        ("time",),
+        {"long_name": "effective particles in a smoothing kernel", "units": "1"},
+    ),
     **_positions("mean", ("time",), "the mean position, adrift or ashore"),
     **_positions("datum", ("time",), "the datum, the mean position of those adrift"),
     **_positions("scenario_mean", ("time", "scenario"), "the scenario's mean position"),
@@ -152,7 +181,9 @@ STEERING = {  # words of long names where targets steer
 
 
 class Maps:
-    """The maps of all times on the cells that these share; each is put in as it is made, and need not be kept."""
+    """The maps of all times on the cells that these share; each is put in as it is made, and need
+    not be kept.
+    """
 
     def __init__(self, times: int, grid: Cells, scenarios: int, shares: int) -> None:
         """Make room for the maps of so many times; scenarios: that are shown."""
@@ -172,7 +203,8 @@ class Maps:
         total = part.sum(axis=(0, 1))
         self.by_scenario[(i, slice(None), *where)] = part.sum(axis=1)[(slice(None), *there)]
         self.probability[(i, *where)] = total[there]
-        self.ashore[(i, *where)] = part[:, 1:].sum(axis=(0, 1))[there]  # nothing where nobody is ashore
+        # nothing where nobody is ashore
+        self.ashore[(i, *where)] = part[:, 1:].sum(axis=(0, 1))[there]
         self.contained[i] = 1.0
         self.contained[(i, *where)] = _containment(area, total, own.area())[there]
         self.off[i] = 1 - total[there].sum() / total.sum()
@@ -205,10 +237,11 @@ def build_dataset(
     shares: Sequence[float],
     bandwidths: Sequence[float | None] | None = None,
 ) -> xr.Dataset:
-    """Return the forecast as a dataset; times without any probability on the map have zeros and NaN.
+    """Return the forecast as a dataset; times without any probability on the map have zeros and
+    NaN.
 
-    bandwidths: [binary angle unit] that suit the densest particles of each output, on a grid that does not follow
-    them.
+    bandwidths: [binary angle unit] that suit the densest particles of each output, on a grid that
+    does not follow them.
     """
     by_scenario = np.array([survey.scenario for survey in surveys])
     mapped_alone = likeliest.likeliest_scenarios(by_scenario)
@@ -223,17 +256,26 @@ def build_dataset(
         del values["off_grid"]
     else:
         values["cells_per_kernel"] = np.array(bandwidths, np.float64) / maps.height
-    data = {name: (dims, values[name], attributes) for name, (dims, attributes) in VARIABLES.items() if name in values}
+    data = {
+        name: (dims, values[name], attributes)
+        for name, (dims, attributes) in VARIABLES.items()
+        if name in values
+    }
     coordinates = _coordinates([survey.time for survey in surveys], scenarios, maps.grid, shares)
     if mapped_alone.rest:
         data["probability_by_scenario"] = (MAPPED_ALONE, *data["probability_by_scenario"][1:])
         names = np.array(mapped_alone.names(scenarios), object)
-        coordinates["mapped_scenario"] = ("mapped_scenario", names, {"long_name": "scenario, or all that have no map"})
+        coordinates["mapped_scenario"] = (
+            "mapped_scenario",
+            names,
+            {"long_name": "scenario, or all that have no map"},
+        )
     forecast = xr.Dataset(data, coordinates, {"summary": SUMMARY})
     if "effective_worlds" in forecast:
         forecast["effective_worlds"].attrs["worlds"] = surveys[0].worlds
     if not any(survey.steers for survey in surveys):
-        return forecast.isel(status=slice(int(Status.UNDER_WAY)))  # nothing steers: it is the last three
+        # nothing steers: it is the last three
+        return forecast.isel(status=slice(int(Status.UNDER_WAY)))
     for variable in forecast.variables.values():
         for drifting, steering in STEERING.items() if variable.attrs else ():
             variable.attrs["long_name"] = variable.attrs["long_name"].replace(drifting, steering)
@@ -266,7 +308,11 @@ def _coordinates(
         "lat": (
             "lat",
             grid.lat(),
-            {**_axis("latitude", "Y", "latitude of the cell's centre"), "units": "degrees_north", "bounds": "lat_bnds"},
+            {
+                **_axis("latitude", "Y", "latitude of the cell's centre"),
+                "units": "degrees_north",
+                "bounds": "lat_bnds",
+            },
         ),
         "lon": (
             "lon",
@@ -283,7 +329,11 @@ def _coordinates(
             np.array([s.name.lower() for s in Status], object),
             {"long_name": "what became of the object"},
         ),
-        "share": ("share", np.array(shares), {"long_name": "share of the probability on the map", "units": "1"}),
+        "share": (
+            "share",
+            np.array(shares),
+            {"long_name": "share of the probability on the map", "units": "1"},
+        ),
     }
 
 
@@ -298,12 +348,18 @@ def _effective(surveys: Sequence[Survey]) -> dict[str, Array]:
         "effective_particles": np.array([survey.effective_map for survey in surveys]),
         "status_effective": np.array([survey.effective_status for survey in surveys]),
         "scenario_effective": np.array([survey.effective_scenario for survey in surveys]),
-        **({"effective_worlds": np.array([survey.effective_worlds for survey in surveys])} if worlds else {}),
+        **(
+            {"effective_worlds": np.array([survey.effective_worlds for survey in surveys])}
+            if worlds
+            else {}
+        ),
     }
 
 
 def _shared(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Return the rows and columns that cells share with a grid, counted on the grid, and counted on the cells."""
+    """Return the rows and columns that cells share with a grid, counted on the grid, and counted on
+    the cells.
+    """
     on_grid, on_cells = [], []
     for start, count, size in (
         ((own.lat0 - grid.lat0) // grid.height, own.nlat, grid.nlat),
@@ -319,11 +375,15 @@ def _shared(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, 
 def _coarsened(area: areas.Area, grid: Cells) -> tuple[Array, Cells]:
     """Return the map summed into cells of the common size, and these."""
     k = grid.width // area.cells.width
-    return areas.summed(area.probability, k) if k > 1 else area.probability, areas.coarser(area.cells, k)
+    return areas.summed(area.probability, k) if k > 1 else area.probability, areas.coarser(
+        area.cells, k
+    )
 
 
 def _containment(own: areas.Area, total: Array, cell_area: Array) -> Array:
-    """Return the containment on the common cells: the map's own, or anew from the sums of finer cells."""
+    """Return the containment on the common cells: the map's own, or anew from the sums of finer
+    cells.
+    """
     if total.shape == own.cells.shape:
         return own.containment
     return areas.containment(total, cell_area, own.coarse)[0]

@@ -37,7 +37,9 @@ def forecast_headline(data: xr.Dataset, opens: np.datetime64 | None) -> str:
 
 
 def _place(at: xr.Dataset, ashore: bool) -> str:
-    """Return where the densest cell lies, of what is ashore or of all: position, and where it lies from a town."""
+    """Return where the densest cell lies, of what is ashore or of all: position, and where it lies
+    from a town.
+    """
     density = at["probability_ashore" if ashore else "probability"].values / at["cell_area"].values
     row, column = np.unravel_index(int(density.argmax()), density.shape)
     lon, lat = float(at["lon"].values[column]), float(at["lat"].values[row])

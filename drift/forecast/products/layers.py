@@ -27,27 +27,56 @@ from geo.array import Array
 from geo.notation import NMI
 
 INNERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 2.2, "linestyle": "-"}
-BETWEEN: tuple[Any, ...] = ((0, (6, 2)), (0, (6, 2, 1.5, 2)), (0, (10, 3)), (0, (4, 1.5, 1.5, 1.5, 1.5, 1.5)))
+BETWEEN: tuple[Any, ...] = (
+    (0, (6, 2)),
+    (0, (6, 2, 1.5, 2)),
+    (0, (10, 3)),
+    (0, (4, 1.5, 1.5, 1.5, 1.5, 1.5)),
+)
 OUTERMOST: dict[str, Any] = {"color": "#0b4f8a", "linewidth": 1.1, "linestyle": (0, (2, 1.5))}
-ROUGH: dict[str, Any] = {"facecolor": "none", "edgecolor": "#55606b", "hatch": "////", "linewidth": 0.0, "alpha": 0.55}
+ROUGH: dict[str, Any] = {
+    "facecolor": "none",
+    "edgecolor": "#55606b",
+    "hatch": "////",
+    "linewidth": 0.0,
+    "alpha": 0.55,
+}
 BAND = 2.8  # width of the coast in an area [typographic points], without its edges
 LARGER = 1.6  # factor by which a frame may grow to show a place that is far off
 TRACK, ASHORE, LAST_KNOWN = "#111111", "#7a1fa2", chart.RED
 ISLAND = 0.02  # share of an area's size under which an island or a hole is not drawn
-PARTIAL: dict[str, Any] = {"color": TRACK, "linewidth": 0.9, "linestyle": (0, (1, 2)), "marker": ".", "markersize": 3}
+PARTIAL: dict[str, Any] = {
+    "color": TRACK,
+    "linewidth": 0.9,
+    "linestyle": (0, (1, 2)),
+    "marker": ".",
+    "markersize": 3,
+}
 OTHERS: dict[str, Any] = {
-    "linestyle": "none", "marker": "o", "markersize": 2.6, "color": "#55606b", "markeredgecolor": "white",
+    "linestyle": "none",
+    "marker": "o",
+    "markersize": 2.6,
+    "color": "#55606b",
+    "markeredgecolor": "white",
     "markeredgewidth": 0.4,
-}  # fmt: skip
+}
 NAME: dict[str, Any] = {"fontsize": 8, "color": "#003b36", "weight": "bold"}
-TOWN: dict[str, Any] = {"marker": "o", "linestyle": "none", "markersize": 3, "color": "#3b3b3b", "markeredgewidth": 0}
+TOWN: dict[str, Any] = {
+    "marker": "o",
+    "linestyle": "none",
+    "markersize": 3,
+    "color": "#3b3b3b",
+    "markeredgewidth": 0,
+}
 TOWN_NAME: dict[str, Any] = {"fontsize": 7.5, "color": "#3b3b3b", "style": "italic"}
 PRIOR_COLOURS = ("#1b5e20", "#00a0b0", "#5d4037", "#8bc34a", "#000000")
 PRIOR_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1, 1, 1, 1)), "-")
 
 
 def prior_style(which: int) -> dict[str, Any]:
-    """Return the style of a scenario's area or trackline; twenty differ, by their dashes in grey print too."""
+    """Return the style of a scenario's area or trackline; twenty differ, by their dashes in grey
+    print too.
+    """
     return {
         "color": PRIOR_COLOURS[which % len(PRIOR_COLOURS)],
         "linestyle": PRIOR_DASHES[which % len(PRIOR_DASHES)],
@@ -58,7 +87,9 @@ def prior_style(which: int) -> dict[str, Any]:
 
 def shading() -> Colormap:
     """Magma reversed, without its nearly black end, so that lines on top stay visible."""
-    return ListedColormap(matplotlib.colormaps["magma_r"](np.linspace(0.03, 0.8, 256)), name="shading")
+    return ListedColormap(
+        matplotlib.colormaps["magma_r"](np.linspace(0.03, 0.8, 256)), name="shading"
+    )
 
 
 def extent(
@@ -69,14 +100,20 @@ def extent(
     aspect: float,
     also: Iterable[Sequence[Array]] = (),
 ) -> Frame:
-    """Return the frame of what is shaded at these times, the mean track and what is marked; not of outliers.
+    """Return the frame of what is shaded at these times, the mean track and what is marked; not of
+    outliers.
 
-    also: places, each some shapes (n, 2) [deg]; one is shown too unless that makes the frame over LARGER times as wide.
+    also: places, each some shapes (n, 2) [deg]; one is shown too unless that makes the frame over
+    LARGER times as wide.
     """
     data = forecast.data
     lon, lat = [data["mean_lon"].values], [data["mean_lat"].values]
     for contour in forecast.contours:
-        if contour.time in times and contour.share == forecast.shares[-1] and not contour.polygon.is_empty:
+        if (
+            contour.time in times
+            and contour.share == forecast.shares[-1]
+            and not contour.polygon.is_empty
+        ):
             if np.abs(contour.polygon.bounds[1::2]).max() > chart.POLAR:
                 places = shapely.get_coordinates(contour.polygon)
                 lon.append(places[:, 0])
@@ -96,11 +133,18 @@ def extent(
     every_lon, every_lat = np.concatenate(lon), np.concatenate(lat)
     finite = np.isfinite(every_lon) & np.isfinite(every_lat)
     if not finite.any():
-        every_lon, every_lat, finite = data["lon"].values[[0, -1]], data["lat"].values[[0, -1]], np.array([True, True])
+        every_lon, every_lat, finite = (
+            data["lon"].values[[0, -1]],
+            data["lat"].values[[0, -1]],
+            np.array([True, True]),
+        )
     frame = chart.frame(every_lon[finite], every_lat[finite], aspect, margin=0.05)
     for shapes in also:
         if beyond.hidden(frame, shapes):
-            more = [*lines, *(Line(points[:, 0].tolist(), points[:, 1].tolist(), "") for points in shapes)]
+            more = [
+                *lines,
+                *(Line(points[:, 0].tolist(), points[:, 1].tolist(), "") for points in shapes),
+            ]
             whole = extent(forecast, times, marks, more, aspect)
             frame, lines = (whole, more) if little(frame, whole) else (frame, lines)
     return frame
@@ -114,12 +158,19 @@ def little(frame: Frame, whole: Frame) -> bool:
 def _shaded(forecast: Forecast, contour: Contour) -> tuple[float, float, float, float]:
     """Return the bounds [deg] of the cells that are shaded at a contour's time.
 
-    Outliers do not count: on each side the bounds reach at most the contour's size beyond the contour.
+    Outliers do not count: on each side the bounds reach at most the contour's size beyond the
+    contour.
     """
     data = forecast.data
     west, south, east, north = contour.polygon.bounds
-    cells = data["containment"].values[int(np.flatnonzero(data["time"].values == contour.time)[0])] <= SHOWN
-    lon, lat = (data[name].values[np.flatnonzero(cells.any(axis=axis))] for name, axis in (("lon", 0), ("lat", 1)))
+    cells = (
+        data["containment"].values[int(np.flatnonzero(data["time"].values == contour.time)[0])]
+        <= SHOWN
+    )
+    lon, lat = (
+        data[name].values[np.flatnonzero(cells.any(axis=axis))]
+        for name, axis in (("lon", 0), ("lat", 1))
+    )
     if not len(lon):
         return west, south, east, north
     half = (
@@ -143,7 +194,11 @@ def near(lon: float, middle: float) -> float:
 def density(forecast: Forecast, time: int) -> Array:
     """Return the probability density [% per nmi2] at a time, (nlat, nlon)."""
     data = forecast.data
-    return np.asarray(100 * data["probability"].values[time].astype(np.float64) / (data["cell_area"].values / NMI**2))
+    return np.asarray(
+        100
+        * data["probability"].values[time].astype(np.float64)
+        / (data["cell_area"].values / NMI**2)
+    )
 
 
 def scale_top(at: Any) -> float:
@@ -151,8 +206,8 @@ def scale_top(at: Any) -> float:
 
     The area above it holds a tenth of those adrift.
 
-    Those ashore have symbols of their own, and their narrow strip would take most of the scale: they count only where
-    hardly any are adrift.
+    Those ashore have symbols of their own, and their narrow strip would take most of the scale:
+    they count only where hardly any are adrift.
     """
     mass = at["probability"].values.astype(np.float64).ravel()
     adrift = mass - at["probability_ashore"].values.astype(np.float64).ravel()
@@ -174,7 +229,15 @@ def shade(ax: Axes, frame: Frame, forecast: Forecast, values: Array, norm: Any) 
     r = slice(rows[0], rows[-1] + 1) if len(rows) else slice(0, 1)
     c = slice(columns[0], columns[-1] + 1) if len(columns) else slice(0, 1)
     x, y = frame.net(lon[c.start : c.stop + 1], lat[r.start : r.stop + 1])
-    return ax.pcolormesh(x, y, np.ma.masked_invalid(values[r, c]), cmap=shading(), norm=norm, zorder=1, rasterized=True)
+    return ax.pcolormesh(
+        x,
+        y,
+        np.ma.masked_invalid(values[r, c]),
+        cmap=shading(),
+        norm=norm,
+        zorder=1,
+        rasterized=True,
+    )
 
 
 def kept(polygon: shapely.MultiPolygon) -> list[Array]:
@@ -182,7 +245,8 @@ def kept(polygon: shapely.MultiPolygon) -> list[Array]:
 
     Islands and holes of less than ISLAND of its size are left out.
 
-    Pictures alone leave them out, files do not. Where islands make up more than a tenth, the larger ones stay.
+    Pictures alone leave them out, files do not. Where islands make up more than a tenth, the larger
+    ones stay.
     """
     if polygon.is_empty:
         return []
@@ -193,7 +257,11 @@ def kept(polygon: shapely.MultiPolygon) -> list[Array]:
     rings = []
     for i, part in enumerate(polygon.geoms):
         if i not in drop:
-            holes = [ring for ring in part.interiors if shapely.Polygon(ring).area >= ISLAND * polygon.area]
+            holes = [
+                ring
+                for ring in part.interiors
+                if shapely.Polygon(ring).area >= ISLAND * polygon.area
+            ]
             rings += [np.array(ring.coords) for ring in (part.exterior, *holes)]
     return rings
 
@@ -207,7 +275,11 @@ def rings(ax: Axes, frame: Frame, polygon: shapely.MultiPolygon, style: dict[str
             colors=style["color"],
             linewidths=style["linewidth"],
             linestyles=[style["linestyle"]],
-            path_effects=[patheffects.withStroke(linewidth=style["linewidth"] + 1.6, foreground="white", alpha=0.6)],
+            path_effects=[
+                patheffects.withStroke(
+                    linewidth=style["linewidth"] + 1.6, foreground="white", alpha=0.6
+                )
+            ],
             zorder=3,
         ),
         autolim=False,
@@ -215,9 +287,20 @@ def rings(ax: Axes, frame: Frame, polygon: shapely.MultiPolygon, style: dict[str
 
 
 def lines(shares: Sequence[float]) -> dict[float, dict[str, Any]]:
-    """Return the style of each area's outline by its share: solid for the innermost, dotted for the outermost."""
-    styles = [INNERMOST, *({**INNERMOST, "linewidth": 1.5, "linestyle": dashes} for dashes in BETWEEN)]
-    return dict(zip(shares, [*styles[: len(shares) - 1], OUTERMOST] if len(shares) > 1 else styles, strict=False))
+    """Return the style of each area's outline by its share: solid for the innermost, dotted for the
+    outermost.
+    """
+    styles = [
+        INNERMOST,
+        *({**INNERMOST, "linewidth": 1.5, "linestyle": dashes} for dashes in BETWEEN),
+    ]
+    return dict(
+        zip(
+            shares,
+            [*styles[: len(shares) - 1], OUTERMOST] if len(shares) > 1 else styles,
+            strict=False,
+        )
+    )
 
 
 def line(share: float, forecast: Forecast, few: bool = False) -> dict[str, Any]:
@@ -228,7 +311,9 @@ def line(share: float, forecast: Forecast, few: bool = False) -> dict[str, Any]:
 
 def areas_of(forecast: Forecast, time: Any, shares: Sequence[float]) -> list[Contour]:
     """Return the outlines of some shares at a time."""
-    return [contour for contour in forecast.contours if contour.time == time and contour.share in shares]
+    return [
+        contour for contour in forecast.contours if contour.time == time and contour.share in shares
+    ]
 
 
 def unsure(style: dict[str, Any]) -> dict[str, Any]:
@@ -238,7 +323,11 @@ def unsure(style: dict[str, Any]) -> dict[str, Any]:
 
 def widest(outlines: Sequence[Contour]) -> shapely.MultiPolygon:
     """Return the largest of a time's areas."""
-    return max(outlines, key=lambda contour: contour.share).polygon if outlines else shapely.MultiPolygon()
+    return (
+        max(outlines, key=lambda contour: contour.share).polygon
+        if outlines
+        else shapely.MultiPolygon()
+    )
 
 
 def rough(ax: Axes, frame: Frame, area: shapely.MultiPolygon) -> None:
@@ -249,11 +338,18 @@ def rough(ax: Axes, frame: Frame, area: shapely.MultiPolygon) -> None:
 
 
 def outline(
-    ax: Axes, frame: Frame, forecast: Forecast, contours: Sequence[Contour], few: bool, width: float = 1.0
+    ax: Axes,
+    frame: Frame,
+    forecast: Forecast,
+    contours: Sequence[Contour],
+    few: bool,
+    width: float = 1.0,
 ) -> None:
-    """Draw the outlines of a time's areas, `width` times as wide as usual; hatch where few particles count.
+    """Draw the outlines of a time's areas, `width` times as wide as usual; hatch where few
+    particles count.
 
-    The coast in them is a band: there the outline, a cell or two across, is lost under the shoreline.
+    The coast in them is a band: there the outline, a cell or two across, is lost under the
+    shoreline.
     """
     if contours:
         _coast(ax, frame, forecast, contours, few, width)
@@ -264,20 +360,31 @@ def outline(
         rings(ax, frame, contour.polygon, {**style, "linewidth": width * style["linewidth"]})
 
 
-def _coast(ax: Axes, frame: Frame, forecast: Forecast, contours: Sequence[Contour], few: bool, width: float) -> None:
+def _coast(
+    ax: Axes, frame: Frame, forecast: Forecast, contours: Sequence[Contour], few: bool, width: float
+) -> None:
     """Draw the coast in the areas of a time as bands over the land; see `outline`."""
     time = int(np.flatnonzero(forecast.data["time"].values == contours[0].time)[0])
-    found = coastal.strips(forecast.data.isel(time=time), sorted(contour.share for contour in contours))
+    found = coastal.strips(
+        forecast.data.isel(time=time), sorted(contour.share for contour in contours)
+    )
     for share in sorted(found, reverse=True):
         points, part = shapely.get_coordinates(list(found[share].geoms), return_index=True)
         codes = np.where(np.diff(part, prepend=-1) > 0, Outline.MOVETO, Outline.LINETO)
         path = Outline(np.column_stack(frame.project(*points.T)), codes)
-        chart.outline(ax, PathPatch(path, fill=False, zorder=5.5, **band(share, forecast, few, width**2)))
+        chart.outline(
+            ax, PathPatch(path, fill=False, zorder=5.5, **band(share, forecast, few, width**2))
+        )
 
 
 def band(share: float, forecast: Forecast, few: bool = False, width: float = 1.0) -> dict[str, Any]:
-    """Return the style of the coast in an area: dark for the innermost, light as paper for the outermost."""
-    style, light = line(share, forecast, few), forecast.shares.index(share) / max(len(forecast.shares) - 1, 1)
+    """Return the style of the coast in an area: dark for the innermost, light as paper for the
+    outermost.
+    """
+    style, light = (
+        line(share, forecast, few),
+        forecast.shares.index(share) / max(len(forecast.shares) - 1, 1),
+    )
     ink = np.array(to_rgb(style["color"]))
     middle = to_hex(tuple(ink + light * (1 - ink)))
     strokes = [
@@ -290,8 +397,12 @@ def band(share: float, forecast: Forecast, few: bool = False, width: float = 1.0
 def bands(
     forecast: Forecast, times: Sequence[int], shares: Sequence[float], few: bool = False
 ) -> list[tuple[Any, str]]:
-    """Return the row of a legend for the coast in areas at some times (indices), or no row where there is none."""
-    found = sorted({share for time in times for share in coastal.strips(forecast.data.isel(time=time), shares)})
+    """Return the row of a legend for the coast in areas at some times (indices), or no row where
+    there is none.
+    """
+    found = sorted(
+        {share for time in times for share in coastal.strips(forecast.data.isel(time=time), shares)}
+    )
     if not found:
         return []
     effects = [band(share, forecast, few, 0.9)["path_effects"] for share in found]
@@ -324,12 +435,16 @@ def beside(frame: Frame, at: Any, count: effective.Count) -> list[str]:
 
 
 def prior_line(ax: Axes, frame: Frame, line: Line, which: int, scale: float = 1.0) -> None:
-    """Draw a scenario's area or trackline in the style of its number among them; scale: of its width."""
+    """Draw a scenario's area or trackline in the style of its number among them; scale: of its
+    width.
+    """
     lon, lat = np.asarray(line.lon, float), np.asarray(line.lat, float)
     if line.closed:
         lon, lat = np.append(lon, lon[0]), np.append(lat, lat[0])
     style = prior_style(which)
-    ax.plot(*frame.project(lon, lat), zorder=8, **{**style, "linewidth": scale * style["linewidth"]})
+    ax.plot(
+        *frame.project(lon, lat), zorder=8, **{**style, "linewidth": scale * style["linewidth"]}
+    )
 
 
 def others(ax: Axes, frame: Frame, places: Sequence[tuple[float, float]]) -> None:
@@ -342,9 +457,18 @@ def mark_point(ax: Axes, frame: Frame, mark: Mark, size: float) -> None:
     """Draw a mark as a ring with a cross; size: of the ring [points]."""
     x, y = frame.project(mark.lon, mark.lat)
     ax.plot(
-        x, y, "o", markersize=size, markerfacecolor="white", markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12
+        x,
+        y,
+        "o",
+        markersize=size,
+        markerfacecolor="white",
+        markeredgecolor=LAST_KNOWN,
+        markeredgewidth=1.6,
+        zorder=12,
     )
-    ax.plot(x, y, "+", markersize=size * 1.7, markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12)
+    ax.plot(
+        x, y, "+", markersize=size * 1.7, markeredgecolor=LAST_KNOWN, markeredgewidth=1.6, zorder=12
+    )
 
 
 def mark_symbol(ring: float, cross: float, width: float = 1.6) -> tuple[Line2D, Line2D]:
@@ -356,8 +480,12 @@ def mark_symbol(ring: float, cross: float, width: float = 1.6) -> tuple[Line2D, 
     )
 
 
-def ashore_marks(ax: Axes, frame: Frame, forecast: Forecast, time: int, scale: float = 1.0) -> float:
-    """Mark where the object may be ashore, gathered on a coarse net; return the probability of all of it."""
+def ashore_marks(
+    ax: Axes, frame: Frame, forecast: Forecast, time: int, scale: float = 1.0
+) -> float:
+    """Mark where the object may be ashore, gathered on a coarse net; return the probability of all
+    of it.
+    """
     ashore = forecast.data["probability_ashore"].values[time].astype(np.float64)
     rows, columns = np.nonzero(ashore)
     total = float(ashore.sum())
@@ -372,14 +500,21 @@ def ashore_marks(ax: Axes, frame: Frame, forecast: Forecast, time: int, scale: f
     order = np.lexsort((-weight, member))  # a symbol stands at the likeliest cell of its mesh
     x, y = (v[order[np.searchsorted(member[order], np.arange(len(sums)))]] for v in (x, y))
     keep = sums > 1e-3 * total
-    size = scale**2 * (9 + 50 * sums[keep] / max(sums.max(), 0.02))  # the coast in areas shows between them
-    ax.scatter(x[keep], y[keep], size, marker="^", color=ASHORE, edgecolor="white", linewidth=0.5, zorder=9)
+    # the coast in areas shows between them
+    size = scale**2 * (9 + 50 * sums[keep] / max(sums.max(), 0.02))
+    ax.scatter(
+        x[keep], y[keep], size, marker="^", color=ASHORE, edgecolor="white", linewidth=0.5, zorder=9
+    )
     return total
 
 
 def occupied(frame: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Array, Array]:
     """Return points [m] of what must not be covered: the outer contours and the track."""
-    xy = [np.column_stack(frame.project(forecast.data["mean_lon"].values, forecast.data["mean_lat"].values))]
+    xy = [
+        np.column_stack(
+            frame.project(forecast.data["mean_lon"].values, forecast.data["mean_lat"].values)
+        )
+    ]
     xy += [
         np.column_stack(frame.project(*np.array(part.exterior.coords).T))
         for contour in forecast.contours
@@ -391,7 +526,9 @@ def occupied(frame: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Ar
 
 
 def complete(forecast: Forecast) -> int:
-    """Return the first output from which on the mean is that of all that is released; see effective.released."""
+    """Return the first output from which on the mean is that of all that is released; see
+    effective.released.
+    """
     return effective.released(forecast.data)
 
 
@@ -415,11 +552,14 @@ def track(
     marks: Sequence[Mark],
     names: Sequence[tuple[float, float, str]] = (),
 ) -> None:
-    """Draw the mean track to the map's time with its times, the marks, names, and the scale bar in a free corner.
+    """Draw the mean track to the map's time with its times, the marks, names, and the scale bar in
+    a free corner.
 
-    names: of what else stands on the map (lon, lat [deg], text), written where there is room; so are towns and harbours.
+    names: of what else stands on the map (lon, lat [deg], text), written where there is room; so
+    are towns and harbours.
 
-    While a part is not released yet, the mean jumps with each release: that part of the track is thin and dotted.
+    While a part is not released yet, the mean jumps with each release: that part of the track is
+    thin and dotted.
     """
     data = forecast.data
     lon, lat, times = data["mean_lon"].values, data["mean_lat"].values, data["time"].values
@@ -429,7 +569,9 @@ def track(
     first = int(np.searchsorted(picks, complete(forecast)))
     ax.plot(x[first:], y[first:], color="white", linewidth=3.2, zorder=10, solid_capstyle="round")
     ax.plot(x[first:], y[first:], color=TRACK, linewidth=1.4, zorder=10.5)
-    ax.plot(x[first:], y[first:], "o", color="white", markeredgecolor=TRACK, markersize=4.5, zorder=11)
+    ax.plot(
+        x[first:], y[first:], "o", color="white", markeredgecolor=TRACK, markersize=4.5, zorder=11
+    )
     ax.plot(x[: first + 1], y[: first + 1], zorder=10.2, **PARTIAL)
     ax.plot(x[-1:], y[-1:], "o", color=TRACK, markersize=7, zorder=11.5)
     small = {"fontsize": 8, "color": TRACK}
@@ -437,18 +579,35 @@ def track(
     for mark in marks:
         mark_point(ax, frame, mark, 9)
         mx, my = frame.project(mark.lon, mark.lat)
-        texts.append((float(mx), float(my), mark.label, {"fontsize": 9, "color": LAST_KNOWN, "weight": "bold"}))
+        texts.append(
+            (
+                float(mx),
+                float(my),
+                mark.label,
+                {"fontsize": 9, "color": LAST_KNOWN, "weight": "bold"},
+            )
+        )
     must = range(len(texts))
     written = spaced(times[picks], 12)
-    texts += [(float(x[k]), float(y[k]), notation.day_time(times[picks[k]]), small) for k in written]
+    texts += [
+        (float(x[k]), float(y[k]), notation.day_time(times[picks[k]]), small) for k in written
+    ]
     cx, cy = occupied(frame, forecast, [times[last]])
     mx, my = frame.project([m.lon for m in marks], [m.lat for m in marks])
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, np.append(cx, mx), np.append(cy, my)))
     now = len(texts) - 1
     texts += [(*_at(frame, lon, lat), name, NAME) for lon, lat, name in names]
-    towns = [place for place in gazetteer.around(frame.box()) if frame.holds(*_at(frame, place.lon, place.lat))]
+    towns = [
+        place
+        for place in gazetteer.around(frame.box())
+        if frame.holds(*_at(frame, place.lon, place.lat))
+    ]
     ax.plot(
-        *frame.project([t.lon for t in towns], [t.lat for t in towns]), zorder=6, scalex=False, scaley=False, **TOWN
+        *frame.project([t.lon for t in towns], [t.lat for t in towns]),
+        zorder=6,
+        scalex=False,
+        scaley=False,
+        **TOWN,
     )
     texts += [(*_at(frame, place.lon, place.lat), place.name, TOWN_NAME) for place in towns]
     labels.place_labels(ax, canvas, texts, [bar], must={*must, now})

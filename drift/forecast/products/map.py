@@ -1,7 +1,8 @@
 """Pictures of a forecast: the map that a planner pins up, and small multiples by time.
 
-Land comes from the polygons handed in; nothing is downloaded. Figures are made and drawn without pyplot and leave no
-state behind. Shading runs from light to dark (magma reversed): even steps to the eye and in grey print.
+Land comes from the polygons handed in; nothing is downloaded. Figures are made and drawn without
+pyplot and leave no state behind. Shading runs from light to dark (magma reversed): even steps to
+the eye and in grey print.
 """
 
 import textwrap
@@ -33,26 +34,45 @@ from geo.notation import NMI
 WARNED = 105  # letters of a row of warnings, which ends where the legend begins
 ROW = 0.03  # height of a row of warnings over the map, as a share of the page
 SHEET = Sheet(
-    11.7, 8.3, 140, left=0.055, title=sheet.heading(0.955, 15, 95), beside=60, lines=(Row(0.92, 12), Row(0.888, 9)),
-    caution=Badge(0.985, 0.955, side="right"), rough=Badge(0.058, 0.884 - ROW, 11), footer=sheet.small(0.015, 7.5, 190),
-)  # fmt: skip
+    11.7,
+    8.3,
+    140,
+    left=0.055,
+    title=sheet.heading(0.955, 15, 95),
+    beside=60,
+    lines=(Row(0.92, 12), Row(0.888, 9)),
+    caution=Badge(0.985, 0.955, side="right"),
+    rough=Badge(0.058, 0.884 - ROW, 11),
+    footer=sheet.small(0.015, 7.5, 190),
+)
 
 
 def draw_map(
-    forecast: Forecast, path: Path, setting: Setting, *, time: int = -1, overlays: Sequence[AtTime] = ()
+    forecast: Forecast,
+    path: Path,
+    setting: Setting,
+    *,
+    time: int = -1,
+    overlays: Sequence[AtTime] = (),
 ) -> None:
-    """Draw the forecast at one output time (index); overlays: what other topics draw on it at its time."""
+    """Draw the forecast at one output time (index); overlays: what other topics draw on it at its
+    time.
+    """
     sheet.end(_drawn(forecast, setting, time, overlays), path, setting.imprint)
 
 
-def figure(forecast: Forecast, setting: Setting, *, time: int = -1, overlays: Sequence[AtTime] = ()) -> Figure:
+def figure(
+    forecast: Forecast, setting: Setting, *, time: int = -1, overlays: Sequence[AtTime] = ()
+) -> Figure:
     """Return the same as a figure."""
     on = _drawn(forecast, setting, time, overlays)
     sheet.foot(on, setting.imprint)
     return on.figure
 
 
-def _drawn(forecast: Forecast, setting: Setting, time: int, overlays: Sequence[AtTime]) -> sheet.Page:
+def _drawn(
+    forecast: Forecast, setting: Setting, time: int, overlays: Sequence[AtTime]
+) -> sheet.Page:
     on = sheet.begin(SHEET)
     at = forecast.data.isel(time=time)
     now = at["time"].values[()]
@@ -76,7 +96,10 @@ def _drawn(forecast: Forecast, setting: Setting, time: int, overlays: Sequence[A
     for overlay in drawn_over:
         overlay.draw(ax, frame)
     ashore = layers.ashore_marks(ax, frame, forecast, time)
-    stories = [(*max(zip(line.lon, line.lat, strict=True), key=lambda at: at[1]), line.label) for line in setting.lines]
+    stories = [
+        (*max(zip(line.lon, line.lat, strict=True), key=lambda at: at[1]), line.label)
+        for line in setting.lines
+    ]
     names = [*stories, *(name for overlay in drawn_over for name in overlay.names)]
     layers.track(ax, on.canvas, frame, forecast, time, setting.marks, names)
 
@@ -95,22 +118,33 @@ def _drawn(forecast: Forecast, setting: Setting, time: int, overlays: Sequence[A
 
 
 def _layout(
-    forecast: Forecast, setting: Setting, time: int, count: effective.Count, places: Mapping[str, Sequence[Array]]
+    forecast: Forecast,
+    setting: Setting,
+    time: int,
+    count: effective.Count,
+    places: Mapping[str, Sequence[Array]],
 ) -> tuple[float, Frame, list[str]]:
     """Return the map's height [of the page], its frame, and the rows of warnings over it.
 
-    What the frame leaves out is a warning too, whose rows make the map lower and so the frame another.
+    What the frame leaves out is a warning too, whose rows make the map lower and so the frame
+    another.
     """
     at = forecast.data.isel(time=time)
     now = at["time"].values[()]
-    texts = (forecast_words.missing(at), forecast_words.unshaded(at), *effective.parts(forecast.data, time))
+    texts = (
+        forecast_words.missing(at),
+        forecast_words.unshaded(at),
+        *effective.parts(forecast.data, time),
+    )
     warnings = [line for text in texts for line in textwrap.wrap(text, WARNED)]
 
     def under(rows: int) -> tuple[float, Frame, list[str]]:
         """Return the map's height and frame under some rows of text, and what the frame leaves out."""
         height = 0.775 - ROW * (count.few + rows)
         aspect = 0.665 * SHEET.width / (height * SHEET.height)
-        frame = layers.extent(forecast, [now], setting.marks, setting.lines, aspect, places.values())
+        frame = layers.extent(
+            forecast, [now], setting.marks, setting.lines, aspect, places.values()
+        )
         return height, frame, textwrap.wrap(beyond.left_out(frame, at, places), WARNED)
 
     height, frame, left_out = under(len(warnings))
@@ -119,8 +153,12 @@ def _layout(
     return height, frame, [*warnings, *left_out]
 
 
-def draw_snapshots(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence[AtTime] = ()) -> None:
-    """Draw the output times side by side, at most twelve, on one extent and one colour scale; see draw_map."""
+def draw_snapshots(
+    forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence[AtTime] = ()
+) -> None:
+    """Draw the output times side by side, at most twelve, on one extent and one colour scale; see
+    draw_map.
+    """
     count, imprint = forecast.data.sizes["time"], setting.imprint
     picks = np.unique(np.linspace(0, count - 1, min(count, 12)).round().astype(int)).tolist()
     columns = {1: 1, 2: 2, 4: 2, 7: 4, 8: 4, 10: 4, 11: 4, 12: 4}.get(len(picks), 3)
@@ -128,18 +166,34 @@ def draw_snapshots(forecast: Forecast, path: Path, setting: Setting, *, overlays
     # While hardly anything is released yet, a panel says so by itself: see effective.RELEASED.
     out = [i for i in picks if i >= layers.complete(forecast)]
     least, least_at = effective.fewest(forecast.data, out, setting.particles)
-    wide, gap, head, foot, side = 3.0, 0.14, 1.0 + 0.3 * (bool(imprint.caution) + least.few), 0.5, 0.35
-    key = [row for overlay in overlays for row in overlay(forecast.data["time"].values[picks[-1]]).key]
+    wide, gap, head, foot, side = (
+        3.0,
+        0.14,
+        1.0 + 0.3 * (bool(imprint.caution) + least.few),
+        0.5,
+        0.35,
+    )
+    key = [
+        row for overlay in overlays for row in overlay(forecast.data["time"].values[picks[-1]]).key
+    ]
     foot += 0.3 * bool(key)
-    width, height = columns * wide + (columns - 1) * gap + side + 1.1, rows * (wide + 0.28) + head + foot
+    width, height = (
+        columns * wide + (columns - 1) * gap + side + 1.1,
+        rows * (wide + 0.28) + head + foot,
+    )
     on = sheet.begin(
         Sheet(
-            width, height, 130, left=side / width, title=sheet.heading(1 - 0.36 / height, 12, width * 9),
-            lines=(Row(1 - 0.62 / height, 8, width * 15),), caution=Badge(side / width, 1 - 0.9 / height, 8),
+            width,
+            height,
+            130,
+            left=side / width,
+            title=sheet.heading(1 - 0.36 / height, 12, width * 9),
+            lines=(Row(1 - 0.62 / height, 8, width * 15),),
+            caution=Badge(side / width, 1 - 0.9 / height, 8),
             rough=Badge(side / width, 1 - (0.9 + 0.3 * bool(imprint.caution)) / height, 8),
             footer=sheet.small(0.1 / height, 7, width * 17),
         )
-    )  # fmt: skip
+    )
     times = [forecast.data["time"].values[i] for i in picks]
     frame = layers.extent(forecast, times, setting.marks, (), aspect=1.0)
     land = chart.land_path(frame, setting.polygons(frame.box()), 420)
@@ -148,31 +202,62 @@ def draw_snapshots(forecast: Forecast, path: Path, setting: Setting, *, overlays
     top = max(layers.scale_top(forecast.data.isel(time=i)) for i in sure or picks)
     for k, i in enumerate(picks):
         row, column = divmod(k, columns)
-        left, bottom = side + column * (wide + gap), height - head - (row + 1) * (wide + 0.28) + 0.28
+        left, bottom = (
+            side + column * (wide + gap),
+            height - head - (row + 1) * (wide + 0.28) + 0.28,
+        )
         ax = on.figure.add_axes((left / width, bottom / height, wide / width, wide / height))
         at, waiting = forecast.data.isel(time=i), forecast_words.waiting(forecast.data)
-        notes = [_off_map(at, waiting)] if forecast_words.missing(at) and np.isfinite(at["mean_lat"]) else []
+        notes = (
+            [_off_map(at, waiting)]
+            if forecast_words.missing(at) and np.isfinite(at["mean_lat"])
+            else []
+        )
         mesh = small_map(ax, frame, forecast, i, top, land, setting, overlays, notes)
-        ax.set_title(notation.group(at["time"].values[()]), fontsize=9, weight="bold", loc="left", pad=3, color=INK)
+        ax.set_title(
+            notation.group(at["time"].values[()]),
+            fontsize=9,
+            weight="bold",
+            loc="left",
+            pad=3,
+            color=INK,
+        )
         ax.set_title(sizes(at, waiting), fontsize=7, loc="right", pad=3, color=INK)
         chart.graticule(ax, frame, lines=3, size=7, labels=(k + columns >= len(picks), column == 0))
         if k == 0:
-            chart.scale_bar(ax, frame, chart.free_corner(frame, *layers.occupied(frame, forecast, times)), small=True)
+            chart.scale_bar(
+                ax,
+                frame,
+                chart.free_corner(frame, *layers.occupied(frame, forecast, times)),
+                small=True,
+            )
     sheet.head(on, imprint, _joined(forecast_words.span(times, forecast.ends), setting.particles))
     if least.few:
         when = notation.group(forecast.data["time"].values[least_at])
         sheet.rough(on, effective.banner(least, "areas are rough", when))
     if key:
-        place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (side / width, 0.3 / height)}
-        sheet.legend(on.figure, key, ncols=len(key), fontsize=8, borderaxespad=0, borderpad=0, **place)
+        place: dict[str, Any] = {
+            "loc": "lower left",
+            "bbox_to_anchor": (side / width, 0.3 / height),
+        }
+        sheet.legend(
+            on.figure, key, ncols=len(key), fontsize=8, borderaxespad=0, borderpad=0, **place
+        )
     log_bar(on.figure, (1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height), mesh)
     sheet.end(on, path, imprint)
 
 
 def small_map(
-    ax: Axes, frame: Frame, forecast: Forecast, i: int, top: float, land: Outline | None, setting: Setting,
-    overlays: Sequence[AtTime], notes: Sequence[str] = (),
-) -> Any:  # fmt: skip
+    ax: Axes,
+    frame: Frame,
+    forecast: Forecast,
+    i: int,
+    top: float,
+    land: Outline | None,
+    setting: Setting,
+    overlays: Sequence[AtTime],
+    notes: Sequence[str] = (),
+) -> Any:
     """Draw one output with its smallest and its largest area; return the shading.
 
     notes: what it warns of, besides few particles and what the frame leaves out.
@@ -220,15 +305,27 @@ def sizes(at: Any, waiting: str) -> str:
     areas = list(zip(at["share"].values, at["containment_area"].values / NMI**2, strict=True))
     if np.isfinite(areas[0][1]):
         ends = dict.fromkeys((areas[0], areas[-1]))
-        return "   ".join(f"{notation.hundredths(share)} %: {labels.number(area)}" for share, area in ends) + " nmi²"
+        return (
+            "   ".join(
+                f"{notation.hundredths(share)} %: {labels.number(area)}" for share, area in ends
+            )
+            + " nmi²"
+        )
     return waiting if forecast_words.statuses(at)["pending"] > 0 else "nothing left on the map"
 
 
 def _off_map(at: Any, waiting: str) -> str:
     """Return how much of the probability a panel does not show, in a few words."""
     now = forecast_words.statuses(at)
-    told = {"pending": waiting, "sunk": "sunk", "left": "left the domain", "outside": "out of forcing"}
-    return "\n".join(f"{notation.percent(now[name])} {words}" for name, words in told.items() if now[name] > 0)
+    told = {
+        "pending": waiting,
+        "sunk": "sunk",
+        "left": "left the domain",
+        "outside": "out of forcing",
+    }
+    return "\n".join(
+        f"{notation.percent(now[name])} {words}" for name, words in told.items() if now[name] > 0
+    )
 
 
 def _rows(
@@ -240,11 +337,15 @@ def _rows(
     land: bool,
     few: bool,
 ) -> list[tuple[Any, str]]:
-    """Return symbols and texts of the legend: areas, track, priors, what is ashore; few: few particles count."""
+    """Return symbols and texts of the legend: areas, track, priors, what is ashore; few: few
+    particles count.
+    """
     rows: list[tuple[Any, str]] = []
     for outline in outlines:
         size = labels.number(outline.area / NMI**2)
-        words = f"{notation.hundredths(outline.share)} % area: {'rough, ' if few else ''}{size} nmi²"
+        words = (
+            f"{notation.hundredths(outline.share)} % area: {'rough, ' if few else ''}{size} nmi²"
+        )
         rows.append((Line2D([], [], **layers.line(outline.share, forecast, few)), words))
     rows += layers.bands(forecast, [time], forecast.shares, few)
     if few and outlines:
@@ -259,12 +360,18 @@ def _rows(
             )
         )
     if np.isfinite(forecast.data["mean_lat"].values[:first]).any():
-        rows.append((Line2D([], [], **layers.PARTIAL), f"Mean of the part {_afloat(forecast)} so far"))
-    rows.append((Line2D([], [], linestyle="none", markersize=7, **style), "Mean position at the valid time"))
+        rows.append(
+            (Line2D([], [], **layers.PARTIAL), f"Mean of the part {_afloat(forecast)} so far")
+        )
+    rows.append(
+        (Line2D([], [], linestyle="none", markersize=7, **style), "Mean position at the valid time")
+    )
     if setting.marks:
         many = len(setting.marks) > 1
         name = setting.known_as.replace("osition", "ositions") if many else setting.known_as
-        rows.append((layers.mark_symbol(8, 13), f"{name} of the likeliest" if setting.others else name))
+        rows.append(
+            (layers.mark_symbol(8, 13), f"{name} of the likeliest" if setting.others else name)
+        )
     if setting.others:
         rows.append((Line2D([], [], **layers.OTHERS), f"{len(setting.others):,} others"))
     for i, line in enumerate(setting.lines):
@@ -272,7 +379,13 @@ def _rows(
         rows.append((Line2D([], [], **layers.prior_style(i)), f"Start {kind}: {line.label}"))
     if ashore >= labels.TINY:
         triangle = Line2D(
-            [], [], color=layers.ASHORE, linestyle="none", marker="^", markersize=9, markeredgecolor="white"
+            [],
+            [],
+            color=layers.ASHORE,
+            linestyle="none",
+            marker="^",
+            markersize=9,
+            markeredgecolor="white",
         )
         where = coastal.coast_in_words(forecast.data.isel(time=time))
         told = f"Ashore, {notation.percent(ashore)} in all, size by probability{'; ' if where else ''}{where}"

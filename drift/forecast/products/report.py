@@ -1,4 +1,6 @@
-"""What report.html shows of a forecast: maps over time, areas, tracks, where it went ashore, and the account."""
+"""What report.html shows of a forecast: maps over time, areas, tracks, where it went ashore, and
+the account.
+"""
 
 from typing import Any
 
@@ -16,8 +18,12 @@ from geo import notation, sphere
 from geo.notation import NMI
 
 
-def forecast_leaves(forecast: Forecast, tracks: Trajectories, opens: np.datetime64 | None) -> list[Leaf]:
-    """Return the leaves of a forecast and of its subsample; opens: the time that the page shows first."""
+def forecast_leaves(
+    forecast: Forecast, tracks: Trajectories, opens: np.datetime64 | None
+) -> list[Leaf]:
+    """Return the leaves of a forecast and of its subsample; opens: the time that the page shows
+    first.
+    """
     data = forecast.data
     stories = {"All scenarios": data["probability"].values}
     if data.sizes["scenario"] > 1:
@@ -29,31 +35,71 @@ def forecast_leaves(forecast: Forecast, tracks: Trajectories, opens: np.datetime
     return [
         leaves.headline_leaf(headline.forecast_headline(data, opens)),
         leaves.maps(
-            "Probability", data["time"].values, data["lon"].values, data["lat"].values, stories, data["cell_area"].values, tops,
-            containment=data["containment"].values, shown=mapped.SHOWN,
+            "Probability",
+            data["time"].values,
+            data["lon"].values,
+            data["lat"].values,
+            stories,
+            data["cell_area"].values,
+            tops,
+            containment=data["containment"].values,
+            shown=mapped.SHOWN,
         ),
         leaves.shapes(
-            "Areas", "contours.geojson", "area", when=leaves.AT, frame=True,
-            told=[("level", "Holds", "share"), ("area_nmi2", "Area", "nmi2"), ("effective_particles", "Effective particles", "count")],
+            "Areas",
+            "contours.geojson",
+            "area",
+            when=leaves.AT,
+            frame=True,
+            told=[
+                ("level", "Holds", "share"),
+                ("area_nmi2", "Area", "nmi2"),
+                ("effective_particles", "Effective particles", "count"),
+            ],
         ),
         leaves.points(
-            "Ashore at the end", "ashore.csv", "ashore", since="first_time", weight="probability_ashore", shown="effective_worlds" not in data,
-            told=[("position", "Position", "words"), ("probability_ashore", "Probability", "share"), ("first_time", "By", "time")],
+            "Ashore at the end",
+            "ashore.csv",
+            "ashore",
+            since="first_time",
+            weight="probability_ashore",
+            shown="effective_worlds" not in data,
+            told=[
+                ("position", "Position", "words"),
+                ("probability_ashore", "Probability", "share"),
+                ("first_time", "By", "time"),
+            ],
         ),
         *_on_coast(forecast),
-        leaves.sample("Tracks of a sample", tracks.time, lon, sphere.to_degrees(tracks.lat), tracks.status,
-                      [status.name.lower() for status in sorted(Status)], tracks.scenario),
+        leaves.sample(
+            "Tracks of a sample",
+            tracks.time,
+            lon,
+            sphere.to_degrees(tracks.lat),
+            tracks.status,
+            [status.name.lower() for status in sorted(Status)],
+            tracks.scenario,
+        ),
         leaves.track("Datum", "track.csv", "datum_lon", "datum_lat", "datum", shown=False),
         leaves.track("Mean position", "track.csv", "mean_lon", "mean_lat", "mean"),
-        leaves.table_leaf("By time", _columns(data), file="track.csv", by_time="time", note="Press a row to see its map.", unfolded=True),
-    ]  # fmt: skip
+        leaves.table_leaf(
+            "By time",
+            _columns(data),
+            file="track.csv",
+            by_time="time",
+            note="Press a row to see its map.",
+            unfolded=True,
+        ),
+    ]
 
 
 def _on_coast(forecast: Forecast) -> list[Leaf]:
     """Return the coast in each area by time, where its outline is lost under the shoreline."""
     data = forecast.data
     drawn = [
-        geojson.feature(geojson.lines([lines]), {"time": notation.iso(at["time"].values[()]), "level": share})
+        geojson.feature(
+            geojson.lines([lines]), {"time": notation.iso(at["time"].values[()]), "level": share}
+        )
         for at in (data.isel(time=k) for k in range(data.sizes["time"]))
         for share, lines in sorted(coastal.strips(at, forecast.shares).items(), reverse=True)
     ]
@@ -61,7 +107,13 @@ def _on_coast(forecast: Forecast) -> list[Leaf]:
     # Of a spill, stretches of coast tell more.
     shown = "effective_worlds" not in data
     return (
-        [leaves.features("Areas on the coast", drawn, "coast", when=leaves.AT, told=told, shown=shown)] if drawn else []
+        [
+            leaves.features(
+                "Areas on the coast", drawn, "coast", when=leaves.AT, told=told, shown=shown
+            )
+        ]
+        if drawn
+        else []
     )
 
 
@@ -70,7 +122,10 @@ def _columns(data: Any) -> list[tuple[str, str, str]]:
     held = [notation.hundredths(share) for share in data["share"].values]
     ever = data["status_probability"].values.max(axis=0) > 0
     status = [str(name) for name, there in zip(data["status"].values, ever, strict=True) if there]
-    counts = {"effective_particles": "Effective particles", "effective_worlds": "Effective worlds on the map"}
+    counts = {
+        "effective_particles": "Effective particles",
+        "effective_worlds": "Effective worlds on the map",
+    }
     return [
         ("time", "Time", "time"),
         ("mean_position", "Mean position", "words"),

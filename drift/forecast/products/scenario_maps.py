@@ -1,4 +1,5 @@
-"""The picture of the scenarios: the map of all together, and of each as if it were the true one, with how likely it is.
+"""The picture of the scenarios: the map of all together, and of each as if it were the true one,
+with how likely it is.
 
 All maps have one time, one extent and one colour scale.
 """
@@ -29,8 +30,12 @@ LETTERS = 30  # of a story's name over its map
 LIKELY = 0.01  # probability of a story from which on the maps' extent follows it
 
 
-def plot_scenarios(forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence[AtTime] = ()) -> None:
-    """Draw the scenarios at the last output; overlays: as of drift.forecast.products.map.draw_snapshots."""
+def plot_scenarios(
+    forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence[AtTime] = ()
+) -> None:
+    """Draw the scenarios at the last output; overlays: as of
+    drift.forecast.products.map.draw_snapshots.
+    """
     found, imprint = each(forecast, -1), setting.imprint
     now = forecast.data["time"].values[-1]
     last = replace(forecast, data=forecast.data.isel(time=[-1]))
@@ -45,30 +50,53 @@ def plot_scenarios(forecast: Forecast, path: Path, setting: Setting, *, overlays
     width, height = columns * (WIDE + GAP) - GAP + SIDE + 1.1, rows * (WIDE + OVER) + head + foot
     on = sheet.begin(
         Sheet(
-            width, height, 130, left=SIDE / width, title=sheet.heading(1 - 0.36 / height, 12, width * 9),
-            lines=(Row(1 - 0.62 / height, 8, width * 15),), caution=Badge(SIDE / width, 1 - 0.9 / height, 8),
+            width,
+            height,
+            130,
+            left=SIDE / width,
+            title=sheet.heading(1 - 0.36 / height, 12, width * 9),
+            lines=(Row(1 - 0.62 / height, 8, width * 15),),
+            caution=Badge(SIDE / width, 1 - 0.9 / height, 8),
             rough=Badge(SIDE / width, 1 - (0.9 + 0.3 * bool(imprint.caution)) / height, 8),
             footer=sheet.small(0.1 / height, 7, width * 17),
         )
-    )  # fmt: skip
-    reach = [Line(*_bounds(story), "") for story in found if story.now >= LIKELY and story.forecast.contours]
+    )
+    reach = [
+        Line(*_bounds(story), "")
+        for story in found
+        if story.now >= LIKELY and story.forecast.contours
+    ]
     frame = layers.extent(last, [now], setting.marks, [*setting.lines, *reach], aspect=1.0)
     land = chart.land_path(frame, setting.polygons(frame.box()), 420)
     top = max(layers.scale_top(story.forecast.data.isel(time=0)) for story in sure)
     for k, story in enumerate(panels):
         row, column = divmod(k, columns)
-        left, bottom = SIDE + column * (WIDE + GAP), height - head - (row + 1) * (WIDE + OVER) + OVER - 0.2
+        left, bottom = (
+            SIDE + column * (WIDE + GAP),
+            height - head - (row + 1) * (WIDE + OVER) + OVER - 0.2,
+        )
         ax = on.figure.add_axes((left / width, bottom / height, WIDE / width, WIDE / height))
         own = _own(setting, story) if k else setting
         away = 1 - float(story.forecast.data["probability"].sum())
-        notes = [f"{notation.percent(away)} not on the map"] if away > forecast_words.TELLING and story.now > 0 else []
+        notes = (
+            [f"{notation.percent(away)} not on the map"]
+            if away > forecast_words.TELLING and story.now > 0
+            else []
+        )
         mesh = forecast_map.small_map(ax, frame, story.forecast, 0, top, land, own, overlays, notes)
         for line in own.lines:
             layers.prior_line(ax, frame, line, setting.lines.index(line), 0.7)
         _titles(ax, story, names[k], whole=k == 0)
-        chart.graticule(ax, frame, lines=3, size=7, labels=(k + columns >= len(panels), column == 0))
+        chart.graticule(
+            ax, frame, lines=3, size=7, labels=(k + columns >= len(panels), column == 0)
+        )
         if k == 0:
-            chart.scale_bar(ax, frame, chart.free_corner(frame, *layers.occupied(frame, forecast, [now])), small=True)
+            chart.scale_bar(
+                ax,
+                frame,
+                chart.free_corner(frame, *layers.occupied(frame, forecast, [now])),
+                small=True,
+            )
     sheet.head(on, imprint, _contents(forecast, setting, found))
     if few:
         listed = "; ".join(few[:3]) + (f" and {len(few) - 3} more" if len(few) > 3 else "")
@@ -76,7 +104,9 @@ def plot_scenarios(forecast: Forecast, path: Path, setting: Setting, *, overlays
     place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (SIDE / width, 0.3 / height)}
     key = _key(panels, setting) + [row for overlay in overlays for row in overlay(now).key]
     sheet.legend(on.figure, key, ncols=len(key), fontsize=8, borderaxespad=0, borderpad=0, **place)
-    forecast_map.log_bar(on.figure, (1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height), mesh)
+    forecast_map.log_bar(
+        on.figure, (1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height), mesh
+    )
     sheet.end(on, path, imprint)
 
 
@@ -91,19 +121,29 @@ def _bounds(story: OneScenario) -> tuple[tuple[float, float], tuple[float, float
 
 
 def _own(setting: Setting, story: OneScenario) -> Setting:
-    """Return a setting with what is marked of a story alone: as drift.forecast.starts labels it; a release is of all."""
+    """Return a setting with what is marked of a story alone: as drift.forecast.starts labels it; a
+    release is of all.
+    """
     marks = [mark for mark in setting.marks if mark.label.partition(", ")[2] in ("", story.name)]
-    return replace(setting, marks=marks, lines=[line for line in setting.lines if line.label == story.name])
+    return replace(
+        setting, marks=marks, lines=[line for line in setting.lines if line.label == story.name]
+    )
 
 
 def _titles(ax: Any, story: OneScenario, name: str, whole: bool) -> None:
-    """Write over a map by a name whose it is, how likely that was and is, and how large its areas are."""
+    """Write over a map by a name whose it is, how likely that was and is, and how large its areas
+    are.
+    """
     at = story.forecast.data.isel(time=0)
     ax.set_title(name, fontsize=9, weight="bold", loc="left", pad=14, color=INK)
     small: dict[str, Any] = {"fontsize": 7, "color": INK, "transform": ax.transAxes}
-    ax.text(1, 1.015, forecast_map.sizes(at, "") if story.now > 0 else "ruled out", ha="right", **small)
+    ax.text(
+        1, 1.015, forecast_map.sizes(at, "") if story.now > 0 else "ruled out", ha="right", **small
+    )
     if not whole:
-        ax.set_title(notation.percent(story.now), fontsize=9, weight="bold", loc="right", pad=14, color=INK)
+        ax.set_title(
+            notation.percent(story.now), fontsize=9, weight="bold", loc="right", pad=14, color=INK
+        )
         ax.text(0, 1.015, f"{notation.percent(story.before)} at first", **small)
 
 
@@ -114,7 +154,9 @@ def _contents(forecast: Forecast, setting: Setting, found: Sequence[OneScenario]
     classes = "effective_worlds" in forecast.data
     parts = [
         notation.group(forecast.data["time"].values[-1]),
-        "each class by itself, with its share" if classes else "each as if it were true, with its probability",
+        "each class by itself, with its share"
+        if classes
+        else "each as if it were true, with its probability",
         held,
     ]
     if many > len(found):
@@ -132,10 +174,22 @@ def _key(panels: Sequence[OneScenario], setting: Setting) -> list[tuple[Any, str
         style = layers.line(share, every)
         symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
         rows.append((symbol, f"{notation.hundredths(share)} % area"))
-    rows += next(filter(None, (layers.bands(story.forecast, [0], every.ends) for story in panels)), [])
-    if any(float(story.forecast.data["probability_ashore"].sum()) >= labels.TINY for story in panels):
-        rows.append((Line2D([], [], color=layers.ASHORE, linestyle="none", marker="^", markersize=6), "Ashore"))
+    rows += next(
+        filter(None, (layers.bands(story.forecast, [0], every.ends) for story in panels)), []
+    )
+    if any(
+        float(story.forecast.data["probability_ashore"].sum()) >= labels.TINY for story in panels
+    ):
+        rows.append(
+            (
+                Line2D([], [], color=layers.ASHORE, linestyle="none", marker="^", markersize=6),
+                "Ashore",
+            )
+        )
     if setting.marks:
         rows.append((layers.mark_symbol(6, 10), setting.known_as))
-    rows += [(Line2D([], [], **layers.prior_style(i)), f"Start: {line.label}") for i, line in enumerate(setting.lines)]
+    rows += [
+        (Line2D([], [], **layers.prior_style(i)), f"Start: {line.label}")
+        for i, line in enumerate(setting.lines)
+    ]
     return [(symbol, page.fit(text, 34)) for symbol, text in rows]

@@ -1,4 +1,7 @@
-"""The forecast's numbers as text: the summary, the contours as GeoJSON, tables as CSV. Writes no file."""
+"""The forecast's numbers as text: the summary, the contours as GeoJSON, tables as CSV.
+
+Writes no file.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -17,14 +20,16 @@ from geo.notation import NMI
 def summary_of_forecast(forecast: Forecast, opens: np.datetime64 | None = None) -> dict[str, Any]:
     """Return the forecast's numbers for the summary: `scenarios` and, by time, `outputs`.
 
-    opens: the time that the map and the report show first, as drift.forecast.mapped.opening takes it; it is told too.
+    opens: the time that the map and the report show first, as drift.forecast.mapped.opening takes
+    it; it is told too.
     """
     data = forecast.data
     names = [str(name) for name in data["scenario"].values]
     weights = data["scenario_probability"].values
     return {
         "scenarios": [
-            {"name": name, "prior": weights[0, i], "posterior": weights[-1, i]} for i, name in enumerate(names)
+            {"name": name, "prior": weights[0, i], "posterior": weights[-1, i]}
+            for i, name in enumerate(names)
         ],
         "outputs": [_output(forecast, i) for i in range(data.sizes["time"])],
         "opens": data["time"].values[mapped.opening(data, opens)],
@@ -52,7 +57,9 @@ def _output(forecast: Forecast, i: int) -> dict[str, Any]:
 
 
 def _scenarios(at: Any, shown: Shown) -> dict[str, Any]:
-    """Return how each scenario that has a map of its own stands at a time, and the probability of the others."""
+    """Return how each scenario that has a map of its own stands at a time, and the probability of
+    the others.
+    """
     names = [str(name) for name in at["scenario"].values]
     scenarios: dict[str, Any] = {
         names[j]: {
@@ -63,12 +70,16 @@ def _scenarios(at: Any, shown: Shown) -> dict[str, Any]:
         for j in shown.alone
     }
     if shown.rest:
-        scenarios[shown.names(names)[-1]] = {"probability": shown.sums(at["scenario_probability"].values)[-1]}
+        scenarios[shown.names(names)[-1]] = {
+            "probability": shown.sums(at["scenario_probability"].values)[-1]
+        }
     return scenarios
 
 
 def counts(data: Any, i: int) -> dict[str, float]:
-    """Return how many particles, and worlds where there are any, count for a map, by column of a table."""
+    """Return how many particles, and worlds where there are any, count for a map, by column of a
+    table.
+    """
     names = [name for name in ("effective_particles", "effective_worlds") if name in data]
     return {name: float(data[name].values[i]) for name in names}
 
@@ -80,7 +91,9 @@ def _place(lon: float, lat: float) -> dict[str, Any] | None:
 
 
 def track(forecast: Forecast, run: str) -> str:
-    """Return the mean track with areas and account by time, as CSV; run: its run_id, in the last column."""
+    """Return the mean track with areas and account by time, as CSV; run: its run_id, in the last
+    column.
+    """
     data = forecast.data
     held = [notation.hundredths(share) for share in data["share"].values]
     status = [str(s) for s in data["status"].values]
@@ -123,27 +136,40 @@ def track(forecast: Forecast, run: str) -> str:
 
 
 def ashore(forecast: Forecast, run: str) -> str:
-    """Return where the object may be ashore at the end, cell by cell, likeliest first, and by when, as CSV.
+    """Return where the object may be ashore at the end, cell by cell, likeliest first, and by when,
+    as CSV.
 
-    run: its run_id, in the last column. first_time is the first output time at which half of the cell's final
-    probability had landed there.
-    effective_particles: how many of those ashore count, in all cells together.
+    run: its run_id, in the last column. first_time is the first output time at which half of the
+    cell's final probability had landed there. effective_particles: how many of those ashore count,
+    in all cells together.
     """
     data = forecast.data
     every = data["probability_ashore"].values
     last = every[-1].ravel().astype(np.float64)
     cells = np.flatnonzero(last > 0)
     cells = cells[np.argsort(-last[cells], kind="stable")]
-    half = np.argmax(every.reshape(len(every), -1)[:, cells].astype(np.float64) >= 0.5 * last[cells], axis=0)
+    half = np.argmax(
+        every.reshape(len(every), -1)[:, cells].astype(np.float64) >= 0.5 * last[cells], axis=0
+    )
     row, column = np.unravel_index(cells, every.shape[1:])
     lon, lat = sphere.wrap_degrees(data["lon"].values)[column], data["lat"].values[row]
     times = [notation.iso(time) for time in data["time"].values]
     many = f"{data['status_effective'].sel(status='ashore').values[-1]:.6g}"
     rows = [
         [f"{x:.6f}", f"{y:.6f}", notation.position(x, y), f"{share:.4g}", times[first], many, run]
-        for x, y, share, first in zip(lon.tolist(), lat.tolist(), last[cells].tolist(), half.tolist(), strict=True)
+        for x, y, share, first in zip(
+            lon.tolist(), lat.tolist(), last[cells].tolist(), half.tolist(), strict=True
+        )
     ]
-    header = ["lon", "lat", "position", "probability_ashore", "first_time", "effective_particles", "run_id"]
+    header = [
+        "lon",
+        "lat",
+        "position",
+        "probability_ashore",
+        "first_time",
+        "effective_particles",
+        "run_id",
+    ]
     return formats.csv_text(header, rows)
 
 
@@ -152,7 +178,9 @@ def _numbers(*values: float, form: str) -> list[str]:
 
 
 def contours(forecast: Forecast, attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the containment contours as a GeoJSON FeatureCollection (RFC 7946), cut at the antimeridian."""
+    """Return the containment contours as a GeoJSON FeatureCollection (RFC 7946), cut at the
+    antimeridian.
+    """
     features, times = [], forecast.data["time"].values
     for contour in forecast.contours:
         geometry = geojson.polygons(contour.polygon)

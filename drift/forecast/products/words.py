@@ -1,4 +1,6 @@
-"""What a picture of a forecast says in words: its account, what is not on its map, what it stands on."""
+"""What a picture of a forecast says in words: its account, what is not on its map, what it stands
+on.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -22,7 +24,12 @@ STATUS = {
 
 STEERING = {"pending": "not yet departed"}  # words where targets steer
 OFF_MAP_STEERING = {"pending": "has not yet departed"}
-OFF_MAP = {"outside": "ran out of forcing", "left": "left the domain", "sunk": "sank", "pending": "is not yet released"}
+OFF_MAP = {
+    "outside": "ran out of forcing",
+    "left": "left the domain",
+    "sunk": "sank",
+    "pending": "is not yet released",
+}
 REST = "areas are shares of the rest"
 
 TELLING = 0.01  # share of the probability off the map from which a picture warns
@@ -30,7 +37,10 @@ TELLING = 0.01  # share of the probability off the map from which a picture warn
 
 def statuses(at: Any) -> dict[str, float]:
     """Return the probability of each status at a time, by name."""
-    return {str(k): float(v) for k, v in zip(at["status"].values, at["status_probability"].values, strict=True)}
+    return {
+        str(k): float(v)
+        for k, v in zip(at["status"].values, at["status_probability"].values, strict=True)
+    }
 
 
 def steers(data: Any) -> bool:
@@ -39,7 +49,9 @@ def steers(data: Any) -> bool:
 
 
 def afloat(at: Any) -> str:
-    """Return what those are that move at a time, in words: adrift, under way, or either; of nothing, as it was before."""
+    """Return what those are that move at a time, in words: adrift, under way, or either; of
+    nothing, as it was before.
+    """
     if not steers(at):
         return "adrift"
     now = statuses(at)
@@ -63,7 +75,11 @@ def waiting(data: Any) -> str:
 def account(at: Any) -> str:
     """Return the account in words: what is adrift, ashore, and lost to the map."""
     called = STATUS | STEERING if steers(at) else STATUS
-    parts = [f"{called[name]} {notation.percent(value)}" for name, value in statuses(at).items() if value > 0]
+    parts = [
+        f"{called[name]} {notation.percent(value)}"
+        for name, value in statuses(at).items()
+        if value > 0
+    ]
     return "Account:  " + "   ·   ".join(parts)
 
 
@@ -81,7 +97,9 @@ def missing(at: Any) -> str:
 
 
 def unshaded(at: Any) -> str:
-    """Return a warning of the probability outside a grid of the user's own; empty if that is at most TELLING."""
+    """Return a warning of the probability outside a grid of the user's own; empty if that is at
+    most TELLING.
+    """
     off = float(at["off_grid"]) if "off_grid" in at else 0.0
     if not off > TELLING:
         return ""

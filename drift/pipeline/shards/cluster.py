@@ -21,14 +21,17 @@ from drift.pipeline.shards.work import Task, Work
 from geo.errors import UserError
 
 PATIENCE = 20  # [s] to wait for a cluster to answer
-WAIT = 900  # [s] to wait for a first worker, or for another where all are lost: queues take their time
+# [s] to wait for a first worker, or for another where all are lost: queues take their time
+WAIT = 900
 LOOK, POLL = 10, 0.05  # [s] between looks whether there are workers, and whether a shard is done
-LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
+# warnings come to standard error unless a program sends them elsewhere
+LOG = logging.getLogger("drift")
 
 
 @contextlib.contextmanager
 def connected(workers: int | None, address: str | None) -> Iterator[Any]:
-    """Give a client of a local cluster of some workers, or of the one at an address; None where neither is asked for.
+    """Give a client of a local cluster of some workers, or of the one at an address; None where
+    neither is asked for.
 
     Raises UserError where there is none, or dask.distributed is not installed.
     """
@@ -41,7 +44,9 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
         raise UserError(f"--workers {workers} must be at least 1")
     distributed = _dask()
     with contextlib.ExitStack() as stack:
-        for name in [name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"]:
+        for name in [
+            name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"
+        ]:
             log = logging.getLogger(name)  # what goes wrong is told in a line
             stack.callback(log.setLevel, log.level)
             log.setLevel(logging.CRITICAL)
@@ -59,15 +64,22 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
             stack.callback(_close, address)
         try:
             if workers is None and not str(address).startswith("ucx"):
-                distributed.comm.get_address_host_port(address)  # a client of no address would close for a minute
-            client = stack.enter_context(distributed.Client(address, timeout=PATIENCE, set_as_default=False))
+                # a client of no address would close for a minute
+                distributed.comm.get_address_host_port(address)
+            client = stack.enter_context(
+                distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+            )
         except (TimeoutError, OSError, ValueError) as error:
-            raise UserError(f"--cluster {address}: no cluster answers there ({_line(error)})") from error
+            raise UserError(
+                f"--cluster {address}: no cluster answers there ({_line(error)})"
+            ) from error
         yield client
 
 
 def _close(local: Any) -> None:
-    """End a local cluster; what does not end in time does so with this process, whose results are written by now."""
+    """End a local cluster; what does not end in time does so with this process, whose results are
+    written by now.
+    """
     with contextlib.suppress(Exception):
         local.close(timeout=PATIENCE)
 
@@ -77,7 +89,9 @@ def _dask() -> Any:
     try:
         return importlib.import_module("distributed")
     except ImportError:
-        raise UserError("--workers and --cluster need dask: pip install 'casp-drift[cluster]'") from None
+        raise UserError(
+            "--workers and --cluster need dask: pip install 'casp-drift[cluster]'"
+        ) from None
 
 
 def workers_of(client: Any) -> Workers:
@@ -95,7 +109,9 @@ def workers_of(client: Any) -> Workers:
         told: dict[str, tuple[str, float, float]] = {}
         while not told:  # the only one may be lost while it is asked
             if time.monotonic() > until:
-                raise UserError(f"the cluster's workers are lost one after another (waited {WAIT / 60:g} min)")
+                raise UserError(
+                    f"the cluster's workers are lost one after another (waited {WAIT / 60:g} min)"
+                )
             _first(client, "the cluster has no workers; start some")
             told = _asked(client, worker.room)
     hosts = Counter(host for host, _, _ in told.values()) + Counter([worker.host()])
@@ -113,20 +129,28 @@ def _asked(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, 
         if isinstance(answer, lost) or (type(answer) is OSError and answer.errno is None):
             continue  # nobody answers there: what it had to do others do
         if isinstance(answer, Exception):
-            raise UserError(f"worker {address}: {_line(answer)}; install the same versions everywhere") from answer
+            raise UserError(
+                f"worker {address}: {_line(answer)}; install the same versions everywhere"
+            ) from answer
         told[address] = answer
     return told
 
 
 def check(client: Any, folder: Path | None = None) -> None:
-    """Refuse workers of other versions or arithmetic than this process's, and those that do not see the run's folder.
+    """Refuse workers of other versions or arithmetic than this process's, and those that do not see
+    the run's folder.
 
-    Threads of this process are refused too: they would wait for the kernels, which it holds, for ever.
+    Threads of this process are refused too: they would wait for the kernels, which it holds, for
+    ever.
     """
     if worker.process() in _asked(client, worker.process).values():
-        raise UserError("the cluster's workers are threads of this process; begin it with processes=True")
+        raise UserError(
+            "the cluster's workers are threads of this process; begin it with processes=True"
+        )
     own = fingerprint.of_machine()
-    for address, other in sorted(_asked(client, worker.about, str(folder.absolute()) if folder else "").items()):
+    for address, other in sorted(
+        _asked(client, worker.about, str(folder.absolute()) if folder else "").items()
+    ):
         if other.pop("folder") != "True":
             raise UserError(
                 f"worker {address} does not see {folder}: name a folder with --out that all machines of the cluster share"
@@ -139,32 +163,46 @@ def check(client: Any, folder: Path | None = None) -> None:
 
 
 def move_shards_on_cluster(
-    client: Any, kept: Work, mark: Mapping[str, str], units: Sequence[Task], tell: Callable[[float], None]
+    client: Any,
+    kept: Work,
+    mark: Mapping[str, str],
+    units: Sequence[Task],
+    tell: Callable[[float], None],
 ) -> None:
     """Have the workers move shards, which they keep in the run's folder.
 
-    mark: the run's fingerprint, which workers hold against what they see themselves. tell: takes how many are done. A
-    worker that is lost costs the shards under way on it, which others do again. Raises UserError where the cluster is lost,
-    or a shard fails on one worker after another.
+    mark: the run's fingerprint, which workers hold against what they see themselves. tell: takes
+    how many are done. A worker that is lost costs the shards under way on it, which others do
+    again. Raises UserError where the cluster is lost, or a shard fails on one worker after another.
     """
     if not units:
         return
     told = lambda: f"{kept.folder}: {kept.kept}"  # noqa: E731
     with _answered(told):
         check(client, kept.folder)
-        folder, given = str(kept.folder.absolute()), dict(mark)  # with each: what is scattered goes with its worker
-        tasks = [client.submit(worker.move, folder, given, unit, pure=False, retries=0) for unit in units]
+        # with each: what is scattered goes with its worker
+        folder, given = str(kept.folder.absolute()), dict(mark)
+        tasks = [
+            client.submit(worker.move, folder, given, unit, pure=False, retries=0) for unit in units
+        ]
         for done, (_, sound) in enumerate(_each(client, tasks, told), 1):
             kept.sound.add(sound)  # the worker has just taken its digest
             tell(done)
 
 
-def begun(client: Any, case: Case, mark: Mapping[str, str], clock: Clock, layouts: Sequence[Layout]) -> list[Begun]:
-    """Have the workers say how the places of shards were drawn, and what of them lacks forcing as the run begins."""
+def begun(
+    client: Any, case: Case, mark: Mapping[str, str], clock: Clock, layouts: Sequence[Layout]
+) -> list[Begun]:
+    """Have the workers say how the places of shards were drawn, and what of them lacks forcing as
+    the run begins.
+    """
     told = lambda: "nothing is kept yet"  # noqa: E731
     with _answered(told):
         check(client)
-        tasks = [client.submit(worker.begun, case, dict(mark), clock, part, pure=False, retries=0) for part in layouts]
+        tasks = [
+            client.submit(worker.begun, case, dict(mark), clock, part, pure=False, retries=0)
+            for part in layouts
+        ]
         found = dict(_each(client, tasks, told))
     return [found[task.key] for task in tasks]
 
@@ -173,19 +211,31 @@ def release(client: Any) -> None:
     """Have the workers let go of a run's files, as far as they can be reached."""
     with contextlib.suppress(Exception):
         if client.status == "running":  # client.run would wait for ever for one that is lost
-            tasks = [client.submit(worker.release, workers=[own], pure=False) for own in client.nthreads()]
+            tasks = [
+                client.submit(worker.release, workers=[own], pure=False)
+                for own in client.nthreads()
+            ]
             _dask().wait(tasks, timeout=PATIENCE)
 
 
 @contextlib.contextmanager
 def _answered(kept: Callable[[], str]) -> Iterator[None]:
-    """Tell in a line that the cluster does not answer any more; kept: what is kept of the run, in words."""
+    """Tell in a line that the cluster does not answer any more; kept: what is kept of the run, in
+    words.
+    """
     distributed = _dask()
     try:
         yield
     except distributed.KilledWorker as error:
-        raise UserError(f"worker after worker died of a shard ({_line(error)}); {kept()}") from error
-    except (TimeoutError, distributed.comm.CommClosedError, asyncio.CancelledError, CancelledError) as error:
+        raise UserError(
+            f"worker after worker died of a shard ({_line(error)}); {kept()}"
+        ) from error
+    except (
+        TimeoutError,
+        distributed.comm.CommClosedError,
+        asyncio.CancelledError,
+        CancelledError,
+    ) as error:
         raise UserError(f"the cluster is lost ({_line(error)}); {kept()}") from error
 
 
@@ -216,7 +266,9 @@ def _result(client: Any, task: Any, kept: Callable[[], str]) -> Any:
 
     Its worker may be lost before it has handed that over: then others do it again.
     """
-    fetched = asyncio.run_coroutine_threadsafe(client.gather(task, asynchronous=True), client.loop.asyncio_loop)
+    fetched = asyncio.run_coroutine_threadsafe(
+        client.gather(task, asynchronous=True), client.loop.asyncio_loop
+    )
     while not wait([fetched], timeout=LOOK).done:
         _first(client, f"the cluster has lost all of its workers; {kept()}")
     return fetched.result()

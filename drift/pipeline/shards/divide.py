@@ -1,7 +1,8 @@
 """A run cut into shards: how many, and what each goes through.
 
-A shard is a range of whole blocks of particles (drift.engine.particles.partials). Noise goes by a particle's number in the
-whole run and sums go by blocks, so that no number of shards changes a bit of the results.
+A shard is a range of whole blocks of particles (drift.engine.particles.partials). Noise goes by a
+particle's number in the whole run and sums go by blocks, so that no number of shards changes a bit
+of the results.
 """
 
 import math
@@ -33,13 +34,17 @@ from kernels.step import coast as device_coast
 from kernels.step.coast import DeviceCoast
 
 GIB = 2**30
-BASE = 700 * 2**20  # [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
-HELD = 200  # [bytes] a particle of the shard under way is given, while it is drawn and moved: about 130 were seen
+# [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
+BASE = 700 * 2**20
+# [bytes] a particle of the shard under way is given, while it is drawn and moved: about 130 were
+# seen
+HELD = 200
 WEIGHED = 6_000  # [bytes] a world of a spill while finds weigh it
 TOLD = 150  # [bytes] more for each output: 8,600 in all were seen at 21
 LEAST = 2**16  # particles in a shard, if memory is scarce
 LOSS = 2**20  # particles in a shard at most: what is under way is lost when a run is stopped
-LOSS_CARD = 2**23  # on a graphics card, which is expected to move as many in the same time (docs/backends.md)
+# on a graphics card, which is expected to move as many in the same time (docs/backends.md)
+LOSS_CARD = 2**23
 PER_WORKER = 4  # shards at least, so that none waits long for another at the end
 
 
@@ -62,12 +67,15 @@ class Workers:
     limit: float = math.inf  # [bytes] that dask lets the one with the least take
 
 
-def number(case: Case, memory: float | None, shards: int | None, workers: Workers | None = None) -> int:
-    """Return how many shards a run is cut into: as many as is said, or as its memory and the loss at a stop ask for.
+def number(
+    case: Case, memory: float | None, shards: int | None, workers: Workers | None = None
+) -> int:
+    """Return how many shards a run is cut into: as many as is said, or as its memory and the loss
+    at a stop ask for.
 
-    memory: [GiB] that it may take on one machine, by default half of what is free. workers: that move them; None: this
-    process does. 1 without workers is a run in one piece. On a graphics card a shard must fit into half of what the card
-    has left, too. Raises UserError for what cannot be.
+    memory: [GiB] that it may take on one machine, by default half of what is free. workers: that
+    move them; None: this process does. 1 without workers is a run in one piece. On a graphics card
+    a shard must fit into half of what the card has left, too. Raises UserError for what cannot be.
     """
     at_once = workers.together if workers else 1
     card = None if workers else runtime.room()
@@ -93,7 +101,9 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
                 f'particles: {case.particles:,} in one piece, as [resampling] method = "{case.resampling.method}" asks for, take '
                 f"{_up(whole)} GiB of memory, and {machine_memory.free() / GIB:.1f} GiB are free; give fewer"
             )
-        run_setup.refuse_beyond(card, case, case.particles, "particles", "give fewer, or use --backend cpu")
+        run_setup.refuse_beyond(
+            card, case, case.particles, "particles", "give fewer, or use --backend cpu"
+        )
         return 1
     spill = case.spill
     weighed = (BASE + (WEIGHED + TOLD * case.outputs.size) * spill.worlds) / GIB if spill else 0.0
@@ -102,18 +112,30 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
             f"--memory {memory:.3g} (GiB): to weigh a spill's {spill.worlds:,} worlds takes {_up(weighed)} GiB; give as much, or "
             "fewer worlds"
         )
-    most = -(-spill.worlds // WORLDS) if spill else prior.layout(run_setup.ensemble_spec(case)).blocks.first.size
+    most = (
+        -(-spill.worlds // WORLDS)
+        if spill
+        else prior.layout(run_setup.ensemble_spec(case)).blocks.first.size
+    )
     if shards is not None:
         if not 1 <= shards <= most:
             what = "of worlds" if spill else "of particles"
-            raise UserError(f"--shards {shards}: {case.path.name} has {most:,} blocks {what}; give 1 to {most:,}")
+            raise UserError(
+                f"--shards {shards}: {case.path.name} has {most:,} blocks {what}; give 1 to {most:,}"
+            )
         each = (BASE + math.ceil(case.particles / shards) * held(case)) * at_once / GIB
         if memory is not None and each > memory:
             raise UserError(
                 f"--shards {shards}: so large they take {_up(each)} GiB, and --memory is {memory:.3g} (GiB); give one of them"
             )
-        remedy = "give more shards" if shards < most else "use --backend cpu, or end other programs on the card"
-        run_setup.refuse_beyond(card, case, math.ceil(case.particles / shards), f"--shards {shards}", remedy)
+        remedy = (
+            "give more shards"
+            if shards < most
+            else "use --backend cpu, or end other programs on the card"
+        )
+        run_setup.refuse_beyond(
+            card, case, math.ceil(case.particles / shards), f"--shards {shards}", remedy
+        )
         return shards
     if memory is not None:
         room = min(memory * GIB / at_once, workers.limit if workers else math.inf)
@@ -121,9 +143,14 @@ def number(case: Case, memory: float | None, shards: int | None, workers: Worker
         room = min(workers.free, workers.limit) / 2 if workers else machine_memory.free() / 2
     size = max(int((room - BASE) / held(case)), LEAST)
     if card is not None:
-        size = min(size, max(int((card / 2 - devices.LEAST) / run_setup.bytes_on_card(case)), LEAST))
+        size = min(
+            size, max(int((card / 2 - devices.LEAST) / run_setup.bytes_on_card(case)), LEAST)
+        )
     size = min(size, LOSS if card is None else LOSS_CARD)
-    return min(max(math.ceil(case.particles / size), PER_WORKER * (workers.count if workers else 0), 1), most)
+    return min(
+        max(math.ceil(case.particles / size), PER_WORKER * (workers.count if workers else 0), 1),
+        most,
+    )
 
 
 def _up(size: float) -> str:
@@ -145,17 +172,21 @@ Deal = Callable[[Clock, Sequence[Layout]], Iterable[Begun]]
 def begun(case: Case, where: Environment, scene: Scene, clock: Clock, layout: Layout) -> Begun:
     """Return how the places of a shard were drawn, and what of it lacks forcing as the run begins.
 
-    Its particles are drawn in full when they are moved. To draw them once and keep them in between would cost more: of a
-    million, places take 0.24 s of processor time and all of it 0.61 s; writing, checking and reading 96 bytes each 0.4 s.
+    Its particles are drawn in full when they are moved. To draw them once and keep them in between
+    would cost more: of a million, places take 0.24 s of processor time and all of it 0.61 s;
+    writing, checking and reading 96 bytes each 0.4 s.
     """
-    drawn = prior.draw_ensemble(run_setup.spec_of(case, where), scene.place.coast, layout, still=True)
+    drawn = prior.draw_ensemble(
+        run_setup.spec_of(case, where), scene.place.coast, layout, still=True
+    )
     return drawn.tried, lost.lacking(where.box, drawn.ensemble, scene, clock)
 
 
 def prepare(case: Case, where: Environment, many: int, deal: Deal | None = None) -> Divided:
     """Return a case's run, cut into some shards; close `setup.scene.forcing` after it.
 
-    deal: does what `begun` does for the shards, by default this process does. Raises UserError as drift.pipeline.run_setup.prepare does.
+    deal: does what `begun` does for the shards, by default this process does. Raises UserError as
+    drift.pipeline.run_setup.prepare does.
     """
     assert not case.spill  # drift.pipeline.shards.spilled
     spec = run_setup.spec_of(case, where)
@@ -169,7 +200,9 @@ def prepare(case: Case, where: Environment, many: int, deal: Deal | None = None)
         else:
             parts = list(deal(setup.clock, layouts))
         dry = prior.dry(spec, np.sum([tried for tried, _ in parts], axis=0), coast)
-        lost.check_prior(spec, where, case.max_lost, setup.scene, lost.merged([lacks for _, lacks in parts]))
+        lost.check_prior(
+            spec, where, case.max_lost, setup.scene, lost.merged([lacks for _, lacks in parts])
+        )
         guide = run_setup.guide_of(case, where, setup)
     return Divided(replace(setup, dry=dry, guide=guide), whole, many)
 

@@ -1,4 +1,6 @@
-"""The fingerprint of a run: all that its results follow from, so that nothing of another run is taken for its own."""
+"""The fingerprint of a run: all that its results follow from, so that nothing of another run is
+taken for its own.
+"""
 
 import hashlib
 
@@ -14,7 +16,9 @@ from geo.files import digest
 def fingerprint_of(case: Case, where: Environment, many: int) -> dict[str, str]:
     """Return what the results of a case's run in so many shards follow from, by what it is."""
     told = run_metadata.attributes(case, where)
-    files = hashlib.sha256("".join(digest.digest_of(path) for path in case.inputs).encode()).hexdigest()
+    files = hashlib.sha256(
+        "".join(digest.digest_of(path) for path in case.inputs).encode()
+    ).hexdigest()
     return {
         **of_machine(),
         "the case": case_digest.digest(case, moves=True),

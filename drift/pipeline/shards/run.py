@@ -46,13 +46,16 @@ class _Way:
     layout: Layout  # of the whole run
     number: int = 0  # of the present stretch
     since: From | None = None  # where it begins; None: at the run's start
-    known: dict[int, float] = field(default_factory=dict)  # log mean likelihoods of doubtful contacts, by their numbers
+    # log mean likelihoods of doubtful contacts, by their numbers
+    known: dict[int, float] = field(default_factory=dict)
     stretches: list[Sequence[ShardFile]] = field(default_factory=list)
     events: int = 0  # after which it was last asked whether particles are drawn anew
 
 
 @contextlib.contextmanager
-def move_shards(job: Job, run: Divided, mark: Mapping[str, str], noted: Noted | None) -> Iterator[Moved]:
+def move_shards(
+    job: Job, run: Divided, mark: Mapping[str, str], noted: Noted | None
+) -> Iterator[Moved]:
     """Give what the particles of a run were like at all output times, and what was told on the way.
 
     mark: the run's fingerprint.
@@ -72,14 +75,18 @@ def move_shards(job: Job, run: Divided, mark: Mapping[str, str], noted: Noted | 
         last = way.stretches[-1]
         with SnapshotStore(way.stretches) as spool:
             blocks = way.layout.blocks
-            unsearched = columns(last, blocks, ["unsearched"]) if "unsearched" in last[0].notes else None
+            unsearched = (
+                columns(last, blocks, ["unsearched"]) if "unsearched" in last[0].notes else None
+            )
             with _dropped_if_refused(kept):
                 run_setup.check_end(case, job.where, run.setup, spool, unsearched)
             posteriors = told.beliefs.posteriors if told.beliefs else None
             yield Moved(spool, told.updates(last, way.layout), posteriors, told.begun)
 
 
-def _all(job: Job, run: Divided, kept: Work, mark: Mapping[str, str], noted: Noted | None) -> tuple[_Way, Told]:
+def _all(
+    job: Job, run: Divided, kept: Work, mark: Mapping[str, str], noted: Noted | None
+) -> tuple[_Way, Told]:
     """Move all stretches of all shards."""
     way, told = _Way(run.layout), None
     while True:
@@ -122,7 +129,9 @@ def _units(job: Job, run: Divided, kept: Work, way: _Way) -> list[Unit]:
             way.known,
             run.setup.guide,
         )
-        for number, (part, (first, last)) in enumerate(zip(parts, itertools.pairwise(firsts), strict=True))
+        for number, (part, (first, last)) in enumerate(
+            zip(parts, itertools.pairwise(firsts), strict=True)
+        )
     ]
 
 
@@ -134,10 +143,15 @@ def _of_shard(kept: Work, since: From | None, first: int, last: int) -> From | N
     if since.drawn:
         ancestors = kept.read(since.drawn).noted("ancestors", first, last)
         least, most = int(ancestors.min()), int(ancestors.max())
-    return replace(since, states=tuple(state for state in since.states if state[1] <= most and least < state[2]))
+    return replace(
+        since,
+        states=tuple(state for state in since.states if state[1] <= most and least < state[2]),
+    )
 
 
-def _stretch(job: Job, run: Divided, kept: Work, mark: Mapping[str, str], units: Sequence[Unit]) -> list[ShardFile]:
+def _stretch(
+    job: Job, run: Divided, kept: Work, mark: Mapping[str, str], units: Sequence[Unit]
+) -> list[ShardFile]:
     """Return the reels of a stretch of all shards, moved or read where they are finished."""
     many, (begun, end) = len(units), _span(job, run, units[0])
 
@@ -151,7 +165,9 @@ def _stretch(job: Job, run: Divided, kept: Work, mark: Mapping[str, str], units:
         cluster.move_shards_on_cluster(
             job.client, kept, mark, missing, lambda done: tell(many - len(missing) + int(done), 0.0)
         )
-    return [unit.move(run.setup.scene, job.where, partial(tell, unit.number), kept) for unit in units]
+    return [
+        unit.move(run.setup.scene, job.where, partial(tell, unit.number), kept) for unit in units
+    ]
 
 
 def _rising(tell: Report) -> Report:
@@ -171,29 +187,46 @@ def _span(job: Job, run: Divided, unit: Unit) -> tuple[float, float]:
     case, duration = job.case, run.setup.clock.duration
     begun = unit.since.time if unit.since else 0
     asked = [
-        contact.time for k, contact in enumerate(case.contacts) if contact.belief < 1 and k not in (unit.known or {})
+        contact.time
+        for k, contact in enumerate(case.contacts)
+        if contact.belief < 1 and k not in (unit.known or {})
     ]
     if case.resampling.below > 0:
-        asked += [contact.time for contact in case.contacts] + [sortie.end for sortie in case.sorties]
-        asked += [what.time if isinstance(what, Look) else what.end for what in case.sensors.telling]
+        asked += [contact.time for contact in case.contacts] + [
+            sortie.end for sortie in case.sorties
+        ]
+        asked += [
+            what.time if isinstance(what, Look) else what.end for what in case.sensors.telling
+        ]
     stops = [time for time in map(case.period.elapsed, asked) if time > begun]
     return begun / duration, min([*stops, duration]) / duration
 
 
-def _go_on(job: Job, run: Divided, kept: Work, way: _Way, units: Sequence[Unit], told: Told) -> None:
+def _go_on(
+    job: Job, run: Divided, kept: Work, way: _Way, units: Sequence[Unit], told: Told
+) -> None:
     """Let all shards meet at the end of a stretch, and go on to the next."""
     reels, before = way.stretches[-1], way.since
-    result, states = stretch.result(reels[0]), [(unit.state, unit.first, unit.first + unit.n) for unit in units]
+    result, states = (
+        stretch.result(reels[0]),
+        [(unit.state, unit.first, unit.first + unit.n) for unit in units],
+    )
     if result.since is not None and (before is None or result.since != before.time):
         way.since = From(result.since, tuple(states))
     if result.contact is not None:
         weighed = {
             name: weights.merged(
-                [stretch.weighed(reel, name, unit.layout.blocks) for reel, unit in zip(reels, units, strict=True)]
+                [
+                    stretch.weighed(reel, name, unit.layout.blocks)
+                    for reel, unit in zip(reels, units, strict=True)
+                ]
             )
             for name in ("before", "after")
         }
-        way.known = {**way.known, result.contact: meeting.log_mean(weighed["before"], weighed["after"])}
+        way.known = {
+            **way.known,
+            result.contact: meeting.log_mean(weighed["before"], weighed["after"]),
+        }
     elif len(told.account.updates) > way.events:
         way.events = len(told.account.updates)
         assert way.since is not None
@@ -205,7 +238,9 @@ def _go_on(job: Job, run: Divided, kept: Work, way: _Way, units: Sequence[Unit],
 
 
 def _drawn_anew(job: Job, run: Divided, kept: Work, way: _Way, told: Told, since: From) -> From:
-    """Draw all particles anew at the end of a stretch if too few of them count; return where the next goes on."""
+    """Draw all particles anew at the end of a stretch if too few of them count; return where the
+    next goes on.
+    """
     name, layout = f"drawn-{way.number:03}", way.layout
     target = prior.counts_of(run.setup.spec)
     redrawing = Redrawing(job.case.seed, job.case.resampling, target)
@@ -215,7 +250,11 @@ def _drawn_anew(job: Job, run: Divided, kept: Work, way: _Way, told: Told, since
         drawn = redrawing.anew(together(states, "particle log_weight"), layout, way.events)
         reel.note("bounds", np.array(layout.bounds if drawn is None else drawn.layout.bounds))
         if drawn is not None:
-            begun = together(states, "lineage") if "lineage" in states[0].notes else np.arange(layout.bounds[-1])
+            begun = (
+                together(states, "lineage")
+                if "lineage" in states[0].notes
+                else np.arange(layout.bounds[-1])
+            )
             for what, values in (("log_weight", drawn.log_weight), ("spare", drawn.spare)):
                 reel.note(what, values)
             reel.note("ancestors", drawn.ancestors.astype(np.int32))
@@ -226,5 +265,7 @@ def _drawn_anew(job: Job, run: Divided, kept: Work, way: _Way, told: Told, since
         return since
     bounds = tuple(reel.noted("bounds").tolist())
     way.layout = layout if bounds == layout.bounds else Layout(bounds, bounds[:-1], layout.block)
-    told.account.drawn_anew(reel.noted("log_weight"), reel.noted("lineage"), way.layout, sum(target))
+    told.account.drawn_anew(
+        reel.noted("log_weight"), reel.noted("lineage"), way.layout, sum(target)
+    )
     return replace(since, drawn=name)

@@ -1,7 +1,8 @@
-"""The folder in which a run in shards keeps what it has finished: beside its results, and gone when these stand.
+"""The folder in which a run in shards keeps what it has finished: beside its results, and gone when
+these stand.
 
-All of it stands under a fingerprint of the case, the versions, the forcing and the processor's arithmetic: where that
-has changed, nothing of it is used.
+All of it stands under a fingerprint of the case, the versions, the forcing and the processor's
+arithmetic: where that has changed, nothing of it is used.
 """
 
 import contextlib
@@ -22,23 +23,39 @@ from drift.engine.environment.environment import Environment
 from drift.engine.motion.scene import Scene
 from drift.engine.motion.spool import BYTES, BYTES_END
 from drift.pipeline import run_setup
-from drift.pipeline.shards.work import ABOUT, BACKEND, FORCING, INDICES, LOG, NUMBER, Work, mark_of, replace, run_of
+from drift.pipeline.shards.work import (
+    ABOUT,
+    BACKEND,
+    FORCING,
+    INDICES,
+    LOG,
+    NUMBER,
+    Work,
+    mark_of,
+    replace,
+    run_of,
+)
 from drift.products.files import hidden
 from geo import notation
 from geo.errors import UserError
 from kernels.runtime import runtime
 
-NOTED = 80  # [bytes] a particle and update, about: weights, and the quantities of which posteriors are told
-STATE, DEBRIS = 200, 100  # [bytes] a particle where shards meet, about; more for each kind of debris
+# [bytes] a particle and update, about: weights, and the quantities of which posteriors are told
+NOTED = 80
+# [bytes] a particle where shards meet, about; more for each kind of debris
+STATE, DEBRIS = 200, 100
 DRAWN = 24  # [bytes] a particle, each time that particles are drawn anew
 
 
 @contextlib.contextmanager
-def open_shelf(out: Path | None, fingerprint: Mapping[str, str], need: int, slices: int = 0) -> Iterator[Work]:
+def open_shelf(
+    out: Path | None, fingerprint: Mapping[str, str], need: int, slices: int = 0
+) -> Iterator[Work]:
     """Give the work of a run that writes to `out`, as far as it is finished; None: it is not kept.
 
-    fingerprint: of all that decides on the results, by what it is of; need: [bytes] of all shards; slices: [bytes] of the
-    forcing's, which are kept if there is room for them too. It stays until `clear`. Raises UserError where another run is at work on it, or there is no room.
+    fingerprint: of all that decides on the results, by what it is of; need: [bytes] of all shards;
+    slices: [bytes] of the forcing's, which are kept if there is room for them too. It stays until
+    `clear`. Raises UserError where another run is at work on it, or there is no room.
     """
     with contextlib.ExitStack() as stack:
         if out is None:
@@ -50,7 +67,9 @@ def open_shelf(out: Path | None, fingerprint: Mapping[str, str], need: int, slic
             work = Work(folder, run_of(fingerprint))
             try:
                 if _place(out).is_symlink() and not folder.parent.is_dir():
-                    raise UserError(f"{_place(out)}: the folder to which this link leads is not there; mend the link")
+                    raise UserError(
+                        f"{_place(out)}: the folder to which this link leads is not there; mend the link"
+                    )
                 folder.mkdir(parents=True, exist_ok=True)
                 stack.callback(_removed_if_empty, folder)
                 if not stack.enter_context(hidden.alone(folder, 0.0)):
@@ -59,7 +78,9 @@ def open_shelf(out: Path | None, fingerprint: Mapping[str, str], need: int, slic
                     )
                 _take_up(work, fingerprint)
             except OSError as error:
-                raise UserError(f"{folder}: {error.strerror or error}; name another folder with --out") from error
+                raise UserError(
+                    f"{folder}: {error.strerror or error}; name another folder with --out"
+                ) from error
         have = sum(path.stat().st_size for path in folder.glob("*-*.bin"))
         room = shutil.disk_usage(folder).free
         _refuse_without(folder, need, have, room)
@@ -88,7 +109,9 @@ def _refuse_without(folder: Path, need: int, have: int, room: int) -> None:
 
 
 def _make_room(folder: Path, need: int, room: int) -> None:
-    """Make the folder of the forcing's slices, if there is room for them [bytes]; say so where there is none."""
+    """Make the folder of the forcing's slices, if there is room for them [bytes]; say so where
+    there is none.
+    """
     have = sum(path.stat().st_size for path in folder.glob("*"))
     if need <= room + have:
         folder.mkdir(exist_ok=True)
@@ -112,15 +135,19 @@ def begun(out: Path, fingerprint: Mapping[str, str]) -> int | None:
     fingerprint: of it, whatever the number of its shards.
     """
     before = mark_of(shelf_beside(out))
-    if before is None or any(before.get(name) != value for name, value in fingerprint.items() if name != NUMBER):
+    if before is None or any(
+        before.get(name) != value for name, value in fingerprint.items() if name != NUMBER
+    ):
         return None
     return int(before[NUMBER]) if str(before.get(NUMBER)).isdecimal() else None
 
 
 def settled(backend: str, out: str | os.PathLike[str] | None, client: Any = None) -> str:
-    """Return a backend, and in place of AUTO the one on which an unfinished run to a folder was moved, if there is one.
+    """Return a backend, and in place of AUTO the one on which an unfinished run to a folder was
+    moved, if there is one.
 
-    On another one nothing that is finished would count. client: of workers, who have processors alone.
+    On another one nothing that is finished would count. client: of workers, who have processors
+    alone.
     """
     if backend != runtime.AUTO or out is None or client is not None:
         return backend
@@ -129,7 +156,9 @@ def settled(backend: str, out: str | os.PathLike[str] | None, client: Any = None
 
 
 def clear(out: Path, fingerprint: Mapping[str, str] | None = None) -> None:
-    """Take away what is kept of a run whose results stand; fingerprint: of that run, if another's is to be left."""
+    """Take away what is kept of a run whose results stand; fingerprint: of that run, if another's
+    is to be left.
+    """
     folder = shelf_beside(out)
     if unfinished(out) and (fingerprint is None or begun(out, fingerprint) is not None):
         with hidden.alone(folder, 0.0) as free:
@@ -138,7 +167,9 @@ def clear(out: Path, fingerprint: Mapping[str, str] | None = None) -> None:
 
 
 def shelf_beside(out: Path) -> Path:
-    """Return the folder beside that of the results; where a link of that name leads, one of these results' own."""
+    """Return the folder beside that of the results; where a link of that name leads, one of these
+    results' own.
+    """
     place = _place(out)
     if not place.is_symlink():
         return place
@@ -148,9 +179,13 @@ def shelf_beside(out: Path) -> Path:
 
 
 def _place(out: Path) -> Path:
-    """Return where the folder lies: beside the results, or in them where nothing can be made there, as beside a mount."""
+    """Return where the folder lies: beside the results, or in them where nothing can be made there,
+    as beside a mount.
+    """
     real = Path(os.path.realpath(out))
-    inside = real.is_dir() and (os.path.ismount(real) or not os.access(real.parent, os.W_OK | os.X_OK))
+    inside = real.is_dir() and (
+        os.path.ismount(real) or not os.access(real.parent, os.W_OK | os.X_OK)
+    )
     return real / hidden.UNFINISHED if inside else real.parent / f".{real.name}{hidden.UNFINISHED}"
 
 
@@ -161,7 +196,9 @@ def _removed_if_empty(folder: Path) -> None:
 
 
 def _take_up(work: Work, fingerprint: Mapping[str, str]) -> None:
-    """Use what a run before has finished, if it was the same; else say what has changed, and begin anew."""
+    """Use what a run before has finished, if it was the same; else say what has changed, and begin
+    anew.
+    """
     about, before = work.folder / ABOUT, mark_of(work.folder)
     if before == dict(fingerprint):
         many = len(list(work.folder.glob(INDICES)))
@@ -169,8 +206,13 @@ def _take_up(work: Work, fingerprint: Mapping[str, str]) -> None:
             LOG.warning("%d shards of this run were finished before: it goes on from there", many)
         return
     if before is not None:
-        changed = [name for name in {**before, **fingerprint} if before.get(name) != fingerprint.get(name)]
-        LOG.warning("an unfinished run is there, but %s changed since: it starts again", " and ".join(changed))
+        changed = [
+            name for name in {**before, **fingerprint} if before.get(name) != fingerprint.get(name)
+        ]
+        LOG.warning(
+            "an unfinished run is there, but %s changed since: it starts again",
+            " and ".join(changed),
+        )
     work.drop()
     replace(about, json.dumps(dict(fingerprint)))
 
@@ -191,13 +233,18 @@ def slices(case: Case, scene: Scene) -> int:
 
 
 def need(case: Case, particles: int) -> int:
-    """Return about how many bytes the files of a run take: outputs, what is told of updates, states between stretches."""
-    told = len(case.sorties) + len(case.contacts) + len(case.sensors.telling) + 2  # with the begin and the end
+    """Return about how many bytes the files of a run take: outputs, what is told of updates, states
+    between stretches.
+    """
+    # with the begin and the end
+    told = len(case.sorties) + len(case.contacts) + len(case.sensors.telling) + 2
     again = case.resampling.below > 0
     states = 0  # of the stretch under way and the one before
     if again or any(contact.belief < 1 for contact in case.contacts):
         states = 2 * (
-            STATE + DEBRIS * len({contact.drifter for contact in case.contacts} - {None}) + 4 * len(case.sorties)
+            STATE
+            + DEBRIS * len({contact.drifter for contact in case.contacts} - {None})
+            + 4 * len(case.sorties)
         )
     noted = (NOTED + DRAWN * again) * told if run_setup.is_told(case) else 0
     return particles * (BYTES * case.outputs.size + BYTES_END + noted + states)

@@ -1,8 +1,8 @@
 """A spill's run cut into shards: ranges of whole blocks of its worlds, with all classes of objects.
 
-Each round, the worlds first drawn and those drawn anew after it, is moved shard by shard, and what it was like is kept
-beside the rounds before. What finds say of worlds is made of their fates, read from the files of the shards part by part, as
-from the file of a run in one piece.
+Each round, the worlds first drawn and those drawn anew after it, is moved shard by shard, and what
+it was like is kept beside the rounds before. What finds say of worlds is made of their fates, read
+from the files of the shards part by part, as from the file of a run in one piece.
 """
 
 import contextlib
@@ -51,7 +51,8 @@ class Shards:
 
     setup: Setup
     worlds: Worlds
-    spans: tuple[tuple[int, int], ...]  # of each shard, the number of its first world and of the one after its last
+    # of each shard, the number of its first world and of the one after its last
+    spans: tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -79,18 +80,26 @@ class Unit:
         """Return the particles, and how many of each class found no water."""
         case = self.case
         assert case.spill is not None
-        return release.drawn(case.spill, self.worlds, case.period, case.errors, coast, self.seed, self.layout)
+        return release.drawn(
+            case.spill, self.worlds, case.period, case.errors, coast, self.seed, self.layout
+        )
 
     @property
     def name(self) -> str:
         """What its file is called."""
         return f"shard-{self.number:05}"
 
-    def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work) -> ShardFile:
-        """Return what the particles were like at all output times, and their stays ashore; tell: takes what is done."""
+    def move(
+        self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work
+    ) -> ShardFile:
+        """Return what the particles were like at all output times, and their stays ashore; tell:
+        takes what is done.
+        """
         return kept.reel(self.name, self.n, partial(self._fill, scene, where, tell), self.of)
 
-    def _fill(self, scene: Scene, where: Environment, tell: simulate.Progress | None, reel: ShardFile) -> None:
+    def _fill(
+        self, scene: Scene, where: Environment, tell: simulate.Progress | None, reel: ShardFile
+    ) -> None:
         case = self.case
         if tell:
             tell(0.0)
@@ -124,7 +133,10 @@ class Rounds:
             cluster.move_shards_on_cluster(
                 job.client, kept, self.mark, missing, partial(self._tell, many - len(missing))
             )
-        reels = [unit.move(setup.scene, job.where, partial(self._tell, done), kept) for done, unit in enumerate(units)]
+        reels = [
+            unit.move(setup.scene, job.where, partial(self._tell, done), kept)
+            for done, unit in enumerate(units)
+        ]
         spool = SnapshotStore([reels], worlds=True)
         try:
             release.check(_spill(job.case), np.sum([dry for _, dry in spool.noted(DRY)], axis=0))
@@ -135,14 +147,18 @@ class Rounds:
         return Drifted(seed, spool, drawn)
 
     def _tell(self, done: int, share: float) -> None:
-        """Tell how much of the round is done: so many shards, and a share of another (or of more, from 1 on)."""
+        """Tell how much of the round is done: so many shards, and a share of another (or of more,
+        from 1 on).
+        """
         self.job.tell("drift", min((done + share) / len(self.run.spans), 1.0))
 
 
 @contextlib.contextmanager
 def open_rounds(job: Job, run: Shards) -> Iterator[Rounds]:
     """Give what moves the rounds of a spill."""
-    need = shelf.need(job.case, job.case.particles) + (BYTES_STAY + BYTES_WEIGHED) * job.case.particles
+    need = (
+        shelf.need(job.case, job.case.particles) + (BYTES_STAY + BYTES_WEIGHED) * job.case.particles
+    )
     slices, mark = (
         shelf.slices(job.case, run.setup.scene),
         fingerprint.fingerprint_of(job.case, job.where, len(run.spans)),
@@ -166,9 +182,13 @@ def prepare(case: Case, where: Environment, many: int) -> Shards:
     spans = tuple(itertools.pairwise(edges))
     coast = device_coast.upload(where.coast)
     units = _units(case, Clock(0, 0, case.direction, 1, 0), spans, drawn, case.seed, 0)
-    setup = run_setup.staged(case, where, coast, _sample(spill, units, coast), (0.0,) * len(case.scenarios))
+    setup = run_setup.staged(
+        case, where, coast, _sample(spill, units, coast), (0.0,) * len(case.scenarios)
+    )
     with run_setup.closed_on_failure(setup):
-        lacks = [lost.lacking(where.box, unit.draw(coast)[0], setup.scene, setup.clock) for unit in units]
+        lacks = [
+            lost.lacking(where.box, unit.draw(coast)[0], setup.scene, setup.clock) for unit in units
+        ]
         lost.check_prior(setup.spec, where, case.max_lost, setup.scene, lost.merged(lacks))
     return Shards(setup, drawn, spans)
 
@@ -179,7 +199,12 @@ def _spill(case: Case) -> Spill:
 
 
 def _units(
-    case: Case, clock: Clock, spans: tuple[tuple[int, int], ...], drawn: Worlds, seed: int, first: int
+    case: Case,
+    clock: Clock,
+    spans: tuple[tuple[int, int], ...],
+    drawn: Worlds,
+    seed: int,
+    first: int,
 ) -> list[Unit]:
     """Return the shards of some worlds; first: number of the first of them."""
     return [

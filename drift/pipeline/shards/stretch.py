@@ -1,10 +1,13 @@
-"""A stretch of a shard's run: until its particles have to meet those of all others, or the run is over.
+"""A stretch of a shard's run: until its particles have to meet those of all others, or the run is
+over.
 
-They meet where a doubtful contact asks how likely it was by all particles, and after a step in which something took
-effect if particles may be drawn anew. There a shard stops. Before a contact it leaves its state as it was at the begin of the step, which is
-made again once the answer is known; nothing of that step counts until then.
+They meet where a doubtful contact asks how likely it was by all particles, and after a step in
+which something took effect if particles may be drawn anew. There a shard stops. Before a contact it
+leaves its state as it was at the begin of the step, which is made again once the answer is known;
+nothing of that step counts until then.
 
-What took effect is taken down in the shard's reel, with all columns from which it is told later (drift.pipeline.shards.told).
+What took effect is taken down in the shard's reel, with all columns from which it is told later
+(drift.pipeline.shards.told).
 """
 
 import json
@@ -33,7 +36,8 @@ EVENTS, RESULT = "events", "result"  # notes: what took effect, and why a stretc
 class Result(NamedTuple):
     """Why and when a stretch of a shard ended."""
 
-    since: int | None = None  # [s after start] at which the next goes on; None: from the run's start
+    # [s after start] at which the next goes on; None: from the run's start
+    since: int | None = None
     contact: int | None = None  # number of the contact whose mean likelihood it has to know
     anew: bool = False  # whether particles may have to be drawn anew
 
@@ -48,7 +52,9 @@ class Stop(Exception):
 
 
 class Stretch:
-    """One stretch of a shard: a drift.evidence.filter.meeting.Meeting that stops where it does not know."""
+    """One stretch of a shard: a drift.evidence.filter.meeting.Meeting that stops where it does not
+    know.
+    """
 
     def __init__(
         self,
@@ -61,8 +67,9 @@ class Stretch:
     ) -> None:
         """Make ready.
 
-        reel: takes what happens; state: what particles are like at the end. contacts: with their times [s after start]; known:
-        log mean likelihoods of doubtful ones, by number. since: when it begins; read: where quantities of posteriors are read.
+        reel: takes what happens; state: what particles are like at the end. contacts: with their
+        times [s after start]; known: log mean likelihoods of doubtful ones, by number. since: when
+        it begins; read: where quantities of posteriors are read.
         """
         self._reel, self._state, self._read, self._known = reel, state, read, known
         self._doubts = [
@@ -82,9 +89,15 @@ class Stretch:
         self._values("begin")
 
     def begin(self, elapsed: int, until: int) -> None:
-        """Take note that a step is about to be made; keep the state where it will not be known how it goes on."""
+        """Take note that a step is about to be made; keep the state where it will not be known how
+        it goes on.
+        """
         self._until = until
-        if elapsed > 0 and elapsed != self.since and any(elapsed < time <= until for time in self._doubts):
+        if (
+            elapsed > 0
+            and elapsed != self.since
+            and any(elapsed < time <= until for time in self._doubts)
+        ):
             self._mark = len(self._events), len(self._reel.taken)
             self._keep(elapsed)
 
@@ -94,8 +107,15 @@ class Stretch:
         for name in event.columns.read:
             self._reel.note(f"{number} {name}", event.columns.whole(name))
         self._values(str(number))
-        told = {"name": event.name, "kind": event.kind, "time": str(event.time), "columns": list(event.columns.read)}
-        self._events.append({**told, "unit": event.unit, "middle": event.middle, "certain": event.certain})
+        told = {
+            "name": event.name,
+            "kind": event.kind,
+            "time": str(event.time),
+            "columns": list(event.columns.read),
+        }
+        self._events.append(
+            {**told, "unit": event.unit, "middle": event.middle, "certain": event.certain}
+        )
 
     def mean(self, contact: int, before: Weighed, after: Weighed) -> float:
         """Return the log of the mean likelihood of a contact, or stop to ask for it."""
@@ -161,7 +181,9 @@ def result(reel: ShardFile) -> Result:
 def weighed(reel: ShardFile, name: str, blocks: Blocks) -> Weighed:
     """Return the weights before or after a contact of the particles of a shard."""
     sums = reel.noted(f"{name} sums").reshape(-1, 1, 2)
-    return Weighed(reel.noted(f"{name} top"), Partial(blocks.scenarios, blocks.scenario, blocks.number, sums))
+    return Weighed(
+        reel.noted(f"{name} top"), Partial(blocks.scenarios, blocks.scenario, blocks.number, sums)
+    )
 
 
 def contacts_of(spec: EnsembleSpec, contacts: Sequence[Contact]) -> list[tuple[int, Contact]]:

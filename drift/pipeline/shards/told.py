@@ -1,4 +1,5 @@
-"""What is told of a run in shards, made from what was taken down of all of them, stretch after stretch.
+"""What is told of a run in shards, made from what was taken down of all of them, stretch after
+stretch.
 
 It is made part by part, by what makes it of a run in one piece: so it has the same bits.
 """
@@ -44,13 +45,24 @@ class Told:
     """Updates and posteriors of a run in shards."""
 
     def __init__(
-        self, case: Case, setup: Setup, reels: Sequence[ShardFile], layout: Layout, noted: Noted | None
+        self,
+        case: Case,
+        setup: Setup,
+        reels: Sequence[ShardFile],
+        layout: Layout,
+        noted: Noted | None,
     ) -> None:
-        """Take down what the particles of all shards are at the begin of the run; noted: is told of each update."""
+        """Take down what the particles of all shards are at the begin of the run; noted: is told of
+        each update.
+        """
         self._case, self._setup = case, setup
         self.beliefs: Beliefs | None = None
         self.begun: Standing | None = None
-        begin = columns(reels, layout.blocks, ("log_weight", "release")) if run_setup.is_told(case) else None
+        begin = (
+            columns(reels, layout.blocks, ("log_weight", "release"))
+            if run_setup.is_told(case)
+            else None
+        )
         if begin is not None and run_setup.is_believed(case):
             self.beliefs = Beliefs(setup.spec, begin, _TakenDown(reels, "begin", layout.blocks))
         self.account = Account(setup.spec, run_setup.noting(self.beliefs, noted))
@@ -64,11 +76,18 @@ class Told:
         for number, event in enumerate(stretch.events(reels[0])):
             if self.beliefs is not None:
                 self.beliefs.source = _TakenDown(reels, str(number), layout.blocks)
-            own = columns(reels, layout.blocks, {name: f"{number} {name}" for name in event["columns"]})
-            self.account.take(Event(**{**event, "time": np.datetime64(event["time"]), "columns": own}))
+            own = columns(
+                reels, layout.blocks, {name: f"{number} {name}" for name in event["columns"]}
+            )
+            self.account.take(
+                Event(**{**event, "time": np.datetime64(event["time"]), "columns": own})
+            )
 
     def updates(self, reels: Sequence[ShardFile], layout: Layout) -> Updates | None:
-        """Return all updates of a run whose last stretch is over; None: nothing was searched or seen."""
+        """Return all updates of a run whose last stretch is over;
+
+        None: nothing was searched or seen.
+        """
         case, spec = self._case, self._setup.spec
         if "unsearched" not in reels[0].notes:
             return None
@@ -85,11 +104,20 @@ class Told:
         return self.account.told(as_flown, crossed)
 
 
-def columns(reels: Sequence[ShardFile], blocks: Blocks, names: Mapping[str, str] | Sequence[str]) -> Columns:
-    """Return columns of all particles, as they were taken down of each shard; names: under which, by their own."""
-    own, edges = names if isinstance(names, Mapping) else {name: name for name in names}, _edges(reels)
+def columns(
+    reels: Sequence[ShardFile], blocks: Blocks, names: Mapping[str, str] | Sequence[str]
+) -> Columns:
+    """Return columns of all particles, as they were taken down of each shard; names: under which,
+    by their own.
+    """
+    own, edges = (
+        names if isinstance(names, Mapping) else {name: name for name in names},
+        _edges(reels),
+    )
     reads = {name: partial(ShardFile.noted, name=noted) for name, noted in own.items()}
-    return Columns(blocks, {name: partial(_some, reels, edges, read) for name, read in reads.items()})
+    return Columns(
+        blocks, {name: partial(_some, reels, edges, read) for name, read in reads.items()}
+    )
 
 
 def at_end(reels: Sequence[ShardFile], blocks: Blocks) -> Columns:
@@ -108,11 +136,19 @@ def _edges(reels: Sequence[ShardFile]) -> Array:
     return np.cumsum([0, *(reel.n for reel in reels)])
 
 
-def _some(reels: Sequence[ShardFile], edges: Array, read: Callable[..., Array], first: int, last: int) -> Array:
-    """Return a column of some slots of the run, whose shards come one after another; read: gives it of slots of a reel."""
+def _some(
+    reels: Sequence[ShardFile], edges: Array, read: Callable[..., Array], first: int, last: int
+) -> Array:
+    """Return a column of some slots of the run, whose shards come one after another; read: gives it
+    of slots of a reel.
+    """
     begin, end = (np.searchsorted(edges, (first, last - 1), side="right") - 1).tolist()
     found = [
-        read(reels[k], first=max(first - int(edges[k]), 0), last=min(last - int(edges[k]), reels[k].n))
+        read(
+            reels[k],
+            first=max(first - int(edges[k]), 0),
+            last=min(last - int(edges[k]), reels[k].n),
+        )
         for k in range(begin, end + 1)
     ]
     return found[0] if len(found) == 1 else np.concatenate(found)

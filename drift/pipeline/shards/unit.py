@@ -48,7 +48,8 @@ class Unit:
     first: int  # its first slot in the whole run
     stretch: int = 0
     since: From | None = None  # None: the run's start
-    known: Mapping[int, float] | None = None  # log mean likelihoods of doubtful contacts, by their numbers
+    # log mean likelihoods of doubtful contacts, by their numbers
+    known: Mapping[int, float] | None = None
     guide: Guide | None = None  # how its particles are guided toward finds of debris
     of: str = ""  # nothing besides the fingerprint of the run
 
@@ -67,8 +68,12 @@ class Unit:
         """What the file of its state at the end is called."""
         return state_of(self.number, self.stretch)
 
-    def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work) -> ShardFile:
-        """Return what the particles are like at the output times of the stretch, and what took effect; tell: takes what is done."""
+    def move(
+        self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work
+    ) -> ShardFile:
+        """Return what the particles are like at the output times of the stretch, and what took
+        effect; tell: takes what is done.
+        """
 
         def fill(reel: ShardFile) -> None:
             with kept.also(self.state, self.n) as state:
@@ -97,26 +102,39 @@ class Unit:
                     spec, own = self.guide.spec(spec), self.guide.scene(own)
                 ensemble = prior.empty(spec, self.layout)
             begin = Start(
-                spec=spec, dry=(), scene=own, clock=self.clock, trial=None, guide=self.guide, ensemble=ensemble
+                spec=spec,
+                dry=(),
+                scene=own,
+                clock=self.clock,
+                trial=None,
+                guide=self.guide,
+                ensemble=ensemble,
             )
             if self.since is None:
                 begin = run_setup.guided(case, where, begin)
             spec, own, ensemble = begin.spec, begin.scene, begin.ensemble
             read = Particles(spec, ensemble, own.steering) if run_setup.is_believed(case) else None
             time = None if self.since is None else self.since.time
-            told = Stretch(reel, state, stretch.contacts_of(spec, case.contacts), self.known or {}, time, read)
+            told = Stretch(
+                reel, state, stretch.contacts_of(spec, case.contacts), self.known or {}, time, read
+            )
             if self.since is None and self.stretch == 0 and run_setup.is_told(case):
                 told.drawn(ensemble.log_weight.to_numpy(), ensemble.release.to_numpy())
-            search = told.search = run_setup.search(case, begin, meeting=told, resumed=time is not None)
+            search = told.search = run_setup.search(
+                case, begin, meeting=told, resumed=time is not None
+            )
             if search is not None and self.since is not None:
                 restore(search, kept, self.since, self.first)
             outputs = case.period.seconds(case.outputs)
-            moments = simulate.run(ensemble, own, self.clock, outputs, tell, search=search, since=time)
+            moments = simulate.run(
+                ensemble, own, self.clock, outputs, tell, search=search, since=time
+            )
             with contextlib.suppress(Stop):
                 reel.record(case.period, moments)
                 reel.end_with(ensemble)
                 told.over()
-            told.search = None  # they know of each other: the memory of both would wait for the garbage collector
+            # they know of each other: the memory of both would wait for the garbage collector
+            told.search = None
 
 
 def state_of(number: int, stretch: int) -> str:
@@ -125,7 +143,9 @@ def state_of(number: int, stretch: int) -> str:
 
 
 def restore(search: SearchFilter, kept: Work, since: From, first: int) -> None:
-    """Give a search that has just been made the state with which it goes on; first: slot of its first particle in the run."""
+    """Give a search that has just been made the state with which it goes on; first: slot of its
+    first particle in the run.
+    """
     n, slots = search.ensemble.n, np.arange(first, first + search.ensemble.n)
     drawn = kept.read(since.drawn) if since.drawn else None
     if drawn is not None:
@@ -140,7 +160,9 @@ def restore(search: SearchFilter, kept: Work, since: From, first: int) -> None:
         marker.go_on(begun.noted(f"marker {number}").reshape(-1, 3))
     search.resume(since.time)
     if drawn is not None:
-        log_weight, spare = (drawn.noted(name, first, first + n) for name in ("log_weight", "spare"))
+        log_weight, spare = (
+            drawn.noted(name, first, first + n) for name in ("log_weight", "spare")
+        )
         search.begin_anew(Drawn(slots, log_weight, spare, search.ensemble.layout), since.time)
 
 

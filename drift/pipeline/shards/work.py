@@ -1,8 +1,9 @@
 """What a run in shards has finished: files, so that one that was killed goes on from there.
 
-Each shard's outputs are a file; a second one, written last and moved to its name in one step, says where its columns
-lie and what its bytes add up to, and is sealed to the run. A file that was cut short or altered is found by that, and
-its shard is done again. The folder in which they lie: drift.pipeline.shards.shelf.
+Each shard's outputs are a file; a second one, written last and moved to its name in one step, says
+where its columns lie and what its bytes add up to, and is sealed to the run. A file that was cut
+short or altered is found by that, and its shard is done again. The folder in which they lie:
+drift.pipeline.shards.shelf.
 """
 
 import contextlib
@@ -29,10 +30,12 @@ from geo.errors import UserError
 ABOUT = "about.json"
 NUMBER, BACKEND = "the number of shards", "the backend"  # in the fingerprint
 INDICES = "shard-*.json"
-KINDS_OF_FILES = ("shard", "state", "drawn")  # of stretches, of where they ended, of who was drawn anew there
+# of stretches, of where they ended, of who was drawn anew there
+KINDS_OF_FILES = ("shard", "state", "drawn")
 FORCING = "forcing"  # folder of slices, which all shards sample and one makes
 CHUNK = 2**24
-LOG = logging.getLogger("drift")  # warnings come to standard error unless a program sends them elsewhere
+# warnings come to standard error unless a program sends them elsewhere
+LOG = logging.getLogger("drift")
 
 
 class Task(Protocol):
@@ -54,8 +57,12 @@ class Task(Protocol):
     def of(self) -> str:
         """What it follows from besides the fingerprint of the run."""
 
-    def move(self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: "Work") -> ShardFile:
-        """Return what the particles were like, moved unless that is kept; tell: takes the share that is done."""
+    def move(
+        self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: "Work"
+    ) -> ShardFile:
+        """Return what the particles were like, moved unless that is kept; tell: takes the share
+        that is done.
+        """
 
 
 @dataclass(frozen=True)
@@ -64,10 +71,12 @@ class Work:
 
     folder: Path
     run: str  # digest of the fingerprint of the run whose files count
-    sound: set[str] = field(default_factory=set)  # files whose bytes are known to be as they were written
+    # files whose bytes are known to be as they were written
+    sound: set[str] = field(default_factory=set)
 
     def reel(self, name: str, n: int, fill: Callable[[ShardFile], None], of: str = "") -> ShardFile:
-        """Return the reel of a file, read where it is finished, else filled and kept; n: its particles.
+        """Return the reel of a file, read where it is finished, else filled and kept; n: its
+        particles.
 
         of: what it follows from besides the fingerprint, such as the worlds of a renewal.
         """
@@ -107,7 +116,9 @@ class Work:
         self.sound.add(name)
 
     def read(self, name: str) -> ShardFile:
-        """Return the reel of a file that was finished before; raise Gone where it is not there, or has been altered."""
+        """Return the reel of a file that was finished before; raise Gone where it is not there, or
+        has been altered.
+        """
         finished = self._finished(name, "")
         if finished is None:
             raise Gone(name)
@@ -130,7 +141,9 @@ class Work:
     def _refusal(self, data: Path, why: str) -> UserError:
         with contextlib.suppress(OSError):
             data.unlink()
-        return UserError(f"{self.folder}: {why}; {self.kept}; free some space, or name another folder with --out")
+        return UserError(
+            f"{self.folder}: {why}; {self.kept}; free some space, or name another folder with --out"
+        )
 
     @property
     def kept(self) -> str:
@@ -165,7 +178,10 @@ class Work:
         return self.folder / f"{name}.json"
 
     def _finished(self, name: str, of: str) -> ShardFile | None:
-        """Return the reel of a file that is finished; None where it is not, or has been altered since."""
+        """Return the reel of a file that is finished;
+
+        None where it is not, or has been altered since.
+        """
         data = self._data(name)
         try:
             index = json.loads(self._index(name).read_text(encoding="utf-8"))
@@ -220,7 +236,9 @@ def mark_of(folder: Path) -> dict[str, Any] | None:
 
 
 def run_in(folder: Path) -> str:
-    """Return the digest of the fingerprint of the run whose files a folder keeps; empty where there is none."""
+    """Return the digest of the fingerprint of the run whose files a folder keeps; empty where there
+    is none.
+    """
     return run_of(mark_of(folder) or {})
 
 

@@ -1,4 +1,6 @@
-"""What a worker of a cluster does: opens a case's environment once, moves shards in it, and keeps them in the run's folder."""
+"""What a worker of a cluster does: opens a case's environment once, moves shards in it, and keeps
+them in the run's folder.
+"""
 
 import functools
 import math
@@ -35,12 +37,16 @@ def process() -> str:
 
 
 def room(dask_worker: Any) -> tuple[str, float, float]:
-    """Return which machine this is, what memory it has left, and what dask lets the worker take, which it gives [bytes]."""
+    """Return which machine this is, what memory it has left, and what dask lets the worker take,
+    which it gives [bytes].
+    """
     return host(), float(memory.free()), float(dask_worker.memory_manager.memory_limit or math.inf)
 
 
 def about(folder: str = "") -> dict[str, str]:
-    """Return what tells this worker from others, and whether it sees the run's folder, if there is one yet."""
+    """Return what tells this worker from others, and whether it sees the run's folder, if there is
+    one yet.
+    """
     with runtime.alone():
         runtime.start(threads=1)
         return {**_machine(), "folder": str(not folder or (Path(folder) / work.ABOUT).is_file())}
@@ -52,7 +58,9 @@ def _machine() -> dict[str, str]:
 
 
 def move(folder: str, mark: Mapping[str, str], unit: work.Task) -> str:
-    """Move a shard of the run of a fingerprint, keep it in the run's folder, and return its name there."""
+    """Move a shard of the run of a fingerprint, keep it in the run's folder, and return its name
+    there.
+    """
     with runtime.alone():
         where, scene = _opened(unit.case, mark)
         kept = work.Work(Path(folder), work.run_of(mark))
@@ -80,7 +88,8 @@ def release() -> None:
 def _opened(case: Case, mark: Mapping[str, str]) -> tuple[Environment, Scene]:
     """Return the environment and scene of a run, opened once; start Taichi, which is held.
 
-    Raises UserError where this machine, or a file as it is seen from here, is not what the run's fingerprint says.
+    Raises UserError where this machine, or a file as it is seen from here, is not what the run's
+    fingerprint says.
     """
     runtime.start(threads=1)
     _check(mark, _machine())

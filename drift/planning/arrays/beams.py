@@ -1,11 +1,13 @@
-"""What each beam of a plan's arrays would hear of particles in each slot: the chances that an allocation is made of.
+"""What each beam of a plan's arrays would hear of particles in each slot: the chances that an
+allocation is made of.
 
-Arrays stand or are towed; particles are those on which plans are made (drift.planning.search.follow). A chance is that of the
-search's own mathematics (kernels.planning.beams) over one slot, in which a beam begins as if it had never listened.
+Arrays stand or are towed; particles are those on which plans are made
+(drift.planning.search.follow). A chance is that of the search's own mathematics
+(kernels.planning.beams) over one slot, in which a beam begins as if it had never listened.
 
-What a group of sensors has in common and nobody knows (its `unknown`) is drawn for each particle, once for all slots and
-sensors of the group: given its value beams miss a particle independently, and the mean over particles is that over the
-unknown too.
+What a group of sensors has in common and nobody knows (its `unknown`) is drawn for each particle,
+once for all slots and sensors of the group: given its value beams miss a particle independently,
+and the mean over particles is that over the unknown too.
 """
 
 import math
@@ -36,7 +38,9 @@ Tell = Callable[[float], None]
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Arrays and the particles among which they listen, at edges of bins of which each lies in one slot."""
+    """Arrays and the particles among which they listen, at edges of bins of which each lies in one
+    slot.
+    """
 
     listeners: tuple[Listener, ...]
     tracks: Tracks
@@ -54,14 +58,20 @@ class Field:
 
 
 def field(listeners: Sequence[Listener], tracks: Tracks, edges: Array, seed: int) -> Field:
-    """Return arrays among particles; edges: of slots, datetime64 (slots + 1,), within the time of the tracks."""
+    """Return arrays among particles; edges: of slots, datetime64 (slots + 1,), within the time of
+    the tracks.
+    """
     slots = notation.epochs(edges).astype(float)
     inner = [np.array(one.legs.time) for one in listeners if one.legs is not None]
     time = np.unique(np.concatenate([tracks.time, slots, *inner]))
     cut = at_edges(tracks, time[(time >= slots[0]) & (time <= slots[-1])])
     turned = [np.ascontiguousarray(x.T) for x in (cut.lon, cut.lat, cut.adrift)]
     swarm = Swarm(
-        (cut.time - cut.time[0]).astype(np.float32), turned[0], turned[1], turned[2].astype(np.uint8), cut.scenario
+        (cut.time - cut.time[0]).astype(np.float32),
+        turned[0],
+        turned[1],
+        turned[2].astype(np.uint8),
+        cut.scenario,
     )
     drawn = _unknowns(listeners, cut.m, seed)
     tables, courses, gains = [], [], []
@@ -71,13 +81,21 @@ def field(listeners: Sequence[Listener], tracks: Tracks, edges: Array, seed: int
         courses.append(course(one, cut.time))
         gains.append(_gains(sonar))
     return Field(
-        tuple(listeners), cut, swarm, np.searchsorted(cut.time, slots), tuple(tables), tuple(courses), tuple(gains),
+        tuple(listeners),
+        cut,
+        swarm,
+        np.searchsorted(cut.time, slots),
+        tuple(tables),
+        tuple(courses),
+        tuple(gains),
         tuple(drawn[one.sensor.group] * _sonar(one).unknown for one in listeners),
-    )  # fmt: skip
+    )
 
 
 def at_edges(tracks: Tracks, time: Array) -> Tracks:
-    """Return the same tracks at times [s since 1970] within theirs, straight in between; velocities are left out."""
+    """Return the same tracks at times [s since 1970] within theirs, straight in between; velocities
+    are left out.
+    """
     k = np.clip(np.searchsorted(tracks.time, time, side="right") - 1, 0, tracks.bins - 1)
     share = ((time - tracks.time[k]) / (tracks.time[k + 1] - tracks.time[k]))[:, None]
     lon, lat = (
@@ -102,15 +120,22 @@ def _sonar(listener: Listener) -> Sonar:
 
 
 def _gains(sonar: Sonar) -> Real:
-    """Return the gains of all beams [dB] by relative bearing, evenly round from ahead, less the threshold (beams, sides)."""
+    """Return the gains of all beams [dB] by relative bearing, evenly round from ahead, less the
+    threshold (beams, sides).
+    """
     sides = hearing.even(sonar.gain.bearing, hearing.MOST_SIDES)
     at = np.arange(sides) * hearing.TURN / sides
-    every = [hearing.round_circle(at, sonar.gain.bearing, Ear(sonar, (k,)).gain) for k in range(len(sonar.gain.beams))]
+    every = [
+        hearing.round_circle(at, sonar.gain.bearing, Ear(sonar, (k,)).gain)
+        for k in range(len(sonar.gain.beams))
+    ]
     return (np.stack(every) - sonar.threshold).astype(np.float32)
 
 
 def _unknowns(listeners: Sequence[Listener], m: int, seed: int) -> dict[str, Real]:
-    """Return of each group standard normal numbers, one a particle: every m-th part of the distribution has one."""
+    """Return of each group standard normal numbers, one a particle: every m-th part of the
+    distribution has one.
+    """
     found = {}
     for number, group in enumerate(dict.fromkeys(one.sensor.group for one in listeners)):
         order = np.random.default_rng((seed, number)).permutation(m)
@@ -134,7 +159,9 @@ def course(listener: Listener, time: Array) -> Course:
 
 
 def _towed(legs: Legs, time: Array) -> tuple[Array, Array, Array, Array]:
-    """Return lon, lat [rad] at times (e,), and of each bin the course [rad] and whether it listens; bins end at vertices."""
+    """Return lon, lat [rad] at times (e,), and of each bin the course [rad] and whether it listens;
+    bins end at vertices.
+    """
     first, last = legs.time[0], legs.time[-1]
     places = np.radians([polyline.position_at(legs, float(np.clip(t, first, last))) for t in time])
     lon, lat = sphere.wrap(places[:, 0]), places[:, 1]
@@ -148,7 +175,10 @@ def chances(field: Field, tell: Tell = lambda share: None) -> list[sparse.csc_ar
     """Return of each slot the chance that each beam hears each particle, (particles, beams)."""
     made, slots = [], len(field.slots) - 1
     bins = len(field.swarm.time) - 1
-    rows = [np.repeat(np.arange(len(gain), dtype=np.int32), bins).reshape(-1, bins) for gain in field.gains]
+    rows = [
+        np.repeat(np.arange(len(gain), dtype=np.int32), bins).reshape(-1, bins)
+        for gain in field.gains
+    ]
     for slot in range(slots):
         span = int(field.slots[slot]), int(field.slots[slot + 1])
         parts = []
@@ -165,21 +195,31 @@ def chances(field: Field, tell: Tell = lambda share: None) -> list[sparse.csc_ar
 def _missed(field: Field, number: int, beams: Beams, span: tuple[int, int]) -> Real:
     return np.asarray(
         kernel.missed(
-            field.swarm, field.tables[number], field.courses[number], beams, span, field.offsets[number], PART
+            field.swarm,
+            field.tables[number],
+            field.courses[number],
+            beams,
+            span,
+            field.offsets[number],
+            PART,
         )
     )
 
 
 def carried(field: Field, chosen: Chosen) -> Real:
-    """Return the chance that each particle is heard at least once by the beams chosen of each slot, (m,).
+    """Return the chance that each particle is heard at least once by the beams chosen of each slot,
+    (m,).
 
-    Here an array's fluctuation is carried from slot to slot, and is the same for all of its beams, of which the best is
-    listened to: that is how a watch that processes these beams is reckoned by a run.
+    Here an array's fluctuation is carried from slot to slot, and is the same for all of its beams,
+    of which the best is listened to: that is how a watch that processes these beams is reckoned by
+    a run.
     """
     whole = 0, len(field.swarm.time) - 1
     log = np.zeros(len(field.swarm.scenario))
     for number, (first, gain) in enumerate(zip(_firsts(field), field.gains, strict=True)):
-        own = [tuple(b - first for b in beams if first <= b < first + len(gain)) for beams in chosen]
+        own = [
+            tuple(b - first for b in beams if first <= b < first + len(gain)) for beams in chosen
+        ]
         kinds = [kind for kind in dict.fromkeys(own) if kind]
         if not kinds:
             continue
@@ -196,10 +236,15 @@ def _firsts(field: Field) -> list[int]:
 
 
 def looks(listener: Listener) -> list[str]:
-    """Return what an array's beams are called: relative bearings (R), and true ones (T) of one that stands; both sides of a line."""
+    """Return what an array's beams are called: relative bearings (R), and true ones (T) of one that
+    stands; both sides of a line.
+    """
     sonar = _sonar(listener)
     stands = listener.legs is None and not listener.tow
-    return [_look(sonar.gain, k, listener.sensor.heading if stands else None) for k in range(len(sonar.gain.beams))]
+    return [
+        _look(sonar.gain, k, listener.sensor.heading if stands else None)
+        for k in range(len(sonar.gain.beams))
+    ]
 
 
 def _look(gain: Gain, beam: int, heading: float | None) -> str:

@@ -1,4 +1,6 @@
-"""What a plan of towed arrays hands out: its text, [[sortie]] tables for the case, its figures and its picture."""
+"""What a plan of towed arrays hands out: its text, [[sortie]] tables for the case, its figures and
+its picture.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -55,9 +57,11 @@ PICTURES: dict[str, Callable[[PlacementOutputs, Path], None]] = {
 def chapter(matter: PlacementOutputs) -> Chapter:
     """Return the chapter of a plan of towed arrays."""
     return Chapter(
-        {"arrays": placement_text.summary_of_placement(matter.plan)}, bound(FILES, matter), bound(PICTURES, matter),
+        {"arrays": placement_text.summary_of_placement(matter.plan)},
+        bound(FILES, matter),
+        bound(PICTURES, matter),
         leaves=(partial(_leaves, matter),),
-    )  # fmt: skip
+    )
 
 
 def _leaves(matter: PlacementOutputs) -> list[Leaf]:

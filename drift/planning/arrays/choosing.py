@@ -1,8 +1,9 @@
 """Choices of beams: greedy, then by exchange until no single one makes it better.
 
-What is heard is a monotone submodular function of the beams processed, and they are independent in a matroid: greedy
-alone has at least half of the best (Fisher, Nemhauser and Wolsey 1978, Math. Programming Study 8, 73,
-doi:10.1007/BFb0121195), a choice without a better exchange too. In practice both are far nearer (tests/planning/arrays).
+What is heard is a monotone submodular function of the beams processed, and they are independent in
+a matroid: greedy alone has at least half of the best (Fisher, Nemhauser and Wolsey 1978, Math.
+Programming Study 8, 73, doi:10.1007/BFb0121195), a choice without a better exchange too. In
+practice both are far nearer (tests/planning/arrays).
 """
 
 import heapq
@@ -23,10 +24,14 @@ class Missed:
     def __init__(self, hearing: Hearing, chosen: Chosen) -> None:
         """Take the beams chosen of each slot."""
         self.hearing = hearing
-        self.rest = hearing.weight.copy()  # weight times the chance that those miss it which do not hear it for sure
-        self.sure = np.zeros(len(hearing.weight), np.int32)  # how many levels of slots are heard for sure
-        self.alone = len(np.unique(hearing.shared)) == len(hearing.shared)  # whether no two beams share a level
-        # Of each slot and shared level, the beams that are processed, and the best chance of each particle.
+        # weight times the chance that those miss it which do not hear it for sure
+        self.rest = hearing.weight.copy()
+        # how many levels of slots are heard for sure
+        self.sure = np.zeros(len(hearing.weight), np.int32)
+        # whether no two beams share a level
+        self.alone = len(np.unique(hearing.shared)) == len(hearing.shared)
+        # Of each slot and shared level, the beams that are processed, and the best chance of each
+        # particle.
         self.used: dict[tuple[int, int], list[int]] = {}
         self.best: dict[tuple[int, int], Real] = {}
         for slot, beams in enumerate(chosen):
@@ -114,17 +119,27 @@ def value(hearing: Hearing, chosen: Chosen) -> float:
     return heard(hearing, chosen) - costs(hearing, chosen)
 
 
-def greedy(hearing: Hearing, *, first: tuple[int, int] | None = None, without: tuple[int, int] | None = None) -> Chosen:
-    """Return beams chosen over all slots, each time the one that adds most (lazily: Minoux 1978, doi:10.1007/BFb0006528).
+def greedy(
+    hearing: Hearing,
+    *,
+    first: tuple[int, int] | None = None,
+    without: tuple[int, int] | None = None,
+) -> Chosen:
+    """Return beams chosen over all slots, each time the one that adds most (lazily: Minoux 1978,
+    doi:10.1007/BFb0006528).
 
-    first, without: slot and beam of one that is chosen before all others, and of one that is not chosen.
+    first, without: slot and beam of one that is chosen before all others, and of one that is not
+    chosen.
     """
     crews = [hearing.crew(slot) for slot in range(hearing.slots)]
     chosen: list[tuple[int, ...]] = [()] * hearing.slots
     if first is not None:
         chosen[first[0]] = (first[1],)
     missed = Missed(hearing, tuple(chosen))
-    fit = [manning.extends(beams, hearing.array, crew) for beams, crew in zip(chosen, crews, strict=True)]
+    fit = [
+        manning.extends(beams, hearing.array, crew)
+        for beams, crew in zip(chosen, crews, strict=True)
+    ]
     heap = [
         (-float(gain), slot, beam, 0)
         for slot in range(hearing.slots)
@@ -150,7 +165,9 @@ def greedy(hearing: Hearing, *, first: tuple[int, int] | None = None, without: t
 
 
 def in_order(hearing: Hearing, *, knowing: bool) -> Chosen:
-    """Return beams chosen slot after slot; knowing: given what the slots before missed, else as if each were alone."""
+    """Return beams chosen slot after slot; knowing: given what the slots before missed, else as if
+    each were alone.
+    """
     missed = Missed(hearing, ())
     chosen = []
     for slot in range(hearing.slots):
@@ -162,7 +179,9 @@ def in_order(hearing: Hearing, *, knowing: bool) -> Chosen:
 
 
 def _slot(hearing: Hearing, missed: Missed, slot: int) -> tuple[int, ...]:
-    """Choose beams of a slot in which none is processed, each time the one that adds most, and leave them processed."""
+    """Choose beams of a slot in which none is processed, each time the one that adds most, and
+    leave them processed.
+    """
     crew = hearing.crew(slot)
     chosen: tuple[int, ...] = ()
     while True:
@@ -190,8 +209,12 @@ def exchanged(hearing: Hearing, chosen: Chosen) -> Chosen:
     return tuple(now)
 
 
-def _swapped(hearing: Hearing, missed: Missed, slot: int, chosen: tuple[int, ...], least: float) -> tuple[int, ...]:
-    """Return the beams of a slot after each in turn gave way to the one that adds most in its place."""
+def _swapped(
+    hearing: Hearing, missed: Missed, slot: int, chosen: tuple[int, ...], least: float
+) -> tuple[int, ...]:
+    """Return the beams of a slot after each in turn gave way to the one that adds most in its
+    place.
+    """
     crew, cost = hearing.crew(slot), hearing.cost[slot]
     places: list[int | None] = [*chosen, *[None] * (len(crew) - len(chosen))]
     for k, beam in enumerate(places):

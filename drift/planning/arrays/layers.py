@@ -1,4 +1,6 @@
-"""What a chart shows of ships that tow arrays: where they may begin and go, and when they begin, turn and end."""
+"""What a chart shows of ships that tow arrays: where they may begin and go, and when they begin,
+turn and end.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,7 +21,8 @@ from geo.polyline import Area
 BEGIN: dict[str, Any] = {"color": "#7a3e00", "linewidth": 0.9, "linestyle": (0, (4, 2))}
 ALLOWED: dict[str, Any] = {"color": "#7a3e00", "linewidth": 0.7, "linestyle": (0, (1, 1.5))}
 POINTS = {"begins": "o", "turns": "s", "ends": "X"}
-# Where the words stand [points], each kind on a side of its own: a way's points may be near each other.
+# Where the words stand [points], each kind on a side of its own: a way's points may be near each
+# other.
 BESIDE = {"begins": (-4, 3, "right"), "turns": (-4, -8, "right"), "ends": (4, 2, "left")}
 POINT: dict[str, Any] = {
     "color": INK,
@@ -37,7 +40,9 @@ def plan(placed: Sequence[Placed], sorties: Sequence[Sortie]) -> Overlay:
     begins = [_ring(tow.begin) for tow in tows]
     allowed = [_ring(tow.allowed) for tow in tows if tow.allowed is not None]
     points = [
-        vertex for one, sortie in zip(placed, sorties, strict=True) for vertex in placement_text.vertices(one, sortie)
+        vertex
+        for one, sortie in zip(placed, sorties, strict=True)
+        for vertex in placement_text.vertices(one, sortie)
     ]
 
     def draw(ax: Axes, frame: Frame) -> None:
@@ -49,9 +54,17 @@ def plan(placed: Sequence[Placed], sorties: Sequence[Sortie]) -> Overlay:
             kind = what.split(",")[0]
             ax.plot([x], [y], marker=POINTS[kind], zorder=8, **POINT)
             ax.annotate(
-                label(time, what), (x, y), BESIDE[kind][:2], textcoords="offset points", ha=BESIDE[kind][2], fontsize=5.5, color=INK, zorder=8,
-                bbox=GROUND, annotation_clip=True,
-            )  # fmt: skip
+                label(time, what),
+                (x, y),
+                BESIDE[kind][:2],
+                textcoords="offset points",
+                ha=BESIDE[kind][2],
+                fontsize=5.5,
+                color=INK,
+                zorder=8,
+                bbox=GROUND,
+                annotation_clip=True,
+            )
 
     key: list[tuple[Any, str]] = [(Line2D([], [], **BEGIN), "May begin in")]
     if allowed:

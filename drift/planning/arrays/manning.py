@@ -1,9 +1,10 @@
 """Which beams can be processed at the same time: those to which different processors can be given.
 
-Such sets of beams are the independent sets of a transversal matroid (Edmonds and Fulkerson 1965, J. Res. Natl. Bur.
-Stand. 69B, 147). So taking beams by falling score, each that still fits, makes the highest sum of scores (Edmonds 1971,
-Math. Programming 1, 127, doi:10.1007/BF01584082): no linear programme does better. Beams of one array differ in nothing
-here, so that all depends on how many each array has.
+Such sets of beams are the independent sets of a transversal matroid (Edmonds and Fulkerson 1965, J.
+Res. Natl. Bur. Stand. 69B, 147). So taking beams by falling score, each that still fits, makes the
+highest sum of scores (Edmonds 1971, Math. Programming 1, 127, doi:10.1007/BF01584082): no linear
+programme does better. Beams of one array differ in nothing here, so that all depends on how many
+each array has.
 """
 
 from functools import lru_cache
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 
 from geo.array import Array
 
-Crew = tuple[tuple[bool, ...], ...]  # of each processor that works in a slot, whether it can serve each array
+# of each processor that works in a slot, whether it can serve each array
+Crew = tuple[tuple[bool, ...], ...]
 
 
 @lru_cache(maxsize=65536)
@@ -23,7 +25,9 @@ def fits(crew: Crew, counts: tuple[int, ...]) -> bool:
 
 
 def _matched(crew: Crew, counts: tuple[int, ...]) -> tuple[bool, list[int]]:
-    """Return whether each beam found a processor (augmenting paths), and of each processor the array, -1: none."""
+    """Return whether each beam found a processor (augmenting paths), and of each processor the
+    array, -1: none.
+    """
     given = [-1] * len(crew)
 
     def free(array: int, seen: set[int]) -> bool:
@@ -41,7 +45,8 @@ def _matched(crew: Crew, counts: tuple[int, ...]) -> tuple[bool, list[int]]:
 
 
 def surplus(crew: Crew, many: tuple[int, ...]) -> tuple[int, int] | None:
-    """Return some processors that have fewer beams than they are, and those beams' number (Hall 1935); None: there are none.
+    """Return some processors that have fewer beams than they are, and those beams' number (Hall
+    1935); None: there are none.
 
     many: beams of each array.
     """
@@ -63,12 +68,15 @@ def surplus(crew: Crew, many: tuple[int, ...]) -> tuple[int, int] | None:
     for processor in range(len(crew)):
         reached: set[int] = set()
         if not place(processor, reached):
-            return 1 + sum(len(working[array]) for array in reached), sum(many[array] for array in reached)
+            return 1 + sum(len(working[array]) for array in reached), sum(
+                many[array] for array in reached
+            )
     return None
 
 
 def best(score: Array, array: Array, crew: Crew, chosen: tuple[int, ...] = ()) -> tuple[int, ...]:
-    """Return the beams of the highest sum of scores above 0 that fit together; of equal ones the first.
+    """Return the beams of the highest sum of scores above 0 that fit together; of equal ones the
+    first.
 
     score: (beams,). array: (beams,). chosen: beams that are processed in any case.
     """
@@ -97,12 +105,17 @@ def extends(chosen: tuple[int, ...], array: Array, crew: Crew) -> NDArray[np.boo
     counts = [0] * len(crew[0])
     for beam in chosen:
         counts[array[beam]] += 1
-    fit = [fits(crew, tuple(n + (k == a) for k, n in enumerate(counts))) for a in range(len(counts))]
+    fit = [
+        fits(crew, tuple(n + (k == a) for k, n in enumerate(counts))) for a in range(len(counts))
+    ]
     return np.asarray(np.array(fit)[array])
 
 
-def shared_out(beams: tuple[int, ...], array: Array, crew: Crew, before: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the beam of each processor of a crew, -1: idle, so that as few as can be change their beam or array.
+def shared_out(
+    beams: tuple[int, ...], array: Array, crew: Crew, before: tuple[int, ...]
+) -> tuple[int, ...]:
+    """Return the beam of each processor of a crew, -1: idle, so that as few as can be change their
+    beam or array.
 
     before: the beam of each of them in the slot before; -1: idle.
     """
@@ -116,7 +129,8 @@ def shared_out(beams: tuple[int, ...], array: Array, crew: Crew, before: tuple[i
             same = before[k] == beam
             near = before[k] >= 0 and array[before[k]] == array[beam]
             effort[k, j] = (0 if same else 1 if near else 1.5) if serves[array[beam]] else 1e6
-    effort += 1e-6 * np.arange(len(crew))[:, None] * np.arange(len(beams), 0, -1)  # of equal ones, in order
+    # of equal ones, in order
+    effort += 1e-6 * np.arange(len(crew))[:, None] * np.arange(len(beams), 0, -1)
     rows, columns = optimize.linear_sum_assignment(effort)
     given = [-1] * len(crew)
     for k, j in zip(rows.tolist(), columns.tolist(), strict=True):

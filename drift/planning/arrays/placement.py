@@ -1,8 +1,9 @@
 """Where ships are to tow their arrays, so that they are the likeliest to hear the target.
 
-Ways are looked for in the plan's whole space of begins, courses and turns: many at first on few particles, and ever fewer
-on ever more, each moved about in ever smaller steps as long as that is better. Of the ways that are tried at first those are
-taken that are the best together; then ships are placed in turns, each for what all others have missed.
+Ways are looked for in the plan's whole space of begins, courses and turns: many at first on few
+particles, and ever fewer on ever more, each moved about in ever smaller steps as long as that is
+better. Of the ways that are tried at first those are taken that are the best together; then ships
+are placed in turns, each for what all others have missed.
 """
 
 import math
@@ -31,7 +32,8 @@ TRIED = 640  # ways that are tried at first
 STAGES = ((150, 160, 0, COARSE), (600, 12, 2, COARSE), (1_500, 4, 2, 0.05), (4_000, 2, 1, FINE))
 FIRST = 1  # stage on whose particles all ships' ways are first chosen together
 STARTS = 40  # ways of the first ship from which that begins
-STEPS = (0.10, 12.0, 0.15)  # first steps: of the size of where it may begin, degrees of course, of the turn's share
+# first steps: of the size of where it may begin, degrees of course, of the turn's share
+STEPS = (0.10, 12.0, 0.15)
 TURNS = 3  # most times that all ships are placed anew
 WORTH = 1e-3  # share of the value by which placing a ship anew is worth it
 POOL = 4  # ways of each ship that alternatives are made of
@@ -52,16 +54,20 @@ class Placement:
     """Where ships are to tow."""
 
     placed: tuple[Placed, ...]
-    value: float  # probability that any of them hears the target, on the particles on which they were placed
+    # probability that any of them hears the target, on the particles on which they were placed
+    value: float
     standard_error: float  # of `value`, as a mean over these
     particles: int
-    alternatives: tuple[tuple[str, float], ...] = ()  # other plans and their values on the same particles
+    # other plans and their values on the same particles
+    alternatives: tuple[tuple[str, float], ...] = ()
 
 
 Tell = Callable[[float], None]
 
 
-def best_ways(seas: Sequence[Sea], tracks: Tracks, seed: int, tell: Tell = lambda share: None) -> Placement:
+def best_ways(
+    seas: Sequence[Sea], tracks: Tracks, seed: int, tell: Tell = lambda share: None
+) -> Placement:
     """Return the best ways that are found for ships among particles, whose weights have the sum 1.
 
     Raises ValueError where a ship has no way at all.
@@ -75,7 +81,9 @@ def best_ways(seas: Sequence[Sea], tracks: Tracks, seed: int, tell: Tell = lambd
     done = 0
 
     def left(number: int, stage: int) -> Array:
-        """Return what all other ships have missed of the particles of a stage, times their weights, (m, factors)."""
+        """Return what all other ships have missed of the particles of a stage, times their weights,
+        (m, factors).
+        """
         hearers = [own[stage] for own in every]
         others = [
             None if other == number or way is None else heard.missed(hearers[other], way, FINE)[0]
@@ -89,7 +97,9 @@ def best_ways(seas: Sequence[Sea], tracks: Tracks, seed: int, tell: Tell = lambd
         tell(min(done / total, 1.0))
 
     tried = [_tried(sea, tracks.time, seed + number) for number, sea in enumerate(seas)]
-    for number, way in enumerate(_begun([own[FIRST] for own in every], tried, levels[FIRST].weight)):
+    for number, way in enumerate(
+        _begun([own[FIRST] for own in every], tried, levels[FIRST].weight)
+    ):
         chosen[number] = way
     value = _value(every, chosen, levels[-1])
     for _ in range(TURNS if len(seas) > 1 else 1):
@@ -98,7 +108,9 @@ def best_ways(seas: Sequence[Sea], tracks: Tracks, seed: int, tell: Tell = lambd
             old = chosen[number]
             assert old is not None
             weights = [left(number, stage) for stage in range(len(levels))]
-            pool = _refined(sea, every[number], weights, ways.join_ways([old, *pools[number], tried[number]]))
+            pool = _refined(
+                sea, every[number], weights, ways.join_ways([old, *pools[number], tried[number]])
+            )
             chosen[number] = pool[0]
             new = _value(every, chosen, levels[-1])
             if new > value or not pools[number]:
@@ -115,11 +127,16 @@ def best_ways(seas: Sequence[Sea], tracks: Tracks, seed: int, tell: Tell = lambd
 def _begun(hearers: Sequence[Hearer], tried: Sequence[Ways], weight: Array) -> list[Ways]:
     """Return ways of all ships that are good together, of those that were tried.
 
-    From each of the best ways of the first on, each ship in turn takes the best of its own for what all others miss.
+    From each of the best ways of the first on, each ship in turn takes the best of its own for what
+    all others miss.
     """
-    missed = [heard.missed(hearer, some, COARSE) for hearer, some in zip(hearers, tried, strict=True)]
+    missed = [
+        heard.missed(hearer, some, COARSE) for hearer, some in zip(hearers, tried, strict=True)
+    ]
     best, found = -math.inf, [0] * len(tried)
-    alone = (1 - missed[0]).reshape(len(tried[0]), -1) @ (weight[:, None] * hearers[0].chances).ravel()
+    alone = (1 - missed[0]).reshape(len(tried[0]), -1) @ (
+        weight[:, None] * hearers[0].chances
+    ).ravel()
     for first in np.argsort(-alone, kind="stable")[: STARTS if len(tried) > 1 else 1].tolist():
         taken: list[int | None] = [first] + [None] * (len(tried) - 1)
         value = 0.0
@@ -139,10 +156,11 @@ def _sampled(tracks: Tracks, count: int) -> Tracks:
 
 
 def besides(hearers: Sequence[Hearer], missed: Sequence[Array | None], number: int) -> Array:
-    """Return the probability that all arrays but one miss each particle, with each value of that one's unknown (m, factors).
+    """Return the probability that all arrays but one miss each particle, with each value of that
+    one's unknown (m, factors).
 
-    missed: of each array, (m, factors); None: it is nowhere. Arrays of one key share an unknown, which is averaged after
-    multiplying; the chances of that array's values are in what is returned.
+    missed: of each array, (m, factors); None: it is nowhere. Arrays of one key share an unknown,
+    which is averaged after multiplying; the chances of that array's values are in what is returned.
     """
     keys = [unknown.key(hearer.sea.tow.sensor) for hearer in hearers]
     whole, own = np.ones((hearers[number].tracks.m, 1)), hearers[number].chances
@@ -161,16 +179,21 @@ def besides(hearers: Sequence[Hearer], missed: Sequence[Array | None], number: i
 
 
 def together(hearers: Sequence[Hearer], missed: Sequence[Array]) -> Array:
-    """Return the probability that all arrays miss each particle (m,); missed: of each, (m, factors)."""
+    """Return the probability that all arrays miss each particle (m,); missed: of each, (m,
+    factors).
+    """
     return np.asarray((besides(hearers, missed, 0) * missed[0]).sum(axis=1))
 
 
 def worth(hearer: Hearer, some: Ways, weight: Array, share: float) -> Array:
     """Return the weight that each way hears, float64 (c,).
 
-    weight: with the chances of its unknown's values in it, (m, factors); share: as heard.missed takes it.
+    weight: with the chances of its unknown's values in it, (m, factors); share: as heard.missed
+    takes it.
     """
-    return np.asarray((1 - heard.missed(hearer, some, share)).reshape(len(some), -1) @ weight.ravel())
+    return np.asarray(
+        (1 - heard.missed(hearer, some, share)).reshape(len(some), -1) @ weight.ravel()
+    )
 
 
 def _tried(sea: Sea, time: Array, seed: int, many: int = TRIED) -> Ways:
@@ -202,7 +225,9 @@ def _tried(sea: Sea, time: Array, seed: int, many: int = TRIED) -> Ways:
     return whole
 
 
-def _refined(sea: Sea, every: Sequence[Hearer], weights: Sequence[Array], begun: Ways) -> list[Ways]:
+def _refined(
+    sea: Sea, every: Sequence[Hearer], weights: Sequence[Array], begun: Ways
+) -> list[Ways]:
     """Return the best ways that are found from some, best first."""
     kept = begun
     west, south, east, north = sea.begins.shape.bounds
@@ -249,31 +274,59 @@ def _moved(sea: Sea, some: Ways, scale: Array) -> tuple[Ways, Array]:
     found, of = [], []
     numbers = np.arange(len(some))
 
-    def add(lon: Array, lat: Array, course: Array, second: Array, turn: Array, which: Array) -> None:
+    def add(
+        lon: Array, lat: Array, course: Array, second: Array, turn: Array, which: Array
+    ) -> None:
         found.append(Ways(lon, lat, course, second, np.clip(turn, 0.02, 1.0)).take(which))
         of.append(numbers[which])
 
     every = numbers
-    for east, north in ((1, 0), (-1, 0), (0, 1), (0, -1), (0.7, 0.7), (-0.7, 0.7), (0.7, -0.7), (-0.7, -0.7)):
+    for east, north in (
+        (1, 0),
+        (-1, 0),
+        (0, 1),
+        (0, -1),
+        (0.7, 0.7),
+        (-0.7, 0.7),
+        (0.7, -0.7),
+        (-0.7, -0.7),
+    ):
         lon, lat = sphere.destination(some.lon, some.lat, east * step, north * step)
         add(lon, lat, some.course, some.second, some.turn, every)
     bent = np.flatnonzero(some.turn < 1)
     for sign in (-1, 1):
         course, second = some.course + sign * turned, some.second + sign * turned
-        add(some.lon, some.lat, course, second, some.turn, every)  # the whole way turned about its begin
+        # the whole way turned about its begin
+        add(some.lon, some.lat, course, second, some.turn, every)
         if bent.size:
             add(some.lon, some.lat, course, some.second, some.turn, bent)
             add(some.lon, some.lat, some.course, second, some.turn, bent)
-            add(some.lon, some.lat, some.course, some.second, np.minimum(some.turn + sign * share, 0.98), bent)
+            add(
+                some.lon,
+                some.lat,
+                some.course,
+                some.second,
+                np.minimum(some.turn + sign * share, 0.98),
+                bent,
+            )
     if sea.tow.legs == 2:
         whole = np.flatnonzero(some.turn >= 1)
         for sign in (-1, 1):
             if whole.size:
-                add(some.lon, some.lat, some.course, some.course + sign * 4 * turned, np.full(len(some), 0.5), whole)
+                add(
+                    some.lon,
+                    some.lat,
+                    some.course,
+                    some.course + sign * 4 * turned,
+                    np.full(len(some), 0.5),
+                    whole,
+                )
     return ways.join_ways(found), np.concatenate(of)
 
 
-def _value(every: Sequence[Sequence[Hearer]], chosen: Sequence[Ways | None], level: Tracks) -> float:
+def _value(
+    every: Sequence[Sequence[Hearer]], chosen: Sequence[Ways | None], level: Tracks
+) -> float:
     some = [
         (own[-1], heard.missed(own[-1], way, FINE)[0])
         for own, way in zip(every, chosen, strict=True)
@@ -301,7 +354,9 @@ def _placement(
         rest = besides(last, own, k)
         alone = float((1 - own[k] @ last[k].chances) @ level.weight)
         placed.append(Placed(sea, way, alone, float((rest.sum(axis=1) - whole) @ level.weight)))
-        instead = [(f"{sea.tow.name} on its next best way", pools[k][1])] if len(pools[k]) > 1 else []
+        instead = (
+            [(f"{sea.tow.name} on its next best way", pools[k][1])] if len(pools[k]) > 1 else []
+        )
         begins = _middle(sea, level.time)
         if begins is not None:
             instead.append((f"{sea.tow.name} from the middle of its area on", begins))
@@ -312,7 +367,9 @@ def _placement(
 
 
 def _middle(sea: Sea, time: Array) -> Ways | None:
-    """Return what one would do without a plan: begin in the middle, and go straight on a course that may be steered."""
+    """Return what one would do without a plan: begin in the middle, and go straight on a course
+    that may be steered.
+    """
     centre = sea.begins.shape.representative_point()
     lon, lat = sphere.destination(*sea.middle, centre.x, centre.y)
     low = sea.tow.courses[0] if sea.tow.courses else 0.0

@@ -1,4 +1,6 @@
-"""A plan of towed arrays as text: for the ships, for programs, and as [[sortie]] tables for the case."""
+"""A plan of towed arrays as text: for the ships, for programs, and as [[sortie]] tables for the
+case.
+"""
 
 import json
 import math
@@ -70,7 +72,9 @@ def placement_as_text(plan: Any, title: str, run: str) -> str:
 
 
 def vertices(placed: Any, sortie: Any) -> list[tuple[np.datetime64, float, float, str]]:
-    """Return when and where (lon, lat) [deg] a ship begins, turns and ends, and on what course it goes on."""
+    """Return when and where (lon, lat) [deg] a ship begins, turns and ends, and on what course it
+    goes on.
+    """
     legs = sortie.legs
     found = []
     for k, (time, lon, lat) in enumerate(zip(legs.time, legs.lon, legs.lat, strict=True)):
@@ -90,7 +94,9 @@ def _course(lon: float, lat: float, to_lon: float, to_lat: float) -> float:
 
 def toml(plan: Any, taken: Sequence[str]) -> str:
     """Return the watches as [[sortie]] tables that can be appended to the case."""
-    parts = ["# The watches of the plan. Append them to the case once they were kept and heard nothing."]
+    parts = [
+        "# The watches of the plan. Append them to the case once they were kept and heard nothing."
+    ]
     for sortie in plan.sorties:
         points = [
             f"    [{json.dumps(notation.iso(np.datetime64(round(t), 's')))}, [{sphere.wrap_degrees(x):.5f}, {y:.5f}]],"
@@ -141,7 +147,8 @@ def placement_facts(plan: Any) -> dict[str, str]:
     told = {"plan": worth(plan)}
     for placed, sortie, pos in zip(plan.placement.placed, plan.sorties, plan.pos_of, strict=True):
         way = "; ".join(
-            f"{notation.group(t)[:6]}Z {notation.position(x, y)} {what}" for t, x, y, what in vertices(placed, sortie)
+            f"{notation.group(t)[:6]}Z {notation.position(x, y)} {what}"
+            for t, x, y, what in vertices(placed, sortie)
         )
         told[placed.sea.tow.name] = f"{way}; POD {notation.percent(pos)}"
     told |= {
@@ -153,4 +160,9 @@ def placement_facts(plan: Any) -> dict[str, str]:
 
 def _fill(line: str, indent: int = 0, later: int | None = None) -> list[str]:
     blank = " " * indent
-    return textwrap.wrap(line, WIDE, initial_indent=blank, subsequent_indent=" " * (indent if later is None else later))
+    return textwrap.wrap(
+        line,
+        WIDE,
+        initial_indent=blank,
+        subsequent_indent=" " * (indent if later is None else later),
+    )

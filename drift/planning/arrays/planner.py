@@ -1,7 +1,7 @@
 """The next watch of towed arrays: where each ship begins, and on what courses it tows.
 
-Ways are chosen on particles of their own (drift.planning.search.follow); what the plan is worth is told by the run in which it has
-been carried out and heard nothing.
+Ways are chosen on particles of their own (drift.planning.search.follow); what the plan is worth is
+told by the run in which it has been carried out and heard nothing.
 """
 
 import os
@@ -49,7 +49,8 @@ def place(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[RunOptions],
 ) -> tuple[ArrayPlan, Result]:
-    """Plan where a case's ships tow their arrays; with `out`, write it and the forecast of their hearing nothing.
+    """Plan where a case's ships tow their arrays; with `out`, write it and the forecast of their
+    hearing nothing.
 
     The folder is written completely or not at all, with the forecast of the plan's failure.
 
@@ -59,15 +60,18 @@ def place(
         **options: as in `drift.run`.
 
     Returns:
-        The plan and the forecast: `sorties` of the ships, `pos`, the probability that any of them hears the target (0 to 1), and its
+        The plan and the forecast: `sorties` of the ships, `pos`, the probability that any of them
+            hears the target (0 to 1), and its
         `bound`; the `drift.Result` as if nothing was heard.
 
     Raises:
-        UserError: what a user can change, one line for each mistake (`error.lines`): the case has no `[[tow]]`, or
-            what `drift.run` rejects.
+        UserError: what a user can change, one line for each mistake (`error.lines`): the case has
+            no `[[tow]]`, or what `drift.run` rejects.
     """
     if not case.tows:
-        raise UserError(f"{case.path.name}: has no [[tow]] to place: give each its sensor, begin and speed")
+        raise UserError(
+            f"{case.path.name}: has no [[tow]] to place: give each its sensor, begin and speed"
+        )
     if case.plan.begin >= case.plan.until:
         raise UserError(
             f"{case.path.name}: plan: the last sortie or contact is at {notation.group(case.plan.begin)}, when the plan is to "
@@ -76,13 +80,20 @@ def place(
     job = flow.open_run(case, out, options)
     plan, executed, result = towed(job)
     if job.out is not None:
-        flow.write(result, job, more=[chapter.chapter(matter(job, plan, executed, result))], planned=ahead(plan))
+        flow.write(
+            result,
+            job,
+            more=[chapter.chapter(matter(job, plan, executed, result))],
+            planned=ahead(plan),
+        )
         shelf.clear(job.out)
     return plan, result
 
 
 def towed(job: Job) -> tuple[ArrayPlan, Case, Result]:
-    """Return a plan, the case in which it has been carried out and heard nothing, and the forecast of that."""
+    """Return a plan, the case in which it has been carried out and heard nothing, and the forecast
+    of that.
+    """
     case = job.case
     chosen, bound = _placed(job)
     sorties = tuple(_sortie(case, placed) for placed in chosen.placed)
@@ -100,7 +111,10 @@ def matter(job: Job, plan: ArrayPlan, executed: Case, result: Result) -> chapter
 
 def ahead(plan: ArrayPlan) -> Planned:
     """Return the watches of a plan, which are still to be kept."""
-    return Planned(frozenset(sortie.name for sortie in plan.sorties), max(sortie.end for sortie in plan.sorties))
+    return Planned(
+        frozenset(sortie.name for sortie in plan.sorties),
+        max(sortie.end for sortie in plan.sorties),
+    )
 
 
 def _placed(job: Job) -> tuple[Placement, Bound]:
@@ -132,25 +146,49 @@ def _sortie(case: Case, placed: placement.Placed) -> Sortie:
     start, end = (np.datetime64(round(time), "s") for time in (legs.time[0], legs.time[-1]))
     blind = (float("nan"),) * len(case.scenarios)
     return Sortie(
-        name, "", start, end, Law(), blind, group=tow.sensor.group, legs=legs, sensor=tow.sensor, speed=tow.speed,
+        name,
+        "",
+        start,
+        end,
+        Law(),
+        blind,
+        group=tow.sensor.group,
+        legs=legs,
+        sensor=tow.sensor,
+        speed=tow.speed,
         planned=True,
-    )  # fmt: skip
+    )
 
 
 def _with(case: Case, sorties: Sequence[Sortie]) -> Case:
-    """Return a case in which the plan has been carried out, with outputs at the times that its picture shows."""
+    """Return a case in which the plan has been carried out, with outputs at the times that its
+    picture shows.
+    """
     every = tuple(sorted((*case.sorties, *sorties), key=lambda sortie: (sortie.start, sortie.end)))
     shown = [case.start, case.plan.begin, case.plan.until]
     for sortie in sorties:
         shown += [sortie.start, sortie.start + (sortie.end - sortie.start) // 2, sortie.end]
-    return replace(case, sorties=every, outputs=np.unique(np.array(shown, "datetime64[s]")), end=case.plan.until)
+    return replace(
+        case,
+        sorties=every,
+        outputs=np.unique(np.array(shown, "datetime64[s]")),
+        end=case.plan.until,
+    )
 
 
-def _worth(case: Case, chosen: Placement, bound: Bound, sorties: tuple[Sortie, ...], result: Result) -> ArrayPlan:
+def _worth(
+    case: Case, chosen: Placement, bound: Bound, sorties: tuple[Sortie, ...], result: Result
+) -> ArrayPlan:
     """Return the plan with what it is worth, by the forecast in which it has been carried out."""
     assert result.updates is not None
     by_name = {update.name: update for update in result.updates.all}
     pos = [float(np.asarray(by_name[sortie.name].pos)[-1]) for sortie in sorties]
-    ordered = [by_name[update.name] for update in result.updates.all if update.name in {s.name for s in sorties}]
+    ordered = [
+        by_name[update.name]
+        for update in result.updates.all
+        if update.name in {s.name for s in sorties}
+    ]
     missed = float(np.prod([1 - float(np.asarray(update.pos)[-1]) for update in ordered]))
-    return ArrayPlan(chosen, bound, sorties, 1 - missed, tuple(pos), case.plan.begin, case.plan.until)
+    return ArrayPlan(
+        chosen, bound, sorties, 1 - missed, tuple(pos), case.plan.begin, case.plan.until
+    )

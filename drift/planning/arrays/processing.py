@@ -1,10 +1,11 @@
-"""Allocation of processing: which beams of which arrays to process in which slot, where processors are fewer than beams.
+"""Allocation of processing: which beams of which arrays to process in which slot, where processors
+are fewer than beams.
 
-It makes the weight that is heard at least once as high as it can, sum w (1 - prod (1 - p)) over the beams chosen. Where
-no particle is heard by two beams, in any slots, that is linear, and the answer exact (`manning.best`). Else a linear
-programme counts twice what two beams hear (it may find 0.49 where 0.63 is best): beams are chosen greedily and exchanged
-over all slots together, from several starts (`choosing`), and a bound says how much any other choice could be worth
-(`relaxation`).
+It makes the weight that is heard at least once as high as it can, sum w (1 - prod (1 - p)) over the
+beams chosen. Where no particle is heard by two beams, in any slots, that is linear, and the answer
+exact (`manning.best`). Else a linear programme counts twice what two beams hear (it may find 0.49
+where 0.63 is best): beams are chosen greedily and exchanged over all slots together, from several
+starts (`choosing`), and a bound says how much any other choice could be worth (`relaxation`).
 """
 
 from dataclasses import replace
@@ -18,10 +19,12 @@ from drift.planning.arrays.relaxation import Relaxed
 from geo.array import Real
 from geo.errors import UserError
 
-SAMPLE = 10_000  # particles on which starts are tried and the bound is sought, before both are settled on all
+# particles on which starts are tried and the bound is sought, before both are settled on all
+SAMPLE = 10_000
 STEPS, LAST = 200, 20  # of the search for the bound, on a sample, and then on all
 GAP = 1e-4  # share of the bound at which it ends
-EFFORT, MOST = 2e8, 200  # chances that may be gone through to vary the choice; variations at the most
+# chances that may be gone through to vary the choice; variations at the most
+EFFORT, MOST = 2e8, 200
 EACH = 500  # chances that take as long as one beam that is looked at
 SAME = 1e-9  # share of the weight within which a choice is as good as its bound
 FIXED = "the same beams all the time"
@@ -38,7 +41,10 @@ def allocate(hearing: Hearing, *, today: Chosen | None = None) -> Allocation:
         _fits(hearing, today)
     others = {FIXED: fixed(hearing)} if hearing.slots > 1 else {}
     if hearing.slots > 1:
-        others |= {ALONE: choosing.in_order(hearing, knowing=False), IN_TURN: choosing.in_order(hearing, knowing=True)}
+        others |= {
+            ALONE: choosing.in_order(hearing, knowing=False),
+            IN_TURN: choosing.in_order(hearing, knowing=True),
+        }
     if today is not None:
         others["as today"] = today
     linear, ceiling = _linear(hearing)
@@ -59,7 +65,10 @@ def allocate(hearing: Hearing, *, today: Chosen | None = None) -> Allocation:
         gains(hearing, chosen),
         by_slot(hearing, chosen),
         total,
-        tuple(Alternative(name, beams, choosing.value(hearing, beams)) for name, beams in others.items()),
+        tuple(
+            Alternative(name, beams, choosing.value(hearing, beams))
+            for name, beams in others.items()
+        ),
     )
 
 
@@ -79,11 +88,15 @@ def _sought(hearing: Hearing, starts: list[Chosen]) -> tuple[Chosen, Relaxed]:
     relaxed = relaxation.bound(hearing, relaxed.share, steps=LAST, gap=GAP, soft=(sharp, sharp))
     chosen = best(hearing, [chosen, _rounded(hearing, relaxed.share)])
     worth = choosing.value(hearing, chosen)
-    return best(hearing, [chosen, *(start for start in starts if choosing.value(hearing, start) > worth)]), relaxed
+    return best(
+        hearing, [chosen, *(start for start in starts if choosing.value(hearing, start) > worth)]
+    ), relaxed
 
 
 def sampled(hearing: Hearing) -> Hearing:
-    """Return what is heard of every so many particles, at least SAMPLE; all of them where they are few."""
+    """Return what is heard of every so many particles, at least SAMPLE; all of them where they are
+    few.
+    """
     many = len(hearing.weight)
     if many < 2 * SAMPLE:
         return hearing
@@ -104,7 +117,9 @@ def best(hearing: Hearing, starts: list[Chosen]) -> Chosen:
 
 
 def fixed(hearing: Hearing) -> Chosen:
-    """Return a good choice of beams that are processed in every slot, by processors that work in every slot."""
+    """Return a good choice of beams that are processed in every slot, by processors that work in
+    every slot.
+    """
     misses = None
     with np.errstate(divide="ignore"):
         for table in hearing.chance:
@@ -114,14 +129,22 @@ def fixed(hearing: Hearing) -> Chosen:
     assert misses is not None
     misses.data = -np.expm1(-misses.data)
     together = Hearing(
-        (misses.tocsr(),), hearing.weight, hearing.array, hearing.serves, np.all(hearing.manned, axis=0, keepdims=True),
-        hearing.cost.sum(axis=0, keepdims=True), hearing.shared,
-    )  # fmt: skip
+        (misses.tocsr(),),
+        hearing.weight,
+        hearing.array,
+        hearing.serves,
+        np.all(hearing.manned, axis=0, keepdims=True),
+        hearing.cost.sum(axis=0, keepdims=True),
+        hearing.shared,
+    )
     return choosing.exchanged(together, choosing.greedy(together)) * hearing.slots
 
 
 def gains(hearing: Hearing, chosen: Chosen) -> Real:
-    """Return what each beam adds to all others that are processed, (slots, beams); NaN: no processor can serve it."""
+    """Return what each beam adds to all others that are processed, (slots, beams);
+
+    NaN: no processor can serve it.
+    """
     missed = choosing.Missed(hearing, chosen)
     added = np.empty((hearing.slots, hearing.beams))
     for slot, beams in enumerate(chosen):
@@ -147,7 +170,9 @@ def by_slot(hearing: Hearing, chosen: Chosen) -> Real:
 
 
 def shared_out(hearing: Hearing, chosen: Chosen) -> NDArray[np.intp]:
-    """Return the beam of each processor, (slots, processors), -1: idle; a processor keeps its beam where it can."""
+    """Return the beam of each processor, (slots, processors), -1: idle; a processor keeps its beam
+    where it can.
+    """
     given = np.full(hearing.manned.shape, -1, np.intp)
     before = np.full(len(hearing.serves), -1, np.intp)
     for slot, beams in enumerate(chosen):
@@ -159,7 +184,9 @@ def shared_out(hearing: Hearing, chosen: Chosen) -> NDArray[np.intp]:
 
 
 def _linear(hearing: Hearing) -> tuple[Chosen, float]:
-    """Return the best choice if nothing were heard twice, and what it would be worth then: no choice is worth more."""
+    """Return the best choice if nothing were heard twice, and what it would be worth then: no
+    choice is worth more.
+    """
     chosen, ceiling = [], 0.0
     for slot, table in enumerate(hearing.chance):
         gain = np.asarray(table @ hearing.weight, float) - hearing.cost[slot]
@@ -170,14 +197,24 @@ def _linear(hearing: Hearing) -> tuple[Chosen, float]:
 
 
 def _varied(hearing: Hearing, chosen: Chosen) -> list[Chosen]:
-    """Return greedy choices that begin with another beam, or do without one of those chosen: as many as there is time for."""
+    """Return greedy choices that begin with another beam, or do without one of those chosen: as
+    many as there is time for.
+    """
     looks = hearing.slots * hearing.beams * (1 + sum(map(len, chosen)))
     work = 10 * sum(table.nnz for table in hearing.chance) + EACH * looks
     many = int(EFFORT / max(work, EFFORT / MOST))
     missed = choosing.Missed(hearing, ())
     gain = np.stack([missed.gains(slot) for slot in range(hearing.slots)]) - hearing.cost
-    firsts = [divmod(int(k), hearing.beams) for k in np.argsort(-gain, axis=None, kind="stable") if gain.flat[k] > 0]
-    firsts = [(slot, beam) for slot, beam in firsts if manning.extends((), hearing.array, hearing.crew(slot))[beam]]
+    firsts = [
+        divmod(int(k), hearing.beams)
+        for k in np.argsort(-gain, axis=None, kind="stable")
+        if gain.flat[k] > 0
+    ]
+    firsts = [
+        (slot, beam)
+        for slot, beam in firsts
+        if manning.extends((), hearing.array, hearing.crew(slot))[beam]
+    ]
     used = [(slot, beam) for slot, beams in enumerate(chosen) for beam in beams]
     return [
         *(choosing.greedy(hearing, without=beam) for beam in used[: many // 2]),
@@ -187,7 +224,9 @@ def _varied(hearing: Hearing, chosen: Chosen) -> list[Chosen]:
 
 def _rounded(hearing: Hearing, share: Real) -> Chosen:
     """Return the beams of the highest shares that fit together."""
-    return tuple(manning.best(row, hearing.array, hearing.crew(slot)) for slot, row in enumerate(share))
+    return tuple(
+        manning.best(row, hearing.array, hearing.crew(slot)) for slot, row in enumerate(share)
+    )
 
 
 def _fits(hearing: Hearing, today: Chosen) -> None:
@@ -196,7 +235,11 @@ def _fits(hearing: Hearing, today: Chosen) -> None:
         raise UserError(f"processing.today: {len(today)} slots of beams for {hearing.slots} slots")
     for slot, beams in enumerate(today):
         if len(set(beams)) != len(beams) or not all(0 <= beam < hearing.beams for beam in beams):
-            raise UserError(f"processing.today: slot {slot + 1} has beams {list(beams)}, of {hearing.beams}, each once")
+            raise UserError(
+                f"processing.today: slot {slot + 1} has beams {list(beams)}, of {hearing.beams}, each once"
+            )
         counts = np.bincount(hearing.array[list(beams)], minlength=hearing.serves.shape[1])
         if not manning.fits(hearing.crew(slot), tuple(counts.tolist())):
-            raise UserError(f"processing.today: slot {slot + 1} has beams {list(beams)}: no processors for all of them")
+            raise UserError(
+                f"processing.today: slot {slot + 1} has beams {list(beams)}: no processors for all of them"
+            )

@@ -1,4 +1,6 @@
-"""What a plan of processing hands out: its table for people and for programs, its figures and its timeline."""
+"""What a plan of processing hands out: its table for people and for programs, its figures and its
+timeline.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,11 +37,14 @@ def _csv(matter: ProcessingOutputs, stamped: Stamped) -> str:
 
 
 def _picture(matter: ProcessingOutputs, path: Path) -> None:
-    from drift.planning.arrays import map as processing_map  # here: Matplotlib takes a second to import
+    # here: Matplotlib takes a second to import
+    from drift.planning.arrays import map as processing_map
 
     plan = matter.plan
     lines = processing_text.pod(plan), processing_text.begun_anew(plan)
-    processing_map.plot_processing(plan.allocation, plan.hearing, plan.names, path, matter.setting.imprint, lines)
+    processing_map.plot_processing(
+        plan.allocation, plan.hearing, plan.names, path, matter.setting.imprint, lines
+    )
 
 
 FILES: dict[str, Callable[[ProcessingOutputs, Stamped], Contents]] = {
@@ -59,9 +64,11 @@ def chapter(matter: ProcessingOutputs) -> Chapter:
     """Return the chapter of a plan of processing."""
     numbers = processing_text.plan_numbers(matter.plan)
     return Chapter(
-        {"processing": {key: value for key, value in numbers.items() if key != "slots"}}, bound(FILES, matter),
-        bound(PICTURES, matter), leaves=(partial(_leaves, matter),),
-    )  # fmt: skip
+        {"processing": {key: value for key, value in numbers.items() if key != "slots"}},
+        bound(FILES, matter),
+        bound(PICTURES, matter),
+        leaves=(partial(_leaves, matter),),
+    )
 
 
 def _leaves(matter: ProcessingOutputs) -> list[Leaf]:

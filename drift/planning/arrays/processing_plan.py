@@ -1,8 +1,9 @@
 """The next use of scarce processing: which beams of which arrays to process in which slot.
 
-Beams are chosen on particles of their own (drift.planning.search.follow), as a plan's areas and ways are. What the choice is worth
-is told of all of these particles, with each array's fluctuation carried from slot to slot; the forecast beside it is that
-of the case as it is, or, where ships that tow arrays are placed by the same plan, of their hearing nothing.
+Beams are chosen on particles of their own (drift.planning.search.follow), as a plan's areas and
+ways are. What the choice is worth is told of all of these particles, with each array's fluctuation
+carried from slot to slot; the forecast beside it is that of the case as it is, or, where ships that
+tow arrays are placed by the same plan, of their hearing nothing.
 """
 
 import os
@@ -42,7 +43,8 @@ class ProcessingPlan:
     allocation: Allocation
     hearing: Hearing
     names: Names
-    pod: float  # probability that the target is heard at least once, fluctuations carried from slot to slot
+    # probability that the target is heard at least once, fluctuations carried from slot to slot
+    pod: float
     standard_error: float  # of `pod`, as a mean over particles
     particles: int  # of which it is told
     made_on: int  # particles on which beams were chosen
@@ -67,12 +69,13 @@ def allocate(
         **options: as in `drift.run`.
 
     Returns:
-        The plan and the forecast: beams by period, probability of detection (0 to 1) with a bound and what other choices are worth;
+        The plan and the forecast: beams by period, probability of detection (0 to 1) with a bound
+            and what other choices are worth;
         the `drift.Result` as if nothing was heard.
 
     Raises:
-        UserError: what a user can change, one line for each mistake (`error.lines`): the case has no
-            `[plan.processing]`, or what `drift.run` rejects.
+        UserError: what a user can change, one line for each mistake (`error.lines`): the case has
+            no `[plan.processing]`, or what `drift.run` rejects.
     """
     asked = case.processing
     if asked is None:
@@ -103,14 +106,18 @@ def allocate(
         result = flow.forecasted(replace(job, case=executed))
     if job.out is not None:
         setting = run_metadata.with_coast(run_metadata.setting(executed, job.where))
-        chapters.append(processing_chapter.chapter(processing_chapter.ProcessingOutputs(plan, setting)))
+        chapters.append(
+            processing_chapter.chapter(processing_chapter.ProcessingOutputs(plan, setting))
+        )
         flow.write(result, job, more=chapters, planned=ahead)
         shelf.clear(job.out)
     return plan, result
 
 
 def refuse_crowds(asked: Processing) -> None:
-    """Raise UserError where some of the processors that work at a time have fewer beams than they are."""
+    """Raise UserError where some of the processors that work at a time have fewer beams than they
+    are.
+    """
     for slot, works in enumerate(asked.manned):
         crew = tuple(tuple(row) for row in asked.serves[works].tolist())
         over = manning.surplus(crew, asked.beams) if crew else None
@@ -125,7 +132,9 @@ def placed(asked: Processing, towed: ArrayPlan) -> Processing:
     """Return what is asked for with the ways of ships that have been placed."""
     each = zip(towed.placement.placed, towed.sorties, strict=True)
     legs = {one.sea.tow.name: sortie.legs for one, sortie in each}
-    listeners = tuple(replace(one, legs=legs[one.tow]) if one.tow else one for one in asked.listeners)
+    listeners = tuple(
+        replace(one, legs=legs[one.tow]) if one.tow else one for one in asked.listeners
+    )
     return replace(asked, listeners=listeners)
 
 
@@ -149,7 +158,9 @@ def _allocated(job: Job, asked: Processing) -> ProcessingPlan:
     with job.clock.phase("plan"):
         allocation = processing.allocate(heard, today=today_of(asked))
     with job.clock.phase("hear"):
-        chance = beams.carried(beams.field(asked.listeners, tracks, asked.edges, seed), allocation.chosen)
+        chance = beams.carried(
+            beams.field(asked.listeners, tracks, asked.edges, seed), allocation.chosen
+        )
     pod = float(tracks.weight @ chance)
     error = float(np.sqrt(np.sum(tracks.weight**2 * (chance - pod) ** 2)))
     return ProcessingPlan(allocation, heard, called(asked), pod, error, tracks.m, some.m)
@@ -172,11 +183,17 @@ def hearing(asked: Processing, field: beams.Field, chances: Sequence[Any]) -> He
 def called(asked: Processing) -> Names:
     """Return what arrays, beams and processors are called."""
     looks = [name for listener in asked.listeners for name in beams.looks(listener)]
-    return Names(tuple(listener.name for listener in asked.listeners), tuple(looks), asked.processors, asked.edges)
+    return Names(
+        tuple(listener.name for listener in asked.listeners),
+        tuple(looks),
+        asked.processors,
+        asked.edges,
+    )
 
 
 def today_of(asked: Processing) -> Chosen | None:
-    """Return the beams of today in every slot, as many as have processors there, in the order of the arrays.
+    """Return the beams of today in every slot, as many as have processors there, in the order of
+    the arrays.
 
     Raises UserError where they have none even when all work.
     """

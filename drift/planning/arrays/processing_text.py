@@ -21,18 +21,30 @@ BEST_LEFT = 3  # beams that are not processed, of which it is told what they wou
 
 
 def processing_as_text(
-    allocation: Allocation, hearing: Hearing, names: Names, title: str, run: str, notes: Sequence[str] = ()
+    allocation: Allocation,
+    hearing: Hearing,
+    names: Names,
+    title: str,
+    run: str,
+    notes: Sequence[str] = (),
 ) -> str:
     """Return the table: what it is worth, and slot by slot what each processor works on.
 
     notes: the first two stand above all that it is worth, the others at the end.
     """
     lines = ["PROCESSING", *_fill(title), f"Run {run}. Times are UTC.", "", "1  WORTH"]
-    lines += [*(line for note in notes[:2] for line in _fill(note, 3)), *_fill(worth(allocation), 3)]
+    lines += [
+        *(line for note in notes[:2] for line in _fill(note, 3)),
+        *_fill(worth(allocation), 3),
+    ]
     for other in sorted(allocation.alternatives, key=lambda other: -other.value):
         share = share_of(other.value, allocation)
         lines += _fill(f"{other.name}: {share:.3f}, {_less(allocation, other.value)}", 3, 6)
-    lines += ["", "2  SLOTS", *_fill("Gain: the chance of being heard that would be lost without the beam.", 3)]
+    lines += [
+        "",
+        "2  SLOTS",
+        *_fill("Gain: the chance of being heard that would be lost without the beam.", 3),
+    ]
     last: tuple[int, ...] | None = None
     for slot, row in enumerate(allocation.processing.tolist()):
         now = share_of(float(allocation.by_slot[slot]), allocation)
@@ -41,7 +53,11 @@ def processing_as_text(
             works = bool(hearing.manned[slot, processor])
             change = "  NEW" if last is not None and beam >= 0 and last[processor] != beam else ""
             gain = share_of(float(allocation.gain[slot, beam]), allocation) if beam >= 0 else 0.0
-            what = f"{called(beam, hearing, names)}, gain {gain:.4f}{change}" if beam >= 0 else _idle(works)
+            what = (
+                f"{called(beam, hearing, names)}, gain {gain:.4f}{change}"
+                if beam >= 0
+                else _idle(works)
+            )
             lines += _fill(f"{names.processors[processor]}: {what}", 6, 10)
         last = tuple(row)
     lines += [
@@ -66,7 +82,9 @@ def worth(allocation: Allocation) -> str:
 
 
 def csv(allocation: Allocation, hearing: Hearing, names: Names, run: str) -> str:
-    """Return a row for each beam that is processed, by slot and processor; gain and heard are shares of the weight."""
+    """Return a row for each beam that is processed, by slot and processor; gain and heard are
+    shares of the weight.
+    """
     rows: list[list[Any]] = []
     for slot, row in enumerate(allocation.processing.tolist()):
         edges = [notation.iso(edge) for edge in names.edges[slot : slot + 2]]
@@ -74,7 +92,11 @@ def csv(allocation: Allocation, hearing: Hearing, names: Names, run: str) -> str
         for processor, beam in enumerate(row):
             if beam >= 0:
                 gain = share_of(float(allocation.gain[slot, beam]), allocation)
-                what = [names.processors[processor], names.arrays[hearing.array[beam]], names.beams[beam]]
+                what = [
+                    names.processors[processor],
+                    names.arrays[hearing.array[beam]],
+                    names.beams[beam],
+                ]
                 rows.append([names.begins(slot), *edges, *what, f"{gain:.6g}", f"{heard:.6g}", run])
     return formats.csv_text(list(HEADER), rows)
 
@@ -86,7 +108,9 @@ def summary_of_processing(allocation: Allocation, hearing: Hearing, names: Names
         "value": share_of(allocation.value, allocation),
         "bound": share_of(allocation.bound, allocation),
         "exact": allocation.exact,
-        "alternatives": {other.name: share_of(other.value, allocation) for other in allocation.alternatives},
+        "alternatives": {
+            other.name: share_of(other.value, allocation) for other in allocation.alternatives
+        },
         "slots": [
             {
                 "time": names.edges[slot],
@@ -103,7 +127,9 @@ def summary_of_processing(allocation: Allocation, hearing: Hearing, names: Names
 
 
 def pod(plan: Any) -> str:
-    """Return in a line what a plan is worth as a run would reckon it; plan: a drift.planning.arrays.processing_plan.ProcessingPlan."""
+    """Return in a line what a plan is worth as a run would reckon it; plan: a
+    drift.planning.arrays.processing_plan.ProcessingPlan.
+    """
     return (
         f"POD {notation.percent(plan.pod)} +- {notation.percent(plan.standard_error)} on the {plan.particles:,} tracks of the plan, fluctuations carried from "
         "slot to slot"
@@ -147,12 +173,18 @@ def processing_facts(plan: Any) -> dict[str, str]:
     allocation, hearing, names = plan.allocation, plan.hearing, plan.names
     told = {"plan": pod(plan), "chosen": begun_anew(plan)}
     for slot, row in enumerate(allocation.processing[:SHOWN].tolist()):
-        words = [f"{names.processors[k]} {called(beam, hearing, names)}" for k, beam in enumerate(row) if beam >= 0]
+        words = [
+            f"{names.processors[k]} {called(beam, hearing, names)}"
+            for k, beam in enumerate(row)
+            if beam >= 0
+        ]
         told[names.begins(slot)] = "; ".join(words) or "no beam"
     if hearing.slots > SHOWN:
         told["later"] = f"{hearing.slots - SHOWN} more slots"
     for other in sorted(allocation.alternatives, key=lambda other: -other.value):
-        told[f"else, {other.name}"] = f"{share_of(other.value, allocation):.3f}, {_less(allocation, other.value)}"
+        told[f"else, {other.name}"] = (
+            f"{share_of(other.value, allocation):.3f}, {_less(allocation, other.value)}"
+        )
     return told
 
 
@@ -168,7 +200,11 @@ def share_of(value: float, allocation: Allocation) -> float:
 
 def _less(allocation: Allocation, value: float) -> str:
     difference = (allocation.value - value) / allocation.weight
-    return "as much" if abs(difference) < 5e-4 else f"{abs(difference):.3f} {'less' if difference > 0 else 'more'}"
+    return (
+        "as much"
+        if abs(difference) < 5e-4
+        else f"{abs(difference):.3f} {'less' if difference > 0 else 'more'}"
+    )
 
 
 def _idle(works: bool) -> str:
@@ -196,4 +232,6 @@ def _up(share: float) -> float:
 
 def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:
     rest = " " * (indent if hang is None else hang)
-    return textwrap.wrap(words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False)
+    return textwrap.wrap(
+        words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False
+    )

@@ -1,6 +1,7 @@
 """Records of what arrays hear and of what of it is processed.
 
-Beams of all arrays stand in one axis, by array. A slot is a stretch of time in which a processor works on one beam.
+Beams of all arrays stand in one axis, by array. A slot is a stretch of time in which a processor
+works on one beam.
 """
 
 from collections.abc import Sequence
@@ -22,14 +23,17 @@ Chosen = tuple[tuple[int, ...], ...]  # of each slot the beams that are processe
 
 @dataclass(frozen=True, eq=False)
 class Hearing:
-    """What each beam would hear if it were processed, and what can process it; `hearing` makes and checks one.
+    """What each beam would hear if it were processed, and what can process it; `hearing` makes and
+    checks one.
 
-    A particle that several beams hear, in one slot or in several, is missed by each of them independently; but of beams that
-    share a level in a slot (those of one array, on which a target is as loud in each) only the best counts. What slots
-    fail in together (a level that fluctuates slowly) belongs into the chances of longer ones.
+    A particle that several beams hear, in one slot or in several, is missed by each of them
+    independently; but of beams that share a level in a slot (those of one array, on which a target
+    is as loud in each) only the best counts. What slots fail in together (a level that fluctuates
+    slowly) belongs into the chances of longer ones.
     """
 
-    chance: tuple[Any, ...]  # of each slot, CSR float32 (beams, particles): that a particle is heard
+    # of each slot, CSR float32 (beams, particles): that a particle is heard
+    chance: tuple[Any, ...]
     weight: Real  # (particles,), at least 0
     array: NDArray[np.intp]  # (beams,) number of the array
     serves: NDArray[np.bool_]  # (processors, arrays): whether it can process beams of that array
@@ -70,7 +74,9 @@ class Allocation:
     value: float  # the same, less what the beams cost
     bound: float  # no choice of beams is worth more
     exact: bool  # whether none is worth more than this one, by proof
-    gain: Real  # (slots, beams): what a beam adds to all others that are processed, costs not taken off; NaN: cannot be processed
+    # (slots, beams): what a beam adds to all others that are processed, costs not taken off; NaN:
+    # cannot be processed
+    gain: Real
     by_slot: Real  # (slots,) weight that is heard by the end of each slot
     weight: float  # of all particles
     alternatives: tuple[Alternative, ...] = ()
@@ -78,7 +84,9 @@ class Allocation:
     @property
     def chosen(self) -> Chosen:
         """Of each slot the beams that are processed."""
-        return tuple(tuple(sorted(int(beam) for beam in row if beam >= 0)) for row in self.processing)
+        return tuple(
+            tuple(sorted(int(beam) for beam in row if beam >= 0)) for row in self.processing
+        )
 
 
 @dataclass(frozen=True)
@@ -86,7 +94,8 @@ class Names:
     """What people call arrays, beams and processors, and when slots begin and end."""
 
     arrays: tuple[str, ...]
-    beams: tuple[str, ...]  # of the axis of beams: its name within its array, such as where it looks
+    # of the axis of beams: its name within its array, such as where it looks
+    beams: tuple[str, ...]
     processors: tuple[str, ...]
     edges: NDArray[np.datetime64] = field(compare=False)  # (slots + 1,) UTC
 
@@ -102,7 +111,9 @@ def names(hearing: Hearing, start: np.datetime64, slot: float) -> Names:
     for array in hearing.array.tolist():
         within[array] = within.get(array, 0) + 1
         beams.append(f"beam {within[array]}")
-    edges = start.astype("datetime64[s]") + np.round(np.arange(hearing.slots + 1) * slot).astype("timedelta64[s]")
+    edges = start.astype("datetime64[s]") + np.round(np.arange(hearing.slots + 1) * slot).astype(
+        "timedelta64[s]"
+    )
     return Names(
         tuple(f"array {k + 1}" for k in range(hearing.serves.shape[1])),
         tuple(beams),
@@ -123,16 +134,19 @@ def hearing(
 ) -> Hearing:
     """Return what is heard, checked; raise UserError for all that is wrong with it.
 
-    chance: of each slot, (particles, beams), dense or sparse. weight: (particles,). array: (beams,) numbers from 0.
-    processors: how many, each for any array; or (processors, arrays) whether a processor can serve an array. manned:
-    (slots, processors); None: all work in every slot. cost: (slots, beams); None: nothing. shared: (beams,) numbers of
-    levels that beams share; None: each has its own.
+    chance: of each slot, (particles, beams), dense or sparse. weight: (particles,). array: (beams,)
+    numbers from 0. processors: how many, each for any array; or (processors, arrays) whether a
+    processor can serve an array. manned: (slots, processors); None: all work in every slot. cost:
+    (slots, beams); None: nothing. shared: (beams,) numbers of levels that beams share; None: each
+    has its own.
     """
     arrays = np.asarray(array, np.intp)
     if arrays.ndim != 1 or len(arrays) == 0 or len(chance) == 0:
         raise UserError("processing: no beam or no time slot: there must be at least one of each")
     if arrays.min() < 0:
-        raise UserError(f"processing.array: {arrays.min()} is no number of an array: they count from 0")
+        raise UserError(
+            f"processing.array: {arrays.min()} is no number of an array: they count from 0"
+        )
     serves = (
         np.ones((processors, int(arrays.max()) + 1), bool)
         if isinstance(processors, (int, np.integer))
@@ -179,9 +193,13 @@ def _shapes(slots: int, array: Array, serves: Array, manned: Array, cost: Array)
     """Return what is wrong with tables by slot."""
     wrong = []
     if manned.shape != (slots, len(serves)):
-        wrong.append(f"processing.manned: shape {manned.shape}, not (slots, processors) = ({slots}, {len(serves)})")
+        wrong.append(
+            f"processing.manned: shape {manned.shape}, not (slots, processors) = ({slots}, {len(serves)})"
+        )
     if cost.shape != (slots, len(array)):
-        wrong.append(f"processing.cost: shape {cost.shape}, not (slots, beams) = ({slots}, {len(array)})")
+        wrong.append(
+            f"processing.cost: shape {cost.shape}, not (slots, beams) = ({slots}, {len(array)})"
+        )
     elif not (np.isfinite(cost).all() and (cost >= 0).all()):
         wrong.append(f"processing.cost: {cost.min():g} is no cost: each is finite and at least 0")
     return wrong
@@ -190,10 +208,16 @@ def _shapes(slots: int, array: Array, serves: Array, manned: Array, cost: Array)
 def _weights(weight: Real) -> list[str]:
     """Return what is wrong with the weights of particles."""
     if weight.ndim != 1 or not np.isfinite(weight).all():
-        return [f"processing.weight: {np.count_nonzero(~np.isfinite(weight))} are not finite, shape {weight.shape}"]
+        return [
+            f"processing.weight: {np.count_nonzero(~np.isfinite(weight))} are not finite, shape {weight.shape}"
+        ]
     if (weight < 0).any():
-        return [f"processing.weight: {np.count_nonzero(weight < 0)} are negative, such as {weight.min():g}"]
-    return [] if weight.sum() > 0 else ["processing.weight: all are 0: nothing is there to be heard"]
+        return [
+            f"processing.weight: {np.count_nonzero(weight < 0)} are negative, such as {weight.min():g}"
+        ]
+    return (
+        [] if weight.sum() > 0 else ["processing.weight: all are 0: nothing is there to be heard"]
+    )
 
 
 def _surplus(heard: Hearing) -> None:

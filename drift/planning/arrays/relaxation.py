@@ -1,17 +1,20 @@
 """A bound on every choice of beams: the maximum of a concave function that no choice exceeds.
 
-Let x be 1 for beams that are processed, else 0, p a particle's chances and h = -log(1 - p). The weight that is heard is
+Let x be 1 for beams that are processed, else 0, p a particle's chances and h = -log(1 - p). The
+weight that is heard is
 
     sum w (1 - exp(-sum x h)) = sum w (1 - prod (1 - x p)) <= sum w sum x p
 
-for every choice (no more where beams share a level, of which the best alone counts), and both sides are concave in x. So for any shares l in [0, 1], one a particle, and any x' in between
+for every choice (no more where beams share a level, of which the best alone counts), and both sides
+are concave in x. So for any shares l in [0, 1], one a particle, and any x' in between
 
     sum w [l x p + (1 - l) (1 - exp(-x' h) (1 - (x - x') h))] - cost x
 
-is linear in x, nowhere below what a choice is worth, and its maximum over the matroid of beams that processors can work
-on at the same time is found exactly (`manning.best`). That is the bound, whatever x' and l are; the method of Frank and
-Wolfe (1956, doi:10.1002/nav.3800030109; Jaggi 2013) moves x' to where it is lowest, on the smooth minimum of both sides. The
-lesser of both is much the tighter relaxation where chances are high: with chances of 1 the exponential alone says nothing.
+is linear in x, nowhere below what a choice is worth, and its maximum over the matroid of beams that
+processors can work on at the same time is found exactly (`manning.best`). That is the bound,
+whatever x' and l are; the method of Frank and Wolfe (1956, doi:10.1002/nav.3800030109; Jaggi 2013)
+moves x' to where it is lowest, on the smooth minimum of both sides. The lesser of both is much the
+tighter relaxation where chances are high: with chances of 1 the exponential alone says nothing.
 """
 
 from dataclasses import dataclass
@@ -39,11 +42,14 @@ class Relaxed:
     gap: float  # by how much the bound may be above the maximum of the relaxation
 
 
-def bound(hearing: Hearing, share: Real, *, steps: int, gap: float, soft: tuple[float, float] = SMOOTH) -> Relaxed:
+def bound(
+    hearing: Hearing, share: Real, *, steps: int, gap: float, soft: tuple[float, float] = SMOOTH
+) -> Relaxed:
     """Return a bound on every choice.
 
-    share: (slots, beams) to begin with, of beams that processors can work on together. steps: at the most. gap: share of
-    the bound at which it ends. soft: softness of the minimum, at first and at last.
+    share: (slots, beams) to begin with, of beams that processors can work on together. steps: at
+    the most. gap: share of the bound at which it ends. soft: softness of the minimum, at first and
+    at last.
     """
     weight, total = hearing.weight, float(hearing.weight.sum())
     hazard = [_hazards(table) for table in hearing.chance]
@@ -67,7 +73,9 @@ def bound(hearing: Hearing, share: Real, *, steps: int, gap: float, soft: tuple[
         # The linear function at the vertex, which is its maximum: what is constant, and the slopes.
         constant = float(np.dot(weight, (1 - mixed) * (1 - missed - missed * summed)))
         above = constant + float((slope * vertex).sum())
-        here = float(np.dot(weight, np.minimum(linear, 1 - missed))) - float((hearing.cost * share).sum())
+        here = float(np.dot(weight, np.minimum(linear, 1 - missed))) - float(
+            (hearing.cost * share).sum()
+        )
         if above < least:
             least, at, off = above, share.copy(), max(above - here, 0.0)
         if above - here <= gap * max(abs(above), 1e-12 * total):
@@ -111,7 +119,9 @@ def _first(linear: Real, curved: Real, soft: float) -> Real:
     return np.asarray(1 / (1 + np.exp(np.clip((linear - curved) / soft, -60, 60))))
 
 
-def _length(hearing: Hearing, here: tuple[Real, Real, Real], there: tuple[Real, Real, Real], soft: float) -> float:
+def _length(
+    hearing: Hearing, here: tuple[Real, Real, Real], there: tuple[Real, Real, Real], soft: float
+) -> float:
     """Return how far to go, 0 to 1: to where the smooth minimum no longer rises."""
     ahead, ahead_summed = there[0] - here[0], there[1] - here[1]
     price = float((hearing.cost * (there[2] - here[2])).sum())
@@ -119,7 +129,10 @@ def _length(hearing: Hearing, here: tuple[Real, Real, Real], there: tuple[Real, 
     def rises(go: float) -> bool:
         missed = np.exp(-(here[1] + go * ahead_summed))
         mixed = _first(here[0] + go * ahead, 1 - missed, soft)
-        return float(np.dot(hearing.weight, mixed * ahead + (1 - mixed) * missed * ahead_summed)) > price
+        return (
+            float(np.dot(hearing.weight, mixed * ahead + (1 - mixed) * missed * ahead_summed))
+            > price
+        )
 
     if not rises(0.0):
         return 0.0

@@ -40,7 +40,12 @@ class Ways:
 
 def join_ways(some: list[Ways]) -> Ways:
     """Return all of them."""
-    return Ways(*(np.concatenate([getattr(ways, name) for ways in some]) for name in Ways.__dataclass_fields__))
+    return Ways(
+        *(
+            np.concatenate([getattr(ways, name) for ways in some])
+            for name in Ways.__dataclass_fields__
+        )
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +75,9 @@ class Region:
 
     def holds(self, lon: Array, lat: Array) -> NDArray[np.bool_]:
         """Return which positions [rad] lie in it, any shape."""
-        return np.asarray(shapely.contains_xy(self.shape, *sphere.offset(self.lon, self.lat, lon, lat)))
+        return np.asarray(
+            shapely.contains_xy(self.shape, *sphere.offset(self.lon, self.lat, lon, lat))
+        )
 
 
 def region(area: Area, about: tuple[float, float] | None = None) -> Region:
@@ -94,15 +101,23 @@ def ashore(sea: Sea, lands: Callable[[Box], Any]) -> Sea:
     """Return where and when a ship may tow off a coast; lands: gives its polygons [deg] in a box."""
     reach = sea.tow.speed * min(max(sea.until - sea.begin, 0.0), sea.tow.endurance)
     west, south, east, north = sea.begins.shape.bounds
-    x, y = (np.array([low - reach, 0.5 * (low + high), high + reach]) for low, high in ((west, east), (south, north)))
+    x, y = (
+        np.array([low - reach, 0.5 * (low + high), high + reach])
+        for low, high in ((west, east), (south, north))
+    )
     lon, lat = (v.ravel() for v in sphere.destination(*sea.middle, *np.meshgrid(x, y)))
     centre = math.degrees(sea.middle[0])
     off = np.degrees(sphere.wrap(lon - sea.middle[0]))
     box = Box(
-        centre + float(off.min()), float(np.degrees(lat.min())), centre + float(off.max()), float(np.degrees(lat.max()))
+        centre + float(off.min()),
+        float(np.degrees(lat.min())),
+        centre + float(off.max()),
+        float(np.degrees(lat.max())),
     )
     flat = [
-        shapely.transform(polygon, lambda xy: np.column_stack(sphere.offset(*sea.middle, *np.radians(xy).T)))
+        shapely.transform(
+            polygon, lambda xy: np.column_stack(sphere.offset(*sea.middle, *np.radians(xy).T))
+        )
         for polygon in lands(box)
     ]
     if not flat:
@@ -124,16 +139,22 @@ def span(sea: Sea, ways: Ways) -> tuple[Array, Array]:
     """Return from when to when [s since 1970] each way is listened on (c,)."""
     begin = np.full(len(ways), sea.begin)
     if sea.tow.base is not None:
-        far = sphere.distance(math.radians(sea.tow.base[0]), math.radians(sea.tow.base[1]), ways.lon, ways.lat)
+        far = sphere.distance(
+            math.radians(sea.tow.base[0]), math.radians(sea.tow.base[1]), ways.lon, ways.lat
+        )
         begin = begin + far / sea.tow.transit_speed
     return begin, np.minimum(begin + sea.tow.endurance, sea.until)
 
 
 def ships_at(sea: Sea, ways: Ways, time: Array) -> tuple[Array, Array]:
-    """Return where each is (c, e) [rad] at times [s since 1970] (e,); before its begin there, after its end where it ended."""
+    """Return where each is (c, e) [rad] at times [s since 1970] (e,); before its begin there, after
+    its end where it ended.
+    """
     begin, end = span(sea, ways)
     whole = np.maximum(end - begin, 0.0) * sea.tow.speed
-    gone = np.clip(time - begin[:, None], 0.0, np.maximum(end - begin, 0.0)[:, None]) * sea.tow.speed
+    gone = (
+        np.clip(time - begin[:, None], 0.0, np.maximum(end - begin, 0.0)[:, None]) * sea.tow.speed
+    )
     first = np.minimum(gone, (ways.turn * whole)[:, None])
     lon, lat = _from(ways.lon[:, None], ways.lat[:, None], ways.course[:, None], first)
     corner = _from(ways.lon, ways.lat, ways.course, ways.turn * whole)
@@ -147,10 +168,16 @@ def _from(lon: Array, lat: Array, course: Array, distance: Array) -> tuple[Array
 
 
 def possible(sea: Sea, ways: Ways, time: Array) -> NDArray[np.bool_]:
-    """Return which ways keep to all that is asked of them (c,); time: at which they are looked at [s since 1970]."""
+    """Return which ways keep to all that is asked of them (c,); time: at which they are looked at
+    [s since 1970].
+    """
     tow = sea.tow
     begin, end = span(sea, ways)
-    good = sea.begins.holds(ways.lon, ways.lat) & on_course(tow, ways.course) & (end - begin >= LEAST_TIME)
+    good = (
+        sea.begins.holds(ways.lon, ways.lat)
+        & on_course(tow, ways.course)
+        & (end - begin >= LEAST_TIME)
+    )
     good &= (ways.turn >= 1) | on_course(tow, ways.second)
     if sea.allowed is None and sea.land is None:
         return good
@@ -179,7 +206,10 @@ def legs(sea: Sea, ways: Ways, number: int) -> Legs:
     lon, lat = (np.degrees(x[0]) for x in ships_at(sea, one, np.array(moments)))
     turned = np.degrees(np.unwrap(np.radians(lon)))
     return Legs(
-        tuple(float(t) for t in moments), tuple(turned.tolist()), tuple(lat.tolist()), (True,) * (len(moments) - 1)
+        tuple(float(t) for t in moments),
+        tuple(turned.tolist()),
+        tuple(lat.tolist()),
+        (True,) * (len(moments) - 1),
     )
 
 

@@ -1,8 +1,9 @@
-"""Which stretches of coast each team can go to: over land from its base, and across water only where it may.
+"""Which stretches of coast each team can go to: over land from its base, and across water only
+where it may.
 
-Reach is measured along the shortest way over land (geo.coast.overland). A base on water begins at the nearest land. A
-team without a base goes to any stretch, but all its patrols stay on one land mass; two pieces of mainland that are one
-beyond the domain count as one.
+Reach is measured along the shortest way over land (geo.coast.overland). A base on water begins at
+the nearest land. A team without a base goes to any stretch, but all its patrols stay on one land
+mass; two pieces of mainland that are one beyond the domain count as one.
 """
 
 from collections.abc import Callable, Sequence
@@ -45,12 +46,14 @@ class Walkable:
         return next(access for access in self.teams if access.team is team)
 
 
-def of_teams(teams: Sequence[Team], segments: Segments, land_in: LandIn, whole: Callable[[], Array]) -> Walkable:
+def of_teams(
+    teams: Sequence[Team], segments: Segments, land_in: LandIn, whole: Callable[[], Array]
+) -> Walkable:
     """Return where teams can go.
 
-    land_in: returns the land polygons [deg] of a box. whole: returns those of the whole source of the coast; it is
-    asked only if it matters. Raises UserError for a base without land within its reach, and for a named stretch that
-    lies on several land masses.
+    land_in: returns the land polygons [deg] of a box. whole: returns those of the whole source of
+    the coast; it is asked only if it matters. Raises UserError for a base without land within its
+    reach, and for a named stretch that lies on several land masses.
     """
     assert segments.land is not None
     assert segments.mass is not None
@@ -81,7 +84,9 @@ def _of_team(team: Team, segments: Segments, mass: Array, land_in: LandIn) -> Ac
     return Access(team, named, not team.crosses_water)
 
 
-def _within_reach(team: Team, base: tuple[float, float], segments: Segments, mass: Array, land_in: LandIn) -> Access:
+def _within_reach(
+    team: Team, base: tuple[float, float], segments: Segments, mass: Array, land_in: LandIn
+) -> Access:
     """Return where a team with a base can go."""
     place = f'patrol_unit "{team.name}"'
     lon, lat = np.radians(base)
@@ -91,7 +96,9 @@ def _within_reach(team: Team, base: tuple[float, float], segments: Segments, mas
         return Access(team, tuple(near.tolist()))
     land = _about(base, team.reach, segments, land_in)
     if not len(land.polygons):
-        raise UserError(f"{place}: no land lies within its reach of {_km(team.reach)} from its base; {_REMEDY}")
+        raise UserError(
+            f"{place}: no land lies within its reach of {_km(team.reach)} from its base; {_REMEDY}"
+        )
     _, x, y, away = land_masses.nearest(land, *base)
     if away > team.reach:
         raise UserError(
@@ -121,12 +128,19 @@ def _within_reach(team: Team, base: tuple[float, float], segments: Segments, mas
 _REMEDY = "give a greater reach, or move the base"
 
 
-def _about(base: tuple[float, float], reach: float, segments: Segments, land_in: LandIn) -> LandMasses:
+def _about(
+    base: tuple[float, float], reach: float, segments: Segments, land_in: LandIn
+) -> LandMasses:
     """Return the land within reach of a base, with its bridges."""
     height = float(np.degrees(reach / sphere.RADIUS))
     width = height / max(float(np.cos(np.radians(min(abs(base[1]) + height, 89.0)))), 0.02)
     west = float(sphere.wrap_degrees(base[0] - width))
-    box = Box(west, max(base[1] - height, -90.0), west + min(2 * width, 360.0), min(base[1] + height, 90.0))
+    box = Box(
+        west,
+        max(base[1] - height, -90.0),
+        west + min(2 * width, 360.0),
+        min(base[1] + height, 90.0),
+    )
     assert segments.land is not None
     near = [ends for ends in segments.land.bridges if all(_holds(box, *end) for end in ends)]
     land = land_masses.build_land_masses(land_in(box), near)
@@ -134,7 +148,9 @@ def _about(base: tuple[float, float], reach: float, segments: Segments, land_in:
 
 
 def _holds(box: Box, lon: float, lat: float) -> bool:
-    return box.south <= lat <= box.north and float(sphere.east_of_degrees(lon, box.west)) <= box.east
+    return (
+        box.south <= lat <= box.north and float(sphere.east_of_degrees(lon, box.west)) <= box.east
+    )
 
 
 def _km(metres: float) -> str:

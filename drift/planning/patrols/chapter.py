@@ -27,32 +27,50 @@ class PatrolOutputs:
 
 
 def _picture(matter: PatrolOutputs, path: Path) -> None:
-    from drift.spills.worlds.products import map as washup_map  # here: Matplotlib takes a second to import
+    # here: Matplotlib takes a second to import
+    from drift.spills.worlds.products import map as washup_map
 
     after, setting = matter.after, matter.setting
     planned = [
-        washup_map.Patrolled(slot.team.name, slot.when, slot.team.detection, [visit.segment for visit in visits])
+        washup_map.Patrolled(
+            slot.team.name, slot.when, slot.team.detection, [visit.segment for visit in visits]
+        )
         for slot, visits in patrol_planner.by_patrol(matter.plan)
     ]
     imprint = replace(setting.imprint, title=f"Planned patrols: {setting.imprint.title}")
-    warnings = [*renewal.warnings(after), *matter.plan.notes, *patrol_files.too_long(matter.plan, after, most=0)]
+    warnings = [
+        *renewal.warnings(after),
+        *matter.plan.notes,
+        *patrol_files.too_long(matter.plan, after, most=0),
+    ]
     washup_map.plot_washup(
-        after.washup, after.segments, path, replace(setting, imprint=imprint), finds=spill_chapter.finds(after),
-        patrols=washup_map.Patrols(planned, "planned patrol", near=True), warning="; ".join(warnings),
-    )  # fmt: skip
+        after.washup,
+        after.segments,
+        path,
+        replace(setting, imprint=imprint),
+        finds=spill_chapter.finds(after),
+        patrols=washup_map.Patrols(planned, "planned patrol", near=True),
+        warning="; ".join(warnings),
+    )
 
 
 FILES: dict[str, Callable[[PatrolOutputs, Stamped], Contents]] = {
     "patrols.txt": lambda matter, stamped: patrol_files.patrol_text(
         matter.plan, matter.after, matter.setting.imprint.title, stamped["run_id"], matter.synthetic
     ),
-    "patrols.csv": lambda matter, stamped: patrol_files.csv(matter.plan, matter.after, stamped["run_id"]),
-    "patrols.geojson": lambda matter, stamped: patrol_files.lines(matter.plan, matter.after, stamped),
+    "patrols.csv": lambda matter, stamped: patrol_files.csv(
+        matter.plan, matter.after, stamped["run_id"]
+    ),
+    "patrols.geojson": lambda matter, stamped: patrol_files.lines(
+        matter.plan, matter.after, stamped
+    ),
     "patrols.toml": lambda matter, stamped: patrol_files.toml(matter.plan, matter.after),
 }
 # Where teams leave out what is longer than their day.
 LEFT_OUT_FILES: dict[str, Callable[[PatrolOutputs, Stamped], Contents]] = {
-    "patrols_left_out.csv": lambda matter, stamped: patrol_files.left_out(matter.plan, matter.after, stamped["run_id"]),
+    "patrols_left_out.csv": lambda matter, stamped: patrol_files.left_out(
+        matter.plan, matter.after, stamped["run_id"]
+    ),
 }
 PICTURES: dict[str, Callable[[PatrolOutputs, Path], None]] = {
     "patrols.png": _picture,

@@ -19,9 +19,21 @@ from geo import notation
 
 WIDE = 78
 HEADER = (
-    "date_time_group", "time", "patrol_unit", "segment", "stretch_id", "stretch", "position", "access",
-    "length_km", "lying", "found", "found_se", "effective_worlds", "run_id",
-)  # fmt: skip
+    "date_time_group",
+    "time",
+    "patrol_unit",
+    "segment",
+    "stretch_id",
+    "stretch",
+    "position",
+    "access",
+    "length_km",
+    "lying",
+    "found",
+    "found_se",
+    "effective_worlds",
+    "run_id",
+)
 
 
 LEFT_OUT = (
@@ -45,16 +57,24 @@ def patrol_text(plan: PatrolPlan, after: Aftermath, title: str, run: str, synthe
     lines = ["PATROL PLAN", *_fill(title), f"Run {run}. Times are UTC.", ""]
     for warning in warnings(plan, after, synthetic):
         lines += [*_fill(f"WARNING: {warning}"), ""]
-    lines += ["1  WORTH", *_fill(f"Objective: the most objects found on average. {worth(plan)}.", 3)]
+    lines += [
+        "1  WORTH",
+        *_fill(f"Objective: the most objects found on average. {worth(plan)}.", 3),
+    ]
     if plan.daily:
-        lines += _fill("Planned day by day: the bound adds up the best of each day by itself and is loose.", 3)
+        lines += _fill(
+            "Planned day by day: the bound adds up the best of each day by itself and is loose.", 3
+        )
     lines += [*_fill(f"Not sent: {', '.join(plan.idle)}", 3)] if plan.idle else []
     lines += ["", "2  PATROLS"]
     for slot, visits in patrol_planner.by_patrol(plan):
         length = sum(float(after.segments.length[visit.segment]) for visit in visits) / 1000
         total = sum(visit.found for visit in visits)
         head = f"{notation.group(slot.when)}  {slot.team.name}: {length:.1f} of {slot.team.length / 1000:.1f} km"
-        lines += ["", *_fill(f"{head}, detection {slot.team.detection:.2f}, {total:.2g} found", 3, 6)]
+        lines += [
+            "",
+            *_fill(f"{head}, detection {slot.team.detection:.2f}, {total:.2g} found", 3, 6),
+        ]
         for visit in sorted(visits, key=lambda visit: -visit.found):
             name = washup_tables.stretch(after.segments, visit.segment)
             size = float(after.segments.length[visit.segment]) / 1000
@@ -97,7 +117,8 @@ def warnings(plan: PatrolPlan, after: Aftermath, synthetic: bool) -> list[str]:
 
 
 def too_long(plan: PatrolPlan, after: Aftermath, *, most: int = LONGEST) -> list[str]:
-    """Return a warning for each team of the stretches that it leaves out, because they are longer than its day.
+    """Return a warning for each team of the stretches that it leaves out, because they are longer
+    than its day.
 
     most: stretches that it names.
     """
@@ -113,7 +134,9 @@ def too_long(plan: PatrolPlan, after: Aftermath, *, most: int = LONGEST) -> list
         ]
         if len(rows) > most:
             named.append(
-                f"and {len(rows) - most} others, see patrols_left_out.csv" if most else "see patrols_left_out.csv"
+                f"and {len(rows) - most} others, see patrols_left_out.csv"
+                if most
+                else "see patrols_left_out.csv"
             )
         many = f"{len(rows)} stretch{'es' * (len(rows) > 1)}, {sum(length):.1f} km"
         lines.append(
@@ -124,7 +147,9 @@ def too_long(plan: PatrolPlan, after: Aftermath, *, most: int = LONGEST) -> list
 
 
 def left_out(plan: PatrolPlan, after: Aftermath, run: str) -> str:
-    """Return the stretches that teams leave out because they are longer than their day, a row each, most first."""
+    """Return the stretches that teams leave out because they are longer than their day, a row each,
+    most first.
+    """
     segments, rows = after.segments, []
     for row in plan.left_out:
         s = row.segment
@@ -183,7 +208,9 @@ def toml(plan: PatrolPlan, after: Aftermath) -> str:
 
 
 def lines(plan: PatrolPlan, after: Aftermath, attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the stretches of each visit as a GeoJSON FeatureCollection, by time and team, cut at the antimeridian."""
+    """Return the stretches of each visit as a GeoJSON FeatureCollection, by time and team, cut at
+    the antimeridian.
+    """
     segments, features = after.segments, []
     for slot, visits in patrol_planner.by_patrol(plan):
         for visit in visits:
@@ -214,7 +241,8 @@ def summary_of_patrols(plan: PatrolPlan) -> dict[str, Any]:
         "bound": plan.bound,
         "day_by_day": plan.daily,
         "left_out": [
-            {"patrol_unit": row.team.name, "segment": row.segment, "lying": row.lying} for row in plan.left_out
+            {"patrol_unit": row.team.name, "segment": row.segment, "lying": row.lying}
+            for row in plan.left_out
         ],
         "patrols": [
             {
@@ -236,7 +264,10 @@ def patrol_facts(plan: PatrolPlan, after: Aftermath) -> dict[str, str]:
         lines[_key(slot)] = f"{sum(visit.found for visit in visits):.2g} found: {names}"
     if plan.idle:
         lines["not sent"] = ", ".join(plan.idle)
-    return lines | {f"warning {k}": warning for k, warning in enumerate(warnings(plan, after, synthetic=False), 1)}
+    return lines | {
+        f"warning {k}": warning
+        for k, warning in enumerate(warnings(plan, after, synthetic=False), 1)
+    }
 
 
 def _key(slot: Slot) -> str:
@@ -246,10 +277,14 @@ def _key(slot: Slot) -> str:
 def _spelled(after: Aftermath, visit: Visit) -> str:
     """Return a stretch as a case names it: by the user's name, else by its id."""
     name, place = after.segments.name[visit.segment], after.segments.id[visit.segment]
-    where = notation.position(float(after.segments.lon[visit.segment]), float(after.segments.lat[visit.segment]))
+    where = notation.position(
+        float(after.segments.lon[visit.segment]), float(after.segments.lat[visit.segment])
+    )
     return place if where and where in name else name
 
 
 def _fill(words: str, indent: int = 0, hang: int | None = None) -> list[str]:
     rest = " " * (indent if hang is None else hang)
-    return textwrap.wrap(words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False)
+    return textwrap.wrap(
+        words, WIDE, initial_indent=" " * indent, subsequent_indent=rest, break_long_words=False
+    )

@@ -23,7 +23,8 @@ def patrol(
     out: str | os.PathLike[str] | None = None,
     **options: Unpack[RunOptions],
 ) -> tuple[PatrolPlan, Result]:
-    """Plan the next patrols of a spill; with `out`, write them and the forecast, complete or not at all.
+    """Plan the next patrols of a spill; with `out`, write them and the forecast, complete or not at
+    all.
 
     Args:
         case: of `drift.load` or `drift.vary`.
@@ -31,12 +32,13 @@ def patrol(
         **options: as in `drift.run`.
 
     Returns:
-        The plan and the forecast: stretches by team and day, expected number of objects found with a bound; the `drift.Result` of the
+        The plan and the forecast: stretches by team and day, expected number of objects found with
+            a bound; the `drift.Result` of the
         spill.
 
     Raises:
-        UserError: what a user can change, one line for each mistake (`error.lines`): the case has no `[spill]` or
-            `[[patrol_unit]]`, or what `drift.run` rejects.
+        UserError: what a user can change, one line for each mistake (`error.lines`): the case has
+            no `[spill]` or `[[patrol_unit]]`, or what `drift.run` rejects.
     """
     if case.spill is None or not case.spill.teams:
         raise UserError(
@@ -53,7 +55,8 @@ def patrol(
         coastline.lands(job.where.coast, asked),
         lambda: shore.whole(asked.source, asked.lakes),
     )
-    patrol_planner.patrols(case.period, segments, walkable)  # before the drift, because it may reject the case
+    # before the drift, because it may reject the case
+    patrol_planner.patrols(case.period, segments, walkable)
     with flow.kept(job) as result:
         after = result.aftermath
         assert after is not None
@@ -62,7 +65,9 @@ def patrol(
             plan = patrol_planner.plan(after, walkable)
         if job.out is not None:
             setting = run_metadata.with_coast(run_metadata.setting(case, job.where))
-            patrols = chapter.chapter(chapter.PatrolOutputs(plan, after, setting, run_metadata.synthetic(case)))
+            patrols = chapter.chapter(
+                chapter.PatrolOutputs(plan, after, setting, run_metadata.synthetic(case))
+            )
             flow.write(result, job, more=[patrols])
     if job.out is not None:
         shelf.clear(job.out)

@@ -1,11 +1,12 @@
 """Which stretches to patrol next, so that the teams of a spill's case find most objects on average.
 
-An object that lies on a stretch when a team comes is found with the team's detection, unless it was reported, buried,
-refloated or found before. That is the model of drift.spills.worlds.exposure, over the worlds as the finds weigh them. The
-visits to a stretch are worth what they find there, with diminishing returns, so a plan is a choice of one set of visits
-for each stretch within each team's length of shore a day, solved as an integer programme (HiGHS). In that choice, what
-refloats and lands anew may be counted on two stretches. The plan's figures are computed over all visits at once and do
-not count it twice; the bound does, and so holds all the more.
+An object that lies on a stretch when a team comes is found with the team's detection, unless it was
+reported, buried, refloated or found before. That is the model of drift.spills.worlds.exposure, over
+the worlds as the finds weigh them. The visits to a stretch are worth what they find there, with
+diminishing returns, so a plan is a choice of one set of visits for each stretch within each team's
+length of shore a day, solved as an integer programme (HiGHS). In that choice, what refloats and
+lands anew may be counted on two stretches. The plan's figures are computed over all visits at once
+and do not count it twice; the bound does, and so holds all the more.
 """
 
 import itertools
@@ -28,7 +29,8 @@ from geo.coast.segments import Segments
 from geo.errors import UserError
 
 VISITS = 3  # of one stretch, at most, in a plan
-CHOICES = 6_000  # sets of visits chosen from at once; where there are more, the plan is made day by day
+# sets of visits chosen from at once; where there are more, the plan is made day by day
+CHOICES = 6_000
 TRIFLE = 0.01  # share of what its patrol finds that a visit must add
 LEAST = 1e-7  # share of the best visit's worth below which a visit is not considered
 SECONDS = 60.0  # that the solver may take
@@ -43,7 +45,8 @@ class Slot:
     team: Team
     when: np.datetime64
     time: int  # [s after start]
-    reachable: tuple[int, ...]  # numbers of stretches that it can go to, each no longer than its day
+    # numbers of stretches that it can go to, each no longer than its day
+    reachable: tuple[int, ...]
     stays: bool = False  # all patrols of its team lie on one land mass
 
 
@@ -53,14 +56,17 @@ class Visit:
 
     slot: Slot
     segment: int
-    lying: float  # expected number of objects there to be found, without those that earlier visits find
+    # expected number of objects there to be found, without those that earlier visits find
+    lying: float
     found: float  # expected number that it finds
     error: float  # its standard error
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A stretch that a team can reach, where something lies, and that is longer than what the team walks in a day."""
+    """A stretch that a team can reach, where something lies, and that is longer than what the team
+    walks in a day.
+    """
 
     team: Team
     segment: int
@@ -82,7 +88,8 @@ class PatrolPlan:
     notes: tuple[str, ...] = ()  # what was made of bases that lie on water
 
 
-Chosen = dict[int, tuple[int, ...]]  # numbers of patrols, ascending, by number of the stretch that they visit
+# numbers of patrols, ascending, by number of the stretch that they visit
+Chosen = dict[int, tuple[int, ...]]
 
 
 def plan(after: Aftermath, walkable: Walkable) -> PatrolPlan:
@@ -91,11 +98,16 @@ def plan(after: Aftermath, walkable: Walkable) -> PatrolPlan:
     known, worth = after.posterior.known, value(after)
     reach = sorted({s for slot in slots for s in slot.reachable})
     teams, length = after.spill.teams, known.length
-    long = [(team, s) for team in teams for s in walkable.of(team).stretches if length[s] > team.length]
+    long = [
+        (team, s) for team in teams for s in walkable.of(team).stretches if length[s] > team.length
+    ]
     parts: dict[int, list[Partial]] = {s: [] for s in reach}
     left: list[list[Partial]] = [[] for _ in long]
     for part in after.fates.parts():
-        stays, own = exposure.expose(part, known.reporting, known.patrols), worth[part.world, part.kind]
+        stays, own = (
+            exposure.expose(part, known.reporting, known.patrols),
+            worth[part.world, part.kind],
+        )
         for s in reach:
             parts[s].append(stretch_table(stays, s, own, slots))
         for (team, s), sums in zip(long, left, strict=True):
@@ -104,17 +116,23 @@ def plan(after: Aftermath, walkable: Walkable) -> PatrolPlan:
     chosen, bound, daily = choose(tables, length, slots, walkable.mass)
     planned = _scored(after, slots, worthwhile(tables, slots, chosen), bound, daily, worth)
     lying = [float(partials.merged(sums).total.sum()) for sums in left]
-    rows = [LeftOut(team, s, number) for (team, s), number in zip(long, lying, strict=True) if number > 0]
+    rows = [
+        LeftOut(team, s, number)
+        for (team, s), number in zip(long, lying, strict=True)
+        if number > 0
+    ]
     notes = tuple(access.note for access in walkable.teams if access.note)
     left_out = tuple(sorted(rows, key=lambda row: (teams.index(row.team), -row.lying)))
     return replace(planned, left_out=left_out, notes=notes)
 
 
 def value(after: Aftermath) -> Real:
-    """Return how many objects not yet found a particle of each world and class stands for, if it has not been found itself.
+    """Return how many objects not yet found a particle of each world and class stands for, if it
+    has not been found itself.
 
-    Its shape is (W, classes). The objects left of a world and class are shared among its particles by their chances of
-    not having been found; this is the share of a particle divided by its chance.
+    Its shape is (W, classes). The objects left of a world and class are shared among its particles
+    by their chances of not having been found; this is the share of a particle divided by its
+    chance.
     """
     left = finds.remaining(after.posterior) * after.posterior.weight[:, None]
     shared, _ = renewal.unfound(after.fates, after.posterior.known)
@@ -122,16 +140,19 @@ def value(after: Aftermath) -> Real:
 
 
 def stretch_table(stays: Exposure, segment: int, worth: Real, slots: Sequence[Slot]) -> Partial:
-    """Return what lies on a stretch at each patrol by the first patrol that could meet it, sums (M + 1, M) by block.
+    """Return what lies on a stretch at each patrol by the first patrol that could meet it, sums (M
+    + 1, M) by block.
 
-    Row i: what comes between the patrols i - 1 and i, in the last one after all; column j: how much of it is still there
-    at j. worth: what each particle stands for, (n,).
+    Row i: what comes between the patrols i - 1 and i, in the last one after all; column j: how much
+    of it is still there at j. worth: what each particle stands for, (n,).
     """
     return _lying(stays, segment, worth, [float(slot.time) for slot in slots])
 
 
 def _lying(stays: Exposure, segment: int, worth: Real, times: Sequence[float]) -> Partial:
-    """Return the sums of what lies on a stretch at some times, by the first of them that is not before it came."""
+    """Return the sums of what lies on a stretch at some times, by the first of them that is not
+    before it came.
+    """
     rows = slice(int(stays.bounds[segment]), int(stays.bounds[segment + 1]))
     slot, first = stays.slot[rows], np.searchsorted(times, stays.arrival[rows])
     there = [exposure.lying(stays, segment, time) * worth[slot] for time in times]
@@ -158,28 +179,36 @@ def worthwhile(tables: dict[int, Real], slots: Sequence[Slot], chosen: Chosen) -
     """
     detection = [slot.team.detection for slot in slots]
     adds = {
-        (j, s): expected(tables[s], detection, visits) - expected(tables[s], detection, [k for k in visits if k != j])
+        (j, s): expected(tables[s], detection, visits)
+        - expected(tables[s], detection, [k for k in visits if k != j])
         for s, visits in chosen.items()
         for j in visits
     }
     patrol = [sum(gain for (k, _), gain in adds.items() if k == j) for j in range(len(slots))]
-    kept = {s: tuple(j for j in visits if adds[j, s] >= TRIFLE * patrol[j]) for s, visits in chosen.items()}
+    kept = {
+        s: tuple(j for j in visits if adds[j, s] >= TRIFLE * patrol[j])
+        for s, visits in chosen.items()
+    }
     return {s: visits for s, visits in kept.items() if visits}
 
 
 def choose(
     tables: dict[int, Real], length: Real, slots: Sequence[Slot], mass: Array | None = None
 ) -> tuple[Chosen, float, bool]:
-    """Return the visits of each stretch, a bound of what any visits find, and whether both are by day.
+    """Return the visits of each stretch, a bound of what any visits find, and whether both are by
+    day.
 
-    mass: the land mass of each stretch, (S,); None: all are on one. Teams that stay on one have all patrols there.
-    Earlier visits only take away from what later ones find, so the best of each day by itself add up to a bound.
+    mass: the land mass of each stretch, (S,); None: all are on one. Teams that stay on one have all
+    patrols there. Earlier visits only take away from what later ones find, so the best of each day
+    by itself add up to a bound.
     """
     reach = [set(slot.reachable) for slot in slots]
     every = range(len(slots))
     best = max((lying[: j + 1, j].sum() for lying in tables.values() for j in every), default=0.0)
     worthy = [
-        s for s, lying in tables.items() if any(s in reach[j] and lying[: j + 1, j].sum() > LEAST * best for j in every)
+        s
+        for s, lying in tables.items()
+        if any(s in reach[j] and lying[: j + 1, j].sum() > LEAST * best for j in every)
     ]
     rest = sum(  # what is not considered could be found too
         float(lying[: j + 1, j].sum()) * slots[j].team.detection
@@ -201,7 +230,9 @@ def choose(
     return chosen, bound, True
 
 
-def _sets(slots: Sequence[int], segment: int, reach: Sequence[set[int]]) -> Iterator[tuple[int, ...]]:
+def _sets(
+    slots: Sequence[int], segment: int, reach: Sequence[set[int]]
+) -> Iterator[tuple[int, ...]]:
     """Yield the sets of visits that a stretch can have."""
     can = [j for j in slots if segment in reach[j]]
     for count in range(1, min(len(can), VISITS) + 1):
@@ -219,15 +250,20 @@ def _solve(
 ) -> tuple[Chosen, float]:
     """Return the best visits of some patrols, and a bound of what they find.
 
-    length: of the stretches [m], (S,). worthy: stretches to choose from. today: numbers of the patrols. before: visits
-    that earlier patrols make. mass: of `choose`.
+    length: of the stretches [m], (S,). worthy: stretches to choose from. today: numbers of the
+    patrols. before: visits that earlier patrols make. mass: of `choose`.
     """
     from scipy import optimize, sparse  # here: a run that plans nothing needs neither
 
     detection = [slot.team.detection for slot in slots]
     reach = [set(slot.reachable) for slot in slots]
     mass_of = {s: 0 if mass is None else int(mass[s]) for s in worthy}
-    taken = {_stay(slots[j], mass_of[s]) for s, visits in before.items() for j in visits if slots[j].stays}
+    taken = {
+        _stay(slots[j], mass_of[s])
+        for s, visits in before.items()
+        for j in visits
+        if slots[j].stays
+    }
     # Land masses to which a team restricted to one may no longer be sent.
     closed = {(team, m) for team, _ in taken for m in mass_of.values() if (team, m) not in taken}
     columns = [
@@ -240,16 +276,29 @@ def _solve(
     if not columns:
         return {}, 0.0
     base = {s: expected(tables[s], detection, before.get(s, ())) for s in worthy}
-    gain = np.array([expected(tables[s], detection, (*before.get(s, ()), *visits)) - base[s] for s, visits in columns])
+    gain = np.array(
+        [
+            expected(tables[s], detection, (*before.get(s, ()), *visits)) - base[s]
+            for s, visits in columns
+        ]
+    )
     stretch_row = {s: row for row, s in enumerate(worthy)}
     rows = [stretch_row[s] for s, _ in columns]
     # One more column for each pair of restricted team and land mass: 1 if the team goes there.
-    stays = list(dict.fromkeys(_stay(slots[j], mass_of[s]) for s, visits in columns for j in visits if slots[j].stays))
+    stays = list(
+        dict.fromkeys(
+            _stay(slots[j], mass_of[s]) for s, visits in columns for j in visits if slots[j].stays
+        )
+    )
     stay_column = {stay: len(columns) + k for k, stay in enumerate(stays)}
     width = len(columns) + len(stays)
-    sets_of_stretch = sparse.csr_array((np.ones(len(columns)), (rows, range(len(columns)))), (len(worthy), width))
+    sets_of_stretch = sparse.csr_array(
+        (np.ones(len(columns)), (rows, range(len(columns)))), (len(worthy), width)
+    )
     # A patrol walks at most its length; a restricted team only on the land mass to which it goes.
-    limits = {(j, mass_of[s] if slots[j].stays else None): None for s, visits in columns for j in visits}
+    limits = {
+        (j, mass_of[s] if slots[j].stays else None): None for s, visits in columns for j in visits
+    }
     limit_row = {limit: row for row, limit in enumerate(limits)}
     uses = [
         (limit_row[j, mass_of[s] if slots[j].stays else None], k, length[s])
@@ -257,7 +306,11 @@ def _solve(
         for j in visits
     ]
     most = [slots[j].team.length * (1 + 1e-9) for j, _ in limits]
-    uses += [(row, stay_column[_stay(slots[j], m)], -most[row]) for (j, m), row in limit_row.items() if m is not None]
+    uses += [
+        (row, stay_column[_stay(slots[j], m)], -most[row])
+        for (j, m), row in limit_row.items()
+        if m is not None
+    ]
     row, column, amount = zip(*uses, strict=True)
     length_of_patrol = sparse.csr_array((amount, (row, column)), (len(limits), width))
     room = np.where([m is None for _, m in limits], most, 0.0)
@@ -268,7 +321,9 @@ def _solve(
     if stays:
         teams = list(dict.fromkeys(name for name, _ in stays))
         ones = [(teams.index(name), stay_column[name, m]) for name, m in stays]
-        one_mass = sparse.csr_array((np.ones(len(ones)), tuple(zip(*ones, strict=True))), (len(teams), width))
+        one_mass = sparse.csr_array(
+            (np.ones(len(ones)), tuple(zip(*ones, strict=True))), (len(teams), width)
+        )
         constraints.append(optimize.LinearConstraint(one_mass, ub=np.ones(len(teams))))
     scale = max(float(gain.max()), 1e-300)
     solution = optimize.milp(
@@ -278,9 +333,12 @@ def _solve(
         constraints=constraints,
         options={"time_limit": SECONDS, "mip_rel_gap": GAP},
     )
-    if solution.x is None:  # none within its time: nothing is planned, and any stretch may yet have its best set
+    # none within its time: nothing is planned, and any stretch may yet have its best set
+    if solution.x is None:
         return {}, float(np.maximum.reduceat(gain, np.flatnonzero(np.diff([-1, *rows]))).sum())
-    chosen = {columns[k][0]: columns[k][1] for k in np.flatnonzero(solution.x[: len(columns)] > 0.5)}
+    chosen = {
+        columns[k][0]: columns[k][1] for k in np.flatnonzero(solution.x[: len(columns)] > 0.5)
+    }
     return chosen, float(-solution.mip_dual_bound * scale)
 
 
@@ -299,17 +357,28 @@ def patrols(period: Period, segments: Segments, walkable: Walkable) -> tuple[Slo
         place = f'patrol_unit "{team.name}"'
         short = tuple(s for s in near if segments.length[s] <= team.length)
         if not short:
-            what = f"the shortest is {segments.length[near].min() / 1000:.1f} km" if near else "its reach holds none"
+            what = (
+                f"the shortest is {segments.length[near].min() / 1000:.1f} km"
+                if near
+                else "its reach holds none"
+            )
             raise UserError(
                 f"{place}: no stretch that it can reach is at most {team.length / 1000:.1f} km long, its length a day: "
                 f"{what}; give a greater length or reach, or make stretches shorter ([spill.stretches] length)"
             )
-        slots += [Slot(team, when, period.elapsed(when), short, access.stays) for when in team.times]
+        slots += [
+            Slot(team, when, period.elapsed(when), short, access.stays) for when in team.times
+        ]
     return tuple(sorted(slots, key=lambda slot: slot.time))
 
 
 def _scored(
-    after: Aftermath, slots: tuple[Slot, ...], chosen: Chosen, bound: float, daily: bool, worth: Real
+    after: Aftermath,
+    slots: tuple[Slot, ...],
+    chosen: Chosen,
+    bound: float,
+    daily: bool,
+    worth: Real,
 ) -> PatrolPlan:
     """Return a plan with its figures, computed over all visits at once."""
     known, fates, weight = after.posterior.known, after.fates, after.posterior.weight
@@ -323,7 +392,9 @@ def _scored(
         for k, (_, s) in enumerate(order):
             rows, chance = exposure.searched(stays, s, len(known.patrols) + k)
             slot = stays.slot[rows]
-            by_world[k, part.here] = np.bincount(part.world[slot] - part.here.start, chance * in_world[slot], part.many)
+            by_world[k, part.here] = np.bincount(
+                part.world[slot] - part.here.start, chance * in_world[slot], part.many
+            )
     total, visits = np.zeros(fates.worlds), list[Visit]()
     for (j, s), own in zip(order, by_world, strict=True):
         total += own

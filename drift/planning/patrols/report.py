@@ -5,14 +5,24 @@ from drift.products.report import leaves
 from drift.products.report.leaves import Leaf
 
 COLUMNS = [
-    ("time", "Time", "time"), ("patrol_unit", "Team", "words"), ("stretch", "Stretch", "words"), ("position", "Position", "words"),
-    ("access", "Access", "words"), ("length_km", "Length, km", "number"), ("lying", "Objects lying there", "number"), ("found", "Found, on average", "number"),
+    ("time", "Time", "time"),
+    ("patrol_unit", "Team", "words"),
+    ("stretch", "Stretch", "words"),
+    ("position", "Position", "words"),
+    ("access", "Access", "words"),
+    ("length_km", "Length, km", "number"),
+    ("lying", "Objects lying there", "number"),
+    ("found", "Found, on average", "number"),
     ("found_se", "+- of the average (sampling)", "number"),
-]  # fmt: skip
+]
 LEFT_OUT = [
-    ("patrol_unit", "Team", "words"), ("day_km", "Its day, km", "number"), ("stretch", "Stretch", "words"), ("position", "Position", "words"),
-    ("length_km", "Length, km", "number"), ("lying", "Objects lying there", "number"),
-]  # fmt: skip
+    ("patrol_unit", "Team", "words"),
+    ("day_km", "Its day, km", "number"),
+    ("stretch", "Stretch", "words"),
+    ("position", "Position", "words"),
+    ("length_km", "Length, km", "number"),
+    ("lying", "Objects lying there", "number"),
+]
 
 
 def patrol_leaves(plan: PatrolPlan) -> list[Leaf]:

@@ -1,1 +1,3 @@
-"""What to search next: units, rectangles, the optimiser and its bound, and the plan as crews read it."""
+"""What to search next: units, rectangles, the optimiser and its bound, and the plan as crews read
+it.
+"""

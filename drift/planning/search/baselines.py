@@ -11,14 +11,19 @@ from drift.planning.search.records import Alternative
 from drift.planning.search.rectangle import Crew
 from geo.array import Array
 
-SIZES = np.geomspace(0.4, 3.0, 12)  # sides of the square that are tried, in roots of the area that would be swept
+# sides of the square that are tried, in roots of the area that would be swept
+SIZES = np.geomspace(0.4, 3.0, 12)
 
 
 def by_hand(crews: Sequence[Crew], stage: Stage) -> list[tuple[str, Plan]]:
-    """Return the plan of manuals: the best square round the mean position, divided into strips by effort."""
+    """Return the plan of manuals: the best square round the mean position, divided into strips by
+    effort.
+    """
     able, times = [], []
     for crew in crews:
-        start, duration = crew.available.slot(crew.available.arrival(crew.plane.lon, crew.plane.lat))
+        start, duration = crew.available.slot(
+            crew.available.arrival(crew.plane.lon, crew.plane.lat)
+        )
         if duration >= crew.shortest:
             able.append((crew, float(duration) * crew.unit.search_speed))
             times.append(float(start - crew.zero + duration / 2))
@@ -26,7 +31,10 @@ def by_hand(crews: Sequence[Crew], stage: Stage) -> list[tuple[str, Plan]]:
         return []
     edges = stage.swarm.time.shape[0]
     middle = int(np.clip(np.searchsorted(stage.swarm.time, np.mean(times)), 0, edges - 1))
-    x, y = (float(stage.weight @ v.reshape(stage.m, edges)[:, middle]) for v in (stage.swarm.x, stage.swarm.y))
+    x, y = (
+        float(stage.weight @ v.reshape(stage.m, edges)[:, middle])
+        for v in (stage.swarm.x, stage.swarm.y)
+    )
     effort = np.array([crew.widest * track for crew, track in able])
     sizes = []
     for size in np.sqrt(effort.sum()) * SIZES:
@@ -36,7 +44,9 @@ def by_hand(crews: Sequence[Crew], stage: Stage) -> list[tuple[str, Plan]]:
             legs = max(math.floor((track + strip_width) / size), 1)
             spacing = max(strip_width / legs, crew.unit.least_spacing, 1.0)
             aspect = math.log(track / legs / (legs * spacing))
-            row = np.array([west + strip_width / 2, y, 0.0, math.log(spacing), aspect, 0.0, -1.0, -1.0])
+            row = np.array(
+                [west + strip_width / 2, y, 0.0, math.log(spacing), aspect, 0.0, -1.0, -1.0]
+            )
             strips.append(candidates.choose(crew, row, stage))
             west += strip_width
         strips_plan: Plan = [choice if choice.flown.possible[0] else None for choice in strips]
@@ -46,9 +56,17 @@ def by_hand(crews: Sequence[Crew], stage: Stage) -> list[tuple[str, Plan]]:
 
 
 def alternative(name: str, other_plan: Plan, gain: Array, stage: Stage) -> Alternative:
-    """Return what another plan finds beside this one; gain: what this plan finds of each particle, (m,)."""
+    """Return what another plan finds beside this one; gain: what this plan finds of each particle,
+    (m,).
+    """
     finds = [choice.find for choice in other_plan if choice is not None]
     other_gain = joint.worth(finds, stage.nodes) if finds else np.zeros_like(gain)
     difference = float(stage.weight @ (gain - other_gain))
     error = math.sqrt(float(stage.weight**2 @ (gain - other_gain - difference) ** 2))
-    return Alternative(name, float(stage.weight @ other_gain), difference, error, candidates.apart(other_plan, stage))
+    return Alternative(
+        name,
+        float(stage.weight @ other_gain),
+        difference,
+        error,
+        candidates.apart(other_plan, stage),
+    )

@@ -1,10 +1,11 @@
 """Bins of time in which effort may be spent, and where particles are in them.
 
-What drifts stays among its neighbours: a bin shows all at one time, when the cloud is densest. What steers streams past
-its neighbours, through straits and along lanes, and what searches there meets in one bin many that are not there
-together; but where streams are dense stays the same for longer than who is there. So a bin of what steers shows all at
-several times, its rows, in boxes that stand still. It is as long as it can be without making them clearly less dense: a
-convoy that goes by has short ones.
+What drifts stays among its neighbours: a bin shows all at one time, when the cloud is densest. What
+steers streams past its neighbours, through straits and along lanes, and what searches there meets
+in one bin many that are not there together; but where streams are dense stays the same for longer
+than who is there. So a bin of what steers shows all at several times, its rows, in boxes that stand
+still. It is as long as it can be without making them clearly less dense: a convoy that goes by has
+short ones.
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,8 @@ from geo.array import Array
 
 BOXES = 160  # fewest boxes in a bin, where there are particles enough
 FEWEST, MOST = 6, 24  # bins of what drifts
-STRAIN = 0.5  # of a box's side: how far its particles may move apart in a bin, unless that takes too many bins
+# of a box's side: how far its particles may move apart in a bin, unless that takes too many bins
+STRAIN = 0.5
 TRIAL = 4096  # particles on which that is measured
 PLACES = 3_000_000  # of what steers, in all rows; more would take minutes
 FINEST = 60.0  # [s] rows are no shorter
@@ -38,26 +40,35 @@ class Bins:
     y: Array
     there: Array  # bool (r, m): the particle can be found in the row
     pace: Array  # float64 [m/s] (r, m) highest speed of the particle in the row
-    moved: Array  # float64 [m] (b,) farthest that any particle is in a row of the bin from that position
+    # float64 [m] (b,) farthest that any particle is in a row of the bin from that position
+    moved: Array
 
 
 def of_drift(tracks: Tracks, plane: record.Plane) -> Bins:
-    """Return bins as short as the particles' relative motion requires, each when the cloud is densest in it."""
+    """Return bins as short as the particles' relative motion requires, each when the cloud is
+    densest in it.
+    """
     x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
     time, duration = tracks.time, np.diff(tracks.time)
     side, apart = _strain(tracks, x, y)
-    # While sides grow from a to b, particles move apart by d, which is the integral of d / (a + (b - a) s) sides.
+    # While sides grow from a to b, particles move apart by d, which is the integral of d / (a + (b
+    # - a) s) sides.
     ratio = side[1:] / side[:-1]
-    rise = np.where(np.abs(ratio - 1) > 1e-6, np.log(ratio) / np.where(ratio == 1, 1, ratio - 1), 1.0)
+    rise = np.where(
+        np.abs(ratio - 1) > 1e-6, np.log(ratio) / np.where(ratio == 1, 1, ratio - 1), 1.0
+    )
     strain = apart / side[:-1] * rise
     count = int(np.clip(np.ceil(strain.sum() / STRAIN), FEWEST, MOST))
-    floor = STRAIN * FEWEST * duration / duration.sum()  # so that no bin is too long for the units' own times
+    # so that no bin is too long for the units' own times
+    floor = STRAIN * FEWEST * duration / duration.sum()
     progress = np.concatenate([[0.0], np.cumsum(strain + floor)])
     goal = np.linspace(0, progress[-1], count + 1)[1:-1]
     k = np.clip(np.searchsorted(progress, goal, side="right") - 1, 0, len(duration) - 1)
     share = (goal - progress[k]) / (progress[k + 1] - progress[k])
     position = np.where(
-        np.abs(ratio[k] - 1) > 1e-6, (ratio[k] ** share - 1) / np.where(ratio[k] == 1, 1, ratio[k] - 1), share
+        np.abs(ratio[k] - 1) > 1e-6,
+        (ratio[k] ** share - 1) / np.where(ratio[k] == 1, 1, ratio[k] - 1),
+        share,
     )
     edge = np.concatenate([time[:1], time[k] + position * duration[k], time[-1:]])
     speed = np.hypot(np.diff(x, axis=0), np.diff(y, axis=0)) / duration[:, None]
@@ -84,7 +95,9 @@ def of_streams(tracks: Tracks, plane: record.Plane) -> Bins:
     edge = np.linspace(time[0], time[-1], rows + 1)
     x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
     speed = np.hypot(*record.velocity(tracks, plane, x, y))
-    (x_at, y_at), (x_edge, y_edge) = (_places(tracks, x, y, at) for at in ((edge[1:] + edge[:-1]) / 2, edge))
+    (x_at, y_at), (x_edge, y_edge) = (
+        _places(tracks, x, y, at) for at in ((edge[1:] + edge[:-1]) / 2, edge)
+    )
     pace, there = np.empty(x_at.shape), np.empty(x_at.shape, bool)
     for r in range(rows):
         begin = min(int(np.searchsorted(time, edge[r], side="right")) - 1, len(time) - 2)
@@ -96,25 +109,32 @@ def of_streams(tracks: Tracks, plane: record.Plane) -> Bins:
 
 
 def _places(tracks: Tracks, x: Array, y: Array, at: Array) -> tuple[Array, Array]:
-    """Return where particles are [m] at some times [s since 1970], (k, m), straight on between those of their tracks."""
+    """Return where particles are [m] at some times [s since 1970], (k, m), straight on between
+    those of their tracks.
+    """
     k = np.clip(np.searchsorted(tracks.time, at, side="right") - 1, 0, tracks.bins - 1)
     share = ((at - tracks.time[k]) / (tracks.time[k + 1] - tracks.time[k]))[:, None]
     return x[k] * (1 - share) + x[k + 1] * share, y[k] * (1 - share) + y[k + 1] * share
 
 
 def _joined(x: Array, y: Array, there: Array, some: Array) -> Array:
-    """Return the first row of each bin, (b + 1,); some: numbers of the particles by which it is judged."""
+    """Return the first row of each bin, (b + 1,); some: numbers of the particles by which it is
+    judged.
+    """
     x, y, there = (v[:, some] for v in (x, y, there))
 
     def density(first: int, rows: int) -> float:
-        """Return the mean logarithm of density in boxes that stand still for some rows, times particles and rows."""
+        """Return the mean logarithm of density in boxes that stand still for some rows, times
+        particles and rows.
+        """
         within = slice(first, first + rows)
         present = there[within]
         if not present.any():
             return 0.0
         boxes = quadtree.halved(x[within][present], y[within][present], THICK, THICK, rows, 1.0)
         count = np.bincount(boxes.of)
-        extent = boxes.sides * ((count + 1) / np.maximum(count - 1, 1))[:, None]  # n even points span less of their box
+        # n even points span less of their box
+        extent = boxes.sides * ((count + 1) / np.maximum(count - 1, 1))[:, None]
         return float(count @ np.log(count / np.maximum(np.prod(extent, axis=1), 1.0) / rows))
 
     bins = [(r, 1, density(r, 1)) for r in range(len(x))]
@@ -126,7 +146,10 @@ def _joined(x: Array, y: Array, there: Array, some: Array) -> Array:
             here = bins.pop(0)
             if bins and here[0] % length == 0 and here[1] == bins[0][1] == length // 2:
                 finest = here[2] + bins[0][2]
-                if density(here[0], length) >= finest - THINNER * there[here[0] : here[0] + length].sum():
+                if (
+                    density(here[0], length)
+                    >= finest - THINNER * there[here[0] : here[0] + length].sum()
+                ):
                     here = (here[0], length, finest)
                     bins.pop(0)
             joined.append(here)
@@ -135,7 +158,9 @@ def _joined(x: Array, y: Array, there: Array, some: Array) -> Array:
 
 
 def _strain(tracks: Tracks, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the mean side of boxes at each time of the tracks, and how far particles then move apart [m]."""
+    """Return the mean side of boxes at each time of the tracks, and how far particles then move
+    apart [m].
+    """
     sample = _few(tracks)
     side, apart = np.empty(len(x)), np.empty(len(x) - 1)
     for t in range(len(x)):
@@ -148,7 +173,9 @@ def _strain(tracks: Tracks, x: Array, y: Array) -> tuple[Array, Array]:
 def _few(tracks: Tracks) -> Array:
     """Return numbers of particles, drawn by weight, on which motion is measured."""
     tick = np.cumsum(tracks.weight)
-    sample = np.minimum(np.searchsorted(tick, (np.arange(TRIAL) + 0.5) / TRIAL * tick[-1]), tracks.m - 1)
+    sample = np.minimum(
+        np.searchsorted(tick, (np.arange(TRIAL) + 0.5) / TRIAL * tick[-1]), tracks.m - 1
+    )
     return np.unique(sample)
 
 
@@ -160,7 +187,9 @@ def _sides(x: Array, y: Array) -> tuple[Array, float]:
 
 
 def _apart(box_of: Array, *displacements: Array) -> float:
-    """Return how far [m] particles of one box move apart: the deviation of displacements (n,) within boxes."""
+    """Return how far [m] particles of one box move apart: the deviation of displacements (n,)
+    within boxes.
+    """
     count, total = np.bincount(box_of), 0.0
     for displacement in displacements:
         residual = displacement - (np.bincount(box_of, displacement) / count)[box_of]

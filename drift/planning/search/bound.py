@@ -1,32 +1,38 @@
-"""An estimated upper bound of what any plan can find: what effort would find that can be divided at will.
+"""An estimated upper bound of what any plan can find: what effort would find that can be divided at
+will.
 
-Effort f [s] of search by unit, time bin and box gives every particle i in the box the coverage f W_i (v + s_i) / area,
-where W_i is the sweep width for its own scenario, v the unit's speed and s_i the particle's, as for a leg against its
-drift. Its chance of being found is at most b(C_i), where C_i is all its coverage and b the concave curve above whatever
-legs find (drift.planning.search.concave): P(f) = sum of w_i b(C_i) is concave. When being found is worth less later, a_i(t),
-the worth of what is found is the sum over i and t of w_i (a_i(t) - a_i(t + 1)) b(C_i(t)), which is concave too.
+Effort f [s] of search by unit, time bin and box gives every particle i in the box the coverage f
+W_i (v + s_i) / area, where W_i is the sweep width for its own scenario, v the unit's speed and s_i
+the particle's, as for a leg against its drift. Its chance of being found is at most b(C_i), where
+C_i is all its coverage and b the concave curve above whatever legs find
+(drift.planning.search.concave): P(f) = sum of w_i b(C_i) is concave. When being found is worth less
+later, a_i(t), the worth of what is found is the sum over i and t of w_i (a_i(t) - a_i(t + 1))
+b(C_i(t)), which is concave too.
 
-For any slopes y no plan exceeds the sum of w_i b*(y_i) + max over g of the sum of w_i y_i C_i(g), where b*(y) = max
-over C of b(C) - y C (Fenchel; with y = b'(C_i(f)) it is P(f) + max over g of <P'(f), g - f>, the duality gap of Frank
-and Wolfe 1956). The maximum needs, at each time, only the greatest density of particles weighted by y: a unit spends
-its time in the bins whose best box gains most. f is found by projected gradients with momentum (Beck and Teboulle 2009,
+For any slopes y no plan exceeds the sum of w_i b*(y_i) + max over g of the sum of w_i y_i C_i(g),
+where b*(y) = max over C of b(C) - y C (Fenchel; with y = b'(C_i(f)) it is P(f) + max over g of
+<P'(f), g - f>, the duality gap of Frank and Wolfe 1956). The maximum needs, at each time, only the
+greatest density of particles weighted by y: a unit spends its time in the bins whose best box gains
+most. f is found by projected gradients with momentum (Beck and Teboulle 2009,
 doi:10.1137/080716542).
 
-The bound would be proven if densities were known. They are estimated, and so is the bound. It assumes that a particle
-goes straight from one time of its track to the next, that its density is even within a box, and that the greatest
-densities in a bin of time are at most those when the cloud is densest, or, of what steers, even over the bin's rows
-(drift.planning.search.bins). Boxes are drawn as tight as the particles in
-them, so that density is rather too high than too low, and they are cut where particles are clearly uneven; bins are as
-short as the particles' motion against each other requires. The unevenness that is left makes the bound too low, by
-second order in the size of boxes and bins. Noise makes it too high, because boxes that are too dense by chance look
-worth a visit, and outweighs the other error (tests/planning/search/test_bound.py), except where density has no limit, as r^-1.5
-about a point.
+The bound would be proven if densities were known. They are estimated, and so is the bound. It
+assumes that a particle goes straight from one time of its track to the next, that its density is
+even within a box, and that the greatest densities in a bin of time are at most those when the cloud
+is densest, or, of what steers, even over the bin's rows (drift.planning.search.bins). Boxes are
+drawn as tight as the particles in them, so that density is rather too high than too low, and they
+are cut where particles are clearly uneven; bins are as short as the particles' motion against each
+other requires. The unevenness that is left makes the bound too low, by second order in the size of
+boxes and bins. Noise makes it too high, because boxes that are too dense by chance look worth a
+visit, and outweighs the other error (tests/planning/search/test_bound.py), except where density has
+no limit, as r^-1.5 about a point.
 
-What steers streams past its neighbours. A box of a bin of several rows stands still; of what is in it during a part of
-the rows that part of the effort counts, so that its density is the mean over them. Noise makes the bound too high there
-too, by up to a third. There is none where particles go farther in a row than boxes and sweep widths reach, and none for
-a sensor that counts passes abeam against a Brownian bridge, which comes abeam without number: no limit is known to what
-ever shorter legs would find.
+What steers streams past its neighbours. A box of a bin of several rows stands still; of what is in
+it during a part of the rows that part of the effort counts, so that its density is the mean over
+them. Noise makes the bound too high there too, by up to a third. There is none where particles go
+farther in a row than boxes and sweep widths reach, and none for a sensor that counts passes abeam
+against a Brownian bridge, which comes abeam without number: no limit is known to what ever shorter
+legs would find.
 """
 
 import itertools
@@ -48,9 +54,11 @@ from drift.planning.search.planning_tracks import Tracks
 from geo.array import Array
 from kernels.planning import allocate
 
-# Fewest effective particles in a box: boxes of 8 are too dense by two thirds, boxes of 64 are too wide (test_bound.py).
+# Fewest effective particles in a box: boxes of 8 are too dense by two thirds, boxes of 64 are too
+# wide (test_bound.py).
 LEAST = 16.0
-PARTICLES = 10_000  # most of those that steer on which it is found: more rows tell more than more particles
+# most of those that steer on which it is found: more rows tell more than more particles
+PARTICLES = 10_000
 SMALLEST = 0.003  # [sweep widths] side of the smallest box, which a single pass covers
 PATIENCE = 25  # steps without a better bound or better effort after which the search ends
 STEPS = 500  # most steps
@@ -82,13 +90,19 @@ class Bound:
     none: str = ""  # why it is no bound, in a few words
 
 
-def bound(tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]) -> Bound:
-    """Return the estimated upper bound of what any plan of these units, laws and times finds on these tracks."""
+def bound(
+    tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]
+) -> Bound:
+    """Return the estimated upper bound of what any plan of these units, laws and times finds on
+    these tracks.
+    """
     if tracks.turn is None:
         weighted = np.flatnonzero(tracks.weight > 0)
         some = record.sort(record.take(tracks, weighted, tracks.weight[weighted]))
         return ascend(*_field(some, units, spec, survival)[:3])
-    field, budget, area, none = _field(record.sample(tracks, max(int(counted(tracks)), 1)), units, spec, survival)
+    field, budget, area, none = _field(
+        record.sample(tracks, max(int(counted(tracks)), 1)), units, spec, survival
+    )
     if none:
         return Bound(1.0, 0.0, np.zeros((len(area), len(units))), none)
     return ascend(field, budget, area, STEERED)
@@ -100,11 +114,14 @@ def counted(tracks: Tracks) -> float:
     return number if tracks.turn is None else min(number, PARTICLES)
 
 
-def silent(value: float, number: float, error: float, seen: float, scored: float, none: str = "") -> str:
+def silent(
+    value: float, number: float, error: float, seen: float, scored: float, none: str = ""
+) -> str:
     """Return in a few words why a bound tells nothing; "" where it tells something.
 
-    none: see Bound; number: effective number of the particles on which it was found; seen: what the plan finds of them;
-    scored: what the plan finds of others; error: standard error of value less scored.
+    none: see Bound; number: effective number of the particles on which it was found; seen: what the
+    plan finds of them; scored: what the plan finds of others; error: standard error of value less
+    scored.
     """
     if number < FEW:
         return f"only {number:,.0f} effective particles, too few to judge this plan"
@@ -119,8 +136,11 @@ def silent(value: float, number: float, error: float, seen: float, scored: float
     return ""
 
 
-def worth(tracks: Tracks, survival: Sequence[Survival | None], objective: str, time: Array | None = None) -> Array:
-    """Return what finding each particle is worth at some times, (k, m): 1, or its chance of being alive.
+def worth(
+    tracks: Tracks, survival: Sequence[Survival | None], objective: str, time: Array | None = None
+) -> Array:
+    """Return what finding each particle is worth at some times, (k, m): 1, or its chance of being
+    alive.
 
     time: (k,) [s since 1970]; the tracks' own by default.
     """
@@ -130,7 +150,9 @@ def worth(tracks: Tracks, survival: Sequence[Survival | None], objective: str, t
         for s, life in enumerate(survival):
             if life is not None:
                 members = tracks.scenario == s
-                value[:, members] = life.alive(np.maximum(time[:, None] - tracks.release[members], 0.0))
+                value[:, members] = life.alive(
+                    np.maximum(time[:, None] - tracks.release[members], 0.0)
+                )
     return value
 
 
@@ -153,10 +175,16 @@ def ascend(field: allocate.Field, budget: Budget, areas: Array, enough: float = 
         if min(least, 1.0) - best < enough or best > NEARLY or k - last > PATIENCE:
             break
         while True:
-            new = project(extrapolated + slope / (stiffness * curvature), stiffness * curvature, budget)
+            new = project(
+                extrapolated + slope / (stiffness * curvature), stiffness * curvature, budget
+            )
             step = new - extrapolated
             attained, _ = field.spend(new / area)
-            expected = value + float(np.sum(slope * step)) - stiffness / 2 * float(np.sum(curvature * step**2))
+            expected = (
+                value
+                + float(np.sum(slope * step))
+                - stiffness / 2 * float(np.sum(curvature * step**2))
+            )
             if attained >= expected - 1e-6:
                 break
             stiffness *= 2
@@ -178,7 +206,8 @@ def ascend(field: allocate.Field, budget: Budget, areas: Array, enough: float = 
 def _field(
     tracks: Tracks, units: Sequence[Unit], spec: PlanSpec, survival: Sequence[Survival | None]
 ) -> tuple[allocate.Field, Budget, Array, str]:
-    """Return the particles in boxes, the effort that may be spent there, the boxes' areas [m2], and why there is no bound.
+    """Return the particles in boxes, the effort that may be spent there, the boxes' areas [m2], and
+    why there is no bound.
 
     Areas are multiplied by the rows of their bins.
     """
@@ -186,9 +215,13 @@ def _field(
     if tracks.turn is not None:
         under_way = np.array([unit.width_under_way or unit.sweep_width for unit in units]).T
         widths = np.concatenate([widths, under_way, np.maximum(widths, under_way)])
-    smallest = SMALLEST * float(widths.min(where=widths > 0, initial=np.inf) if (widths > 0).any() else 1.0)
+    smallest = SMALLEST * float(
+        widths.min(where=widths > 0, initial=np.inf) if (widths > 0).any() else 1.0
+    )
     plane = record.plane(tracks)
-    bins = binned.of_drift(tracks, plane) if tracks.turn is None else binned.of_streams(tracks, plane)
+    bins = (
+        binned.of_drift(tracks, plane) if tracks.turn is None else binned.of_streams(tracks, plane)
+    )
     most = max(float(1 / np.sum(tracks.weight**2)) / BOXES, LEAST)
     box_of, boxes = np.full(bins.there.shape, -1), []
     for first, end in itertools.pairwise(bins.first):
@@ -206,29 +239,49 @@ def _field(
     counts = [group.count for group in boxes]
     start = np.concatenate([[0], np.cumsum(counts)])
     area = np.concatenate([np.prod(np.maximum(group.sides, smallest), axis=1) for group in boxes])
-    value = worth(tracks, survival, spec.objective, bins.edge[:-1])  # worth does not rise within a row
+    # worth does not rise within a row
+    value = worth(tracks, survival, spec.objective, bins.edge[:-1])
     fall = value - np.concatenate([value[1:], np.zeros((1, tracks.m))])
     groups = {unit.group or unit.name: unit.shape for unit in units}
     wander, more = _wander(tracks, units)
-    curve = concave.curve(tuple(dict.fromkeys(unit.law for unit in units)), tuple(groups.values()), wander)
+    curve = concave.curve(
+        tuple(dict.fromkeys(unit.law for unit in units)), tuple(groups.values()), wander
+    )
     sweep_rates = widths * np.array([unit.search_speed for unit in units])
     if tracks.turn is not None:
         sweep_rates *= np.concatenate([np.ones(more.shape), more, more])
     # the effort of a random search counts over the ground, whatever the particles' speed
-    slowness = [0.0 if laws.formulas_of(unit.law).detects == "anywhere" else 1 / unit.search_speed for unit in units]
+    slowness = [
+        0.0 if laws.formulas_of(unit.law).detects == "anywhere" else 1 / unit.search_speed
+        for unit in units
+    ]
     field = allocate.Field(
-        box_of, len(area), fall, bins.pace, _states(tracks, bins.edge, len(units[0].sweep_width)), tracks.weight, sweep_rates, slowness,
-        (curve.value, curve.slope, curve.conjugate), concave.STEP,
-    )  # fmt: skip
+        box_of,
+        len(area),
+        fall,
+        bins.pace,
+        _states(tracks, bins.edge, len(units[0].sweep_width)),
+        tracks.weight,
+        sweep_rates,
+        slowness,
+        (curve.value, curve.slope, curve.conjugate),
+        concave.STEP,
+    )
     budget = _budget(tracks, units, spec, bins, boxes, start, plane)
-    none = "" if tracks.turn is None else _unbounded(tracks, units, bins, float(np.median(np.sqrt(area))))
+    none = (
+        ""
+        if tracks.turn is None
+        else _unbounded(tracks, units, bins, float(np.median(np.sqrt(area))))
+    )
     return field, budget, area * np.repeat(np.diff(bins.first), counts), none
 
 
 def _wander(tracks: Tracks, units: Sequence[Unit]) -> tuple[float, Array]:
-    """Return how far bridges wander where that is least, and by how much more effort counts where it is more.
+    """Return how far bridges wander where that is least, and by how much more effort counts where
+    it is more.
 
-    They wander by K^2 over the speed and sweep width of a unit, 0 if nothing does. The factors are (scenarios, units).
+    They wander by K^2 over the speed and sweep width of a unit, 0 if nothing does. The factors are
+    (scenarios, units).
     """
     wander = np.zeros((len(units[0].sweep_width), len(units)))
     if tracks.flow is not None:
@@ -236,18 +289,24 @@ def _wander(tracks: Tracks, units: Sequence[Unit]) -> tuple[float, Array]:
         for u, unit in enumerate(units):
             for s, width in enumerate(unit.width_under_way or unit.sweep_width):
                 if width > 0 and laws.formulas_of(unit.law).detects == "along":
-                    wander[s, u] = k[tracks.scenario == s].max(initial=0.0) ** 2 / (unit.search_speed * width)
+                    wander[s, u] = k[tracks.scenario == s].max(initial=0.0) ** 2 / (
+                        unit.search_speed * width
+                    )
     if not wander.any():
         return 0.0, np.ones(wander.shape)
     least = float(wander[wander > 0].min())
     h = concave.ROOTS[1:] ** 2
     usual = concave.wandering(h, least)
-    more = [np.max(concave.wandering(h, one) / usual) if one > least else 1.0 for one in wander.ravel()]
+    more = [
+        np.max(concave.wandering(h, one) / usual) if one > least else 1.0 for one in wander.ravel()
+    ]
     return least, np.reshape(more, wander.shape)
 
 
 def _unbounded(tracks: Tracks, units: Sequence[Unit], bins: Bins, side: float) -> str:
-    """Return in a few words why there is no bound for what steers, "" where there is one; side: of boxes [m]."""
+    """Return in a few words why there is no bound for what steers, "" where there is one; side: of
+    boxes [m].
+    """
     bridged = tracks.flow is not None and bool((np.nan_to_num(tracks.flow[2]) > 0).any())
     if bridged and any(laws.formulas_of(unit.law).detects == "abeam" for unit in units):
         return "no limit is known to what a sensor that counts passes abeam finds of a Brownian bridge by short legs"
@@ -258,13 +317,17 @@ def _unbounded(tracks: Tracks, units: Sequence[Unit], bins: Bins, side: float) -
 
 
 def _states(tracks: Tracks, edge: Array, scenarios: int) -> Array:
-    """Return at each time which sweep widths a particle has: adrift, under way, or the greater of both.
+    """Return at each time which sweep widths a particle has: adrift, under way, or the greater of
+    both.
 
-    They are numbered by state and then by scenario, (r, m); of what drifts all along by its scenario alone, (m,).
+    They are numbered by state and then by scenario, (r, m); of what drifts all along by its
+    scenario alone, (m,).
     """
     if tracks.turn is None:
         return tracks.scenario
-    state = np.where(tracks.turn <= edge[:-1, None], 0, np.where(tracks.turn >= edge[1:, None], 1, 2))
+    state = np.where(
+        tracks.turn <= edge[:-1, None], 0, np.where(tracks.turn >= edge[1:, None], 1, 2)
+    )
     return np.asarray(state * scenarios + tracks.scenario)
 
 
@@ -279,7 +342,9 @@ def _budget(
 ) -> Budget:
     """Return the budget of boxes; start: (b + 1,) number of the first box of each bin."""
     bin_of = np.repeat(np.arange(len(boxes)), np.diff(start))
-    low, high = (np.concatenate(v) for v in ([group.low for group in boxes], [group.high for group in boxes]))
+    low, high = (
+        np.concatenate(v) for v in ([group.low for group in boxes], [group.high for group in boxes])
+    )
     begin, end = bins.edge[bins.first[:-1]][bin_of], bins.edge[bins.first[1:]][bin_of]
     # A unit need not come nearer to a box than its motion within the bin and a sweep width.
     moved = bins.moved[bin_of]
@@ -290,7 +355,9 @@ def _budget(
         distance = np.hypot(*np.maximum(np.maximum(low - (x, y), (x, y) - high), 0.0).T)
         widest = max(*unit.sweep_width, *unit.width_under_way, 0.0)
         to_go = np.maximum(distance - moved - widest, 0.0)
-        spare[:, u] = available.within(begin, end, available.leaves + to_go / available.transit_speed)
+        spare[:, u] = available.within(
+            begin, end, available.leaves + to_go / available.transit_speed
+        )
         ends = laws.formulas_of(unit.law).ends * widest / unit.search_speed
         total[u] = available.search + spec.rounds * ends
         spare[:, u] += (spare[:, u] > 0) * spec.rounds * ends
@@ -298,7 +365,9 @@ def _budget(
 
 
 def _best(slope: Array, budget: Budget) -> tuple[Array, Array]:
-    """Return the best slope of each bin and unit, (b, units), and the most that each unit can gain, (units,)."""
+    """Return the best slope of each bin and unit, (b, units), and the most that each unit can gain,
+    (units,).
+    """
     top = np.maximum.reduceat(np.where(budget.open, slope, 0.0), budget.start[:-1], axis=0)
     gains = np.zeros(top.shape[1])
     for u in range(top.shape[1]):
@@ -325,8 +394,8 @@ def _curvature(field: allocate.Field, area: Array) -> Array:
 def project(effort: Array, stiff: Array, budget: Budget) -> Array:
     """Return the effort within the budget that is nearest to `effort`, (boxes, units).
 
-    stiff: weights of the squares. It is max(0, effort - price / stiff), where the price in a bin is the larger of the
-    bin's and the unit's.
+    stiff: weights of the squares. It is max(0, effort - price / stiff), where the price in a bin is
+    the larger of the bin's and the unit's.
     """
     inverse = np.where(budget.open, 1 / stiff, 0.0)
     effort = np.where(budget.open, effort, 0.0)
@@ -345,11 +414,16 @@ def project(effort: Array, stiff: Array, budget: Budget) -> Array:
         if np.all(excess <= 1e-9 * np.maximum(budget.most, 1)):
             break
         price = np.where(excess > 0, price + excess / np.maximum(slope, 1e-300), price)
-    low, high = np.zeros(len(budget.total)), np.max(np.where(budget.open, effort * stiff, 0), axis=0, initial=0)
+    low, high = (
+        np.zeros(len(budget.total)),
+        np.max(np.where(budget.open, effort * stiff, 0), axis=0, initial=0),
+    )
     if np.any(np.sum(spent(price)[0], axis=0) > budget.total):
         for _ in range(30):
             middle = (low + high) / 2
             excess = np.sum(spent(np.maximum(price, middle))[0], axis=0) > budget.total
             low, high = np.where(excess, middle, low), np.where(excess, high, middle)
-        price = np.where(np.sum(spent(price)[0], axis=0) > budget.total, np.maximum(price, high), price)
+        price = np.where(
+            np.sum(spent(price)[0], axis=0) > budget.total, np.maximum(price, high), price
+        )
     return np.maximum(effort - np.repeat(price, bins, axis=0) * inverse, 0)

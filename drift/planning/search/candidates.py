@@ -1,4 +1,6 @@
-"""Rectangles chosen for units, what they find at a stage of the optimiser, and the taskings made of them."""
+"""Rectangles chosen for units, what they find at a stage of the optimiser, and the taskings made of
+them.
+"""
 
 import math
 from collections.abc import Sequence
@@ -32,7 +34,8 @@ class Stage:
     nodes: Array  # (nodes,) weights of the joint nodes
     executed: bool  # whether legs are scored as flown or smeared out
     separation: float  # [m] that units keep apart
-    price: float = math.inf  # share of the gain lost by being a whole size too near to another unit; inf: forbidden
+    # share of the gain lost by being a whole size too near to another unit; inf: forbidden
+    price: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -60,11 +63,15 @@ def choose(crew: Crew, row: Array, stage: Stage) -> Choice:
         chance, worth = rectangles.found(
             stage.swarm, crew.random, table, coverage[0], crew.factor, rectangle.STEP, crew.curve
         )
-    return Choice(crew, row, flown, Find(float(flown.start[0] + flown.duration[0] / 2), chance, worth))
+    return Choice(
+        crew, row, flown, Find(float(flown.start[0] + flown.duration[0] / 2), chance, worth)
+    )
 
 
 def at_stage(plan: Plan, stage: Stage) -> Plan:
-    """Return the same rectangles with what they find at another stage, without those impossible there."""
+    """Return the same rectangles with what they find at another stage, without those impossible
+    there.
+    """
     chosen = [choice and choose(choice.crew, choice.row, stage) for choice in plan]
     return [choice if choice and choice.flown.possible[0] else None for choice in chosen]
 
@@ -79,7 +86,9 @@ def too_near(choice: Choice, rows: Array, flown: Sweeps, stage: Stage) -> Array:
     """Return by how much [m] rectangles are too near to another unit's, 0 where they are not."""
     if stage.separation <= 0:
         return np.zeros(len(rows))
-    return np.maximum(stage.separation - rectangle.apart(rows, flown, choice.row, choice.flown), 0.0)
+    return np.maximum(
+        stage.separation - rectangle.apart(rows, flown, choice.row, choice.flown), 0.0
+    )
 
 
 def apart(plan: Plan, stage: Stage) -> bool:
@@ -110,7 +119,9 @@ def taskings(chosen: Sequence[Choice], stage: Stage) -> tuple[Tasking, ...]:
 
 
 def waits(choice: Choice, chosen: Sequence[Choice], stage: Stage) -> str:
-    """Return why a unit searches later than it could: at night it cannot, others would be too near, or else by choice."""
+    """Return why a unit searches later than it could: at night it cannot, others would be too near,
+    or else by choice.
+    """
     crew, start = choice.crew, float(choice.flown.start[0])
     row = choice.row.copy()
     row[rectangle.WAIT] = 0.0
@@ -129,7 +140,8 @@ def waits(choice: Choice, chosen: Sequence[Choice], stage: Stage) -> str:
     reasons = ["for daylight"] * (light - earliest >= PART * (start - earliest))
     if start - light >= PART * (start - earliest):
         night = any(light < begin - crew.zero <= start for begin, _ in spans)
-        if night and at_once.duration[0] < (1 - PART) * choice.flown.duration[0]:  # dark comes too soon
+        # dark comes too soon
+        if night and at_once.duration[0] < (1 - PART) * choice.flown.duration[0]:
             reasons.append("for daylight")
         elif near:
             reasons.append(f"to keep clear of {' and '.join(near)}")
@@ -151,48 +163,90 @@ def _tasking(choice: Choice, pos: float) -> Tasking:
     if flown.sailed[0] is not None:
         (sailed,) = rectangle.cut_at_coast(crew, [laid])
         assert sailed is not None  # the same legs could be sailed before
-        legs = polyline.through(start + sailed.elapsed, sailed.lon, sailed.lat, sailed.searching.tolist())
+        legs = polyline.through(
+            start + sailed.elapsed, sailed.lon, sailed.lat, sailed.searching.tolist()
+        )
         assert crew.course is not None
         searched = swept.area(laid, sailed, length, spacing, crew.course.share)
-        # Every other leg of a pattern is a cross leg, which is not counted, nor are legs outside the area.
+        # Every other leg of a pattern is a cross leg, which is not counted, nor are legs outside
+        # the area.
         across = round(searched.width / spacing)
         numbers = {k // 2 + 1 - searched.first for k in sailed.cut if k % 2 == 0}
         cut = tuple(sorted(number for number in numbers if 0 < number <= across))
-    end = min(start + float(flown.duration[0]), crew.available.spans[-1][1]) if crew.random else legs.time[-1]
+    end = (
+        min(start + float(flown.duration[0]), crew.available.spans[-1][1])
+        if crew.random
+        else legs.time[-1]
+    )
     coverage, under_way = (
         tuple(w * unit.search_speed * float(flown.duration[0]) / (length * width) for w in widths)
         for widths in (unit.sweep_width, unit.width_under_way)
     )
     first, last = availability.moment(start), availability.moment(math.ceil(end))
     sortie = Sortie(
-        name=unit.name, kind=unit.kind, start=first, end=last, law=unit.law,
-        sweep_width=unit.sweep_width, width_under_way=unit.width_under_way, shape=unit.shape, group=unit.group,
-        area=patterns.rectangle(searched.centre, searched.length, searched.width, searched.orientation),
+        name=unit.name,
+        kind=unit.kind,
+        start=first,
+        end=last,
+        law=unit.law,
+        sweep_width=unit.sweep_width,
+        width_under_way=unit.width_under_way,
+        shape=unit.shape,
+        group=unit.group,
+        area=patterns.rectangle(
+            searched.centre, searched.length, searched.width, searched.orientation
+        ),
         coverage=coverage if crew.random else (),
-        coverage_under_way=under_way if crew.random else (), legs=None if crew.random else legs,
-        speed=unit.search_speed, altitude=unit.altitude, spacing=spacing,
-        crossed=not crew.random and flown.sailed[0] is None and crew.manner.pattern == "parallel", planned=True,
-    )  # fmt: skip
+        coverage_under_way=under_way if crew.random else (),
+        legs=None if crew.random else legs,
+        speed=unit.search_speed,
+        altitude=unit.altitude,
+        spacing=spacing,
+        crossed=not crew.random and flown.sailed[0] is None and crew.manner.pattern == "parallel",
+        planned=True,
+    )
     ends = [(legs.lon[k], legs.lat[k]) for k in (0, -1)]
     ways: tuple[tuple[LonLat, ...], tuple[LonLat, ...]] = ((), ())
     if crew.course is not None:
         ways = courses.out_and_home(crew.course, *ends)
     way_out, way_home = (
         polyline.way(way or straight) / unit.transit_speed
-        for way, straight in zip(ways, ((unit.base, ends[0]), (ends[1], unit.return_to)), strict=True)
+        for way, straight in zip(
+            ways, ((unit.base, ends[0]), (ends[1], unit.return_to)), strict=True
+        )
     )
-    takeoff = availability.moment(max(math.floor(start - way_out), math.ceil(crew.available.leaves)))
+    takeoff = availability.moment(
+        max(math.floor(start - way_out), math.ceil(crew.available.leaves))
+    )
     home = availability.moment(math.ceil(end + way_home))
     return Tasking(
-        unit=unit, round=1, sortie=sortie, takeoff=takeoff, on_scene=sortie.start, off_scene=sortie.end, home=home,
-        centre=searched.centre, length=searched.length, width=searched.width, orientation=searched.orientation,
-        creep=(searched.orientation - laid.corner[1] * math.pi / 2) % (2 * math.pi), spacing=spacing,
-        legs=searched.legs, pos=pos, out=ways[0], back=ways[1], cut=cut, swept=searched.share, manner=crew.manner,
-    )  # fmt: skip
+        unit=unit,
+        round=1,
+        sortie=sortie,
+        takeoff=takeoff,
+        on_scene=sortie.start,
+        off_scene=sortie.end,
+        home=home,
+        centre=searched.centre,
+        length=searched.length,
+        width=searched.width,
+        orientation=searched.orientation,
+        creep=(searched.orientation - laid.corner[1] * math.pi / 2) % (2 * math.pi),
+        spacing=spacing,
+        legs=searched.legs,
+        pos=pos,
+        out=ways[0],
+        back=ways[1],
+        cut=cut,
+        swept=searched.share,
+        manner=crew.manner,
+    )
 
 
 def _held(choice: Choice, turn: float) -> Swept:
-    """Return the rectangle that holds a pattern and what its outer legs sweep, with the legs that are flown."""
+    """Return the rectangle that holds a pattern and what its outer legs sweep, with the legs that
+    are flown.
+    """
     crew, flown = choice.crew, choice.flown
     nodes = rectangle.path(crew, choice.row, flown, 0)
     parallel = crew.manner.pattern == "parallel"
@@ -200,6 +254,11 @@ def _held(choice: Choice, turn: float) -> Swept:
     legs = int(flown.legs[0]) if parallel else len(nodes) - 1
     sin, cos = math.sin(turn), math.cos(turn)
     along, across = nodes[:, 1] * sin + nodes[:, 2] * cos, nodes[:, 1] * cos - nodes[:, 2] * sin
-    (a, c), (length, width) = (((v.max() + v.min()) / 2 for v in (along, across)), (np.ptp(v) for v in (along, across)))
-    lon, lat = (math.degrees(float(v)) for v in crew.plane.round(a * sin + c * cos, a * cos - c * sin))
+    (a, c), (length, width) = (
+        ((v.max() + v.min()) / 2 for v in (along, across)),
+        (np.ptp(v) for v in (along, across)),
+    )
+    lon, lat = (
+        math.degrees(float(v)) for v in crew.plane.round(a * sin + c * cos, a * cos - c * sin)
+    )
     return Swept((lon, lat), float(length) + margin, float(width) + margin, turn, legs, 0, 1.0)

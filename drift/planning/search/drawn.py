@@ -1,8 +1,9 @@
-"""Patterns as a planner would draw them by hand, for the optimiser to start from and to be measured by.
+"""Patterns as a planner would draw them by hand, for the optimiser to start from and to be measured
+by.
 
-Each is laid at the mean position or over one of the densest spots of what is left (both sides of a strait are two of
-them), on the ground or in a frame that drifts as the particles there do. All its numbers come from tables: of the
-pattern, of the shape of its area, of the spacing.
+Each is laid at the mean position or over one of the densest spots of what is left (both sides of a
+strait are two of them), on the ground or in a frame that drifts as the particles there do. All its
+numbers come from tables: of the pattern, of the shape of its area, of the spacing.
 """
 
 import math
@@ -22,8 +23,8 @@ SPOTS = 3  # densest spots, beside the mean position
 WAITS = (0.0, 0.3, 0.6)  # of the time that a unit could wait
 SPACINGS = (0.6, 1.0, 1.6, 2.5, 4.0)  # [sweep widths]
 TIMES = (1, 2, 4)  # how often sectors are flown
-# Patterns, with their lengths over widths and orientations [rad] off the cloud's longer axis: a parallel track in a
-# square, along the cloud, and a creeping line, whose legs lie across it.
+# Patterns, with their lengths over widths and orientations [rad] off the cloud's longer axis: a
+# parallel track in a square, along the cloud, and a creeping line, whose legs lie across it.
 SHAPES = (
     ("parallel", 1.0, 0.0),
     ("parallel", 3.0, 0.0),
@@ -48,7 +49,8 @@ class _Spot:
 
 
 def best(plan: Plan, u: int, crew: Crew, few: Stage, stage: Stage) -> list[Choice]:
-    """Return the patterns of a unit that add most to the others' finds, the best first, as found at a stage.
+    """Return the patterns of a unit that add most to the others' finds, the best first, as found at
+    a stage.
 
     Args:
         plan: of all units; that of the unit itself may be None, or what it flies now.
@@ -58,7 +60,8 @@ def best(plan: Plan, u: int, crew: Crew, few: Stage, stage: Stage) -> list[Choic
         stage: the stage of the result.
 
     Returns:
-        At most KEPT choices, each of another manner, that keep the separation from the other units at `few`.
+        At most KEPT choices, each of another manner, that keep the separation from the other units
+        at `few`.
     """
     if crew.random:
         return []
@@ -69,7 +72,8 @@ def best(plan: Plan, u: int, crew: Crew, few: Stage, stage: Stage) -> list[Choic
     tried = list(_patterns(crew, few, undetected.sum(axis=1), own))
     ranked: list[tuple[float, Crew, Array]] = []
     for manner in dict.fromkeys(manner for manner, _ in tried):
-        # Cutting hundreds of patterns at the coast would take minutes: all are tried whole, and the best are cut.
+        # Cutting hundreds of patterns at the coast would take minutes: all are tried whole, and the
+        # best are cut.
         flier = replace(crew, manner=manner, course=None)
         rows = np.array([row for other, row in tried if other == manner])
         flown = rectangle.fly(flier, rows, few.executed)
@@ -81,7 +85,9 @@ def best(plan: Plan, u: int, crew: Crew, few: Stage, stage: Stage) -> list[Choic
         if not which.size:
             continue
         paths = [rectangle.path(flier, rows[k], flown, int(k)) for k in which]
-        gains = sweeps.gains(few.swarm, crew.table, paths, crew.width, crew.factor, undetected, later)
+        gains = sweeps.gains(
+            few.swarm, crew.table, paths, crew.width, crew.factor, undetected, later
+        )
         k = int(np.argmax(gains))
         ranked.append((float(gains[k]), replace(crew, manner=manner), rows[which[k]]))
     ranked.sort(key=lambda one: -one[0])
@@ -92,8 +98,12 @@ def best(plan: Plan, u: int, crew: Crew, few: Stage, stage: Stage) -> list[Choic
     return kept
 
 
-def _patterns(crew: Crew, stage: Stage, mass: Array, own: Choice | None) -> Iterator[tuple[Manner, Array]]:
-    """Yield manners and rows; mass: probability of each particle that is left, (m,); own: what the unit has now."""
+def _patterns(
+    crew: Crew, stage: Stage, mass: Array, own: Choice | None
+) -> Iterator[tuple[Manner, Array]]:
+    """Yield manners and rows; mass: probability of each particle that is left, (m,); own: what the
+    unit has now.
+    """
     width, speed = max(crew.widest, 1.0), crew.unit.search_speed
     least = max(crew.unit.least_spacing, 1.0)
     for spot in _spots(crew, stage, mass):
@@ -102,7 +112,8 @@ def _patterns(crew: Crew, stage: Stage, mass: Array, own: Choice | None) -> Iter
         if 0 < np.hypot(*spot.velocity) < manners.FASTEST * speed:
             frames.append(spot.velocity)
         for frame in frames:
-            # A frame is laid where it is at the beginning; what stands still, where particles are midway.
+            # A frame is laid where it is at the beginning; what stands still, where particles are
+            # midway.
             place = spot.place + (spot.velocity - frame) * spot.duration / 2
             for pattern, ratio, turn in SHAPES:
                 spacings = [track / manners.SEARCH / times for times in TIMES]
@@ -110,7 +121,14 @@ def _patterns(crew: Crew, stage: Stage, mass: Array, own: Choice | None) -> Iter
                     spacings = [max(share * width, least) for share in SPACINGS]
                 manner = Manner(pattern, float(frame[0]), float(frame[1]))
                 for spacing in spacings:
-                    shape = [spot.axis + turn, math.log(spacing), math.log(ratio), spot.wait, -1.0, -1.0]
+                    shape = [
+                        spot.axis + turn,
+                        math.log(spacing),
+                        math.log(ratio),
+                        spot.wait,
+                        -1.0,
+                        -1.0,
+                    ]
                     yield manner, np.array([*place, *shape])
     if own is not None:
         for times in RESPACED if own.crew.manner.pattern != "sector" else ():
@@ -120,13 +138,19 @@ def _patterns(crew: Crew, stage: Stage, mass: Array, own: Choice | None) -> Iter
 
 
 def _spots(crew: Crew, stage: Stage, mass: Array) -> Iterator[_Spot]:
-    """Yield the mean position and the densest spots of what is left at times when the unit can search."""
+    """Yield the mean position and the densest spots of what is left at times when the unit can
+    search.
+    """
     if mass.sum() <= 0 or not crew.available.spans:
         return
     edges = stage.swarm.time.shape[0]
-    x, y, value = (v.reshape(stage.m, edges) for v in (stage.swarm.x, stage.swarm.y, stage.swarm.value))
+    x, y, value = (
+        v.reshape(stage.m, edges) for v in (stage.swarm.x, stage.swarm.y, stage.swarm.value)
+    )
     arrival = float(
-        crew.available.arrival(*crew.plane.round(*(float(mass @ v[:, edges // 2]) / mass.sum() for v in (x, y))))
+        crew.available.arrival(
+            *crew.plane.round(*(float(mass @ v[:, edges // 2]) / mass.sum() for v in (x, y)))
+        )
     )
     slack = max(crew.available.spans[-1][1] - crew.shortest - arrival, 0.0)
     for share in WAITS:
@@ -135,13 +159,19 @@ def _spots(crew: Crew, stage: Stage, mass: Array) -> Iterator[_Spot]:
             continue
         start = begin - crew.zero
         first, last = (_moment(stage.swarm.time, at) for at in (start, start + duration))
-        here, there = np.stack([_at(x, *first), _at(y, *first)]), np.stack([_at(x, *last), _at(y, *last)])
+        here, there = (
+            np.stack([_at(x, *first), _at(y, *first)]),
+            np.stack([_at(x, *last), _at(y, *last)]),
+        )
         held = np.where(_at(value, *first) >= 0, mass, 0.0)
         if held.sum() <= 0:
             continue
         wait = share * slack
         middle = np.ones(stage.m, bool)
-        for some in (middle, *_dense(here, held, math.sqrt(crew.widest * crew.unit.search_speed * duration))):
+        for some in (
+            middle,
+            *_dense(here, held, math.sqrt(crew.widest * crew.unit.search_speed * duration)),
+        ):
             part = np.where(some, held, 0.0)
             part = part / part.sum()
             place = here @ part
@@ -162,8 +192,12 @@ def _at(values: Array, k: int, share: float) -> Array:
 
 
 def _dense(here: Array, mass: Array, cell: float) -> Iterator[Array]:
-    """Yield which particles, bool (m,), are in each of the cells that hold most and do not touch each other."""
-    index, which = np.unique(np.floor(here / max(cell, 1.0)).astype(np.int64), axis=1, return_inverse=True)
+    """Yield which particles, bool (m,), are in each of the cells that hold most and do not touch
+    each other.
+    """
+    index, which = np.unique(
+        np.floor(here / max(cell, 1.0)).astype(np.int64), axis=1, return_inverse=True
+    )
     held, which = np.bincount(which.ravel(), mass), which.ravel()
     for _ in range(SPOTS):
         k = int(np.argmax(held))

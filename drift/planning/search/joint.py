@@ -1,8 +1,9 @@
-"""What several sorties find together of the same particles, and what one more would add to the others.
+"""What several sorties find together of the same particles, and what one more would add to the
+others.
 
-Sorties miss independently given the unknown factors of the sweep widths; those are taken at joint nodes (k). With what
-finding is worth falling in time, sorties count in the order of their middles: two at the same time are taken one after
-the other.
+Sorties miss independently given the unknown factors of the sweep widths; those are taken at joint
+nodes (k). With what finding is worth falling in time, sorties count in the order of their middles:
+two at the same time are taken one after the other.
 """
 
 import math
@@ -29,11 +30,13 @@ class Find:
 
 
 def nodes(units: Sequence[Unit]) -> tuple[Array, Array]:
-    """Return each unit's factor of sweep width at the joint nodes, (units, nodes), and their weights, (nodes,)."""
+    """Return each unit's factor of sweep width at the joint nodes, (units, nodes), and their
+    weights, (nodes,).
+    """
     names = [unit.group or unit.name for unit in units]
-    groups = list(dict.fromkeys(n for n, unit in zip(names, units, strict=True) if math.isfinite(unit.shape)))[
-        :MOST_GROUPS
-    ]
+    groups = list(
+        dict.fromkeys(n for n, unit in zip(names, units, strict=True) if math.isfinite(unit.shape))
+    )[:MOST_GROUPS]
     count = NODES.get(len(groups), 2)
     factor, weight = np.ones((len(units), 1)), np.ones(1)
     for group in groups:
@@ -46,12 +49,15 @@ def nodes(units: Sequence[Unit]) -> tuple[Array, Array]:
 
 
 def worth(finds: Sequence[Find], weight: Array) -> Array:
-    """Return what finding is worth on average, for each particle (m,): for POS, its chance of being found."""
+    """Return what finding is worth on average, for each particle (m,): for POS, its chance of being
+    found.
+    """
     return _later(sorted(finds, key=lambda find: find.time)) @ weight
 
 
 def others(finds: Sequence[Find], time: float, weight: Array, m: int) -> tuple[Array, Array]:
-    """Return what is left of each particle at a time, and what later sorties still bring, both (m, nodes).
+    """Return what is left of each particle at a time, and what later sorties still bring, both (m,
+    nodes).
 
     What is left is multiplied by the nodes' weights.
     """

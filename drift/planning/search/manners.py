@@ -1,7 +1,8 @@
 """How a unit lays its legs: the pattern, and the frame in which it is laid.
 
-A pattern is laid in a frame that stands on the ground or drifts at a constant velocity, as a cloud does; over ground
-the unit keeps its search speed. Patterns are those of the IAMSAR Manual, Vol. II, chapter 5.
+A pattern is laid in a frame that stands on the ground or drifts at a constant velocity, as a cloud
+does; over ground the unit keeps its search speed. Patterns are those of the IAMSAR Manual, Vol. II,
+chapter 5.
 """
 
 import math
@@ -53,8 +54,10 @@ class Pattern:
     """A pattern: its size, and its points."""
 
     words: str  # as crews call it
-    size: Callable[[Array, Array, Array], Size]  # of the track [m], the spacing [m] and the ratio of length to width
-    # (along, across) [m] of its points, by number of legs, spacing and length [m]; from a corner (along, across) on
+    # of the track [m], the spacing [m] and the ratio of length to width
+    size: Callable[[Array, Array, Array], Size]
+    # (along, across) [m] of its points, by number of legs, spacing and length [m]; from a corner
+    # (along, across) on
     points: Callable[[int, float, float, float, float], tuple[Array, Array]]
 
 
@@ -64,7 +67,9 @@ def _parallel_size(track: Array, spacing: Array, ratio: Array) -> Size:
     return Size(legs, spacing, (track + spacing) / legs, legs * spacing)
 
 
-def _parallel_points(legs: int, spacing: float, length: float, along: float, across: float) -> tuple[Array, Array]:
+def _parallel_points(
+    legs: int, spacing: float, length: float, along: float, across: float
+) -> tuple[Array, Array]:
     half = (length - spacing) / 2
     ends = np.where(np.arange(legs) % 2 == 0, half, -half) * along
     aside = np.repeat((np.arange(legs) - (legs - 1) / 2) * -across * spacing, 2)
@@ -73,14 +78,19 @@ def _parallel_points(legs: int, spacing: float, length: float, along: float, acr
 
 def _square_size(track: Array, spacing: Array, ratio: Array) -> Size:
     """Return an expanding square whose legs are S, S, 2 S, 2 S, ... long, the last of them cut off."""
-    legs = np.maximum(np.ceil(2 * np.sqrt(track / spacing)), 1)  # n legs are S ceil(n/2) (floor(n/2) + 1) long
+    # n legs are S ceil(n/2) (floor(n/2) + 1) long
+    legs = np.maximum(np.ceil(2 * np.sqrt(track / spacing)), 1)
     side = (np.ceil(legs / 2) + 2) * spacing  # it lies off its datum by half a spacing
     return Size(legs, spacing, side, side)
 
 
-def _square_points(legs: int, spacing: float, length: float, along: float, across: float) -> tuple[Array, Array]:
+def _square_points(
+    legs: int, spacing: float, length: float, along: float, across: float
+) -> tuple[Array, Array]:
     reach, course = (np.arange(legs) // 2 + 1) * spacing, np.arange(legs) % 4
-    steps = (reach * np.array(way)[course] for way in ((along, 0, -along, 0), (0, across, 0, -across)))
+    steps = (
+        reach * np.array(way)[course] for way in ((along, 0, -along, 0), (0, across, 0, -across))
+    )
     ahead, aside = (np.concatenate([[0.0], np.cumsum(step)]) for step in steps)
     return ahead, aside
 
@@ -92,13 +102,21 @@ def _sector_size(track: Array, spacing: Array, ratio: Array) -> Size:
     return Size(9 * times, radius, 2 * radius, 2 * radius)
 
 
-def _sector_points(legs: int, spacing: float, length: float, along: float, across: float) -> tuple[Array, Array]:
-    """Return sectors: out along a radius, across by a chord and back, every search turned by 30 degrees."""
+def _sector_points(
+    legs: int, spacing: float, length: float, along: float, across: float
+) -> tuple[Array, Array]:
+    """Return sectors: out along a radius, across by a chord and back, every search turned by 30
+    degrees.
+    """
     number = np.arange(legs // 3)
     out = np.radians(240.0 * (number % 3) + 30.0 * (number // 3))
     zero = np.zeros(len(out))
-    ahead = np.column_stack([np.cos(out), np.cos(out + math.pi / 3), zero]).ravel() * spacing * along
-    aside = np.column_stack([np.sin(out), np.sin(out + math.pi / 3), zero]).ravel() * spacing * across
+    ahead = (
+        np.column_stack([np.cos(out), np.cos(out + math.pi / 3), zero]).ravel() * spacing * along
+    )
+    aside = (
+        np.column_stack([np.sin(out), np.sin(out + math.pi / 3), zero]).ravel() * spacing * across
+    )
     return np.concatenate([[0.0], ahead]), np.concatenate([[0.0], aside])
 
 
@@ -109,7 +127,9 @@ PATTERNS = {
 }
 
 
-def ground(x: Array, y: Array, manner: Manner, start: float, duration: float, speed: float) -> Array:
+def ground(
+    x: Array, y: Array, manner: Manner, start: float, duration: float, speed: float
+) -> Array:
     """Return nodes over ground of legs through points of a frame.
 
     Args:
@@ -121,7 +141,8 @@ def ground(x: Array, y: Array, manner: Manner, start: float, duration: float, sp
         speed: over ground [m/s], above that of the frame.
 
     Returns:
-        Time [s], x, y [m], and 1 for a leg that searches, (n, 4). Times are whole seconds after the start, as in a case
+        Time [s], x, y [m], and 1 for a leg that searches, (n, 4). Times are whole seconds after the
+        start, as in a case
         file: legs are up to half a second too long or short.
     """
     dx, dy = np.diff(x), np.diff(y)
@@ -133,5 +154,10 @@ def ground(x: Array, y: Array, manner: Manner, start: float, duration: float, sp
     until = np.unique(np.rint(np.append(elapsed[elapsed < last], min(last, elapsed[-1]))))
     within = np.stack([np.interp(until, elapsed, v) for v in (x, y)])
     return np.column_stack(
-        [start + until, within[0] + manner.east * until, within[1] + manner.north * until, np.ones(len(until))]
+        [
+            start + until,
+            within[0] + manner.east * until,
+            within[1] + manner.north * until,
+            np.ones(len(until)),
+        ]
     )

@@ -1,10 +1,12 @@
 """Rectangles for units, one each, that together find most of the particles, which move.
 
-Each unit in turn gets the rectangle that adds most to what the others find (block-coordinate ascent), again and again,
-from several beginnings. A rectangle is searched for among many drawn where the particles are, then around the best of
-them in ever smaller steps (an evolution strategy): first with its legs smeared out, on few particles, then with its
-legs as flown, on many. So are patterns that a planner would draw by hand (drift.planning.search.drawn): beside that plan, and as
-a plan of their own. Which of all these plans is proposed is decided on particles that none of them was made on.
+Each unit in turn gets the rectangle that adds most to what the others find (block-coordinate
+ascent), again and again, from several beginnings. A rectangle is searched for among many drawn
+where the particles are, then around the best of them in ever smaller steps (an evolution strategy):
+first with its legs smeared out, on few particles, then with its legs as flown, on many. So are
+patterns that a planner would draw by hand (drift.planning.search.drawn): beside that plan, and as a
+plan of their own. Which of all these plans is proposed is decided on particles that none of them
+was made on.
 """
 
 import math
@@ -22,7 +24,18 @@ from drift.planning.search.boats.courses import Course
 from drift.planning.search.candidates import Choice, Plan, Stage
 from drift.planning.search.planning_tracks import Plane, Tracks
 from drift.planning.search.records import Alternative, Tasking
-from drift.planning.search.rectangle import ACROSS, ALONG, ASPECT, SPACING, TURN, WAIT, Crew, Sweeps, X, Y
+from drift.planning.search.rectangle import (
+    ACROSS,
+    ALONG,
+    ASPECT,
+    SPACING,
+    TURN,
+    WAIT,
+    Crew,
+    Sweeps,
+    X,
+    Y,
+)
 from geo import sphere
 from geo.array import Array
 from kernels.maths import noise
@@ -39,13 +52,17 @@ PATIENCE = 5e-3  # share of what is found that an hour of waiting must add
 PRICES = (0.0, 0.1, 0.3, 1.0)  # prices of being too near to another unit, used one after the other
 NEAR = 0.998  # a new rectangle that saves waiting may lower the plan's worth to this share
 FILLED = 0.9  # a boat that uses less of its search time is tasked anew
-JUDGES = 3  # every so many-th particle, in the order of strata, takes no part in making plans but in choosing one
+# every so many-th particle, in the order of strata, takes no part in making plans but in choosing
+# one
+JUDGES = 3
 CHILDREN, PARENTS = 96, 12  # rectangles in each generation
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """What each unit is to do, by takeoff, and what that would find of the tracks for which it was made."""
+    """What each unit is to do, by takeoff, and what that would find of the tracks for which it was
+    made.
+    """
 
     taskings: tuple[Tasking, ...]
     seen: float
@@ -61,10 +78,11 @@ def plan(
     tell: Callable[[float], None] | None = None,
     at_sea: Mapping[str, Course] | None = None,
 ) -> Proposal:
-    """Return one sortie for each unit that can search, which together find most of the tracks' particles.
+    """Return one sortie for each unit that can search, which together find most of the tracks'
+    particles.
 
-    survival: of each scenario; used where spec.objective is "alive". tell: called with the share that is done. at_sea:
-    courses of boats near land, by name of unit; all other units go straight.
+    survival: of each scenario; used where spec.objective is "alive". tell: called with the share
+    that is done. at_sea: courses of boats near land, by name of unit; all other units go straight.
     """
     at_sea = at_sea or {}
     tell = tell or (lambda share: None)
@@ -79,7 +97,9 @@ def plan(
 
     making, judging = _parted(tracks)
     coarse_tracks = record.coarser(making, BINS if tracks.turn is None else STEERED)
-    coarse, finer = (stage(record.sample(coarse_tracks, min(making.m, n)), False) for n in (FEW, MORE))
+    coarse, finer = (
+        stage(record.sample(coarse_tracks, min(making.m, n)), False) for n in (FEW, MORE)
+    )
     starts = _begun(crews, coarse, spec.separation > 0, rng, tell)
     smeared = _polished([start for _, start in starts[:6]], crews, finer, rng)
     tell(0.6)
@@ -100,38 +120,56 @@ def plan(
     alone = _alone(crews, coarse, executed, rng)
     ignoring = [("each unit where it alone finds most, ignoring the others", alone)]
     drawn_by_hand = ("patterns drawn by hand, one unit after the other", by_hand)
-    others = [*(ignoring if len(crews) > 1 else []), *baselines.by_hand(crews, executed), drawn_by_hand]
+    others = [
+        *(ignoring if len(crews) > 1 else []),
+        *baselines.by_hand(crews, executed),
+        drawn_by_hand,
+    ]
     for _, rival in others[:-1]:
         best = _better(best, candidates.at_stage(rival, judge), crews, executed, judge, rng)
     chosen = [choice for choice in candidates.at_stage(best, full) if choice is not None]
     gain = joint.worth([choice.find for choice in chosen], nodes)
     alternatives = tuple(
-        baselines.alternative(name, candidates.at_stage(rival, full), gain, full) for name, rival in others
+        baselines.alternative(name, candidates.at_stage(rival, full), gain, full)
+        for name, rival in others
     )
     tell(1.0)
     return Proposal(candidates.taskings(chosen, full), float(tracks.weight @ gain), alternatives)
 
 
 def _parted(tracks: Tracks) -> tuple[Tracks, Tracks]:
-    """Split the tracks into those on which plans are made and those on which one is chosen; both are unbiased samples."""
+    """Split the tracks into those on which plans are made and those on which one is chosen; both
+    are unbiased samples.
+    """
     strata = record.order(tracks)
     judges = np.arange(tracks.m) % JUDGES == JUDGES // 2
     making, judging = (np.sort(strata[some]) for some in (~judges, judges))
     if not tracks.weight[making].sum() > 0 or not tracks.weight[judging].sum() > 0:
         return tracks, tracks
-    return record.take(tracks, making, tracks.weight[making]), record.take(tracks, judging, tracks.weight[judging])
+    return record.take(tracks, making, tracks.weight[making]), record.take(
+        tracks, judging, tracks.weight[judging]
+    )
 
 
 def _crews(
-    units: Sequence[Unit], spec: PlanSpec, plane: Plane, zero: float, factor: Array, at_sea: Mapping[str, Course]
+    units: Sequence[Unit],
+    spec: PlanSpec,
+    plane: Plane,
+    zero: float,
+    factor: Array,
+    at_sea: Mapping[str, Course],
 ) -> list[Crew]:
     """Return the units with when and where each can search.
 
-    zero: first time of the tracks [s since 1970]; factor: of the sweep width at each joint node, (units, nodes).
+    zero: first time of the tracks [s since 1970]; factor: of the sweep width at each joint node,
+    (units, nodes).
     """
     crews = []
     for u, unit in enumerate(units):
-        course, available = at_sea.get(unit.name), availability.of_unit(unit, spec, (plane.lon, plane.lat))
+        course, available = (
+            at_sea.get(unit.name),
+            availability.of_unit(unit, spec, (plane.lon, plane.lat)),
+        )
         if course is not None:
             available = replace(available, way=course.arrival)
         crews.append(rectangle.crew(unit, available, plane, zero, factor[u], course))
@@ -139,12 +177,16 @@ def _crews(
 
 
 def _begun(
-    crews: list[Crew], coarse: Stage, apart: bool, rng: np.random.Generator, tell: Callable[[float], None]
+    crews: list[Crew],
+    coarse: Stage,
+    apart: bool,
+    rng: np.random.Generator,
+    tell: Callable[[float], None],
 ) -> list[tuple[float, Plan]]:
     """Return (what it finds, plan) from several beginnings, the best first, on few particles.
 
-    Legs are smeared out. apart: whether units must keep apart. Because they would shut each other out, a growing price
-    moves them apart first; only then is it forbidden to be too near.
+    Legs are smeared out. apart: whether units must keep apart. Because they would shut each other
+    out, a growing price moves them apart first; only then is it forbidden to be too near.
     """
     prices = [*(PRICES if apart else ()), *[math.inf] * ROUNDS]
     starts: list[tuple[float, Plan]] = []
@@ -185,7 +227,8 @@ def _polished(plans: list[Plan], crews: list[Crew], finer: Stage, rng: np.random
 def _as_flown(plan: Plan, crews: list[Crew], executed: Stage, rng: np.random.Generator) -> Plan:
     """Return a plan improved with its legs as flown.
 
-    Smeared out, legs are searched over land too. A boat whose legs end at the coast with time left is tasked anew.
+    Smeared out, legs are searched over land too. A boat whose legs end at the coast with time left
+    is tasked anew.
     """
     best = candidates.at_stage(plan, executed)
     for turn in range(2):
@@ -205,8 +248,12 @@ def _filled(choice: Choice | None) -> float:
     return float(flown.duration[0]) / float(room)
 
 
-def _hand_drawn(plan: Plan, crews: list[Crew], few: Stage, executed: Stage, rng: np.random.Generator) -> Plan:
-    """Return a plan in which each unit, the strongest first, flies a pattern drawn by hand if its POS is higher."""
+def _hand_drawn(
+    plan: Plan, crews: list[Crew], few: Stage, executed: Stage, rng: np.random.Generator
+) -> Plan:
+    """Return a plan in which each unit, the strongest first, flies a pattern drawn by hand if its
+    POS is higher.
+    """
     best = list(plan)
     for u in _order(crews, rng, 0):
         others = [*best[:u], None, *best[u + 1 :]]
@@ -220,12 +267,18 @@ def _hand_drawn(plan: Plan, crews: list[Crew], few: Stage, executed: Stage, rng:
 
 
 def _better(
-    plan: Plan, rival: Plan, crews: list[Crew], executed: Stage, judge: Stage, rng: np.random.Generator
+    plan: Plan,
+    rival: Plan,
+    crews: list[Crew],
+    executed: Stage,
+    judge: Stage,
+    rng: np.random.Generator,
 ) -> Plan:
-    """Return the better of a plan and of one made from a rival in which units need not keep apart; judges decide.
+    """Return the better of a plan and of one made from a rival in which units need not keep apart;
+    judges decide.
 
-    If the rival finds more, its best sorties stay, units too near to them get new tasks, and all are improved. The
-    plan is never worse on the judges' particles than a rival that may be flown.
+    If the rival finds more, its best sorties stay, units too near to them get new tasks, and all
+    are improved. The plan is never worse on the judges' particles than a rival that may be flown.
     """
     if candidates.value(rival, judge) <= candidates.value(plan, judge):
         return plan
@@ -248,8 +301,12 @@ def _alone(crews: list[Crew], coarse: Stage, executed: Stage, rng: np.random.Gen
     return alone
 
 
-def _swarm(tracks: Tracks, spec: PlanSpec, survival: Sequence[Survival | None], plane: Plane) -> rectangles.Swarm:
-    """Return tracks as kernels take them: positions on the plane, and what finding each particle is worth."""
+def _swarm(
+    tracks: Tracks, spec: PlanSpec, survival: Sequence[Survival | None], plane: Plane
+) -> rectangles.Swarm:
+    """Return tracks as kernels take them: positions on the plane, and what finding each particle is
+    worth.
+    """
     x, y = plane.flat(tracks.lon * sphere.UNIT, tracks.lat * sphere.UNIT)
     value = np.where(tracks.adrift, bound.worth(tracks, survival, spec.objective), -1.0)
     turn = None if tracks.turn is None else tracks.turn - tracks.time[0]
@@ -265,11 +322,19 @@ def _order(crews: Sequence[Crew], rng: np.random.Generator, k: int) -> list[int]
     In beginning 0 the strongest comes first, in the others the order is random.
     """
     strength = [crew.widest * crew.unit.search_speed * crew.available.search for crew in crews]
-    return sorted(range(len(crews)), key=lambda u: -strength[u]) if k == 0 else rng.permutation(len(crews)).tolist()
+    return (
+        sorted(range(len(crews)), key=lambda u: -strength[u])
+        if k == 0
+        else rng.permutation(len(crews)).tolist()
+    )
 
 
 def _kick(
-    current: Plan, crews: Sequence[Crew], stage: Stage, rng: np.random.Generator, prices: Sequence[float]
+    current: Plan,
+    crews: Sequence[Crew],
+    stage: Stage,
+    rng: np.random.Generator,
+    prices: Sequence[float],
 ) -> Plan:
     """Return the plan with two units tasked anew from nothing, and the others improved after that."""
     redone = rng.permutation(len(crews))[:2].tolist()
@@ -284,10 +349,18 @@ def _kick(
 
 
 def _improve(
-    current: Plan, u: int, crews: Sequence[Crew], stage: Stage, rng: np.random.Generator, drawn: int, times: int
+    current: Plan,
+    u: int,
+    crews: Sequence[Crew],
+    stage: Stage,
+    rng: np.random.Generator,
+    drawn: int,
+    times: int,
 ) -> Plan:
     """Return the plan with unit u's rectangle replaced where a better one is found."""
-    score, rows, present = _scorer(current, u, crews[u], stage, lambda left: _draw(crews[u], stage, left, rng, drawn))
+    score, rows, present = _scorer(
+        current, u, crews[u], stage, lambda left: _draw(crews[u], stage, left, rng, drawn)
+    )
     if len(rows) == 0:
         return current
     scores = score(rows)
@@ -299,8 +372,12 @@ def _improve(
     return _accept(current, u, crews[u], stage, rows, scores, present)
 
 
-def _settle(current: Plan, u: int, crews: Sequence[Crew], stage: Stage, rng: np.random.Generator, times: int) -> Plan:
-    """Return the plan with unit u's rectangle, or its pattern, moved a little and begun at its best corner."""
+def _settle(
+    current: Plan, u: int, crews: Sequence[Crew], stage: Stage, rng: np.random.Generator, times: int
+) -> Plan:
+    """Return the plan with unit u's rectangle, or its pattern, moved a little and begun at its best
+    corner.
+    """
     present = current[u]
     crew = crews[u] if present is None else present.crew
     score, rows, present = _scorer(current, u, crew, stage, lambda left: np.empty((0, 8)))
@@ -320,14 +397,17 @@ def _settle(current: Plan, u: int, crews: Sequence[Crew], stage: Stage, rng: np.
 def _scorer(
     current: Plan, u: int, crew: Crew, stage: Stage, draw: Callable[[Array], Array]
 ) -> tuple[Callable[[Array], Array], Array, Choice | None]:
-    """Return a score for rectangles of unit u beside the others', rectangles to begin with, and its own.
+    """Return a score for rectangles of unit u beside the others', rectangles to begin with, and its
+    own.
 
     draw: returns rectangles, given the probability of each particle that the others leave, (m,).
     """
     others = [choice for k, choice in enumerate(current) if choice is not None and k != u]
     present = current[u]
     time = present.find.time if present else math.inf
-    undetected_share, later = joint.others([choice.find for choice in others], time, stage.nodes, stage.m)
+    undetected_share, later = joint.others(
+        [choice.find for choice in others], time, stage.nodes, stage.m
+    )
     undetected = stage.weight[:, None] * undetected_share
     rows = draw(undetected.sum(axis=1))
     if present:
@@ -351,20 +431,42 @@ def _scorer(
         if len(scored) == 0:
             return scores
         if smeared:
-            table, coverage = rectangle.smeared(crew, rows[scored], Sweeps(*(v[scored] for v in flown)))
+            table, coverage = rectangle.smeared(
+                crew, rows[scored], Sweeps(*(v[scored] for v in flown))
+            )
             scores[scored] = rectangles.gains(
-                stage.swarm, crew.random, table, coverage, crew.factor, rectangle.STEP, crew.curve, undetected, later
+                stage.swarm,
+                crew.random,
+                table,
+                coverage,
+                crew.factor,
+                rectangle.STEP,
+                crew.curve,
+                undetected,
+                later,
             )
         else:
             paths = [rectangle.path(crew, rows[k], flown, int(k)) for k in scored]
-            scores[scored] = sweeps.gains(stage.swarm, crew.table, paths, crew.width, crew.factor, undetected, later)
-        return np.where(allowed, np.maximum(scores * (1 - PATIENCE * rows[:, WAIT] / 3600) - level * cost, -0.5), -1.0)
+            scores[scored] = sweeps.gains(
+                stage.swarm, crew.table, paths, crew.width, crew.factor, undetected, later
+            )
+        return np.where(
+            allowed,
+            np.maximum(scores * (1 - PATIENCE * rows[:, WAIT] / 3600) - level * cost, -0.5),
+            -1.0,
+        )
 
     return score, rows, present
 
 
 def _accept(
-    current: Plan, u: int, crew: Crew, stage: Stage, rows: Array, scores: Array, present: Choice | None
+    current: Plan,
+    u: int,
+    crew: Crew,
+    stage: Stage,
+    rows: Array,
+    scores: Array,
+    present: Choice | None,
 ) -> Plan:
     """Return the plan with the best rectangle for unit u, unless the plan is worth less with it."""
     best = int(np.argmax(scores))
@@ -373,15 +475,19 @@ def _accept(
     improved: Plan = [*current[:u], candidates.choose(crew, rows[best], stage), *current[u + 1 :]]
     if math.isfinite(stage.price) or present is None or scores[0] < 0:
         return improved
-    # Where worth falls with time, scores assume a fixed order of sorties: only the plan's value decides.
+    # Where worth falls with time, scores assume a fixed order of sorties: only the plan's value
+    # decides.
     better = candidates.value(improved, stage) >= NEAR * candidates.value(current, stage)
     return improved if better else current
 
 
-def _draw(crew: Crew, stage: Stage, undetected: Array, rng: np.random.Generator, count: int) -> Array:
+def _draw(
+    crew: Crew, stage: Stage, undetected: Array, rng: np.random.Generator, count: int
+) -> Array:
     """Return rectangles, (count, 8), round undetected particles at times when they can be searched.
 
-    undetected: probability of each particle, (m,), that it is there and the other units do not find it.
+    undetected: probability of each particle, (m,), that it is there and the other units do not find
+    it.
     """
     if count == 0 or undetected.sum() <= 0 or not crew.available.spans:
         return np.empty((0, 8))
@@ -393,7 +499,9 @@ def _draw(crew: Crew, stage: Stage, undetected: Array, rng: np.random.Generator,
     slack = np.maximum(crew.available.spans[-1][1] - crew.shortest - arrival, 0.0)
     wait = np.where(rng.random(count) < 0.5, 0.0, rng.random(count) * slack)
     start, duration = crew.available.slot(arrival + wait)
-    middle = np.clip(np.searchsorted(stage.swarm.time, start - crew.zero + duration / 2) - 1, 0, edges - 1)
+    middle = np.clip(
+        np.searchsorted(stage.swarm.time, start - crew.zero + duration / 2) - 1, 0, edges - 1
+    )
     # Half of the centres are particles; the others lie between two particles.
     j = np.minimum(np.searchsorted(share, rng.random(count)), stage.m - 1)
     between = np.where(rng.random(count) < 0.5, 0.0, rng.random(count) * 0.5)
@@ -410,16 +518,21 @@ def _draw(crew: Crew, stage: Stage, undetected: Array, rng: np.random.Generator,
 
 
 def _vary(rows: Array, crew: Crew, rng: np.random.Generator, size: float) -> Array:
-    """Return rectangles varied at random; size: of the steps, as a share of the rectangles' own sizes."""
+    """Return rectangles varied at random; size: of the steps, as a share of the rectangles' own
+    sizes.
+    """
     varied = rows.copy()
     count = len(rows)
     step = rng.standard_normal((count, 6)) * size
-    step *= rng.random((count, 6)) < 0.6  # some numbers stay, so that one can be improved without the others
+    # some numbers stay, so that one can be improved without the others
+    step *= rng.random((count, 6)) < 0.6
     side = np.sqrt(np.exp(rows[:, SPACING]) * crew.unit.search_speed * crew.available.search)
     varied[:, X] += 0.3 * side * step[:, 0]
     varied[:, Y] += 0.3 * side * step[:, 1]
     varied[:, TURN] += 0.5 * step[:, 2]
-    varied[:, SPACING] = np.maximum(varied[:, SPACING] + 0.3 * step[:, 3], math.log(max(crew.unit.least_spacing, 1.0)))
+    varied[:, SPACING] = np.maximum(
+        varied[:, SPACING] + 0.3 * step[:, 3], math.log(max(crew.unit.least_spacing, 1.0))
+    )
     varied[:, ASPECT] += 0.5 * step[:, 4]
     varied[:, WAIT] = np.maximum(varied[:, WAIT] + 5400.0 * step[:, 5], 0.0)
     later = varied[:, WAIT] - rows[:, WAIT]  # by when a frame that drifts has gone on

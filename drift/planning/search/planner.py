@@ -1,7 +1,7 @@
 """The next search: planned on particles of its own, scored by executing it on those of the case.
 
-Several rounds are planned one after the other, each on the failure of those before. The score of a plan is one minus
-the evidence of its having failed: the same run that a debrief would make.
+Several rounds are planned one after the other, each on the failure of those before. The score of a
+plan is one minus the evidence of its having failed: the same run that a debrief would make.
 """
 
 import math
@@ -54,12 +54,14 @@ def plan(
         **options: as in `drift.run`.
 
     Returns:
-        The plan and the forecast: `plan.taskings` has a sub-area, legs [m], times [UTC], track spacing [m] and POS (0 to 1) for each
-        sortie, `plan.value` the objective, POS or the probability of finding alive, `plan.bound` what no plan exceeds; the `drift.Result` as if the plan found nothing.
+        The plan and the forecast: `plan.taskings` has a sub-area, legs [m], times [UTC], track
+            spacing [m] and POS (0 to 1) for each
+        sortie, `plan.value` the objective, POS or the probability of finding alive, `plan.bound`
+        what no plan exceeds; the `drift.Result` as if the plan found nothing.
 
     Raises:
-        UserError: what a user can change, one line for each mistake (`error.lines`): the case has no `[[unit]]` or
-            `[plan]`, or what `drift.run` rejects.
+        UserError: what a user can change, one line for each mistake (`error.lines`): the case has
+            no `[[unit]]` or `[plan]`, or what `drift.run` rejects.
     """
     check(case)
     job = flow.open_run(case, out, options)
@@ -69,7 +71,9 @@ def plan(
         setting = run_metadata.with_coast(run_metadata.setting(executed, job.where, shown))
         taken = [sortie.name for sortie in case.sorties]
         land = partial(fleet.shown, executed, job.where) if job.where.coast is not None else None
-        matter = chapter.PlanOutputs(proposed, result.forecast, setting, taken, land, run_metadata.synthetic(case))
+        matter = chapter.PlanOutputs(
+            proposed, result.forecast, setting, taken, land, run_metadata.synthetic(case)
+        )
         flow.write(result, job, more=[chapter.chapter(matter)], planned=ahead(proposed))
         shelf.clear(job.out)
     return proposed, result
@@ -95,7 +99,9 @@ def check(case: Case) -> None:
         if scenario.itinerary and (overdue := scenario.itinerary.overdue) is not None
     ]
     known += [
-        (max(sensors), "the end of the last look, presence or barrier") for sensors in [case.sensors.times] if sensors
+        (max(sensors), "the end of the last look, presence or barrier")
+        for sensors in [case.sensors.times]
+        if sensors
     ]
     last, what = max(known, default=(case.plan.begin, ""))
     if last > case.plan.begin:
@@ -120,7 +126,8 @@ class _Rounds:
 
 
 def scheme(job: Job, noted: Noted | None = None) -> tuple[Plan, Case, Result]:
-    """Return a plan, the case in which it has been executed and found nothing, and the forecast of that.
+    """Return a plan, the case in which it has been executed and found nothing, and the forecast of
+    that.
 
     noted: is called for each sortie of that forecast, as drift.evidence.filter.filter does.
     """
@@ -158,21 +165,27 @@ def _rounds(job: Job) -> _Rounds:
             break
         tasked += more
         seen += left * proposal.seen
-        left *= math.prod(1 - tasking.pos for tasking in proposal.taskings)  # found dead, it is found too
+        # found dead, it is found too
+        left *= math.prod(1 - tasking.pos for tasking in proposal.taskings)
         units = _again(units, more)
         executed = _with(case, tasked)
     if proposal is None or bound is None or boats is None or not tasked:
         raise UserError(
             f"plan: no unit can search between {group(spec.begin)} and {group(spec.until)}: each needs time for its "
             "transit and some search before the end, by daylight if it is visual; give more time (until in [plan]), or "
-            "units that are nearer or ready earlier" + "".join(f". {words}" for words in (boats.said if boats else ()))
+            "units that are nearer or ready earlier"
+            + "".join(f". {words}" for words in (boats.said if boats else ()))
         )
     made_on = Count(effective.number(tracks.weight), len(tracks.weight))
-    return _Rounds(tasked, executed, seen, proposal.alternatives, bound, bound_number, made_on, boats.said)
+    return _Rounds(
+        tasked, executed, seen, proposal.alternatives, bound, bound_number, made_on, boats.said
+    )
 
 
 def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
-    """Return the plan of these rounds with what it is worth, by the forecast in which it was executed."""
+    """Return the plan of these rounds with what it is worth, by the forecast in which it was
+    executed.
+    """
     assert result.updates is not None
     spec, bound = case.plan, rounds.bound
     by_name = {update.name: update for update in result.updates.all}
@@ -181,11 +194,17 @@ def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
     alive, ashore, so_far = 0.0, 0.0, 1.0
     for update in updates:
         ashore += so_far * float(np.asarray(update.ashore)[-1])
-        alive += so_far * float(np.asarray(update.pos if update.alive is None else update.alive)[-1])
+        alive += so_far * float(
+            np.asarray(update.pos if update.alive is None else update.alive)[-1]
+        )
         so_far *= 1 - float(np.asarray(update.pos)[-1])
     pos = 1 - float(missed[-1])
     taskings = tuple(
-        replace(tasking, pos=float(np.asarray(update.pos)[-1]), pos_ashore=float(np.asarray(update.ashore)[-1]))
+        replace(
+            tasking,
+            pos=float(np.asarray(update.pos)[-1]),
+            pos_ashore=float(np.asarray(update.ashore)[-1]),
+        )
         for tasking, update in zip(rounds.tasked, updates, strict=True)
     )
     value = alive if spec.objective == "alive" else pos
@@ -205,7 +224,9 @@ def _worth(case: Case, rounds: _Rounds, result: Result) -> Plan:
         unbounded=why,
         alternatives=rounds.alternatives if spec.rounds == 1 else (),
         scenarios=tuple(scenario.name for scenario in case.scenarios),
-        families=tuple(scenario.family.family.name if scenario.family else None for scenario in case.scenarios),
+        families=tuple(
+            scenario.family.family.name if scenario.family else None for scenario in case.scenarios
+        ),
         shares=_before(result.updates, updates[0].name),
         made_on=rounds.made_on,
         scored_on=scored_on,
@@ -226,7 +247,9 @@ def _ashore(result: Result, begin: np.datetime64) -> float:
     """Return the probability that the object lies ashore, or has run aground, when a plan begins."""
     data = result.forecast.data
     then = data["status_probability"].isel(time=mapped.opening(data, begin))
-    return float(then.where(then["status"].isin([status.name.lower() for status in STRANDED])).sum())
+    return float(
+        then.where(then["status"].isin([status.name.lower() for status in STRANDED])).sum()
+    )
 
 
 def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:
@@ -238,7 +261,8 @@ def _scored(result: Result, executed: Case, begin: np.datetime64) -> Count:
 def _error(bound: float, bound_number: float, value: float, scored_on: Count) -> float:
     """Return the standard error of a bound less what a plan is worth.
 
-    Both are means, over `bound_number` effective particles and over those that the plan was scored on.
+    Both are means, over `bound_number` effective particles and over those that the plan was scored
+    on.
     """
     counts = max(bound_number, 1.0), max(scored_on.number, 1.0)
     return math.sqrt(sum(p * (1 - p) / n for p, n in zip((bound, value), counts, strict=True)))
@@ -253,7 +277,9 @@ def _named(tasking: Tasking, number: int, rounds: int, case: Case) -> Tasking:
     name = f"{tasking.unit.name}, planned" + (f" {number}" if rounds > 1 else "")
     while name in {sortie.name for sortie in case.sorties}:
         name += " again"
-    return replace(tasking, round=number, sortie=replace(tasking.sortie, name=name, ashore=case.plan.ashore))
+    return replace(
+        tasking, round=number, sortie=replace(tasking.sortie, name=name, ashore=case.plan.ashore)
+    )
 
 
 def _with(case: Case, tasked: Sequence[Tasking]) -> Case:
@@ -261,11 +287,21 @@ def _with(case: Case, tasked: Sequence[Tasking]) -> Case:
 
     It has few outputs, because planners wait for it.
     """
-    sorties = tuple(sorted((*case.sorties, *(t.sortie for t in tasked)), key=lambda sortie: (sortie.start, sortie.end)))
+    sorties = tuple(
+        sorted(
+            (*case.sorties, *(t.sortie for t in tasked)),
+            key=lambda sortie: (sortie.start, sortie.end),
+        )
+    )
     first = [tasking for tasking in tasked if tasking.round == 1]
-    begin, end = min(tasking.on_scene for tasking in first), max(tasking.off_scene for tasking in first)
+    begin, end = (
+        min(tasking.on_scene for tasking in first),
+        max(tasking.off_scene for tasking in first),
+    )
     middle = begin + (end - begin) // 2  # what plan.png shows
-    outputs = np.unique(np.array([case.start, case.plan.begin, middle, case.plan.until], "datetime64[s]"))
+    outputs = np.unique(
+        np.array([case.start, case.plan.begin, middle, case.plan.until], "datetime64[s]")
+    )
     return replace(case, sorties=sorties, outputs=outputs, end=case.plan.until)
 
 
@@ -273,7 +309,10 @@ def _again(units: Sequence[Unit], flown: Sequence[Tasking]) -> list[Unit]:
     """Return the units with the time at which each is ready after its sortie."""
     home = {tasking.unit.name: tasking.home for tasking in flown}
     return [
-        replace(unit, ready=max(unit.ready, home[unit.name] + np.timedelta64(round(unit.turnaround), "s")))
+        replace(
+            unit,
+            ready=max(unit.ready, home[unit.name] + np.timedelta64(round(unit.turnaround), "s")),
+        )
         if unit.name in home
         else unit
         for unit in units
@@ -281,7 +320,9 @@ def _again(units: Sequence[Unit], flown: Sequence[Tasking]) -> list[Unit]:
 
 
 def _flying(units: Sequence[Unit], rounds: int) -> list[Unit]:
-    """Return units that can search as long as all their sorties together, which bounds several rounds."""
+    """Return units that can search as long as all their sorties together, which bounds several
+    rounds.
+    """
     return [replace(unit, endurance=unit.endurance * rounds) for unit in units]
 
 

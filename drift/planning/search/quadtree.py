@@ -10,11 +10,18 @@ import numpy as np
 from geo.array import Array
 
 # Differences of mean logarithms of density:
-FIRM = 0.03  # other boxes must be so much likelier than squares; less may be chance, or the rim of the cloud
-LINES = 0.08  # patches are so much likelier where a cloud lies along lines that boxes of the whole cannot follow
-CLEARLY = 2.0  # by which two halves of a box must be likelier than it: twice that is Akaike's criterion of two numbers
-EQUAL = 1 + 1e-9  # by which an effective number must exceed a limit: 16 particles of one weight are 16, however summed
-PATCHES = (12, 40)  # numbers of patches into which a cloud is divided for boxes of their own directions
+# other boxes must be so much likelier than squares; less may be chance, or the rim of the cloud
+FIRM = 0.03
+# patches are so much likelier where a cloud lies along lines that boxes of the whole cannot follow
+LINES = 0.08
+# by which two halves of a box must be likelier than it: twice that is Akaike's criterion of two
+# numbers
+CLEARLY = 2.0
+# by which an effective number must exceed a limit: 16 particles of one weight are 16, however
+# summed
+EQUAL = 1 + 1e-9
+# numbers of patches into which a cloud is divided for boxes of their own directions
+PATCHES = (12, 40)
 
 
 @dataclass(frozen=True)
@@ -40,12 +47,14 @@ class Boxes:
 def fit(x: Array, y: Array, weight: Array, most: float, fewest: float, least: float) -> Boxes:
     """Return boxes of at most `most` effective particles, of the likeliest of several kinds.
 
-    Boxes are squares north and south; or they follow the whole cloud in direction, proportions and curvature; or each
-    of some patches of it. A cloud along a track or a shore is so narrow that squares would include the sea beside it.
-    The likeliest boxes have the greatest mean logarithm of density. Where patches are much likelier than the whole, the
-    cloud is narrow there too, and boxes hold `fewest` particles: it is better that chance makes them too dense than
-    that they are too wide. Boxes of more than `fewest` are cut where they are clearly uneven, because a few particles
-    close together would otherwise count as spread over the whole box. least: smallest side [m] that counts.
+    Boxes are squares north and south; or they follow the whole cloud in direction, proportions and
+    curvature; or each of some patches of it. A cloud along a track or a shore is so narrow that
+    squares would include the sea beside it. The likeliest boxes have the greatest mean logarithm of
+    density. Where patches are much likelier than the whole, the cloud is narrow there too, and
+    boxes hold `fewest` particles: it is better that chance makes them too dense than that they are
+    too wide. Boxes of more than `fewest` are cut where they are clearly uneven, because a few
+    particles close together would otherwise count as spread over the whole box. least: smallest
+    side [m] that counts.
     """
     points, mass = np.stack([x, y]), float(weight.sum())
     effective = mass**2 / float(weight @ weight)
@@ -53,17 +62,24 @@ def fit(x: Array, y: Array, weight: Array, most: float, fewest: float, least: fl
     candidates = [(laid, _whole(laid.place)) for laid in (plain, curved)]
     squares, along = (_grown(laid, weight, whole, most) for laid, whole in candidates)
     terms = _terms(plain, weight, squares, least)
-    likelihoods = [float(terms.sum()) / mass, float(_terms(curved, weight, along, least).sum()) / mass]
+    likelihoods = [
+        float(terms.sum()) / mass,
+        float(_terms(curved, weight, along, least).sum()) / mass,
+    ]
     patch = candidates[0][1]
     for patches in PATCHES:
         if effective / patches < 2 * most:
             break
         patch = _grown(plain, weight, patch, effective / patches)
-        curved = _bent(points, [np.sort(members) for members in np.split(patch.order[0], patch.start[1:-1])])
+        curved = _bent(
+            points, [np.sort(members) for members in np.split(patch.order[0], patch.start[1:-1])]
+        )
         along = _grown(curved, weight, _relaid(curved.place, patch), most)
         # The patches are parts of which the squares are parts.
         own = np.add.reduceat(terms, np.searchsorted(squares.start, patch.start[:-1]))
-        other = np.add.reduceat(_terms(curved, weight, along, least), np.searchsorted(along.start, patch.start[:-1]))
+        other = np.add.reduceat(
+            _terms(curved, weight, along, least), np.searchsorted(along.start, patch.start[:-1])
+        )
         follows = (other > own)[_number(patch)]
         mixed = _Laid(*(np.where(follows, v, u) for u, v in zip(plain, curved, strict=True)))
         candidates.append((mixed, patch))
@@ -74,11 +90,15 @@ def fit(x: Array, y: Array, weight: Array, most: float, fewest: float, least: fl
     elif best > 1 and most > fewest and likelihoods[best] > max(likelihoods[:2]) + LINES:
         return fit(x, y, weight, fewest, fewest, least)
     laid, parts = candidates[best]
-    return _boxes(points, laid, _grown(laid, weight, _relaid(laid.place, parts), most, fewest, least))
+    return _boxes(
+        points, laid, _grown(laid, weight, _relaid(laid.place, parts), most, fewest, least)
+    )
 
 
 def grow(x: Array, y: Array, weight: Array, most: float) -> Boxes:
-    """Return boxes north and south of at most `most` effective particles each, of particles at x, y [m], (m,)."""
+    """Return boxes north and south of at most `most` effective particles each, of particles at x, y
+    [m], (m,).
+    """
     points = np.stack([x, y])
     return _boxes(points, _plain(points), _grown(_plain(points), weight, _whole(points), most))
 
@@ -89,7 +109,9 @@ def likelihood(boxes: Boxes, weight: Array, least: float) -> float:
     least: smallest side [m] that counts.
     """
     mass = np.bincount(boxes.of, weight, boxes.count)
-    return float(mass @ np.log(mass / np.prod(np.maximum(boxes.sides, max(least, 1e-3)), axis=1))) / float(mass.sum())
+    return float(
+        mass @ np.log(mass / np.prod(np.maximum(boxes.sides, max(least, 1e-3)), axis=1))
+    ) / float(mass.sum())
 
 
 class _Laid(NamedTuple):
@@ -112,10 +134,11 @@ def _plain(points: Array) -> _Laid:
 
 
 def _bent(points: Array, parts: Sequence[Array]) -> _Laid:
-    """Return points (2, n) [m] along and across the curved principal axis of their own part, in standard deviations.
+    """Return points (2, n) [m] along and across the curved principal axis of their own part, in
+    standard deviations.
 
-    The axis is curved by a parabola, which is subtracted across: such a shear changes no area. parts: numbers of the
-    points of each.
+    The axis is curved by a parabola, which is subtracted across: such a shear changes no area.
+    parts: numbers of the points of each.
     """
     rows, (place, scale) = np.ascontiguousarray(points.T), np.empty((2, *points.shape))
     for members in parts:
@@ -131,7 +154,8 @@ def _bent(points: Array, parts: Sequence[Array]) -> _Laid:
 
 def _whole(place: Array) -> Parts:
     """Return points at a place, (2, n), in one part."""
-    order = np.argsort(place, axis=1)  # several times as fast as one that keeps the order of equals, which are rare
+    # several times as fast as one that keeps the order of equals, which are rare
+    order = np.argsort(place, axis=1)
     if np.any(np.diff(np.take_along_axis(place, order, axis=1)) == 0):
         order = np.argsort(place, axis=1, kind="stable")
     return Parts(order, np.array([0, place.shape[1]]))
@@ -150,15 +174,19 @@ def _number(parts: Parts) -> Array:
 
 
 def _by_part(order: Array, number: Array) -> Array:
-    """Return points (2, n) by their part, and in their order in each; number: of each point's part, (n,)."""
-    small = number.astype(np.min_scalar_type(number.max()))  # integers of up to 16 bits are sorted by radix
+    """Return points (2, n) by their part, and in their order in each; number: of each point's part,
+    (n,).
+    """
+    # integers of up to 16 bits are sorted by radix
+    small = number.astype(np.min_scalar_type(number.max()))
     return np.stack([along[np.argsort(small[along], kind="stable")] for along in order])
 
 
 def _ends(place: Array, parts: Parts) -> tuple[Array, Array]:
     """Return the least and the greatest place in each part, (2, k)."""
     low, high = (
-        np.take_along_axis(place, parts.order[:, at], axis=1) for at in (parts.start[:-1], parts.start[1:] - 1)
+        np.take_along_axis(place, parts.order[:, at], axis=1)
+        for at in (parts.start[:-1], parts.start[1:] - 1)
     )
     return low, high
 
@@ -178,29 +206,46 @@ def _boxes(points: Array, laid: _Laid, parts: Parts) -> Boxes:
 
 
 def _terms(laid: _Laid, weight: Array, parts: Parts, least: float) -> Array:
-    """Return what each part adds to the logarithm of likelihood, (k,); least: smallest side [m] that counts."""
+    """Return what each part adds to the logarithm of likelihood, (k,); least: smallest side [m]
+    that counts.
+    """
     mass = np.add.reduceat(weight[parts.order[0]], parts.start[:-1])
-    return np.asarray(mass * np.log(mass / np.prod(np.maximum(_sides(laid, parts), max(least, 1e-3)), axis=0)))
+    return np.asarray(
+        mass * np.log(mass / np.prod(np.maximum(_sides(laid, parts), max(least, 1e-3)), axis=0))
+    )
 
 
-def _grown(laid: _Laid, weight: Array, parts: Parts, most: float, fewest: float = np.inf, least: float = 1.0) -> Parts:
+def _grown(
+    laid: _Laid,
+    weight: Array,
+    parts: Parts,
+    most: float,
+    fewest: float = np.inf,
+    least: float = 1.0,
+) -> Parts:
     """Return parts of at most `most` effective points each.
 
     Each is halved across its longer side, in its proportions, as in a k-d tree (Bentley 1975,
-    doi:10.1145/361002.361007), all of them in one go. A part of more than `fewest` is cut again where its points are
-    clearly denser on one side (`cut`). least: smallest side [m] that counts.
+    doi:10.1145/361002.361007), all of them in one go. A part of more than `fewest` is cut again
+    where its points are clearly denser on one side (`cut`). least: smallest side [m] that counts.
     """
-    square, even = weight * weight, np.zeros(len(weight), bool)  # even: points of parts that are not to be cut
+    # even: points of parts that are not to be cut
+    square, even = weight * weight, np.zeros(len(weight), bool)
     while True:
         size, first = np.diff(parts.start), parts.start[:-1]
         low, high = _ends(laid.place, parts)
         mass, squares = (np.add.reduceat(v[parts.order[0]], first) for v in (weight, square))
         effective = np.where((size > 1) & np.any(high > low, axis=0), mass**2 / squares, 0.0)
         halve = effective > most * EQUAL
-        axis, below = (high[1] - low[1] >= high[0] - low[0]).astype(np.int64), np.where(halve, size // 2, size)
+        axis, below = (
+            (high[1] - low[1] >= high[0] - low[0]).astype(np.int64),
+            np.where(halve, size // 2, size),
+        )
         tried = np.flatnonzero(~halve & (effective > fewest * EQUAL) & ~even[parts.order[0][first]])
         if len(tried):
-            axis[tried], below[tried] = best_cut(laid.place * laid.scale, weight, parts, tried, fewest / 2, least)
+            axis[tried], below[tried] = best_cut(
+                laid.place * laid.scale, weight, parts, tried, fewest / 2, least
+            )
             even[parts.order[0]] |= np.repeat(~halve & (below == size), size)
         if np.all(below == size):
             return parts
@@ -208,13 +253,16 @@ def _grown(laid: _Laid, weight: Array, parts: Parts, most: float, fewest: float 
 
 
 def _divided(parts: Parts, axis: Array, below: Array, swapped: Array | bool = False) -> Parts:
-    """Return parts in two each, first what is below along an axis, unless swapped; those with all below stay whole.
+    """Return parts in two each, first what is below along an axis, unless swapped; those with all
+    below stay whole.
 
     below: how many points of each part are, (k,).
     """
     size = np.diff(parts.start)
     rank = np.arange(parts.start[-1]) - np.repeat(parts.start[:-1], size)
-    second = (rank >= np.repeat(below, size)) ^ np.repeat(np.broadcast_to(swapped, size.shape), size)
+    second = (rank >= np.repeat(below, size)) ^ np.repeat(
+        np.broadcast_to(swapped, size.shape), size
+    )
     number = np.empty(len(rank), np.int64)
     number[parts.order[np.repeat(axis, size), np.arange(len(rank))]] = (
         2 * np.repeat(np.arange(len(size)), size) + second
@@ -224,11 +272,13 @@ def _divided(parts: Parts, axis: Array, below: Array, swapped: Array | bool = Fa
 
 
 def halved(x: Array, y: Array, most: float, fewest: float, copies: int, least: float) -> Boxes:
-    """Return boxes of points x, y [m], (n,), that are the same particles at several times, of equal weight.
+    """Return boxes of points x, y [m], (n,), that are the same particles at several times, of equal
+    weight.
 
-    All boxes are halved across their longer sides, level by level, in one go, until they hold no more than `most`
-    particles at a time, and on to `fewest` where that makes the points clearly likelier (as a tree of regression is
-    pruned, Breiman and others 1984). copies: how many times each particle counts; least: smallest side [m] that counts.
+    All boxes are halved across their longer sides, level by level, in one go, until they hold no
+    more than `most` particles at a time, and on to `fewest` where that makes the points clearly
+    likelier (as a tree of regression is pruned, Breiman and others 1984). copies: how many times
+    each particle counts; least: smallest side [m] that counts.
     """
     points = np.stack([x, y])
     depth = max(math.ceil(math.log2(len(x) / (most * copies))), 0)
@@ -247,7 +297,9 @@ def halved(x: Array, y: Array, most: float, fewest: float, copies: int, least: f
         # On average, n even points span (n - 1) / (n + 1) of each side of their box.
         extent = np.maximum((high - low) * ((count + 1) / (count - 1)), least)
         own = count * (np.log(count) - np.log(extent).sum(axis=0))
-        halves = best.reshape(-1, 2).sum(axis=1) - CLEARLY if len(best) else np.full(len(own), -np.inf)
+        halves = (
+            best.reshape(-1, 2).sum(axis=1) - CLEARLY if len(best) else np.full(len(own), -np.inf)
+        )
         split.append(halves > own)
         best = np.maximum(own, halves)
     leaves: list[tuple[int, Array]] = []
@@ -255,7 +307,9 @@ def halved(x: Array, y: Array, most: float, fewest: float, copies: int, least: f
     for level, halve in enumerate(reversed(split), depth):
         leaves.append((level, np.flatnonzero(alive & ~halve)))
         alive = np.repeat(alive & halve, 2)
-    low, high = (np.concatenate([ends[level][k][:, at] for level, at in leaves], axis=1).T for k in (0, 1))
+    low, high = (
+        np.concatenate([ends[level][k][:, at] for level, at in leaves], axis=1).T for k in (0, 1)
+    )
     begin = np.concatenate([starts[level][at] for level, at in leaves])
     size = np.concatenate([np.diff(starts[level])[at] for level, at in leaves])
     box_of, laid = np.empty(len(x), np.int64), np.argsort(begin)
@@ -266,15 +320,17 @@ def halved(x: Array, y: Array, most: float, fewest: float, copies: int, least: f
 def best_cut(
     points: Array, weight: Array, parts: Parts, some: Array, fewest: float, least: float
 ) -> tuple[Array, Array]:
-    """Return the axis of the best cut of some parts, and how many points lie below it: all where they may be even.
+    """Return the axis of the best cut of some parts, and how many points lie below it: all where
+    they may be even.
 
-    points: [m] (2, n); some: numbers of parts, (k,). A cut counts if it makes n effective points more than n^3 times likelier.
-    Even boxes are then cut by chance in 1 % of cases with 20 points and in 0.4 % with 80; with n^2 it would be one in
-    twelve and one in seventeen.
+    points: [m] (2, n); some: numbers of parts, (k,). A cut counts if it makes n effective points
+    more than n^3 times likelier. Even boxes are then cut by chance in 1 % of cases with 20 points
+    and in 0.4 % with 80; with n^2 it would be one in twelve and one in seventeen.
     """
     axis, below = np.zeros(len(some), np.int64), np.diff(parts.start)[some]
     long = np.ceil(np.log2(below))
-    for length in np.unique(long):  # parts of nearly equal length side by side, the shorter padded by their last point
+    # parts of nearly equal length side by side, the shorter padded by their last point
+    for length in np.unique(long):
         rows = np.flatnonzero(long == length)
         size = below[rows]
         rank = np.arange(size.max())
@@ -287,10 +343,15 @@ def best_cut(
             count = (mass**2 / np.sum(own * own, axis=1))[:, None]
             share = own * (count / mass[:, None])
             laid = points[:, members]
-            low, high = _logs(laid, share, least), _logs(laid[..., ::-1], share[:, ::-1], least)[:, ::-1]
+            low, high = (
+                _logs(laid, share, least),
+                _logs(laid[..., ::-1], share[:, ::-1], least)[:, ::-1],
+            )
             before = np.cumsum(share, axis=1)[:, :-1]
             gain = np.where(
-                (before >= fewest) & (count - before >= fewest), low[:, :-1] + high[:, 1:] - low[:, -1:], -np.inf
+                (before >= fewest) & (count - before >= fewest),
+                low[:, :-1] + high[:, 1:] - low[:, -1:],
+                -np.inf,
             )
             top = gain.max(axis=1)
             better = top > np.maximum(best, 3 * np.log(count[:, 0]))
@@ -300,9 +361,11 @@ def best_cut(
 
 
 def _logs(points: Array, share: Array, least: float) -> Array:
-    """Return the logarithm of the likelihood of the first 1, 2, ... points, if they are even in their own box.
+    """Return the logarithm of the likelihood of the first 1, 2, ... points, if they are even in
+    their own box.
 
-    On average, n even points span (n - 1) / (n + 1) of each side of their box. points: (2, k, n); share: (k, n).
+    On average, n even points span (n - 1) / (n + 1) of each side of their box. points: (2, k, n);
+    share: (k, n).
     """
     count = np.maximum(np.cumsum(share, axis=1), 2.0)
     sides = np.maximum.accumulate(points, axis=2) - np.minimum.accumulate(points, axis=2)

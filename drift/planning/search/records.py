@@ -1,4 +1,6 @@
-"""A plan: what each unit is to do next, what that is worth, and an estimated bound of any plan's worth."""
+"""A plan: what each unit is to do next, what that is worth, and an estimated bound of any plan's
+worth.
+"""
 
 from dataclasses import dataclass
 
@@ -30,9 +32,11 @@ class Tasking:
     spacing: float  # [m] between tracks; of a sector search its radius
     legs: int  # those that are counted, which are not the cross legs between parallel ones
     pos: float  # probability that it finds the object, given that all before it in the plan failed
-    out: tuple[LonLat, ...] = ()  # a boat's way by sea to where it commences [deg]; (): straight from its base
+    # a boat's way by sea to where it commences [deg]; (): straight from its base
+    out: tuple[LonLat, ...] = ()
     back: tuple[LonLat, ...] = ()  # and from where its search ends
-    cut: tuple[int, ...] = ()  # numbers of the legs, from 1, that are cut at the coast, or go round it
+    # numbers of the legs, from 1, that are cut at the coast, or go round it
+    cut: tuple[int, ...] = ()
     swept: float = 1.0  # share of the sub-area's sea that its legs search, cut as they are
     pos_ashore: float = 0.0  # the part of pos that is of what lies ashore as it ends
     waits: str = ""  # why it searches later than it could, if it does
@@ -65,8 +69,10 @@ class Plan:
     pos: float  # there: 1 - evidence of executing it
     by_scenario: Array  # (scenarios,) POS given each scenario, there
     seen: float  # on the particles that it was made on; the excess over `value` is optimism
-    bound: float | None  # estimated: no plan of these units, laws and times should find more of those particles
-    bound_error: float  # standard error of `bound` less `value`, each of which is a mean over particles of its own
+    # estimated: no plan of these units, laws and times should find more of those particles
+    bound: float | None
+    # standard error of `bound` less `value`, each of which is a mean over particles of its own
+    bound_error: float
     alternatives: tuple[Alternative, ...]  # their values are of the particles that `seen` is of
     scenarios: tuple[str, ...]
     families: tuple[

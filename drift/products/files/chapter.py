@@ -1,9 +1,10 @@
 """A chapter: what a topic hands out.
 
-Each room has one; drift.pipeline.flow joins those of a run, drift.products.files.writer writes them.
+Each room has one; drift.pipeline.flow joins those of a run, drift.products.files.writer writes
+them.
 
-A room keeps its files and its pictures as tables: the name of each, and the function that makes it from what the topic
-has found. A new file is a new row.
+A room keeps its files and its pictures as tables: the name of each, and the function that makes it
+from what the topic has found. A new file is a new row.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -19,7 +20,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 Stamped = Mapping[str, str]  # attributes that every file of a run carries, its run_id among them
-Contents = xr.Dataset | str | dict[str, Any]  # of a netCDF file, of a table or a text, of a JSON file
+# of a netCDF file, of a table or a text, of a JSON file
+Contents = xr.Dataset | str | dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -28,8 +30,10 @@ class Chapter:
 
     numbers: Mapping[str, Any] = field(default_factory=dict)  # for summary.json
     files: Mapping[str, Callable[[Stamped], Contents]] = field(default_factory=dict)
-    pictures: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)  # each draws to a path
-    facts: Mapping[str, str] = field(default_factory=dict)  # attributes that every file of the run is to carry
+    # each draws to a path
+    pictures: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
+    # attributes that every file of the run is to carry
+    facts: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()  # what every file is to warn of, under `warning`
     # What the room shows in report.html, each returning records of drift.products.report.leaves.
     leaves: tuple[Callable[[], Sequence[Any]], ...] = ()
@@ -37,8 +41,12 @@ class Chapter:
     digests: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
 
 
-def bound(table: Mapping[str, Callable[Concatenate[T, P], R]], matter: T) -> dict[str, Callable[P, R]]:
-    """Return the rows of a table of files or of pictures with what the topic has found as their first argument."""
+def bound(
+    table: Mapping[str, Callable[Concatenate[T, P], R]], matter: T
+) -> dict[str, Callable[P, R]]:
+    """Return the rows of a table of files or of pictures with what the topic has found as their
+    first argument.
+    """
     return {name: partial(make, matter) for name, make in table.items()}
 
 

@@ -1,4 +1,5 @@
-"""What a netCDF file says so that others find and read it: ACDD-1.3, read off its own coordinates, and labels as CF has them.
+"""What a netCDF file says so that others find and read it: ACDD-1.3, read off its own coordinates,
+and labels as CF has them.
 
 What only a person can say (creator, institution, licence, project, naming authority) is left out.
 """
@@ -26,7 +27,8 @@ CLOCK = "leap_seconds: none"  # our seconds since 1970 count none (CF-1.11, sect
 
 
 def described(data: xr.Dataset, stamped: Mapping[str, str], name: str) -> xr.Dataset:
-    """Return a dataset as it is written: with a run's attributes, ACDD's, and labels that are no coordinate variables.
+    """Return a dataset as it is written: with a run's attributes, ACDD's, and labels that are no
+    coordinate variables.
 
     name: of its file, without suffix. Where the dataset has an attribute itself, that one holds.
     """
@@ -44,17 +46,24 @@ def described(data: xr.Dataset, stamped: Mapping[str, str], name: str) -> xr.Dat
         if str(key).endswith("_bnds"):
             continue
         kind = "coordinate" if key in whole.coords else "modelResult"
-        clock = {"units_metadata": CLOCK} if variable.dtype.kind == "M" or "calendar" in variable.attrs else {}
+        clock = (
+            {"units_metadata": CLOCK}
+            if variable.dtype.kind == "M" or "calendar" in variable.attrs
+            else {}
+        )
         variable.attrs = {"coverage_content_type": kind, **variable.attrs, **clock}
     return _on_the_sphere(whole)
 
 
 def _on_the_sphere(data: xr.Dataset) -> xr.Dataset:
-    """Return a dataset that says on which Earth its longitudes and latitudes lie (CF, 5.6), if it has any.
+    """Return a dataset that says on which Earth its longitudes and latitudes lie (CF, 5.6), if it
+    has any.
 
     Of variables those refer to it that lie along the axes of both.
     """
-    along = [set(found[0].dims) for name in ("latitude", "longitude") if (found := _named(data, name))]
+    along = [
+        set(found[0].dims) for name in ("latitude", "longitude") if (found := _named(data, name))
+    ]
     if not along:
         return data
     for name, variable in data.data_vars.items():
@@ -64,7 +73,8 @@ def _on_the_sphere(data: xr.Dataset) -> xr.Dataset:
 
 
 def _labelled(data: xr.Dataset) -> xr.Dataset:
-    """Return a dataset in which words along a dimension are its labels: a coordinate variable is a number (CF, 1.3).
+    """Return a dataset in which words along a dimension are its labels: a coordinate variable is a
+    number (CF, 1.3).
 
     Their dimension gets a name of its own; data.set_xindex("status") makes them an index again.
     """
@@ -92,7 +102,9 @@ def _place(data: xr.Dataset) -> dict[str, Any]:
 
 
 def _time(data: xr.Dataset) -> dict[str, str]:
-    """Return from when to when the values are, UTC, and how far apart where that is always the same."""
+    """Return from when to when the values are, UTC, and how far apart where that is always the
+    same.
+    """
     times = _values(data, "time")
     if not times.size:
         return {}
@@ -107,7 +119,9 @@ def _time(data: xr.Dataset) -> dict[str, str]:
 
 
 def _values(data: xr.Dataset, standard_name: str) -> Any:
-    """Return what there is of a coordinate, by its standard name: of coordinates, else of other variables."""
+    """Return what there is of a coordinate, by its standard name: of coordinates, else of other
+    variables.
+    """
     held = [np.ravel(variable.values) for variable in _named(data, standard_name)]
     every = np.concatenate(held) if held else np.array([])
     return every[~np.isnat(every)] if every.dtype.kind == "M" else every[np.isfinite(every)]

@@ -1,9 +1,11 @@
-"""How the pictures of a run are drawn: by this process, and on Linux by copies of it at the same time.
+"""How the pictures of a run are drawn: by this process, and on Linux by copies of it at the same
+time.
 
-A copy (a fork) has all that was computed at no cost. Each process takes the next picture that nobody has begun, and a copy
-tells of each that it has drawn. What no copy has told of when none is at work any more, this process draws itself: whether
-the system grants copies, and whatever becomes of them, the files are the same. Elsewhere than on Linux libraries do not
-outlive a fork, or there is none.
+A copy (a fork) has all that was computed at no cost. Each process takes the next picture that
+nobody has begun, and a copy tells of each that it has drawn. What no copy has told of when none is
+at work any more, this process draws itself: whether the system grants copies, and whatever becomes
+of them, the files are the same. Elsewhere than on Linux libraries do not outlive a fork, or there
+is none.
 """
 
 import contextlib
@@ -28,10 +30,13 @@ Tell = Callable[[float], None]  # takes the share that is done
 
 
 @contextlib.contextmanager
-def begun(pictures: Mapping[str, Draw], place: Path, processes: int) -> Iterator[Callable[[Tell], None]]:
+def begun(
+    pictures: Mapping[str, Draw], place: Path, processes: int
+) -> Iterator[Callable[[Tell], None]]:
     """Have copies of this process begin to draw pictures, by name, into a folder.
 
-    Gives a function that takes part until all are drawn. processes: how many may draw, this one among them.
+    Gives a function that takes part until all are drawn. processes: how many may draw, this one
+    among them.
     """
     copies: dict[int, int] = {}  # the pipe by which each tells what it has drawn, and its process
     next_one, turns = os.pipe()
@@ -78,7 +83,9 @@ def _turns(pictures: Mapping[str, Draw], next_one: int) -> Iterator[str]:
 
 
 def _copy(pictures: Mapping[str, Draw], place: Path, next_one: int, copies: dict[int, int]) -> None:
-    """Have a copy of this process draw, and add it to the copies; raise OSError where the system refuses."""
+    """Have a copy of this process draw, and add it to the copies; raise OSError where the system
+    refuses.
+    """
     library, owner = ctypes.CDLL(None), os.getpid()
     told, tell = os.pipe()
     try:
@@ -107,7 +114,8 @@ def _copy(pictures: Mapping[str, Draw], place: Path, next_one: int, copies: dict
 
 
 def _fork() -> int:
-    """Fork; other threads may hold locks, as Python says, but a copy draws, and uses none of theirs.
+    """Fork; other threads may hold locks, as Python says, but a copy draws, and uses none of
+    theirs.
 
     Matplotlib opens its fonts anew after a fork.
     """
@@ -117,7 +125,9 @@ def _fork() -> int:
 
 
 def _told(told: int) -> Iterator[tuple[str, list[str]]]:
-    """Give the names of the pictures that a copy tells that it has drawn, each with what was warned of, until it ends."""
+    """Give the names of the pictures that a copy tells that it has drawn, each with what was warned
+    of, until it ends.
+    """
     waiting, rest = select.poll(), b""
     waiting.register(told)
     while waiting.poll(1000 * PATIENCE) and (piece := os.read(told, 2**16)):

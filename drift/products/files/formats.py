@@ -1,4 +1,7 @@
-"""How results are written: CSV that no spreadsheet runs, values that JSON can hold, the name of a run."""
+"""How results are written:
+
+CSV that no spreadsheet runs, values that JSON can hold, the name of a run.
+"""
 
 import csv
 import hashlib
@@ -17,14 +20,16 @@ from geo.errors import UserError
 from geo.files import digest
 
 EPOCH = "seconds since 1970-01-01 00:00:00"  # units of times in netCDF files
-FORMULAS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # what the formula of a spreadsheet begins with
+# what the formula of a spreadsheet begins with
+FORMULAS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 def plain(value: Any) -> Any:
     """Return a value that JSON can hold: numbers as numbers, NaN as null, times as ISO text."""
-    if isinstance(value, float):  # outlines hold tens of thousands: what there is most of is asked for first
+    # outlines hold tens of thousands: what there is most of is asked for first
+    if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, (list, tuple)):
         return [plain(v) for v in value]
@@ -48,7 +53,8 @@ def plain(value: Any) -> Any:
 
 
 def run_id(attributes: Mapping[str, Any]) -> str:
-    """Return a short name of a run: a digest of what made it (case, forcing, versions), and its seed.
+    """Return a short name of a run: a digest of what made it (case, forcing, versions), and its
+    seed.
 
     It is the same in all files of the run. No spreadsheet takes it for a number or a date.
     """
@@ -59,7 +65,8 @@ def run_id(attributes: Mapping[str, Any]) -> str:
 
 
 def inputs(files: Iterable[str]) -> dict[str, str]:
-    """Return the attribute that says what files a case read, by their names and digests; nothing where there are none.
+    """Return the attribute that says what files a case read, by their names and digests; nothing
+    where there are none.
 
     Raises UserError where one cannot be read any more.
     """
@@ -71,10 +78,12 @@ def inputs(files: Iterable[str]) -> dict[str, str]:
 
 
 def csv_text(header: list[str], rows: list[list[Any]]) -> str:
-    """Return a table as CSV that a spreadsheet shows and does not run; every CSV file of ours is made here.
+    """Return a table as CSV that a spreadsheet shows and does not run; every CSV file of ours is
+    made here.
 
-    A text that a spreadsheet would take for a formula gets an apostrophe before it (OWASP, CSV injection), numbers stay
-    numbers, negative ones too, and line breaks inside a cell become spaces: readers split there.
+    A text that a spreadsheet would take for a formula gets an apostrophe before it (OWASP, CSV
+    injection), numbers stay numbers, negative ones too, and line breaks inside a cell become
+    spaces: readers split there.
     """
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([map(_cell, row) for row in (header, *rows)])
@@ -83,9 +92,11 @@ def csv_text(header: list[str], rows: list[list[Any]]) -> str:
 
 def _cell(value: Any) -> Any:
     """Return a value as it may stand in a cell."""
-    if not isinstance(value, str) or (value[:1].isalnum() and value.isprintable()):  # no formula, no line break
+    # no formula, no line break
+    if not isinstance(value, str) or (value[:1].isalnum() and value.isprintable()):
         return value
-    # Letters that stand for a formula's in full width, and blanks before it, which spreadsheets pass over
+    # Letters that stand for a formula's in full width, and blanks before it, which spreadsheets
+    # pass over
     runs = value.lstrip().startswith(FORMULAS) or value.startswith(("\t", "\r", "\n"))
     flat = " ".join(value.splitlines())
     return f"'{flat}" if runs and not NUMBER.fullmatch(value) else flat

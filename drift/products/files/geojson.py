@@ -17,7 +17,8 @@ def polygons(shape: shapely.MultiPolygon) -> dict[str, Any]:
     It has no coordinates if nothing is left.
     """
     coordinates = [
-        [_rounded(ring) for ring in (part.exterior, *part.interiors)] for part in antimeridian.cut_polygons(shape).geoms
+        [_rounded(ring) for ring in (part.exterior, *part.interiors)]
+        for part in antimeridian.cut_polygons(shape).geoms
     ]
     return {"type": "MultiPolygon", "coordinates": coordinates}
 
@@ -31,12 +32,17 @@ def lines(shapes: Iterable[Any]) -> dict[str, Any]:
 
 def point(lon: float, lat: float) -> dict[str, Any]:
     """Return a position as a Point."""
-    return {"type": "Point", "coordinates": [round(sphere.wrap_degrees(lon), DIGITS), round(lat, DIGITS)]}
+    return {
+        "type": "Point",
+        "coordinates": [round(sphere.wrap_degrees(lon), DIGITS), round(lat, DIGITS)],
+    }
 
 
 def _short(line: Any) -> Any:
     """Return a line without jumps of a turn: its longitudes run on."""
-    return shapely.transform(line, lambda xy: np.column_stack([np.unwrap(xy[:, 0], period=360), xy[:, 1]]))
+    return shapely.transform(
+        line, lambda xy: np.column_stack([np.unwrap(xy[:, 0], period=360), xy[:, 1]])
+    )
 
 
 def _rounded(line: Any) -> list[list[float]]:
@@ -44,11 +50,19 @@ def _rounded(line: Any) -> list[list[float]]:
     return coordinates
 
 
-def feature(geometry: Mapping[str, Any], properties: Mapping[str, Any], **members: Any) -> dict[str, Any]:
+def feature(
+    geometry: Mapping[str, Any], properties: Mapping[str, Any], **members: Any
+) -> dict[str, Any]:
     """Return a feature; members: further ones, such as its id."""
     return {"type": "Feature", **members, "geometry": geometry, "properties": properties}
 
 
 def collection(features: Sequence[Any], attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return features as a FeatureCollection with the attributes of a run, which stand first, by name."""
-    return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
+    """Return features as a FeatureCollection with the attributes of a run, which stand first, by
+    name.
+    """
+    return {
+        "type": "FeatureCollection",
+        **{k: attributes[k] for k in sorted(attributes)},
+        "features": features,
+    }

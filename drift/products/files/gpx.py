@@ -1,7 +1,8 @@
-"""GPX 1.1 (topografix.com/GPX/1/1): a document, its points and its tracks, in the order of elements of its schema.
+"""GPX 1.1 (topografix.com/GPX/1/1): a document, its points and its tracks, in the order of elements
+of its schema.
 
-Longitudes of the schema end below 180. A track is cut there, and the end of a segment that comes from the west is
-written LAST_EAST, 1 cm short of it, so that no segment jumps by 360 degrees.
+Longitudes of the schema end below 180. A track is cut there, and the end of a segment that comes
+from the west is written LAST_EAST, 1 cm short of it, so that no segment jumps by 360 degrees.
 """
 
 import xml.etree.ElementTree as ET
@@ -31,24 +32,46 @@ def document(title: str, words: str) -> ET.Element:
 
 
 def point(
-    parent: ET.Element, tag: str, lon: float, lat: float, *, time: Any = None, name: str = "", words: str = "",
+    parent: ET.Element,
+    tag: str,
+    lon: float,
+    lat: float,
+    *,
+    time: Any = None,
+    name: str = "",
+    words: str = "",
     kind: str = "",
-) -> None:  # fmt: skip
+) -> None:
     """Append a point [deg]: wpt, rtept or trkpt; time: np.datetime64, UTC."""
     element = ET.SubElement(parent, tag, markup.position(lon, lat))
-    told = {"time": "" if time is None else notation.iso(time), "name": name, "desc": words, "type": kind}
+    told = {
+        "time": "" if time is None else notation.iso(time),
+        "name": name,
+        "desc": words,
+        "type": kind,
+    }
     for key, value in told.items():
         if value:
             markup.leaf(element, key, value)
 
 
-def segments(track: ET.Element, lon: Sequence[float], lat: Sequence[float], times: Sequence[Any] | None = None) -> None:
+def segments(
+    track: ET.Element,
+    lon: Sequence[float],
+    lat: Sequence[float],
+    times: Sequence[Any] | None = None,
+) -> None:
     """Append a line [deg] to a track, a segment on each side of the antimeridian.
 
     It goes from point to point the short way round; where it is cut, time is linear in longitude.
     """
     points = list(
-        zip(np.unwrap(np.asarray(lon, float), period=360).tolist(), lat, times or [None] * len(lat), strict=True)
+        zip(
+            np.unwrap(np.asarray(lon, float), period=360).tolist(),
+            lat,
+            times or [None] * len(lat),
+            strict=True,
+        )
     )
     for turn, part in _parts(points):
         segment = ET.SubElement(track, "trkseg")
@@ -58,7 +81,9 @@ def segments(track: ET.Element, lon: Sequence[float], lat: Sequence[float], time
 
 
 def _parts(points: Sequence[Fix]) -> Iterator[tuple[int, list[Fix]]]:
-    """Yield the parts of a line between two antimeridians, and how many turns each is from -180 to 180."""
+    """Yield the parts of a line between two antimeridians, and how many turns each is from -180 to
+    180.
+    """
     if len(points) == 1:
         yield _turn(points[0][0]), list(points)
         return

@@ -1,8 +1,9 @@
 """Hidden folders in which runs make their results: whose each is, and whether its owner lives.
 
-The owner holds a lock on a file in its folder, which the kernel gives back at the owner's death, however it died. Where
-a file system's locks say nothing, as between the machines of some networks, the owner's machine and process stand in
-the folder's name; a folder whose owner cannot be asked counts as owned until nothing has changed in it for a day.
+The owner holds a lock on a file in its folder, which the kernel gives back at the owner's death,
+however it died. Where a file system's locks say nothing, as between the machines of some networks,
+the owner's machine and process stand in the folder's name; a folder whose owner cannot be asked
+counts as owned until nothing has changed in it for a day.
 """
 
 import contextlib
@@ -23,10 +24,12 @@ except ImportError:  # Windows: the owner is known by name alone
 
 PREFIX = ".drift-partial-"
 UNFINISHED = (
-    ".unfinished"  # how the name of a folder ends in which a run keeps its work; in that of the results its name
+    # how the name of a folder ends in which a run keeps its work; in that of the results its name
+    ".unfinished"
 )
 LOCK = "lock"
-STALE = 86_400  # [s]; a folder whose owner cannot be asked counts as abandoned after so long without a change
+# [s]; a folder whose owner cannot be asked counts as abandoned after so long without a change
+STALE = 86_400
 ATTEMPTS = 10
 
 
@@ -35,7 +38,8 @@ def make(ground: Path) -> tuple[Path, int]:
     for _ in range(ATTEMPTS):
         folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{'-'.join(_self())}-", dir=ground))
         lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
-        # Another run may have taken the folder for a dead one's in the moment before the lock was held.
+        # Another run may have taken the folder for a dead one's in the moment before the lock was
+        # held.
         if _locked(lock) is not False and (folder / LOCK).exists():
             return folder, lock
         os.close(lock)
@@ -52,7 +56,9 @@ def within(ground: Path) -> list[Path]:
     try:
         with os.scandir(ground) as entries:
             names = sorted(
-                entry.name for entry in entries if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False)
+                entry.name
+                for entry in entries
+                if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False)
             )
     except OSError:
         return []
@@ -83,7 +89,12 @@ def _dead(folder: Path, locked: bool | None) -> bool:
     owner = folder.name[len(PREFIX) :].split("-")
     if locked and (owner[:1] == [host] or owner[1:2] == [kernel]):
         return True  # the lock was given by this machine's kernel
-    if os.name == "posix" and owner[:3] == [host, kernel, space] and len(owner) > 3 and owner[3].isdecimal():
+    if (
+        os.name == "posix"
+        and owner[:3] == [host, kernel, space]
+        and len(owner) > 3
+        and owner[3].isdecimal()
+    ):
         return owner[3] != process and not _runs(int(owner[3]))
     return not _changed(folder)
 
@@ -109,7 +120,10 @@ def _changed(folder: Path) -> bool:
 
 
 def _locked(lock: int) -> bool | None:
-    """Lock an open file at once; False where another process has it, None where the file system knows no locks."""
+    """Lock an open file at once;
+
+    False where another process has it, None where the file system knows no locks.
+    """
     if fcntl is None:
         return None
     try:
@@ -122,7 +136,9 @@ def _locked(lock: int) -> bool | None:
 
 
 def _self() -> tuple[str, str, str, str]:
-    """Return short names of this machine, its running kernel, its space of process numbers, and the process."""
+    """Return short names of this machine, its running kernel, its space of process numbers, and the
+    process.
+    """
     host, kernel, space = socket.gethostname(), "", ""
     with contextlib.suppress(OSError):
         kernel = Path("/proc/sys/kernel/random/boot_id").read_text()
@@ -134,7 +150,8 @@ def _self() -> tuple[str, str, str, str]:
 
 @contextmanager
 def alone(folder: Path, patience: float, *, shared: bool = False) -> Iterator[bool]:
-    """Hold a folder against other processes of ours, or share it; gives whether it came free in time [s].
+    """Hold a folder against other processes of ours, or share it; gives whether it came free in
+    time [s].
 
     A file system without locks on folders gives it at once.
     """

@@ -1,4 +1,6 @@
-"""Ctrl-C, requests to end and closing terminals: exceptions that unwind a run, so that no half-written file stays."""
+"""Ctrl-C, requests to end and closing terminals: exceptions that unwind a run, so that no
+half-written file stays.
+"""
 
 import contextlib
 import os
@@ -12,7 +14,9 @@ INTERRUPTED = "drift: interrupted; no half file is left"
 TERMINATED = "drift: asked to end; no half file is left"
 
 
-ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+ENDS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 
 
 class Terminated(BaseException):
@@ -26,7 +30,8 @@ class Terminated(BaseException):
         self.number = int(number)
 
 
-_asked: list[int] = []  # signals to end that have come: the exception is lost where a destructor is running
+# signals to end that have come: the exception is lost where a destructor is running
+_asked: list[int] = []
 
 
 @contextlib.contextmanager
@@ -60,7 +65,10 @@ def heed() -> None:
 
 @contextlib.contextmanager
 def _on(number: signal.Signals, handler: Callable[[int, Any], None]) -> Iterator[None]:
-    """Handle a signal for a while; only a process's main thread can. One that is ignored (nohup) stays so."""
+    """Handle a signal for a while; only a process's main thread can.
+
+    One that is ignored (nohup) stays so.
+    """
     if threading.current_thread() is not threading.main_thread() or _ignored(number):
         yield
         return

@@ -1,4 +1,6 @@
-"""KML 2.2 (OGC 07-147r2) of GeoJSON geometries, which are cut at 180 degrees: styles, places with times, folders."""
+"""KML 2.2 (OGC 07-147r2) of GeoJSON geometries, which are cut at 180 degrees: styles, places with
+times, folders.
+"""
 
 import html
 import xml.etree.ElementTree as ET
@@ -19,7 +21,9 @@ def document(title: str, words: str) -> tuple[ET.Element, ET.Element]:
     return root, inside
 
 
-def style(document: ET.Element, name: str, ink: str, width: str, fill: str = "", icon: str = "") -> None:
+def style(
+    document: ET.Element, name: str, ink: str, width: str, fill: str = "", icon: str = ""
+) -> None:
     """Append a style; ink, fill: aabbggrr; icon: the address of a symbol."""
     made = ET.SubElement(document, "Style", {"id": name})
     if icon:
@@ -41,9 +45,16 @@ def folder(parent: ET.Element, name: str) -> ET.Element:
 
 
 def append_place(
-    parent: ET.Element, name: str, words: str, span: tuple[str, str], look: str, geometry: Mapping[str, Any]
+    parent: ET.Element,
+    name: str,
+    words: str,
+    span: tuple[str, str],
+    look: str,
+    geometry: Mapping[str, Any],
 ) -> None:
-    """Append a place; span: from when to when it is shown, ISO 8601; look: the name of its style, "" for none."""
+    """Append a place; span: from when to when it is shown, ISO 8601; look: the name of its style,
+    "" for none.
+    """
     made = ET.SubElement(parent, "Placemark")
     markup.leaf(made, "name", name)
     markup.leaf(made, "description", html.escape(words, quote=False))
@@ -70,8 +81,14 @@ def _geometry(parent: ET.Element, geometry: Mapping[str, Any]) -> None:
             continue
         polygon = ET.SubElement(many, "Polygon")
         markup.leaf(polygon, "tessellate", "1")
-        for edge, ring in zip(["outerBoundaryIs", *["innerBoundaryIs"] * (len(part) - 1)], part, strict=True):
-            markup.leaf(ET.SubElement(ET.SubElement(polygon, edge), "LinearRing"), "coordinates", _coordinates(ring))
+        for edge, ring in zip(
+            ["outerBoundaryIs", *["innerBoundaryIs"] * (len(part) - 1)], part, strict=True
+        ):
+            markup.leaf(
+                ET.SubElement(ET.SubElement(polygon, edge), "LinearRing"),
+                "coordinates",
+                _coordinates(ring),
+            )
 
 
 def _coordinates(points: Sequence[Sequence[float]]) -> str:

@@ -2,8 +2,8 @@
 
 It is written last.
 
-A folder whose files are as its manifest says is the whole result of one run. Nothing else is: a folder without a
-manifest, or with one that some other program wrote, holds no result of ours.
+A folder whose files are as its manifest says is the whole result of one run. Nothing else is: a
+folder without a manifest, or with one that some other program wrote, holds no result of ours.
 """
 
 import hashlib
@@ -42,7 +42,9 @@ class Manifest:
 
 def manifest_of(run_id: str, paths: Iterable[Path]) -> Manifest:
     """Return the manifest of files, which are read for it."""
-    return Manifest(run_id, tuple(Entry(path.name, path.stat().st_size, digest(path)) for path in paths))
+    return Manifest(
+        run_id, tuple(Entry(path.name, path.stat().st_size, digest(path)) for path in paths)
+    )
 
 
 def manifest_text(manifest: Manifest) -> str:
@@ -61,17 +63,30 @@ def read_manifest(folder: Path) -> Manifest | None:
         run_id = held["run_id"]
     except (OSError, ValueError, RecursionError, KeyError, TypeError, AttributeError):
         return None
-    return Manifest(run_id, entries) if isinstance(run_id, str) and all(map(_plain, entries)) else None
+    return (
+        Manifest(run_id, entries) if isinstance(run_id, str) and all(map(_plain, entries)) else None
+    )
 
 
 def _plain(entry: Entry) -> bool:
     """Whether an entry is one that we write: no name leads out of the folder or to the manifest."""
-    typed = isinstance(entry.name, str) and isinstance(entry.size, int) and isinstance(entry.sha256, str)
-    return typed and Path(entry.name).name == entry.name not in {"", "..", NAME} and "\0" not in entry.name
+    typed = (
+        isinstance(entry.name, str)
+        and isinstance(entry.size, int)
+        and isinstance(entry.sha256, str)
+    )
+    return (
+        typed
+        and Path(entry.name).name == entry.name not in {"", "..", NAME}
+        and "\0" not in entry.name
+    )
 
 
 def fault(folder: Path, manifest: Manifest) -> str | None:
-    """Return in words where a folder differs from its manifest; None where all is as it was written."""
+    """Return in words where a folder differs from its manifest;
+
+    None where all is as it was written.
+    """
     for entry in manifest.files:
         path = folder / entry.name
         if not os.path.lexists(path):

@@ -18,8 +18,13 @@ def plain(text: str) -> str:
 
 
 def position(lon: float, lat: float) -> dict[str, str]:
-    """Return a position [deg] as attributes; 180 is west, for the schemas of GPX and RTZ end below it."""
-    return {"lat": f"{lat:.{DIGITS}f}", "lon": f"{sphere.wrap_degrees(round(lon, DIGITS)):.{DIGITS}f}"}
+    """Return a position [deg] as attributes; 180 is west, for the schemas of GPX and RTZ end below
+    it.
+    """
+    return {
+        "lat": f"{lat:.{DIGITS}f}",
+        "lon": f"{sphere.wrap_degrees(round(lon, DIGITS)):.{DIGITS}f}",
+    }
 
 
 def document_text(root: ET.Element) -> str:

@@ -1,14 +1,16 @@
-"""A run's files in their folder: the whole old result or the whole new one, whatever happens in between.
+"""A run's files in their folder: the whole old result or the whole new one, whatever happens in
+between.
 
-New files are made in a hidden folder, in the target where that is there (it may be a mount or a link, and what is
-beside it not writable), else beside it. A target that is not there yet comes into being by one rename. In one that is,
-the old run's files are moved aside into the hidden folder, its manifest first; the new ones are moved in, their
-manifest last: with that the new result is whole, and the old files go. A journal in the hidden folder says what was to
-be moved. If the process dies before the new manifest stands, whoever comes next, another run or a reader, puts the old
-files back by the journal. Each step is one rename, and putting back may be cut short as well.
+New files are made in a hidden folder, in the target where that is there (it may be a mount or a
+link, and what is beside it not writable), else beside it. A target that is not there yet comes into
+being by one rename. In one that is, the old run's files are moved aside into the hidden folder, its
+manifest first; the new ones are moved in, their manifest last: with that the new result is whole,
+and the old files go. A journal in the hidden folder says what was to be moved. If the process dies
+before the new manifest stands, whoever comes next, another run or a reader, puts the old files back
+by the journal. Each step is one rename, and putting back may be cut short as well.
 
-What no manifest of ours lists is never moved: a folder, a link or somebody else's file in the way is refused
-beforehand.
+What no manifest of ours lists is never moved: a folder, a link or somebody else's file in the way
+is refused beforehand.
 """
 
 import contextlib
@@ -48,21 +50,27 @@ class Stage:
 
 
 def check(folder: Path, overwrite: bool = False, names: Iterable[str] = ()) -> None:
-    """Raise UserError unless results may be written to a folder; made before the work starts. Creates nothing.
+    """Raise UserError unless results may be written to a folder; made before the work starts.
+    Creates nothing.
 
-    names: of files that will be written. A result that a dead process left half replaced is put back.
+    names: of files that will be written. A result that a dead process left half replaced is put
+    back.
     """
     try:
         str(folder.absolute()).encode(sys.getfilesystemencoding())  # HDF5 takes no other names
         exists = _exists(folder)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise UserError(f"output folder {str(folder)[:300]!a}: {reason}; name another with --out") from None
+        raise UserError(
+            f"output folder {str(folder)[:300]!a}: {reason}; name another with --out"
+        ) from None
     if exists and not folder.is_dir():
         raise UserError(f"output folder {folder}: is no folder; name another with --out")
     ground = folder if exists else next(p for p in folder.absolute().parents if _exists(p))
     if not ground.is_dir() or not os.access(ground, os.R_OK | os.W_OK | os.X_OK):
-        raise UserError(f"output folder {folder}: cannot write in {ground}; name another with --out")
+        raise UserError(
+            f"output folder {folder}: cannot write in {ground}; name another with --out"
+        )
     if not exists:
         return
     settle(folder)
@@ -72,7 +80,9 @@ def check(folder: Path, overwrite: bool = False, names: Iterable[str] = ()) -> N
 
 
 def _exists(path: Path) -> bool:
-    """Whether something has a name, were it a link to nothing; raises OSError for a name that cannot be."""
+    """Whether something has a name, were it a link to nothing; raises OSError for a name that
+    cannot be.
+    """
     try:
         os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -88,10 +98,13 @@ def _filled(folder: Path) -> bool:
 
 @contextmanager
 def staged(target: Path) -> Iterator[Stage]:
-    """Give a hidden folder on the target's file system, gone afterwards; what dead processes left goes too."""
+    """Give a hidden folder on the target's file system, gone afterwards; what dead processes left
+    goes too.
+    """
     inside = target.is_dir()
     ground = target.absolute() if inside else target.absolute().parent
-    created = [path for path in (ground, *ground.parents) if not path.exists()]  # the innermost first
+    # the innermost first
+    created = [path for path in (ground, *ground.parents) if not path.exists()]
     ground.mkdir(parents=True, exist_ok=True)
     if inside:
         settle(target)
@@ -104,9 +117,11 @@ def staged(target: Path) -> Iterator[Stage]:
     finally:
         with undisturbed():
             try:
-                if not (folder / JOURNAL).exists():  # with a journal, the old result is in it and could not be put back
+                # with a journal, the old result is in it and could not be put back
+                if not (folder / JOURNAL).exists():
                     hidden.remove(folder)
-                with contextlib.suppress(OSError):  # the results are in them, or they were there before
+                # the results are in them, or they were there before
+                with contextlib.suppress(OSError):
                     for path in created:
                         os.rmdir(path)
             finally:
@@ -126,8 +141,9 @@ def publish(stage: Stage, run_id: str, overwrite: bool = False) -> list[Path]:
 
     The manifest is moved with it.
 
-    With `overwrite` what an earlier run wrote into the target, and this one does not, is taken away. Where another run
-    has published there since the stage was made, that one stands and this one is refused.
+    With `overwrite` what an earlier run wrote into the target, and this one does not, is taken
+    away. Where another run has published there since the stage was made, that one stands and this
+    one is refused.
     """
     listed = manifest.manifest_of(run_id, sorted(stage.new.iterdir()))
     _write(stage.new / manifest.NAME, manifest.manifest_text(listed))
@@ -202,14 +218,24 @@ def _exchange(stage: Stage, listed: Manifest) -> None:
 
 
 def _refuse_obstacles(folder: Path, names: Iterable[str]) -> None:
-    """Raise UserError where one of our names is taken by anything but a file of an earlier run of ours."""
+    """Raise UserError where one of our names is taken by anything but a file of an earlier run of
+    ours.
+    """
     before = manifest.read_manifest(folder)
     ours = before.names if before else set()
     for name in sorted(names):
         path = folder / name
-        if not os.path.lexists(path) or (name in ours and manifest.regular(path) and not os.path.ismount(path)):
+        if not os.path.lexists(path) or (
+            name in ours and manifest.regular(path) and not os.path.ismount(path)
+        ):
             continue
-        what = "a link" if path.is_symlink() else "a folder" if path.is_dir() else "a file that no run of ours lists"
+        what = (
+            "a link"
+            if path.is_symlink()
+            else "a folder"
+            if path.is_dir()
+            else "a file that no run of ours lists"
+        )
         raise UserError(
             f'output folder {folder}: "{name}" is in the way: it is {what}, and stays as it is; move it away, or name '
             "another folder with --out"
@@ -217,7 +243,9 @@ def _refuse_obstacles(folder: Path, names: Iterable[str]) -> None:
 
 
 def settle(folder: Path) -> None:
-    """Put back the old result where a dead process left it half replaced; raise UserError where that cannot be."""
+    """Put back the old result where a dead process left it half replaced; raise UserError where
+    that cannot be.
+    """
     if any((place / JOURNAL).exists() for place in hidden.within(folder)):
         with _alone(folder), undisturbed():
             _settle(folder)
@@ -245,7 +273,9 @@ def _settle(folder: Path) -> None:
 
 
 def _finish(target: Path, folder: Path) -> None:
-    """End an exchange by its journal: the old files go if the new manifest stands, else they are put back."""
+    """End an exchange by its journal: the old files go if the new manifest stands, else they are
+    put back.
+    """
     try:
         journal: dict[str, Any] = json.loads((folder / JOURNAL).read_text(encoding="utf-8"))
         aside, new = list(journal["old"]), dict(journal["new"])
@@ -260,7 +290,9 @@ def _finish(target: Path, folder: Path) -> None:
 
 
 def _put_back(target: Path, folder: Path, aside: list[str], new: dict[str, str]) -> None:
-    """Move the new files out of a target and the old ones back; what is done already is passed over."""
+    """Move the new files out of a target and the old ones back; what is done already is passed
+    over.
+    """
     for name, digest in new.items():
         if name in aside and not os.path.lexists(folder / OLD / name):
             continue  # the old one was never moved, or is back
@@ -283,7 +315,8 @@ def _holds(path: Path, digest: str) -> bool:
 
 
 def summary(folder: Path, name: str) -> dict[str, Any] | None:
-    """Return the object in a JSON file of the finished run that a folder holds; None where there is no such run.
+    """Return the object in a JSON file of the finished run that a folder holds; None where there is
+    no such run.
 
     Where a dead process left results half replaced, the old ones are put back first.
     """
@@ -317,20 +350,28 @@ def results(folder: str | os.PathLike[str]) -> list[Path]:
         settle(folder)
         with _alone(folder, shared=True):
             listed = manifest.read_manifest(folder)
-            fault = manifest.fault(folder, listed) if listed else f"it has no {manifest.NAME} of ours"
+            fault = (
+                manifest.fault(folder, listed) if listed else f"it has no {manifest.NAME} of ours"
+            )
     except OSError as error:
         raise UserError(f"results {folder}: cannot be read ({error.strerror})") from None
     if listed is None or fault:
-        raise UserError(f"results {folder}: not the whole result of a run: {fault}; run the case again")
+        raise UserError(
+            f"results {folder}: not the whole result of a run: {fault}; run the case again"
+        )
     return [folder / name for name in sorted(listed.names)]
 
 
 @contextmanager
 def _alone(folder: Path, *, shared: bool = False) -> Iterator[None]:
-    """Hold a folder against other processes of ours; raise UserError where one does not let go of it."""
+    """Hold a folder against other processes of ours; raise UserError where one does not let go of
+    it.
+    """
     with hidden.alone(folder, PATIENCE, shared=shared) as free:
         if not free:
-            raise UserError(f"output folder {folder}: another process is replacing its results; wait for its end")
+            raise UserError(
+                f"output folder {folder}: another process is replacing its results; wait for its end"
+            )
         yield
 
 
@@ -356,7 +397,8 @@ def _sync(path: Path) -> None:
     try:
         os.fsync(handle)
     except OSError as error:
-        if error.errno not in {errno.EINVAL, errno.ENOTSUP}:  # a file system that knows no such thing
+        # a file system that knows no such thing
+        if error.errno not in {errno.EINVAL, errno.ENOTSUP}:
             raise
     finally:
         os.close(handle)

@@ -18,7 +18,9 @@ LARGE = 2**28  # [bytes] of arrays that are laid on disk; fewer stay in memory
 
 
 def check_room(need: int, what: str) -> None:
-    """Raise UserError where the temporary folder has less room than that [bytes]; what: needs it, in words."""
+    """Raise UserError where the temporary folder has less room than that [bytes]; what: needs it,
+    in words.
+    """
     try:
         free = shutil.disk_usage(tempfile.gettempdir()).free
     except OSError as error:
@@ -37,12 +39,17 @@ def refusal(reason: str) -> UserError:
 
 
 def zeros(shapes: Sequence[tuple[int, ...]], kind: npt.DTypeLike) -> list[Array]:
-    """Return arrays of zeros: on disk, where they are large together and there is room for them, else in memory."""
+    """Return arrays of zeros: on disk, where they are large together and there is room for them,
+    else in memory.
+    """
     sizes = [math.prod(shape) * np.dtype(kind).itemsize for shape in shapes]
-    if sum(sizes) >= LARGE and hasattr(os, "posix_fallocate"):  # without it a disk that fills up ends the process
+    # without it a disk that fills up ends the process
+    if sum(sizes) >= LARGE and hasattr(os, "posix_fallocate"):
         try:
             if sum(sizes) < shutil.disk_usage(tempfile.gettempdir()).free:
-                return [_on_disk(shape, kind, size) for shape, size in zip(shapes, sizes, strict=True)]
+                return [
+                    _on_disk(shape, kind, size) for shape, size in zip(shapes, sizes, strict=True)
+                ]
         except OSError:
             pass
     return [np.zeros(shape, kind) for shape in shapes]

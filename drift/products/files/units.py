@@ -3,7 +3,8 @@
 import re
 from collections.abc import Iterable, Mapping
 
-BY_NAME: Mapping[str, str] = {  # a pattern of a whole name: its unit, as pint reads it; of places as CF has it
+# a pattern of a whole name: its unit, as pint reads it; of places as CF has it
+BY_NAME: Mapping[str, str] = {
     r"(.*_)?lon(_deg)?": "degrees_east",
     r"(.*_)?lat(_deg)?": "degrees_north",
     r"expected_per_km": "1/km",
@@ -22,7 +23,10 @@ COMPILED = [(re.compile(pattern), unit) for pattern, unit in BY_NAME.items()]
 def units_of(numbers: Iterable[str]) -> dict[str, str]:
     """Return the units of columns of numbers, where their names say them.
 
-    Those of `mean`, `std` and quantiles of posteriors.csv stand in its column `unit`, for they differ by row.
+    Those of `mean`, `std` and quantiles of posteriors.csv stand in its column `unit`, for they
+    differ by row.
     """
-    found = {name: [unit for pattern, unit in COMPILED if pattern.fullmatch(name)] for name in numbers}
+    found = {
+        name: [unit for pattern, unit in COMPILED if pattern.fullmatch(name)] for name in numbers
+    }
     return {name: units[0] for name, units in found.items() if units}

@@ -2,8 +2,9 @@
 
 See drift.products.files.publication.
 
-It knows no topic: files, pictures and numbers come in chapters. summary.json holds their numbers, manifest.json lists
-all files. Data depend on the chapters alone; the date of creation stands in attributes only.
+It knows no topic: files, pictures and numbers come in chapters. summary.json holds their numbers,
+manifest.json lists all files. Data depend on the chapters alone; the date of creation stands in
+attributes only.
 """
 
 import json
@@ -50,9 +51,10 @@ def write(
 
     The folder is written complete or not at all.
 
-    Their numbers become the summary. To their facts, which every file carries (title, case, seed, versions, forcing),
-    `run_id`, `history` and `date_created` are added. With `overwrite` what an earlier run wrote into the folder and
-    this one does not is taken away. processes: how many may draw pictures. tell: takes the share that is written.
+    Their numbers become the summary. To their facts, which every file carries (title, case, seed,
+    versions, forcing), `run_id`, `history` and `date_created` are added. With `overwrite` what an
+    earlier run wrote into the folder and this one does not is taken away. processes: how many may
+    draw pictures. tell: takes the share that is written.
     """
     publication.check(folder, overwrite)
     joined = chapter.join_contents(chapters)
@@ -71,8 +73,12 @@ def write(
     return whole(folder, stamped["run_id"], fill, overwrite=overwrite)
 
 
-def write_netcdf(path: Path, data: xr.Dataset, name: str, facts: Stamped, warnings: Sequence[str]) -> None:
-    """Write one file of a run, as it is in the folder of results; name: what it is called there, without its ending."""
+def write_netcdf(
+    path: Path, data: xr.Dataset, name: str, facts: Stamped, warnings: Sequence[str]
+) -> None:
+    """Write one file of a run, as it is in the folder of results; name: what it is called there,
+    without its ending.
+    """
     try:
         _netcdf(discovery.described(data, _stamped(facts, warnings), name), path)
     except OSError as error:
@@ -92,8 +98,12 @@ def _stamped(facts: Stamped, warnings: Sequence[str]) -> Stamped:
     }
 
 
-def whole(folder: Path, run_id: str, fill: Callable[[Path], None], *, overwrite: bool) -> list[Path]:
-    """Have files written into a folder, all of them or none; return their paths. fill: writes into the path it is given."""
+def whole(
+    folder: Path, run_id: str, fill: Callable[[Path], None], *, overwrite: bool
+) -> list[Path]:
+    """Have files written into a folder, all of them or none; return their paths. fill: writes into
+    the path it is given.
+    """
     try:
         with publication.staged(folder) as stage:
             fill(stage.new)
@@ -121,21 +131,35 @@ def _netcdf(data: xr.Dataset, path: Path) -> None:
     for name, variable in data.variables.items():
         encoding[str(name)] = {"_FillValue": None}
         if variable.dtype.kind == "f":
-            if name not in data.dims and not str(name).endswith("_bnds"):  # neither may be missing (CF, 5 and 7.1)
+            # neither may be missing (CF, 5 and 7.1)
+            if name not in data.dims and not str(name).endswith("_bnds"):
                 encoding[str(name)] = {"_FillValue": variable.dtype.type(np.nan)}
             if variable.ndim > 1:
                 chunks = (*([1] * (variable.ndim - 2)), *variable.shape[-2:])
-                encoding[str(name)] |= {"zlib": True, "complevel": 1, "shuffle": True, "chunksizes": chunks}
+                encoding[str(name)] |= {
+                    "zlib": True,
+                    "complevel": 1,
+                    "shuffle": True,
+                    "chunksizes": chunks,
+                }
         elif variable.ndim > 1:
             encoding[str(name)] |= {"zlib": True, "complevel": 1, "shuffle": True}
         if variable.dtype.kind == "M":
-            encoding[str(name)] = {"units": formats.EPOCH, "calendar": "standard", "dtype": "int64", "_FillValue": None}
+            encoding[str(name)] = {
+                "units": formats.EPOCH,
+                "calendar": "standard",
+                "dtype": "int64",
+                "_FillValue": None,
+            }
     try:
-        with undisturbed():  # an exception in the middle of it leaves HDF5's lock taken: closing waits for ever
+        # an exception in the middle of it leaves HDF5's lock taken: closing waits for ever
+        with undisturbed():
             data.to_netcdf(path, engine="netcdf4", format="NETCDF4", encoding=encoding)
     except RuntimeError as error:  # netCDF4 raises this where HDF5 cannot write
         raise OSError(f"{path.name}: {error}") from error
 
 
 def _json(value: Any, path: Path, indent: int | None) -> None:
-    path.write_text(json.dumps(formats.plain(value), indent=indent, allow_nan=False) + "\n", encoding="utf-8")
+    path.write_text(
+        json.dumps(formats.plain(value), indent=indent, allow_nan=False) + "\n", encoding="utf-8"
+    )

@@ -1,1 +1,4 @@
-"""The drawing kit of every map.py: charts, pages and labels. It knows no topic: each map.py says what stands where."""
+"""The drawing kit of every map.py: charts, pages and labels.
+
+It knows no topic: each map.py says what stands where.
+"""

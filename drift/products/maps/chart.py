@@ -1,8 +1,8 @@
 """A chart to draw on: projection, extent, land, graticule, scale bar.
 
-Mercator centred on the chart up to 75 degrees of latitude, else Lambert's azimuthal equal-area projection: both have north
-up in the middle. Near a pole that projection is about the pole itself, and no north arrow is drawn. None knows an
-antimeridian. Axes are plain, in projected metres.
+Mercator centred on the chart up to 75 degrees of latitude, else Lambert's azimuthal equal-area
+projection: both have north up in the middle. Near a pole that projection is about the pole itself,
+and no north arrow is drawn. None knows an antimeridian. Axes are plain, in projected metres.
 """
 
 from collections.abc import Iterable
@@ -27,7 +27,30 @@ SEA, LAND, SHORE, INK = "#f4f7f9", "#d8d4c8", "#6b675c", "#1b2733"
 GREY, RED = "#55606b", "#c62828"  # colours of secondary words and of warnings
 POLAR = 88.0  # [deg] of latitude beyond which a chart is centred on the pole
 # [arc minutes] between lines of the graticule
-STEPS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 180, 300, 600, 900, 1800)
+STEPS = (
+    0.001,
+    0.002,
+    0.005,
+    0.01,
+    0.02,
+    0.05,
+    0.1,
+    0.2,
+    0.5,
+    1,
+    2,
+    5,
+    10,
+    15,
+    30,
+    60,
+    120,
+    180,
+    300,
+    600,
+    900,
+    1800,
+)
 GLOBE = ccrs.Globe(semimajor_axis=sphere.RADIUS, semiminor_axis=sphere.RADIUS, ellipse=None)
 DEGREES = ccrs.Geodetic(globe=GLOBE)
 
@@ -40,12 +63,14 @@ class Frame:
     centre: tuple[float, float]
     x: tuple[float, float]
     y: tuple[float, float]
-    about_pole: bool = False  # all round its middle is south, or north: no direction of the paper is
+    # all round its middle is south, or north: no direction of the paper is
+    about_pole: bool = False
 
     def project(self, lon: Any, lat: Any) -> tuple[Array, Array]:
         """Return (x, y) [m] of positions [deg] at any number of turns; same shape."""
         lon, lat = np.broadcast_arrays(np.asarray(lon, float), np.asarray(lat, float))
-        lon, lat = sphere.near_degrees(lon, self.centre[0]), np.clip(lat, -90.0, 90.0)  # cells may reach over a pole
+        # cells may reach over a pole
+        lon, lat = sphere.near_degrees(lon, self.centre[0]), np.clip(lat, -90.0, 90.0)
         xyz = self.crs.transform_points(DEGREES, lon.ravel(), lat.ravel())
         return xyz[:, 0].reshape(lon.shape), xyz[:, 1].reshape(lon.shape)
 
@@ -62,40 +87,61 @@ class Frame:
         return np.asarray((self.x[0] <= x) & (x <= self.x[1]) & (self.y[0] <= y) & (y <= self.y[1]))
 
     def bounds(self) -> tuple[float, float, float, float]:
-        """Return (west, south, east, north) [deg] that hold the whole frame, unwrapped round the centre."""
+        """Return (west, south, east, north) [deg] that hold the whole frame, unwrapped round the
+        centre.
+        """
         x, y = np.meshgrid(np.linspace(*self.x, 25), np.linspace(*self.y, 25))
         lonlat = DEGREES.transform_points(self.crs, x.ravel(), y.ravel())
         lonlat = lonlat[np.isfinite(lonlat).all(axis=1)]
         lon = sphere.near_degrees(lonlat[:, 0], self.centre[0])
-        return float(lon.min()), float(lonlat[:, 1].min()), float(lon.max()), float(lonlat[:, 1].max())
+        return (
+            float(lon.min()),
+            float(lonlat[:, 1].min()),
+            float(lon.max()),
+            float(lonlat[:, 1].max()),
+        )
 
     def box(self) -> Box:
         """Return the box [deg] that holds the whole frame."""
         west, south, east, north = self.bounds()
-        return Box(-180.0, south, 180.0, north) if east - west >= 360 else Box(west, south, east, north).grown(0.0, 0.0)
+        return (
+            Box(-180.0, south, 180.0, north)
+            if east - west >= 360
+            else Box(west, south, east, north).grown(0.0, 0.0)
+        )
 
 
-def frame(lon: Array, lat: Array, aspect: float, margin: float = 0.08, least: float = 200.0) -> Frame:
+def frame(
+    lon: Array, lat: Array, aspect: float, margin: float = 0.08, least: float = 200.0
+) -> Frame:
     """Return the frame that shows all positions [deg, unwrapped].
 
-    aspect: width / height. margin: share of the size on each side. least: smallest width and height [m].
+    aspect: width / height. margin: share of the size on each side. least: smallest width and height
+    [m].
     """
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     middle = (float(lon.min() + lon.max()) / 2, float(lat.min() + lat.max()) / 2)
     about_pole = bool(np.abs(lat).max() > POLAR)
     if np.abs(lat).max() <= 75 and np.ptp(lon) < 180:
         crs = ccrs.Mercator(central_longitude=middle[0], globe=GLOBE)
-    elif about_pole:  # in the middle of the longitudes of what may lie all round the pole nothing need lie
+    elif about_pole:
+        # in the middle of the longitudes of what may lie all round the pole nothing need lie
         pole = float(np.copysign(90.0, middle[1]))
-        crs = ccrs.LambertAzimuthalEqualArea(central_longitude=middle[0], central_latitude=pole, globe=GLOBE)
+        crs = ccrs.LambertAzimuthalEqualArea(
+            central_longitude=middle[0], central_latitude=pole, globe=GLOBE
+        )
     else:
-        crs = ccrs.LambertAzimuthalEqualArea(central_longitude=middle[0], central_latitude=middle[1], globe=GLOBE)
+        crs = ccrs.LambertAzimuthalEqualArea(
+            central_longitude=middle[0], central_latitude=middle[1], globe=GLOBE
+        )
     whole = Frame(crs, middle, (0.0, 1.0), (0.0, 1.0))
     x, y = whole.project(lon, lat)
     wide, high = (max(float(np.ptp(v)) * (1 + 2 * margin), least) for v in (x, y))
     wide, high = max(wide, high * aspect), max(high, wide / aspect)
     cx, cy = float(x.min() + x.max()) / 2, float(y.min() + y.max()) / 2
-    return Frame(crs, middle, (cx - wide / 2, cx + wide / 2), (cy - high / 2, cy + high / 2), about_pole)
+    return Frame(
+        crs, middle, (cx - wide / 2, cx + wide / 2), (cy - high / 2, cy + high / 2), about_pole
+    )
 
 
 def prepare(ax: Axes, frame: Frame) -> None:
@@ -109,7 +155,9 @@ def prepare(ax: Axes, frame: Frame) -> None:
 
 
 def land_path(frame: Frame, polygons: Iterable[Any], pixels: float) -> Outline | None:
-    """Return land polygons [deg] cut to the frame and thinned to a pixel of it, as one path in metres."""
+    """Return land polygons [deg] cut to the frame and thinned to a pixel of it, as one path in
+    metres.
+    """
     shapes = np.array(list(polygons), dtype=object)
     if not len(shapes):
         return None
@@ -121,8 +169,15 @@ def land_path(frame: Frame, polygons: Iterable[Any], pixels: float) -> Outline |
     vertices, codes = [], []
     for turn in (-720, -360, 0, 360, 720):
         box = (west + turn - pad, south - pad, east + turn + pad, north + pad)
-        meets = (bounds[:, 0] < box[2]) & (bounds[:, 2] > box[0]) & (bounds[:, 1] < box[3]) & (bounds[:, 3] > box[1])
-        cut = shapely.simplify(shapely.clip_by_rect(shapes[meets], *box), fine, preserve_topology=False)
+        meets = (
+            (bounds[:, 0] < box[2])
+            & (bounds[:, 2] > box[0])
+            & (bounds[:, 1] < box[3])
+            & (bounds[:, 3] > box[1])
+        )
+        cut = shapely.simplify(
+            shapely.clip_by_rect(shapes[meets], *box), fine, preserve_topology=False
+        )
         for part in shapely.get_parts(shapely.get_parts(cut)):
             if part.geom_type != "Polygon" or part.is_empty:
                 continue
@@ -140,12 +195,18 @@ def draw_land(ax: Axes, path: Outline | None) -> None:
 
 
 def outline(ax: Axes, patch: PathPatch) -> None:
-    """Draw an outline of many points, without the limits of its data that `add_patch` finds point by point in Python."""
+    """Draw an outline of many points, without the limits of its data that `add_patch` finds point
+    by point in Python.
+    """
     ax.add_artist(patch)
 
 
 def graticule(
-    ax: Axes, frame: Frame, lines: int = 5, size: float = 8.0, labels: tuple[bool, bool] = (True, True)
+    ax: Axes,
+    frame: Frame,
+    lines: int = 5,
+    size: float = 8.0,
+    labels: tuple[bool, bool] = (True, True),
 ) -> None:
     """Draw meridians and parallels with their degrees and minutes on the lower and left edges."""
     west, south, east, north = frame.bounds()
@@ -162,17 +223,27 @@ def graticule(
             x, y = frame.project(*((value, across) if is_lon else (across, value)))
             drawn.append(np.column_stack([x, y]))
             edge = _crossing(x, y, frame.y[0]) if is_lon else _crossing(y, x, frame.x[0])
-            if edge is not None and (frame.x if is_lon else frame.y)[0] <= edge <= (frame.x if is_lon else frame.y)[1]:
+            if (
+                edge is not None
+                and (frame.x if is_lon else frame.y)[0]
+                <= edge
+                <= (frame.x if is_lon else frame.y)[1]
+            ):
                 labelled.append((edge, degrees_minutes(value, is_lon, step)))
         ticks.append(labelled)
-    ax.add_collection(LineCollection(drawn, colors=INK, linewidths=0.4, alpha=0.35, zorder=4), autolim=False)
+    ax.add_collection(
+        LineCollection(drawn, colors=INK, linewidths=0.4, alpha=0.35, zorder=4), autolim=False
+    )
     for axis, labelled, shown in zip((ax.xaxis, ax.yaxis), ticks, labels, strict=True):
         low, high = frame.x if axis is ax.xaxis else frame.y
-        inset = (0.1 if lines <= 3 else 0.02) * (high - low)  # keep clear of the neighbour's labels and of the corner
+        # keep clear of the neighbour's labels and of the corner
+        inset = (0.1 if lines <= 3 else 0.02) * (high - low)
         clear = [low + inset <= at <= high - inset for at, _ in labelled]
         axis.set_ticks(
             [at for at, _ in labelled],
-            labels=[text if shown and ok else "" for (_, text), ok in zip(labelled, clear, strict=True)],
+            labels=[
+                text if shown and ok else "" for (_, text), ok in zip(labelled, clear, strict=True)
+            ],
         )
         axis.set_tick_params(labelsize=size, length=4, color=INK, labelcolor=INK)
     for text in ax.get_yticklabels():
@@ -199,7 +270,11 @@ def degrees_minutes(value: float, is_lon: bool, step: float) -> str:
     whole = round(abs(value) * 60 * unit)
     degrees, minutes = divmod(whole, 60 * unit)
     name = (
-        "" if whole in (0, 180 * 60 * unit) else ("E" if value > 0 else "W") if is_lon else ("N" if value > 0 else "S")
+        ""
+        if whole in (0, 180 * 60 * unit)
+        else ("E" if value > 0 else "W")
+        if is_lon
+        else ("N" if value > 0 else "S")
     )
     width = 2 if decimals == 0 else 3 + decimals
     return f"{degrees:0{3 if is_lon else 2}d}°{minutes / unit:0{width}.{decimals}f}'{name}"
@@ -213,8 +288,12 @@ def scale_bar(ax: Axes, frame: Frame, corner: tuple[float, float], small: bool =
     (x0, x1), (y0, y1) = frame.x, frame.y
     high, size = (0.105, 7) if small else (0.075, 8)
     at = (x0 + (x1 - x0) * (corner[0] + 0.12), y0 + (y1 - y0) * (corner[1] + 0.04))
-    ends = DEGREES.transform_points(frame.crs, np.array([at[0], at[0] + 0.05 * (x1 - x0)]), np.array([at[1]] * 2))
-    true = float(sphere.distance(*np.radians(ends[0, :2]), *np.radians(ends[1, :2]))) / (0.05 * (x1 - x0))
+    ends = DEGREES.transform_points(
+        frame.crs, np.array([at[0], at[0] + 0.05 * (x1 - x0)]), np.array([at[1]] * 2)
+    )
+    true = float(sphere.distance(*np.radians(ends[0, :2]), *np.radians(ends[1, :2]))) / (
+        0.05 * (x1 - x0)
+    )
     room = 0.2 * (x1 - x0) * true / NMI  # [nmi]
     length = next(m * 10.0**e for e in range(4, -6, -1) for m in (5, 2, 1) if m * 10.0**e <= room)
     wide = length * NMI / true / (x1 - x0)  # axes fraction
@@ -243,7 +322,13 @@ def scale_bar(ax: Axes, frame: Frame, corner: tuple[float, float], small: bool =
                 zorder=15,
             )
         )
-    style: dict[str, Any] = {"transform": ax.transAxes, "fontsize": size, "color": INK, "va": "bottom", "zorder": 15}
+    style: dict[str, Any] = {
+        "transform": ax.transAxes,
+        "fontsize": size,
+        "color": INK,
+        "va": "bottom",
+        "zorder": 15,
+    }
     ax.text(left, base + 0.017, "0", ha="center", **style)
     ax.text(left + wide, base + 0.017, f"{length:g} nmi", ha="center", **style)
     box_drawn = Bbox.from_bounds(*corner, wide + (0.13 if small else 0.09), high)
@@ -261,16 +346,30 @@ def scale_bar(ax: Axes, frame: Frame, corner: tuple[float, float], small: bool =
         fontsize=8,
         color=INK,
         zorder=15,
-        arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0},
+        arrowprops={
+            "arrowstyle": "-|>",
+            "color": INK,
+            "linewidth": 1.0,
+            "shrinkA": 0,
+            "shrinkB": 0,
+        },
     )
     return box_drawn
 
 
 def free_corner(frame: Frame, x: Array, y: Array) -> tuple[float, float]:
-    """Return the corner [axes fraction] for a scale bar with the fewest of these points [m] under it."""
-    fx, fy = (x - frame.x[0]) / (frame.x[1] - frame.x[0]), (y - frame.y[0]) / (frame.y[1] - frame.y[0])
+    """Return the corner [axes fraction] for a scale bar with the fewest of these points [m] under
+    it.
+    """
+    fx, fy = (
+        (x - frame.x[0]) / (frame.x[1] - frame.x[0]),
+        (y - frame.y[0]) / (frame.y[1] - frame.y[0]),
+    )
     corners = ((0.015, 0.015), (0.685, 0.015), (0.015, 0.91), (0.685, 0.91))
-    crowd = [np.sum((fx > a - 0.02) & (fx < a + 0.32) & (fy > b - 0.02) & (fy < b + 0.1)) for a, b in corners]
+    crowd = [
+        np.sum((fx > a - 0.02) & (fx < a + 0.32) & (fy > b - 0.02) & (fy < b + 0.1))
+        for a, b in corners
+    ]
     return corners[int(np.argmin(crowd))]
 
 

@@ -13,7 +13,14 @@ from geo.array import Array
 
 
 def draw_field(
-    path: Path, lon: Array, lat: Array, east: Array, north: Array, *, title: str, polygons: Iterable[Any] = ()
+    path: Path,
+    lon: Array,
+    lat: Array,
+    east: Array,
+    north: Array,
+    *,
+    title: str,
+    polygons: Iterable[Any] = (),
 ) -> None:
     """Draw a field's speed [m/s] as shading and its direction as arrows; missing values stay blank.
 
@@ -21,7 +28,9 @@ def draw_field(
     """
     figure, canvas = page.figure(9.0, 7.2)
     ax = figure.add_axes((0.08, 0.07, 0.76, 0.84))
-    frame = chart.frame(lon[[0, -1, 0, -1]], lat[[0, -1, -1, 0]], aspect=0.76 * 9.0 / (0.84 * 7.2), margin=0.02)
+    frame = chart.frame(
+        lon[[0, -1, 0, -1]], lat[[0, -1, -1, 0]], aspect=0.76 * 9.0 / (0.84 * 7.2), margin=0.02
+    )
     chart.prepare(ax, frame)
     jump = max(1, max(len(lon), len(lat)) // 800)
     speed = np.hypot(east, north)[::jump, ::jump]
@@ -43,7 +52,16 @@ def draw_field(
     finite = np.isfinite(np.hypot(east, north)[some])
     px, py = (v[some][finite] for v in np.meshgrid(lon, lat))
     u, v = turned(frame, px, py, east[some][finite], north[some][finite])
-    ax.quiver(*frame.project(px, py), u, v, color=INK, scale=22 * max(top, 1e-9), width=0.002, zorder=4.5, pivot="mid")
+    ax.quiver(
+        *frame.project(px, py),
+        u,
+        v,
+        color=INK,
+        scale=22 * max(top, 1e-9),
+        width=0.002,
+        zorder=4.5,
+        pivot="mid",
+    )
     bar = figure.add_axes((0.87, 0.15, 0.02, 0.6))
     figure.colorbar(mesh, cax=bar, extend="max", label="speed [m/s]")
     figure.text(0.08, 0.945, page.fit(title, 80), fontsize=12, weight="bold", color=INK)
@@ -51,7 +69,9 @@ def draw_field(
 
 
 def turned(frame: Frame, lon: Array, lat: Array, east: Array, north: Array) -> tuple[Array, Array]:
-    """Return vectors [m/s] at positions [deg] along the axes of the projection, of unchanged length; all (n,)."""
+    """Return vectors [m/s] at positions [deg] along the axes of the projection, of unchanged
+    length; all (n,).
+    """
     step = 1e-4  # [deg]
     x, y = frame.project(lon, lat)
     along_x, along_y = frame.project(lon + step / np.cos(np.radians(lat)), lat)

@@ -1,7 +1,8 @@
 """Names of towns and harbours on coasts, for maps and tables; data/places.md gives their sources.
 
-A place on the shore is named by the nearest town on its own land mass. Where there is none within FARTHEST, the nearest
-town of all names it, and the name says "across water". Of a town beyond the land that is known nothing is said of water.
+A place on the shore is named by the nearest town on its own land mass. Where there is none within
+FARTHEST, the nearest town of all names it, and the name says "across water". Of a town beyond the
+land that is known nothing is said of water.
 """
 
 import csv
@@ -65,7 +66,9 @@ def around(box: Box, most: int = 12) -> list[Place]:
     apart = APART * max(box.north - box.south, (box.east - box.west) * narrow)
     chosen: list[int] = []
     for k in inside[np.argsort(-rank[inside], kind="stable")]:
-        if all(np.hypot((x[k] - x[other]) * narrow, lat[k] - lat[other]) >= apart for other in chosen):
+        if all(
+            np.hypot((x[k] - x[other]) * narrow, lat[k] - lat[other]) >= apart for other in chosen
+        ):
             chosen.append(int(k))
         if len(chosen) == most:
             break
@@ -75,16 +78,21 @@ def around(box: Box, most: int = 12) -> list[Place]:
 def nearest(lon: Array, lat: Array, land: LandMasses | None = None) -> list[Near]:
     """Return the town or harbour by which each place [deg] is named.
 
-    land: what towns and places lie on; without it the nearest town names a place. Of two pieces of land that the edge of
-    its box cuts it is not known whether they are one.
+    land: what towns and places lie on; without it the nearest town names a place. Of two pieces of
+    land that the edge of its box cuts it is not known whether they are one.
     """
     names, lons, lats, _, _ = _all()
     mass = np.full(len(names), UNKNOWN)
     reaching = frozenset[int]()
     if land is not None and len(land.polygons):
-        reaching, known = land_masses.reaching_the_edge(land), land.box or Box(-180.0, -90.0, 180.0, 90.0)
+        reaching, known = (
+            land_masses.reaching_the_edge(land),
+            land.box or Box(-180.0, -90.0, 180.0, 90.0),
+        )
         inside = np.flatnonzero(
-            (sphere.east_of_degrees(lons, known.west) <= known.east) & (lats >= known.south) & (lats <= known.north)
+            (sphere.east_of_degrees(lons, known.west) <= known.east)
+            & (lats >= known.south)
+            & (lats <= known.north)
         )
         mass[inside] = land_masses.of_places(land, lons[inside], lats[inside])
         own = land_masses.of_places(land, np.asarray(lon), np.asarray(lat))
@@ -97,14 +105,26 @@ def nearest(lon: Array, lat: Array, land: LandMasses | None = None) -> list[Near
         k = int(np.argmin(same))
         if not same[k] <= FARTHEST:
             k = int(np.argmin(distance))
-        across = UNKNOWN not in (here, mass[k]) and here != mass[k] and not {int(here), int(mass[k])} <= reaching
-        found.append(Near(names[k], float(distance[k]), bool(across), float(lons[k]), float(lats[k])))
+        across = (
+            UNKNOWN not in (here, mass[k])
+            and here != mass[k]
+            and not {int(here), int(mass[k])} <= reaching
+        )
+        found.append(
+            Near(names[k], float(distance[k]), bool(across), float(lons[k]), float(lats[k]))
+        )
     return found
 
 
 def place_in_words(near: Near) -> str:
-    """Return where a place is by its town: "near X", "34 km from X", "near X, across water"; far away ""."""
+    """Return where a place is by its town: "near X", "34 km from X", "near X, across water"; far
+    away "".
+    """
     if near.away > FARTHEST:
         return ""
-    told = f"near {near.name}" if near.away <= BESIDE else f"{near.away / 1000:.0f} km from {near.name}"
+    told = (
+        f"near {near.name}"
+        if near.away <= BESIDE
+        else f"{near.away / 1000:.0f} km from {near.name}"
+    )
     return f"{told}, {ACROSS}" if near.across else told

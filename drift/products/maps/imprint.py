@@ -12,7 +12,9 @@ from geo.box import Box
 
 @dataclass(frozen=True)
 class Imprint:
-    """Words on every picture: its title, where it comes from, and a caution about what not to believe."""
+    """Words on every picture: its title, where it comes from, and a caution about what not to
+    believe.
+    """
 
     title: str
     footer: str = ""  # a line of where it comes from: errors, version, seed
@@ -25,11 +27,15 @@ class Setting:
     """What every chart of a run shows, and what stands on it."""
 
     imprint: Imprint
-    polygons: Callable[[Box], Iterable[Any]] = lambda box: ()  # returns those of land in a box, by Shapely [deg]
+    # returns those of land in a box, by Shapely [deg]
+    polygons: Callable[[Box], Iterable[Any]] = lambda box: ()
     marks: Sequence[Mark] = ()  # where the run began, as points
     lines: Sequence[Line] = ()  # the same, as areas and tracklines
-    others: Sequence[tuple[float, float]] = ()  # positions of those of many that have no mark of their own [deg]
+    # positions of those of many that have no mark of their own [deg]
+    others: Sequence[tuple[float, float]] = ()
     known_as: str = "Last known position"  # what the legend calls the marks
     particles: int | None = None  # particles in the run
-    opens: np.datetime64 | None = None  # the output that the map and the report show first; None: the last
-    overlays: Sequence[Callable[[Any], Any]] = ()  # what else stands on maps, such as itineraries: maps.overlay.AtTime
+    # the output that the map and the report show first; None: the last
+    opens: np.datetime64 | None = None
+    # what else stands on maps, such as itineraries: maps.overlay.AtTime
+    overlays: Sequence[Callable[[Any], Any]] = ()

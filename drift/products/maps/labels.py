@@ -1,4 +1,6 @@
-"""The words on a picture: labels of points that keep clear of each other, and numbers and scales as text."""
+"""The words on a picture: labels of points that keep clear of each other, and numbers and scales as
+text.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -34,11 +36,17 @@ STEPS = (1, 2, 3, 6, 12, 24, 48, 72, 120, 240, 480, 960)  # [h] between times on
 
 
 def place_labels(
-    ax: Axes, canvas: FigureCanvasAgg, points: Sequence[Point], taken: Sequence[Bbox], must: set[int]
+    ax: Axes,
+    canvas: FigureCanvasAgg,
+    points: Sequence[Point],
+    taken: Sequence[Bbox],
+    must: set[int],
 ) -> None:
-    """Write labels beside their points, each where it covers no other label or point; else leave it out.
+    """Write labels beside their points, each where it covers no other label or point; else leave it
+    out.
 
-    taken: boxes [axes fraction] that are in use. must: labels that are written, wherever they disturb least.
+    taken: boxes [axes fraction] that are in use. must: labels that are written, wherever they
+    disturb least.
     """
     renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
     paper = ax.get_window_extent(renderer)
@@ -52,8 +60,15 @@ def place_labels(
             label = _write(ax, points[i], k)
             box = label.get_window_extent(renderer).padded(2)
             label.remove()
-            inside = paper.x0 <= box.x0 and box.x1 <= paper.x1 and paper.y0 <= box.y0 and box.y1 <= paper.y1
-            options.append((sum(box.overlaps(other) for other in boxes) + (0 if inside else 100), k, box))
+            inside = (
+                paper.x0 <= box.x0
+                and box.x1 <= paper.x1
+                and paper.y0 <= box.y0
+                and box.y1 <= paper.y1
+            )
+            options.append(
+                (sum(box.overlaps(other) for other in boxes) + (0 if inside else 100), k, box)
+            )
             if options[-1][0] == 0:
                 break
         clashes, k, box = min(options, key=lambda option: option[:2])
@@ -61,7 +76,14 @@ def place_labels(
             _write(ax, points[i], k)
             boxes.append(box)
             if k >= 8:  # it stands far off: a hairline leads to its point
-                ax.annotate("", points[i][:2], SPOTS[k], textcoords="offset points", zorder=13, arrowprops=LEADER)
+                ax.annotate(
+                    "",
+                    points[i][:2],
+                    SPOTS[k],
+                    textcoords="offset points",
+                    zorder=13,
+                    arrowprops=LEADER,
+                )
 
 
 def _write(ax: Axes, point: Point, spot: int) -> Any:
@@ -72,7 +94,14 @@ def _write(ax: Axes, point: Point, spot: int) -> Any:
         "va": "bottom" if dy > 1 else "top" if dy < -1 else "center",
     }
     return ax.annotate(
-        text, (x, y), (dx, dy), textcoords="offset points", path_effects=HALO, zorder=16, **sides, **style
+        text,
+        (x, y),
+        (dx, dy),
+        textcoords="offset points",
+        path_effects=HALO,
+        zorder=16,
+        **sides,
+        **style,
     )
 
 
@@ -89,25 +118,36 @@ def number(value: float) -> str:
 
 
 def scale(top: float) -> tuple[float, str]:
-    """Return the area [nmi2], and its name, by which a density [% per nmi2] reads best: nmi2 from 0.01 to 100."""
+    """Return the area [nmi2], and its name, by which a density [% per nmi2] reads best: nmi2 from
+    0.01 to 100.
+    """
     if 0.01 <= top < 100:
         return 1.0, "nmi²"
     return next(((area, name) for area, name in UNITS if top * area < 100), UNITS[-1])
 
 
 def ticks(top: float) -> Array:
-    """Return 0 and round numbers (1, 2 or 5 times a power of ten) up to `top`, well apart on a scale of roots."""
+    """Return 0 and round numbers (1, 2 or 5 times a power of ten) up to `top`, well apart on a
+    scale of roots.
+    """
     power = int(np.floor(np.log10(top)))
     values = [np.inf]
     for candidate in (m * 10.0**e for e in range(power, power - 3, -1) for m in (5, 2, 1)):
-        if candidate <= top * (1 + 1e-9) and np.sqrt(min(values[-1], 4 * top) / top) - np.sqrt(candidate / top) >= 0.18:
+        if (
+            candidate <= top * (1 + 1e-9)
+            and np.sqrt(min(values[-1], 4 * top) / top) - np.sqrt(candidate / top) >= 0.18
+        ):
             values.append(candidate)
     return np.array([0.0, *(v for v in values[:0:-1] if np.sqrt(v / top) >= 0.14)])
 
 
 def plain(value: float) -> str:
     """Return a round number without exponent: 0.005, 2, 1,000."""
-    return f"{value:,.0f}" if value >= 1 else str(np.format_float_positional(value, precision=12, trim="-"))
+    return (
+        f"{value:,.0f}"
+        if value >= 1
+        else str(np.format_float_positional(value, precision=12, trim="-"))
+    )
 
 
 def round_times(begin: float, end: float, many: int) -> Array:

@@ -15,7 +15,9 @@ class Mark:
 
 @dataclass(frozen=True)
 class Line:
-    """A line to draw, such as a prior's area (closed) or a trackline [deg]; longitudes without jumps, (n,)."""
+    """A line to draw, such as a prior's area (closed) or a trackline [deg]; longitudes without
+    jumps, (n,).
+    """
 
     lon: Sequence[float]
     lat: Sequence[float]

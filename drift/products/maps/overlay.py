@@ -21,7 +21,8 @@ class Overlay:
     # Shapes by name, each (n, 2) [deg]; the chart says so where it cannot show one.
     places: Mapping[str, Sequence[Array]]
     key: Sequence[tuple[Any, str]]  # symbols and texts
-    names: Sequence[tuple[float, float, str]] = ()  # written beside positions [deg] where there is room
+    # written beside positions [deg] where there is room
+    names: Sequence[tuple[float, float, str]] = ()
 
 
 AtTime = Callable[[Any], Overlay]  # what is drawn on a chart of a time, np.datetime64

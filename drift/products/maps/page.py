@@ -1,4 +1,6 @@
-"""A page to draw on, and its file: figures without pyplot, that leave no state behind; provenance, no date."""
+"""A page to draw on, and its file: figures without pyplot, that leave no state behind; provenance,
+no date.
+"""
 
 import textwrap
 import warnings
@@ -26,7 +28,9 @@ def literal() -> AbstractContextManager[None]:
 
 
 def kept(draw: Callable[[Path], None]) -> Callable[[Path], None]:
-    """Return a drawing that, where it fails, costs only its own picture and no other file of a long run."""
+    """Return a drawing that, where it fails, costs only its own picture and no other file of a long
+    run.
+    """
 
     def attempt(path: Path) -> None:
         try:
@@ -34,12 +38,17 @@ def kept(draw: Callable[[Path], None]) -> Callable[[Path], None]:
                 draw(path)
         except (ArithmeticError, LookupError, StopIteration, TypeError, ValueError) as error:
             path.unlink(missing_ok=True)
-            warnings.warn(f"{path.name} could not be drawn ({error}); all other files are complete", stacklevel=2)
+            warnings.warn(
+                f"{path.name} could not be drawn ({error}); all other files are complete",
+                stacklevel=2,
+            )
 
     return attempt
 
 
-def save(canvas: FigureCanvasAgg, path: Path, title: str, attributes: Mapping[str, str] | None, dpi: int) -> None:
+def save(
+    canvas: FigureCanvasAgg, path: Path, title: str, attributes: Mapping[str, str] | None, dpi: int
+) -> None:
     """Write the picture with its provenance as text chunks, and no date.
 
     So the same forecast gives the same bytes.
@@ -54,10 +63,11 @@ def fit(text: str, characters: float) -> str:
 
 
 def names(texts: Sequence[str], characters: float) -> list[str]:
-    """Return names that stand beside each other cut to a number of letters, so that those that differ still do.
+    """Return names that stand beside each other cut to a number of letters, so that those that
+    differ still do.
 
-    Names of several parts, "transit, north, 8 kn", that begin alike leave out the parts that they share where one of them is too
-    long. Where cut names would still be alike, they keep their ends.
+    Names of several parts, "transit, north, 8 kn", that begin alike leave out the parts that they
+    share where one of them is too long. Where cut names would still be alike, they keep their ends.
     """
     many = int(characters)
     if all(len(text) <= many for text in texts):
@@ -72,10 +82,16 @@ def names(texts: Sequence[str], characters: float) -> list[str]:
         if len(own) > 1 and max(map(len, own)) > many:
             while all(len(one) > same + 1 and one[same] == parts[0][same] for one in parts):
                 same += 1
-        short |= {text: "… " * (same > 0) + ", ".join(one[same:]) for text, one in zip(own, parts, strict=True)}
+        short |= {
+            text: "… " * (same > 0) + ", ".join(one[same:])
+            for text, one in zip(own, parts, strict=True)
+        }
     found = {text: fit(own, many) for text, own in short.items()}
     times = Counter(found.values())
-    found = {text: own if times[own] == 1 else f"…{short[text][1 - many :]}" for text, own in found.items()}
+    found = {
+        text: own if times[own] == 1 else f"…{short[text][1 - many :]}"
+        for text, own in found.items()
+    }
     return [found[text] for text in texts]
 
 

@@ -1,7 +1,7 @@
 """A sheet: what every picture has on its page, and where. A map adds its own layers to it.
 
-Places are shares of the page from its lower left corner; sizes of letters are typographic points. A text longer than
-the number of letters that there is room for is cut.
+Places are shares of the page from its lower left corner; sizes of letters are typographic points. A
+text longer than the number of letters that there is room for is cut.
 """
 
 from collections.abc import Sequence
@@ -54,7 +54,8 @@ class Sheet:
     footer: Row
     caution: Badge | None = None  # warns of what a reader must not believe; None: never shown
     rough: Badge | None = None  # warns that few count for the picture; None: never shown
-    beside: float | None = None  # letters of a title that has a caution right of it; None: as many as without
+    # letters of a title that has a caution right of it; None: as many as without
+    beside: float | None = None
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,12 @@ def begin(sheet: Sheet) -> Page:
 def say(on: Page, row: Row, text: str) -> None:
     """Write a line."""
     words = text if row.letters is None else page.fit(text, row.letters)
-    style: dict[str, Any] = {"fontsize": row.size, "weight": row.weight, "color": row.colour, "va": row.va}
+    style: dict[str, Any] = {
+        "fontsize": row.size,
+        "weight": row.weight,
+        "color": row.colour,
+        "va": row.va,
+    }
     on.figure.text(on.sheet.left, row.y, words, **style)
 
 
@@ -131,23 +137,36 @@ def end(on: Page, path: Path, imprint: Imprint, title: str = "") -> None:
 
 
 def legend(figure: Figure, rows: Sequence[tuple[Any, str]], **style: Any) -> Any:
-    """Write what symbols mean, without a frame; those of a list stand side by side, those of a tuple on each other."""
-    abreast = {tuple(symbol): HandlerTuple(ndivide=None) for symbol, _ in rows if isinstance(symbol, list)}
-    symbols: list[Any] = [tuple(symbol) if isinstance(symbol, list) else symbol for symbol, _ in rows]
+    """Write what symbols mean, without a frame; those of a list stand side by side, those of a
+    tuple on each other.
+    """
+    abreast = {
+        tuple(symbol): HandlerTuple(ndivide=None) for symbol, _ in rows if isinstance(symbol, list)
+    }
+    symbols: list[Any] = [
+        tuple(symbol) if isinstance(symbol, list) else symbol for symbol, _ in rows
+    ]
     texts = [text for _, text in rows]
-    return figure.legend(symbols, texts, handler_map=abreast, frameon=False, labelcolor=INK, **style)
+    return figure.legend(
+        symbols, texts, handler_map=abreast, frameon=False, labelcolor=INK, **style
+    )
 
 
-def density_bar(figure: Figure, box: tuple[float, float, float, float], mesh: Any) -> tuple[Axes, str]:
+def density_bar(
+    figure: Figure, box: tuple[float, float, float, float], mesh: Any
+) -> tuple[Axes, str]:
     """Draw the colour scale of a probability density [% per nmi2]; return its axes and their unit.
 
-    The scale has round numbers. box: left, bottom, width, height of the page; the scale runs along its longer side.
+    The scale has round numbers. box: left, bottom, width, height of the page; the scale runs along
+    its longer side.
     """
     along = box[2] * figure.get_figwidth() > box[3] * figure.get_figheight()
     bar = figure.add_axes(box)
     figure.colorbar(mesh, cax=bar, orientation="horizontal" if along else "vertical", extend="max")
     per, unit = labels.scale(mesh.norm.vmax)
     ticks = labels.ticks(mesh.norm.vmax * per)
-    (bar.set_xticks if along else bar.set_yticks)(ticks / per, labels=[labels.plain(tick) for tick in ticks])
+    (bar.set_xticks if along else bar.set_yticks)(
+        ticks / per, labels=[labels.plain(tick) for tick in ticks]
+    )
     bar.minorticks_off()
     return bar, unit

@@ -1,8 +1,9 @@
 """Arrays as text that a browser unpacks: zlib's format, in base64.
 
-Densities are logarithms of a byte, from a cell's share of 1e-5 of the densest upwards: 254 levels, 4.6 % apart, so that a value is
-told to 2.3 %. Shares are a byte too, to 0.2 %. Each map is cut to the cells that hold something, and each cell is told as its difference
-from the one before it in its column, which is near 0 where maps are smooth.
+Densities are logarithms of a byte, from a cell's share of 1e-5 of the densest upwards: 254 levels,
+4.6 % apart, so that a value is told to 2.3 %. Shares are a byte too, to 0.2 %. Each map is cut to
+the cells that hold something, and each cell is told as its difference from the one before it in its
+column, which is near 0 where maps are smooth.
 """
 
 import base64
@@ -33,18 +34,28 @@ def packed_numbers(values: Array, kind: npt.DTypeLike) -> str:
 
 
 def fold(maps: int, rows: int, columns: int) -> int:
-    """Return how many cells of each direction are put together so that this many maps are not too many values."""
+    """Return how many cells of each direction are put together so that this many maps are not too
+    many values.
+    """
     return max(1, math.ceil(math.sqrt(maps * rows * columns / MOST)))
 
 
 def axis(middles: Array, fold: int) -> dict[str, float]:
-    """Return an axis of evenly spaced middles of cells [deg]: the middle of its first cell, the step, how many."""
+    """Return an axis of evenly spaced middles of cells [deg]: the middle of its first cell, the
+    step, how many.
+    """
     step = float(middles[1] - middles[0]) if len(middles) > 1 else 1.0
-    return {"first": float(middles[0]) + (fold - 1) * step / 2, "step": fold * step, "size": -(-len(middles) // fold)}
+    return {
+        "first": float(middles[0]) + (fold - 1) * step / 2,
+        "step": fold * step,
+        "size": -(-len(middles) // fold),
+    }
 
 
 def summed(values: Array, fold: int) -> Array:
-    """Return the sums of fold x fold cells, (..., nlat, nlon); what hangs over the edge counts as 0."""
+    """Return the sums of fold x fold cells, (..., nlat, nlon); what hangs over the edge counts as
+    0.
+    """
     if fold == 1:
         return values
     if values.ndim > 2:  # map by map, for all at once take twice their memory
@@ -58,7 +69,9 @@ def least(values: Array, fold: int) -> Array:
         return values
     if values.ndim > 2:
         return np.stack([least(one, fold) for one in values])
-    return np.asarray(np.fmin.reduce(np.fmin.reduce(_folded(values, fold, np.nan), axis=-1), axis=-2))
+    return np.asarray(
+        np.fmin.reduce(np.fmin.reduce(_folded(values, fold, np.nan), axis=-1), axis=-2)
+    )
 
 
 def _folded(values: Array, fold: int, beyond: float) -> Array:
@@ -69,12 +82,15 @@ def _folded(values: Array, fold: int, beyond: float) -> Array:
 
 
 def logarithms(values: Array, per: Array) -> dict[str, Any]:
-    """Return maps (t, nlat, nlon) of numbers that are not negative, divided by those of a map (nlat, nlon).
+    """Return maps (t, nlat, nlon) of numbers that are not negative, divided by those of a map
+    (nlat, nlon).
 
     A byte q > 0 stands for most * 10^(decades * ((q - 1) / (levels - 1) - 1)), and 0 for nothing.
     """
     held = [_held(values_then > 0) for values_then in values]
-    parts = [values_then[where] / per[where] for values_then, where in zip(values, held, strict=True)]
+    parts = [
+        values_then[where] / per[where] for values_then, where in zip(values, held, strict=True)
+    ]
     most = max((float(part.max(initial=0.0)) for part in parts), default=0.0)
 
     def frame(part: Array, where: tuple[slice, slice]) -> list[Any]:
@@ -89,7 +105,9 @@ def logarithms(values: Array, per: Array) -> dict[str, Any]:
 
 
 def shares(values: Array) -> dict[str, Any]:
-    """Return maps (t, nlat, nlon) of shares: a byte q > 0 stands for 1 - (q - 1) / (levels - 1), and 0 for none."""
+    """Return maps (t, nlat, nlon) of shares: a byte q > 0 stands for 1 - (q - 1) / (levels - 1),
+    and 0 for none.
+    """
 
     def frame(values_then: Array) -> list[Any]:
         rows, columns = _held(np.isfinite(values_then) & (values_then < 1))

@@ -1,7 +1,9 @@
-"""report.html: the leaves of a run with the files that they are read from, in one page that asks for nothing from outside.
+"""report.html: the leaves of a run with the files that they are read from, in one page that asks
+for nothing from outside.
 
-The map is OpenLayers', shipped as it is published. The page's policy (Content-Security-Policy) allows its own scripts, by their
-digests, and no connection. What comes from a case stands in JSON and reaches the page as text, never as markup.
+The map is OpenLayers', shipped as it is published. The page's policy (Content-Security-Policy)
+allows its own scripts, by their digests, and no connection. What comes from a case stands in JSON
+and reaches the page as text, never as markup.
 """
 
 import base64
@@ -29,9 +31,19 @@ from geo import notation, sphere
 from geo.array import Array
 from geo.box import Box
 
-SCRIPTS = ("ol.js", "unpack.js", "projection.js", "graticule.js", "looks.js", "tables.js", "layers.js", "page.js")
+SCRIPTS = (
+    "ol.js",
+    "unpack.js",
+    "projection.js",
+    "graticule.js",
+    "looks.js",
+    "tables.js",
+    "layers.js",
+    "page.js",
+)
 STYLES = ("ol.css", "page.css")
-CARRIED = {".geojson", ".csv", ".txt", ".toml", ".gpx", ".kml", ".json"}  # files that the page has in itself
+# files that the page has in itself
+CARRIED = {".geojson", ".csv", ".txt", ".toml", ".gpx", ".kml", ".json"}
 PICTURE = 2_500_000  # [bytes] of a picture that the page shows; a larger one is a link
 LARGEST = 4_000_000  # [characters] of a file as it is carried; a larger one is a link
 MERCATOR_UP_TO = 75.0  # [deg] latitude, as the charts of drift.products.maps.chart
@@ -70,7 +82,9 @@ def _places(box: Box) -> Leaf:
     """Return names of towns and harbours."""
     drawn = [
         geojson.feature(geojson.point(place.lon, place.lat), {"name": place.name})
-        for place in gazetteer.around(box.grown(0.3 * (box.east - box.west), 0.3 * (box.north - box.south)), PLACES)
+        for place in gazetteer.around(
+            box.grown(0.3 * (box.east - box.west), 0.3 * (box.north - box.south)), PLACES
+        )
     ]
     return records.features("Towns and harbours", drawn, "place", label="name")
 
@@ -82,19 +96,25 @@ def _read_by(leaf: Leaf) -> list[str]:
 
 
 def _box(leaves: Sequence[Leaf], on: Setting, folder: Path) -> Box:
-    """Return the box of all that the page shows, by its maps, its framed shapes, and where the run began."""
+    """Return the box of all that the page shows, by its maps, its framed shapes, and where the run
+    began.
+    """
     around = on.marks[0].lon if on.marks else None
     places: list[Array] = [np.array([[mark.lon, mark.lat] for mark in on.marks]).reshape(-1, 2)]
     places += [np.column_stack([line.lon, line.lat]) for line in on.lines]
     for leaf in leaves:
         if leaf["leaf"] == "maps":
             axes = [
-                leaf[name]["first"] + leaf[name]["step"] * np.array([0, leaf[name]["size"]]) for name in ("lon", "lat")
+                leaf[name]["first"] + leaf[name]["step"] * np.array([0, leaf[name]["size"]])
+                for name in ("lon", "lat")
             ]
             around = float(axes[0].mean())
             places.append(np.column_stack(axes))
         elif leaf.get("frame"):
-            parts = leaf.get("features") or json.loads((folder / leaf["file"]).read_text(encoding="utf-8"))["features"]
+            parts = (
+                leaf.get("features")
+                or json.loads((folder / leaf["file"]).read_text(encoding="utf-8"))["features"]
+            )
             places += [_coordinates(part["geometry"]["coordinates"]) for part in parts]
     every = np.concatenate(places)
     every = every[np.isfinite(every).all(axis=1)]
@@ -108,7 +128,9 @@ def _box(leaves: Sequence[Leaf], on: Setting, folder: Path) -> Box:
 
 
 def _coordinates(nested: Any) -> Array:
-    """Return the points of a geometry's coordinates, a position or lists of them at any depth, (n, 2)."""
+    """Return the points of a geometry's coordinates, a position or lists of them at any depth, (n,
+    2).
+    """
     points = [nested]
     while points and isinstance(points[0][0], (list, tuple)):
         points = [part for parts in points for part in parts if part]
@@ -120,11 +142,18 @@ def _projection(box: Box) -> dict[str, Any]:
     lon, lat = (box.west + box.east) / 2, (box.south + box.north) / 2
     flat = max(abs(box.south), abs(box.north)) <= MERCATOR_UP_TO and box.east - box.west < 180
     extent = [box.west, box.south, box.east, box.north]
-    return {"kind": "mercator" if flat else "azimuthal", "lon": sphere.wrap_degrees(lon), "lat": lat, "extent": extent}
+    return {
+        "kind": "mercator" if flat else "azimuthal",
+        "lon": sphere.wrap_degrees(lon),
+        "lat": lat,
+        "extent": extent,
+    }
 
 
 def _land(on: Setting, box: Box) -> list[list[list[int]]]:
-    """Return rings of land round the map, as whole steps of FINEST degrees, each point told from the one before."""
+    """Return rings of land round the map, as whole steps of FINEST degrees, each point told from
+    the one before.
+    """
     high, wide = box.north - box.south, box.east - box.west
     grown = Box(
         box.west - AROUND * wide,
@@ -141,12 +170,16 @@ def _land(on: Setting, box: Box) -> list[list[list[int]]]:
     middle = (grown.west + grown.east) / 2
     rings = []
     for turn in (-360, 0, 360):
-        cut = shapely.clip_by_rect(shapes, grown.west + turn, grown.south, grown.east + turn, grown.north)
+        cut = shapely.clip_by_rect(
+            shapes, grown.west + turn, grown.south, grown.east + turn, grown.north
+        )
         cut = shapely.simplify(cut, fine, preserve_topology=False)
         parts = shapely.get_parts(shapely.get_parts(cut))
         for part in parts[~shapely.is_empty(parts)]:
             if part.geom_type == "Polygon":
-                found = [np.array(ring.coords) - (turn, 0) for ring in (part.exterior, *part.interiors)]
+                found = [
+                    np.array(ring.coords) - (turn, 0) for ring in (part.exterior, *part.interiors)
+                ]
                 rings.append([_steps(ring - (middle, 0)) for ring in found])
     return rings
 
@@ -157,7 +190,9 @@ def _steps(ring: Array) -> list[int]:
 
 
 def _files(folder: Path, needed: set[str]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the files that the page carries, and those beside it, but for pictures; all that its leaves need are carried."""
+    """Return the files that the page carries, and those beside it, but for pictures; all that its
+    leaves need are carried.
+    """
     carried, beside = {}, []
     for path in sorted(folder.iterdir()):
         size = path.stat().st_size
@@ -173,14 +208,20 @@ def _files(folder: Path, needed: set[str]) -> tuple[dict[str, Any], list[dict[st
 
 
 def _pictures(folder: Path) -> dict[str, str]:
-    """Return the pictures beside the page, by name: as base64, for the page shows them without the files."""
+    """Return the pictures beside the page, by name: as base64, for the page shows them without the
+    files.
+    """
     shown = (path for path in sorted(folder.glob("*.png")) if path.stat().st_size <= PICTURE)
     return {path.name: base64.b64encode(path.read_bytes()).decode() for path in shown}
 
 
 @cache
 def _asset(name: str) -> str:
-    return resources.files("drift.products.report").joinpath("assets", name).read_text(encoding="utf-8")
+    return (
+        resources.files("drift.products.report")
+        .joinpath("assets", name)
+        .read_text(encoding="utf-8")
+    )
 
 
 def _script(name: str) -> str:
@@ -192,7 +233,10 @@ def _script(name: str) -> str:
 def _filled(title: str, data: str) -> str:
     """Return the page's markup with its styles, scripts and data."""
     scripts = [_script(name) for name in SCRIPTS]
-    digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
+    digests = " ".join(
+        f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
+        for s in scripts
+    )
     policy = (
         f"default-src 'none'; script-src {digests}; style-src 'unsafe-inline'; img-src data: blob:; "
         "base-uri 'none'; form-action 'none'"
@@ -201,7 +245,9 @@ def _filled(title: str, data: str) -> str:
         "policy": policy,
         "title": html.escape(title),
         "styles": "\n".join(f"<style>{_asset(name)}</style>" for name in STYLES),
-        "data": data.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"),
+        "data": data.replace("<", "\\u003c")
+        .replace("\u2028", "\\u2028")
+        .replace("\u2029", "\\u2029"),
         "scripts": "\n".join(f"<script>{script}</script>" for script in scripts),
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], _asset("page.html"))

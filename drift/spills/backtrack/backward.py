@@ -1,27 +1,33 @@
 """Where and when a spill was released, proposed by a run backward in time from its finds.
 
-As a function of the release (x, t), the density p(find | x, t) obeys the backward Kolmogorov equation. With s the time
-before the find it reads dp/ds = v . grad p + D lap p. Particles moved by -v with diffusion D have a density rho with
-drho/ds = div(v rho) + D lap rho. The two differ by div(v) p, so p is rho with log weights -integral of div(v) ds along
-the tracks (Thomson 1987, doi:10.1017/S0022112087001940; Flesch et al. 1995,
-doi:10.1175/1520-0450(1995)034<1320:BTLSDM>2.0.CO;2, for flows without divergence). Errors of current and wind and jibes
-are reversible in time, so backward they follow the same laws.
+As a function of the release (x, t), the density p(find | x, t) obeys the backward Kolmogorov
+equation. With s the time before the find it reads dp/ds = v . grad p + D lap p. Particles moved by
+-v with diffusion D have a density rho with drho/ds = div(v rho) + D lap rho. The two differ by
+div(v) p, so p is rho with log weights -integral of div(v) ds along the tracks (Thomson 1987,
+doi:10.1017/S0022112087001940; Flesch et al. 1995,
+doi:10.1175/1520-0450(1995)034<1320:BTLSDM>2.0.CO;2, for flows without divergence). Errors of
+current and wind and jibes are reversible in time, so backward they follow the same laws.
 
-Backward worlds share factors of windage and errors of the current, but no release: the release lies on a grid. Within a
-world, finds are independent given the release, so their densities multiply. The product is then averaged over worlds.
+Backward worlds share factors of windage and errors of the current, but no release: the release lies
+on a grid. Within a world, finds are independent given the release, so their densities multiply. The
+product is then averaged over worlds.
 
-The answer is the forward posterior (drift.spills.worlds.finds); this is a proposal where to look, because it leaves out:
-- the chance that the other objects were missed (1 - u), and with it what finds say of the readiness to report. Where
-  many objects are not found, leaving it out draws the release towards the finds: a release near them would have given
-  more of them;
-- the flux onto a shore. The density at d = tracks.OFFING off the shore stands for it. Off a straight shore their ratio
-  goes as sinh(z) / z, z = x d / (2 D t), where x is the distance at a time t before the arrival: releases come out too
-  far and too late by d where z is large (hardly any diffusion), and by next to nothing where it is below a half;
-- the width of the kernels that turn particles into densities (`_smooth`). Where particles are not spread normally it
-  shifts the mean, for arrivals at a straight shore by 2 to 3 % of a standard deviation a find;
+The answer is the forward posterior (drift.spills.worlds.finds); this is a proposal where to look,
+because it leaves out:
+- the chance that the other objects were missed (1 - u), and with it what finds say of the readiness
+  to report. Where many objects are not found, leaving it out draws the release towards the finds: a
+  release near them would have given more of them;
+- the flux onto a shore. The density at d = tracks.OFFING off the shore stands for it. Off a
+  straight shore their ratio goes as sinh(z) / z, z = x d / (2 D t), where x is the distance at a
+  time t before the arrival: releases come out too far and too late by d where z is large (hardly
+  any diffusion), and by next to nothing where it is below a half;
+- the width of the kernels that turn particles into densities (`_smooth`). Where particles are not
+  spread normally it shifts the mean, for arrivals at a straight shore by 2 to 3 % of a standard
+  deviation a find;
 - refloating and sliding: a track that meets the coast ends there.
-All objects are taken to go adrift when half of `release_duration` is over. A find that may be false has, if it is
-false, the density of one that is equally likely to come from anywhere in the box of the prior.
+All objects are taken to go adrift when half of `release_duration` is over. A find that may be false
+has, if it is false, the density of one that is equally likely to come from anywhere in the box of
+the prior.
 """
 
 from collections.abc import Iterator, Sequence
@@ -64,27 +70,34 @@ DRAWS = 2**19  # from the prior, to count its share in every cell
 TAIL = 1e-4  # share of the prior that lies beyond each side of the grid
 SMALLEST = 10.0  # [m] side of a cell
 POINT = 1e-4  # [deg] width of the only cell where all releases are at one longitude or latitude
-FINEST = 0.6  # [cells] narrowest kernel: a normal curve of this width is summed over the centres of cells to 0.2 %
+# [cells] narrowest kernel: a normal curve of this width is summed over the centres of cells to 0.2
+# %
+FINEST = 0.6
 CUT = 6.0  # widths beyond which a kernel counts as zero: 2e-9 of its mass lies there
 LEAST = 1.0001 * np.exp(-(CUT**2) / 2)  # height of a kernel there, with room for rounding
 BATCH = 100  # worlds whose densities are computed at once, to bound the memory
 SECOND = np.timedelta64(1, "s")
 ROUGH = "place and time are rough"
-LITTLE = 0.25  # [bit] below which finds are said to tell nothing: a normal law moved by half its width has 0.18
+# [bit] below which finds are said to tell nothing: a normal law moved by half its width has 0.18
+LITTLE = 0.25
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Release place and time on a grid; prior and probability have shape (time, lat, lon) and sum 1."""
+    """Release place and time on a grid; prior and probability have shape (time, lat, lon) and sum
+    1.
+    """
 
-    lon: Real  # [deg] centres of cells, without a jump at the antimeridian, so they may leave -180..180
+    # [deg] centres of cells, without a jump at the antimeridian, so they may leave -180..180
+    lon: Real
     lat: Real
     time: npt.NDArray[np.datetime64]  # [s] centres of equal parts of the release window
     prior: Real
     probability: Real
     mean: tuple[float, float, float]  # lon, lat [deg], time [s since 1970]
     std: tuple[float, float, float]  # east, north [m], time [s]
-    error: tuple[float, float, float]  # standard error of the mean by the delta method over worlds: [m], [m], [s]
+    # standard error of the mean by the delta method over worlds: [m], [m], [s]
+    error: tuple[float, float, float]
     worlds: int
     effective: float  # number of worlds that still count after the finds
 
@@ -107,7 +120,9 @@ class _Grid:
     def plane(self, lon: Array, lat: Array) -> tuple[Array, Array]:
         """Return (x, y) [m] of places [deg] on a plate carree that is true at the middle."""
         lon0, lat0 = self.centre
-        east = np.radians(sphere.wrap_degrees(lon - lon0)) * (sphere.RADIUS * np.cos(np.radians(lat0)))
+        east = np.radians(sphere.wrap_degrees(lon - lon0)) * (
+            sphere.RADIUS * np.cos(np.radians(lat0))
+        )
         return east, np.radians(lat - lat0) * sphere.RADIUS
 
 
@@ -133,8 +148,9 @@ def backward(
 ) -> Origin:
     """Return where and when the objects found may have been released.
 
-    spec: of the forward run. stretch: the segment of each of the spill's finds (drift.spills.worlds.evidence.stretch_of_find), -1 at sea;
-    segments: None if all are. Raises UserError without finds, and where no release that is allowed leads to them.
+    spec: of the forward run. stretch: the segment of each of the spill's finds
+    (drift.spills.worlds.evidence.stretch_of_find), -1 at sea; segments: None if all are. Raises
+    UserError without finds, and where no release that is allowed leads to them.
     """
     if not spill.finds:
         raise UserError("no finds: nothing says where the spill came from; add a [[find]]")
@@ -144,13 +160,16 @@ def backward(
     grid = _prior_grid(spill, prior_seed, is_land, resolution)
     world_seed = noise.seed_for(spec.seed, Purpose.BACKWARD_WORLDS)
     many = len(where.members)
-    count = -(-resolution.worlds // many) * many if many else resolution.worlds  # as many worlds of each member
+    # as many worlds of each member
+    count = -(-resolution.worlds // many) * many if many else resolution.worlds
     worlds = drawn_worlds.draw_worlds(spill, world_seed, is_land, count=count, members=many)
     latest = max(find.time for find in spill.finds).astype("datetime64[s]")
     adrift = grid.time + round(spill.release_duration / 2)
     elapsed = notation.epoch(latest) - adrift  # [s] from the last find back to each release
     if elapsed.max() <= 0:
-        raise UserError(f"all finds are older than any release: the last one is of {latest} UTC; check [spill] time")
+        raise UserError(
+            f"all finds are older than any release: the last one is of {latest} UTC; check [spill] time"
+        )
     backward_spec = replace(spec, period=Period(latest, latest - elapsed.max() * SECOND, -1))
     beaches = Beaches(where.coast, segments, stretch)
     ensemble, groups = tracks.begin(backward_spec, spill, worlds, beaches, resolution.per_find, rng)
@@ -159,9 +178,13 @@ def backward(
         shore = device_coast.upload(where.coast) if where.coast else None
         bias, box = spill.current_bias > 0, domain.binary(where.box)
         polar = domain.is_polar(where.box)
-        place = advance.Surroundings(box, shore, bias=bias, divergence=True, scheme=clock_spec.scheme, polar=polar)
+        place = advance.Surroundings(
+            box, shore, bias=bias, divergence=True, scheme=clock_spec.scheme, polar=polar
+        )
         scene = Scene(forcing, models.motions(spec.errors, spec.scenarios), place)
-        clock, _ = step_size.clock_of(backward_spec.period, clock_spec, spec.errors, where.sources, ensemble, scene)
+        clock, _ = step_size.clock_of(
+            backward_spec.period, clock_spec, spec.errors, where.sources, ensemble, scene
+        )
         order = np.flatnonzero(elapsed > 0)[::-1]  # a run backward meets the latest release first
         moments = simulate.run(ensemble, scene, clock, elapsed[order], progress)
         slices = _slices(spill, grid, worlds, groups, ensemble, zip(order, moments, strict=True))
@@ -174,17 +197,23 @@ def _nowhere(lon: Array, lat: Array) -> Array:
     return np.zeros(np.shape(lon), bool)
 
 
-def _prior_grid(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, resolution: Resolution) -> _Grid:
+def _prior_grid(
+    spill: Spill, seed: int, is_land: drawn_worlds.IsLand, resolution: Resolution
+) -> _Grid:
     """Return the grid with the prior in it, counted from many draws.
 
-    Place and time are independent unless the prior is a voyage, so all draws then count for the place at every time.
+    Place and time are independent unless the prior is a voyage, so all draws then count for the
+    place at every time.
     """
     draws = drawn_worlds.draw_worlds(spill, seed, is_land, count=DRAWS)
     lon, lat = sphere.to_degrees(draws.lon), sphere.to_degrees(draws.lat)
     lon = sphere.near_degrees(lon, lon[0])
     (west, east), (south, north) = (np.quantile(x, (TAIL, 1 - TAIL)) for x in (lon, lat))
     degree = np.radians(sphere.RADIUS)  # [m] of latitude
-    width, height = (east - west) * degree * np.cos(np.radians((south + north) / 2)), (north - south) * degree
+    width, height = (
+        (east - west) * degree * np.cos(np.radians((south + north) / 2)),
+        (north - south) * degree,
+    )
     side = max(width / resolution.cells, height / resolution.cells, SMALLEST)
     axes = []
     for low, high, length in ((west, east, width), (south, north, height)):
@@ -198,7 +227,9 @@ def _prior_grid(spill: Spill, seed: int, is_land: drawn_worlds.IsLand, resolutio
     if not spill.prior.moving:
         counts = np.broadcast_to(counts.mean(axis=0), counts.shape)
     lon_centre, lat_centre, time_centre = ((x[1:] + x[:-1]) / 2 for x in (*axes, time_edges))
-    return _Grid(lon_centre, lat_centre, np.rint(time_centre).astype(np.int64), counts / counts.sum(), side)
+    return _Grid(
+        lon_centre, lat_centre, np.rint(time_centre).astype(np.int64), counts / counts.sum(), side
+    )
 
 
 @dataclass(frozen=True)
@@ -245,7 +276,12 @@ def _slices(
 
 
 def _find_densities(
-    spill: Spill, grid: _Grid, worlds: Worlds, groups: list[Group], ensemble: Ensemble, moment: simulate.Moment
+    spill: Spill,
+    grid: _Grid,
+    worlds: Worlds,
+    groups: list[Group],
+    ensemble: Ensemble,
+    moment: simulate.Moment,
 ) -> Array:
     """Return each find's density by world and cell, relative to a uniform one over the box.
 
@@ -263,14 +299,21 @@ def _find_densities(
         shape = (worlds.size, group.count)
         slots = slice(group.first, group.first + shape[0] * shape[1])
         age = (moment.elapsed - release[slots]).reshape(shape)
-        weight = np.exp(log_weight[slots].astype(np.float64)).reshape(shape) * (group.share / group.count)
+        weight = np.exp(log_weight[slots].astype(np.float64)).reshape(shape) * (
+            group.share / group.count
+        )
         weight *= tracks.afloat(spill.kinds[group.kind], worlds.sinking[:, group.kind], age)
         for b in range(0, worlds.size, BATCH):
             part = slice(b, b + BATCH)
             density[group.find, part] += box * _smooth(
-                x[slots].reshape(shape)[part], y[slots].reshape(shape)[part], weight[part], gx, gy,
-                grid.side, spill.release_std,
-            )  # fmt: skip
+                x[slots].reshape(shape)[part],
+                y[slots].reshape(shape)[part],
+                weight[part],
+                gx,
+                gy,
+                grid.side,
+                spill.release_std,
+            )
     density *= area_ratio
     return density
 
@@ -280,16 +323,21 @@ def _mean(values: Array) -> Array:
     return partials.over_worlds(values) / len(values)
 
 
-def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, release_std: float) -> Array:
-    """Return kernel densities [1/m2] of weighted particles, convolved with the scatter, (worlds, ny, nx).
+def _smooth(
+    x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, release_std: float
+) -> Array:
+    """Return kernel densities [1/m2] of weighted particles, convolved with the scatter, (worlds,
+    ny, nx).
 
-    x, y [m], weight: (worlds, n); gx (nx,), gy (ny,) [m]: where the densities are wanted. Normal product kernels of
-    n^(-1/4) standard deviations, n effective particles, at least as wide as the scatter and FINEST cells. What is wider
-    than the scatter is made up for by drawing the particles in towards their mean, so that variances stay (West 1993).
+    x, y [m], weight: (worlds, n); gx (nx,), gy (ny,) [m]: where the densities are wanted. Normal
+    product kernels of n^(-1/4) standard deviations, n effective particles, at least as wide as the
+    scatter and FINEST cells. What is wider than the scatter is made up for by drawing the particles
+    in towards their mean, so that variances stay (West 1993).
 
-    Silverman's rule (1986, eq. 4.15), n^(-1/6), suits a map of one world. Here densities are multiplied over finds and
-    then averaged over worlds: the noise of the kernels averages out, their bias stays, and adds up find by find. So
-    they are narrower; but a kernel still holds about n^(1/2) particles, so that noise does not pick the worlds.
+    Silverman's rule (1986, eq. 4.15), n^(-1/6), suits a map of one world. Here densities are
+    multiplied over finds and then averaged over worlds: the noise of the kernels averages out,
+    their bias stays, and adds up find by find. So they are narrower; but a kernel still holds about
+    n^(1/2) particles, so that noise does not pick the worlds.
     """
     total = weight.sum(axis=1, keepdims=True)
     share = np.divide(weight, total, out=np.zeros_like(weight), where=total > 0)
@@ -298,8 +346,12 @@ def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, rel
     for place, node in ((x, gx), (y, gy)):
         mean = (share * place).sum(axis=1, keepdims=True)
         variance = (share * (place - mean) ** 2).sum(axis=1, keepdims=True)
-        width_squared = np.maximum(variance * effective_number ** (-1 / 2), max(release_std, FINEST * side) ** 2)
-        shrinkage = np.sqrt(np.clip(1 - (width_squared - release_std**2) / np.maximum(variance, 1e-6), 0, 1))
+        width_squared = np.maximum(
+            variance * effective_number ** (-1 / 2), max(release_std, FINEST * side) ** 2
+        )
+        shrinkage = np.sqrt(
+            np.clip(1 - (width_squared - release_std**2) / np.maximum(variance, 1e-6), 0, 1)
+        )
         width = np.sqrt(width_squared)
         shrunk = ((mean + shrinkage * (place - mean)) / width).astype(np.float32)
         bell = shrunk[..., None] - (node / width).astype(np.float32)[:, None]
@@ -307,7 +359,11 @@ def _smooth(x: Real, y: Real, weight: Real, gx: Real, gy: Real, side: float, rel
         np.exp(np.minimum(bell, CUT**2, out=bell) * np.float32(-0.5), out=bell)
         bell *= bell > LEAST  # denormal float32 numbers would take a hundred times as long
         kernels.append(bell / (width * np.sqrt(2 * np.pi)).astype(np.float32)[..., None])
-    return np.asarray(np.matmul((kernels[1] * weight[..., None].astype(np.float32)).transpose(0, 2, 1), kernels[0]))
+    return np.asarray(
+        np.matmul(
+            (kernels[1] * weight[..., None].astype(np.float32)).transpose(0, 2, 1), kernels[0]
+        )
+    )
 
 
 def _posterior(spill: Spill, grid: _Grid, worlds: int, by_time: Iterator[_Slice]) -> Origin:
@@ -335,22 +391,31 @@ def _posterior(spill: Spill, grid: _Grid, worlds: int, by_time: Iterator[_Slice]
         sums[:, 3] += factor * s.sums[:, 0] * (grid.time[s.time] - time0)
     total = sums[:, 0].sum()
     mean = sums[:, 1:].sum(axis=0) / total
-    residual = sums[:, 1:] - mean * sums[:, :1]  # the mean is a ratio of sums: what each world adds to its error
+    # the mean is a ratio of sums: what each world adds to its error
+    residual = sums[:, 1:] - mean * sums[:, :1]
     error = np.sqrt((residual**2).sum(axis=0) * worlds / max(worlds - 1, 1)) / total
     probability /= probability.sum()
     gx, gy = grid.plane(grid.lon, grid.lat)
     spread = [
         float(np.sqrt(((axis - m) ** 2 * probability.sum(axis=others)).sum()))
-        for axis, m, others in zip((gx, gy, grid.time - time0), mean, ((0, 1), (0, 2), (1, 2)), strict=True)
+        for axis, m, others in zip(
+            (gx, gy, grid.time - time0), mean, ((0, 1), (0, 2), (1, 2)), strict=True
+        )
     ]
-    lon = grid.centre[0] + np.degrees(mean[0] / (sphere.RADIUS * np.cos(np.radians(grid.centre[1]))))
+    lon = grid.centre[0] + np.degrees(
+        mean[0] / (sphere.RADIUS * np.cos(np.radians(grid.centre[1])))
+    )
     return Origin(
         lon=grid.lon,
         lat=grid.lat,
         time=grid.time.astype("datetime64[s]"),
         prior=grid.prior,
         probability=probability,
-        mean=(float(lon), float(grid.centre[1] + np.degrees(mean[1] / sphere.RADIUS)), float(time0 + mean[2])),
+        mean=(
+            float(lon),
+            float(grid.centre[1] + np.degrees(mean[1] / sphere.RADIUS)),
+            float(time0 + mean[2]),
+        ),
         std=(spread[0], spread[1], spread[2]),
         error=(float(error[0]), float(error[1]), float(error[2])),
         worlds=worlds,
@@ -373,7 +438,8 @@ def warnings(origin: Origin) -> list[str]:
 
 
 def information(origin: Origin) -> float:
-    """Return what the finds say beyond the prior of the release [bit]: the posterior's divergence from it.
+    """Return what the finds say beyond the prior of the release [bit]: the posterior's divergence
+    from it.
 
     Kullback and Leibler 1951, doi:10.1214/aoms/1177729694.
     """
@@ -391,7 +457,9 @@ def nothing_new(origin: Origin) -> str:
 
 
 def dataset(origin: Origin) -> xr.Dataset:
-    """Return prior and posterior probability by time, lat and lon, with what a reader needs to know."""
+    """Return prior and posterior probability by time, lat and lon, with what a reader needs to
+    know.
+    """
     dims = ("time", "lat", "lon")
     return xr.Dataset(
         {
@@ -400,7 +468,11 @@ def dataset(origin: Origin) -> xr.Dataset:
                 origin.probability,
                 {"long_name": "posterior probability of the release", "units": "1"},
             ),
-            "prior": (dims, origin.prior, {"long_name": "prior probability of the release", "units": "1"}),
+            "prior": (
+                dims,
+                origin.prior,
+                {"long_name": "prior probability of the release", "units": "1"},
+            ),
         },
         {
             "time": (
@@ -422,7 +494,12 @@ def dataset(origin: Origin) -> xr.Dataset:
 
 
 def _axis(name: str, axis: str, units: str) -> dict[str, str]:
-    return {"standard_name": name, "long_name": f"{name} of the cell's centre", "axis": axis, "units": units}
+    return {
+        "standard_name": name,
+        "long_name": f"{name} of the cell's centre",
+        "axis": axis,
+        "units": units,
+    }
 
 
 def edges(centres: Real) -> Real:
@@ -464,7 +541,10 @@ def summary(origin: Origin) -> dict[str, float | str]:
     nearest = np.argsort(distance, kind="stable")
     densest = np.argsort(-(place / area).ravel(), kind="stable")
     for share in (50, 90):
-        k, m = (int(np.searchsorted(np.cumsum(place.ravel()[o]), share / 100 - 1e-12)) for o in (nearest, densest))
+        k, m = (
+            int(np.searchsorted(np.cumsum(place.ravel()[o]), share / 100 - 1e-12))
+            for o in (nearest, densest)
+        )
         row[f"radius_{share}_km"] = float(distance[nearest[min(k, nearest.size - 1)]]) / 1000
         row[f"area_{share}_km2"] = float(area.ravel()[densest[: m + 1]].sum()) / 1e6
     seconds = notation.epochs(origin.time)

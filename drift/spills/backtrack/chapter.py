@@ -29,7 +29,8 @@ def _table(matter: OriginOutputs, stamped: Stamped) -> str:
 
 
 def _picture(matter: OriginOutputs, path: Path) -> None:
-    from drift.spills.backtrack import map as origin_map  # here: Matplotlib takes a second to import
+    # here: Matplotlib takes a second to import
+    from drift.spills.backtrack import map as origin_map
 
     origin_map.plot_origin(matter.origin, path, replace(matter.setting, marks=_marks(matter)))
 
@@ -45,7 +46,9 @@ def _marks(matter: OriginOutputs) -> list[Mark]:
 FILES: dict[str, Callable[[OriginOutputs, Stamped], Contents]] = {
     "origin.nc": lambda matter, stamped: backward.dataset(matter.origin),
     "origin.csv": _table,
-    "origin.geojson": lambda matter, stamped: outlines.collection(matter.origin, _marks(matter), stamped),
+    "origin.geojson": lambda matter, stamped: outlines.collection(
+        matter.origin, _marks(matter), stamped
+    ),
 }
 PICTURES: dict[str, Callable[[OriginOutputs, Path], None]] = {
     "origin.png": _picture,
@@ -57,4 +60,10 @@ def chapter(matter: OriginOutputs) -> Chapter:
     warnings = backward.warnings(matter.origin)
     numbers = {"origin": backward.summary(matter.origin), "warnings": warnings}
     leaves = (partial(report.origin_leaves, matter.origin, _marks(matter)),)
-    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), leaves=leaves, warnings=tuple(warnings))
+    return Chapter(
+        numbers,
+        bound(FILES, matter),
+        bound(PICTURES, matter),
+        leaves=leaves,
+        warnings=tuple(warnings),
+    )

@@ -1,7 +1,8 @@
-"""The picture of where and when a spill may have been released: its place as a map, its time as bars.
+"""The picture of where and when a spill may have been released: its place as a map, its time as
+bars.
 
-Both show the posterior. Dark is more, lines differ by their dashes and bars by their fill, so that it reads in grey.
-Land comes from the polygons handed in; nothing is downloaded.
+Both show the posterior. Dark is more, lines differ by their dashes and bars by their fill, so that
+it reads in grey. Land comes from the polygons handed in; nothing is downloaded.
 """
 
 from collections.abc import Sequence
@@ -35,12 +36,27 @@ CAVEAT = (
     "The answer is a forward run with this release as its prior, weighted by all finds."
 )
 LINES = layers.lines((0.5, 0.9))
-PRIOR: dict[str, Any] = {"color": layers.PRIOR_COLOURS[0], "linewidth": 1.6, "linestyle": layers.PRIOR_DASHES[0]}
-ALLOWED = 0.01  # share of the prior's largest density; cells of less hold too few draws to draw a line by
+PRIOR: dict[str, Any] = {
+    "color": layers.PRIOR_COLOURS[0],
+    "linewidth": 1.6,
+    "linestyle": layers.PRIOR_DASHES[0],
+}
+# share of the prior's largest density; cells of less hold too few draws to draw a line by
+ALLOWED = 0.01
 ROW = 0.032  # height of a row of warnings over the map, as a share of the page
 BY_FINDS: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
-BY_PRIOR: dict[str, Any] = {"facecolor": "#f2efe6", "edgecolor": INK, "linewidth": 0.8, "hatch": "/////"}
-MEAN: dict[str, Any] = {"linestyle": "none", "marker": "X", "color": layers.TRACK, "markeredgecolor": "white"}
+BY_PRIOR: dict[str, Any] = {
+    "facecolor": "#f2efe6",
+    "edgecolor": INK,
+    "linewidth": 0.8,
+    "hatch": "/////",
+}
+MEAN: dict[str, Any] = {
+    "linestyle": "none",
+    "marker": "X",
+    "color": layers.TRACK,
+    "markeredgecolor": "white",
+}
 FIND: dict[str, Any] = {
     "linestyle": "none",
     "marker": "o",
@@ -49,15 +65,26 @@ FIND: dict[str, Any] = {
     "markeredgecolor": layers.LAST_KNOWN,
     "markeredgewidth": 1.6,
 }
-BADGE = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": layers.LAST_KNOWN, "linewidth": 1.2}
+BADGE = {
+    "boxstyle": "circle,pad=0.18",
+    "facecolor": "white",
+    "edgecolor": layers.LAST_KNOWN,
+    "linewidth": 1.2,
+}
 LISTED = 12  # finds whose names are listed
 MAP = (0.055, 0.17, 0.57, 0.69)  # left, bottom, width, height, as shares of the page
 LEFT, RIGHT = 0.66, 0.985  # of what stands beside the map
 SHEET = Sheet(
-    11.7, 8.3, 140, left=MAP[0], title=sheet.heading(0.955, 15, 95), lines=(Row(0.922, 12), Row(0.892, 9.5)),
-    caution=Badge(RIGHT, 0.922, side="right"), rough=Badge(MAP[0] + 0.003, 0.877 - ROW),
+    11.7,
+    8.3,
+    140,
+    left=MAP[0],
+    title=sheet.heading(0.955, 15, 95),
+    lines=(Row(0.922, 12), Row(0.892, 9.5)),
+    caution=Badge(RIGHT, 0.922, side="right"),
+    rough=Badge(MAP[0] + 0.003, 0.877 - ROW),
     footer=sheet.small(0.017, 7.5, 190),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -78,8 +105,8 @@ class _Shown:
 def plot_origin(origin: Origin, path: Path, setting: Setting) -> None:
     """Draw what drift.spills.backtrack.backward.backward found.
 
-    setting: its marks are the finds, their labels beginning with their numbers: what follows is listed beside the map
-    ("1 first box, 031516Z").
+    setting: its marks are the finds, their labels beginning with their numbers: what follows is
+    listed beside the map ("1 first box, 031516Z").
     """
     on = sheet.begin(SHEET)
     shown, marks = _shown(origin), setting.marks
@@ -108,15 +135,27 @@ def _shown(origin: Origin) -> _Shown:
     area = backward.cell_area(origin)
     prior = origin.prior.sum(axis=0) / area[:, None]
     allowed = outlines.outline(origin, prior, ALLOWED * float(prior.max()))
-    return _Shown(found.density, found.containment, allowed, found.areas, backward.count(origin).few)
+    return _Shown(
+        found.density, found.containment, allowed, found.areas, backward.count(origin).few
+    )
 
 
 def _frame(origin: Origin, shown: _Shown, marks: Sequence[Mark], aspect: float) -> Frame:
-    """Return the frame of the shaded cells, the finds, and the prior's outline where it is not far off."""
-    rows, columns = (np.flatnonzero(outlines.within(shown.containment, mapped.SHOWN).any(axis=axis)) for axis in (1, 0))
+    """Return the frame of the shaded cells, the finds, and the prior's outline where it is not far
+    off.
+    """
+    rows, columns = (
+        np.flatnonzero(outlines.within(shown.containment, mapped.SHOWN).any(axis=axis))
+        for axis in (1, 0)
+    )
     lon, lat = backward.edges(origin.lon), backward.edges(origin.lat)
     middle = float(lon.mean())
-    x = [lon[columns[0]], lon[columns[-1] + 1], origin.mean[0], *(layers.near(mark.lon, middle) for mark in marks)]
+    x = [
+        lon[columns[0]],
+        lon[columns[-1] + 1],
+        origin.mean[0],
+        *(layers.near(mark.lon, middle) for mark in marks),
+    ]
     y = [lat[rows[0]], lat[rows[-1] + 1], origin.mean[1], *(mark.lat for mark in marks)]
     west, south, east, north = shown.allowed.bounds
     margin_x, margin_y = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
@@ -131,7 +170,9 @@ def _shade(ax: Axes, frame: Frame, origin: Origin, shown: _Shown) -> Any:
     corners = frame.project(*np.meshgrid(backward.edges(origin.lon), backward.edges(origin.lat)))
     inside = np.ma.masked_where(~outlines.within(shown.containment, mapped.SHOWN), shown.density)
     norm = PowerNorm(0.5, 0, top)
-    return ax.pcolormesh(*corners, inside, cmap=layers.shading(), norm=norm, zorder=1, rasterized=True)
+    return ax.pcolormesh(
+        *corners, inside, cmap=layers.shading(), norm=norm, zorder=1, rasterized=True
+    )
 
 
 def _outlines(ax: Axes, frame: Frame, shown: _Shown) -> None:
@@ -144,7 +185,12 @@ def _outlines(ax: Axes, frame: Frame, shown: _Shown) -> None:
 
 
 def _points(
-    ax: Axes, canvas: FigureCanvasAgg, frame: Frame, origin: Origin, shown: _Shown, marks: Sequence[Mark]
+    ax: Axes,
+    canvas: FigureCanvasAgg,
+    frame: Frame,
+    origin: Origin,
+    shown: _Shown,
+    marks: Sequence[Mark],
 ) -> None:
     """Draw the mean place, the finds with their numbers, and the scale bar in a free corner."""
     x, y = frame.project(origin.mean[0], origin.mean[1])
@@ -157,7 +203,9 @@ def _points(
         texts.append((float(mx), float(my), mark.label.partition(" ")[0], style))
     rings = [ring for shape, _ in shown.areas.values() for ring in layers.kept(shape)]
     lines = [np.column_stack(frame.project(ring[:, 0], ring[:, 1])) for ring in rings]
-    drawn = np.concatenate([*lines, np.array([text[:2] for text in texts]).reshape(-1, 2), [[float(x), float(y)]]])
+    drawn = np.concatenate(
+        [*lines, np.array([text[:2] for text in texts]).reshape(-1, 2), [[float(x), float(y)]]]
+    )
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, drawn[:, 0], drawn[:, 1]))
     labels.place_labels(ax, canvas, texts, [bar], must=set(range(len(texts))))
 
@@ -165,7 +213,9 @@ def _points(
 def _bar(figure: Figure, mesh: Any) -> None:
     bar, unit = sheet.density_bar(figure, (MAP[0] + 0.24, 0.106, MAP[2] - 0.24, 0.016), mesh)
     bar.tick_params(labelsize=8, colors=INK, length=3, pad=2)
-    figure.text(MAP[0], 0.114, f"Probability density [% per {unit}]", fontsize=8.5, va="center", color=INK)
+    figure.text(
+        MAP[0], 0.114, f"Probability density [% per {unit}]", fontsize=8.5, va="center", color=INK
+    )
 
 
 def _words(on: Page, origin: Origin, imprint: Imprint) -> None:
@@ -204,34 +254,69 @@ def _legend(figure: Figure, shown: _Shown, finds: bool, land: bool) -> None:
 
 
 def _times(figure: Figure, origin: Origin) -> None:
-    """Draw the release time's probability as bars before its prior's, and its middle 80 % over them."""
+    """Draw the release time's probability as bars before its prior's, and its middle 80 % over
+    them.
+    """
     if origin.time.size == 1:
-        figure.text(LEFT, 0.55, f"Released at {notation.group(origin.time[0])}, as given", fontsize=9.5, color=INK)
+        figure.text(
+            LEFT,
+            0.55,
+            f"Released at {notation.group(origin.time[0])}, as given",
+            fontsize=9.5,
+            color=INK,
+        )
         return
     ax = figure.add_axes((LEFT + 0.03, 0.475, RIGHT - LEFT - 0.055, 0.155))
     seconds = notation.epochs(origin.time)
     step = float(seconds[1] - seconds[0])
-    posterior, prior = (100 * chance.sum(axis=(1, 2)) for chance in (origin.probability, origin.prior))
-    ax.stairs(prior, np.append(seconds - step / 2, seconds[-1] + step / 2), fill=True, zorder=2, **BY_PRIOR)
+    posterior, prior = (
+        100 * chance.sum(axis=(1, 2)) for chance in (origin.probability, origin.prior)
+    )
+    ax.stairs(
+        prior,
+        np.append(seconds - step / 2, seconds[-1] + step / 2),
+        fill=True,
+        zorder=2,
+        **BY_PRIOR,
+    )
     ax.bar(seconds, posterior, 0.6 * step, zorder=3, **BY_FINDS)
     top = 1.22 * float(max(posterior.max(), prior.max()))
     low, half, high = (notation.epoch(when) for when in _quantiles(origin))
-    ax.plot([low, high], [0.92 * top] * 2, color=INK, linewidth=1.2, marker="|", markersize=7, zorder=4)
-    ax.plot(half, 0.92 * top, "D", markersize=5, markerfacecolor="white", markeredgecolor=INK, zorder=5)
+    ax.plot(
+        [low, high], [0.92 * top] * 2, color=INK, linewidth=1.2, marker="|", markersize=7, zorder=4
+    )
+    ax.plot(
+        half, 0.92 * top, "D", markersize=5, markerfacecolor="white", markeredgecolor=INK, zorder=5
+    )
     ax.set_xlim(seconds[0] - step / 2, seconds[-1] + step / 2)
     ax.set_ylim(0, top)
     ticks = labels.round_times(*ax.get_xlim(), 4)
-    ax.set_xticks(ticks, labels=[f"{notation.group(np.datetime64(int(tick), 's'))[:6]}Z" for tick in ticks])
+    ax.set_xticks(
+        ticks, labels=[f"{notation.group(np.datetime64(int(tick), 's'))[:6]}Z" for tick in ticks]
+    )
     ax.tick_params(labelsize=8, colors=INK, length=3)
     ax.locator_params(axis="y", nbins=4)
     ax.grid(axis="y", color=INK, alpha=0.25, linewidth=0.5, zorder=0)
     for spine in ax.spines.values():
         spine.set(color=INK, linewidth=0.8)
-    figure.text(LEFT, 0.642, f"Release time, UTC: % in each {_span(step)}", fontsize=9, weight="bold", color=INK)
-    middle = Line2D([], [], color=INK, linewidth=1.2, marker="D", markersize=5, markerfacecolor="white")
+    figure.text(
+        LEFT,
+        0.642,
+        f"Release time, UTC: % in each {_span(step)}",
+        fontsize=9,
+        weight="bold",
+        color=INK,
+    )
+    middle = Line2D(
+        [], [], color=INK, linewidth=1.2, marker="D", markersize=5, markerfacecolor="white"
+    )
     sheet.legend(
         figure,
-        [(Patch(**BY_FINDS), "by the finds"), (Patch(**BY_PRIOR), "prior"), (middle, "10 - 50 - 90 %")],
+        [
+            (Patch(**BY_FINDS), "by the finds"),
+            (Patch(**BY_PRIOR), "prior"),
+            (middle, "10 - 50 - 90 %"),
+        ],
         loc="upper left",
         bbox_to_anchor=(LEFT, 0.444),
         ncols=3,
@@ -254,7 +339,10 @@ def _figures(figure: Figure, origin: Origin) -> None:
         ("Released", f"10 %: before {notation.group(low)}"),
         ("", f"50 %: before {notation.group(half)}"),
         ("", f"90 %: before {notation.group(high)}"),
-        ("Error of the mean", f"{text.length(float(np.hypot(east, north)) / 1000)}, {text.number(late / 3600)} h"),
+        (
+            "Error of the mean",
+            f"{text.length(float(np.hypot(east, north)) / 1000)}, {text.number(late / 3600)} h",
+        ),
     ]
     for k, (name, value) in enumerate(rows):
         figure.text(LEFT, 0.395 - 0.0225 * k, name, fontsize=9, color=GREY)
@@ -270,13 +358,18 @@ def _names(figure: Figure, marks: Sequence[Mark]) -> None:
         figure.text(LEFT, 0.223, "Finds", fontsize=9, color=GREY)
     for k, name in enumerate(names):
         column, row = divmod(k, LISTED // 2)
-        figure.text(LEFT + 0.165 * column, 0.2 - 0.02 * row, page.fit(name, 31), fontsize=8, color=INK)
+        figure.text(
+            LEFT + 0.165 * column, 0.2 - 0.02 * row, page.fit(name, 31), fontsize=8, color=INK
+        )
 
 
 def _quantiles(origin: Origin) -> list[np.datetime64]:
     """Return the times before which 10, 50 and 90 % of the release lies."""
     summary = backward.summary(origin)
-    return [np.datetime64(str(summary[f"time_{share}"]).removesuffix("Z"), "s") for share in (10, 50, 90)]
+    return [
+        np.datetime64(str(summary[f"time_{share}"]).removesuffix("Z"), "s")
+        for share in (10, 50, 90)
+    ]
 
 
 def _span(seconds: float) -> str:

@@ -1,4 +1,6 @@
-"""Outlines of where a spill may have been released, over all times: smallest areas that hold a share, by linear contours."""
+"""Outlines of where a spill may have been released, over all times: smallest areas that hold a
+share, by linear contours.
+"""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -18,7 +20,8 @@ from geo import notation
 from geo.array import Array
 from geo.notation import NMI
 
-FLOOR = float(np.exp(-4.0))  # share of a line's density below which all counts as this, to keep lines near
+# share of a line's density below which all counts as this, to keep lines near
+FLOOR = float(np.exp(-4.0))
 SHARES = (0.5, 0.9)
 
 
@@ -35,13 +38,21 @@ def release_outlines(origin: Origin, shares: Sequence[float] = SHARES) -> Outlin
     """Return the areas of a release that hold some shares."""
     mass, area = origin.probability.sum(axis=0), backward.cell_area(origin)
     per_nmi2 = 100 * mass / (area[:, None] / NMI**2)
-    containment, levels, sizes, _ = areas.containment(mass, area, density.Calibration(density.KNOTS))
+    containment, levels, sizes, _ = areas.containment(
+        mass, area, density.Calibration(density.KNOTS)
+    )
     found = {}
     for share in shares:
         inside = within(containment, share)
-        last_in, first_out = float(per_nmi2[inside].min()), float(per_nmi2.max(where=~inside, initial=0.0))
+        last_in, first_out = (
+            float(per_nmi2[inside].min()),
+            float(per_nmi2.max(where=~inside, initial=0.0)),
+        )
         level = float(np.sqrt(last_in * max(first_out, last_in * FLOOR)))
-        found[share] = (outline(origin, per_nmi2, level), float(np.interp(share, levels, sizes)) / NMI**2)
+        found[share] = (
+            outline(origin, per_nmi2, level),
+            float(np.interp(share, levels, sizes)) / NMI**2,
+        )
     return Outlines(per_nmi2, containment, found)
 
 
@@ -51,14 +62,18 @@ def within(containment: Array, share: float) -> Array:
 
 
 def outline(origin: Origin, values: Array, level: float) -> shapely.MultiPolygon:
-    """Return where a density exceeds a level [deg], by its logarithm, linear between centres of cells."""
+    """Return where a density exceeds a level [deg], by its logarithm, linear between centres of
+    cells.
+    """
     floor = level * FLOOR
     field = np.pad(np.log(np.maximum(values, floor)), 1, constant_values=np.log(floor))
     lon, lat = (
         np.concatenate([[2 * edge[0] - axis[0]], axis, [2 * edge[-1] - axis[-1]]])
         for axis, edge in ((axis, backward.edges(axis)) for axis in (origin.lon, origin.lat))
     )
-    contours: Any = contourpy.contour_generator(lon, lat, field, fill_type=contourpy.FillType.OuterOffset)
+    contours: Any = contourpy.contour_generator(
+        lon, lat, field, fill_type=contourpy.FillType.OuterOffset
+    )
     polygons = [
         [points[a:b] for a, b in itertools.pairwise(offsets)]
         for points, offsets in zip(*contours.filled(np.log(level), np.inf), strict=True)
@@ -66,7 +81,9 @@ def outline(origin: Origin, values: Array, level: float) -> shapely.MultiPolygon
     return shapely.MultiPolygon([shapely.Polygon(outer, holes) for outer, *holes in polygons])
 
 
-def collection(origin: Origin, finds: Sequence[Mark], attributes: Mapping[str, Any]) -> dict[str, Any]:
+def collection(
+    origin: Origin, finds: Sequence[Mark], attributes: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return areas, mean and finds as a GeoJSON FeatureCollection, cut at the antimeridian.
 
     finds: their labels begin with their numbers. Every feature has a kind: area, mean or find.
@@ -86,6 +103,8 @@ def collection(origin: Origin, finds: Sequence[Mark], attributes: Mapping[str, A
     for find in finds:
         number, _, name = find.label.partition(" ")
         features.append(
-            geojson.feature(geojson.point(find.lon, find.lat), {"kind": "find", "number": number, "name": name})
+            geojson.feature(
+                geojson.point(find.lon, find.lat), {"kind": "find", "number": number, "name": name}
+            )
         )
     return geojson.collection(features, attributes)

@@ -1,4 +1,6 @@
-"""What report.html shows of a backward run: where the release may have been, by its time, and how sure that is."""
+"""What report.html shows of a backward run: where the release may have been, by its time, and how
+sure that is.
+"""
 
 from collections.abc import Sequence
 
@@ -27,7 +29,12 @@ def origin_leaves(origin: Origin, finds: Sequence[Mark]) -> list[Leaf]:
         ),
         leaves.marked("Finds", finds, (), "find", frame=True),
         leaves.table_leaf(
-            "Release", [("", "Figure", "words"), ("", "Value", "words")], rows=[[name.capitalize(), words] for name, words in text.origin_facts(backward.summary(origin)).items()],
+            "Release",
+            [("", "Figure", "words"), ("", "Value", "words")],
+            rows=[
+                [name.capitalize(), words]
+                for name, words in text.origin_facts(backward.summary(origin)).items()
+            ],
             note="Rough backtrack; confirm with a forward run.",
         ),
-    ]  # fmt: skip
+    ]

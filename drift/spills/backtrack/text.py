@@ -1,4 +1,5 @@
-"""The result of a backward run as text for the terminal, the report and the picture, and as a row of CSV.
+"""The result of a backward run as text for the terminal, the report and the picture, and as a row
+of CSV.
 
 Lengths have three digits, in nautical miles and kilometres; machines read origin.csv, with six.
 """
@@ -21,7 +22,11 @@ def origin_facts(row: Row) -> dict[str, str]:
     error = float(np.hypot(value["east_error_km"], value["north_error_km"]))
     spread = value["time_std_h"] > 0
     shares = ", ".join(f"{share} % before {_group(row[f'time_{share}'])}" for share in (10, 50, 90))
-    released = f"{_group(row['time'])} on average, {shares}" if spread else f"{_group(row['time'])}, as given"
+    released = (
+        f"{_group(row['time'])} on average, {shares}"
+        if spread
+        else f"{_group(row['time'])}, as given"
+    )
     return {
         "mean position": notation.position(value["lon_deg"], value["lat_deg"]) or "",
         "half within": f"{length(value['radius_50_km'])} of it",

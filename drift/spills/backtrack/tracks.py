@@ -1,9 +1,9 @@
 """Particles that go back from the finds of a spill: where and when each begins, and its weight.
 
-Every find sends out particles of every class that it may be of, the same number in each world. They begin where and
-when their object was found. At sea that is about its place. Ashore it is a little off the beach, at a time of arrival
-drawn from the law of waits for a report and weighted by the patrols that missed it. Particles for which no place in
-water is drawn have no weight.
+Every find sends out particles of every class that it may be of, the same number in each world. They
+begin where and when their object was found. At sea that is about its place. Ashore it is a little
+off the beach, at a time of arrival drawn from the law of waits for a report and weighted by the
+patrols that missed it. Particles for which no place in water is drawn have no weight.
 """
 
 from collections.abc import Sequence
@@ -58,12 +58,18 @@ class Beaches:
 
 
 def begin(
-    spec: EnsembleSpec, spill: Spill, worlds: Worlds, beaches: Beaches, per_find: int, rng: np.random.Generator
+    spec: EnsembleSpec,
+    spill: Spill,
+    worlds: Worlds,
+    beaches: Beaches,
+    per_find: int,
+    rng: np.random.Generator,
 ) -> tuple[Ensemble, list[Group]]:
-    """Return the particles of a run backward, all pending, and how they belong to finds and classes.
+    """Return the particles of a run backward, all pending, and how they belong to finds and
+    classes.
 
-    spec: its period starts at the last find and runs backward. per_find: particles of a find in a world, at least
-    FEWEST of each class that it may be of.
+    spec: its period starts at the last find and runs backward. per_find: particles of a find in a
+    world, at least FEWEST of each class that it may be of.
     """
     groups, bounds = _groups(spill, worlds.size, per_find)
     ensemble = _equip(spec, spill, worlds, groups, bounds)
@@ -86,11 +92,17 @@ def _groups(spill: Spill, worlds: int, per_find: int) -> tuple[list[Group], tupl
     return groups, tuple(bounds)
 
 
-def _equip(spec: EnsembleSpec, spill: Spill, worlds: Worlds, groups: list[Group], bounds: tuple[int, ...]) -> Ensemble:
-    """Return objects of every class with the worlds they belong to, each with its own leeway and errors."""
+def _equip(
+    spec: EnsembleSpec, spill: Spill, worlds: Worlds, groups: list[Group], bounds: tuple[int, ...]
+) -> Ensemble:
+    """Return objects of every class with the worlds they belong to, each with its own leeway and
+    errors.
+    """
     seed = noise.seed_for(spec.seed, Purpose.BACKWARD)  # other noise than that of the forward run
     ensemble, key = record.empty(seed, bounds, release.columns(worlds)), noise.key(seed)
-    world = np.concatenate([np.repeat(np.arange(worlds.size, dtype=np.int32), group.count) for group in groups])
+    world = np.concatenate(
+        [np.repeat(np.arange(worlds.size, dtype=np.int32), group.count) for group in groups]
+    )
     ensemble.world.from_numpy(world)
     factor = runtime.upload(worlds.windage.astype(np.float32))
     for kind, slots in zip(spill.kinds, ensemble.slots, strict=True):
@@ -98,7 +110,9 @@ def _equip(spec: EnsembleSpec, spill: Spill, worlds: Worlds, groups: list[Group]
             continue
         drift.draw_leeway(ensemble, slots, key, kind.object)
         if kind.object.immersion is not None:
-            kernel.draw_immersion(*slots, ensemble.own["down_slope"], *key, *kind.object.immersion, AIR_IN_WATER)
+            kernel.draw_immersion(
+                *slots, ensemble.own["down_slope"], *key, *kind.object.immersion, AIR_IN_WATER
+            )
         for name in drift.LEEWAY:
             kernel.scale_windage(*slots[:2], ensemble.own[name], ensemble.world, factor)
         drift.draw_errors(ensemble, slots, key, spec.errors.unbiased())
@@ -124,24 +138,31 @@ def _place(
         find, segment = spill.finds[group.find], beaches.of_find[group.find]
         shape = (worlds.size, group.count)
         slots = slice(group.first, group.first + shape[0] * shape[1])
-        start = np.full(shape, (period.start - find.time) / SECOND)  # [s] backward from the last find
+        # [s] backward from the last find
+        start = np.full(shape, (period.start - find.time) / SECOND)
         if segment < 0:
             x, y, wet = _at_sea(find, coast, shape[0] * shape[1], rng)
         else:
             assert segments is not None
             assert coast is not None
-            x, y, wet = _off_beach(edges[segments.of_edge == segment], coast, shape[0] * shape[1], rng)
+            x, y, wet = _off_beach(
+                edges[segments.of_edge == segment], coast, shape[0] * shape[1], rng
+            )
             rate = float(evidence.rates(spill.reporting, segments)[segment])
             wait = _wait(find, spill, rate, worlds, group.count, rng)
             log_weight[slots] = _log_missed(find, spill, segments, segment, wait).ravel()
             start += wait
         lon[slots], lat[slots], release[slots] = x, y, np.rint(start).ravel()
         log_weight[slots][~wet] = -np.inf
-    for column, values in zip(("lon", "lat", "release", "log_weight"), (lon, lat, release, log_weight), strict=True):
+    for column, values in zip(
+        ("lon", "lat", "release", "log_weight"), (lon, lat, release, log_weight), strict=True
+    ):
         getattr(ensemble, column).from_numpy(values)
 
 
-def _at_sea(find: Find, coast: Coast | None, n: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+def _at_sea(
+    find: Find, coast: Coast | None, n: int, rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
     """Return places [binary angle] about a find, and whether each is in water.
 
     The find's radius is the standard deviation of each component.
@@ -158,8 +179,12 @@ def _at_sea(find: Find, coast: Coast | None, n: int, rng: np.random.Generator) -
     return lon, lat, ~np.isin(np.arange(n), dry)
 
 
-def _off_beach(edges: Array, coast: Coast, n: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Return places [binary angle] a little off edges, uniform along them, and whether each is in water."""
+def _off_beach(
+    edges: Array, coast: Coast, n: int, rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Return places [binary angle] a little off edges, uniform along them, and whether each is in
+    water.
+    """
     scale = np.cos(edges[:, 1] * sphere.UNIT)  # a unit of longitude in units of latitude
     east = (edges[:, 2].astype(np.int64) - edges[:, 0]).astype(np.int32) * scale
     north = edges[:, 3].astype(np.float64) - edges[:, 1]
@@ -169,7 +194,8 @@ def _off_beach(edges: Array, coast: Coast, n: int, rng: np.random.Generator) -> 
     for _ in range(TRIES):
         k = rng.choice(len(edges), dry.size, p=length / length.sum())
         along = rng.random(dry.size)
-        offing = rng.uniform(*OFFING, dry.size) * rng.choice((-1.0, 1.0), dry.size)  # [m] to either side
+        # [m] to either side
+        offing = rng.uniform(*OFFING, dry.size) * rng.choice((-1.0, 1.0), dry.size)
         off = offing / (length[k] * sphere.RADIUS * sphere.UNIT)  # in lengths of the edge
         x = edges[k, 0] + np.rint((along * east[k] - off * north[k]) / scale[k]).astype(np.int64)
         y = edges[k, 1] + np.rint(along * north[k] + off * east[k]).astype(np.int32)
@@ -180,11 +206,15 @@ def _off_beach(edges: Array, coast: Coast, n: int, rng: np.random.Generator) -> 
     return lon, lat, ~np.isin(np.arange(n), dry)
 
 
-def _wait(find: Find, spill: Spill, rate: float, worlds: Worlds, count: int, rng: np.random.Generator) -> Real:
-    """Return times [s] from going ashore to being found, (worlds, count), since any release at most.
+def _wait(
+    find: Find, spill: Spill, rate: float, worlds: Worlds, count: int, rng: np.random.Generator
+) -> Real:
+    """Return times [s] from going ashore to being found, (worlds, count), since any release at
+    most.
 
-    Objects are reported or removed at constant rates, so the times are exponential; they are uniform for a find of
-    which only the latest time is known. rate: of reports on the segment [1/s], before each world's factor.
+    Objects are reported or removed at constant rates, so the times are exponential; they are
+    uniform for a find of which only the latest time is known. rate: of reports on the segment
+    [1/s], before each world's factor.
     """
     longest = float((find.time - spill.prior.release_start) / SECOND)
     u = rng.random((worlds.size, count))
@@ -195,7 +225,8 @@ def _wait(find: Find, spill: Spill, rate: float, worlds: Worlds, count: int, rng
 
 
 def _log_missed(find: Find, spill: Spill, segments: Segments, segment: int, wait: Real) -> Real:
-    """Return the log probability that patrols of a segment missed an object lying there, (worlds, n).
+    """Return the log probability that patrols of a segment missed an object lying there, (worlds,
+    n).
 
     wait: how long the object lay there before its find [s], (worlds, n).
     """
@@ -211,7 +242,8 @@ def _log_missed(find: Find, spill: Spill, segments: Segments, segment: int, wait
 def afloat(kind: Kind, time: Real, age: Real) -> Real:
     """Return the probability that an object has not sunk at an age, (worlds, n).
 
-    time: each world's half-life or median time of sinking [s], (worlds,). age: since it went adrift [s], (worlds, n).
+    time: each world's half-life or median time of sinking [s], (worlds,). age: since it went adrift
+    [s], (worlds, n).
     """
     if kind.sinking is None:
         return np.ones(age.shape)

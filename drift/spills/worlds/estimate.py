@@ -1,16 +1,18 @@
 """Figures over weighted worlds: means and quantiles of groups, with standard errors.
 
-Worlds are the independent units: several realisations of a world are averaged before they come here as its one value.
-Weights add up to 1 over all worlds. A standard error holds what the worlds and the particles in them leave open; it is
-NaN where too few worlds count.
+Worlds are the independent units: several realisations of a world are averaged before they come here
+as its one value. Weights add up to 1 over all worlds. A standard error holds what the worlds and
+the particles in them leave open; it is NaN where too few worlds count.
 """
 
 import numpy as np
 
 from geo.array import Array
 
-UNSEEN = 4.0  # worlds that may have been missed: the square of the two standard errors that are to hold
-ALIKE = 25.0  # worlds on either side, in order of how often a group is hit, that tell how much one of them brings
+# worlds that may have been missed: the square of the two standard errors that are to hold
+UNSEEN = 4.0
+# worlds on either side, in order of how often a group is hit, that tell how much one of them brings
+ALIKE = 25.0
 SLACK = 1e-9  # by which a cumulative sum may miss a share through rounding
 ONE = 2**52  # share 1 in fixed point: sums are exact, and differences too where they wrap
 
@@ -18,11 +20,12 @@ ONE = 2**52  # share 1 in fixed point: sums are exact, and differences too where
 def mean(value: Array, weight: Array, start: Array, squares: float) -> tuple[Array, Array]:
     """Return the mean over worlds and its standard error of every group, each (groups, k).
 
-    value: of the worlds that are not 0, (n, k), group after group. weight: theirs, (n,). start: first row of each
-    group, (groups,). squares: sum of the squared weights of all worlds.
+    value: of the worlds that are not 0, (n, k), group after group. weight: theirs, (n,). start:
+    first row of each group, (groups,). squares: sum of the squared weights of all worlds.
 
-    The error is that of self-normalised importance sampling, sqrt(sum w^2 (x - mean)^2) (Owen 2013, Monte Carlo theory,
-    eq. 9.8), times sqrt(m / (m - 1)) at m effective worlds: with equal weights the unbiased variance over W.
+    The error is that of self-normalised importance sampling, sqrt(sum w^2 (x - mean)^2) (Owen 2013,
+    Monte Carlo theory, eq. 9.8), times sqrt(m / (m - 1)) at m effective worlds: with equal weights
+    the unbiased variance over W.
     """
     count = np.diff(np.append(start, len(weight)))
     w = weight[:, None]
@@ -40,19 +43,23 @@ def unseen(hits: Array, count: Array, square: Array, many: float) -> Array:
 
     It is a standard error, to be added in squares.
 
-    hits, count: weight and number of the worlds that are not 0, (groups, k). square: sum over them of w (w x)^2, w
-    their weights and x their values. many: effective worlds.
+    hits, count: weight and number of the worlds that are not 0, (groups, k). square: sum over them
+    of w (w x)^2, w their weights and x their values. many: effective worlds.
 
-    The spread over worlds cannot know of those that did not come: 3 of 2,000 seen may be 8 in truth, and those 5 may
-    bring a hundred objects each where the 3 brought one. Of a Poisson number k of hits two errors sqrt(k + 4) hold the
-    mean at least 95 % of the time, whatever it is, two of a normal number 95.4 % (at k = 0 they are the upper bound of
-    Wilson's score interval, 1927, doi:10.1080/01621459.1927.10502953). What a missed world would have added, w x, is
-    taken as the root mean square over the worlds that hit any of the groups hit about as rarely, ALIKE of them on
-    either side where there are so many: groups that are rare for similar reasons are taken as similar.
+    The spread over worlds cannot know of those that did not come: 3 of 2,000 seen may be 8 in
+    truth, and those 5 may bring a hundred objects each where the 3 brought one. Of a Poisson number
+    k of hits two errors sqrt(k + 4) hold the mean at least 95 % of the time, whatever it is, two of
+    a normal number 95.4 % (at k = 0 they are the upper bound of Wilson's score interval, 1927,
+    doi:10.1080/01621459.1927.10502953). What a missed world would have added, w x, is taken as the
+    root mean square over the worlds that hit any of the groups hit about as rarely, ALIKE of them
+    on either side where there are so many: groups that are rare for similar reasons are taken as
+    similar.
     """
     order = np.argsort(hits, axis=0, kind="stable")
     parts = [np.take_along_axis(x, order, 0) for x in (count, hits, square)]
-    reached, mass, moment = (np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)]) for x in parts)
+    reached, mass, moment = (
+        np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)]) for x in parts
+    )
     middle = (reached[1:] + reached[:-1]) / 2
     error = np.empty_like(square)
     for j in range(error.shape[1]):
@@ -60,7 +67,9 @@ def unseen(hits: Array, count: Array, square: Array, many: float) -> Array:
         high = np.searchsorted(reached[:, j], middle[:, j] + ALIKE).clip(max=len(error))
         low = low.clip(0)
         weight = mass[high, j] - mass[low, j]
-        size = np.divide(moment[high, j] - moment[low, j], weight, out=np.zeros(len(error)), where=weight > 0)
+        size = np.divide(
+            moment[high, j] - moment[low, j], weight, out=np.zeros(len(error)), where=weight > 0
+        )
         error[order[:, j], j] = np.sqrt(UNSEEN * size.clip(0)) * (many / (many + UNSEEN))
     return error
 
@@ -70,12 +79,13 @@ def quantiles(
 ) -> tuple[Array, Array]:
     """Return the quantiles of every group and their standard errors, each (shares, groups).
 
-    value: (n,), group after group and ascending within each. weight: (n,), of any scale. start: (groups,) first of each
-    group. many: effective worlds of each group.
+    value: (n,), group after group and ascending within each. weight: (n,), of any scale. start:
+    (groups,) first of each group. many: effective worlds of each group.
 
-    A quantile is the smallest value at which the distribution function reaches the share. Its error is half the way
-    between the quantiles at the share plus and minus that of the distribution function, sqrt(p (1 - p) / many)
-    (Woodruff 1952, doi:10.1080/01621459.1952.10483443); NaN where these leave 0..1.
+    A quantile is the smallest value at which the distribution function reaches the share. Its error
+    is half the way between the quantiles at the share plus and minus that of the distribution
+    function, sqrt(p (1 - p) / many) (Woodruff 1952, doi:10.1080/01621459.1952.10483443); NaN where
+    these leave 0..1.
     """
     count = np.diff(np.append(start, len(weight)))
     total = np.repeat(np.add.reduceat(weight, start), count)
@@ -101,10 +111,12 @@ def quantiles(
 
 
 def least_error(share: Array, many: float) -> Array:
-    """Return the least standard error that a share seen in `many` effective worlds can have, any shape.
+    """Return the least standard error that a share seen in `many` effective worlds can have, any
+    shape.
 
-    A share of 0 or 1 is not certain: UNSEEN worlds of each kind are added, twice as many as by Agresti and Coull (1998,
-    doi:10.1080/00031305.1998.10480550), who move the share itself too: two errors then hold as they say of rare ones.
+    A share of 0 or 1 is not certain: UNSEEN worlds of each kind are added, twice as many as by
+    Agresti and Coull (1998, doi:10.1080/00031305.1998.10480550), who move the share itself too: two
+    errors then hold as they say of rare ones.
     """
     moved = (np.asarray(share) * many + UNSEEN) / (many + 2 * UNSEEN)
     return np.asarray(np.sqrt(moved * (1 - moved) / (many + 2 * UNSEEN)))

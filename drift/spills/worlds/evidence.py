@@ -26,13 +26,16 @@ from geo.errors import UserError
 NUMBERS = 25  # most values over which an uncertain number of objects is summed
 FARTHEST = 3000.0  # [m] off the shoreline that a find may be stated to lie
 SHARES = 41  # values of the share destroyed over which is summed
-ABREAST = 3000.0  # [m] off the straight line between a patrol's ends that a stretch's middle may lie
+# [m] off the straight line between a patrol's ends that a stretch's middle may lie
+ABREAST = 3000.0
 
 
 def cut_stretches(spill: Spill, coast: Coast) -> Segments:
-    """Return the stretches of coast by which a spill is reported: the user's, or equal ones; each on its land mass.
+    """Return the stretches of coast by which a spill is reported: the user's, or equal ones; each
+    on its land mass.
 
-    Raises UserError for a file of stretches that cannot be used, and for a bridge that ends far from land.
+    Raises UserError for a file of stretches that cannot be used, and for a bridge that ends far
+    from land.
     """
     land = land_masses.build_land_masses(coast.polygons, spill.bridges, coast.cut)
     if spill.stretches is not None:
@@ -44,7 +47,9 @@ def cut_stretches(spill: Spill, coast: Coast) -> Segments:
     return replace(segments, access=access, land=land, mass=mass)
 
 
-def build_evidence(period: Period, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds) -> finds.Known:
+def build_evidence(
+    period: Period, spill: Spill, segments: Segments, coast: Coast, worlds: Worlds
+) -> finds.Known:
     """Return what is known of a spill.
 
     Raises UserError for finds and patrols that are not where they can be.
@@ -73,13 +78,17 @@ def build_evidence(period: Period, spill: Spill, segments: Segments, coast: Coas
         _numbers(spill),
         tuple(detections),
         patrols,
-        exposure.Reporting(rates(spill.reporting, segments), spill.reporting.removal, worlds.reporting),
+        exposure.Reporting(
+            rates(spill.reporting, segments), spill.reporting.removal, worlds.reporting
+        ),
         segments.length,
         float(last if until is None else period.elapsed(until)),
     )
 
 
-def _placed(spill: Spill, segments: Segments, coast: Coast) -> tuple[list[tuple[int, ...]], list[int]]:
+def _placed(
+    spill: Spill, segments: Segments, coast: Coast
+) -> tuple[list[tuple[int, ...]], list[int]]:
     """Return the stretches that each patrol walked, and that of each find (-1: at sea)."""
     walks = [tuple(walked(patrol, segments)) for patrol in spill.patrols]
     names = [patrol.name for patrol in spill.patrols]
@@ -94,11 +103,19 @@ def _placed(spill: Spill, segments: Segments, coast: Coast) -> tuple[list[tuple[
 
 
 def _numbers(spill: Spill) -> finds.Numbers:
-    """Return how many objects there are and what share was destroyed, on grids: each value equally likely."""
+    """Return how many objects there are and what share was destroyed, on grids: each value equally
+    likely.
+    """
     low, high = spill.objects
-    objects = np.unique(np.rint(np.linspace(low, high, min(high - low + 1, NUMBERS))).astype(np.int64))
+    objects = np.unique(
+        np.rint(np.linspace(low, high, min(high - low + 1, NUMBERS))).astype(np.int64)
+    )
     least, most = spill.destroyed
-    share = (np.arange(SHARES) + 0.5) / SHARES * (most - least) + least if most > least else np.array([least])
+    share = (
+        (np.arange(SHARES) + 0.5) / SHARES * (most - least) + least
+        if most > least
+        else np.array([least])
+    )
     return finds.Numbers(
         objects,
         np.full(objects.size, 1 / objects.size),
@@ -167,7 +184,9 @@ def named(name: str, place: str, segments: Segments) -> int:
         return int(number)  # the picture and the tables number stretches so
     near = difflib.get_close_matches(name, segments.name, n=1, cutoff=0.5)
     hint = f'; nearest is "{near[0]}"' if near else ""
-    raise UserError(f'{place}: no stretch "{name}"{hint}; a run without it lists those touched in washup.csv')
+    raise UserError(
+        f'{place}: no stretch "{name}"{hint}; a run without it lists those touched in washup.csv'
+    )
 
 
 def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:

@@ -1,8 +1,10 @@
-"""What objects lying ashore go through: being reported, buried or taken away, and searched for by patrols.
+"""What objects lying ashore go through: being reported, buried or taken away, and searched for by
+patrols.
 
-An object on stretch s is reported by the public at the rate h, buried or taken away unreported at the rate rho, and
-found by each patrol of the stretch with its detection probability. From these every particle has a probability of
-having been found, and a density of being found at a stated stretch and time, both in closed form between patrols.
+An object on stretch s is reported by the public at the rate h, buried or taken away unreported at
+the rate rho, and found by each patrol of the stretch with its detection probability. From these
+every particle has a probability of having been found, and a density of being found at a stated
+stretch and time, both in closed form between patrols.
 """
 
 from dataclasses import dataclass
@@ -13,7 +15,8 @@ import numpy.typing as npt
 from drift.spills.worlds.fates import FOREVER, Fates
 from geo.array import Array, Real
 
-# Log of the chance that a sure detection misses: e^-700 adds nothing to any sum, yet differences stay finite.
+# Log of the chance that a sure detection misses: e^-700 adds nothing to any sum, yet differences
+# stay finite.
 LEAST = -700.0
 
 
@@ -80,9 +83,17 @@ def expose(fates: Fates, reporting: Reporting, patrols: tuple[Walk, ...]) -> Exp
         for s in dict.fromkeys(patrols[k].segments):
             visits[s].append(k)
     exposed = Exposure(
-        fates, patrols, slot, arrival, leave, report, loss, np.zeros(slot.size),
-        np.searchsorted(segment, np.arange(segments + 1)), tuple(map(tuple, visits)),
-    )  # fmt: skip
+        fates,
+        patrols,
+        slot,
+        arrival,
+        leave,
+        report,
+        loss,
+        np.zeros(slot.size),
+        np.searchsorted(segment, np.arange(segments + 1)),
+        tuple(map(tuple, visits)),
+    )
     gone = np.flatnonzero(np.isfinite(leave))
     if gone.size:  # some refloat: `before` is the chance that earlier stays have left them
         through = np.zeros(slot.size)
@@ -94,7 +105,8 @@ def expose(fates: Fates, reporting: Reporting, patrols: tuple[Walk, ...]) -> Exp
         time_order[order] = through  # the order of the stays is by slot and arrival
         first = np.flatnonzero(np.diff(stays.slot, prepend=-1))
         count, ahead = np.diff(np.append(first, slot.size)), np.zeros(slot.size)
-        for k in range(1, int(count.max(initial=1))):  # stays of one slot after the other: few have many
+        # stays of one slot after the other: few have many
+        for k in range(1, int(count.max(initial=1))):
             later = first[count > k] + k
             ahead[later] = ahead[later - 1] + time_order[later - 1]
         exposed.before[:] = np.minimum(ahead[order], 0.0)
@@ -106,7 +118,9 @@ def _rows(exposed: Exposure, segment: int) -> slice:
 
 
 def _missed(exposed: Exposure, segment: int) -> tuple[Real, Real]:
-    """Return the times of a stretch's P patrols and the log chances (P + 1,) that the first 0 to P all missed."""
+    """Return the times of a stretch's P patrols and the log chances (P + 1,) that the first 0 to P
+    all missed.
+    """
     patrols = [exposed.patrols[k] for k in exposed.visits[segment]]
     miss = [max(np.log1p(-p.detection), LEAST) if p.detection < 1 else LEAST for p in patrols]
     return np.array([p.time for p in patrols], float), np.concatenate([[0.0], np.cumsum(miss)])
@@ -121,13 +135,18 @@ def _alive(exposed: Exposure, segment: int, rows: slice | Array, until: Real | f
 
 
 def reported(exposed: Exposure, segment: int, until: float) -> tuple[slice, Real]:
-    """Return the rows of a stretch, and for each stay the chance (rows,) that the public has reported it.
+    """Return the rows of a stretch, and for each stay the chance (rows,) that the public has
+    reported it.
 
     until: by this time [s].
     """
     rows = _rows(exposed, segment)
     times, miss = _missed(exposed, segment)
-    arrival, loss, end = exposed.arrival[rows], exposed.loss[rows], np.minimum(exposed.leave[rows], until)
+    arrival, loss, end = (
+        exposed.arrival[rows],
+        exposed.loss[rows],
+        np.minimum(exposed.leave[rows], until),
+    )
     base = exposed.before[rows] - miss[np.searchsorted(times, arrival)]
     edges = np.concatenate([[-np.inf], times[times < until], [np.inf]])
     total = np.zeros(arrival.size)
@@ -144,7 +163,9 @@ def public(exposed: Exposure, segment: int, time: float) -> tuple[slice, Real]:
     rows = _rows(exposed, segment)
     there = (exposed.arrival[rows] <= time) & (time < exposed.leave[rows])
     at = np.where(there, time, exposed.arrival[rows])
-    return rows, there * exposed.report[rows] * np.exp(exposed.before[rows] + _alive(exposed, segment, rows, at))
+    return rows, there * exposed.report[rows] * np.exp(
+        exposed.before[rows] + _alive(exposed, segment, rows, at)
+    )
 
 
 def lying(exposed: Exposure, segment: int, time: float) -> Real:
@@ -155,7 +176,9 @@ def lying(exposed: Exposure, segment: int, time: float) -> Real:
     rows = _rows(exposed, segment)
     there = (exposed.arrival[rows] <= time) & (time < exposed.leave[rows])
     at = np.where(there, time, exposed.arrival[rows])
-    return np.asarray(there * np.exp(np.minimum(exposed.before[rows] + _alive(exposed, segment, rows, at), 0.0)))
+    return np.asarray(
+        there * np.exp(np.minimum(exposed.before[rows] + _alive(exposed, segment, rows, at), 0.0))
+    )
 
 
 def searched(exposed: Exposure, segment: int, patrol: int) -> tuple[slice, Real]:

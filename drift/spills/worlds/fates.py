@@ -1,8 +1,9 @@
 """What became of every particle of a spill, and complete simulated spills drawn from them.
 
-A particle of a world is one possible object: N of a world's particles, drawn without replacement, are an exact draw of
-the fates of its N objects. Fates come part by part, each of some whole worlds with all classes of objects: what is
-made of all of them is made of sums by world, or by blocks of worlds, and does not depend on the parts.
+A particle of a world is one possible object: N of a world's particles, drawn without replacement,
+are an exact draw of the fates of its N objects. Fates come part by part, each of some whole worlds
+with all classes of objects: what is made of all of them is made of sums by world, or by blocks of
+worlds, and does not depend on the parts.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -28,7 +29,8 @@ class Stays:
     slot: Ints
     segment: Ints  # number in geo.coast.segments.Segments
     arrival: Ints  # [s after the run's start]
-    leave: Ints  # [s after start] when it was afloat again; FOREVER while it lies there at the end of the run
+    # [s after start] when it was afloat again; FOREVER while it lies there at the end of the run
+    leave: Ints
 
 
 @dataclass(frozen=True)
@@ -57,17 +59,22 @@ class Source(Protocol):
 
 @dataclass(frozen=True)
 class Fates:
-    """What became of the particles of some worlds, by slot, class after class; shape (n,). All of them are a Source."""
+    """What became of the particles of some worlds, by slot, class after class; shape (n,).
+
+    All of them are a Source.
+    """
 
     worlds: int  # of the whole run
     world: Ints  # number in the whole run, ascending within a class
     kind: Ints  # number of its class of objects
     release: Ints  # [s after start]
-    ended: Ints  # [s after start] when it sank, left the domain or ran out of forcing; FOREVER otherwise
+    # [s after start] when it sank, left the domain or ran out of forcing; FOREVER otherwise
+    ended: Ints
     ending: Ints  # drift.engine.particles.status.Status at the end of the run
     stays: Stays
     adrift: Mapping[int, Adrift] = field(default_factory=dict)  # by number of the find at sea
-    some: tuple[int, int] | None = None  # number of the first world and of the one after the last; None: all
+    # number of the first world and of the one after the last; None: all
+    some: tuple[int, int] | None = None
 
     @property
     def here(self) -> slice:
@@ -106,6 +113,7 @@ class Realisation:
     In each world the sum of `stands`, with `destroyed` and `found`, is the number of objects.
     """
 
-    stands: Ints  # (n,) how many objects each slot stands for; 0: not drawn, destroyed or already found
+    # (n,) how many objects each slot stands for; 0: not drawn, destroyed or already found
+    stands: Ints
     destroyed: Ints  # (worlds,) lost at once
     found: Ints  # (worlds,) found and taken away

@@ -1,20 +1,23 @@
 """What finds and patrols say about a spill: a likelihood for every world, and what follows from it.
 
-With F of N objects found, L = N! / (N - F)! * product over finds of (1 - d) g * (1 - (1 - d) q)^(N - F): g is the
-density with which an object that was not destroyed is found there and then, q its probability of having been found by
-now, d the share destroyed at once. L is a product over classes. It is summed over N, over d, over the class of finds
-where that is unknown, and over which finds are not from this spill. g and q come from a world's particles and are
-noisy: drift.spills.worlds.shrinkage draws them toward those of other worlds.
+With F of N objects found, L = N! / (N - F)! * product over finds of (1 - d) g * (1 - (1 - d) q)^(N
+- F): g is the density with which an object that was not destroyed is found there and then, q its
+probability of having been found by now, d the share destroyed at once. L is a product over classes.
+It is summed over N, over d, over the class of finds where that is unknown, and over which finds are
+not from this spill. g and q come from a world's particles and are noisy:
+drift.spills.worlds.shrinkage draws them toward those of other worlds.
 
 A find at sea enters by g alone, for nobody knows where else at sea people looked.
 
-A find that is not from this spill with probability p has the density p / (1 - p) * B, where B is what true finds have
-on average before any find. On the coast the E_s finds that are expected on stretch s of length l_s and reporting rate
-h_s lie E_s / (l_s h_s) dense, which is sum(E_s^2 / (l_s h_s)) / sum(E_s) where a true find lies on average: B is that,
-times l_s h_s of the find's own stretch, evenly over the time since the first release. So it is of the coast that the
-spill comes to, and not of the domain: coast without any E_s, however long, leaves it as it is. By a patrol they are
-spread over its stretches as their length; at sea over an ellipse as wide as what is adrift, which is the same mean for a
-normal law. Without finds and without patrols L is 1: that nothing was found says nothing either.
+A find that is not from this spill with probability p has the density p / (1 - p) * B, where B is
+what true finds have on average before any find. On the coast the E_s finds that are expected on
+stretch s of length l_s and reporting rate h_s lie E_s / (l_s h_s) dense, which is sum(E_s^2 / (l_s
+h_s)) / sum(E_s) where a true find lies on average: B is that, times l_s h_s of the find's own
+stretch, evenly over the time since the first release. So it is of the coast that the spill comes
+to, and not of the domain: coast without any E_s, however long, leaves it as it is. By a patrol they
+are spread over its stretches as their length; at sea over an ellipse as wide as what is adrift,
+which is the same mean for a normal law. Without finds and without patrols L is 1: that nothing was
+found says nothing either.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -48,7 +51,8 @@ TOGETHER = 256  # worlds whose numbers are summed over at a time
 class AtSea:
     """A place at sea [deg].
 
-    radius: error of the position, one standard deviation of each component [m]. chance: of being seen there.
+    radius: error of the position, one standard deviation of each component [m]. chance: of being
+    seen there.
     """
 
     lon: float
@@ -61,9 +65,9 @@ class AtSea:
 class Detection:
     """An object found.
 
-    kind: number of its class, None: unknown. place: number of its stretch, or at sea. time [s after start]; latest:
-    found at an unknown time not later than that. by: number of the patrol, None: the public. false: probability that it
-    is none of ours.
+    kind: number of its class, None: unknown. place: number of its stretch, or at sea. time [s after
+    start]; latest: found at an unknown time not later than that. by: number of the patrol, None:
+    the public. false: probability that it is none of ours.
     """
 
     name: str
@@ -77,7 +81,9 @@ class Detection:
 
 @dataclass(frozen=True)
 class Numbers:
-    """The number of objects, their classes and the share destroyed at once, with prior probabilities."""
+    """The number of objects, their classes and the share destroyed at once, with prior
+    probabilities.
+    """
 
     objects: npt.NDArray[np.int64]  # (m,)
     objects_prior: Real
@@ -87,7 +93,9 @@ class Numbers:
 
     @property
     def by_class(self) -> npt.NDArray[np.int64]:
-        """Objects of every class, (m, classes): whole numbers that add up, largest remainders first."""
+        """Objects of every class, (m, classes): whole numbers that add up, largest remainders
+        first.
+        """
         exact = self.objects[:, None] * self.shares
         whole = np.floor(exact + 1e-9).astype(np.int64)
         rank = np.argsort(np.argsort(whole - exact, axis=1, kind="stable"), axis=1, kind="stable")
@@ -111,10 +119,11 @@ class Known:
 class Posterior:
     """Worlds weighed by finds, and their unknown numbers.
 
-    log_likelihood, weight: (W,). effective: number of worlds that count. objects, destroyed: posteriors of the numbers'
-    grids. counts: possible numbers of our finds by class; chosen: their probabilities (len(counts), W). share: chance to
-    have been found of every world and class, (W, classes), drawn toward other worlds'. alien: probability that each find
-    is none of ours, given all, (finds,).
+    log_likelihood, weight: (W,). effective: number of worlds that count. objects, destroyed:
+    posteriors of the numbers' grids. counts: possible numbers of our finds by class; chosen: their
+    probabilities (len(counts), W). share: chance to have been found of every world and class, (W,
+    classes), drawn toward other worlds'. alien: probability that each find is none of ours, given
+    all, (finds,).
     """
 
     known: Known
@@ -133,8 +142,9 @@ class Posterior:
 class Surprise:
     """How far a find was to be expected, given all before it.
 
-    probability: that the next find turns up on this stretch (at sea: within its radius of this place, if at sea).
-    tail: that it turns up on a stretch (at a place) at most as probable as this. A find with a small tail is odd.
+    probability: that the next find turns up on this stretch (at sea: within its radius of this
+    place, if at sea). tail: that it turns up on a stretch (at a place) at most as probable as this.
+    A find with a small tail is odd.
     """
 
     find: Detection
@@ -146,8 +156,8 @@ class Surprise:
 class _Said:
     """Sums over the particles of each class and world, of values and of their squares.
 
-    density: of being found as each find was, (finds, 2, classes, W). found: of having been found by each of some times,
-    (times, 2, classes, W). each: particles of a class in a world, (classes,).
+    density: of being found as each find was, (finds, 2, classes, W). found: of having been found by
+    each of some times, (times, 2, classes, W). each: particles of a class in a world, (classes,).
     """
 
     density: Real
@@ -157,7 +167,9 @@ class _Said:
 
 @dataclass(frozen=True)
 class _Evidence:
-    """The finds' densities by class and world, logs (finds, classes, W); alien: of none of ours, (finds,)."""
+    """The finds' densities by class and world, logs (finds, classes, W); alien: of none of ours,
+    (finds,).
+    """
 
     density: Real
     alien: Real
@@ -166,13 +178,17 @@ class _Evidence:
 
 
 def posterior(
-    fates: Source, known: Known, latent: Real, log_weight: Real, member: npt.NDArray[np.int32] | None = None
+    fates: Source,
+    known: Known,
+    latent: Real,
+    log_weight: Real,
+    member: npt.NDArray[np.int32] | None = None,
 ) -> Posterior:
     """Return what finds and patrols say about every world.
 
-    latent: (W, k) unknowns of the worlds, any scale. log_weight: (W,) of the worlds before any find. member: (W,) of an
-    ensemble of winds and currents; None: there is none.
-    Raises UserError when there are more finds than objects.
+    latent: (W, k) unknowns of the worlds, any scale. log_weight: (W,) of the worlds before any
+    find. member: (W,) of an ensemble of winds and currents; None: there is none. Raises UserError
+    when there are more finds than objects.
     """
     said = _said(fates, known, [(known.now, False)])
     evidence = _evidence(fates, known, said, latent, log_weight, member)
@@ -181,10 +197,15 @@ def posterior(
     ours = tuple(k for k, find in enumerate(known.finds) if find.false < 1)
     weighed, alien = _weigh(known, said, evidence, ours, 0), np.zeros(len(known.finds))
     whole = special.logsumexp(evidence.prior + weighed.log_likelihood)
-    for k, find in enumerate(known.finds):  # Bayes, over the worlds: L without it, times its density as a false one
+    # Bayes, over the worlds: L without it, times its density as a false one
+    for k, find in enumerate(known.finds):
         if np.isfinite(evidence.alien[k]):
-            others = _weigh(known, said, evidence, tuple(j for j in ours if j != k), 0).log_likelihood
-            alien[k] = np.exp(min(evidence.alien[k] + special.logsumexp(evidence.prior + others) - whole, 0.0))
+            others = _weigh(
+                known, said, evidence, tuple(j for j in ours if j != k), 0
+            ).log_likelihood
+            alien[k] = np.exp(
+                min(evidence.alien[k] + special.logsumexp(evidence.prior + others) - whole, 0.0)
+            )
         elif find.false >= 1:
             alien[k] = 1.0
     return replace(weighed, alien=alien)
@@ -198,10 +219,11 @@ def found(part: Fates, known: Known) -> Real:
 
 
 def usual(fates: Source, known: Known, log_weight: Real) -> Real:
-    """Return B of every find that may be false, (finds,): how densely finds of ours lie on average, before any; else 0.
+    """Return B of every find that may be false, (finds,): how densely finds of ours lie on average,
+    before any; else 0.
 
-    log_weight: (W,) of the worlds before any find. What others leave on the shore does not change when worlds are drawn
-    anew: it is reckoned once, from the worlds first drawn.
+    log_weight: (W,) of the worlds before any find. What others leave on the shore does not change
+    when worlds are drawn anew: it is reckoned once, from the worlds first drawn.
     """
     if not any(0 < find.false < 1 for find in known.finds):
         return np.zeros(len(known.finds))
@@ -209,7 +231,8 @@ def usual(fates: Source, known: Known, log_weight: Real) -> Real:
 
 
 def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0) -> float:
-    """Return the largest exponent in (0, 1] at which the likelihood leaves `least` effective worlds: bisection.
+    """Return the largest exponent in (0, 1] at which the likelihood leaves `least` effective
+    worlds: bisection.
 
     log_weight: of the worlds before. The exponent is tiny where even these leave fewer.
     """
@@ -227,7 +250,11 @@ def tempered(log_likelihood: Real, least: float, log_weight: Real | float = 0.0)
 
 
 def surprises(
-    fates: Source, known: Known, latent: Real, log_weight: Real, member: npt.NDArray[np.int32] | None = None
+    fates: Source,
+    known: Known,
+    latent: Real,
+    log_weight: Real,
+    member: npt.NDArray[np.int32] | None = None,
 ) -> tuple[Surprise, ...]:
     """Return for every find, in order of time, how probable its place was before it.
 
@@ -238,7 +265,9 @@ def surprises(
     standing: dict[int, Standing] = {}
     before: tuple[int, ...] = ()
     for number in sorted(range(len(known.finds)), key=lambda k: known.finds[k].time):
-        standing[number] = _expected(fates, known.finds[number].kind, _weigh(known, said, evidence, before, number))
+        standing[number] = _expected(
+            fates, known.finds[number].kind, _weigh(known, said, evidence, before, number)
+        )
         if known.finds[number].false < 1:
             before = (*before, number)
     ashore = [k for k in standing if not isinstance(known.finds[k].place, AtSea)]
@@ -246,7 +275,11 @@ def surprises(
     rate, odds = dict(zip(ashore, rates, strict=True)), dict[int, tuple[float, float]]()
     for k, of_each in standing.items():
         place = known.finds[k].place
-        odds[k] = _odds_at_sea(fates, k, place, of_each) if isinstance(place, AtSea) else _odds(rate[k], place)
+        odds[k] = (
+            _odds_at_sea(fates, k, place, of_each)
+            if isinstance(place, AtSea)
+            else _odds(rate[k], place)
+        )
     return tuple(Surprise(known.finds[k], *odds[k]) for k in standing)
 
 
@@ -256,7 +289,9 @@ def _per_class(fates: Source, classes: int) -> npt.NDArray[np.int64]:
 
 def _standing(fates: Source, numbers: Numbers, probability: Real) -> Real:
     """Return how many objects each particle of a class stands for on average, (classes,)."""
-    return np.asarray(probability @ numbers.by_class / np.maximum(_per_class(fates, numbers.shares.size), 1))
+    return np.asarray(
+        probability @ numbers.by_class / np.maximum(_per_class(fates, numbers.shares.size), 1)
+    )
 
 
 def _expected(fates: Source, kind: int | None, weighed: Posterior) -> Standing:
@@ -269,9 +304,13 @@ def _expected(fates: Source, kind: int | None, weighed: Posterior) -> Standing:
 
 
 def _by_world(part: Fates, slot: npt.NDArray[np.int32], value: Real, classes: int) -> Real:
-    """Return sums of values and of their squares by class and world, (2, classes, worlds that are here)."""
+    """Return sums of values and of their squares by class and world, (2, classes, worlds that are
+    here).
+    """
     cell = part.kind[slot] * part.many + (part.world[slot] - part.here.start)
-    sums = [np.bincount(cell, values, classes * part.many).astype(float) for values in (value, value**2)]
+    sums = [
+        np.bincount(cell, values, classes * part.many).astype(float) for values in (value, value**2)
+    ]
     return np.reshape(sums, (2, classes, part.many))
 
 
@@ -281,7 +320,9 @@ def _said(fates: Source, known: Known, times: Sequence[tuple[float, bool]]) -> _
     times: by which they have been found, and whether without patrols at that very time.
     """
     classes = known.numbers.shares.size
-    density, by_then = (np.zeros((len(of), 2, classes, fates.worlds)) for of in (known.finds, times))
+    density, by_then = (
+        np.zeros((len(of), 2, classes, fates.worlds)) for of in (known.finds, times)
+    )
     for part in fates.parts() if known.finds or known.patrols else ():
         exposed = exposure.expose(part, known.reporting, known.patrols)
         every = np.arange(part.world.size, dtype=np.int32)
@@ -294,7 +335,8 @@ def _said(fates: Source, known: Known, times: Sequence[tuple[float, bool]]) -> _
 
 
 def _ashore(fates: Source, known: Known, asked: Sequence[tuple[Standing, Law]]) -> list[Real]:
-    """Return how many objects are expected to be found on each stretch, (S,) for each that is asked.
+    """Return how many objects are expected to be found on each stretch, (S,) for each that is
+    asked.
 
     asked: what particles stand for, and the law by which they are found.
     """
@@ -307,7 +349,9 @@ def _ashore(fates: Source, known: Known, asked: Sequence[tuple[Standing, Law]]) 
                 rows, chance = law(exposed, int(s))
                 value[rows] = chance
             value = standing(part)[exposed.slot] * value
-            sums = part.blocks.partial(value, code=exposed.segment, many=known.length.size, slots=exposed.slot)
+            sums = part.blocks.partial(
+                value, code=exposed.segment, many=known.length.size, slots=exposed.slot
+            )
             table.append(sums)
     return [partials.merged(table).total[:, 0] for table in tables]
 
@@ -328,13 +372,17 @@ def _evidence(
     for k, find in enumerate(known.finds):
         sums, squares = said.density[k]
         for c in range(classes) if find.kind is None else [find.kind]:
-            density[k, c] = np.log(shrinkage.rates(sums[c], squares[c], int(said.each[c]), alike, _full(known, find)))
+            density[k, c] = np.log(
+                shrinkage.rates(sums[c], squares[c], int(said.each[c]), alike, _full(known, find))
+            )
         if 0 < find.false < 1:
             alien[k] = special.logit(find.false) + np.log(usually[k])
     return _Evidence(density, alien, alike, prior)
 
 
-def _found_there(known: Known, exposed: Exposure, number: int) -> tuple[npt.NDArray[np.int32], Real]:
+def _found_there(
+    known: Known, exposed: Exposure, number: int
+) -> tuple[npt.NDArray[np.int32], Real]:
     """Return slots and their densities of being found as a find was."""
     find = known.finds[number]
     if isinstance(find.place, AtSea):
@@ -369,7 +417,12 @@ def _around(adrift: Adrift, place: AtSea) -> tuple[npt.NDArray[np.int32], Real]:
     reach = FAR * place.radius / sphere.RADIUS
     near = (adrift.status == Status.ADRIFT) & (np.abs(adrift.lat * sphere.UNIT - lat) <= reach)
     slot = np.flatnonzero(near).astype(np.int32)
-    lon_lat = np.radians(place.lon), lat, adrift.lon[slot] * sphere.UNIT, adrift.lat[slot] * sphere.UNIT
+    lon_lat = (
+        np.radians(place.lon),
+        lat,
+        adrift.lon[slot] * sphere.UNIT,
+        adrift.lat[slot] * sphere.UNIT,
+    )
     distance = sphere.distance(*lon_lat)
     kept = distance <= FAR * place.radius
     return slot[kept], distance[kept]
@@ -396,7 +449,9 @@ def _usual(fates: Source, known: Known, prior: Real) -> Real:
     begun = float(min(part.release.min() for part in fates.parts()))
     patrols = {find.by: _law(known, find) for find in doubtful.values() if find.by is not None}
     all_reported: Law = partial(exposure.reported, until=known.now), range(known.length.size)
-    public, *by_patrol = _ashore(fates, known, [(standing, law) for law in (all_reported, *patrols.values())])
+    public, *by_patrol = _ashore(
+        fates, known, [(standing, law) for law in (all_reported, *patrols.values())]
+    )
     expected = dict(zip(patrols, by_patrol, strict=True))
     for k, find in doubtful.items():
         if isinstance(find.place, AtSea):
@@ -413,9 +468,11 @@ def _usual(fates: Source, known: Known, prior: Real) -> Real:
 
 
 def _dense(known: Known, expected: Real) -> float:
-    """Return how many public finds of ours there are by metre of coast and reporting rate where one lies on average.
+    """Return how many public finds of ours there are by metre of coast and reporting rate where one
+    lies on average.
 
-    It is the mean over the finds expected (S,), not over the coast, of which there is as much as the domain happens to hold.
+    It is the mean over the finds expected (S,), not over the coast, of which there is as much as
+    the domain happens to hold.
     """
     there = expected > 0
     exposures = (known.length * known.reporting.rate)[there]
@@ -423,14 +480,22 @@ def _dense(known: Known, expected: Real) -> float:
 
 
 def _dense_at_sea(fates: Source, number: int, place: AtSea, standing: Standing) -> float:
-    """Return how many of ours are found by square metre of an even ellipse as wide as what is adrift."""
+    """Return how many of ours are found by square metre of an even ellipse as wide as what is
+    adrift.
+    """
     lon, lat = np.radians(place.lon), np.radians(place.lat)
 
     def there(part: Fates) -> tuple[npt.NDArray[np.intp], Real, Real, Real]:
-        """Return the slots of what is adrift, what each stands for, and where it is from the place [m]."""
+        """Return the slots of what is adrift, what each stands for, and where it is from the place
+        [m].
+        """
         adrift, each = part.adrift[number], standing(part)
         at = np.flatnonzero((adrift.status == Status.ADRIFT) & (each > 0))
-        return at, each[at], *sphere.offset(lon, lat, adrift.lon[at] * sphere.UNIT, adrift.lat[at] * sphere.UNIT)
+        return (
+            at,
+            each[at],
+            *sphere.offset(lon, lat, adrift.lon[at] * sphere.UNIT, adrift.lat[at] * sphere.UNIT),
+        )
 
     many, sums = 0, []
     for part in fates.parts():
@@ -444,13 +509,17 @@ def _dense_at_sea(fates: Source, number: int, place: AtSea, standing: Standing) 
     for part in fates.parts():
         at, weight, x, y = there(part)
         x, y = x - east / total, y - north / total
-        sums.append(part.blocks.partial(*(weight * a * b for b in (x, y) for a in (x, y)), slots=at))
+        sums.append(
+            part.blocks.partial(*(weight * a * b for b in (x, y) for a in (x, y)), slots=at)
+        )
     square = partials.merged(sums).total[0].reshape(2, 2)
     spread = square / (total - squares / total) + place.radius**2 * np.eye(2)  # as numpy.cov has it
     return float(place.chance * total / (4 * np.pi * np.sqrt(np.linalg.det(spread))))
 
 
-def _weigh(known: Known, said: _Said, evidence: _Evidence, ours: tuple[int, ...], then: int) -> Posterior:
+def _weigh(
+    known: Known, said: _Said, evidence: _Evidence, ours: tuple[int, ...], then: int
+) -> Posterior:
     """Return the posterior given some of the finds, and what had been found by one of the times."""
     numbers = known.numbers
     classes, worlds = numbers.shares.size, evidence.prior.size
@@ -480,7 +549,9 @@ def _weigh(known: Known, said: _Said, evidence: _Evidence, ours: tuple[int, ...]
     with np.errstate(invalid="ignore"):
         chosen = np.nan_to_num(np.exp(size - log_likelihood), nan=0.0)
         objects, destroyed = (
-            partials.over_worlds(weight[:, None] * np.nan_to_num(np.exp(log - log_likelihood[:, None])))
+            partials.over_worlds(
+                weight[:, None] * np.nan_to_num(np.exp(log - log_likelihood[:, None]))
+            )
             for log in (objects, destroyed)
         )
     return Posterior(
@@ -497,7 +568,9 @@ def _weigh(known: Known, said: _Said, evidence: _Evidence, ours: tuple[int, ...]
     )
 
 
-def _counted(evidence: _Evidence, ours: tuple[int, ...], classes: int, worlds: int) -> dict[Counts, Real]:
+def _counted(
+    evidence: _Evidence, ours: tuple[int, ...], classes: int, worlds: int
+) -> dict[Counts, Real]:
     """Return the log of the summed densities (W,) of all ways to have so many finds of each class."""
     ways: dict[Counts, Real] = {(0,) * classes: np.zeros(worlds)}
     for k in ours:
@@ -524,8 +597,8 @@ def together(worlds: int) -> Iterator[slice]:
 def joint_of(numbers: Numbers, counts: Counts, share: Real) -> Real:
     """Return the log of prior times likelihood of so many finds of each class, without densities.
 
-    Its shape is (W, objects, destroyed). share: probability that an object of a class that was not destroyed has been
-    found, (W, classes).
+    Its shape is (W, objects, destroyed). share: probability that an object of a class that was not
+    destroyed has been found, (W, classes).
     """
     with np.errstate(divide="ignore"):
         joint = np.log(numbers.objects_prior)[:, None] + np.log(numbers.destroyed_prior)
@@ -535,14 +608,20 @@ def joint_of(numbers: Numbers, counts: Counts, share: Real) -> Real:
         total = numbers.by_class[:, c, None]
         lost = total < found
         remain = np.maximum(total - found, 0)
-        ways = special.gammaln(total + 1.0) - special.gammaln(remain + 1.0) + special.xlogy(found, np.exp(left))
+        ways = (
+            special.gammaln(total + 1.0)
+            - special.gammaln(remain + 1.0)
+            + special.xlogy(found, np.exp(left))
+        )
         unseen = np.log1p(-np.minimum((1 - numbers.destroyed) * share[:, c, None, None], 1 - 1e-15))
         joint = joint + np.where(lost, -np.inf, ways) + remain * unseen
     return np.asarray(joint)
 
 
 def remaining(weighed: Posterior) -> Real:
-    """Return the mean number of objects (W, classes) of each world that are neither destroyed nor found."""
+    """Return the mean number of objects (W, classes) of each world that are neither destroyed nor
+    found.
+    """
     numbers, left = weighed.known.numbers, np.zeros_like(weighed.share)
     destroyed = numbers.destroyed
     for counts, chosen in zip(weighed.counts, weighed.chosen, strict=True):
@@ -554,12 +633,16 @@ def remaining(weighed: Posterior) -> Real:
             for c, found in enumerate(counts):
                 share = np.minimum(weighed.share[own, c, None, None], 1 - 1e-15)
                 alive = (1 - destroyed) * (1 - share) / (1 - (1 - destroyed) * share)
-                left[own, c] += (mass * np.maximum(numbers.by_class[:, c, None] - found, 0) * alive).sum((1, 2))
+                left[own, c] += (
+                    mass * np.maximum(numbers.by_class[:, c, None] - found, 0) * alive
+                ).sum((1, 2))
     return left
 
 
 def _odds(rate: Real, place: int) -> tuple[float, float]:
-    """Return the probability of a find's stretch, and that of all at most as probable; rate: finds expected, (S,)."""
+    """Return the probability of a find's stretch, and that of all at most as probable; rate: finds
+    expected, (S,).
+    """
     if not rate.sum() > 0:
         return 0.0, 0.0
     rate = rate / rate.sum()
@@ -567,8 +650,12 @@ def _odds(rate: Real, place: int) -> tuple[float, float]:
     return float(mine), float(rate[rate <= mine * (1 + 1e-9)].sum())
 
 
-def _odds_at_sea(fates: Source, number: int, place: AtSea, standing: Standing) -> tuple[float, float]:
-    """Return the probability within a radius of a place, and that of particles where it is at most as dense."""
+def _odds_at_sea(
+    fates: Source, number: int, place: AtSea, standing: Standing
+) -> tuple[float, float]:
+    """Return the probability within a radius of a place, and that of particles where it is at most
+    as dense.
+    """
 
     def here(part: Fates) -> Real:
         return np.where(part.adrift[number].status == Status.ADRIFT, standing(part), 0.0)
@@ -583,11 +670,16 @@ def _odds_at_sea(fates: Source, number: int, place: AtSea, standing: Standing) -
         running, adrift = part.blocks.running(here(part), sums), part.adrift[number]
         for own, block in zip(part.blocks.spans, part.blocks.number, strict=True):
             at = np.searchsorted(running[own], goal)
-            first = (at < own.stop - own.start) & (block < of)  # blocks don't come in the order of the whole run
+            # blocks don't come in the order of the whole run
+            first = (at < own.stop - own.start) & (block < of)
             of[first] = block
-            lon[first], lat[first] = (values[own][at[first]] * sphere.UNIT for values in (adrift.lon, adrift.lat))
+            lon[first], lat[first] = (
+                values[own][at[first]] * sphere.UNIT for values in (adrift.lon, adrift.lat)
+            )
     x, y = sphere.offset(np.radians(place.lon), np.radians(place.lat), lon, lat)
     radius = 2 * place.radius**2
     mine = float(np.exp(-(x**2 + y**2) / radius).mean())
-    dense = np.array([np.exp(-((x - a) ** 2 + (y - b) ** 2) / radius).mean() for a, b in zip(x, y, strict=True)])
+    dense = np.array(
+        [np.exp(-((x - a) ** 2 + (y - b) ** 2) / radius).mean() for a, b in zip(x, y, strict=True)]
+    )
     return min(mine / 2, 1.0), float((dense - 1 / SAMPLE <= mine).mean())

@@ -23,23 +23,32 @@ class Kept:
     at_sea: Mapping[int, int]  # number of the output at the time of each find at sea, by the find's
 
     def parts(self) -> Iterator[Fates]:
-        """Yield the fates of one range of worlds after another, of drift.engine.motion.spool.PART particles or a block of worlds."""
+        """Yield the fates of one range of worlds after another, of drift.engine.motion.spool.PART
+        particles or a block of worlds.
+        """
         return map(self._part, self.snapshots.portions())
 
     def _part(self, portion: Portion) -> Fates:
         (begin, end, number), count = portion.slots[0], self.counts[0]
         first, last = number // count, (number + end - begin) // count
         worlds = np.arange(first, last, dtype=np.int32)
-        since, ending = portion.read("status_since"), portion.read("status", len(self.snapshots) - 1)
+        since, ending = (
+            portion.read("status_since"),
+            portion.read("status", len(self.snapshots) - 1),
+        )
         over = np.isin(ending, (Status.SUNK, Status.LEFT, Status.OUTSIDE))
         adrift = {
-            find: Adrift(*(portion.read(name, at).astype(np.int32) for name in ("lon", "lat", "status")))
+            find: Adrift(
+                *(portion.read(name, at).astype(np.int32) for name in ("lon", "lat", "status"))
+            )
             for find, at in self.at_sea.items()
         }
         return Fates(
             worlds=self.worlds,
             world=np.concatenate([np.repeat(worlds, count) for count in self.counts]),
-            kind=np.repeat(np.arange(len(self.counts), dtype=np.int32), np.multiply(self.counts, worlds.size)),
+            kind=np.repeat(
+                np.arange(len(self.counts), dtype=np.int32), np.multiply(self.counts, worlds.size)
+            ),
             release=portion.read("release"),
             ended=np.where(over, since, FOREVER).astype(np.int32),
             ending=ending.astype(np.int32),

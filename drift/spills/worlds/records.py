@@ -1,8 +1,8 @@
 """Records of a spill: many objects from one place, of one or several classes, and their unknowns.
 
-All is SI and UTC. What all objects of one spill share (release, bias of windage and current, share destroyed, sinking
-rate, readiness to report) is drawn once for each *world*; the objects are drawn within it. The probability model:
-drift.spills.worlds.worlds, drift.spills.worlds.finds.
+All is SI and UTC. What all objects of one spill share (release, bias of windage and current, share
+destroyed, sinking rate, readiness to report) is drawn once for each *world*; the objects are drawn
+within it. The probability model: drift.spills.worlds.worlds, drift.spills.worlds.finds.
 """
 
 import math
@@ -19,10 +19,11 @@ FEWEST_PARTICLES = 10  # least particles of a class in a world
 
 @dataclass(frozen=True)
 class Sinking:
-    """When objects sink: by a constant hazard, or a lognormal waterlogging time; log-uniform between worlds.
+    """When objects sink: by a constant hazard, or a lognormal waterlogging time; log-uniform
+    between worlds.
 
-    time: half-life of the hazard, or median waterlogging time [s], lowest and highest; spread: geometric standard
-    deviation of the waterlogging time within a world, 0 for a hazard.
+    time: half-life of the hazard, or median waterlogging time [s], lowest and highest; spread:
+    geometric standard deviation of the waterlogging time within a world, 0 for a hazard.
     """
 
     time: tuple[float, float]
@@ -55,7 +56,9 @@ class Reporting:
 
 @dataclass(frozen=True)
 class Find:
-    """An object found: where (a stretch by name, or a place [deg]), when, by whom, how surely one of ours."""
+    """An object found: where (a stretch by name, or a place [deg]), when, by whom, how surely one
+    of ours.
+    """
 
     name: str
     time: np.datetime64
@@ -72,11 +75,14 @@ class Find:
 
 @dataclass(frozen=True)
 class Patrol:
-    """A search of stretches of the beach: at a time it finds each object lying there with a probability."""
+    """A search of stretches of the beach: at a time it finds each object lying there with a
+    probability.
+    """
 
     name: str
     stretches: tuple[str, ...]
-    ends: tuple[tuple[float, float], tuple[float, float]] | None  # (lon, lat) [deg] of the piece walked
+    # (lon, lat) [deg] of the piece walked
+    ends: tuple[tuple[float, float], tuple[float, float]] | None
     time: np.datetime64
     detection: float
 
@@ -85,9 +91,9 @@ class Patrol:
 class Team:
     """People who can patrol a length of shore once a day.
 
-    Its fields say when, with what detection, and which stretches they can reach: those named; or those whose middle is
-    within `reach` of their base over land; or, without either, all. Unless they cross water, all their patrols lie on
-    one land mass.
+    Its fields say when, with what detection, and which stretches they can reach: those named; or
+    those whose middle is within `reach` of their base over land; or, without either, all. Unless
+    they cross water, all their patrols lie on one land mass.
     """
 
     name: str
@@ -122,7 +128,8 @@ class Spill:
     finds: tuple[Find, ...]
     patrols: tuple[Patrol, ...]
     teams: tuple[Team, ...] = ()  # teams that a plan may send
-    counts: tuple[int, ...] | None = None  # particles of each class in a world; None: by their shares
+    # particles of each class in a world; None: by their shares
+    counts: tuple[int, ...] | None = None
     bridges: tuple[
         tuple[tuple[float, float], tuple[float, float]], ...
     ] = ()  # ends (lon, lat) [deg] of what joins land

@@ -2,7 +2,8 @@
 
 They move as that world's unknowns say.
 
-Every class of objects has a range of slots, world after world; a slot's world stands in the ensemble's column.
+Every class of objects has a range of slots, world after world; a slot's world stands in the
+ensemble's column.
 """
 
 import numpy as np
@@ -31,13 +32,17 @@ def per_world(spill: Spill) -> tuple[int, ...]:
     """
     if spill.counts is not None:
         return spill.counts
-    share = np.maximum([kind.share for kind in spill.kinds], max(0.01, FEWEST_PARTICLES / spill.per_world))
+    share = np.maximum(
+        [kind.share for kind in spill.kinds], max(0.01, FEWEST_PARTICLES / spill.per_world)
+    )
     ends = np.rint(np.cumsum(share / share.sum()) * spill.per_world).astype(int)
     return tuple(int(n) for n in np.diff(ends, prepend=0))
 
 
 def layout(spill: Spill, first: int = 0, last: int | None = None) -> Layout:
-    """Return which slots belong to which class, of the worlds from number `first` to before `last`; by default of all."""
+    """Return which slots belong to which class, of the worlds from number `first` to before `last`;
+    by default of all.
+    """
     counts = np.array(per_world(spill))
     many = (spill.worlds if last is None else last) - first
     bounds = (0, *(int(n) for n in np.cumsum(counts) * many))
@@ -58,7 +63,9 @@ def draw_release(
 
 
 def check(spill: Spill, dry: Array) -> None:
-    """Refuse a spill whose objects find no water; dry: how many of each class did not, of all worlds, (classes,)."""
+    """Refuse a spill whose objects find no water; dry: how many of each class did not, of all
+    worlds, (classes,).
+    """
     for failed, count in zip(dry.tolist(), per_world(spill), strict=True):
         if failed > 0.01 * count * spill.worlds:
             raise UserError(
@@ -76,31 +83,61 @@ def drawn(
     seed: int,
     own: Layout | None = None,
 ) -> tuple[Ensemble, Array]:
-    """Return the ensemble of some worlds, and how many objects of each class found no water, int64 (classes,).
+    """Return the ensemble of some worlds, and how many objects of each class found no water, int64
+    (classes,).
 
     own: which slots belong to which class, of these worlds alone; by default of all worlds.
     """
     counts, own = per_world(spill), own or layout(spill)
-    ensemble, key, dry = record.empty(seed, own, columns(worlds)), noise.key(seed), np.zeros(len(counts), np.int64)
-    where = [runtime.upload(x.astype(np.int32)) for x in (worlds.lon, worlds.lat, worlds.release - period.epoch)]
+    ensemble, key, dry = (
+        record.empty(seed, own, columns(worlds)),
+        noise.key(seed),
+        np.zeros(len(counts), np.int64),
+    )
+    where = [
+        runtime.upload(x.astype(np.int32))
+        for x in (worlds.lon, worlds.lat, worlds.release - period.epoch)
+    ]
     factor = runtime.upload(worlds.windage.astype(np.float32))
     log_weight = np.empty(ensemble.n, np.float32)
-    for number, (kind, count, slots) in enumerate(zip(spill.kinds, counts, ensemble.slots, strict=True)):
+    for number, (kind, count, slots) in enumerate(
+        zip(spill.kinds, counts, ensemble.slots, strict=True)
+    ):
         tries = runtime.upload(np.zeros(2, np.int64))
         kernel.draw_objects(
-            True, *slots, slots.number, count, ensemble.lon, ensemble.lat, ensemble.release, ensemble.world, tries, *key,
-            *where, spill.release_std, spill.release_duration, coast.pack,
-        )  # fmt: skip
+            True,
+            *slots,
+            slots.number,
+            count,
+            ensemble.lon,
+            ensemble.lat,
+            ensemble.release,
+            ensemble.world,
+            tries,
+            *key,
+            *where,
+            spill.release_std,
+            spill.release_duration,
+            coast.pack,
+        )
         dry[number] = tries.to_numpy()[1]
         drift.draw_leeway(ensemble, slots, key, kind.object)
         if kind.object.immersion is not None:
-            kernel.draw_immersion(*slots, ensemble.own["down_slope"], *key, *kind.object.immersion, AIR_IN_WATER)
+            kernel.draw_immersion(
+                *slots, ensemble.own["down_slope"], *key, *kind.object.immersion, AIR_IN_WATER
+            )
         for name in drift.LEEWAY:
             kernel.scale_windage(*slots[:2], ensemble.own[name], ensemble.world, factor)
         if kind.sinking is not None:
             time = runtime.upload(worlds.sinking[:, number].astype(np.float32))
             kernel.draw_sinking(
-                *slots, ensemble.sink_time, ensemble.release, ensemble.world, *key, time, kind.sinking.spread
+                *slots,
+                ensemble.sink_time,
+                ensemble.release,
+                ensemble.world,
+                *key,
+                time,
+                kind.sinking.spread,
             )
         drift.draw_errors(ensemble, slots, key, errors.unbiased())
         with np.errstate(divide="ignore"):
@@ -118,7 +155,9 @@ def columns(worlds: Worlds) -> tuple[Column, ...]:
 
 
 def belong(ensemble: Ensemble, worlds: Worlds) -> None:
-    """Give every particle what its world has: the error of the current, and its member of an ensemble."""
+    """Give every particle what its world has: the error of the current, and its member of an
+    ensemble.
+    """
     share(ensemble, worlds.current_east, worlds.current_north)
     if worlds.member is not None:
         ensemble.own[members.COLUMN.name].from_numpy(worlds.member[ensemble.world.to_numpy()])

@@ -23,12 +23,15 @@ from geo.array import Real
 PIECE = 20_000.0  # [m] of a great-circle leg with one course
 
 Latents = Callable[[str], Real]  # latents of all worlds by name, (w,); 0 where there are none
-Places = tuple[Real, Real, npt.NDArray[np.bool_]]  # lon, lat [rad] and whether that is possible, (w,) each
+# lon, lat [rad] and whether that is possible, (w,) each
+Places = tuple[Real, Real, npt.NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
 class Law:
-    """How latents become releases; only what is uncertain has a latent. time: [s since 1970], (w,) int64."""
+    """How latents become releases; only what is uncertain has a latent. time: [s since 1970], (w,)
+    int64.
+    """
 
     names: tuple[str, ...]  # names of the latents
     place: Callable[[Latents], Places]
@@ -45,7 +48,9 @@ def _position(prior: PositionPrior) -> Law:
     names: tuple[str, ...] = ("release_x", "release_y") if prior.major > 0 else ()
     if prior.displacement:
         names += ("displacement", "displacement_direction")
-    return Law((*names, *_unsure_time(prior)), partial(_about, prior), partial(_within_window, prior))
+    return Law(
+        (*names, *_unsure_time(prior)), partial(_about, prior), partial(_within_window, prior)
+    )
 
 
 def _area(prior: AreaPrior) -> Law:
@@ -57,13 +62,19 @@ def _trackline(prior: TracklinePrior) -> Law:
     return Law(("voyage", "cross_track"), partial(_on_track, prior), partial(_on_voyage, prior))
 
 
-LAWS: dict[type, Callable[[Any], Law]] = {PositionPrior: _position, AreaPrior: _area, TracklinePrior: _trackline}
+LAWS: dict[type, Callable[[Any], Law]] = {
+    PositionPrior: _position,
+    AreaPrior: _area,
+    TracklinePrior: _trackline,
+}
 
 
 def _about(prior: PositionPrior, of: Latents) -> Places:
     along, across = prior.major * of("release_x"), prior.minor * of("release_y")
     s, c = math.sin(prior.orientation), math.cos(prior.orientation)
-    lon, lat = sphere.destination(prior.lon, prior.lat, along * s + across * c, along * c - across * s)
+    lon, lat = sphere.destination(
+        prior.lon, prior.lat, along * s + across * c, along * c - across * s
+    )
     if prior.displacement:
         (near, far), (begin, end) = prior.displacement.distance, prior.displacement.direction
         length = near + (far - near) * special.ndtr(of("displacement"))
@@ -118,4 +129,6 @@ def _on_voyage(prior: TracklinePrior, of: Latents) -> npt.NDArray[np.int64]:
 
 def _between(begin: np.datetime64, end: np.datetime64, share: Real) -> npt.NDArray[np.int64]:
     """Return times [s since 1970] by the share of a span of time that is over."""
-    return notation.epoch(begin) + np.rint(share * float((end - begin) / np.timedelta64(1, "s"))).astype(np.int64)
+    return notation.epoch(begin) + np.rint(
+        share * float((end - begin) / np.timedelta64(1, "s"))
+    ).astype(np.int64)

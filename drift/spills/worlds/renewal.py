@@ -1,8 +1,9 @@
-"""After a spill's drift: its fates, what the finds say about its worlds, and the washup that follows.
+"""After a spill's drift: its fates, what the finds say about its worlds, and the washup that
+follows.
 
-Where the finds leave too few worlds that count, worlds are drawn anew about those that do and the drift is run again:
-this is population Monte Carlo (Cappe et al. 2004, doi:10.1198/106186004X12803). The finds are tempered while worlds are
-chosen, never in the result.
+Where the finds leave too few worlds that count, worlds are drawn anew about those that do and the
+drift is run again: this is population Monte Carlo (Cappe et al. 2004, doi:10.1198/106186004X12803).
+The finds are tempered while worlds are chosen, never in the result.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +19,16 @@ from drift.engine.motion.period import Period
 from drift.engine.motion.spool import SnapshotStore
 from drift.engine.particles import partials, weights
 from drift.forecast import effective
-from drift.spills.worlds import evidence, finds, realisations, release, unknowns, verdict, washup, worlds
+from drift.spills.worlds import (
+    evidence,
+    finds,
+    realisations,
+    release,
+    unknowns,
+    verdict,
+    washup,
+    worlds,
+)
 from drift.spills.worlds.fates import Source
 from drift.spills.worlds.kept import Kept
 from drift.spills.worlds.products import tables as washup_tables
@@ -30,17 +40,23 @@ from geo.coast.segments import Segments
 
 FEWEST = effective.FEW["worlds"]  # effective worlds below which they are drawn anew
 NARROWING = (
-    20.0  # a renewal narrows by this: its proposal is tempered so that so many times fewer worlds count than drawn
+    # a renewal narrows by this: its proposal is tempered so that so many times fewer worlds count
+    # than drawn
+    20.0
 )
 ENOUGH = 10.0  # least effective worlds per latent from which a proposal is made
 WORST = 10  # stretches in the summary
-SOME = 0.1  # objects, least expected on a stretch that is ranked by its number per km in the summary: a rock with few is none
+# objects, least expected on a stretch that is ranked by its number per km in the summary: a rock
+# with few is none
+SOME = 0.1
 REALISATIONS = 4  # most complete spills that are drawn in every world
 
 
 @dataclass(frozen=True)
 class Drifted:
-    """A finished run: the particles at its outputs and its end, with the stays on the shore that it has taken down."""
+    """A finished run: the particles at its outputs and its end, with the stays on the shore that it
+    has taken down.
+    """
 
     seed: int
     snapshots: SnapshotStore
@@ -64,7 +80,9 @@ class Aftermath:
 
 
 def stretches(period: Period, spill: Spill, coast: Coast, drawn: Worlds) -> Segments:
-    """Return the stretches of coast of a spill's figures; raise UserError for finds and patrols that cannot be."""
+    """Return the stretches of coast of a spill's figures; raise UserError for finds and patrols
+    that cannot be.
+    """
     segments = evidence.cut_stretches(spill, coast)
     evidence.build_evidence(period, spill, segments, coast, drawn)
     return segments
@@ -78,10 +96,11 @@ def settle(
     first: Drifted,
     renew: Callable[[Proposal, int], Drifted],
 ) -> tuple[Drifted, Aftermath]:
-    """Return the run of which the finds leave enough worlds, weighted by the finds, and its aftermath.
+    """Return the run of which the finds leave enough worlds, weighted by the finds, and its
+    aftermath.
 
-    renew: draws worlds anew from a proposal and moves their objects through the run; it takes the number of the
-    renewal too, from 1.
+    renew: draws worlds anew from a proposal and moves their objects through the run; it takes the
+    number of the renewal too, from 1.
     """
     assert first.worlds is not None
     drifted, drawn, rounds, usual = first, first.worlds, [0.0], None
@@ -92,11 +111,15 @@ def settle(
         known = replace(known, usual=usual)
         posterior = finds.posterior(fates, known, drawn.latent, drawn.log_weight, drawn.member)
         rounds[-1] = posterior.effective
-        if posterior.effective >= FEWEST or len(rounds) > spill.redraws or not (known.finds or known.patrols):
+        if (
+            posterior.effective >= FEWEST
+            or len(rounds) > spill.redraws
+            or not (known.finds or known.patrols)
+        ):
             break
         least = min(max(drawn.size / NARROWING, ENOUGH * len(drawn.names)), drawn.size / 4)
-        # The exponent leads from where these worlds were drawn (0) to where the finds put them (1), never back to the
-        # prior.
+        # The exponent leads from where these worlds were drawn (0) to where the finds put them (1),
+        # never back to the prior.
         aim = posterior.log_likelihood + drawn.log_weight
         about = worlds.around(drawn, weights.shares(finds.tempered(aim, least) * aim))
         drifted = renew(about, len(rounds))
@@ -128,21 +151,30 @@ def settle(
     return drifted, aftermath
 
 
-def kept(period: Period, spill: Spill, snapshots: SnapshotStore, segments: Segments, known: finds.Known) -> Kept:
-    """Return what became of every particle by the end of the run, and where it was at the times of finds at sea."""
+def kept(
+    period: Period, spill: Spill, snapshots: SnapshotStore, segments: Segments, known: finds.Known
+) -> Kept:
+    """Return what became of every particle by the end of the run, and where it was at the times of
+    finds at sea.
+    """
     times = _outputs(period, snapshots).tolist()
-    at_sea = {k: times.index(find.time) for k, find in enumerate(known.finds) if isinstance(find.place, finds.AtSea)}
+    at_sea = {
+        k: times.index(find.time)
+        for k, find in enumerate(known.finds)
+        if isinstance(find.place, finds.AtSea)
+    }
     return Kept(snapshots, spill.worlds, release.per_world(spill), segments.of_edge, at_sea)
 
 
 def _log_weights(fates: Source, posterior: finds.Posterior) -> Iterator[Array]:
     """Yield the log weights of what is left, part by part; the largest is 0.
 
-    A world's weight is shared among its particles: by class in proportion to the objects still to be found, and within
-    a class in proportion to each particle's chance of not having been found.
+    A world's weight is shared among its particles: by class in proportion to the objects still to
+    be found, and within a class in proportion to each particle's chance of not having been found.
     """
     left = finds.remaining(posterior)
-    if not (left * posterior.weight[:, None]).any():  # if all are found, the map shows where they could have been
+    # if all are found, the map shows where they could have been
+    if not (left * posterior.weight[:, None]).any():
         left = np.ones_like(left)
     shared, largest = unfound(fates, posterior.known)
     with np.errstate(divide="ignore"):
@@ -155,7 +187,8 @@ def _log_weights(fates: Source, posterior: finds.Posterior) -> Iterator[Array]:
 
 
 def unfound(fates: Source, known: finds.Known) -> tuple[Real, Real]:
-    """Return the sum of the chances of not having been found of a world's particles of a class, and the largest.
+    """Return the sum of the chances of not having been found of a world's particles of a class, and
+    the largest.
 
     Both are (W, classes).
     """
@@ -163,7 +196,9 @@ def unfound(fates: Source, known: finds.Known) -> tuple[Real, Real]:
     for part in fates.parts():
         chance = 1 - finds.found(part, known)
         cell = (part.world - part.here.start) * shared.shape[1] + part.kind
-        shared[part.here] = np.bincount(cell, chance, part.many * shared.shape[1]).reshape(part.many, -1)
+        shared[part.here] = np.bincount(cell, chance, part.many * shared.shape[1]).reshape(
+            part.many, -1
+        )
         for kind in range(shared.shape[1]):
             largest[part.here, kind] = chance[part.kind == kind].reshape(part.many, -1).max(axis=1)
     return shared, largest
@@ -182,7 +217,9 @@ def spills(spill: Spill) -> int:
 def unknown(after: Aftermath) -> dict[str, Any]:
     """Return the unknowns of a spill, before and after the finds; see drift.spills.worlds.unknowns."""
     kinds = [kind.name for kind in after.spill.kinds]
-    return unknowns.unknowns_table(after.worlds, after.prior, after.posterior, after.period.start, kinds)
+    return unknowns.unknowns_table(
+        after.worlds, after.prior, after.posterior, after.period.start, kinds
+    )
 
 
 def summary_of_spill(after: Aftermath) -> dict[str, Any]:
@@ -191,7 +228,9 @@ def summary_of_spill(after: Aftermath) -> dict[str, Any]:
     end = data.isel(time=-1)
     columns = washup_tables.records(data)
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-    dense = sorted((row for row in rows if row["expected"] >= SOME), key=lambda row: row["rank_per_km"])
+    dense = sorted(
+        (row for row in rows if row["expected"] >= SOME), key=lambda row: row["rank_per_km"]
+    )
     return {
         "spill": {
             "objects": list(spill.objects),
@@ -229,7 +268,10 @@ def told(after: Aftermath) -> list[verdict.Row]:
 
 
 def silence(after: Aftermath) -> str | None:
-    """Return in words what is taken for granted about what was not found; None without finds and patrols."""
+    """Return in words what is taken for granted about what was not found;
+
+    None without finds and patrols.
+    """
     return verdict.silence(after.period, after.spill, after.posterior.known.now)
 
 
@@ -257,11 +299,17 @@ def warning(after: Aftermath) -> str | None:
 
 
 def warnings(after: Aftermath) -> list[str]:
-    """Return warnings of finds that do not fit the spill and of too few worlds; empty where all is well."""
+    """Return warnings of finds that do not fit the spill and of too few worlds; empty where all is
+    well.
+    """
     texts = verdict.odd(told(after))
     few, many = _odds(after)
     if min(few, many) < verdict.ODD:
-        how = f"so few had a probability of {few:.1g}" if few < many else f"so many had a probability of {many:.1g}"
+        how = (
+            f"so few had a probability of {few:.1g}"
+            if few < many
+            else f"so many had a probability of {many:.1g}"
+        )
         texts.append(
             f"the finds ({len(after.posterior.known.finds)}) don't fit the spill: {how} beforehand; "
             "check the patrols' detection, [spill.reporting] rate and [spill] destroyed before believing the figures"
@@ -286,12 +334,17 @@ def _odds(after: Aftermath) -> tuple[float, float]:
     if not posterior.known.finds and not posterior.known.patrols:
         return 1.0, 1.0
     world = weights.shares(after.worlds.log_weight)
-    share, given = posterior.share @ numbers.shares, numbers.objects_prior[:, None] * numbers.destroyed_prior
+    share, given = (
+        posterior.share @ numbers.shares,
+        numbers.objects_prior[:, None] * numbers.destroyed_prior,
+    )
     count, odds = numbers.objects[:, None], np.empty((len(world), 2))
     for own in finds.together(len(world)):
         chance = share[own, None, None] * (1 - numbers.destroyed)
         odds[own, 0] = (given * special.bdtr(np.minimum(ashore, count), count, chance)).sum((1, 2))
-        odds[own, 1] = (given * special.bdtrc(np.minimum(ashore - 1, count), count, chance)).sum((1, 2))
+        odds[own, 1] = (given * special.bdtrc(np.minimum(ashore - 1, count), count, chance)).sum(
+            (1, 2)
+        )
     few, many = partials.over_worlds(world[:, None] * odds).tolist()
     return few, many
 

@@ -2,12 +2,13 @@
 
 This is empirical Bayes for means over few particles.
 
-A world's probability of something is estimated from its few hundred particles, and the likelihood of many finds
-multiplies many such estimates: their noise would then decide between worlds. So each is drawn toward what worlds like
-it have: a quadratic in the worlds' latent unknowns, fitted to all worlds at once and corrected by each one's
-neighbours, is the mean of a prior whose width is estimated from all worlds (Fay and Herriot 1979,
-doi:10.1080/01621459.1979.10482505; Clayton and Kaldor 1987, doi:10.2307/2532003). Where the quadratic fits, a world's
-own particles hardly count; elsewhere they decide.
+A world's probability of something is estimated from its few hundred particles, and the likelihood
+of many finds multiplies many such estimates: their noise would then decide between worlds. So each
+is drawn toward what worlds like it have: a quadratic in the worlds' latent unknowns, fitted to all
+worlds at once and corrected by each one's neighbours, is the mean of a prior whose width is
+estimated from all worlds (Fay and Herriot 1979, doi:10.1080/01621459.1979.10482505; Clayton and
+Kaldor 1987, doi:10.2307/2532003). Where the quadratic fits, a world's own particles hardly count;
+elsewhere they decide.
 """
 
 from collections.abc import Callable
@@ -21,13 +22,16 @@ from geo.array import Real
 
 NEIGHBOURS = 24  # nearest worlds that correct the quadratic
 STEPS = 40  # most steps of Newton's method
-FAR = 1e3  # standard deviations: from one member of an ensemble to the next, so that neighbours are of one member
+# standard deviations: from one member of an ensemble to the next, so that neighbours are of one
+# member
+FAR = 1e3
 SUREST = 1e9  # zeros and ones that a particle's chance says as much as, at most
 RIDGE = 1.0  # inverse variance of a coefficient of the standardised latents
 LEAST = 0.5  # particles, in all worlds together, that count as seen where none was
 STEEPEST = 30.0  # largest log of a mean or of odds
 EXCESS = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # variance of the prior in means
-SQUARED = (1e-4, 0.01, 0.03, 0.1, 0.2, 0.4, 0.8, 1.6, 4.0, 10.0)  # variance of the prior in squared means
+# variance of the prior in squared means
+SQUARED = (1e-4, 0.01, 0.03, 0.1, 0.2, 0.4, 0.8, 1.6, 4.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,8 @@ class Likeness:
     """How worlds are alike.
 
     It holds terms (W, p) of a quadratic in their latents, and the nearest others of each (W, k).
-    same: which of these are of the world's own member of an ensemble of winds and currents; None: there is none.
+    same: which of these are of the world's own member of an ensemble of winds and currents; None:
+    there is none.
     """
 
     terms: Real
@@ -45,14 +50,17 @@ class Likeness:
     def nearby(self, values: Real) -> Real:
         """Return the sums of values (W,) over the nearest other worlds that are alike, (W,)."""
         others = values[self.near]
-        return np.asarray(others.sum(1) if self.same is None else np.where(self.same, others, 0.0).sum(1))
+        return np.asarray(
+            others.sum(1) if self.same is None else np.where(self.same, others, 0.0).sum(1)
+        )
 
 
 def likeness(latent: Real, member: npt.NDArray[np.int32] | None = None) -> Likeness:
-    """Return how worlds of these latents (W, k) are alike. The quadratic has fewer terms where worlds are few.
+    """Return how worlds of these latents (W, k) are alike. The quadratic has fewer terms where
+    worlds are few.
 
-    member: of an ensemble of winds and currents (W,), each of which has a mean of its own, and slopes where worlds are
-    enough; only worlds of one member correct each other.
+    member: of an ensemble of winds and currents (W,), each of which has a mean of its own, and
+    slopes where worlds are enough; only worlds of one member correct each other.
     """
     worlds = len(latent)
     spread = latent.std(0)
@@ -74,17 +82,22 @@ def likeness(latent: Real, member: npt.NDArray[np.int32] | None = None) -> Liken
             terms.append((own[:, :, None] * z[:, None]).reshape(worlds, -1))
         z = np.column_stack([z, FAR * member])
         count = min(count, worlds // (2 * own.shape[1]))
-    near = spatial.cKDTree(z).query(z, range(2, count + 2))[1] if count else np.zeros((worlds, 0), np.int64)
+    near = (
+        spatial.cKDTree(z).query(z, range(2, count + 2))[1]
+        if count
+        else np.zeros((worlds, 0), np.int64)
+    )
     if member is not None:
         same = member[near] == member[:, None]
     return Likeness(np.concatenate(terms, axis=1), near, same)
 
 
 def rates(total: Real, squares: Real, n: int, alike: Likeness, full: float = 1.0) -> Real:
-    """Return every world's mean over its n particles (W,), drawn toward the means of worlds like it.
+    """Return every world's mean over its n particles (W,), drawn toward the means of worlds like
+    it.
 
-    total, squares: sums over a world's particles of values and of squared values, (W,). full: the value of a particle
-    that counts in full, which is used where all sums are 0.
+    total, squares: sums over a world's particles of values and of squared values, (W,). full: the
+    value of a particle that counts in full, which is used where all sums are 0.
 
     Sums are taken as overdispersed Poisson in units of sum(squares) / sum(total).
     """
@@ -101,14 +114,21 @@ def rates(total: Real, squares: Real, n: int, alike: Likeness, full: float = 1.0
         for a in SQUARED:
             r = 1 / (c + a * mean)
             s = mean * r
-            score = (special.gammaln(count + s) - special.gammaln(s) + s * np.log(r) - (s + count) * np.log1p(r)).sum()
+            score = (
+                special.gammaln(count + s)
+                - special.gammaln(s)
+                + s * np.log(r)
+                - (s + count) * np.log1p(r)
+            ).sum()
             if score > best:
                 best, shape, rate = score, s, r
     return np.asarray((shape + count) / (rate + 1) * (unit / n))
 
 
 def _nearby(count: Real, mean: Real, alike: Likeness) -> Real:
-    """Return factors (W,) by which the counts of the nearest other worlds correct means: gamma-Poisson, mean 1."""
+    """Return factors (W,) by which the counts of the nearest other worlds correct means:
+    gamma-Poisson, mean 1.
+    """
     if not alike.near.shape[1]:
         return np.ones_like(mean)
     seen, meant = alike.nearby(count), np.maximum(alike.nearby(mean), 1e-300)
@@ -120,21 +140,25 @@ def _nearby(count: Real, mean: Real, alike: Likeness) -> Real:
 
 
 def share(mean: Real, variance: Real, n: int, alike: Likeness) -> Real:
-    """Return every world's share (W,), drawn toward the shares of worlds like it (beta-binomial credibility).
+    """Return every world's share (W,), drawn toward the shares of worlds like it (beta-binomial
+    credibility).
 
     mean, variance: over the world's n particles of their chances, (W,).
     """
     if not mean.any():
         return mean
     sure = mean * (1 - mean)
-    ratio = sure.sum() / max(variance.sum(), 1e-300)  # without bound where the particles of each world have one chance
+    # without bound where the particles of each world have one chance
+    ratio = sure.sum() / max(variance.sum(), 1e-300)
     size = n * float(np.clip(ratio, 1.0, SUREST))  # a sample of so many zeros and ones says as much
     middle = float(np.clip(mean.mean(), 1e-12, 1 - 1e-12))
     prior = _fit(alike.terms, mean, BINOMIAL, float(special.logit(middle)), size)
     if alike.near.shape[1]:
         rest = alike.nearby(mean - prior) / alike.near.shape[1]
         chance = (prior * (1 - prior)).mean() / (size * alike.near.shape[1])
-        prior = np.clip(prior + max(1 - chance / max((rest**2).mean(), 1e-300), 0.0) * rest, 1e-12, 1 - 1e-12)
+        prior = np.clip(
+            prior + max(1 - chance / max((rest**2).mean(), 1e-300), 0.0) * rest, 1e-12, 1 - 1e-12
+        )
     excess = ((mean - prior) ** 2).sum() / max((prior * (1 - prior)).sum(), 1e-300)
     between = max(excess - 1 / size, 0.0)
     own = between / (between + 1 / size)  # credibility (Buhlmann 1967)
@@ -143,7 +167,9 @@ def share(mean: Real, variance: Real, n: int, alike: Likeness) -> Real:
 
 @dataclass(frozen=True)
 class _Link:
-    """A natural link: mean, variance of a value by its mean, and log-partition, by the linear predictor."""
+    """A natural link: mean, variance of a value by its mean, and log-partition, by the linear
+    predictor.
+    """
 
     mean: Callable[[Real], Real]
     variance: Callable[[Real], Real]
@@ -166,13 +192,17 @@ def _fit(terms: Real, value: Real, link: _Link, begin: float, size: float = 1.0)
 
     def score(b: Real) -> float:
         eta = np.clip(terms @ b, -STEEPEST, STEEPEST)
-        return float(size * (value * eta - link.partition(eta)).sum() - 0.5 * (ridge[1:] * b[1:] ** 2).sum())
+        return float(
+            size * (value * eta - link.partition(eta)).sum() - 0.5 * (ridge[1:] * b[1:] ** 2).sum()
+        )
 
     now = score(beta)
     for _ in range(STEPS):
         mu = link.mean(np.clip(terms @ beta, -STEEPEST, STEEPEST))
         hessian = size * (terms * link.variance(mu)[:, None]).T @ terms + np.diag(ridge)
-        step = np.linalg.solve(hessian, size * terms.T @ (value - mu) - ridge * np.append(0.0, beta[1:]))
+        step = np.linalg.solve(
+            hessian, size * terms.T @ (value - mu) - ridge * np.append(0.0, beta[1:])
+        )
         length = 1.0
         while (ahead := score(beta + length * step)) < now and length > 1e-4:
             length /= 2

@@ -1,8 +1,8 @@
 """How many objects lie on each stretch of coast, and when they come: figures over simulated spills.
 
-What each world brings to each stretch is counted part by part of the worlds, in whole numbers, and lies in a file.
-Figures are made of that stretch by stretch in pieces of CELLS rows by time: memory grows neither with the number of
-particles nor with that of stretches.
+What each world brings to each stretch is counted part by part of the worlds, in whole numbers, and
+lies in a file. Figures are made of that stretch by stretch in pieces of CELLS rows by time: memory
+grows neither with the number of particles nor with that of stretches.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,9 +23,11 @@ MEANS = ("expected", "probability", "arrived")
 
 
 def settled(fates: Fates) -> dict[str, Array]:
-    """Return release and end of every slot, and arrival and leave of every stay [s], without contradictions.
+    """Return release and end of every slot, and arrival and leave of every stay [s], without
+    contradictions.
 
-    "Not yet released" goes before "ended", and "ended" before "ashore": where two hold at a time, the first counts.
+    "Not yet released" goes before "ended", and "ended" before "ashore": where two hold at a time,
+    the first counts.
     """
     stays = fates.stays
     ended = np.maximum(fates.ended, fates.release)
@@ -36,7 +38,8 @@ def settled(fates: Fates) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class _Rows:
-    """What some worlds bring to stretches: a row for each stretch and world, sorted by stretch, then by world.
+    """What some worlds bring to stretches: a row for each stretch and world, sorted by stretch,
+    then by world.
 
     Shapes are (r,), (realisations, r) of times, and (.., r, T) of numbers by output time.
     """
@@ -46,7 +49,9 @@ class _Rows:
     most: Array  # largest number of objects in the row in any realisation
     lying: Array  # (realisations, r, T) objects that lie there
     arrived: Array  # (1, r, T) objects that ever lay there, of all realisations
-    by_kind: Array  # (kinds, r, T) objects that lie there by class, of all realisations; of one class there are none
+    # (kinds, r, T) objects that lie there by class, of all realisations; of one class there are
+    # none
+    by_kind: Array
     first: Array  # when the first object arrives [s after start]; FOREVER: none does
     before: Array  # when the last one of the first half arrives
     after: Array  # when the first one of the other half does: the same of an odd number
@@ -59,15 +64,20 @@ class Table:
         """Begin without any row."""
         self._file, self._times, self._realisations = file, times, realisations
         self._kinds = kinds if kinds > 1 else 0
-        # Of each part, its stretches; of these, the first row and, last, the number of all; and most objects in a row.
+        # Of each part, its stretches; of these, the first row and, last, the number of all; and
+        # most objects in a row.
         self._parts: list[tuple[Array, Array, Array]] = []
 
     @property
     def _width(self) -> int:
         return 3 + (self._realisations + 1 + self._kinds) * self._times + 3 * self._realisations
 
-    def add(self, fates: Fates, realisations: Sequence[Realisation], weight: Array, outputs: Array) -> None:
-        """Add the rows of some worlds; weight: of all worlds, (W,). outputs: times [s after start], (T,)."""
+    def add(
+        self, fates: Fates, realisations: Sequence[Realisation], weight: Array, outputs: Array
+    ) -> None:
+        """Add the rows of some worlds; weight: of all worlds, (W,). outputs: times [s after start],
+        (T,).
+        """
         rows = _counted(fates, realisations, weight, outputs, self._kinds)
         segment, first = np.unique(rows.segment, return_index=True)
         bounds = np.append(first, rows.segment.size)
@@ -75,11 +85,15 @@ class Table:
         columns = [np.stack([rows.segment, rows.world, rows.most], axis=1)]
         columns += [number for of in (rows.lying, rows.arrived, rows.by_kind) for number in of]
         columns += [np.stack([*rows.first, *rows.before, *rows.after], axis=1)]
-        self._file.note(f"{len(self._parts)}", np.concatenate(columns, axis=1).astype(np.int32).ravel())
+        self._file.note(
+            f"{len(self._parts)}", np.concatenate(columns, axis=1).astype(np.int32).ravel()
+        )
         self._parts.append((segment, bounds, most))
 
     def pieces(self) -> Iterator[_Rows]:
-        """Yield the rows of runs of stretches that fit into CELLS; each run holds at least one stretch."""
+        """Yield the rows of runs of stretches that fit into CELLS; each run holds at least one
+        stretch.
+        """
         touched = np.unique(np.concatenate([segment for segment, _, _ in self._parts]))
         rows, largest = np.zeros((2, touched.size), np.int64)
         for segment, bounds, most in self._parts:
@@ -93,17 +107,29 @@ class Table:
         """Return the rows of the stretches from one number to another."""
         parts = []
         for number, (segment, bounds, _) in enumerate(self._parts):
-            begin, end = bounds[np.searchsorted(segment, first)], bounds[np.searchsorted(segment, last, "right")]
-            parts.append(self._file.noted(f"{number}", begin * self._width, end * self._width).reshape(-1, self._width))
+            begin, end = (
+                bounds[np.searchsorted(segment, first)],
+                bounds[np.searchsorted(segment, last, "right")],
+            )
+            parts.append(
+                self._file.noted(f"{number}", begin * self._width, end * self._width).reshape(
+                    -1, self._width
+                )
+            )
         every = np.concatenate(parts)
         every = every[np.argsort(every[:, 0], kind="stable")]  # worlds are in their order
-        r, sizes = len(every), (3, self._realisations * self._times, self._times, self._kinds * self._times)
+        r, sizes = (
+            len(every),
+            (3, self._realisations * self._times, self._times, self._kinds * self._times),
+        )
         head, lying, arrived, by_kind, when = np.split(every, np.cumsum(sizes), axis=1)
         numbers = [x.reshape(r, -1, self._times).swapaxes(0, 1) for x in (lying, arrived, by_kind)]
         return _Rows(*head.T, *numbers, *when.T.reshape(3, self._realisations, r))
 
 
-def _counted(fates: Fates, realisations: Sequence[Realisation], weight: Array, outputs: Array, kinds: int) -> _Rows:
+def _counted(
+    fates: Fates, realisations: Sequence[Realisation], weight: Array, outputs: Array, kinds: int
+) -> _Rows:
     """Return the rows of some worlds; kinds: number of classes that are told apart."""
     clean, stays, times = settled(fates), fates.stays, len(outputs)
     drawn = np.zeros(len(fates.world), bool)
@@ -111,17 +137,32 @@ def _counted(fates: Fates, realisations: Sequence[Realisation], weight: Array, o
         drawn |= realisation.stands > 0
     drawn &= weight[fates.world] > 0
     chosen = np.flatnonzero(drawn[stays.slot] & (clean["arrival"] < clean["leave"]))
-    slot, segment, arrival = stays.slot[chosen], stays.segment[chosen].astype(np.int64), clean["arrival"][chosen]
+    slot, segment, arrival = (
+        stays.slot[chosen],
+        stays.segment[chosen].astype(np.int64),
+        clean["arrival"][chosen],
+    )
     debut = np.zeros(len(chosen), bool)
     debut[np.unique(slot * (segment.max(initial=0) + 1) + segment, return_index=True)[1]] = True
     pair = segment * fates.worlds + fates.world[slot]
     order = np.lexsort((arrival, pair))
-    chosen, slot, pair, arrival, debut = chosen[order], slot[order], pair[order], arrival[order], debut[order]
+    chosen, slot, pair, arrival, debut = (
+        chosen[order],
+        slot[order],
+        pair[order],
+        arrival[order],
+        debut[order],
+    )
     pairs, row = np.unique(pair, return_inverse=True)
-    r, begin, end = len(pairs), np.searchsorted(outputs, arrival), np.searchsorted(outputs, clean["leave"][chosen])
+    r, begin, end = (
+        len(pairs),
+        np.searchsorted(outputs, arrival),
+        np.searchsorted(outputs, clean["leave"][chosen]),
+    )
 
     def lying(amount: Array, leaves: bool = True) -> Array:
-        """Return how many objects lie there by row and time, int32 (r, T); amount: of each stay (m,).
+        """Return how many objects lie there by row and time, int32 (r, T); amount: of each stay
+        (m,).
 
         leaves: whether stays end; else those that ever lay there count.
         """
@@ -182,14 +223,16 @@ class _Piece:
         if name == "probability":
             error = np.maximum(error, estimate.least_error(middle, 1 / self.squares))
             return {name: middle.T, f"{name}_se": error.T}
-        return {name: middle.T, f"{name}_se": error.T} | _hits(name, values, self.weight, self.start)
+        return {name: middle.T, f"{name}_se": error.T} | _hits(
+            name, values, self.weight, self.start
+        )
 
 
 class _Histogram:
     """Weighted histograms of the number of objects that lie on each stretch at each time.
 
-    Each stretch has as many classes as it needs; they are stored one after the other, so that a stretch with many
-    objects does not cost the others memory.
+    Each stretch has as many classes as it needs; they are stored one after the other, so that a
+    stretch with many objects does not cost the others memory.
     """
 
     def __init__(self, piece: _Piece, most: Array) -> None:
@@ -197,7 +240,10 @@ class _Histogram:
         self._piece, times = piece, piece.times
         self._classes = np.maximum.reduceat(most, piece.start) + 1
         self._base = np.append(0, np.cumsum(self._classes * times))
-        self._cell = self._base[piece.stretch][:, None] + np.arange(times) * self._classes[piece.stretch][:, None]
+        self._cell = (
+            self._base[piece.stretch][:, None]
+            + np.arange(times) * self._classes[piece.stretch][:, None]
+        )
         self._weight = np.zeros(self._base[-1])
 
     def add(self, number: Array, share: float) -> None:
@@ -212,18 +258,27 @@ class _Histogram:
         """
         piece, times = self._piece, self._piece.times
         groups = (self._base[:-1, None] + np.arange(times) * self._classes[:, None]).ravel()
-        self._weight[groups] += np.repeat(1 - np.add.reduceat(piece.weight, piece.start), times).clip(0)
+        self._weight[groups] += np.repeat(
+            1 - np.add.reduceat(piece.weight, piece.start), times
+        ).clip(0)
         numbers = np.arange(self._base[-1]) - np.repeat(groups, np.repeat(self._classes, times))
         number, error = estimate.quantiles(numbers, self._weight, groups, SHARES, 1 / piece.squares)
         shape = (len(SHARES), len(piece.start), times)
-        return {"number": number.reshape(shape).swapaxes(1, 2), "number_se": error.reshape(shape).swapaxes(1, 2)}
+        return {
+            "number": number.reshape(shape).swapaxes(1, 2),
+            "number_se": error.reshape(shape).swapaxes(1, 2),
+        }
 
 
 def figures(rows: _Rows, weight: Array) -> dict[str, Array]:
-    """Return the figures of a run of stretches; the last axis of each is the stretch. weight: of the worlds, (W,)."""
+    """Return the figures of a run of stretches; the last axis of each is the stretch. weight: of
+    the worlds, (W,).
+    """
     start = np.unique(rows.segment, return_index=True)[1]
     stretch = np.repeat(np.arange(len(start)), np.diff(np.append(start, len(rows.segment))))
-    piece = _Piece(rows.lying.shape[-1], start, stretch, weight[rows.world], float(np.sum(weight**2)))
+    piece = _Piece(
+        rows.lying.shape[-1], start, stretch, weight[rows.world], float(np.sum(weight**2))
+    )
     histogram, share = _Histogram(piece, rows.most.astype(np.int64)), 1 / len(rows.lying)
     for number in rows.lying:
         histogram.add(number, share)
@@ -239,14 +294,23 @@ def figures(rows: _Rows, weight: Array) -> dict[str, Array]:
         each = [piece.mean("expected_by_kind", values * share) for values in rows.by_kind]
         figures |= {name: np.array([kind[name] for kind in each]) for name in each[0]}
     else:
-        figures |= {"expected_by_kind": figures["expected"][None], "expected_by_kind_se": figures["expected_se"][None]}
+        figures |= {
+            "expected_by_kind": figures["expected"][None],
+            "expected_by_kind_se": figures["expected_se"][None],
+        }
     return figures | _when(rows, piece.weight * share, stretch, start, piece.squares)
 
 
 def _hits(name: str, value: Array, weight: Array, start: Array) -> dict[str, Array]:
-    """Return what estimate.unseen needs of the worlds whose values (rows, T) are not 0, each (T, stretches)."""
+    """Return what estimate.unseen needs of the worlds whose values (rows, T) are not 0, each (T,
+    stretches).
+    """
     w = weight[:, None]
-    parts = {"hits": w * (value > 0), "count": (value > 0).astype(float), "square": w**3 * np.square(value)}
+    parts = {
+        "hits": w * (value > 0),
+        "count": (value > 0).astype(float),
+        "square": w**3 * np.square(value),
+    }
     return {f"{name}_{part}": np.add.reduceat(x, start).T for part, x in parts.items()}
 
 
@@ -268,24 +332,33 @@ def unseen(figures: dict[str, Array], weight: Array) -> dict[str, Array]:
 
 
 def _arrivals(row: Array, many: int, arrival: Array, amount: Array) -> tuple[Array, Array, Array]:
-    """Return of all rows when the first object arrives, and the two in the middle, int32 (many,); FOREVER: none does.
+    """Return of all rows when the first object arrives, and the two in the middle, int32 (many,);
+    FOREVER: none does.
 
-    row: (m,) ascending; arrival: (m,) [s] ascending in each row; amount: (m,) objects, each arrives once.
+    row: (m,) ascending; arrival: (m,) [s] ascending in each row; amount: (m,) objects, each arrives
+    once.
     """
     there = np.flatnonzero(amount)
     row, arrival, amount = row[there], arrival[there], amount[there].astype(np.int64)
     rows, head = np.unique(row, return_index=True)
     running = np.cumsum(amount)
     before = running[head] - amount[head]
-    last = np.append(running[head[1:] - 1], running[-1:]) - before - 1  # number of the row's last object, from 0
-    middle = [arrival[np.searchsorted(running, before + which, side="right")] for which in (last // 2, (last + 1) // 2)]
+    # number of the row's last object, from 0
+    last = np.append(running[head[1:] - 1], running[-1:]) - before - 1
+    middle = [
+        arrival[np.searchsorted(running, before + which, side="right")]
+        for which in (last // 2, (last + 1) // 2)
+    ]
     when = np.full((3, many), FOREVER, np.int32)
     when[:, rows] = arrival[head], *middle
     return when[0], when[1], when[2]
 
 
-def _when(rows: _Rows, weight: Array, stretch: Array, start: Array, squares: float) -> dict[str, Array]:
-    """Return when the first object and the bulk arrive [s after start], if any does, and how probable that is.
+def _when(
+    rows: _Rows, weight: Array, stretch: Array, start: Array, squares: float
+) -> dict[str, Array]:
+    """Return when the first object and the bulk arrive [s after start], if any does, and how
+    probable that is.
 
     weight: of a row in each realisation.
     """
@@ -298,13 +371,20 @@ def _when(rows: _Rows, weight: Array, stretch: Array, start: Array, squares: flo
     ever, ever_se = estimate.mean(any_comes, weight * len(rows.first), start, squares)
     ever_se = np.maximum(ever_se, estimate.least_error(ever, 1 / squares))
     mass = weight * any_comes[:, 0]
-    # Weights are relative to the largest of each stretch: their squares may be too small for a float.
+    # Weights are relative to the largest of each stretch: their squares may be too small for a
+    # float.
     size = np.diff(np.append(start, mass.size))
-    part = mass / np.repeat(np.maximum(np.maximum.reduceat(mass, start), np.finfo(float).tiny), size)
-    many = np.add.reduceat(part, start) ** 2 / np.maximum(np.add.reduceat(part**2, start), np.finfo(float).tiny)
+    part = mass / np.repeat(
+        np.maximum(np.maximum.reduceat(mass, start), np.finfo(float).tiny), size
+    )
+    many = np.add.reduceat(part, start) ** 2 / np.maximum(
+        np.add.reduceat(part**2, start), np.finfo(float).tiny
+    )
     figures = {"ever": ever[:, 0], "ever_se": ever_se[:, 0], "effective_arrivals": many}
     for name, value in when.items():
         order = np.lexsort((value, stretch[row]))
         head = np.searchsorted(stretch[row][order], np.arange(len(start)))
-        figures[name], figures[f"{name}_se"] = estimate.quantiles(value[order], weight[row][order], head, SHARES, many)
+        figures[name], figures[f"{name}_se"] = estimate.quantiles(
+            value[order], weight[row][order], head, SHARES, many
+        )
     return figures

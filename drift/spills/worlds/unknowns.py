@@ -1,4 +1,6 @@
-"""The unknowns of a spill, before and after its finds side by side: release, biases, sinking, numbers."""
+"""The unknowns of a spill, before and after its finds side by side: release, biases, sinking,
+numbers.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,9 +17,14 @@ SHARES = (0.1, 0.5, 0.9)
 
 
 def unknowns_table(
-    worlds: Worlds, prior: Worlds, posterior: finds.Posterior, start: np.datetime64, kinds: Sequence[str]
+    worlds: Worlds,
+    prior: Worlds,
+    posterior: finds.Posterior,
+    start: np.datetime64,
+    kinds: Sequence[str],
 ) -> dict[str, Any]:
-    """Return the unit of each unknown, and its mean and 10/50/90 % quantiles before and after the finds.
+    """Return the unit of each unknown, and its mean and 10/50/90 % quantiles before and after the
+    finds.
 
     worlds: those weighted by the finds; prior: those first drawn.
     """
@@ -33,19 +40,31 @@ def unknowns_table(
             }
     numbers = posterior.known.numbers
     for name, grid, weight, after_finds in (
-        ("number of objects", numbers.objects.astype(float), numbers.objects_prior, posterior.objects),
+        (
+            "number of objects",
+            numbers.objects.astype(float),
+            numbers.objects_prior,
+            posterior.objects,
+        ),
         ("share destroyed", numbers.destroyed, numbers.destroyed_prior, posterior.destroyed),
     ):
         if grid.size > 1:
-            rows[name] = {"unit": "1", "prior": _figures(grid, weight), "posterior": _figures(grid, after_finds)}
+            rows[name] = {
+                "unit": "1",
+                "prior": _figures(grid, weight),
+                "posterior": _figures(grid, after_finds),
+            }
     return rows
 
 
-def _columns(worlds: Worlds, start: np.datetime64, kinds: Sequence[str]) -> dict[str, tuple[str, Any]]:
+def _columns(
+    worlds: Worlds, start: np.datetime64, kinds: Sequence[str]
+) -> dict[str, tuple[str, Any]]:
     begin = notation.epoch(start)
     turn = 360 / 2**32
     west = int(worlds.lon[0])
-    lon = np.subtract(worlds.lon, np.int32(west)) * turn + west * turn  # without a jump at the antimeridian
+    # without a jump at the antimeridian
+    lon = np.subtract(worlds.lon, np.int32(west)) * turn + west * turn
     columns: dict[str, tuple[str, Any]] = {
         "release longitude": ("deg", lon),
         "release latitude": ("deg", worlds.lat * turn),
@@ -69,7 +88,9 @@ def _figures(values: Real, weight: Real) -> dict[str, float]:
 
 
 def unknowns_csv(rows: dict[str, Any], worlds: float, run: str) -> str:
-    """Return the table as CSV; worlds: how many count after the finds. run: its run_id, in the last column."""
+    """Return the table as CSV; worlds: how many count after the finds. run: its run_id, in the last
+    column.
+    """
     figures = ("mean", *(f"{share:.0%}" for share in SHARES))
     header = [
         "unknown",

@@ -1,4 +1,6 @@
-"""What the finds of a spill came to, one by one: as numbers, as a table and in words; it writes no file."""
+"""What the finds of a spill came to, one by one: as numbers, as a table and in words; it writes no
+file.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,15 +18,33 @@ from geo.coast.segments import Segments
 
 ODD = 0.02  # tail probability below which a find is called odd
 COLUMNS = (
-    "number", "name", "time", "not_later_than", "lon_deg", "lat_deg", "position", "stretch", "segment", "class", "by", "false",
-    "probability_beforehand", "tail", "odd", "none_of_ours",
-)  # fmt: skip
+    "number",
+    "name",
+    "time",
+    "not_later_than",
+    "lon_deg",
+    "lat_deg",
+    "position",
+    "stretch",
+    "segment",
+    "class",
+    "by",
+    "false",
+    "probability_beforehand",
+    "tail",
+    "odd",
+    "none_of_ours",
+)
 
 Row = dict[str, Any]
 
 
-def rows(spill: Spill, segments: Segments, posterior: Posterior, surprises: Sequence[Surprise]) -> list[Row]:
-    """Return what is told of each find, by COLUMNS, in order of time; finds are numbered as in the case."""
+def rows(
+    spill: Spill, segments: Segments, posterior: Posterior, surprises: Sequence[Surprise]
+) -> list[Row]:
+    """Return what is told of each find, by COLUMNS, in order of time; finds are numbered as in the
+    case.
+    """
     known = posterior.known.finds
     return [
         _row(number, spill, segments, surprise, float(posterior.alien[number]))
@@ -44,7 +64,9 @@ def _row(number: int, spill: Spill, segments: Segments, surprise: Surprise, alie
         "not_later_than": find.latest,
         "lon_deg": float(sphere.wrap_degrees(lon)),
         "lat_deg": lat,
-        "position": notation.position(lon, lat) if spill.finds[number].stretch else notation.stated_position(lon, lat),
+        "position": notation.position(lon, lat)
+        if spill.finds[number].stretch
+        else notation.stated_position(lon, lat),
         "stretch": "at sea" if segment is None else washup_tables.stretch(segments, segment),
         "segment": segment,
         "class": given.kind,
@@ -103,13 +125,16 @@ def odd(told: Sequence[Row]) -> list[str]:
 
 
 def silence(period: Period, spill: Spill, until: float) -> str | None:
-    """Return in words what the figures take for granted about what was not found; None without finds and patrols.
+    """Return in words what the figures take for granted about what was not found; None without
+    finds and patrols.
 
     until: up to when all finds are known [s after start].
     """
     if not spill.finds and not spill.patrols:
         return None
     time = period.start + np.timedelta64(round(until), "s")
-    which = "spill.reporting.until" if spill.reporting.until is not None else "the last find or patrol"
+    which = (
+        "spill.reporting.until" if spill.reporting.until is not None else "the last find or patrol"
+    )
     what = "no other reports" if spill.finds else "no finds or reports"
     return f"{what} until {notation.group(time)} ({which}); that silence is evidence too"

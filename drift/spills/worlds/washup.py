@@ -2,10 +2,12 @@
 
 That is how many come ashore on each stretch of coast, and when.
 
-Every world of every realisation is one complete simulated spill: N whole objects. Figures are means and quantiles over
-these, weighted; standard errors are over worlds (see drift.spills.worlds.estimate). An object lies on a stretch at a time if a
-stay of it contains the time; one that refloats counts where it lies, and has arrived wherever it ever lay. Objects that
-were destroyed or found are in the account at all times, as if gone from the beginning, and on no stretch.
+Every world of every realisation is one complete simulated spill: N whole objects. Figures are means
+and quantiles over these, weighted; standard errors are over worlds (see
+drift.spills.worlds.estimate). An object lies on a stretch at a time if a stay of it contains the
+time; one that refloats counts where it lies, and has arrived wherever it ever lay. Objects that
+were destroyed or found are in the account at all times, as if gone from the beginning, and on no
+stretch.
 """
 
 from collections.abc import Iterable, Sequence
@@ -34,11 +36,13 @@ def build_washup(
     realisations: int = 1,
     folder: Path | None = None,
 ) -> xr.Dataset:
-    """Return the washup of every stretch that an object of any realisation touches, by time, and the account.
+    """Return the washup of every stretch that an object of any realisation touches, by time, and
+    the account.
 
-    spills: fates part by part, and as many realisations of each. weight: of the worlds, float64 (W,), adds up to 1.
-    outputs: int (T,) [s after start], ascending. start: of the run, UTC. kinds: names of the classes of objects, in order
-    of their numbers. folder: for a file that goes at the end; None: the temporary one.
+    spills: fates part by part, and as many realisations of each. weight: of the worlds, float64
+    (W,), adds up to 1. outputs: int (T,) [s after start], ascending. start: of the run, UTC. kinds:
+    names of the classes of objects, in order of their numbers. folder: for a file that goes at the
+    end; None: the temporary one.
     """
     weight, outputs = np.asarray(weight, np.float64), np.asarray(outputs, np.int64)
     accounts: list[Array] = []
@@ -46,13 +50,21 @@ def build_washup(
         table = stretches.Table(file, realisations, len(outputs), len(kinds))
         for fates, drawn in spills:
             table.add(fates, drawn, weight, outputs)
-            accounts.append(np.stack([account(fates, one, outputs) for one in drawn]).astype(np.int32))
+            accounts.append(
+                np.stack([account(fates, one, outputs) for one in drawn]).astype(np.int32)
+            )
         parts = [stretches.figures(rows, weight) for rows in table.pieces()]
-    figures = {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]} if parts else {}
+    figures = (
+        {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]}
+        if parts
+        else {}
+    )
     touched = figures.pop("segment", np.empty(0, np.int64))
     figures |= stretches.unseen(figures, weight)
     figures |= _account(accounts, weight, len(outputs))
-    return washup_dataset.build_washup_dataset(figures, segments, touched, weight, realisations, outputs, start, kinds)
+    return washup_dataset.build_washup_dataset(
+        figures, segments, touched, weight, realisations, outputs, start, kinds
+    )
 
 
 def worst(data: xr.Dataset, count: int | None = None, time: int = -1) -> Array:
@@ -67,9 +79,13 @@ def worst(data: xr.Dataset, count: int | None = None, time: int = -1) -> Array:
 
 
 def account(fates: Fates, realisation: Realisation, outputs: Array) -> Array:
-    """Return the number of each world's objects of each of washup_dataset.FATES at each time, int64 (worlds, T, 7)."""
+    """Return the number of each world's objects of each of washup_dataset.FATES at each time, int64
+    (worlds, T, 7).
+    """
     stands = realisation.stands
-    when = {name: np.searchsorted(outputs, values) for name, values in stretches.settled(fates).items()}
+    when = {
+        name: np.searchsorted(outputs, values) for name, values in stretches.settled(fates).items()
+    }
 
     def by_world(world: Array, at: Array, amount: Array) -> Array:
         """Return the sums of amounts by world up to each time."""
@@ -84,19 +100,26 @@ def account(fates: Fates, realisation: Realisation, outputs: Array) -> Array:
     gone = by_world(fates.world, when["ended"], np.where(fates.ending == Status.SUNK, 0, stands))
     every = np.zeros(fates.many, np.int64)
     np.add.at(every, fates.world - fates.here.start, stands)
-    lost = [np.repeat(values[:, None], len(outputs), axis=1) for values in (realisation.destroyed, realisation.found)]
+    lost = [
+        np.repeat(values[:, None], len(outputs), axis=1)
+        for values in (realisation.destroyed, realisation.found)
+    ]
     return np.stack(
-        [every[:, None] - released, released - ashore - sunk - gone, ashore, sunk, gone, *lost], axis=-1
+        [every[:, None] - released, released - ashore - sunk - gone, ashore, sunk, gone, *lost],
+        axis=-1,
     ).astype(np.int64)
 
 
 def _account(parts: Sequence[Array], weight: Array, times: int) -> dict[str, Array]:
-    """Return the totals over all stretches, time by time; parts: of `account`, (realisations, worlds, T, 7) each."""
+    """Return the totals over all stretches, time by time; parts: of `account`, (realisations,
+    worlds, T, 7) each.
+    """
     squares, worlds = float(np.sum(weight**2)), len(weight)
     by_world = np.empty((worlds, times, len(washup_dataset.FATES)), np.float32)
     columns = []
     for t in range(times):
-        every = np.concatenate([part[:, :, t] for part in parts], axis=1)  # (realisations, worlds, fates)
+        # (realisations, worlds, fates)
+        every = np.concatenate([part[:, :, t] for part in parts], axis=1)
         middle = every.mean(axis=0)
         by_world[:, t] = middle
         flat = every.reshape(-1, every.shape[-1]).T
@@ -108,7 +131,12 @@ def _account(parts: Sequence[Array], weight: Array, times: int) -> dict[str, Arr
             SHARES,
             1 / squares,
         )
-        columns.append((*(x[0] for x in estimate.mean(middle, weight, np.array([0]), squares)), *number))
+        columns.append(
+            (*(x[0] for x in estimate.mean(middle, weight, np.array([0]), squares)), *number)
+        )
     names = ("total", "total_se", "total_number", "total_number_se")
-    figures = {name: np.stack(of, axis=-1) for name, of in zip(names, zip(*columns, strict=True), strict=True)}
+    figures = {
+        name: np.stack(of, axis=-1)
+        for name, of in zip(names, zip(*columns, strict=True), strict=True)
+    }
     return figures | {"world_total": by_world}

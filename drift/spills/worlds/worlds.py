@@ -2,10 +2,11 @@
 
 The unknowns are drawn as independent standard normals.
 
-Each unknown is a function of one or more latent normals, so a prior is a standard normal in every direction, cut to
-what is possible (releases in the stated area, in water); worlds can be drawn anew from any density over the latents and
-weighted by the ratio of the two (importance sampling; Cappe et al. 2004, "Population Monte Carlo",
-doi:10.1198/106186004X12803). Works on NumPy float64; nothing here touches the device.
+Each unknown is a function of one or more latent normals, so a prior is a standard normal in every
+direction, cut to what is possible (releases in the stated area, in water); worlds can be drawn anew
+from any density over the latents and weighted by the ratio of the two (importance sampling; Cappe
+et al. 2004, "Population Monte Carlo", doi:10.1198/106186004X12803). Works on NumPy float64; nothing
+here touches the device.
 """
 
 import hashlib
@@ -31,7 +32,8 @@ from kernels.maths.noise import Purpose
 
 IsLand = Callable[[Array, Array], Array]
 
-DEFENSIVE = 0.1  # share of renewed worlds that still come from the prior: keeps weights bounded (Hesterberg 1995)
+# share of renewed worlds that still come from the prior: keeps weights bounded (Hesterberg 1995)
+DEFENSIVE = 0.1
 TRIES = 400  # rounds of candidates before a release is refused as lying on land
 
 
@@ -50,7 +52,8 @@ class Worlds:
     current_north: Real
     sinking: Real  # [s] half-life or median time of waterlogging, by class; inf: never
     reporting: Real  # factor on all reporting rates
-    member: npt.NDArray[np.int32] | None = None  # of an ensemble of winds and currents, ascending; None: there is none
+    # of an ensemble of winds and currents, ascending; None: there is none
+    member: npt.NDArray[np.int32] | None = None
     members: int = 0  # of that ensemble
 
     @property
@@ -61,7 +64,9 @@ class Worlds:
     def some(self, first: int, last: int) -> "Worlds":
         """Return the worlds from number `first` to before `last`."""
         own: dict[str, Any] = {
-            name: value[first:last] for name, value in vars(self).items() if isinstance(value, np.ndarray)
+            name: value[first:last]
+            for name, value in vars(self).items()
+            if isinstance(value, np.ndarray)
         }
         return replace(self, **own)
 
@@ -71,7 +76,9 @@ class Worlds:
         total = hashlib.blake2b(digest_size=16)
         for value in vars(self).values():
             total.update(
-                np.ascontiguousarray(value).tobytes() if isinstance(value, np.ndarray) else repr(value).encode()
+                np.ascontiguousarray(value).tobytes()
+                if isinstance(value, np.ndarray)
+                else repr(value).encode()
             )
         return total.hexdigest()
 
@@ -83,21 +90,31 @@ class Proposal:
     centre: Real  # (m, k)
     share: Real  # (m,) sum 1
     covariance: Real  # (k, k) of each normal
-    member: npt.NDArray[np.int32] | None = None  # (m,) member of the ensemble of each normal; None: there is none
+    # (m,) member of the ensemble of each normal; None: there is none
+    member: npt.NDArray[np.int32] | None = None
     members: int = 0  # of the ensemble
 
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[Real, npt.NDArray[np.int32] | None]:
-        """Return latents, shape (count, k), and members of the ensemble (count,), where there is one."""
+    def draw(
+        self, rng: np.random.Generator, count: int
+    ) -> tuple[Real, npt.NDArray[np.int32] | None]:
+        """Return latents, shape (count, k), and members of the ensemble (count,), where there is
+        one.
+        """
         chosen = rng.choice(self.share.size, count, p=self.share)
-        near = self.centre[chosen] + rng.multivariate_normal(np.zeros(self.centre.shape[1]), self.covariance, count)
+        near = self.centre[chosen] + rng.multivariate_normal(
+            np.zeros(self.centre.shape[1]), self.covariance, count
+        )
         defends = rng.random(count) < DEFENSIVE
         latent = np.where(defends[:, None], rng.standard_normal(near.shape), near)
         if self.member is None:
             return latent, None
-        return latent, np.where(defends, rng.integers(self.members, size=count), self.member[chosen]).astype(np.int32)
+        return latent, np.where(
+            defends, rng.integers(self.members, size=count), self.member[chosen]
+        ).astype(np.int32)
 
     def log_density(self, latent: Real, member: npt.NDArray[np.int32] | None = None) -> Real:
-        """Return the logarithm of the density at latents (n, k), and at members (n,) where there are any.
+        """Return the logarithm of the density at latents (n, k), and at members (n,) where there
+        are any.
 
         A constant is left out, the same one as in `_log_prior`.
         """
@@ -106,11 +123,15 @@ class Proposal:
         centres = np.linalg.solve(factor, self.centre.T).T
         square = (scaled**2).sum(1)[:, None] + (centres**2).sum(1)[None] - 2 * scaled @ centres.T
         share = (
-            self.share if self.member is None else np.where(self.member == np.asarray(member)[:, None], self.share, 0)
+            self.share
+            if self.member is None
+            else np.where(self.member == np.asarray(member)[:, None], self.share, 0)
         )
         mixture = special.logsumexp(-0.5 * square, axis=1, b=share) - np.log(np.diag(factor)).sum()
         prior = _log_prior(latent, self.members)
-        return np.asarray(np.logaddexp(math.log(1 - DEFENSIVE) + mixture, math.log(DEFENSIVE) + prior))
+        return np.asarray(
+            np.logaddexp(math.log(1 - DEFENSIVE) + mixture, math.log(DEFENSIVE) + prior)
+        )
 
 
 def around(worlds: Worlds, weight: Real) -> Proposal:
@@ -145,8 +166,9 @@ def draw_worlds(
 ) -> Worlds:
     """Return worlds from the prior, or from a proposal and weighted for it.
 
-    is_land: int32 binary angles (lon, lat) -> bool. members: of an ensemble of winds and currents, which worlds from the
-    prior are dealt. Raises UserError when next to no release lies in water, or there are fewer worlds than members.
+    is_land: int32 binary angles (lon, lat) -> bool. members: of an ensemble of winds and currents,
+    which worlds from the prior are dealt. Raises UserError when next to no release lies in water,
+    or there are fewer worlds than members.
     """
     rng = noise.generator(seed, Purpose.WORLDS)
     model = _Model(spill)
@@ -183,7 +205,9 @@ def draw_worlds(
             return model.worlds(latent, np.zeros(wanted))
         member = dealt.deal(wanted, members, partials.WORLDS)
         return replace(
-            model.worlds(latent, dealt.even(member, members) + math.log(wanted)), member=member, members=members
+            model.worlds(latent, dealt.even(member, members) + math.log(wanted)),
+            member=member,
+            members=members,
         )
     if not kept_member:
         return model.worlds(latent, _log_prior(latent) - proposal.log_density(latent))
@@ -213,7 +237,9 @@ class _Model:
         """Return one latent, 0 where there is none."""
         return latent[:, self.names.index(name)] if name in self.names else np.zeros(len(latent))
 
-    def place(self, latent: Real) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
+    def place(
+        self, latent: Real
+    ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.bool_]]:
         """Return releases [binary angle] and whether they are possible by the stated prior."""
         lon, lat, possible = self.release.place(partial(self.of, latent))
         return sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat)), possible
@@ -226,7 +252,9 @@ class _Model:
         for k, kind in enumerate(spill.kinds):
             if kind.sinking:
                 low, high = np.log(kind.sinking.time)
-                sinking[:, k] = np.exp(low + (high - low) * special.ndtr(self.of(latent, f"sinking {kind.name}")))
+                sinking[:, k] = np.exp(
+                    low + (high - low) * special.ndtr(self.of(latent, f"sinking {kind.name}"))
+                )
         return Worlds(
             latent=latent,
             names=self.names,

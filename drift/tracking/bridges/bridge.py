@@ -1,17 +1,20 @@
 """Brownian bridges between way points on the sphere, and where they are at a time.
 
-Nunez, Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, equations 2 to 9, have them in a plane: the mean is on
-the straight way, the variance K^2 s (1 - s) T grows to the middle, and the errors of both ends, normal and perhaps correlated,
-add to it in the proportion 1 - s and s. Here the way is a great circle, so that no plane must be chosen. What is across it
-changes with the way s as neighbouring great circles part and meet (Jacobi's equation, y'' = -y on the unit sphere): for
-ends an angle h apart, sin((1 - s) h) / sin(h) of the error of departure, sin(s h) / sin(h) of that of arrival, and the variance
-K^2 T sin(s h) sin((1 - s) h) / (h sin(h)), the equation's Green's function with both ends held. At s = 1/2 that is
-K^2 T tan(h/2) / (2 h). What is along the way is as in the plane, and for h -> 0 everything is: what it strays across has a
-variance larger by the share h^2 s (1 - s) / 3, at most h^2/12 (0.06 % for ends 300 nmi apart).
+Nunez, Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, equations 2 to 9, have them in
+a plane: the mean is on the straight way, the variance K^2 s (1 - s) T grows to the middle, and the
+errors of both ends, normal and perhaps correlated, add to it in the proportion 1 - s and s. Here
+the way is a great circle, so that no plane must be chosen. What is across it changes with the way s
+as neighbouring great circles part and meet (Jacobi's equation, y'' = -y on the unit sphere): for
+ends an angle h apart, sin((1 - s) h) / sin(h) of the error of departure, sin(s h) / sin(h) of that
+of arrival, and the variance K^2 T sin(s h) sin((1 - s) h) / (h sin(h)), the equation's Green's
+function with both ends held. At s = 1/2 that is K^2 T tan(h/2) / (2 h). What is along the way is as
+in the plane, and for h -> 0 everything is: what it strays across has a variance larger by the share
+h^2 s (1 - s) / 3, at most h^2/12 (0.06 % for ends 300 nmi apart).
 
-The law is of first order in the deviation from the way: with a standard deviation d it is off by the share (d/R)^2 or so, 0.17 % at
-d = 140 nmi. 400,000 paths of 400 Euler steps in three dimensions, over 6,000 nmi, had 140.28 +- 0.16 nmi across midway and 119.98 +-
-0.13 along; by the law these are 140.20 and 120. Motion in each leg is independent of the ends and of the other legs.
+The law is of first order in the deviation from the way: with a standard deviation d it is off by
+the share (d/R)^2 or so, 0.17 % at d = 140 nmi. 400,000 paths of 400 Euler steps in three
+dimensions, over 6,000 nmi, had 140.28 +- 0.16 nmi across midway and 119.98 +- 0.13 along; by the
+law these are 140.20 and 120. Motion in each leg is independent of the ends and of the other legs.
 """
 
 from dataclasses import dataclass
@@ -26,15 +29,18 @@ FARTHEST = np.radians(
     150.0
 )  # [rad] between way points: at 180 degrees all ways are equally short, and none is the mean
 WIDEST = sphere.RADIUS / 2  # [m] standard deviation; beyond it, a law of first order says little
-LOOSE = 1e-9  # share of the largest variance by which rounding may make a covariance lopsided or negative
+# share of the largest variance by which rounding may make a covariance lopsided or negative
+LOOSE = 1e-9
 
 
 @dataclass(frozen=True)
 class Bridge:
-    """Way points in order of time, how well they are known, and how far the motion strays between them.
+    """Way points in order of time, how well they are known, and how far the motion strays between
+    them.
 
-    lon, lat: [rad], (n,). time: [s], (n,), since 1970 or since any other moment. covariance: [m2], (2 n, 2 n), of the errors
-    east and north at the first way point, east and north at the second, and so on. spread_rate: K [m/sqrt(s)].
+    lon, lat: [rad], (n,). time: [s], (n,), since 1970 or since any other moment. covariance: [m2],
+    (2 n, 2 n), of the errors east and north at the first way point, east and north at the second,
+    and so on. spread_rate: K [m/sqrt(s)].
     """
 
     lon: Array
@@ -48,7 +54,8 @@ class Bridge:
 class Position:
     """Where a bridge is at some times: normal in the tangent plane of its mean.
 
-    time: [s], (m,). lon, lat: of the mean [rad], (m,). covariance: east and north of the mean [m2], (m, 2, 2).
+    time: [s], (m,). lon, lat: of the mean [rad], (m,). covariance: east and north of the mean [m2],
+    (m, 2, 2).
     """
 
     time: Array
@@ -61,7 +68,8 @@ class Position:
 class Ways:
     """The great circles from way point to way point.
 
-    angle: length [rad], (n - 1,). begin, end: turn (east, north) at the leg's first and last point into (along, to the left), (n - 1, 2, 2).
+    angle: length [rad], (n - 1,). begin, end: turn (east, north) at the leg's first and last point
+    into (along, to the left), (n - 1, 2, 2).
     """
 
     angle: Array
@@ -78,13 +86,18 @@ def between(
 ) -> Bridge:
     """Return the bridge between way points, two or more in order of time.
 
-    lon_deg, lat_deg: [deg], (n,). time: np.datetime64 in UTC, or seconds, (n,). spread_rate: K [m/sqrt(s)]; drift.case.values.units
-    has it from "12 nmi/sqrt(h)". covariance: [m2], (2 n, 2 n), east and north at each way point; None: all are known
-    exactly. Raises ValueError where there is no such bridge.
+    lon_deg, lat_deg: [deg], (n,). time: np.datetime64 in UTC, or seconds, (n,). spread_rate: K
+    [m/sqrt(s)]; drift.case.values.units has it from "12 nmi/sqrt(h)". covariance: [m2], (2 n, 2 n),
+    east and north at each way point; None: all are known exactly. Raises ValueError where there is
+    no such bridge.
     """
     lon, lat = (np.radians(np.atleast_1d(np.asarray(x, np.float64))) for x in (lon_deg, lat_deg))
     moments = np.atleast_1d(np.asarray(time))
-    seconds = notation.epochs(moments).astype(np.float64) if moments.dtype.kind == "M" else moments.astype(np.float64)
+    seconds = (
+        notation.epochs(moments).astype(np.float64)
+        if moments.dtype.kind == "M"
+        else moments.astype(np.float64)
+    )
     size = 2 * lon.size
     matrix = np.zeros((size, size)) if covariance is None else np.asarray(covariance, np.float64)
     _refuse(lon, lat, seconds, spread_rate, matrix)
@@ -94,7 +107,9 @@ def between(
 
 
 def refuse_width(spread: float) -> None:
-    """Raise ValueError, one line, for a standard deviation [m] that a law of first order says little of."""
+    """Raise ValueError, one line, for a standard deviation [m] that a law of first order says
+    little of.
+    """
     if spread > WIDEST:
         raise ValueError(
             f"it strays by {spread / notation.NMI:,.0f} nmi (standard deviation), more than the {WIDEST / notation.NMI:,.0f} nmi that the "
@@ -103,7 +118,9 @@ def refuse_width(spread: float) -> None:
 
 
 def refuse_antipodes(lon: Array, lat: Array) -> None:
-    """Raise ValueError, one line, for way points [rad] (n,) of which two in a row are so far apart that all ways are alike."""
+    """Raise ValueError, one line, for way points [rad] (n,) of which two in a row are so far apart
+    that all ways are alike.
+    """
     apart = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / sphere.RADIUS
     if apart.max(initial=0.0) > FARTHEST:
         k = int(np.argmax(apart))
@@ -114,7 +131,9 @@ def refuse_antipodes(lon: Array, lat: Array) -> None:
 
 
 def widest(bridge: Bridge) -> float:
-    """Return the largest standard deviation [m] in any direction, at the way points and midway between them."""
+    """Return the largest standard deviation [m] in any direction, at the way points and midway
+    between them.
+    """
     middle = (bridge.time[:-1] + bridge.time[1:]) / 2
     covariance = bridge_at(bridge, np.concatenate([bridge.time, middle])).covariance
     return float(np.sqrt(np.linalg.eigvalsh(covariance).max()))
@@ -127,7 +146,9 @@ def _refuse(lon: Array, lat: Array, time: Array, spread_rate: float, covariance:
             f"lon, lat and time have shapes {lon.shape}, {lat.shape} and {time.shape}; they must be one (n,)"
         )
     if lon.size < 2:
-        raise ValueError(f"a bridge needs two way points or more, its departure and its arrival; given {lon.size}")
+        raise ValueError(
+            f"a bridge needs two way points or more, its departure and its arrival; given {lon.size}"
+        )
     if not (np.isfinite(lon).all() and np.isfinite(lat).all() and np.isfinite(time).all()):
         raise ValueError("a longitude, latitude or time of the way points is not finite")
     if np.abs(lat).max() > np.pi / 2:
@@ -136,17 +157,23 @@ def _refuse(lon: Array, lat: Array, time: Array, spread_rate: float, covariance:
     if steps.min() <= 0:
         k = int(np.argmin(steps > 0))
         when = "at the time of" if steps[k] == 0 else f"{-steps[k] / 3600:g} h before"
-        raise ValueError(f"way point {k + 2} is reached {when} way point {k + 1}; way points stand in order of time")
+        raise ValueError(
+            f"way point {k + 2} is reached {when} way point {k + 1}; way points stand in order of time"
+        )
     if not 0 <= spread_rate < np.inf:
         raise ValueError(f"spread rate {spread_rate!r} must be at least 0 m/sqrt(s), and finite")
     refuse_antipodes(lon, lat)
     if covariance.shape != (2 * lon.size,) * 2 or not np.isfinite(covariance).all():
-        raise ValueError(f"covariance has shape {covariance.shape}; must be finite and {(2 * lon.size,) * 2}, in m2")
+        raise ValueError(
+            f"covariance has shape {covariance.shape}; must be finite and {(2 * lon.size,) * 2}, in m2"
+        )
     tolerance = LOOSE * np.abs(covariance).max(initial=0.0)
     if np.abs(covariance - covariance.T).max() > tolerance:
         raise ValueError("covariance is not symmetric")
     if np.linalg.eigvalsh(covariance).min() < -tolerance:
-        raise ValueError("covariance is not positive semi-definite: it has a negative variance in some direction")
+        raise ValueError(
+            "covariance is not positive semi-definite: it has a negative variance in some direction"
+        )
 
 
 def ways(bridge: Bridge) -> Ways:
@@ -174,12 +201,14 @@ def across(share: Array, angle: Array) -> Array:
 
 
 def strayed(share: Array, later: Array, angle: Array) -> Array:
-    """Return the covariance of what a bridge strays by two times, over K^2 T: (..., 2) along and across the way.
+    """Return the covariance of what a bridge strays by two times, over K^2 T: (..., 2) along and
+    across the way.
 
     share, later: of the leg's time, share <= later, (...). angle: length of the leg [rad], (...).
     """
     plane = share * (1 - later)
-    # sin(s h) / (h sin(h)) sin((1 - s') h), with the h of both numerators taken out so that h -> 0 does no harm
+    # sin(s h) / (h sin(h)) sin((1 - s') h), with the h of both numerators taken out so that h -> 0
+    # does no harm
     bent = across(share, angle) * (1 - later) * np.sinc((1 - later) * angle / np.pi)
     return np.stack([plane, bent], -1)
 
@@ -187,16 +216,20 @@ def strayed(share: Array, later: Array, angle: Array) -> Array:
 def bridge_at(bridge: Bridge, time: npt.ArrayLike) -> Position:
     """Return where a bridge is at times, np.datetime64 or seconds as the bridge has them, (m,).
 
-    Equations 2 to 9, on the sphere. Raises ValueError for a time before the first way point or after the last.
+    Equations 2 to 9, on the sphere. Raises ValueError for a time before the first way point or
+    after the last.
     """
     on = _placed(bridge, time)
     errors = np.einsum("mia,ab,mjb->mij", on.weights, bridge.covariance, on.weights)
     noise = bridge.spread_rate**2 * on.span[:, None] * strayed(on.share, on.share, on.angle)
-    return Position(on.time, on.lon, on.lat, errors + np.einsum("mai,ma,maj->mij", on.turn, noise, on.turn))
+    return Position(
+        on.time, on.lon, on.lat, errors + np.einsum("mai,ma,maj->mij", on.turn, noise, on.turn)
+    )
 
 
 def joint(bridge: Bridge, time: npt.ArrayLike) -> tuple[Position, Array]:
-    """Return where a bridge is at times (m,), and the covariance [m2] of all these places, (2 m, 2 m).
+    """Return where a bridge is at times (m,), and the covariance [m2] of all these places, (2 m, 2
+    m).
 
     The order is east and north of the first mean, east and north of the second, and so on.
     """
@@ -205,9 +238,13 @@ def joint(bridge: Bridge, time: npt.ArrayLike) -> tuple[Position, Array]:
     weights = on.weights.reshape(2 * size, -1)
     whole = weights @ bridge.covariance @ weights.T
     first, second = np.broadcast_arrays(np.arange(size)[:, None], np.arange(size))
-    low, high = np.minimum(on.share[first], on.share[second]), np.maximum(on.share[first], on.share[second])
+    low, high = (
+        np.minimum(on.share[first], on.share[second]),
+        np.maximum(on.share[first], on.share[second]),
+    )
     noise = bridge.spread_rate**2 * on.span[first][..., None] * strayed(low, high, on.angle[first])
-    noise = noise * (on.leg[first] == on.leg[second])[..., None]  # what it strays in one leg says nothing of another
+    # what it strays in one leg says nothing of another
+    noise = noise * (on.leg[first] == on.leg[second])[..., None]
     whole = whole + np.einsum("mai,mna,naj->minj", on.turn, noise, on.turn).reshape(whole.shape)
     blocks = whole.reshape(size, 2, size, 2)[np.arange(size), :, np.arange(size)]
     return Position(on.time, on.lon, on.lat, blocks), whole
@@ -217,9 +254,10 @@ def joint(bridge: Bridge, time: npt.ArrayLike) -> tuple[Position, Array]:
 class _Placed:
     """Times of a bridge on its legs; every array begins with an axis of times, (m, ..).
 
-    leg: number of the leg. share: of its time that has passed. span: its time [s]. angle: its length [rad]. lon, lat: of the
-    mean [rad]. turn: of (east, north) there into (along, to the left), (m, 2, 2). weights: by which the errors of the way
-    points enter east and north there, (m, 2, 2 n).
+    leg: number of the leg. share: of its time that has passed. span: its time [s]. angle: its
+    length [rad]. lon, lat: of the mean [rad]. turn: of (east, north) there into (along, to the
+    left), (m, 2, 2). weights: by which the errors of the way points enter east and north there, (m,
+    2, 2 n).
     """
 
     time: Array
@@ -235,7 +273,11 @@ class _Placed:
 
 def _placed(bridge: Bridge, time: npt.ArrayLike) -> _Placed:
     moments = np.atleast_1d(np.asarray(time))
-    seconds = notation.epochs(moments).astype(np.float64) if moments.dtype.kind == "M" else moments.astype(np.float64)
+    seconds = (
+        notation.epochs(moments).astype(np.float64)
+        if moments.dtype.kind == "M"
+        else moments.astype(np.float64)
+    )
     begin, end = bridge.time[0], bridge.time[-1]
     if not ((seconds >= begin) & (seconds <= end)).all():
         given = np.extract(~((seconds >= begin) & (seconds <= end)), seconds)[0]
@@ -250,7 +292,9 @@ def _placed(bridge: Bridge, time: npt.ArrayLike) -> _Placed:
     east, north = sphere.offset(x0, y0, x1, y1)
     lon, lat = sphere.destination(x0, y0, east * share, north * share)
     ahead, back = sphere.offset(lon, lat, x1, y1), sphere.offset(lon, lat, x0, y0)
-    turn = turned(np.stack([np.where(share < 0.5, a, -b) for a, b in zip(ahead, back, strict=True)], -1))
+    turn = turned(
+        np.stack([np.where(share < 0.5, a, -b) for a, b in zip(ahead, back, strict=True)], -1)
+    )
     angle = legs.angle[leg]
     departure = np.stack([1 - share, across(1 - share, angle)], -1)
     arrival = np.stack([share, across(share, angle)], -1)

@@ -1,11 +1,14 @@
-"""Whether and when a bridge first touches a line on the Earth: the great circle through two positions, all the way round.
+"""Whether and when a bridge first touches a line on the Earth: the great circle through two
+positions, all the way round.
 
-Distances from a great circle are exact on the sphere. Where all way points are known and each leg is shorter than PART, the
-closed forms of drift.tracking.bridges.line hold leg by leg: the mean way bends beside the line by at most 0.1 % of its distance from it. Where
-a leg is longer, or way points are uncertain, the law of the places in between and of the way points (drift.tracking.bridges.bridge.joint) is drawn
-from by Sobol's sequence (scrambled, always alike), and the closed forms are averaged over the draws: what is drawn is only where
-the bridge is at a few times, never its path, so that no touch between two times is missed. `error` is the standard error over
-independent scramblings.
+Distances from a great circle are exact on the sphere. Where all way points are known and each leg
+is shorter than PART, the closed forms of drift.tracking.bridges.line hold leg by leg: the mean way
+bends beside the line by at most 0.1 % of its distance from it. Where a leg is longer, or way points
+are uncertain, the law of the places in between and of the way points
+(drift.tracking.bridges.bridge.joint) is drawn from by Sobol's sequence (scrambled, always alike),
+and the closed forms are averaged over the draws: what is drawn is only where the bridge is at a few
+times, never its path, so that no touch between two times is missed. `error` is the standard error
+over independent scramblings.
 """
 
 from dataclasses import dataclass
@@ -21,7 +24,8 @@ from geo import sphere
 from geo.array import Array
 from geo.notation import NMI
 
-PART = 300 * NMI  # [m] longest piece of a way that is taken for straight beside a line, and largest spread within it
+# [m] longest piece of a way that is taken for straight beside a line, and largest spread within it
+PART = 300 * NMI
 SCRAMBLES, POWER = 8, 12  # independent scramblings of 2^12 draws each
 SEED = 2020  # of the scramblings: the same question has the same answer
 SMALLEST = 2.0**-40  # a number of a scrambled sequence may be 0
@@ -41,9 +45,10 @@ class Line:
 class Crossing:
     """How far a bridge is from a line at some times, in draws.
 
-    time: [s], (m,), the way points among them. distance: [m], positive to the left of the line as its first position sees the
-    second, (scramblings, draws, m); one draw where nothing is uncertain. untouched: probability that the line has not been
-    touched by each of these times, as `distance`. spread_rate: K [m/sqrt(s)].
+    time: [s], (m,), the way points among them. distance: [m], positive to the left of the line as
+    its first position sees the second, (scramblings, draws, m); one draw where nothing is
+    uncertain. untouched: probability that the line has not been touched by each of these times, as
+    `distance`. spread_rate: K [m/sqrt(s)].
     """
 
     time: Array
@@ -63,13 +68,16 @@ class Chance:
 def through(name: str, lon_deg: npt.ArrayLike, lat_deg: npt.ArrayLike) -> Line:
     """Return the great circle through two positions [deg], (2,).
 
-    Raises ValueError where they are one place, or on opposite sides of the Earth: no great circle is told then.
+    Raises ValueError where they are one place, or on opposite sides of the Earth: no great circle
+    is told then.
     """
     lon, lat = (np.radians(np.asarray(x, np.float64)) for x in (lon_deg, lat_deg))
     if lon.shape != (2,) or lat.shape != (2,):
         raise ValueError(f'line "{name}" goes through two positions; given {lon.size}')
     if not np.isfinite([lon, lat]).all() or np.abs(lat).max() > np.pi / 2:
-        raise ValueError(f'line "{name}": a position is not finite, or its latitude outside -90 to 90')
+        raise ValueError(
+            f'line "{name}": a position is not finite, or its latitude outside -90 to 90'
+        )
     apart = float(sphere.distance(lon[0], lat[0], lon[1], lat[1]))
     if not 1.0 < apart < np.pi * sphere.RADIUS - 1.0:
         raise ValueError(
@@ -87,7 +95,9 @@ def distance(line: Line, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
     """Return distances [m] of places [rad] from a line, positive to its left, of the same shape."""
     pole = np.cross(*_unit(line.lon, line.lat))
     pole = pole / np.linalg.norm(pole)
-    return np.asarray(sphere.RADIUS * np.arcsin(np.clip(_unit(np.asarray(lon), np.asarray(lat)) @ pole, -1, 1)))
+    return np.asarray(
+        sphere.RADIUS * np.arcsin(np.clip(_unit(np.asarray(lon), np.asarray(lat)) @ pole, -1, 1))
+    )
 
 
 def crossing(bridge: Bridge, line: Line) -> Crossing:
@@ -98,13 +108,17 @@ def crossing(bridge: Bridge, line: Line) -> Crossing:
     varies = value > NEGLIGIBLE * max(value.max(initial=0.0), 1e-12)
     if not varies.any():
         return _crossing(bridge, time, distance(line, place.lon, place.lat)[None, None])
-    largest_first = np.flatnonzero(varies)[::-1]  # the first dimensions of Sobol's sequence are its best
+    # the first dimensions of Sobol's sequence are its best
+    largest_first = np.flatnonzero(varies)[::-1]
     axes = vector[:, largest_first] * np.sqrt(value[largest_first])
     from scipy.stats import qmc  # imported here, for SciPy's statistics take a second
 
-    uniform = np.stack([
-        qmc.Sobol(largest_first.size, rng=np.random.default_rng([SEED, k])).random_base2(POWER) for k in range(SCRAMBLES)
-    ])  # fmt: skip
+    uniform = np.stack(
+        [
+            qmc.Sobol(largest_first.size, rng=np.random.default_rng([SEED, k])).random_base2(POWER)
+            for k in range(SCRAMBLES)
+        ]
+    )
     draws = special.ndtri(uniform.clip(SMALLEST, 1 - SMALLEST))
     strays = (draws @ axes.T).reshape(SCRAMBLES, 2**POWER, time.size, 2)
     lon, lat = sphere.destination(place.lon, place.lat, strays[..., 0], strays[..., 1])
@@ -118,7 +132,9 @@ def _crossing(bridge: Bridge, time: Array, distance: Array) -> Crossing:
 
 
 def _times(bridge: Bridge) -> Array:
-    """Return the way points' times, and those in between that cut long legs and wide ones into parts."""
+    """Return the way points' times, and those in between that cut long legs and wide ones into
+    parts.
+    """
     way = bridges.ways(bridge).angle * sphere.RADIUS
     widest = bridge.spread_rate * np.sqrt(np.diff(bridge.time)) / 2  # standard deviation midway
     parts = np.maximum(np.ceil(way / PART), np.ceil((widest / PART) ** 2)).astype(int).clip(1)
@@ -130,7 +146,9 @@ def _times(bridge: Bridge) -> Array:
 
 
 def by(crossing: Crossing, time: float) -> Chance:
-    """Return the probability that the line has been touched by a time [s]; the whole bridge's at its end or later."""
+    """Return the probability that the line has been touched by a time [s]; the whole bridge's at
+    its end or later.
+    """
     if time >= crossing.time[-1]:
         return _chance(1 - crossing.untouched[..., -1])
     part = int(np.searchsorted(crossing.time, time, "right")) - 1
@@ -155,7 +173,8 @@ def at_all(crossing: Crossing) -> Chance:
 
 
 def percentile(crossing: Crossing, share: float) -> float:
-    """Return by when [s] the line has been touched with a share of the probability that it is touched at all.
+    """Return by when [s] the line has been touched with a share of the probability that it is
+    touched at all.
 
     NaN where it is not touched. Raises ValueError for a share outside 0 to 1.
     """
@@ -168,5 +187,7 @@ def percentile(crossing: Crossing, share: float) -> float:
     if by(crossing, begin).value >= share * whole:
         return begin
     return float(
-        optimize.brentq(lambda time: by(crossing, time).value - share * whole, begin, end, xtol=1e-3, rtol=1e-15)
+        optimize.brentq(
+            lambda time: by(crossing, time).value - share * whole, begin, end, xtol=1e-3, rtol=1e-15
+        )
     )

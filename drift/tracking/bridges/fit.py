@@ -1,10 +1,13 @@
-"""The spread rate K of Brownian bridges from real tracks, by maximum likelihood: `drift fit-bridge`.
+"""The spread rate K of Brownian bridges from real tracks, by maximum likelihood: `drift
+fit-bridge`.
 
-Three likelihoods, in METHODS: by neighbours (Horne et al. 2007), which says how far something strays from the straight way between
-fixes as far apart as the tracks' (or as `every`), and by whole stretches with errors of the fixes (Pozdnyakov et al. 2014), with and
-without a mean velocity. Ships turn, so that their K grows with the time from fix to fix: fit it to the time that will pass in your
-case. The standard error is that of the curvature of the log likelihood (observed information); of ten tracks or more also that
-clustered by track (sandwich, White 1982, doi:10.2307/1912526), since tracks differ; the larger of both is `spread_error`.
+Three likelihoods, in METHODS: by neighbours (Horne et al. 2007), which says how far something
+strays from the straight way between fixes as far apart as the tracks' (or as `every`), and by whole
+stretches with errors of the fixes (Pozdnyakov et al. 2014), with and without a mean velocity. Ships
+turn, so that their K grows with the time from fix to fix: fit it to the time that will pass in your
+case. The standard error is that of the curvature of the log likelihood (observed information); of
+ten tracks or more also that clustered by track (sandwich, White 1982, doi:10.2307/1912526), since
+tracks differ; the larger of both is `spread_error`.
 """
 
 import math
@@ -30,7 +33,8 @@ ENOUGH = 10  # fewest tracks with which the spread between them counts
 STEP = 0.02  # step of a logarithm for derivatives: their error is some 1e-4 of them
 RANGE = 9.0  # logarithm of how far from a first guess K and the fixes' error may lie
 NOTHING = 1e-3  # share of the first guess at which K counts as none
-ROUNDING = 1e-2 / 60  # [m/sqrt(s)] a centimetre in an hour: as much as coordinates with seven decimals stray by
+# [m/sqrt(s)] a centimetre in an hour: as much as coordinates with seven decimals stray by
+ROUNDING = 1e-2 / 60
 LARGEST = 2e7  # [m] largest error of a fix: half round the Earth
 FLAT = 1e-9  # share of a log likelihood below which its differences are rounding
 SHARES = (0.5, 0.9)
@@ -39,7 +43,9 @@ DAY = 86_400.0
 
 @dataclass(frozen=True)
 class Method:
-    """A likelihood: what it is made from, its value by track, how many comparisons it has, a first guess, and its words."""
+    """A likelihood: what it is made from, its value by track, how many comparisons it has, a first
+    guess, and its words.
+    """
 
     made: Callable[[Sequence[Stretch]], Any]
     log_likelihood: Callable[[Any, float, float], Array]
@@ -57,7 +63,9 @@ def _count_steps(of: Sequence[together.Steps]) -> int:
 
 
 def _count_beyond_mean(of: Sequence[together.Steps]) -> int:
-    """Return how many steps are left to compare with the mean velocity, which takes one of each stretch."""
+    """Return how many steps are left to compare with the mean velocity, which takes one of each
+    stretch.
+    """
     return sum(one.time.size - 1 for one in of)
 
 
@@ -67,25 +75,36 @@ def _guess_steps(of: Sequence[together.Steps]) -> float:
 
 METHODS = {
     "neighbours": Method(
-        neighbours.triples, neighbours.log_likelihood, lambda of: int(of.time.size), _guess_triples,
+        neighbours.triples,
+        neighbours.log_likelihood,
+        lambda of: int(of.time.size),
+        _guess_triples,
         "every second fix against the bridge between the fixes beside it (Horne et al. 2007)",
     ),
     "steady": Method(
-        together.steps, together.steady, _count_beyond_mean, _guess_steps,
+        together.steps,
+        together.steady,
+        _count_beyond_mean,
+        _guess_steps,
         "all steps together, with a mean velocity in each stretch (after Pozdnyakov et al. 2014)",
     ),
     "wandering": Method(
-        together.steps, together.wandering, _count_steps, _guess_steps,
+        together.steps,
+        together.wandering,
+        _count_steps,
+        _guess_steps,
         "all steps together, without a mean velocity (Pozdnyakov et al. 2014)",
     ),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """How often the area that should hold a share held fixes of the tracks that its K was not fitted to.
+    """How often the area that should hold a share held fixes of the tracks that its K was not
+    fitted to.
 
-    first: by the K of the first half, of fixes of the second; second: the other way round; both: all of them.
+    first: by the K of the first half, of fixes of the second; second: the other way round; both:
+    all of them.
     """
 
     share: float
@@ -96,7 +115,10 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Half:
-    """A fit to half of the tracks: K and its standard error [m/sqrt(s)], comparisons or steps, tracks."""
+    """A fit to half of the tracks:
+
+    K and its standard error [m/sqrt(s)], comparisons or steps, tracks.
+    """
 
     spread_rate: float
     spread_error: float
@@ -116,9 +138,11 @@ class Held:
 class Fit:
     """A spread rate that suits tracks, and how well it is known.
 
-    spread_rate: K [m/sqrt(s)]. spread_error: its standard error, the larger of `curvature` and `clustered`, which is NaN for fewer
-    than ENOUGH tracks. error: standard deviation of a fix in each component [m], given or fitted; error_error: its standard error, NaN where it was given.
-    count: comparisons, steps, or steps less one in each stretch. hours: median time [h] from fix to fix.
+    spread_rate: K [m/sqrt(s)]. spread_error: its standard error, the larger of `curvature` and
+    `clustered`, which is NaN for fewer than ENOUGH tracks. error: standard deviation of a fix in
+    each component [m], given or fitted; error_error: its standard error, NaN where it was given.
+    count: comparisons, steps, or steps less one in each stretch. hours: median time [h] from fix to
+    fix.
     """
 
     method: str
@@ -148,9 +172,10 @@ def fit(
 ) -> Fit:
     """Return the spread rate under which tracks are likeliest.
 
-    tracks: from drift.assess.verify.reading. method: a name in METHODS. error: standard deviation of a fix in each component
-    [m]; None: it is fitted too. rules: which steps count. held_out: whether to fit every other track, in order of their first
-    fixes, as well, and to say what the areas by that fit hold of the others. Raises UserError, one line.
+    tracks: from drift.assess.verify.reading. method: a name in METHODS. error: standard deviation
+    of a fix in each component [m]; None: it is fitted too. rules: which steps count. held_out:
+    whether to fit every other track, in order of their first fixes, as well, and to say what the
+    areas by that fit hold of the others. Raises UserError, one line.
     """
     if method not in METHODS:
         raise UserError(f'--by "{method}" is not known; choose from {", ".join(METHODS)}')
@@ -160,11 +185,23 @@ def fit(
     cut = stretches.cut_tracks(tracks, rules)
     best = _likeliest(METHODS[method], cut.stretches, error, "tracks")
     return Fit(
-        method, rules, best.spread_rate, best.spread_error, best.curvature, best.clustered, best.error, best.error_error,
-        best.log, best.count, len(_names(cut.stretches)), len(cut.stretches),
-        float(np.median(np.concatenate([np.diff(stretch.time) for stretch in cut.stretches]))) / 3600,
-        _held_out(METHODS[method], cut.stretches, error) if held_out else None, cut.notes,
-    )  # fmt: skip
+        method,
+        rules,
+        best.spread_rate,
+        best.spread_error,
+        best.curvature,
+        best.clustered,
+        best.error,
+        best.error_error,
+        best.log,
+        best.count,
+        len(_names(cut.stretches)),
+        len(cut.stretches),
+        float(np.median(np.concatenate([np.diff(stretch.time) for stretch in cut.stretches])))
+        / 3600,
+        _held_out(METHODS[method], cut.stretches, error) if held_out else None,
+        cut.notes,
+    )
 
 
 @dataclass(frozen=True)
@@ -200,7 +237,9 @@ def _likeliest(method: Method, of: Sequence[Stretch], error: float | None, what:
         raise UserError(straight)
 
     def own(point: Array) -> Array:
-        """Return the log likelihood by track; point: logarithms of K and, where it is fitted, of the error."""
+        """Return the log likelihood by track; point: logarithms of K and, where it is fitted, of
+        the error.
+        """
         spread, sd = math.exp(point[0]), math.exp(point[1]) if error is None else error
         return method.log_likelihood(made, spread, sd)
 
@@ -236,33 +275,53 @@ def _likeliest(method: Method, of: Sequence[Stretch], error: float | None, what:
 
 
 def _lengths(of: Sequence[Stretch]) -> float:
-    """Return a length [m] to which an error of fixes compares: the root mean square step is hardly shorter."""
-    steps = [sphere.distance(stretch.lon[:-1], stretch.lat[:-1], stretch.lon[1:], stretch.lat[1:]) for stretch in of]
+    """Return a length [m] to which an error of fixes compares: the root mean square step is hardly
+    shorter.
+    """
+    steps = [
+        sphere.distance(stretch.lon[:-1], stretch.lat[:-1], stretch.lon[1:], stretch.lat[1:])
+        for stretch in of
+    ]
     return max(float(np.sqrt((np.concatenate(steps) ** 2).mean())), 1.0)
 
 
-def _highest(log: Callable[[Array], float], guess: float, length: float, error: float | None) -> Array:
-    """Return the logarithms of K, and of the error where it is fitted, at which the likelihood is highest."""
+def _highest(
+    log: Callable[[Array], float], guess: float, length: float, error: float | None
+) -> Array:
+    """Return the logarithms of K, and of the error where it is fitted, at which the likelihood is
+    highest.
+    """
     centre = math.log(guess)
     if error is not None:
         found = optimize.minimize_scalar(
-            lambda x: -log(np.array([x])), bounds=(centre - RANGE, centre + RANGE / 3), method="bounded",
+            lambda x: -log(np.array([x])),
+            bounds=(centre - RANGE, centre + RANGE / 3),
+            method="bounded",
             options={"xatol": 1e-9},
-        )  # fmt: skip
+        )
         return np.array([found.x])
-    bounds = [(centre - RANGE, centre + RANGE / 3), (math.log(length) - RANGE, math.log(length) + 1)]
+    bounds = [
+        (centre - RANGE, centre + RANGE / 3),
+        (math.log(length) - RANGE, math.log(length) + 1),
+    ]
     runs = [
         optimize.minimize(
-            lambda p: -log(p), np.array([centre - below, math.log(length) - less]), method="Nelder-Mead", bounds=bounds,
+            lambda p: -log(p),
+            np.array([centre - below, math.log(length) - less]),
+            method="Nelder-Mead",
+            bounds=bounds,
             options={"xatol": 1e-7, "fatol": 1e-9, "maxiter": 2000},
         )
         for below, less in ((0.3, 5.0), (1.0, 1.5))
-    ]  # fmt: skip
+    ]
     return np.asarray(min(runs, key=lambda run: float(run.fun)).x)
 
 
-def _derivatives(own: Callable[[Array], Array], point: Array, free: Sequence[int]) -> tuple[Array, Array]:
-    """Return the inverse of the observed information of the logarithms, and their scores by track (tracks, free).
+def _derivatives(
+    own: Callable[[Array], Array], point: Array, free: Sequence[int]
+) -> tuple[Array, Array]:
+    """Return the inverse of the observed information of the logarithms, and their scores by track
+    (tracks, free).
 
     The inverse is NaN where the likelihood is flat.
     """
@@ -272,7 +331,9 @@ def _derivatives(own: Callable[[Array], Array], point: Array, free: Sequence[int
     size = len(free)
     information = np.diag(-(up.sum(axis=0) + down.sum(axis=0) - 2 * centre) / STEP**2)
     if size > 1:
-        corners = [own(point + a * unit[0] + b * unit[1]).sum() * a * b for a in (1, -1) for b in (1, -1)]
+        corners = [
+            own(point + a * unit[0] + b * unit[1]).sum() * a * b for a in (1, -1) for b in (1, -1)
+        ]
         information[0, 1] = information[1, 0] = -sum(corners) / (4 * STEP**2)
     scores = (up - down) / (2 * STEP)
     try:
@@ -282,7 +343,9 @@ def _derivatives(own: Callable[[Array], Array], point: Array, free: Sequence[int
 
 
 def _held_out(method: Method, of: Sequence[Stretch], error: float | None) -> Held:
-    """Return what areas by a fit to every other track hold of the inner fixes of the others, and the other way round."""
+    """Return what areas by a fit to every other track hold of the inner fixes of the others, and
+    the other way round.
+    """
     names = _names(of)
     parts = [[stretch for stretch in of if stretch.name in set(names[side::2])] for side in (0, 1)]
     if not parts[1]:
@@ -291,7 +354,12 @@ def _held_out(method: Method, of: Sequence[Stretch], error: float | None) -> Hel
         )
     halves, squares, tracks, days = [], [], [], []
     for side in (0, 1):
-        best = _likeliest(method, parts[side], error, f"--hold-out, the {('first', 'second')[side]} half of the tracks")
+        best = _likeliest(
+            method,
+            parts[side],
+            error,
+            f"--hold-out, the {('first', 'second')[side]} half of the tracks",
+        )
         halves.append(Half(best.spread_rate, best.spread_error, best.count, len(names[side::2])))
         others = neighbours.triples(parts[1 - side])
         if not others.time.size:
@@ -313,7 +381,8 @@ def _held_out(method: Method, of: Sequence[Stretch], error: float | None) -> Hel
 
 
 def within(of: Triples, spread_rate: float, error: float) -> Array:
-    """Return the share that the ellipse through each inner fix holds, (m,): uniform on 0 to 1 where the law is true.
+    """Return the share that the ellipse through each inner fix holds, (m,): uniform on 0 to 1 where
+    the law is true.
 
     spread_rate: K [m/sqrt(s)]. error: standard deviation of a fix in each component [m].
     """

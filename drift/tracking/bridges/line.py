@@ -1,9 +1,11 @@
-"""Whether and when a Brownian bridge first touches a straight line, in the plane and in closed form.
+"""Whether and when a Brownian bridge first touches a straight line, in the plane and in closed
+form.
 
-Only the distance from the line counts, which is a bridge of one dimension between the distances of departure and arrival:
-equations 10 and 11 of Nunez, Singham and Atkinson 2020 (doi:10.1080/01605682.2019.1570806), from propositions 4.6 and 4.7
-of Atkinson and Singham 2015 (doi:10.1016/j.spl.2015.02.006). The line is endless, and departure and arrival are known; drift.tracking.bridges.crossing
-brings both onto the sphere and leaves the ends uncertain.
+Only the distance from the line counts, which is a bridge of one dimension between the distances of
+departure and arrival: equations 10 and 11 of Nunez, Singham and Atkinson 2020
+(doi:10.1080/01605682.2019.1570806), from propositions 4.6 and 4.7 of Atkinson and Singham 2015
+(doi:10.1016/j.spl.2015.02.006). The line is endless, and departure and arrival are known;
+drift.tracking.bridges.crossing brings both onto the sphere and leaves the ends uncertain.
 """
 
 import numpy as np
@@ -14,12 +16,16 @@ from geo.array import Array
 
 
 def crossed(
-    departure: npt.ArrayLike, arrival: npt.ArrayLike, spread_rate: npt.ArrayLike, duration: npt.ArrayLike
+    departure: npt.ArrayLike,
+    arrival: npt.ArrayLike,
+    spread_rate: npt.ArrayLike,
+    duration: npt.ArrayLike,
 ) -> Array:
-    """Return the probability that a bridge touches the line at all: equation 10, and 1 where the line parts the ends.
+    """Return the probability that a bridge touches the line at all: equation 10, and 1 where the
+    line parts the ends.
 
-    departure, arrival: distances from the line [m], negative on its other side. spread_rate: K [m/sqrt(s)], at least 0.
-    duration: [s], above 0. All broadcast.
+    departure, arrival: distances from the line [m], negative on its other side. spread_rate: K
+    [m/sqrt(s)], at least 0. duration: [s], above 0. All broadcast.
     """
     return touched(departure, arrival, spread_rate, duration, duration)
 
@@ -31,18 +37,21 @@ def touched(
     duration: npt.ArrayLike,
     elapsed: npt.ArrayLike,
 ) -> Array:
-    """Return the probability that a bridge has touched the line by a time: equation 11, for ends on one side as well.
+    """Return the probability that a bridge has touched the line by a time: equation 11, for ends on
+    one side as well.
 
-    departure, arrival, spread_rate, duration: as in `crossed`. elapsed: since departure [s], from 0 to duration. With the
-    distance a of departure on the positive side and b of arrival, let m = a (T - t) / T + b t / T be the mean distance at t and
-    v = K^2 t (T - t) / T its variance. Then F(t) = Phi(-m / sqrt(v)) + exp(-2 a b / (K^2 T)) Phi(q), where
-    q = (b t - a (T - t)) / (T sqrt(v)). For b < 0 that is equation 11; for b > 0 and t = T it is equation 10. The exponential overflows
-    for a small K, but exp(-2 a b / (K^2 T) - q^2 / 2) = exp(-m^2 / (2 v)), so that for q < 0 the second term is
-    exp(-m^2 / (2 v)) erfcx(-q / sqrt(2)) / 2: no term is above 1, and nothing cancels, for any K down to 0.
+    departure, arrival, spread_rate, duration: as in `crossed`. elapsed: since departure [s], from 0
+    to duration. With the distance a of departure on the positive side and b of arrival, let m = a
+    (T - t) / T + b t / T be the mean distance at t and v = K^2 t (T - t) / T its variance. Then
+    F(t) = Phi(-m / sqrt(v)) + exp(-2 a b / (K^2 T)) Phi(q), where q = (b t - a (T - t)) / (T
+    sqrt(v)). For b < 0 that is equation 11; for b > 0 and t = T it is equation 10. The exponential
+    overflows for a small K, but exp(-2 a b / (K^2 T) - q^2 / 2) = exp(-m^2 / (2 v)), so that for q
+    < 0 the second term is exp(-m^2 / (2 v)) erfcx(-q / sqrt(2)) / 2: no term is above 1, and
+    nothing cancels, for any K down to 0.
     """
-    a, b, k, whole, t = np.broadcast_arrays(*(
-        np.asarray(x, np.float64) for x in (departure, arrival, spread_rate, duration, elapsed)
-    ))  # fmt: skip
+    a, b, k, whole, t = np.broadcast_arrays(
+        *(np.asarray(x, np.float64) for x in (departure, arrival, spread_rate, duration, elapsed))
+    )
     side = np.where(a < 0, -1.0, 1.0)
     a, b = a * side, b * side
     mean = a * (whole - t) / whole + b * t / whole

@@ -1,6 +1,8 @@
-"""Tracks cut into stretches on which something moved: thinned, without silence, without what lay at anchor.
+"""Tracks cut into stretches on which something moved: thinned, without silence, without what lay at
+anchor.
 
-A step is the way from a fix that is kept to the next one. A stretch is a run of steps that all count.
+A step is the way from a fix that is kept to the next one. A stretch is a run of steps that all
+count.
 """
 
 from collections.abc import Sequence
@@ -26,9 +28,10 @@ SOON = 0.5  # shortest step, as a share of that interval
 class Rules:
     """Which steps of tracks count.
 
-    every: interval to which tracks are thinned [s], each fix being followed by that whose time is nearest to it; None: all fixes
-    are kept. gap: longest step that counts [s]; None: LATE times `every`, or GAP. slowest: speed from fix to fix [m/s] that a
-    step must exceed. fastest: speed that no fix may need. without: a box whose fixes are left out, and over which no step goes.
+    every: interval to which tracks are thinned [s], each fix being followed by that whose time is
+    nearest to it; None: all fixes are kept. gap: longest step that counts [s]; None: LATE times
+    `every`, or GAP. slowest: speed from fix to fix [m/s] that a step must exceed. fastest: speed
+    that no fix may need. without: a box whose fixes are left out, and over which no step goes.
     """
 
     every: float | None = None
@@ -45,7 +48,9 @@ class Rules:
 
 @dataclass(frozen=True)
 class Stretch:
-    """Fixes of a track with steps that count: time [s since 1970], lon, lat [rad], each (n,), n at least 2."""
+    """Fixes of a track with steps that count: time [s since 1970], lon, lat [rad], each (n,), n at
+    least 2.
+    """
 
     name: str
     time: Array
@@ -80,9 +85,13 @@ def cut_tracks(tracks: Sequence[Track], rules: Rules) -> Cut:
     if counts["box"]:
         notes.append(f"{counted(counts['box'], 'fix', 'fixes')} left out in the box that was named")
     if counts["long"]:
-        notes.append(f"{counted(counts['long'], 'step')} left out of more than {rules.longest / 3600:g} h")
+        notes.append(
+            f"{counted(counts['long'], 'step')} left out of more than {rules.longest / 3600:g} h"
+        )
     if counts["slow"]:
-        notes.append(f"{counted(counts['slow'], 'step')} left out of {rules.slowest / KNOT:.3g} kn or less")
+        notes.append(
+            f"{counted(counts['slow'], 'step')} left out of {rules.slowest / KNOT:.3g} kn or less"
+        )
     if not stretches:
         raise UserError(
             f"tracks: no step from fix to fix is left{'; ' if notes else ''}{'; '.join(notes)}; see --every, --max-gap, "
@@ -110,11 +119,16 @@ def _moving(track: Track, rules: Rules, counts: dict[str, int]) -> list[Stretch]
     counts["long"] += int(long.sum())
     counts["slow"] += int((slow & ~long).sum())
     pieces = np.split(np.arange(kept.time.size), 1 + np.flatnonzero(long | slow))
-    return [Stretch(kept.name, kept.time[piece], lon[piece], lat[piece]) for piece in pieces if piece.size > 1]
+    return [
+        Stretch(kept.name, kept.time[piece], lon[piece], lat[piece])
+        for piece in pieces
+        if piece.size > 1
+    ]
 
 
 def _thinned(time: Array, every: float | None) -> Array:
-    """Return which fixes are kept, as indices: from each the one whose time is nearest to an interval later.
+    """Return which fixes are kept, as indices: from each the one whose time is nearest to an
+    interval later.
 
     Of fixes that come sooner than SOON of the interval none is taken.
     """
@@ -145,5 +159,7 @@ def told(rules: Rules) -> str:
         words.append(f"faster than {rules.slowest / KNOT:.3g} kn")
     if rules.without is not None:
         box = rules.without
-        words.append(f"without {notation.position(box.west, box.south)} to {notation.position(box.east, box.north)}")
+        words.append(
+            f"without {notation.position(box.west, box.south)} to {notation.position(box.east, box.north)}"
+        )
     return ", ".join(words)

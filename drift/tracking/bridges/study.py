@@ -1,4 +1,6 @@
-"""What is asked of one bridge: its lines, its times, its areas; and the answers as they are printed, drawn and written."""
+"""What is asked of one bridge: its lines, its times, its areas; and the answers as they are
+printed, drawn and written.
+"""
 
 from dataclasses import dataclass
 
@@ -20,8 +22,8 @@ ROUGH = 0.01  # (deviation / Earth's radius)^2 from which a note says so
 class Study:
     """A bridge, and what is asked of it.
 
-    names: of the way points. times: [s since 1970], (m,). shares: of the areas; percentiles: of crossing times; both 0 to 1.
-    coast: "gshhg", "none" or a shoreline file, for the picture.
+    names: of the way points. times: [s since 1970], (m,). shares: of the areas; percentiles: of
+    crossing times; both 0 to 1. coast: "gshhg", "none" or a shoreline file, for the picture.
     """
 
     title: str
@@ -36,7 +38,9 @@ class Study:
 
 @dataclass(frozen=True)
 class Touch:
-    """What is to be told of a line: whether it is touched, and by when, if it is: [s since 1970], one for each percentile."""
+    """What is to be told of a line: whether it is touched, and by when, if it is: [s since 1970],
+    one for each percentile.
+    """
 
     line: Line
     crossing: Crossing
@@ -46,7 +50,9 @@ class Touch:
 
 @dataclass(frozen=True)
 class Answers:
-    """Positions at the times asked for, areas [nmi2] (times, shares), and what is to be told of each line."""
+    """Positions at the times asked for, areas [nmi2] (times, shares), and what is to be told of
+    each line.
+    """
 
     study: Study
     position: Position
@@ -73,13 +79,17 @@ def answers(study: Study) -> Answers:
 
 
 def curve(touch: Touch) -> tuple[Array, Array]:
-    """Return times [s since 1970] and the probability that the line has been touched by then, (CURVE,)."""
+    """Return times [s since 1970] and the probability that the line has been touched by then,
+    (CURVE,).
+    """
     time = np.linspace(touch.crossing.time[0], touch.crossing.time[-1], CURVE)
     return time, np.array([crossings.by(touch.crossing, float(moment)).value for moment in time])
 
 
 def polygons(asked: Answers) -> list[list[Array]]:
-    """Return for each time the polygons of the areas, each (corners, 2), lon and lat [deg], longitudes without jumps."""
+    """Return for each time the polygons of the areas, each (corners, 2), lon and lat [deg],
+    longitudes without jumps.
+    """
     place = asked.position
     return [
         [ellipse.polygon(lon, lat, covariance, share) for share in asked.study.shares]

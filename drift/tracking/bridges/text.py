@@ -35,7 +35,9 @@ def answers(found: Answers) -> Facts:
     study, place = found.study, found.position
     long, short, direction = ellipse.axes(place.covariance)
     hours = (study.bridge.time[-1] - study.bridge.time[0]) / 3600
-    facts = {"bridge": f"{len(study.names)} way points in {hours:g} h, K = {spread_rate(study.bridge.spread_rate)}"}
+    facts = {
+        "bridge": f"{len(study.names)} way points in {hours:g} h, K = {spread_rate(study.bridge.spread_rate)}"
+    }
     for k, time in enumerate(place.time):
         sizes = ", ".join(
             f"{notation.hundredths(share)} % in {area:,.0f} nmi2"
@@ -109,7 +111,12 @@ def features(found: Answers) -> str:
         features.append(geojson.feature(mean, {"kind": "mean", "time": when}))
         for share, area, outline in zip(study.shares, found.areas[k], outlines, strict=True):
             shape = geojson.polygons(shapely.MultiPolygon([shapely.Polygon(outline)]))
-            properties = {"kind": "area", "time": when, "probability": share, "area_nmi2": round(float(area), 3)}
+            properties = {
+                "kind": "area",
+                "time": when,
+                "probability": share,
+                "area_nmi2": round(float(area), 3),
+            }
             features.append(geojson.feature(shape, properties))
     attributes = {"title": study.title, "spread_rate": spread_rate(study.bridge.spread_rate)}
     return json.dumps(geojson.collection(features, attributes), indent=1) + "\n"
@@ -122,16 +129,22 @@ def fitted(fit: Fit) -> Facts:
         "likelihood": METHODS[fit.method].words,
         "tracks": f"{fit.tracks}, {counted(fit.count, 'comparison')} in {counted(fit.stretches, 'stretch', 'stretches')}; {told(fit.rules)}; {fit.hours:.2g} h from fix to fix (median)",
         "standard error": f"{fit.curvature / UNIT:.2g} by the curvature of the likelihood, "
-        + (f"{fit.clustered / UNIT:.2g} clustered by track; the larger counts" if fit.clustered == fit.clustered else "tracks are too few to cluster by"),
+        + (
+            f"{fit.clustered / UNIT:.2g} clustered by track; the larger counts"
+            if fit.clustered == fit.clustered
+            else "tracks are too few to cluster by"
+        ),
         "errors of the fixes": f"{fit.error:.3g} m in each component"
         + (f" ± {fit.error_error:.2g}, fitted" if fit.error_error == fit.error_error else ""),
-    }  # fmt: skip
+    }
     if fit.held is not None:
         halves = " and ".join(
             f"{half.spread_rate / UNIT:.3g} ± {half.spread_error / UNIT:.2g} ({counted(half.tracks, 'track')}, {counted(half.count, 'comparison')})"
             for half in fit.held.halves
         )
-        facts["held out"] = f"K of every other track in order of their first fixes, and of the rest: {halves}"
+        facts["held out"] = (
+            f"K of every other track in order of their first fixes, and of the rest: {halves}"
+        )
         for coverage in fit.held.coverage:
             both = coverage.both
             rough = ", few tracks or days: rough" if both.few else ""

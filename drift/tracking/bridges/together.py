@@ -1,13 +1,15 @@
 """The likelihood of a spread rate by whole stretches: all steps together, with errors of the fixes.
 
-Pozdnyakov, Meyer, Wang and Yan 2014, doi:10.1890/13-0532.1: Brownian motion seen with independent errors. Neighbouring
-steps share the error of the fix between them, so that their covariance has three diagonals: K^2 dt + 2 e^2 on the main one and
--e^2 beside it, for each component. The banded Cholesky factor gives the likelihood exactly in as many operations as there are
-steps. Their motion goes nowhere: `wandering`. What steams from port to port has a mean velocity as well, unknown in each
-stretch: `steady` regresses it (restricted likelihood), which leaves what a bridge from the stretch's first fix to its last one strays by.
+Pozdnyakov, Meyer, Wang and Yan 2014, doi:10.1890/13-0532.1: Brownian motion seen with independent
+errors. Neighbouring steps share the error of the fix between them, so that their covariance has
+three diagonals: K^2 dt + 2 e^2 on the main one and -e^2 beside it, for each component. The banded
+Cholesky factor gives the likelihood exactly in as many operations as there are steps. Their motion
+goes nowhere: `wandering`. What steams from port to port has a mean velocity as well, unknown in
+each stretch: `steady` regresses it (restricted likelihood), which leaves what a bridge from the
+stretch's first fix to its last one strays by.
 
-Each stretch is laid into the tangent plane of its middle fix (distances from there are right, those across by the share r^2/6 too long at r
-earth radii: 0.13 % at 300 nmi).
+Each stretch is laid into the tangent plane of its middle fix (distances from there are right, those
+across by the share r^2/6 too long at r earth radii: 0.13 % at 300 nmi).
 """
 
 from collections.abc import Sequence
@@ -23,7 +25,9 @@ from geo.array import Array
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps of one stretch: name: number of its track. moved: east and north [m], (n, 2). time: of each step [s], (n,)."""
+    """Steps of one stretch: name: number of its track. moved: east and north [m], (n, 2). time: of
+    each step [s], (n,).
+    """
 
     name: int
     moved: Array
@@ -32,11 +36,16 @@ class Steps:
 
 def steps(stretches: Sequence[Stretch]) -> tuple[Steps, ...]:
     """Return the steps of stretches."""
-    names = {name: number for number, name in enumerate(dict.fromkeys(stretch.name for stretch in stretches))}
+    names = {
+        name: number
+        for number, name in enumerate(dict.fromkeys(stretch.name for stretch in stretches))
+    }
     found = []
     for stretch in stretches:
         middle = stretch.time.size // 2
-        place = np.stack(sphere.offset(stretch.lon[middle], stretch.lat[middle], stretch.lon, stretch.lat), -1)
+        place = np.stack(
+            sphere.offset(stretch.lon[middle], stretch.lat[middle], stretch.lon, stretch.lat), -1
+        )
         found.append(Steps(names[stretch.name], np.diff(place, axis=0), np.diff(stretch.time)))
     return tuple(found)
 
@@ -44,13 +53,16 @@ def steps(stretches: Sequence[Stretch]) -> tuple[Steps, ...]:
 def wandering(of: Sequence[Steps], spread_rate: float, error: float) -> Array:
     """Return the log likelihood by track, (tracks,), of motion without a mean velocity.
 
-    spread_rate: K [m/sqrt(s)]. error: standard deviation of a fix in each component [m]. One of them must be above 0.
+    spread_rate: K [m/sqrt(s)]. error: standard deviation of a fix in each component [m]. One of
+    them must be above 0.
     """
     return _by_track(of, spread_rate, error, steady=False)
 
 
 def steady(of: Sequence[Steps], spread_rate: float, error: float) -> Array:
-    """Return the restricted log likelihood by track, (tracks,): a mean velocity in each stretch; else as `wandering`."""
+    """Return the restricted log likelihood by track, (tracks,): a mean velocity in each stretch;
+    else as `wandering`.
+    """
     return _by_track(of, spread_rate, error, steady=True)
 
 
@@ -68,11 +80,17 @@ def _of_one(one: Steps, spread_rate: float, error: float, *, steady: bool) -> fl
     band[0] = spread_rate**2 * one.time + 2 * error**2
     band[1, :-1] = -(error**2)
     factor = linalg.cholesky_banded(band, lower=True, check_finite=False)
-    solved = linalg.cho_solve_banded((factor, True), np.column_stack([one.moved, one.time]), check_finite=False)
+    solved = linalg.cho_solve_banded(
+        (factor, True), np.column_stack([one.moved, one.time]), check_finite=False
+    )
     square = (one.moved * solved[:, :2]).sum()
     log_determinant = 2 * np.log(factor[0]).sum()
     whole = -0.5 * square - log_determinant - size * np.log(2 * np.pi)
     if steady:
         information = one.time @ solved[:, 2]
-        whole += 0.5 * ((one.time @ solved[:, :2]) ** 2).sum() / information - np.log(information) + np.log(2 * np.pi)
+        whole += (
+            0.5 * ((one.time @ solved[:, :2]) ** 2).sum() / information
+            - np.log(information)
+            + np.log(2 * np.pi)
+        )
     return float(whole)

@@ -1,9 +1,11 @@
-"""The cheapest way through cells in time: A* (Hart, Nilsson and Raphael 1968), guided by the same way as if nothing were closed.
+"""The cheapest way through cells in time: A* (Hart, Nilsson and Raphael 1968), guided by the same
+way as if nothing were closed.
 
-A node is a cell at a step. From one step to the next it goes to any open cell within `stride` cells, or stays, and not
-across closed ones. The guide is the cost to go where moves may cross what is closed: no more than it is (admissible), and
-consistent, so that the first time a node is taken its way is the cheapest. Where nothing is in the way A* takes the nodes of
-one cheapest way and no others.
+A node is a cell at a step. From one step to the next it goes to any open cell within `stride`
+cells, or stays, and not across closed ones. The guide is the cost to go where moves may cross what
+is closed: no more than it is (admissible), and consistent, so that the first time a node is taken
+its way is the cheapest. Where nothing is in the way A* takes the nodes of one cheapest way and no
+others.
 """
 
 import heapq
@@ -18,7 +20,9 @@ Cell = tuple[int, int]  # row, column
 
 
 def moves(stride: int) -> Array:
-    """Return the moves of a step (m, 2), rows and columns: all that are no longer than `stride` cells."""
+    """Return the moves of a step (m, 2), rows and columns: all that are no longer than `stride`
+    cells.
+    """
     side = np.arange(-stride, stride + 1)
     rows, columns = np.meshgrid(side, side, indexing="ij")
     near = rows**2 + columns**2 <= stride**2
@@ -26,10 +30,11 @@ def moves(stride: int) -> Array:
 
 
 def to_go(cost: Array, stride: int, goal: Cell | None) -> Array:
-    """Return the least cost to go from each cell after each step, if nothing were closed; inf: there is no way.
+    """Return the least cost to go from each cell after each step, if nothing were closed; inf:
+    there is no way.
 
-    cost: of being in a cell at steps 1 to K (K, rows, columns), 0 or more; goal: where it ends at any step; without one it
-    ends after step K. Shape (K + 1, rows, columns).
+    cost: of being in a cell at steps 1 to K (K, rows, columns), 0 or more; goal: where it ends at
+    any step; without one it ends after step K. Shape (K + 1, rows, columns).
     """
     around = np.zeros((2 * stride + 1,) * 2, bool)
     around[tuple((moves(stride) + stride).T)] = True
@@ -38,20 +43,27 @@ def to_go(cost: Array, stride: int, goal: Cell | None) -> Array:
         if goal is not None:
             found[step][goal] = 0.0
         onward = cost[step - 1] + found[step]
-        found[step - 1] = ndimage.minimum_filter(onward, footprint=around, mode="constant", cval=np.inf)
+        found[step - 1] = ndimage.minimum_filter(
+            onward, footprint=around, mode="constant", cval=np.inf
+        )
     if goal is not None:
         found[0][goal] = 0.0
     return found
 
 
 def cheapest(
-    cost: Array, stride: int, start: Cell, goal: Cell | None, closed: Array, gates: Mapping[Cell, Array] | None = None
+    cost: Array,
+    stride: int,
+    start: Cell,
+    goal: Cell | None,
+    closed: Array,
+    gates: Mapping[Cell, Array] | None = None,
 ) -> list[Cell]:
     """Return the cells of the cheapest way after each step, from the start on.
 
-    cost, goal: as of `to_go`; closed: cells (rows, columns) that cannot be entered or crossed. gates: cells that are left by
-    some moves alone, and entered by the same ones turned round, be they closed or not: which of `moves` (m,). Raises
-    ValueError where there is no way.
+    cost, goal: as of `to_go`; closed: cells (rows, columns) that cannot be entered or crossed.
+    gates: cells that are left by some moves alone, and entered by the same ones turned round, be
+    they closed or not: which of `moves` (m,). Raises ValueError where there is no way.
     """
     gates = {} if gates is None else gates
     shut = closed.copy()
@@ -83,7 +95,9 @@ def cheapest(
             left = guide[step + 1][there]
             if shut[there] or not np.isfinite(left) or _blocked(closed, cell, crossed[k]):
                 continue
-            if (cell in gates and not gates[cell][k]) or (there in gates and not gates[there][-1 - k]):
+            if (cell in gates and not gates[cell][k]) or (
+                there in gates and not gates[there][-1 - k]
+            ):
                 continue
             total = paid[step, cell] + cost[step][there]
             if total < paid.get((step + 1, there), np.inf):
@@ -94,12 +108,16 @@ def cheapest(
 
 
 def _between(move: Array) -> Array:
-    """Return the cells that a straight move touches between its ends (n, 2), relative to its begin: at a corner all that meet."""
+    """Return the cells that a straight move touches between its ends (n, 2), relative to its begin:
+    at a corner all that meet.
+    """
     rows, columns = (max(abs(int(part)), 1) for part in move)
     parts = 2 * rows * columns  # so that every crossing of an edge is a point
     along = np.arange(1, parts)[:, None] / parts * move
     sides = (np.floor(along + 0.5), np.ceil(along - 0.5))
-    touched = np.concatenate([np.stack([a[:, 0], b[:, 1]], axis=1) for a in sides for b in sides]).astype(int)
+    touched = np.concatenate(
+        [np.stack([a[:, 0], b[:, 1]], axis=1) for a in sides for b in sides]
+    ).astype(int)
     ends = (touched == 0).all(axis=1) | (touched == move).all(axis=1)
     return np.unique(touched[~ends], axis=0)
 

@@ -1,8 +1,10 @@
-"""Where a cloud is dense: Parzen's windows on its places, and the smallest areas that hold shares of it.
+"""Where a cloud is dense: Parzen's windows on its places, and the smallest areas that hold shares
+of it.
 
-Parzen 1962, On estimation of a probability density function and mode. The windows are normal, of the width of Scott's rule by
-the weights (Scott 2015, Multivariate density estimation). Cells lie along the axes of the cloud, in which windows are
-products, and hold their integrals: however narrow a cloud is, and however it lies, no window falls between cells.
+Parzen 1962, On estimation of a probability density function and mode. The windows are normal, of
+the width of Scott's rule by the weights (Scott 2015, Multivariate density estimation). Cells lie
+along the axes of the cloud, in which windows are products, and hold their integrals: however narrow
+a cloud is, and however it lies, no window falls between cells.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +22,8 @@ from geo.array import Array
 FINE = 4  # cells in the width of a window
 MOST = 1000  # cells along an axis
 ALONE = 0.5  # of its own window that a particle counts where no other is
-FLOOR = 4.0  # below the least density at a particle, as a logarithm: so much the field falls to beside the cloud
+# below the least density at a particle, as a logarithm: so much the field falls to beside the cloud
+FLOOR = 4.0
 AT_ONCE = 20_000  # particles, for memory
 BEYOND = 4.0  # widths of a window beyond the outermost particles
 SAME = 0.01  # [m] within which particles are at one place
@@ -29,11 +32,15 @@ LEAST = 10.0  # [m] width of a window
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells along two axes in the plane that touches the Earth at a place: of equal distances from there, and directions."""
+    """Cells along two axes in the plane that touches the Earth at a place: of equal distances from
+    there, and directions.
+    """
 
     lon: float  # [rad]
     lat: float  # [rad]
-    axes: Array  # (2, 2): a column is an axis, (east, north), the second a right angle anticlockwise of the first
+    # (2, 2): a column is an axis, (east, north), the second a right angle anticlockwise of the
+    # first
+    axes: Array
     x: Array  # [m] edges along the first, ascending, equidistant (nx + 1,)
     y: Array  # [m] along the second (ny + 1,)
 
@@ -54,7 +61,9 @@ class Grid:
         return np.asarray(shrunk * (self.x[1] - self.x[0]) * (self.y[1] - self.y[0]))
 
     def degrees(self, ring: Array) -> Array:
-        """Return a ring [m] (n, 2) of the plane in degrees, unwrapped; one round a pole is cut opposite the cloud, and closed along it."""
+        """Return a ring [m] (n, 2) of the plane in degrees, unwrapped; one round a pole is cut
+        opposite the cloud, and closed along it.
+        """
         lon, lat = (np.degrees(v) for v in self.places(ring[:, 0], ring[:, 1]))
         lon = np.unwrap(np.append(np.degrees(self.lon), lon), period=360.0)[1:]
         if abs(lon[-1] - lon[0]) > 180.0:
@@ -62,13 +71,18 @@ class Grid:
         return np.stack([lon, lat], axis=1)
 
     def _cut(self, lon: Array, lat: Array) -> tuple[Array, Array]:
-        """Return a ring [deg] round a pole as one that begins and ends there, so that rings within one another are of the same turn."""
+        """Return a ring [deg] round a pole as one that begins and ends there, so that rings within
+        one another are of the same turn.
+        """
         turn, west = np.copysign(360.0, lon[-1] - lon[0]), np.degrees(self.lon) - 180.0
         side = np.floor((lon - west) / 360.0)
         k = int(np.flatnonzero(np.diff(side))[0])
         seam = west + 360.0 * max(side[k], side[k + 1])
         there = lat[k] + (lat[k + 1] - lat[k]) * (seam - lon[k]) / (lon[k + 1] - lon[k])
-        lon, lat = np.append(lon[k + 1 : -1], lon[: k + 1] + turn), np.append(lat[k + 1 : -1], lat[: k + 1])
+        lon, lat = (
+            np.append(lon[k + 1 : -1], lon[: k + 1] + turn),
+            np.append(lat[k + 1 : -1], lat[: k + 1]),
+        )
         begin, pole = west if turn > 0 else west + 360.0, np.copysign(90.0, self.lat)
         ends = np.array([begin, begin + turn])
         lon = np.concatenate([ends[:1], lon + (begin - seam), ends[1:], ends[::-1], ends[:1]])
@@ -81,7 +95,8 @@ class Surface:
 
     grid: Grid
     height: Array  # [1/m2] (ny, nx); 0 on land
-    field: Array  # its logarithm, as it is drawn: no less than `floor`, which it is all round (ny + 2, nx + 2)
+    # its logarithm, as it is drawn: no less than `floor`, which it is all round (ny + 2, nx + 2)
+    field: Array
     at_particles: Array  # [1/m2] (m,), by the others
     weight: Array  # of the particles (m,), of sum 1
 
@@ -94,25 +109,43 @@ class Region:
     outline: shapely.MultiPolygon  # [deg], unwrapped
 
 
-def surface(place: Array, weight: Array, dry: Callable[[Array, Array], Array] | None = None) -> Surface:
-    """Return the density of particles at unit vectors (n, 3) with weights (n,), that lie within a hemisphere.
+def surface(
+    place: Array, weight: Array, dry: Callable[[Array, Array], Array] | None = None
+) -> Surface:
+    """Return the density of particles at unit vectors (n, 3) with weights (n,), that lie within a
+    hemisphere.
 
-    dry: returns whether places (lon, lat) [rad] are on land; cells whose middles are have nothing, unless all particles' are.
+    dry: returns whether places (lon, lat) [rad] are on land; cells whose middles are have nothing,
+    unless all particles' are.
     """
     lon, lat = np.radians(path.degrees(np.average(place, axis=0, weights=weight)))
     own = np.radians(path.degrees(place))
-    points, weight = _distinct(np.stack(sphere.offset(lon, lat, own[0], own[1])), weight / weight.sum())
+    points, weight = _distinct(
+        np.stack(sphere.offset(lon, lat, own[0], own[1])), weight / weight.sum()
+    )
     axes, width = _windows(points, weight)
     along = axes.T @ points
-    grid = Grid(float(lon), float(lat), axes, *(_edges(*one) for one in zip(along, width, strict=True)))
+    grid = Grid(
+        float(lon), float(lat), axes, *(_edges(*one) for one in zip(along, width, strict=True))
+    )
     area = grid.areas()
-    height = np.divide(_held(grid, along, width, weight), area, out=np.zeros(area.shape), where=area > 0)
-    wet = np.ones(area.shape, bool) if dry is None else ~dry(*grid.places(*np.meshgrid(*grid.middles())))
-    x, y = (np.searchsorted(edges, own) - 1 for edges, own in zip((grid.x, grid.y), along, strict=True))
+    height = np.divide(
+        _held(grid, along, width, weight), area, out=np.zeros(area.shape), where=area > 0
+    )
+    wet = (
+        np.ones(area.shape, bool)
+        if dry is None
+        else ~dry(*grid.places(*np.meshgrid(*grid.middles())))
+    )
+    x, y = (
+        np.searchsorted(edges, own) - 1 for edges, own in zip((grid.x, grid.y), along, strict=True)
+    )
     if not wet[y, x].any():
         wet[:] = True
     floor = float(np.log(height[y, x].min()) - FLOOR)
-    field = np.pad(np.log(np.maximum(np.where(wet, height, 0.0), np.exp(floor))), 1, constant_values=floor)
+    field = np.pad(
+        np.log(np.maximum(np.where(wet, height, 0.0), np.exp(floor))), 1, constant_values=floor
+    )
     there = np.exp(outlines.interpolated(_lattice(grid), field, *along))
     cell = (grid.x[1] - grid.x[0]) * (grid.y[1] - grid.y[0])
     own_window = weight / (2 * np.pi * width.prod()) * cell / area[y, x]
@@ -123,15 +156,20 @@ def surface(place: Array, weight: Array, dry: Callable[[Array, Array], Array] | 
 
 def _lattice(grid: Grid) -> outlines.Lattice:
     """Return the middles of the cells, and of those all round them."""
-    x, y = (np.concatenate([[v[0] - d], v, [v[-1] + d]]) for v in grid.middles() for d in [v[1] - v[0]])
+    x, y = (
+        np.concatenate([[v[0] - d], v, [v[-1] + d]]) for v in grid.middles() for d in [v[1] - v[0]]
+    )
     return outlines.Lattice(x, y, (float(x[1] - x[0]), float(y[1] - y[0])), grid.degrees)
 
 
 def _windows(points: Array, weight: Array) -> tuple[Array, Array]:
-    """Return the axes (2, 2) of a cloud of places (2, n) [m] with weights (n,) of sum 1, and the width [m] of windows along each."""
+    """Return the axes (2, 2) of a cloud of places (2, n) [m] with weights (n,) of sum 1, and the
+    width [m] of windows along each.
+    """
     squares = float((weight**2).sum())
     apart = points - (points @ weight)[:, None]
-    spread, axes = np.linalg.eigh((apart * weight) @ apart.T / max(1 - squares, 0.5))  # 0.5: of two; one has no spread
+    # 0.5: of two; one has no spread
+    spread, axes = np.linalg.eigh((apart * weight) @ apart.T / max(1 - squares, 0.5))
     axes[:, 1] *= np.sign(np.linalg.det(axes))
     return axes, np.maximum(np.sqrt(np.maximum(spread, 0.0)) * squares ** (1 / 6), LEAST)
 
@@ -143,7 +181,9 @@ def _edges(values: Array, width: float) -> Array:
 
 
 def _held(grid: Grid, own: Array, width: Array, weight: Array) -> Array:
-    """Return what cells hold (ny, nx) of the windows about places (2, n) [m] along the axes, of widths (2,) along them."""
+    """Return what cells hold (ny, nx) of the windows about places (2, n) [m] along the axes, of
+    widths (2,) along them.
+    """
     held = np.zeros((len(grid.y) - 1, len(grid.x) - 1))
     for some in np.array_split(np.arange(len(weight)), -(-len(weight) // AT_ONCE)):
         x, y = (
@@ -155,20 +195,25 @@ def _held(grid: Grid, own: Array, width: Array, weight: Array) -> Array:
 
 
 def _distinct(points: Array, weight: Array) -> tuple[Array, Array]:
-    """Return places (2, m) [m] and weights (m,) with those of one place together: duplicates that have not parted tell no more than one.
+    """Return places (2, m) [m] and weights (m,) with those of one place together: duplicates that
+    have not parted tell no more than one.
 
     The width of the windows goes by how many there are.
     """
     points, weight = points[:, weight > 0], weight[weight > 0]
-    _, first, which = np.unique(np.round(points / SAME), axis=1, return_index=True, return_inverse=True)
+    _, first, which = np.unique(
+        np.round(points / SAME), axis=1, return_index=True, return_inverse=True
+    )
     return points[:, first], np.bincount(which.ravel(), weights=weight)
 
 
 def areas(found: Surface, shares: Sequence[float]) -> dict[float, Region]:
-    """Return the smallest area that holds each share: where it is denser than at the particles of the rest.
+    """Return the smallest area that holds each share: where it is denser than at the particles of
+    the rest.
 
-    Hyndman 1996, Computing and graphing highest density regions, by the density that all others have at a particle: what
-    the windows add round about, or fill up, makes no area hold another share.
+    Hyndman 1996, Computing and graphing highest density regions, by the density that all others
+    have at a particle: what the windows add round about, or fill up, makes no area hold another
+    share.
     """
     lattice = _lattice(found.grid)
     order = np.argsort(-found.at_particles, kind="stable")
@@ -184,13 +229,19 @@ def holds(found: Region, place: Array) -> Array:
     """Return whether unit vectors (n, 3) are within a region (n,)."""
     lon, lat = path.degrees(place)
     west, _, east, _ = found.outline.bounds
-    return np.asarray(shapely.contains_xy(found.outline, sphere.near_degrees(lon, (west + east) / 2), lat))
+    return np.asarray(
+        shapely.contains_xy(found.outline, sphere.near_degrees(lon, (west + east) / 2), lat)
+    )
 
 
-def along(values: Array, weight: Array, width: float, at: Array, period: float | None = None) -> Array:
-    """Return the density of a quantity (n,) with weights (n,) at values (m,), by normal windows of a standard deviation.
+def along(
+    values: Array, weight: Array, width: float, at: Array, period: float | None = None
+) -> Array:
+    """Return the density of a quantity (n,) with weights (n,) at values (m,), by normal windows of
+    a standard deviation.
 
-    period: of a quantity that comes back to where it began, like a course; the window should be much narrower.
+    period: of a quantity that comes back to where it began, like a course; the window should be
+    much narrower.
     """
     apart = at[:, None] - values
     if period is not None:

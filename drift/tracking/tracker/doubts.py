@@ -1,4 +1,6 @@
-"""What must be doubted in a tracking case before anything is followed: plots and logs that no vessel made."""
+"""What must be doubted in a tracking case before anything is followed: plots and logs that no
+vessel made.
+"""
 
 from collections import Counter
 
@@ -13,7 +15,8 @@ from geo.array import Array
 from geo.coast import shore as coast
 from geo.notation import KNOT
 
-INLAND = 1000.0  # [m] from the water, of a tracker's place that is doubted: charts, shorelines and logs differ
+# [m] from the water, of a tracker's place that is doubted: charts, shorelines and logs differ
+INLAND = 1000.0
 MOST = 0.5  # of the box of a plot on land, from which on it is doubted
 SAMPLE = 200  # places of a tracker that are looked at, beside those that its log has
 GRID = 40  # ranges, and bearings, of a box at which land is looked for
@@ -27,13 +30,15 @@ def doubts_about(study: Study) -> list[str]:
     dry = [
         f"{notation.percent(share, 0)} of the box of the plot of {notation.group(_moment(study, time))} is land: check its bearing and range, "
         "and the tracker's position"
-        for time, share in ashore(study).items() if share > MOST
-    ]  # fmt: skip
+        for time, share in ashore(study).items()
+        if share > MOST
+    ]
     return [*_plots(study, study.target), *dry, *told]
 
 
 def ashore(study: Study) -> dict[float, float]:
-    """Return what share of the box of each plot that has a bearing and a range is land, by its time [s].
+    """Return what share of the box of each plot that has a bearing and a range is land, by its time
+    [s].
 
     Of several at one time it is the largest.
     """
@@ -42,14 +47,23 @@ def ashore(study: Study) -> dict[float, float]:
     whole = ~np.isnan(found.bearing) & ~np.isnan(found.range)
     if not study.minds_land or not whole.any():
         return {}
-    time, far, sensors = found.time[whole], found.range[whole], [study.sensors[k] for k in found.sensor[whole]]
-    reach, share, half = (np.array([getattr(one, name) for one in sensors]) for name in ("reach", "range_share", "bearing_error"))  # fmt: skip
+    time, far, sensors = (
+        found.time[whole],
+        found.range[whole],
+        [study.sensors[k] for k in found.sensor[whole]],
+    )
+    reach, share, half = (
+        np.array([getattr(one, name) for one in sensors])
+        for name in ("reach", "range_share", "bearing_error")
+    )
     middles = (np.arange(GRID) + 0.5) / GRID
     near, outer = far * (1 - share), np.minimum(far * (1 + share), reach)
     ranges = (near[:, None] + (outer - near)[:, None] * middles)[:, :, None]
     bearings = (found.bearing[whole][:, None] + half[:, None] * (2 * middles - 1))[:, None, :]
     lon, lat = (np.radians(x)[:, None, None] for x in path.degrees(study.tracker.at(time)[0]))
-    places = path.vector(*sphere.destination(lon, lat, ranges * np.sin(bearings), ranges * np.cos(bearings)))
+    places = path.vector(
+        *sphere.destination(lon, lat, ranges * np.sin(bearings), ranges * np.cos(bearings))
+    )
     dry: dict[float, float] = {}
     for when, part in zip(time, _on_land(study, places).mean(axis=(1, 2)), strict=True):
         dry[float(when)] = max(float(part), dry.get(float(when), 0.0))
@@ -57,7 +71,9 @@ def ashore(study: Study) -> dict[float, float]:
 
 
 def _inland(study: Study) -> list[str]:
-    """Return where the tracker, and a target that is followed in an experiment, are inland: no water is within INLAND north, south, east or west, nor between."""
+    """Return where the tracker, and a target that is followed in an experiment, are inland: no
+    water is within INLAND north, south, east or west, nor between.
+    """
     ways = {"tracker": study.tracker}
     if isinstance(study.target, Scene):
         ways["target"] = study.target.way
@@ -82,16 +98,22 @@ def _placed(study: Study, place: Array) -> tuple[Array, Array, Array]:
     """Return (lon, lat) [deg] of unit vectors (..., 3), and the polygons of land about them."""
     box = shore.within_reach(study)
     lon, lat = path.degrees(place)
-    return sphere.near_degrees(lon, (box.west + box.east) / 2), lat, coast.land("gshhg", box).polygons
+    return (
+        sphere.near_degrees(lon, (box.west + box.east) / 2),
+        lat,
+        coast.land("gshhg", box).polygons,
+    )
 
 
 def _on_land(study: Study, place: Array) -> Array:
     """Return whether places (..., 3) are on land; in their shape (...)."""
     lon, lat, polygons = _placed(study, place)
     found = np.zeros(lon.shape, bool)
-    found.flat[shapely.STRtree(shapely.points(lon.ravel(), lat.ravel())).query(polygons, predicate="intersects")[1]] = (
-        True
-    )
+    found.flat[
+        shapely.STRtree(shapely.points(lon.ravel(), lat.ravel())).query(
+            polygons, predicate="intersects"
+        )[1]
+    ] = True
     return found
 
 
@@ -100,11 +122,18 @@ def _moment(study: Study, seconds: float) -> np.datetime64:
 
 
 def _plots(study: Study, seen: Detections) -> list[str]:
-    """Return which plots are too far from the one before, stand twice, or were made by what was off."""
+    """Return which plots are too far from the one before, stand twice, or were made by what was
+    off.
+    """
     fastest, told = study.methods[0].behaviour.fastest, []
     bearing = np.round(np.mod(seen.bearing, 2 * np.pi), 9) % round(2 * np.pi, 9)
     rows = Counter(
-        zip(seen.time, seen.sensor, *(np.nan_to_num(part, nan=-1.0) for part in (bearing, seen.range)), strict=True)
+        zip(
+            seen.time,
+            seen.sensor,
+            *(np.nan_to_num(part, nan=-1.0) for part in (bearing, seen.range)),
+            strict=True,
+        )
     )
     for (time, number, *_), times in rows.items():
         if times > 1:
@@ -122,9 +151,15 @@ def _plots(study: Study, seen: Detections) -> list[str]:
     for number, time in zip(seen.sensor, seen.time, strict=True):
         sensor = study.sensors[number]
         # One that is never on is one whose silence is not to count.
-        if not sensor.hears and np.isfinite(sensor.on.begin) and not sensor.on.includes(float(time)):
+        if (
+            not sensor.hears
+            and np.isfinite(sensor.on.begin)
+            and not sensor.on.includes(float(time))
+        ):
             when = notation.group(_moment(study, float(time)))
-            told.append(f"{sensor.name} was off when it detected something at {when}: check when it is on")
+            told.append(
+                f"{sensor.name} was off when it detected something at {when}: check when it is on"
+            )
     return list(dict.fromkeys(told))
 
 

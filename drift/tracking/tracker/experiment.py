@@ -1,4 +1,6 @@
-"""Many runs of a tracking case side by side, in several ways of following on common random numbers, and their figures."""
+"""Many runs of a tracking case side by side, in several ways of following on common random numbers,
+and their figures.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,10 +27,18 @@ class Outcome:
     sweeps: int  # of the first run
 
 
-def run(asked: Study, shore: DeviceCoast | None = None, tell: Callable[[float], None] = lambda share: None) -> Outcome:
-    """Return the figures of an experiment; shore: on whose land nobody is; tell: takes the share that is done."""
+def run(
+    asked: Study,
+    shore: DeviceCoast | None = None,
+    tell: Callable[[float], None] = lambda share: None,
+) -> Outcome:
+    """Return the figures of an experiment; shore: on whose land nobody is; tell: takes the share
+    that is done.
+    """
     worlds, ways = study.worlds(asked, shore)
-    found = following.follow(worlds, asked.methods, asked.size, asked.seed, bool(asked.areas), tell, shore)
+    found = following.follow(
+        worlds, asked.methods, asked.size, asked.seed, bool(asked.areas), tell, shore
+    )
     place, velocity, regular = [], [], []
     for world, way in zip(worlds, ways, strict=True):
         told = world.sweeps.row >= 0
@@ -40,13 +50,23 @@ def run(asked: Study, shore: DeviceCoast | None = None, tell: Callable[[float], 
         regular.append((time, np.pad(world.sweeps.marked[told], (0, fill))))
     errors = following.errors(found, np.stack(place), np.stack(velocity))
     times, marked = (np.stack(part) for part in zip(*regular, strict=True))
-    at_marks = Errors(*(_at(values, marked) for values in (errors.position, errors.course, errors.speed)))
+    at_marks = Errors(
+        *(_at(values, marked) for values in (errors.position, errors.course, errors.speed))
+    )
     curves, moments = _curves(asked, at_marks, _at(found.level, marked)), study.marks(asked)
-    return Outcome(asked, _figures(asked, errors, times, curves, moments), moments, curves, len(worlds[0].sweeps))
+    return Outcome(
+        asked,
+        _figures(asked, errors, times, curves, moments),
+        moments,
+        curves,
+        len(worlds[0].sweeps),
+    )
 
 
 def _at(values: Array, marked: Array) -> Array:
-    """Return values (ways, runs, rows) at the rows that are marks (runs, rows), of which each run has as many."""
+    """Return values (ways, runs, rows) at the rows that are marks (runs, rows), of which each run
+    has as many.
+    """
     return np.stack([values[:, k, own] for k, own in enumerate(marked)], axis=1)
 
 
@@ -66,7 +86,9 @@ def _curves(asked: Study, errors: Errors, levels: Array) -> tuple[Curve, ...]:
 def _figures(
     asked: Study, errors: Errors, times: Array, curves: tuple[Curve, ...], moments: Array
 ) -> tuple[Figure, ...]:
-    """Return means over the window, the share of it that a track is held, and the time to criteria, by errors at all times."""
+    """Return means over the window, the share of it that a track is held, and the time to criteria,
+    by errors at all times.
+    """
     inside = (moments >= asked.window[0]) & (moments <= asked.window[1])
     figures = [of_times(curve.name, curve.unit, curve.values[..., inside]) for curve in curves]
     held = np.isfinite(curves[0].values[..., inside])
@@ -74,6 +96,8 @@ def _figures(
     if asked.criteria is not None:
         near = (errors.position < asked.criteria.position) & (errors.course < asked.criteria.course)
         near &= errors.speed < asked.criteria.speed
-        first = np.take_along_axis(np.broadcast_to(times, near.shape), near.argmax(axis=-1)[..., None], axis=-1)[..., 0]
+        first = np.take_along_axis(
+            np.broadcast_to(times, near.shape), near.argmax(axis=-1)[..., None], axis=-1
+        )[..., 0]
         figures.append(Figure(study.MET, "min", np.where(near.any(axis=-1), first, np.inf) / 60))
     return tuple(figures)

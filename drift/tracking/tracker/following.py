@@ -33,14 +33,18 @@ class World:
 
 @dataclass(frozen=True)
 class Estimates:
-    """What clouds say of the target at what is recorded, each (ways of following, runs, rows); NaN: no track is held."""
+    """What clouds say of the target at what is recorded, each (ways of following, runs, rows);
+
+    NaN: no track is held.
+    """
 
     place: Array  # unit vectors (..., 3)
     course: Array  # [rad] of the mean velocity
     speed: Array  # [m/s] mean of the particles' speeds
     velocity: Array  # [m/s] mean velocity, east and north (..., 2)
     count: Array  # particles
-    level: Array  # share of the cloud that lies where it is denser than at the target; NaN: not asked for
+    # share of the cloud that lies where it is denser than at the target; NaN: not asked for
+    level: Array
 
 
 @dataclass(frozen=True)
@@ -54,14 +58,19 @@ class Particles:
 
 
 def follow(
-    worlds: Sequence[World], trackers: Sequence[Tracker], size: int, seed: int,
-    areas: bool = False, tell: Callable[[float], None] = lambda share: None, shore: DeviceCoast | None = None,
-) -> Estimates:  # fmt: skip
+    worlds: Sequence[World],
+    trackers: Sequence[Tracker],
+    size: int,
+    seed: int,
+    areas: bool = False,
+    tell: Callable[[float], None] = lambda share: None,
+    shore: DeviceCoast | None = None,
+) -> Estimates:
     """Follow the target of every world in every way; size: particles of a cloud.
 
-    Worlds may be one object: its sweeps are then kept once. Clouds of one world share their random numbers, whatever
-    the way of following. areas: whether levels are asked for. tell: takes the share that is done. shore: on whose land no particle is,
-    None: anywhere.
+    Worlds may be one object: its sweeps are then kept once. Clouds of one world share their random
+    numbers, whatever the way of following. areas: whether levels are asked for. tell: takes the
+    share that is done. shore: on whose land no particle is, None: anywhere.
     """
     if size < 1:
         raise ValueError(f"a cloud needs a particle or more, not {size}")
@@ -86,7 +95,9 @@ def follow(
 
 
 class Clouds:
-    """The clouds of some worlds, in every way of following, on the device; all at the same sweep of their worlds."""
+    """The clouds of some worlds, in every way of following, on the device; all at the same sweep of
+    their worlds.
+    """
 
     def __init__(
         self,
@@ -98,7 +109,9 @@ class Clouds:
         areas: bool = False,
         shore: DeviceCoast | None = None,
     ) -> None:
-        """Have no track of anything yet; run: number of the first world, the key of its random numbers."""
+        """Have no track of anything yet; run: number of the first world, the key of its random
+        numbers.
+        """
         self.areas, self._shore = areas, shore
         distinct = {id(world): world for world in worlds}
         places = {key: k for k, key in enumerate(distinct)}
@@ -109,13 +122,21 @@ class Clouds:
         self.shape, self.size, self.seed = (len(trackers), n), size, seed
         self.rows = max((int(world.sweeps.row.max(initial=-1)) + 1 for world in worlds), default=0)
         self._sweeps = join_sweeps([world.sweeps for world in distinct.values()])
-        self._begin, self._end = np.tile(ends[which], len(trackers)), np.tile(ends[which + 1], len(trackers))
+        self._begin, self._end = (
+            np.tile(ends[which], len(trackers)),
+            np.tile(ends[which + 1], len(trackers)),
+        )
         whole = {
-            "run": np.tile(run + np.arange(n), len(trackers)), "rules": np.repeat(np.arange(len(trackers)), n),
-            "first": self._begin, "last": self._begin,
-            "first_leg": np.tile(leg_ends[which], len(trackers)), "last_leg": np.tile(leg_ends[which + 1], len(trackers)),
-            "first_row": np.arange(many) * self.rows, "count": np.zeros(many), "drawn": np.zeros(many),
-        }  # fmt: skip
+            "run": np.tile(run + np.arange(n), len(trackers)),
+            "rules": np.repeat(np.arange(len(trackers)), n),
+            "first": self._begin,
+            "last": self._begin,
+            "first_leg": np.tile(leg_ends[which], len(trackers)),
+            "last_leg": np.tile(leg_ends[which + 1], len(trackers)),
+            "first_row": np.arange(many) * self.rows,
+            "count": np.zeros(many),
+            "drawn": np.zeros(many),
+        }
         real = {
             "estimate": np.full((many, 5), -1.0),
             "lost": np.full(many, np.nan),
@@ -135,8 +156,12 @@ class Clouds:
         self._fixed = (
             {"rule_real": tables.upload(rules(trackers))},
             {
-                "sweep_real": tables.upload(_table(clouds.Sweep, clouds.Sweep.REAL, seen, np.float64)),
-                "sweep_whole": tables.upload(_table(clouds.Sweep, clouds.Sweep.WHOLE, told, np.int32)),
+                "sweep_real": tables.upload(
+                    _table(clouds.Sweep, clouds.Sweep.REAL, seen, np.float64)
+                ),
+                "sweep_whole": tables.upload(
+                    _table(clouds.Sweep, clouds.Sweep.WHOLE, told, np.int32)
+                ),
             },
             {"leg_real": tables.upload(legs([world.tracker for world in distinct.values()]))},
         )
@@ -147,22 +172,35 @@ class Clouds:
         tracks = self._tracks["track_whole"].to_numpy()
         first = tracks[:, clouds.Track.LAST].copy()
         time = self._sweeps.time
-        last = [b + np.searchsorted(time[b:e], until, side="right") for b, e in zip(first, self._end, strict=True)]
+        last = [
+            b + np.searchsorted(time[b:e], until, side="right")
+            for b, e in zip(first, self._end, strict=True)
+        ]
         tracks[:, clouds.Track.FIRST], tracks[:, clouds.Track.LAST] = first, last
         self._tracks["track_whole"].from_numpy(tracks)
         clouds.follow(
-            self.areas, self.size, self.seed, self._cloud, self._tracks, *self._fixed, self._found, self._shore
+            self.areas,
+            self.size,
+            self.seed,
+            self._cloud,
+            self._tracks,
+            *self._fixed,
+            self._found,
+            self._shore,
         )
         return self
 
     def hold(self, place: Array, velocity: Array, since: Array) -> None:
-        """Have one particle in every cloud of the one way of following, that acts first when it is at a place.
+        """Have one particle in every cloud of the one way of following, that acts first when it is
+        at a place.
 
         place, velocity [1/s]: (worlds, 3), since: when it is there [s] (worlds,).
         """
         assert self.shape[0] == self.size == 1
         rate = np.linalg.norm(velocity, axis=1)
-        onward = np.where(rate[:, None] > 0, velocity / np.maximum(rate, 1e-300)[:, None], path.frame(place).north)
+        onward = np.where(
+            rate[:, None] > 0, velocity / np.maximum(rate, 1e-300)[:, None], path.frame(place).north
+        )
         values = {"place": place, "way": onward, "rate": rate, "weight": np.ones(len(rate))}
         values |= dict.fromkeys(("since", "due", "free"), since)
         self._cloud["own_real"].from_numpy(_table(Own, Own.REAL, values, np.float64))
@@ -172,17 +210,24 @@ class Clouds:
 
     @property
     def fields(self) -> Array:
-        """What is recorded so far, (ways of following, worlds, rows, kernels.tracking.clouds.FIELDS)."""
+        """What is recorded so far, (ways of following, worlds, rows,
+        kernels.tracking.clouds.FIELDS).
+        """
         values = self._found.to_numpy()[: math.prod(self.shape) * self.rows * len(clouds.FIELDS)]
         return np.asarray(values).reshape(*self.shape, self.rows, len(clouds.FIELDS))
 
     def particles(self, way: int, world: int, time: float) -> Particles:
-        """Return the particles of a cloud at a time [s] that is not before its last sweep and before any acts."""
+        """Return the particles of a cloud at a time [s] that is not before its last sweep and
+        before any acts.
+        """
         return self.clouds(time)[way * self.shape[1] + world]
 
     def clouds(self, time: float) -> list[Particles]:
         """Return the same of all clouds, worlds side by side in each way of following."""
-        real, mode = self._cloud["own_real"].to_numpy(), self._cloud["own_whole"].to_numpy()[:, Own.MODE]
+        real, mode = (
+            self._cloud["own_real"].to_numpy(),
+            self._cloud["own_whole"].to_numpy()[:, Own.MODE],
+        )
         counts = self._tracks["track_whole"].to_numpy()[:, clouds.Track.COUNT]
         spans = [slice(k * self.size, k * self.size + count) for k, count in enumerate(counts)]
         return [self._particles(real[some], mode[some], time) for some in spans]
@@ -194,11 +239,15 @@ class Clouds:
         angle = rate * (time - real[:, Own.SINCE, None])
         c, s = np.cos(angle), np.sin(angle)
         weight = real[:, Own.WEIGHT]
-        return Particles(place * c + onward * s, rate * (onward * c - place * s), weight / weight.sum(), mode)
+        return Particles(
+            place * c + onward * s, rate * (onward * c - place * s), weight / weight.sum(), mode
+        )
 
 
 def _table(kind: Any, width: int, values: Mapping[str, Array], dtype: type) -> Array:
-    """Return a table of `width` columns; kind: says in which of them what is called by a name begins."""
+    """Return a table of `width` columns; kind: says in which of them what is called by a name
+    begins.
+    """
     many = len(next(iter(values.values())))
     table: Array = np.zeros((many, width), dtype)
     for name, column in values.items():
@@ -214,10 +263,21 @@ def rules(trackers: Sequence[Tracker]) -> Array:
     for tracker in trackers:
         law, filling = tracker.behaviour, tracker.filling
         soonest, latest = law.acts or (follower.NEVER, follower.NEVER)
-        table.append((
-            law.change, law.seek, law.hide, law.leave, soonest, latest, law.spread, law.fastest / sphere.RADIUS,
-            filling.partial, filling.bulk, METHODS[filling.method],
-        ))  # fmt: skip
+        table.append(
+            (
+                law.change,
+                law.seek,
+                law.hide,
+                law.leave,
+                soonest,
+                latest,
+                law.spread,
+                law.fastest / sphere.RADIUS,
+                filling.partial,
+                filling.bulk,
+                METHODS[filling.method],
+            )
+        )
     return np.array(table, np.float64)
 
 
@@ -226,28 +286,41 @@ def legs(trackers: Sequence[Path]) -> Array:
     values = {
         "time": np.concatenate([way.time for way in trackers]),
         "place": np.concatenate([way.place for way in trackers]),
-        "way": np.concatenate([np.vstack([way.way, path.frame(way.place[-1:]).north]) for way in trackers]),
+        "way": np.concatenate(
+            [np.vstack([way.way, path.frame(way.place[-1:]).north]) for way in trackers]
+        ),
         "rate": np.concatenate([np.append(way.rate, 0.0) for way in trackers]),
     }
     return _table(follower.Leg, follower.Leg.REAL, values, np.float64)
 
 
 def wanders(
-    begin: Path, law: Behaviour, tracker: Path, moments: Array, runs: int, seed: int, shore: DeviceCoast | None = None
+    begin: Path,
+    law: Behaviour,
+    tracker: Path,
+    moments: Array,
+    runs: int,
+    seed: int,
+    shore: DeviceCoast | None = None,
 ) -> list[Path]:
-    """Return the ways of a target that acts, one a run; begin: the way that it keeps to until its first act.
+    """Return the ways of a target that acts, one a run; begin: the way that it keeps to until its
+    first act.
 
-    moments: times [s], ascending, between which it is taken to go straight. It is moved as a particle is, by numbers of
-    its own.
+    moments: times [s], ascending, between which it is taken to go straight. It is moved as a
+    particle is, by numbers of its own.
     """
     if law.acts is None:
         return [begin] * runs
     seed = noise.seed_for(seed, noise.Purpose.TARGET)
-    due = np.array([noise.generator(seed, noise.Purpose.TARGET, run).uniform(*law.acts) for run in range(runs)])
+    due = np.array(
+        [noise.generator(seed, noise.Purpose.TARGET, run).uniform(*law.acts) for run in range(runs)]
+    )
     first = begin.at(due)
     marks = sweeps_of.marks(moments, begin)
     marks = replace(marks, row=np.arange(len(moments), dtype=np.int32))
-    alone = Clouds([World(tracker, marks)] * runs, [Tracker("target", law, Filling())], 1, seed, shore=shore)
+    alone = Clouds(
+        [World(tracker, marks)] * runs, [Tracker("target", law, Filling())], 1, seed, shore=shore
+    )
     alone.hold(*first, due)
     found = alone.go().fields[0, ..., :3]
     ways = []
@@ -268,7 +341,11 @@ class Errors:
 
 
 def errors(found: Estimates, place: Array, velocity: Array) -> Errors:
-    """Return how far estimates are from a target at places (runs, rows, 3) with velocities [1/s] there."""
+    """Return how far estimates are from a target at places (runs, rows, 3) with velocities [1/s]
+    there.
+    """
     turned = np.angle(np.exp(1j * (found.course - path.course(place, velocity))))
     speed = np.linalg.norm(velocity, axis=-1) * sphere.RADIUS
-    return Errors(path.arc(found.place, place) * sphere.RADIUS, np.abs(turned), np.abs(found.speed - speed))
+    return Errors(
+        path.arc(found.place, place) * sphere.RADIUS, np.abs(turned), np.abs(found.speed - speed)
+    )

@@ -1,8 +1,9 @@
 """Observations as normal distributions on a plane, and several of them merged into one.
 
-Stroupe, Martin and Balch 2000, Merging Gaussian distributions for object localization in multi-robot systems; equations 0.1
-to 0.8 of Borovies 2007. It suits two bearings and ranges of one place at one time; for what moves between them, or may not be
-where a sensor found nothing, there are clouds.
+Stroupe, Martin and Balch 2000, Merging Gaussian distributions for object localization in
+multi-robot systems; equations 0.1 to 0.8 of Borovies 2007. It suits two bearings and ranges of one
+place at one time; for what moves between them, or may not be where a sensor found nothing, there
+are clouds.
 """
 
 from dataclasses import dataclass
@@ -22,8 +23,13 @@ class Gaussian:
 
     def __post_init__(self) -> None:
         """Raise ValueError for a covariance that none has."""
-        if not np.allclose(self.covariance, self.covariance.T) or not (np.linalg.eigvalsh(self.covariance) > 0).all():
-            raise ValueError(f"{self.covariance.tolist()} is no covariance: it must be symmetric and positive definite")
+        if (
+            not np.allclose(self.covariance, self.covariance.T)
+            or not (np.linalg.eigvalsh(self.covariance) > 0).all()
+        ):
+            raise ValueError(
+                f"{self.covariance.tolist()} is no covariance: it must be symmetric and positive definite"
+            )
 
 
 class Axes(NamedTuple):
@@ -35,7 +41,9 @@ class Axes(NamedTuple):
 
 
 def observed(east: float, north: float, major: float, minor: float, angle: float) -> Gaussian:
-    """Return what was seen at a place [m], with standard deviations along an axis and across it; angle [rad] from north to east."""
+    """Return what was seen at a place [m], with standard deviations along an axis and across it;
+    angle [rad] from north to east.
+    """
     turned = np.array([[np.sin(angle), np.cos(angle)], [np.cos(angle), -np.sin(angle)]])
     return Gaussian(np.array([east, north]), turned @ np.diag([major**2, minor**2]) @ turned.T)
 

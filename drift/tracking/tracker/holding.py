@@ -28,7 +28,9 @@ OTHERS = 9  # clouds beside the one that is told, of other random numbers
 
 @dataclass(frozen=True)
 class Loss:
-    """When a track was lost, and to whose sweeps that found nothing; to none's where a detection was all on land."""
+    """When a track was lost, and to whose sweeps that found nothing; to none's where a detection
+    was all on land.
+    """
 
     time: float  # [s]
     sensors: tuple[Sensor, ...]
@@ -36,11 +38,14 @@ class Loss:
 
 @dataclass(frozen=True)
 class Shown:
-    """The cloud at a time that is shown, and what OTHERS of other random numbers make of the same detections."""
+    """The cloud at a time that is shown, and what OTHERS of other random numbers make of the same
+    detections.
+    """
 
     time: float  # [s]
     cloud: Particles | None  # None: no track is held
-    sizes: Mapping[float, tuple[float, float]]  # [m2] least and largest area of all clouds, by share
+    # [m2] least and largest area of all clouds, by share
+    sizes: Mapping[float, tuple[float, float]]
     within: Mapping[
         float, float
     ]  # share of the others that each area holds; of a cloud like them as much as of its own
@@ -49,7 +54,9 @@ class Shown:
 
 @dataclass(frozen=True)
 class Held:
-    """A track; columns (n,), at the times of detections, of figures and those shown, NaN while none is held."""
+    """A track; columns (n,), at the times of detections, of figures and those shown, NaN while none
+    is held.
+    """
 
     study: Study
     sweeps: Sweeps
@@ -61,9 +68,12 @@ class Held:
     off: Array  # [rad] root mean square of what the particles' courses differ from that
     slower: Array  # [m/s] standard deviation of their speeds
     count: Array  # particles
-    left: Array  # share of the cloud that the plots of the last time left, before it was filled; NaN: none was held
+    # share of the cloud that the plots of the last time left, before it was filled; NaN: none was
+    # held
+    left: Array
     drawn: Array  # whether it was drawn anew from them, as too little was left of what was held
-    areas: tuple[Mapping[float, Region], ...]  # that hold each of SHARES; none while no track is held
+    # that hold each of SHARES; none while no track is held
+    areas: tuple[Mapping[float, Region], ...]
     shown: tuple[Shown, ...]
     lost: tuple[Loss, ...]
 
@@ -76,20 +86,33 @@ class Held:
         """Whether plots had a cloud drawn anew that knew of a course by two plots or more (n,)."""
         rows = np.flatnonzero(self.detected)
         found = np.zeros(len(self.time), bool)
-        found[rows[1:]] = self.drawn[rows[1:]] & ~np.isnan(self.left[rows[:-1]]) & ~np.isnan(self.place[rows[1:], 0])
+        found[rows[1:]] = (
+            self.drawn[rows[1:]]
+            & ~np.isnan(self.left[rows[:-1]])
+            & ~np.isnan(self.place[rows[1:], 0])
+        )
         return found
 
     @cached_property
     def within(self) -> Array:
-        """Return the share of the smallest area that the estimate lies in (n,); NaN: in none, as the mean of a ring does."""
+        """Return the share of the smallest area that the estimate lies in (n,);
+
+        NaN: in none, as the mean of a ring does.
+        """
         found = np.full(len(self.time), np.nan)
         for k, regions in enumerate(self.areas):
-            around = [share for share, region in regions.items() if density.holds(region, self.place[k : k + 1])[0]]
+            around = [
+                share
+                for share, region in regions.items()
+                if density.holds(region, self.place[k : k + 1])[0]
+            ]
             found[k] = min(around, default=np.nan)
         return found
 
 
-def hold(asked: Study, shore: Shoreline | None = None, tell: Callable[[float], None] = lambda share: None) -> Held:
+def hold(
+    asked: Study, shore: Shoreline | None = None, tell: Callable[[float], None] = lambda share: None
+) -> Held:
     """Return the track by a case's detections, in its first way of following.
 
     shore: on whose land no particle is, None: anywhere; tell: takes the share that is done.
@@ -115,10 +138,22 @@ def hold(asked: Study, shore: Shoreline | None = None, tell: Callable[[float], N
     off, slower = np.array(spreads).T
     left = np.where(fields[:, 10] < 0, np.nan, fields[:, 10])
     return Held(
-        asked, told, moments, np.isin(moments, found.time), fields[:, :3], np.arctan2(fields[:, 3], fields[:, 4]),
-        fields[:, 5] * sphere.RADIUS, off, slower, fields[:, 6], left, fields[:, 11] > 0, tuple(areas), tuple(clouds),
+        asked,
+        told,
+        moments,
+        np.isin(moments, found.time),
+        fields[:, :3],
+        np.arctan2(fields[:, 3], fields[:, 4]),
+        fields[:, 5] * sphere.RADIUS,
+        off,
+        slower,
+        fields[:, 6],
+        left,
+        fields[:, 11] > 0,
+        tuple(areas),
+        tuple(clouds),
         _losses(asked, found, fields[:, 9], until),
-    )  # fmt: skip
+    )
 
 
 def _areas(cloud: Particles, dry: Callable[[Array, Array], Array] | None) -> Mapping[float, Region]:
@@ -129,7 +164,9 @@ def _areas(cloud: Particles, dry: Callable[[Array, Array], Array] | None) -> Map
 
 
 def _spread(cloud: Particles) -> tuple[float, float]:
-    """Return the root mean square of what courses differ from that of the mean velocity [rad], and the standard deviation of speeds [m/s]."""
+    """Return the root mean square of what courses differ from that of the mean velocity [rad], and
+    the standard deviation of speeds [m/s].
+    """
     w = cloud.weight
     if not len(w):
         return np.nan, np.nan
@@ -140,17 +177,21 @@ def _spread(cloud: Particles) -> tuple[float, float]:
 
 
 def _shown(
-    time: float, own: Particles, areas: Mapping[float, Region], others: Sequence[Particles],
+    time: float,
+    own: Particles,
+    areas: Mapping[float, Region],
+    others: Sequence[Particles],
     dry: Callable[[Array, Array], Array] | None,
-) -> Shown:  # fmt: skip
+) -> Shown:
     """Return a cloud and its areas beside those of others."""
     others = [cloud for cloud in others if len(cloud.weight)]
     each = [regions for regions in (areas, *(_areas(cloud, dry) for cloud in others)) if regions]
     sizes = {share: [regions[share].area for regions in each] for share in SHARES} if each else {}
     within = {
         share: np.mean([cloud.weight[density.holds(region, cloud.place)].sum() for cloud in others])
-        for share, region in areas.items() if others
-    }  # fmt: skip
+        for share, region in areas.items()
+        if others
+    }
     return Shown(
         time,
         own if areas else None,
@@ -161,11 +202,15 @@ def _shown(
 
 
 def _losses(asked: Study, found: Detections, time: Array, until: float) -> tuple[Loss, ...]:
-    """Return when a track was lost; time: when it was lost last, at each row [s]; until: when silence counts [s]."""
+    """Return when a track was lost; time: when it was lost last, at each row [s]; until: when
+    silence counts [s].
+    """
     silent = detections.silences(asked.sensors, found, asked.tracker, until)
     told = []
     for lost in np.unique(time[np.isfinite(time)]):
-        who = tuple(sensor for sensor, times in zip(asked.sensors, silent, strict=True) if lost in times)
+        who = tuple(
+            sensor for sensor, times in zip(asked.sensors, silent, strict=True) if lost in times
+        )
         told.append(Loss(float(lost), who))
     return tuple(told)
 
@@ -193,7 +238,10 @@ def onward(asked: Study, seed: int, shore: DeviceCoast | None = None) -> Forecas
         known = asked.tracker.time < chase.begin - 1.0
         tracker = asked.tracker
         if joins:
-            tracker = Path(np.append(tracker.time[known], way.time), np.vstack([tracker.place[known], way.place]))
+            tracker = Path(
+                np.append(tracker.time[known], way.time),
+                np.vstack([tracker.place[known], way.place]),
+            )
         told = detections.ordered(asked.sensors, found, tracker, chase.times, chase.begin + SOON)
         held = Clouds([World(tracker, told)], asked.methods[:1], asked.size, seed, shore=shore)
         clouds = [held.go(time).particles(0, 0, time) for time in chase.times]
@@ -207,7 +255,11 @@ def _silent_until(asked: Study) -> float:
 
     The looks of a pursuit are its own, where no log says where the tracker was meanwhile.
     """
-    return asked.end if asked.pursuit is None or asked.logged else min(asked.end, asked.pursuit.begin + SOON)
+    return (
+        asked.end
+        if asked.pursuit is None or asked.logged
+        else min(asked.end, asked.pursuit.begin + SOON)
+    )
 
 
 def _usual(asked: Study, found: Detections) -> tuple[float, ...]:

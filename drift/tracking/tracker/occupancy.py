@@ -1,8 +1,8 @@
 """Occupancy maps: the probability of a target by cells, which spreads while nobody sees it.
 
-Isla 2006, Probabilistic target tracking and search using occupancy maps; equations 0.9 to 0.13 of Borovies 2007. Cells are as
-large as each other and have four neighbours. It is exact for a target that walks from cell to cell at random, and needs no particles; it
-knows neither course nor speed.
+Isla 2006, Probabilistic target tracking and search using occupancy maps; equations 0.9 to 0.13 of
+Borovies 2007. Cells are as large as each other and have four neighbours. It is exact for a target
+that walks from cell to cell at random, and needs no particles; it knows neither course nor speed.
 """
 
 import numpy as np
@@ -21,10 +21,11 @@ def seen(shape: tuple[int, int], cell: tuple[int, int]) -> Array:
 
 
 def unseen(probability: Array, visible: Array) -> tuple[Array, float]:
-    """Return the map after a look that found nothing in cells (bool), and the probability that was there.
+    """Return the map after a look that found nothing in cells (bool), and the probability that was
+    there.
 
-    Isla's measures: that is what surprises when the target is found where little is left, and what confuses when it was much.
-    Raises ValueError where the target could be nowhere else.
+    Isla's measures: that is what surprises when the target is found where little is left, and what
+    confuses when it was much. Raises ValueError where the target could be nowhere else.
     """
     culled = float(probability[visible].sum())
     left = np.where(visible, 0.0, probability)

@@ -11,7 +11,8 @@ import numpy.typing as npt
 from geo import sphere
 from geo.array import Array
 
-LONGEST = 5000.0  # [m] parts of a rhumb line that are laid as great circles: 0.5 m off at 60 degrees of latitude
+# [m] parts of a rhumb line that are laid as great circles: 0.5 m off at 60 degrees of latitude
+LONGEST = 5000.0
 
 
 class Leg(NamedTuple):
@@ -31,7 +32,9 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True)
 class Path:
-    """Where something is at any time from its first vertex to its last; before and after it stays there."""
+    """Where something is at any time from its first vertex to its last; before and after it stays
+    there.
+    """
 
     time: Array  # [s] (n + 1,), ascending
     place: Array  # unit vectors (n + 1, 3)
@@ -44,12 +47,18 @@ class Path:
     @cached_property
     def way(self) -> Array:
         """Unit tangent at the begin of each part (n, 3); north where it stays."""
-        across = self.place[1:] - self.place[:-1] * np.sum(self.place[1:] * self.place[:-1], axis=1, keepdims=True)
+        across = self.place[1:] - self.place[:-1] * np.sum(
+            self.place[1:] * self.place[:-1], axis=1, keepdims=True
+        )
         size = np.linalg.norm(across, axis=1, keepdims=True)
-        return np.where(size > 1e-13, across / np.maximum(size, 1e-300), frame(self.place[:-1]).north)
+        return np.where(
+            size > 1e-13, across / np.maximum(size, 1e-300), frame(self.place[:-1]).north
+        )
 
     def at(self, time: npt.ArrayLike) -> tuple[Array, Array]:
-        """Return (places, velocities [1/s]) at times [s], unit vectors and their derivatives, each (m, 3)."""
+        """Return (places, velocities [1/s]) at times [s], unit vectors and their derivatives, each
+        (m, 3).
+        """
         time = np.asarray(time, np.float64)
         part = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.rate) - 1)
         still = (time < self.time[0]) | (time > self.time[-1])
@@ -57,7 +66,9 @@ class Path:
         angle = self.rate[part] * (time - self.time[part])
         c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
         rate = np.where(still, 0.0, self.rate[part])[:, None]
-        return self.place[part] * c + self.way[part] * s, rate * (self.way[part] * c - self.place[part] * s)
+        return self.place[part] * c + self.way[part] * s, rate * (
+            self.way[part] * c - self.place[part] * s
+        )
 
 
 def vector(lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
@@ -68,7 +79,9 @@ def vector(lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
 def degrees(place: Array) -> tuple[Array, Array]:
     """Return (lon, lat) [deg] of unit vectors (..., 3)."""
     across = np.hypot(place[..., 0], place[..., 1])
-    return np.degrees(np.arctan2(place[..., 1], place[..., 0])), np.degrees(np.arctan2(place[..., 2], across))
+    return np.degrees(np.arctan2(place[..., 1], place[..., 0])), np.degrees(
+        np.arctan2(place[..., 2], across)
+    )
 
 
 def arc(first: Array, second: Array) -> Array:
@@ -86,7 +99,9 @@ def frame(place: Array) -> Frame:
 def course(place: Array, velocity: Array) -> Array:
     """Return the direction [rad] of velocities at places, each (..., 3)."""
     there = frame(place)
-    return np.asarray(np.arctan2(np.sum(velocity * there.east, axis=-1), np.sum(velocity * there.north, axis=-1)))
+    return np.asarray(
+        np.arctan2(np.sum(velocity * there.east, axis=-1), np.sum(velocity * there.north, axis=-1))
+    )
 
 
 def through(time: npt.ArrayLike, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Path:

@@ -1,9 +1,11 @@
 """A path that meets a cloud, or keeps out of its way, planned again as the cloud moves and shrinks.
 
-At the end of each step the vessel looks round: particles within its reach are met, and where it sees nothing they are
-ruled out. Paths are by A* on the cloud binned by cells (drift.tracking.tracker.astar). What a path meets is added step by step, so that
-what stays in reach is counted again: a plan is made anew with what is left when the likelihood of having seen nothing
-since the last plan falls below a threshold (Klaas, Southey and Cheeseman 2005, Particle-based communication among game agents).
+At the end of each step the vessel looks round: particles within its reach are met, and where it
+sees nothing they are ruled out. Paths are by A* on the cloud binned by cells
+(drift.tracking.tracker.astar). What a path meets is added step by step, so that what stays in reach
+is counted again: a plan is made anew with what is left when the likelihood of having seen nothing
+since the last plan falls below a threshold (Klaas, Southey and Cheeseman 2005, Particle-based
+communication among game agents).
 """
 
 from collections.abc import Callable
@@ -19,20 +21,26 @@ from geo import notation, sphere
 from geo.array import Array
 from geo.notation import KNOT, NMI
 
-STRIDE = 4  # cells that the vessel makes in a step: over several it goes any way at 88 % of its speed or more
+# cells that the vessel makes in a step: over several it goes any way at 88 % of its speed or more
+STRIDE = 4
 MOST = 5_000_000  # cells and steps together
 
-Forecast = Callable[[Path], tuple[Array, Array]]  # a tracker's path -> places at each step (K + 1, n, 3), weights (n,)
+# a tracker's path -> places at each step (K + 1, n, 3), weights (n,)
+Forecast = Callable[[Path], tuple[Array, Array]]
 
 
 class Barrier(Protocol):
     """Where a vessel cannot be."""
 
     def in_squares(self, lon: Array, lat: Array, half: float) -> Array:
-        """Return whether any of it is in squares, by their middles [deg] and half their side [m]; in their shape."""
+        """Return whether any of it is in squares, by their middles [deg] and half their side [m];
+        in their shape.
+        """
 
     def on_legs(self, begin: Array, ends: Array) -> Array:
-        """Return whether any of it is on great circles from a unit vector (3,) to others (m, 3); (m,)."""
+        """Return whether any of it is on great circles from a unit vector (3,) to others (m, 3);
+        (m,).
+        """
 
 
 @dataclass(frozen=True)
@@ -47,7 +55,8 @@ class Pursuit:
     interval: float  # [s] of a step
     steps: int
     to: tuple[float, float] | None = None  # where it goes that avoids [rad]
-    worth: float = 3600.0  # [s] of detour that one would take for a meeting less, by -log(1 - share met)
+    # [s] of detour that one would take for a meeting less, by -log(1 - share met)
+    worth: float = 3600.0
     threshold: float = 0.8  # likelihood of having seen nothing below which the plan is made anew
 
     @property
@@ -63,18 +72,24 @@ class Pursued:
     path: Path
     met: Array  # share of the cloud met by each of its looks, each particle counted once
     plans: tuple[int, ...]  # steps at which a plan was made
-    near: float  # share that is, at any look until the end, where the vessel could be within reach of it if there were no land
+    # share that is, at any look until the end, where the vessel could be within reach of it if
+    # there were no land
+    near: float
 
 
 class Trigger:
-    """Klaas' trigger: the likelihood of what was observed since the last time, and whether it fell below a threshold."""
+    """Klaas' trigger: the likelihood of what was observed since the last time, and whether it fell
+    below a threshold.
+    """
 
     def __init__(self, threshold: float) -> None:
         """Have observed nothing yet."""
         self.threshold, self.likelihood = threshold, 1.0
 
     def observed(self, weight: float) -> bool:
-        """Return whether it is time, by the sum of weights, 1 before, that an observation left; then begin anew."""
+        """Return whether it is time, by the sum of weights, 1 before, that an observation left;
+        then begin anew.
+        """
         self.likelihood *= weight
         if self.likelihood >= self.threshold:
             return False
@@ -112,10 +127,16 @@ def grid(asked: Pursuit) -> Grid:
 
 
 def mass(cells: Array, place: Array, weight: Array, reach: float) -> Array:
-    """Return the weight of the particles within reach [m] of cells at unit vectors (rows, columns, 3)."""
+    """Return the weight of the particles within reach [m] of cells at unit vectors (rows, columns,
+    3).
+    """
     chord = 2 * np.sin(reach / sphere.RADIUS / 2)
-    near = cKDTree(cells.reshape(-1, 3)).sparse_distance_matrix(cKDTree(place), chord, output_type="coo_matrix")
-    total = np.bincount(near.row, weights=weight[near.col], minlength=cells.shape[0] * cells.shape[1])
+    near = cKDTree(cells.reshape(-1, 3)).sparse_distance_matrix(
+        cKDTree(place), chord, output_type="coo_matrix"
+    )
+    total = np.bincount(
+        near.row, weights=weight[near.col], minlength=cells.shape[0] * cells.shape[1]
+    )
     return np.asarray(total).reshape(cells.shape[:2])
 
 
@@ -123,9 +144,12 @@ def mass(cells: Array, place: Array, weight: Array, reach: float) -> Array:
 class Chart:
     """Cells that a vessel moves over, and how."""
 
-    place: Array  # unit vectors of where it is in each cell (rows, columns, 3): the middle, and the destination itself
+    # unit vectors of where it is in each cell (rows, columns, 3): the middle, and the destination
+    # itself
+    place: Array
     closed: Array  # cells (rows, columns) that it does not cross
-    gates: dict[astar.Cell, Array]  # by which moves it leaves and enters those of the begin and of the destination
+    # by which moves it leaves and enters those of the begin and of the destination
+    gates: dict[astar.Cell, Array]
     here: astar.Cell
     goal: astar.Cell | None
 
@@ -133,21 +157,27 @@ class Chart:
 def charted(asked: Pursuit, barrier: Barrier | None) -> Chart:
     """Return the cells of a pursuit: those with any of the barrier are closed.
 
-    Harbours are near land: the cells of begin and destination are left and entered by such moves as do not meet it,
-    whatever else is in them, and that make no more than the speed.
+    Harbours are near land: the cells of begin and destination are left and entered by such moves as
+    do not meet it, whatever else is in them, and that make no more than the speed.
     """
     cells = grid(asked)
     place, here, size = cells.place, (cells.half, cells.half), cells.size / 2
     goal = None if asked.to is None else cells.cell(*asked.to)
     if asked.to is not None and goal != here:
         place[goal] = path.vector(*asked.to)
-    closed = np.zeros(place.shape[:2], bool) if barrier is None else barrier.in_squares(*path.degrees(place), size)
+    closed = (
+        np.zeros(place.shape[:2], bool)
+        if barrier is None
+        else barrier.in_squares(*path.degrees(place), size)
+    )
     gates, moves = {}, astar.moves(STRIDE)
     for cell in (here,) if goal is None else (here, goal):
         to = moves + cell
         inside = ((to >= 0) & (to < place.shape[0])).all(axis=1)
         ends = place[tuple(to[inside].T)]
-        free = path.arc(ends, place[cell]) * sphere.RADIUS <= asked.speed * asked.interval * (1 + 1e-4)
+        free = path.arc(ends, place[cell]) * sphere.RADIUS <= asked.speed * asked.interval * (
+            1 + 1e-4
+        )
         if barrier is not None and closed[cell]:
             free &= ~barrier.on_legs(place[cell], ends)
         gates[cell] = np.zeros(len(moves), bool)
@@ -171,9 +201,10 @@ def _no_way(asked: Pursuit) -> str:
 def pursue(asked: Pursuit, forecast: Forecast, barrier: Barrier | None = None) -> Pursued:
     """Return a path and the share of the cloud that it meets.
 
-    forecast: where the same particles, in the same order, would be at `asked.times` if the tracker went a path: it is asked
-    again with each plan, for particles may seek or flee. barrier: where the vessel cannot be. Raises ValueError with one
-    line for what cannot be done (`check`), where no particle is left, and where there is no way to the destination.
+    forecast: where the same particles, in the same order, would be at `asked.times` if the tracker
+    went a path: it is asked again with each plan, for particles may seek or flee. barrier: where
+    the vessel cannot be. Raises ValueError with one line for what cannot be done (`check`), where
+    no particle is left, and where there is no way to the destination.
     """
     check(asked)
     chart = charted(asked, barrier)
@@ -197,14 +228,25 @@ def pursue(asked: Pursuit, forecast: Forecast, barrier: Barrier | None = None) -
         if step == len(plan) - 1 or (left.sum() == 0 and goal is None):
             break
     radius = asked.speed * (asked.times - asked.begin) + asked.reach
-    near = (path.arc(places, path.vector(*asked.start)) * sphere.RADIUS <= radius[:, None]).any(axis=0)
-    return Pursued(_path(asked, chart, plan[: len(met)]), np.array(met), tuple(plans), float(whole[near].sum()))
+    near = (path.arc(places, path.vector(*asked.start)) * sphere.RADIUS <= radius[:, None]).any(
+        axis=0
+    )
+    return Pursued(
+        _path(asked, chart, plan[: len(met)]), np.array(met), tuple(plans), float(whole[near].sum())
+    )
 
 
-def _plan(asked: Pursuit, chart: Chart, places: Array, left: Array, here: astar.Cell, step: int) -> list[astar.Cell]:
+def _plan(
+    asked: Pursuit, chart: Chart, places: Array, left: Array, here: astar.Cell, step: int
+) -> list[astar.Cell]:
     """Return the cells after a step."""
     weight = left / left.sum()
-    share = np.stack([mass(chart.place, places[k], weight, asked.reach) for k in range(step + 1, asked.steps + 1)])
+    share = np.stack(
+        [
+            mass(chart.place, places[k], weight, asked.reach)
+            for k in range(step + 1, asked.steps + 1)
+        ]
+    )
     if chart.goal is None:
         cost = share.max(axis=(1, 2), keepdims=True) - share
     else:
@@ -229,7 +271,9 @@ def _path(asked: Pursuit, chart: Chart, way: list[astar.Cell]) -> Path:
 
 
 def judged(asked: Pursuit, found: Pursued, forecast: Forecast) -> Array:
-    """Return the share of another cloud that a path meets by each of its looks, one the plan has not seen; NaN: it has lost the track."""
+    """Return the share of another cloud that a path meets by each of its looks, one the plan has
+    not seen; NaN: it has lost the track.
+    """
     places, weight = forecast(found.path)
     looks = found.path.place[: len(found.met)]
     if not weight.sum() > 0:

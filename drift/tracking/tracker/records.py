@@ -36,19 +36,24 @@ class Plan:
         return any(begin - 1 <= time <= end + 1 for begin, end in self.spans(time + 2))
 
     def sweeps(self, interval: float, end: float) -> Array:
-        """Return the times of sweeps [s], one at each begin and one every interval [s] until before its end."""
+        """Return the times of sweeps [s], one at each begin and one every interval [s] until before
+        its end.
+        """
         times = []
         for begin, off in self.spans(end):
             count = max(math.ceil((off - begin) / interval - 1e-9), 1)
-            times.append(np.round(begin + interval * np.arange(count), 6))  # what sensors have in common is one number
+            # what sensors have in common is one number
+            times.append(np.round(begin + interval * np.arange(count), 6))
         return np.concatenate(times) if times else np.empty(0)
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """A sensor of the tracker: what is within its reach it detects, in a box of ranges and bearings.
+    """A sensor of the tracker: what is within its reach it detects, in a box of ranges and
+    bearings.
 
-    The box is the true range less and more a share of it, at most the reach, and the true bearing on either side.
+    The box is the true range less and more a share of it, at most the reach, and the true bearing
+    on either side.
     """
 
     name: str
@@ -59,7 +64,9 @@ class Sensor:
     on: Plan = Plan()
     hears: bool = False  # it detects a target while that radiates, and its silence tells nothing
     grace: float = (
-        300.0  # [s] of detections as they were written down: nearer to one within its reach silence tells nothing
+        # [s] of detections as they were written down: nearer to one within its reach silence tells
+        # nothing
+        300.0
     )
 
 
@@ -73,7 +80,8 @@ class Behaviour:
     hide: float = 0.0  # that from then on it flees from it
     leave: float = 0.0  # that one which seeks or hides acts freely again
     acts: tuple[float, float] | None = None  # [s] least and longest time between acts
-    spread: float = math.radians(30.0)  # [rad] on either side of the reciprocal bearing on which one flees
+    # [rad] on either side of the reciprocal bearing on which one flees
+    spread: float = math.radians(30.0)
 
 
 @dataclass(frozen=True)
@@ -82,7 +90,9 @@ class Filling:
 
     method: str = "combined"  # of METHODS
     partial: float = 0.75  # share of the particles below which what is left is duplicated
-    bulk: float = 0.1  # share below which they are drawn anew from the detection's box; after silence the track is lost
+    # share below which they are drawn anew from the detection's box; after silence the track is
+    # lost
+    bulk: float = 0.1
 
 
 @dataclass(frozen=True)

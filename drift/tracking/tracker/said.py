@@ -28,10 +28,14 @@ def tracking_facts(study: Study) -> dict[str, str]:
             if low <= 0 and high >= study.end
             else f", over {notation.lasting(low)} to {notation.lasting(min(high, study.end))}"
         )
-        told["runs"] = f"{study.runs:,}: {', '.join(figures(study.areas, study.criteria is not None))}{over}"
+        told["runs"] = (
+            f"{study.runs:,}: {', '.join(figures(study.areas, study.criteria is not None))}{over}"
+        )
     else:
         told["detections"] = _detections(study, study.target)
-    told["land"] = "particles turn at the shore (GSHHG)" if study.minds_land else "particles pass over it"
+    told["land"] = (
+        "particles turn at the shore (GSHHG)" if study.minds_land else "particles pass over it"
+    )
     told["tracker"] = _way(study.tracker.place, study.tracker.rate)
     written = isinstance(study.target, Detections)
     told |= {f'sensor "{sensor.name}"': _sensor(sensor, written) for sensor in study.sensors}
@@ -72,7 +76,9 @@ def _target(scene: Scene) -> str:
 
 def _detections(study: Study, found: Detections) -> str:
     counts = [int((found.sensor == k).sum()) for k in range(len(study.sensors))]
-    each = ", ".join(f"{n} by {sensor.name}" for n, sensor in zip(counts, study.sensors, strict=True))
+    each = ", ".join(
+        f"{n} by {sensor.name}" for n, sensor in zip(counts, study.sensors, strict=True)
+    )
     return f"{len(found.time)}, {_moment(study, found.time[0])} to {_moment(study, found.time[-1])}: {each}"
 
 
@@ -83,15 +89,15 @@ def _sensor(sensor: Sensor, written: bool) -> str:
         if sensor.bearing_error >= math.pi
         else f"bearing +- {notation.number(math.degrees(sensor.bearing_error))} deg"
     )
-    words = (
-        f"to {notation.number(sensor.reach / NMI)} nmi, range +- {notation.hundredths(sensor.range_share)} %, {bearing}"
-    )
+    words = f"to {notation.number(sensor.reach / NMI)} nmi, range +- {notation.hundredths(sensor.range_share)} %, {bearing}"
     if sensor.hears:
         return f"{words}; hears what radiates, its silence is no evidence"
     words = f"{words}; sweeps every {notation.number(sensor.interval)} s, {_on(sensor.on)}"
     silent = written and sensor.on.begin < math.inf
     return words + (
-        f"; its silence counts from {notation.lasting(sensor.grace)} off a plot within its reach" if silent else ""
+        f"; its silence counts from {notation.lasting(sensor.grace)} off a plot within its reach"
+        if silent
+        else ""
     )
 
 
@@ -118,6 +124,8 @@ def _behaviour(law: Behaviour) -> str:
     if law.acts is None:
         return f"keeps course and speed, {most}"
     chances = (("changes", law.change), ("seeks", law.seek), ("hides", law.hide))
-    each = ", ".join(f"{what} with {notation.hundredths(chance)} %" for what, chance in chances if chance > 0)
+    each = ", ".join(
+        f"{what} with {notation.hundredths(chance)} %" for what, chance in chances if chance > 0
+    )
     soonest, latest = law.acts
     return f"{each or 'keeps course and speed'} every {notation.lasting(soonest)} to {notation.lasting(latest)}, {most}"

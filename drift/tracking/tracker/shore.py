@@ -26,11 +26,14 @@ class Shoreline:
 
     def dry(self, lon: Array, lat: Array) -> Array:
         """Return whether places [rad] are on land."""
-        return np.asarray(edges.is_land(self.coast, *(sphere.to_binary(np.degrees(x)) for x in (lon, lat))))
+        return np.asarray(
+            edges.is_land(self.coast, *(sphere.to_binary(np.degrees(x)) for x in (lon, lat)))
+        )
 
 
 def of_study(asked: Study) -> Shoreline | None:
-    """Return the coast of a tracking case; None: there is none within reach, or its particles do not mind it.
+    """Return the coast of a tracking case; None: there is none within reach, or its particles do
+    not mind it.
 
     Taichi must have been started.
     """
@@ -61,4 +64,6 @@ def within_reach(asked: Study) -> Box:
     poleward = float(np.abs(lat).max()) + high
     wide = 360.0 if poleward > FARTHEST else high / float(np.cos(np.radians(poleward)))
     west = sphere.wrap_degrees(float(lon.min()))
-    return Box(west, float(lat.min()), west + float(np.ptp(lon)), float(lat.max())).grown(wide, high)
+    return Box(west, float(lat.min()), west + float(np.ptp(lon)), float(lat.max())).grown(
+        wide, high
+    )

@@ -53,12 +53,16 @@ class Study:
     methods: tuple[Tracker, ...]  # ways of following
     window: tuple[float, float] = (0.0, np.inf)  # [s] over which figures are averaged
     criteria: Criteria | None = None
-    areas: tuple[float, ...] = ()  # shares of the probability whose areas are asked whether they hold the target
+    # shares of the probability whose areas are asked whether they hold the target
+    areas: tuple[float, ...] = ()
     shown: tuple[float, ...] = ()  # [s] when the cloud is drawn and its areas are told
-    pursuit: Pursuit | None = None  # of detections: a path on which to meet the target, or to avoid it
-    published: dict[str, dict[str, float]] = field(default_factory=dict)  # by way of following and figure
+    # of detections: a path on which to meet the target, or to avoid it
+    pursuit: Pursuit | None = None
+    # by way of following and figure
+    published: dict[str, dict[str, float]] = field(default_factory=dict)
     minds_land: bool = True  # whether particles keep to the water
-    logged: bool = False  # whether `tracker` is where a log or a track says it was, not where it is said to go
+    # whether `tracker` is where a log or a track says it was, not where it is said to go
+    logged: bool = False
     files: tuple[str, ...] = ()  # that were read
 
 
@@ -67,9 +71,16 @@ MET, HELD = "time to criteria", "track held"  # figures of a run
 
 
 def figures(areas: Sequence[float], criteria: bool) -> list[str]:
-    """Return the names of what is taken of each run; areas: shares, criteria: whether a time to them is asked for."""
+    """Return the names of what is taken of each run; areas: shares, criteria: whether a time to
+    them is asked for.
+    """
     held = [in_area(share) for share in areas]
-    return [*(f"{what} error" for what in ("position", "course", "speed")), HELD, *held, *([MET] if criteria else [])]
+    return [
+        *(f"{what} error" for what in ("position", "course", "speed")),
+        HELD,
+        *held,
+        *([MET] if criteria else []),
+    ]
 
 
 def in_area(share: float) -> str:
@@ -83,7 +94,8 @@ def marks(study: Study) -> Array:
 
 
 def worlds(study: Study, shore: DeviceCoast | None = None) -> tuple[list[World], list[Path]]:
-    """Return the worlds of all runs, and the target's way in each; where it does not act, all are one.
+    """Return the worlds of all runs, and the target's way in each; where it does not act, all are
+    one.
 
     shore: off which a target keeps that acts.
     """
@@ -93,9 +105,14 @@ def worlds(study: Study, shore: DeviceCoast | None = None) -> tuple[list[World],
     if scene.acts is None:
         ways = [scene.way]
     else:
-        # A moment after each mark, too: else its course there would be the way to the next sweep, acts and all.
-        moments = np.unique(np.round(np.concatenate([marks(study), marks(study) + AFTER, *times]), 6))
-        ways = following.wanders(scene.way, scene.acts, study.tracker, moments, study.runs, study.seed, shore)
+        # A moment after each mark, too: else its course there would be the way to the next sweep,
+        # acts and all.
+        moments = np.unique(
+            np.round(np.concatenate([marks(study), marks(study) + AFTER, *times]), 6)
+        )
+        ways = following.wanders(
+            scene.way, scene.acts, study.tracker, moments, study.runs, study.seed, shore
+        )
     made = [_world(study, way, times) for way in ways]
     return (made, ways) if len(ways) == study.runs else (made * study.runs, ways * study.runs)
 

@@ -15,7 +15,9 @@ from kernels.tracking.clouds import DETECTED, MARK, SILENT
 
 @dataclass(frozen=True)
 class Sweeps:
-    """Sweeps in order of time, those of one time in the order of their sensors, and marks after them; each (n,)."""
+    """Sweeps in order of time, those of one time in the order of their sensors, and marks after
+    them; each (n,).
+    """
 
     time: Array  # [s]
     place: Array  # unit vectors of the tracker, at marks of the target (n, 3)
@@ -37,11 +39,14 @@ class Sweeps:
 
 def join_sweeps(parts: Sequence[Sweeps]) -> Sweeps:
     """Return several one after the other."""
-    return Sweeps(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Sweeps)))
+    return Sweeps(
+        *(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Sweeps))
+    )
 
 
 def ordered(parts: Sequence[Sweeps], every_detection: bool = False) -> Sweeps:
-    """Return sweeps of several sensors in order of time, with the rows of what is recorded counted through.
+    """Return sweeps of several sensors in order of time, with the rows of what is recorded counted
+    through.
 
     every_detection: whether the estimate at each detection is recorded beside those at the marks.
     """

@@ -1,8 +1,10 @@
-"""Shares and means of values that are not independent: standard errors clustered by drifter and by day.
+"""Shares and means of values that are not independent: standard errors clustered by drifter and by
+day.
 
-Forecasts of one drifter share its track, forecasts of one day share the model's errors of that day. With two-way
-clustering (Cameron, Gelbach and Miller 2011, doi:10.1198/jbes.2010.07136, eq. 2.11) both may be correlated in any way;
-values with neither in common count as independent. Few clusters say little about their own spread; `few` then says so.
+Forecasts of one drifter share its track, forecasts of one day share the model's errors of that day.
+With two-way clustering (Cameron, Gelbach and Miller 2011, doi:10.1198/jbes.2010.07136, eq. 2.11)
+both may be correlated in any way; values with neither in common count as independent. Few clusters
+say little about their own spread; `few` then says so.
 """
 
 import math
@@ -44,12 +46,14 @@ def _variance(residual: Array, cluster: Array) -> float:
     return float((sums**2).sum() * sums.size / (sums.size - 1) / residual.size**2)
 
 
-def mean(values: npt.ArrayLike, drifter: npt.ArrayLike, day: npt.ArrayLike, *, share: bool = False) -> Estimate:
+def mean(
+    values: npt.ArrayLike, drifter: npt.ArrayLike, day: npt.ArrayLike, *, share: bool = False
+) -> Estimate:
     """Return the mean of values (n,) with its clustered standard error.
 
-    drifter, day: the clusters of each, (n,). share: values are 0 or 1. Their standard error is then at least that of n
-    independent trials with the probability (k + 1) / (n + 2), because none or all of a few do not prove an error of 0.
-    With one drifter the clusters are days.
+    drifter, day: the clusters of each, (n,). share: values are 0 or 1. Their standard error is then
+    at least that of n independent trials with the probability (k + 1) / (n + 2), because none or
+    all of a few do not prove an error of 0. With one drifter the clusters are days.
     """
     value = np.asarray(values, np.float64)
     drifters, days = np.asarray(drifter), np.asarray(day)
@@ -60,10 +64,15 @@ def mean(values: npt.ArrayLike, drifter: npt.ArrayLike, day: npt.ArrayLike, *, s
     _, a = np.unique(drifters, return_inverse=True)
     _, b = np.unique(days, return_inverse=True)
     crossed_code = a.ravel() * (b.max() + 1) + b.ravel()
-    single, daily, crossed = _variance(residual, a), _variance(residual, b), _variance(residual, crossed_code)
+    single, daily, crossed = (
+        _variance(residual, a),
+        _variance(residual, b),
+        _variance(residual, crossed_code),
+    )
     variances = [variance for variance in (single, daily) if not math.isnan(variance)]
     if len(variances) == 2:
-        # The combination may be too small by chance (ibid., section 2.3), so that it never counts below either alone.
+        # The combination may be too small by chance (ibid., section 2.3), so that it never counts
+        # below either alone.
         variances.append(single + daily - crossed)
     variance = max(variances, default=math.nan)
     if share:

@@ -1,7 +1,8 @@
 """Tracks of real drifters and ships, and which of their fixes are believed.
 
-A track is what one drifter or ship reported: times, positions, and whatever else stood beside them. Fixes that cannot be true
-are left out, and notes say how many and why. Where a drifter was silent for too long its track is cut into stretches.
+A track is what one drifter or ship reported: times, positions, and whatever else stood beside them.
+Fixes that cannot be true are left out, and notes say how many and why. Where a drifter was silent
+for too long its track is cut into stretches.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,16 +15,21 @@ from geo import sphere
 from geo.array import Array
 
 FASTEST = 3.0  # [m/s] nothing drifts faster for long
-JUMP = 500.0  # [m] that two fixes may be farther apart than at that speed, because positions have errors too
+# [m] that two fixes may be farther apart than at that speed, because positions have errors too
+JUMP = 500.0
 GAP = 3 * 3600.0  # [s] after a longer silence a drifter's displacement is not known well enough
-AGROUND, STILL = 12 * 3600.0, 200.0  # [s], [m]: a drifter that stays so long in a circle of this radius is aground
+# [s], [m]: a drifter that stays so long in a circle of this radius is aground
+AGROUND, STILL = 12 * 3600.0, 200.0
 BRIEF = 3 * 3600.0  # [s] the same, beside a shore; in open water it may be slack water
 FEWEST = 3  # fixes of a spell
 
 
 @dataclass(frozen=True)
 class Track:
-    """Fixes of one drifter in order of time: UTC [s since 1970], lon, lat [deg] and other columns, each (n,)."""
+    """Fixes of one drifter in order of time:
+
+    UTC [s since 1970], lon, lat [deg] and other columns, each (n,).
+    """
 
     name: str
     time: Array
@@ -32,9 +38,13 @@ class Track:
     columns: Mapping[str, Array] = field(default_factory=dict)
 
     def at(self, time: npt.ArrayLike) -> tuple[Array, Array]:
-        """Return (lon, lat) [deg] at times [s since 1970] between fixes, on the great circle from one to the next."""
+        """Return (lon, lat) [deg] at times [s since 1970] between fixes, on the great circle from
+        one to the next.
+        """
         time = np.asarray(time, np.float64)
-        before = np.clip(np.searchsorted(self.time, time, "right") - 1, 0, max(self.time.size - 2, 0))
+        before = np.clip(
+            np.searchsorted(self.time, time, "right") - 1, 0, max(self.time.size - 2, 0)
+        )
         after = np.minimum(before + 1, self.time.size - 1)
         span = np.maximum(self.time[after] - self.time[before], 1e-9)
         share = (time - self.time[before]) / span
@@ -70,7 +80,9 @@ class Believed:
 def selected(track: Track, keep: Array) -> Track:
     """Return a track with some of its fixes (indices, or a mask)."""
     columns = {name: values[keep] for name, values in track.columns.items()}
-    return replace(track, time=track.time[keep], lon=track.lon[keep], lat=track.lat[keep], columns=columns)
+    return replace(
+        track, time=track.time[keep], lon=track.lon[keep], lat=track.lat[keep], columns=columns
+    )
 
 
 def aground(track: Track, least: float = AGROUND) -> Array:
@@ -82,7 +94,10 @@ def aground(track: Track, least: float = AGROUND) -> Array:
     later = np.searchsorted(track.time, track.time + least)
     later = np.maximum(later, np.arange(track.time.size) + FEWEST - 1)
     complete = np.flatnonzero(later < track.time.size)
-    near = sphere.distance(lon[complete], lat[complete], lon[later[complete]], lat[later[complete]]) <= 2 * STILL
+    near = (
+        sphere.distance(lon[complete], lat[complete], lon[later[complete]], lat[later[complete]])
+        <= 2 * STILL
+    )
     inside = np.zeros(track.time.size, bool)
     for first in complete[near]:
         spell = slice(first, later[first] + 1)
@@ -98,23 +113,35 @@ def nowhere(track: Track) -> Array:
 
 
 def believed(
-    tracks: Sequence[Track], fastest: float = FASTEST, spells_aground: Callable[[Track], Array] = aground
+    tracks: Sequence[Track],
+    fastest: float = FASTEST,
+    spells_aground: Callable[[Track], Array] = aground,
 ) -> Believed:
     """Return tracks in order of time without impossible fixes.
 
-    fastest: speed [m/s] that no fix may need. spells_aground: says which fixes of a track are aground, (n,).
+    fastest: speed [m/s] that no fix may need. spells_aground: says which fixes of a track are
+    aground, (n,).
     """
     counts = dict.fromkeys(("impossible", "repeated", "other", "fast"), 0)
     sound_tracks, too_short = [], []
     for track in tracks:
-        possible = np.isfinite(track.time) & (np.abs(track.lat) <= 90) & (track.lon >= -180) & (track.lon <= 360)
+        possible = (
+            np.isfinite(track.time)
+            & (np.abs(track.lat) <= 90)
+            & (track.lon >= -180)
+            & (track.lon <= 360)
+        )
         counts["impossible"] += int((~possible).sum())
         order = np.flatnonzero(possible)
         order = order[np.argsort(track.time[order], kind="stable")]
         kept = selected(track, order)
         kept = replace(kept, lon=sphere.wrap_degrees(kept.lon))
         repeated = np.diff(kept.time, prepend=-np.inf) <= 0
-        identical = repeated & (np.diff(kept.lon, prepend=np.nan) == 0) & (np.diff(kept.lat, prepend=np.nan) == 0)
+        identical = (
+            repeated
+            & (np.diff(kept.lon, prepend=np.nan) == 0)
+            & (np.diff(kept.lat, prepend=np.nan) == 0)
+        )
         counts["repeated"] += int(identical.sum())
         counts["other"] += int((repeated & ~identical).sum())
         kept = selected(kept, ~repeated)
@@ -133,7 +160,9 @@ def believed(
     }
     notes = [f"{count:,} fixes left out {reasons[kind]}" for kind, count in counts.items() if count]
     notes += _note_on_short(too_short)
-    return Believed(tuple(sound_tracks), tuple(notes), tuple(spells_aground(track) for track in sound_tracks))
+    return Believed(
+        tuple(sound_tracks), tuple(notes), tuple(spells_aground(track) for track in sound_tracks)
+    )
 
 
 def _note_on_short(names: Sequence[str]) -> list[str]:
@@ -147,8 +176,8 @@ def _note_on_short(names: Sequence[str]) -> list[str]:
 def spells(track: Track, aground: Array) -> list[slice]:
     """Return the spells aground of a track, as slices of its fixes.
 
-    aground: which of its fixes belong to one, (n,). What lies farther from the fix before than a spell is wide begins
-    another spell.
+    aground: which of its fixes belong to one, (n,). What lies farther from the fix before than a
+    spell is wide begins another spell.
     """
     lon, lat = np.radians(track.lon), np.radians(track.lat)
     moved = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) > 2 * STILL
@@ -160,12 +189,17 @@ def spells(track: Track, aground: Array) -> list[slice]:
 
 
 def words_for_spells(tracks: Sequence[Track], aground: Sequence[Array]) -> str:
-    """Return the rule for a spell aground, and since when the first few drifters were aground; "" where none was."""
+    """Return the rule for a spell aground, and since when the first few drifters were aground; ""
+    where none was.
+    """
     pairs = zip(tracks, aground, strict=True)
     firsts = [(track, int(np.argmax(mask))) for track, mask in pairs if mask.any()]
     if not firsts:
         return ""
-    names = [f"{track.name} from {np.datetime64(int(track.time[first]), 's')}Z" for track, first in firsts]
+    names = [
+        f"{track.name} from {np.datetime64(int(track.time[first]), 's')}Z"
+        for track, first in firsts
+    ]
     return f"spells of {AGROUND / 3600:g} h or more within {STILL:g} m, of {BRIEF / 3600:g} h beside a shore: {_listed(names)}"
 
 
@@ -183,13 +217,16 @@ def _reachable(track: Track, fastest: float) -> Array:
     keep = np.arange(track.time.size)
     while keep.size > 2:
         excess = _excess(track, keep[:-1], keep[1:], fastest)
-        lone_excess = np.minimum(excess[:-1], excess[1:])  # a wrong fix is both reached and left too fast
+        # a wrong fix is both reached and left too fast
+        lone_excess = np.minimum(excess[:-1], excess[1:])
         around = _excess(track, keep[:-2], keep[2:], fastest)
         worst = np.where((lone_excess > 0) & (around <= 0), lone_excess, 0.0)
         if worst.max() <= 0:
             break
         # Of neighbours only the worst is removed at a time.
-        peak = worst >= np.maximum(np.concatenate([[0.0], worst[:-1]]), np.concatenate([worst[1:], [0.0]]))
+        peak = worst >= np.maximum(
+            np.concatenate([[0.0], worst[:-1]]), np.concatenate([worst[1:], [0.0]])
+        )
         keep = np.delete(keep, 1 + np.flatnonzero(peak & (worst > 0)))
     if keep.size > 2:  # the first and the last fix have one neighbour only
         excess = _excess(track, keep[:-1], keep[1:], fastest)
@@ -208,7 +245,9 @@ def _excess(track: Track, before: Array, after: Array, fastest: float) -> Array:
 
 
 def breaks(track: Track, longest: float = GAP, fastest: float = FASTEST) -> Array:
-    """Return which fixes begin a stretch: the first, those after a silence and those after a leap, (n,)."""
+    """Return which fixes begin a stretch: the first, those after a silence and those after a leap,
+    (n,).
+    """
     index = np.arange(track.time.size)
     leap = _excess(track, index[:-1], index[1:], fastest) > 0
     return np.concatenate([[True], (np.diff(track.time) > longest) | leap])

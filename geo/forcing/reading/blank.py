@@ -1,7 +1,8 @@
 """Slices without any value in the wanted area, between slices that have values.
 
-A model's output may have lost one. It is found by the series of one wet point, read at once, and believed once the whole
-slice is read; what is left out is interpolated over as a slice that is absent.
+A model's output may have lost one. It is found by the series of one wet point, read at once, and
+believed once the whole slice is read; what is left out is interpolated over as a slice that is
+absent.
 """
 
 from collections.abc import Sequence
@@ -20,7 +21,8 @@ TRIED = 5  # slices that are looked at for a wet point
 
 
 def find(held: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
-    """Return which of some slices of a tile hold nothing; none where no slice shows where a value should be.
+    """Return which of some slices of a tile hold nothing; none where no slice shows where a value
+    should be.
 
     among: slices of which some show that.
     """
@@ -37,12 +39,17 @@ def find(held: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
     for component, place in zip(held.components, places, strict=True):
         silent |= ~_there(_series(component, indices, place), component)
     return [
-        i for i, doubted in zip(indices, silent, strict=True) if doubted and np.isnan(tile.read_tile(held, i)).all()
+        i
+        for i, doubted in zip(indices, silent, strict=True)
+        if doubted and np.isnan(tile.read_tile(held, i)).all()
     ]
 
 
 def _wet(held: Tile, i: int) -> list[tuple[int, ...]] | None:
-    """Return the file's indices of a point of each component that has a value in slice i; None without one."""
+    """Return the file's indices of a point of each component that has a value in slice i;
+
+    None without one.
+    """
     found = []
     for component, layout in zip(held.components, held.layouts, strict=True):
         values, _ = slices.read_component_slice(component, layout, i)
@@ -51,12 +58,16 @@ def _wet(held: Tile, i: int) -> list[tuple[int, ...]] | None:
         if not len(wet):
             return None
         middle = wet[len(wet) // 2]
-        found.append(tuple(int(along[k]) for along, k in zip(slices.window(layout), middle, strict=True)))
+        found.append(
+            tuple(int(along[k]) for along, k in zip(slices.window(layout), middle, strict=True))
+        )
     return found
 
 
 def _series(component: Component, indices: Sequence[int], place: tuple[int, ...]) -> Array:
-    """Return a component at one point in some slices, in the file's own units; one read for each file."""
+    """Return a component at one point in some slices, in the file's own units; one read for each
+    file.
+    """
     parts = []
     for _, run in groupby(indices, lambda i: id(component.segments[i][0])):
         own = list(run)
@@ -78,4 +89,6 @@ def _there(values: Array, component: Component) -> Array:
     """Return whether values are real values, not ones that mean missing."""
     with np.errstate(invalid="ignore"):
         real = np.isfinite(values) & ~np.isin(values, component.fills)
-        return real & (np.abs(values) * component.factor <= QUANTITIES[component.quantity].impossible)
+        return real & (
+            np.abs(values) * component.factor <= QUANTITIES[component.quantity].impossible
+        )

@@ -18,11 +18,13 @@ from geo.grids import locate, naming, places, planar, ugrid
 from geo.grids.layout import Layout
 from geo.grids.places import Places
 
-HORIZONTAL = ("two", "component", "components", "uv")  # dimensions that hold both components (SCHISM's hvel)
+# dimensions that hold both components (SCHISM's hvel)
+HORIZONTAL = ("two", "component", "components", "uv")
 
 
 File = tuple[str, xr.Dataset]
-Slice = tuple[xr.Dataset, str, str | None, int]  # dataset, path, time dimension or None, index along it
+# dataset, path, time dimension or None, index along it
+Slice = tuple[xr.Dataset, str, str | None, int]
 
 
 @dataclass(frozen=True)
@@ -30,23 +32,26 @@ class Wanted:
     """A component as it is asked for: a variable, and what the case says of how it is read."""
 
     name: str
-    side: int  # 0 for the first component, 1 for the second, which matters where one variable holds both
+    # 0 for the first component, 1 for the second, which matters where one variable holds both
+    side: int
     quantity: str
     chosen: Mapping[str, Any]  # the case's variables
     units: str | None  # units that the case states
     depth: float | None  # [m]
     needs_times: bool  # the file's times must be understood
-    members: bool | str = False  # a dimension along which members of an ensemble lie may be there; or its name
+    # a dimension along which members of an ensemble lie may be there; or its name
+    members: bool | str = False
     times: Any = None  # what the case says of times
     steady: bool = False  # the first slice stands for all times
 
 
 @dataclass(frozen=True)
 class Component:
-    """A variable over its files. dims: its horizontal dimensions; fixed: indices along all the others but time.
+    """A variable over its files. dims: its horizontal dimensions; fixed: indices along all the
+    others but time.
 
-    segments: every slice, in the order of time.
-    factor: to m/s; mask: False where the file's own mask says land, over all of `dims`; None without one.
+    segments: every slice, in the order of time. factor: to m/s; mask: False where the file's own
+    mask says land, over all of `dims`; None without one.
     """
 
     name: str
@@ -59,13 +64,18 @@ class Component:
     layout: Layout
     mask: NDArray[np.bool_] | None
     unmasked: bool = False  # the case says that zeros are still water
-    fills: tuple[float, ...] = ()  # values in the file's own units that mean missing, though it does not say so
-    vouched: bool = False  # the case vouches for its values: none is taken as missing for being large
+    # values in the file's own units that mean missing, though it does not say so
+    fills: tuple[float, ...] = ()
+    # the case vouches for its values: none is taken as missing for being large
+    vouched: bool = False
     kept: Kept | None = None  # slices that stay in memory
-    member: str | None = None  # dimension along which members of an ensemble lie; `fixed` says which of them this is
-    places: Places | None = None  # where the grid stands at each slice, if it moves; `layout` is the first of them
+    # dimension along which members of an ensemble lie; `fixed` says which of them this is
+    member: str | None = None
+    # where the grid stands at each slice, if it moves; `layout` is the first of them
+    places: Places | None = None
     notes: tuple[str, ...] = field(default=())
-    cells: NDArray[np.datetime64] | None = None  # intervals (n, 2) over which slices are means; None: instants
+    # intervals (n, 2) over which slices are means; None: instants
+    cells: NDArray[np.datetime64] | None = None
 
 
 def describe_dims(data: xr.Dataset, name: str) -> str:
@@ -74,7 +84,9 @@ def describe_dims(data: xr.Dataset, name: str) -> str:
 
 
 def gather(wanted: Wanted, files: Sequence[File]) -> Component:
-    """Return a component from the files that hold it; raise UserError where they do not go together."""
+    """Return a component from the files that hold it; raise UserError where they do not go
+    together.
+    """
     name, quantity, depth = wanted.name, wanted.quantity, wanted.depth
     files, chosen, notes = runs.unrolled(files, name, quantity, wanted.chosen, wanted.times)
     wanted = replace(wanted, chosen=chosen)
@@ -86,7 +98,10 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
     )
     time_dim = str(data[time_name].dims[0]) if time_name and data[time_name].ndim == 1 else None
     if time_dim is None:
-        time_dim = next((str(d) for d in data[name].dims if str(d).lower() in {n.lower() for n in clock.NAMES}), None)
+        time_dim = next(
+            (str(d) for d in data[name].dims if str(d).lower() in {n.lower() for n in clock.NAMES}),
+            None,
+        )
     dims, fixed, member = _sort_dims(wanted, files[0], time_dim, notes)
     layout, remarks = locate.locate(data, name, dims, chosen, wanted.side)
     notes += remarks
@@ -98,7 +113,9 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
     _check_method(wanted, method, path)
     moving = places.moving_places(files, name, dims, chosen, wanted.side, time_dim)
     if moving is not None:
-        notes.append(f"moving grid: {moving.count} positions; each slice is read at its own position")
+        notes.append(
+            f"moving grid: {moving.count} positions; each slice is read at its own position"
+        )
     slices: list[Slice] = []
     stamped: list[_Stamped] = []
     for other_path, other in files:
@@ -106,7 +123,10 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
         _same_units(wanted, files[0], (other_path, other))
         _same_levels(wanted, files[0], (other_path, other), fixed)
         count = int(other.sizes[time_dim]) if time_dim and time_dim in other[name].dims else 1
-        own = [(other, other_path, time_dim if time_dim in other[name].dims else None, k) for k in range(count)]
+        own = [
+            (other, other_path, time_dim if time_dim in other[name].dims else None, k)
+            for k in range(count)
+        ]
         if wanted.needs_times:
             one = _stamps(wanted, (other_path, other), time_name, own, method)
             notes += [r for r in one.notes if r not in notes]
@@ -114,17 +134,30 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
             own = [own[k] for k in one.chosen]
         slices += own
     if not slices:
-        raise UserError(f"{path}: {describe_dims(data, name)} holds no slice; set [[{quantity}]] files")
+        raise UserError(
+            f"{path}: {describe_dims(data, name)} holds no slice; set [[{quantity}]] files"
+        )
     times, cells = None, None
     if wanted.needs_times:
         times, slices, cells = _placed(wanted, fixed, stamped, slices, method, notes)
     elif not wanted.steady:
         slices = _in_stated_order(files, time_name, slices, notes)
     return Component(
-        name, dims, fixed, tuple(slices), times, _factor(wanted, files[0], notes), quantity,
-        layout, _mask(data, dims, chosen, notes), chosen.get("mask") in ("none", False), member=member,
-        places=moving, notes=tuple(notes), cells=cells,
-    )  # fmt: skip
+        name,
+        dims,
+        fixed,
+        tuple(slices),
+        times,
+        _factor(wanted, files[0], notes),
+        quantity,
+        layout,
+        _mask(data, dims, chosen, notes),
+        chosen.get("mask") in ("none", False),
+        member=member,
+        places=moving,
+        notes=tuple(notes),
+        cells=cells,
+    )
 
 
 def _check_keys(wanted: Wanted, data: xr.Dataset, lone: Sequence[str]) -> None:
@@ -137,7 +170,8 @@ def _check_keys(wanted: Wanted, data: xr.Dataset, lone: Sequence[str]) -> None:
     if odd:
         raise UserError(
             f"[[{wanted.quantity}]] variables.{odd[0]}: allowed are {', '.join(quantities.KEYS)}, the dimensions of "
-            f"{describe_dims(data, wanted.name)}" + (f" and its level, {', '.join(lone)}" if lone else "")
+            f"{describe_dims(data, wanted.name)}"
+            + (f" and its level, {', '.join(lone)}" if lone else "")
         )
 
 
@@ -154,7 +188,9 @@ def _same_levels(wanted: Wanted, first: File, file: File, fixed: Mapping[str, in
 
 @dataclass(frozen=True)
 class _Stamped:
-    """The times of a file's slices, rising; their bounds (n, 2), NaT without; which slices they are; and remarks."""
+    """The times of a file's slices, rising; their bounds (n, 2), NaT without; which slices they
+    are; and remarks.
+    """
 
     times: NDArray[np.datetime64]
     cells: NDArray[np.datetime64]
@@ -164,11 +200,22 @@ class _Stamped:
 
 def _check_method(wanted: Wanted, method: averages.Method, path: str) -> None:
     """Reject what is no velocity at a time: greatest values, sums, climatologies."""
-    if method.kind in ("", "mean", "point") or clock.stamp(wanted.times) == "instant" or wanted.steady:
+    if (
+        method.kind in ("", "mean", "point")
+        or clock.stamp(wanted.times) == "instant"
+        or wanted.steady
+    ):
         return
-    if wanted.name in (wanted.chosen.get("east"), wanted.chosen.get("north")) and method.kind != "climatology":
+    if (
+        wanted.name in (wanted.chosen.get("east"), wanted.chosen.get("north"))
+        and method.kind != "climatology"
+    ):
         return
-    what = "a climatology" if method.kind == "climatology" else f"the {method.kind.replace('_', ' ')} over a time"
+    what = (
+        "a climatology"
+        if method.kind == "climatology"
+        else f"the {method.kind.replace('_', ' ')} over a time"
+    )
     raise UserError(
         f'{path}: "{wanted.name}" is {what} ({method.why}), no velocity at a time; name others in [[{wanted.quantity}]] '
         f'variables = {{ east = ..., north = ... }}, or state [[{wanted.quantity}]] times = {{ stamp = "instant" }} to take '
@@ -176,8 +223,12 @@ def _check_method(wanted: Wanted, method: averages.Method, path: str) -> None:
     )
 
 
-def _stamps(wanted: Wanted, file: File, time_name: str | None, own: list[Slice], method: averages.Method) -> _Stamped:
-    """Return the times of a file's slices; of slices of one time that are the same only the first stays."""
+def _stamps(
+    wanted: Wanted, file: File, time_name: str | None, own: list[Slice], method: averages.Method
+) -> _Stamped:
+    """Return the times of a file's slices; of slices of one time that are the same only the first
+    stays.
+    """
     quantity, (path, data) = wanted.quantity, file
     if time_name is None:
         raise UserError(_no_time(path, quantity, len(own), "has no time"))
@@ -204,7 +255,9 @@ def _stamps(wanted: Wanted, file: File, time_name: str | None, own: list[Slice],
     chosen = np.argsort(when, kind="stable")
     if (chosen != np.arange(len(when))).any():
         falling = (np.diff(when) < np.timedelta64(0, "s")).all()
-        remarks.append(f"times {'decrease' if falling else 'are not in order'}: slices are sorted by time")
+        remarks.append(
+            f"times {'decrease' if falling else 'are not in order'}: slices are sorted by time"
+        )
     repeated = np.flatnonzero(np.diff(when[chosen]) == np.timedelta64(0, "s")).tolist()
     for k in repeated:
         if not _same_values(wanted.name, own[chosen[k]], own[chosen[k + 1]]):
@@ -220,7 +273,10 @@ def _stamps(wanted: Wanted, file: File, time_name: str | None, own: list[Slice],
 
 
 def _same_values(name: str, one: Slice, other: Slice) -> bool:
-    a, b = (np.asarray(data[name].isel({dim: k} if dim else {}).values) for data, _, dim, k in (one, other))
+    a, b = (
+        np.asarray(data[name].isel({dim: k} if dim else {}).values)
+        for data, _, dim, k in (one, other)
+    )
     return np.array_equal(a, b, equal_nan=True)
 
 
@@ -232,19 +288,24 @@ def _placed(
     method: averages.Method,
     notes: list[str],
 ) -> tuple[NDArray[np.datetime64], list[Slice], NDArray[np.datetime64] | None]:
-    """Return the times of the slices of all files, the slices in their order, and the intervals of means.
+    """Return the times of the slices of all files, the slices in their order, and the intervals of
+    means.
 
     notes: remarks on it are appended to this list.
     """
     quantity, zone = wanted.quantity, clock.zone(wanted.times)
     every = np.concatenate([one.cells for one in stamped])
     bounds = {(id(s[0]), s[3]): cell for s, cell in zip(slices, every, strict=True)}
-    times, slices = _in_order(np.concatenate([one.times for one in stamped]), slices, wanted, fixed, notes)
+    times, slices = _in_order(
+        np.concatenate([one.times for one in stamped]), slices, wanted, fixed, notes
+    )
     if zone is not None:
         notes.append(f"times are {zone / 3600:+g} h from UTC, as the case says")
     key = f"[[{quantity}]] times.stamp"
     cells = np.array([bounds[id(s[0]), s[3]] for s in slices])
-    times, placed, remarks = averages.slice_times(times, cells, method, clock.stamp(wanted.times), key)
+    times, placed, remarks = averages.slice_times(
+        times, cells, method, clock.stamp(wanted.times), key
+    )
     notes += remarks
     return times, slices, placed
 
@@ -252,9 +313,13 @@ def _placed(
 def _in_stated_order(
     files: Sequence[File], time_name: str | None, slices: list[Slice], notes: list[str]
 ) -> list[Slice]:
-    """Return slices in the order in which their files count them, so that stated times never run backward."""
+    """Return slices in the order in which their files count them, so that stated times never run
+    backward.
+    """
     sizes = [sum(s[0] is data for s in slices) for _, data in files]
-    counted = [clock.counts(data, time_name if time_name in data.variables else None) for _, data in files]
+    counted = [
+        clock.counts(data, time_name if time_name in data.variables else None) for _, data in files
+    ]
     order = clock.order(counted, sizes)
     if order is None or (order == np.arange(len(slices))).all():
         return slices
@@ -263,9 +328,15 @@ def _in_stated_order(
 
 
 def _in_order(
-    times: NDArray[np.datetime64], slices: list[Slice], wanted: Wanted, fixed: Mapping[str, int], notes: list[str]
+    times: NDArray[np.datetime64],
+    slices: list[Slice],
+    wanted: Wanted,
+    fixed: Mapping[str, int],
+    notes: list[str],
 ) -> tuple[NDArray[np.datetime64], list[Slice]]:
-    """Return times and slices of all files in order of time; notes: remarks on times that several have are appended."""
+    """Return times and slices of all files in order of time; notes: remarks on times that several
+    have are appended.
+    """
     order = overlap.resolved(times, slices, wanted.name, fixed, notes)
     return times[order], [slices[k] for k in order]
 
@@ -280,7 +351,8 @@ def _no_time(path: str, quantity: str, count: int, why: str) -> str:
 def _sort_dims(
     wanted: Wanted, file: File, time_dim: str | None, notes: list[str]
 ) -> tuple[tuple[str, ...], dict[str, int], str | None]:
-    """Return a variable's horizontal dimensions, one index along each other but that of time, and the one of members.
+    """Return a variable's horizontal dimensions, one index along each other but that of time, and
+    the one of members.
 
     notes: remarks on it are appended to this list.
     """
@@ -292,7 +364,9 @@ def _sort_dims(
         if dim in chosen and dim not in quantities.KEYS:
             index = str(chosen[dim]).strip()
             if not index.isdigit() or int(index) >= size:
-                raise UserError(f"[[{quantity}]] variables.{dim} = {index}: it is an index, 0 to {size - 1}")
+                raise UserError(
+                    f"[[{quantity}]] variables.{dim} = {index}: it is an index, 0 to {size - 1}"
+                )
             fixed[dim] = int(index)
             notes.append(f"index {fixed[dim]} of {size} along {dim}, as the case says")
         elif dim.lower() in HORIZONTAL and size == 2:
@@ -304,7 +378,12 @@ def _sort_dims(
     single = _unstructured(data, name, rest, chosen)
     horizontal = 1 if single else 2
     for dim in rest:
-        if len(rest) > horizontal and data.sizes[dim] == 1 and not _has_axis(data, dim) and dim != single:
+        if (
+            len(rest) > horizontal
+            and data.sizes[dim] == 1
+            and not _has_axis(data, dim)
+            and dim != single
+        ):
             fixed[dim] = 0
     rest = [d for d in rest if d not in fixed]
     member = members.along(data, rest, wanted.members) if len(rest) > horizontal else None
@@ -329,7 +408,9 @@ def _sort_dims(
 
 
 def _beside(wanted: Wanted, file: File) -> list[str]:
-    """Return remarks on the levels that a variable has no dimension for; refuse any but the surface."""
+    """Return remarks on the levels that a variable has no dimension for; refuse any but the
+    surface.
+    """
     name, quantity, chosen, (path, data) = wanted.name, wanted.quantity, wanted.chosen, file
     remarks = []
     for levels in level.beside(data, name, quantity):
@@ -349,16 +430,23 @@ def _has_axis(data: xr.Dataset, dim: str) -> bool:
     return bool(naming.LON.match(dim) or naming.LAT.match(dim) or dim.lower() in ("x", "y"))
 
 
-def lat_last(data: xr.Dataset, dims: Sequence[str], chosen: Mapping[str, Any] | None = None) -> bool:
-    """Whether a variable is stored (lon, lat) instead of (lat, lon); chosen: the case's names of both."""
+def lat_last(
+    data: xr.Dataset, dims: Sequence[str], chosen: Mapping[str, Any] | None = None
+) -> bool:
+    """Whether a variable is stored (lon, lat) instead of (lat, lon); chosen: the case's names of
+    both.
+    """
     own = chosen or {}
     return axis_of(data, dims[0], own) == "x" and axis_of(data, dims[1], own) == "y"
 
 
-def axis_of(data: xr.Dataset, dim: str, chosen: Mapping[str, Any] = MappingProxyType({})) -> str | None:
+def axis_of(
+    data: xr.Dataset, dim: str, chosen: Mapping[str, Any] = MappingProxyType({})
+) -> str | None:
     """Return the axis, "x" or "y", that a dimension is; None where nothing says so.
 
-    The case's own coordinates along it say so, else the file's longitudes or latitudes, else projections' and names.
+    The case's own coordinates along it say so, else the file's longitudes or latitudes, else
+    projections' and names.
     """
     along = {str(n): v.attrs for n, v in data.variables.items() if v.dims == (dim,)}
     for key, axis in (("lon", "x"), ("lat", "y"), ("x", "x"), ("y", "y")):
@@ -370,18 +458,29 @@ def axis_of(data: xr.Dataset, dim: str, chosen: Mapping[str, Any] = MappingProxy
         return "x" if roles == {"longitude"} else "y"
     attributes = along.get(dim, {})
     standard, axis = (str(attributes.get(key, "")).lower() for key in ("standard_name", "axis"))
-    for letter, pattern, rotated in (("x", naming.LON, "grid_longitude"), ("y", naming.LAT, "grid_latitude")):
-        if standard in (f"projection_{letter}_coordinate", rotated) or axis == letter or dim.lower() == letter:
+    for letter, pattern, rotated in (
+        ("x", naming.LON, "grid_longitude"),
+        ("y", naming.LAT, "grid_latitude"),
+    ):
+        if (
+            standard in (f"projection_{letter}_coordinate", rotated)
+            or axis == letter
+            or dim.lower() == letter
+        ):
             return letter
         if pattern.match(dim):
             return letter
     return None
 
 
-def _unstructured(data: xr.Dataset, name: str, dims: Sequence[str], chosen: Mapping[str, Any]) -> str | None:
-    """Return the dimension that longitudes and latitudes share, which no axis is; None on any other grid.
+def _unstructured(
+    data: xr.Dataset, name: str, dims: Sequence[str], chosen: Mapping[str, Any]
+) -> str | None:
+    """Return the dimension that longitudes and latitudes share, which no axis is; None on any other
+    grid.
 
-    That of the variable's UGRID mesh, that of the coordinates that the case names, or the last with both along it.
+    That of the variable's UGRID mesh, that of the coordinates that the case names, or the last with
+    both along it.
     """
     for dim in dims:
         if ugrid.mesh_of(data, name, dim) is not None:
@@ -402,7 +501,9 @@ def _unstructured(data: xr.Dataset, name: str, dims: Sequence[str], chosen: Mapp
 
 
 def _same_grid(wanted: Wanted, first: File, file: File, dims: tuple[str, ...], moves: bool) -> None:
-    """Reject a file whose points along a variable's horizontal dimensions are not those of the first, unless they move."""
+    """Reject a file whose points along a variable's horizontal dimensions are not those of the
+    first, unless they move.
+    """
     (path, data), (other_path, other) = first, file
     if other is data:
         return
@@ -435,7 +536,9 @@ def _same_grid(wanted: Wanted, first: File, file: File, dims: tuple[str, ...], m
 def _same_units(wanted: Wanted, first: File, file: File) -> None:
     """Refuse files of one source in different units, unless the case states which they are in."""
     name, quantity = wanted.name, wanted.quantity
-    (path, units), (other_path, others) = ((p, str(d[name].attrs.get("units", "")).strip()) for p, d in (first, file))
+    (path, units), (other_path, others) = (
+        (p, str(d[name].attrs.get("units", "")).strip()) for p, d in (first, file)
+    )
     if wanted.units is None and units.lower() != others.lower():
         raise UserError(
             f'{other_path}: "{name}" is in "{others}", and in {path} in "{units}"; give it as a [[{quantity}]] source '
@@ -455,13 +558,17 @@ def _factor(wanted: Wanted, file: File, notes: list[str]) -> float:
     if held in ("", "1", "unknown", "none"):
         inside = speed.inside_text(str(attributes.get("long_name", "")))
         if inside is None:
-            raise UserError(f'{path}: "{name}" has no units; state them with [[{quantity}]] units = "m/s"')
+            raise UserError(
+                f'{path}: "{name}" has no units; state them with [[{quantity}]] units = "m/s"'
+            )
         notes.append(f'units "{inside}" read from the long name')
         return speed.factor(inside)
     try:
         factor = speed.factor(held)
     except UserError as error:
-        raise UserError(f'{path}: "{name}": {error}; or state them with [[{quantity}]] units') from error
+        raise UserError(
+            f'{path}: "{name}": {error}; or state them with [[{quantity}]] units'
+        ) from error
     if factor != 1.0:
         notes.append(f'converted from "{held}" to m/s')
     return factor
@@ -474,13 +581,18 @@ def _mask(
     named = chosen.get("mask")
     if named in ("none", False):
         return None
-    for name in [str(named)] if named else ["mask_u", "mask_v", "mask_rho", "umask", "vmask", "tmask"]:
+    for name in (
+        [str(named)] if named else ["mask_u", "mask_v", "mask_rho", "umask", "vmask", "tmask"]
+    ):
         if name not in data.variables:
             if named:
                 raise UserError(f'no variable "{name}" (variables.mask)')
             continue
         variable = data[name].squeeze()
-        if variable.dims == dims and np.isin(np.unique(np.nan_to_num(variable.values)), (0, 1)).all():
+        if (
+            variable.dims == dims
+            and np.isin(np.unique(np.nan_to_num(variable.values)), (0, 1)).all()
+        ):
             water = _water(variable.attrs)
             wet = np.asarray(variable.values == water)
             if wet.all() and not named:

@@ -1,4 +1,5 @@
-"""Slices that stay in memory, for many forecasts from the same files and for the passes of one over its forcing.
+"""Slices that stay in memory, for many forecasts from the same files and for the passes of one over
+its forcing.
 
 Of a variable they are kept as they are read, of a source as they are sampled.
 """
@@ -38,21 +39,28 @@ class Kept:
         return tuple(inside)
 
     def slice(self, i: int, read: Callable[[], tuple[Array, int]]) -> tuple[Array, int]:
-        """Return slice i over the window, and how many fill values it held, read now if it is not there."""
+        """Return slice i over the window, and how many fill values it held, read now if it is not
+        there.
+        """
         with self._guard:
             got = self._slices.pop(i, None) or read()
             self._slices[i] = got
-            while len(self._slices) > 1 and sum(values.nbytes for values, _ in self._slices.values()) > MOST:
+            while (
+                len(self._slices) > 1
+                and sum(values.nbytes for values, _ in self._slices.values()) > MOST
+            ):
                 del self._slices[next(iter(self._slices))]
             return got
 
 
 class Finished:
-    """Slices of parts of sources, ready to be sampled: true east and north, filled towards the coast.
+    """Slices of parts of sources, ready to be sampled: true east and north, filled towards the
+    coast.
 
-    Only what is the same in every bit may share a key: slices of one part of one source, filled equally deep. Once
-    there is no room, what was used longest ago is dropped; or, with `first`, what comes is not kept: a second pass from
-    the same begin would find nothing of one that is longer than the room.
+    Only what is the same in every bit may share a key: slices of one part of one source, filled
+    equally deep. Once there is no room, what was used longest ago is dropped; or, with `first`,
+    what comes is not kept: a second pass from the same begin would find nothing of one that is
+    longer than the room.
     """
 
     def __init__(self, first: bool = False) -> None:
@@ -71,7 +79,9 @@ class Finished:
             return values
 
     def made(self, key: Hashable, make: Callable[[], Array]) -> Array:
-        """Return a slice that is not there, made now, or read from where they are stored; it must not be changed."""
+        """Return a slice that is not there, made now, or read from where they are stored; it must
+        not be changed.
+        """
         values = make() if self._stored is None else self._stored.get(key, make)
         self._keep(key, values)
         return values
@@ -107,7 +117,9 @@ class Shelf:
         return self.finished.find((self.part, *key))
 
     def made(self, make: Callable[[], Array], *key: Hashable) -> Array:
-        """Return a slice of this part that is not there, made now or read from where they are stored."""
+        """Return a slice of this part that is not there, made now or read from where they are
+        stored.
+        """
         return self.finished.made((self.part, *key), make)
 
 

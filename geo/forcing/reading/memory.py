@@ -1,8 +1,9 @@
-"""Datasets in memory as forcing: brought to what files would give, so that all that follows is the same.
+"""Datasets in memory as forcing: brought to what files would give, so that all that follows is the
+same.
 
-They come as xarray opens them (times as dates, packing and fill values resolved, coordinates set apart) or raw
-(decode_cf = False). What is lazy stays lazy. The dataset itself is never changed, and nothing keeps it when the run is
-over.
+They come as xarray opens them (times as dates, packing and fill values resolved, coordinates set
+apart) or raw (decode_cf = False). What is lazy stays lazy. The dataset itself is never changed, and
+nothing keeps it when the run is over.
 """
 
 import datetime
@@ -23,12 +24,14 @@ from geo.forcing import validity
 from geo.forcing.times import epoch
 from geo.grids import naming
 
-WHOLE = 2**28  # [bytes] of a variable up to which all of it is hashed; of a larger one SLICES slices, thinned out
+# [bytes] of a variable up to which all of it is hashed; of a larger one SLICES slices, thinned out
+WHOLE = 2**28
 SLICES = 16
 PIECE = 2**24  # [bytes] hashed at once: a lazy variable is never in memory as a whole
 THINNED = 2**16  # values of a slice that are hashed, at most
 EPOCH = "seconds since 1970-01-01"
-REFERENCES = ("coordinates", "grid_mapping")  # attributes that xarray moves to the encoding when it decodes
+# attributes that xarray moves to the encoding when it decodes
+REFERENCES = ("coordinates", "grid_mapping")
 
 
 @dataclass(frozen=True)
@@ -50,12 +53,20 @@ def hold(datasets: Any) -> dict[str, Held]:
     Raises UserError for what is not a dataset.
     """
     if isinstance(datasets, xr.Dataset) or not isinstance(datasets, Mapping | None):
-        raise UserError(f'datasets: a {type(datasets).__name__} is given; must be {{"name": an xarray.Dataset}}')
+        raise UserError(
+            f'datasets: a {type(datasets).__name__} is given; must be {{"name": an xarray.Dataset}}'
+        )
     for name, data in (datasets or {}).items():
         if not isinstance(data, xr.Dataset):
-            hint = "; files are named in the case" if isinstance(data, str) or hasattr(data, "__fspath__") else ""
+            hint = (
+                "; files are named in the case"
+                if isinstance(data, str) or hasattr(data, "__fspath__")
+                else ""
+            )
             hint = "; its to_dataset() makes one" if isinstance(data, xr.DataArray) else hint
-            raise UserError(f'datasets: "{name}" is a {type(data).__name__}; must be an xarray.Dataset{hint}')
+            raise UserError(
+                f'datasets: "{name}" is a {type(data).__name__}; must be an xarray.Dataset{hint}'
+            )
     return {str(name): Held(str(name), data) for name, data in (datasets or {}).items()}
 
 
@@ -66,7 +77,8 @@ def as_stored(held: Held) -> xr.Dataset:
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # warnings of several fill values, which all count as missing
+            # warnings of several fill values, which all count as missing
+            warnings.simplefilter("ignore")
             return xr.decode_cf(
                 _encoded(held.data),
                 concat_characters=False,
@@ -82,16 +94,23 @@ def as_stored(held: Held) -> xr.Dataset:
 
 
 def _encoded(data: xr.Dataset) -> xr.Dataset:
-    """Return a dataset with dates as numbers, and with what xarray sets apart of a file back in the attributes."""
-    data = data.rename({name: str(name) for name in {*data.variables, *data.dims} if not isinstance(name, str)})
+    """Return a dataset with dates as numbers, and with what xarray sets apart of a file back in the
+    attributes.
+    """
+    data = data.rename(
+        {name: str(name) for name in {*data.variables, *data.dims} if not isinstance(name, str)}
+    )
     stored = {}
     for name in map(str, data.variables):
         variable = data[name].variable.copy(deep=False)
-        kept = {k: variable.encoding[k] for k in REFERENCES if isinstance(variable.encoding.get(k), str)}
+        kept = {
+            k: variable.encoding[k] for k in REFERENCES if isinstance(variable.encoding.get(k), str)
+        }
         aside = sorted(str(c) for c in data[name].coords if c not in data.dims and c != name)
         attributes = {"coordinates": " ".join(aside)} if aside and name in data.data_vars else {}
         attributes |= kept | validity.unpacked(variable.attrs, variable.encoding)
-        if variable.ndim <= 2 and variable.dtype.kind in "MO":  # of bounds and of runs there are two dimensions
+        # of bounds and of runs there are two dimensions
+        if variable.ndim <= 2 and variable.dtype.kind in "MO":
             variable, attributes = _numbers(variable, attributes)
         elif variable.ndim <= 1 and variable.dtype.kind == "m":
             variable = xr.Variable(variable.dims, variable.values / np.timedelta64(1, "s"))
@@ -101,23 +120,33 @@ def _encoded(data: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(stored)
 
 
-def _numbers(variable: xr.Variable, attributes: Mapping[Any, Any]) -> tuple[xr.Variable, dict[Any, Any]]:
-    """Return dates as the numbers of a file, and the attributes that say so; other values as they are."""
+def _numbers(
+    variable: xr.Variable, attributes: Mapping[Any, Any]
+) -> tuple[xr.Variable, dict[Any, Any]]:
+    """Return dates as the numbers of a file, and the attributes that say so; other values as they
+    are.
+    """
     values, encoding = variable.values, variable.encoding
     if variable.dtype.kind == "M":
         dates = values.astype("datetime64[us]").astype(object)  # Python's, None where missing
         calendar = "proleptic_gregorian"
     else:
         dates = np.array([_utc(date) for date in values.flat] + [None], object)[:-1]
-        calendar = next((getattr(d, "calendar", "standard") for d in dates if d is not None), "standard")
-    there = np.array([isinstance(d, datetime.datetime | cftime.datetime) and d == d for d in dates.flat], bool)
+        calendar = next(
+            (getattr(d, "calendar", "standard") for d in dates if d is not None), "standard"
+        )
+    there = np.array(
+        [isinstance(d, datetime.datetime | cftime.datetime) and d == d for d in dates.flat], bool
+    )
     if not there.any():
         return variable, dict(attributes)
     stored = _stored(encoding)
     single = stored is not None and encoding.get("dtype") == np.float32
     if stored is None or not (single or stored.misread):
         units, origin, seconds = EPOCH, EPOCH, 1.0
-    else:  # in single precision too the reader must meet the file's own numbers, to tell how they were rounded
+    else:
+        # in single precision too the reader must meet the file's own numbers, to tell how they were
+        # rounded
         units, origin, seconds = stored.units, stored.origin, stored.seconds
         calendar = encoding.get("calendar", calendar)
     numbers: NDArray[Any] = np.full(dates.size, np.nan, "f4" if single else "f8")
@@ -130,8 +159,8 @@ def _numbers(variable: xr.Variable, attributes: Mapping[Any, Any]) -> tuple[xr.V
 class _Stored:
     """In what units a file has the dates that xarray decoded.
 
-    origin: what xarray took for their origin; seconds: of their unit; misread: xarray dropped a zone, or took it for
-    something else.
+    origin: what xarray took for their origin; seconds: of their unit; misread: xarray dropped a
+    zone, or took it for something else.
     """
 
     units: str
@@ -151,7 +180,9 @@ def _stored(encoding: Mapping[Any, Any]) -> _Stored | None:
         seconds = epoch.parse(units, 0).seconds
     except (ValueError, OverflowError, TypeError, UserError):
         return None
-    begin: Any = taken if isinstance(taken, np.datetime64) else np.datetime64(taken.isoformat(), "s")
+    begin: Any = (
+        taken if isinstance(taken, np.datetime64) else np.datetime64(taken.isoformat(), "s")
+    )
     begin = begin.astype("datetime64[s]")
     right: Any = np.datetime64("NaT", "s")
     try:
@@ -169,15 +200,21 @@ def _utc(date: Any) -> Any:
 
 
 def fingerprint(data: xr.Dataset, fields: Collection[str], time: str | None, extra: str) -> str:
-    """Return a short hash of what a dataset holds: two fields, and all that says where and when they are.
+    """Return a short hash of what a dataset holds: two fields, and all that says where and when
+    they are.
 
-    data: from `as_stored`. time: the dimension of time; other variables along it are other quantities. A field of more
-    than 256 MiB counts by samples.
+    data: from `as_stored`. time: the dimension of time; other variables along it are other
+    quantities. A field of more than 256 MiB counts by samples.
     """
     total = hashlib.sha256(extra.encode())
     for name in sorted(map(str, data.variables)):
         variable = data[name].variable
-        if name in fields or variable.ndim <= 1 or time not in variable.dims or naming.of_grid(name):
+        if (
+            name in fields
+            or variable.ndim <= 1
+            or time not in variable.dims
+            or naming.of_grid(name)
+        ):
             total.update(f"{name} {variable.dims} {variable.shape} {variable.dtype}".encode())
             for key, value in sorted((str(k), v) for k, v in variable.attrs.items()):
                 total.update(f"{key} {np.asarray(value).tolist()!r}".encode())
@@ -198,9 +235,19 @@ def _hash_values(total: "hashlib._Hash", variable: xr.Variable) -> None:
     others = max(variable.ndim - 1, 1)
     every = math.ceil((variable.size / rows / THINNED) ** (1 / others))
     for k in np.unique(np.linspace(0, rows - 1, SLICES).astype(int)):
-        total.update(_bytes(variable.isel({first: k, **{d: slice(None, None, every) for d in variable.dims[1:]}})))
+        total.update(
+            _bytes(
+                variable.isel(
+                    {first: k, **{d: slice(None, None, every) for d in variable.dims[1:]}}
+                )
+            )
+        )
 
 
 def _bytes(variable: xr.Variable) -> bytes:
     values = np.asarray(variable.values)
-    return repr(values.tolist()).encode() if values.dtype.hasobject else np.ascontiguousarray(values).tobytes()
+    return (
+        repr(values.tolist()).encode()
+        if values.dtype.hasobject
+        else np.ascontiguousarray(values).tobytes()
+    )

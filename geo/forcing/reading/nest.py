@@ -1,7 +1,7 @@
 """Grids that move: coordinates that change with time, as those of WRF's moving nests.
 
-Each slice is carried from the points at which its grid stands to one regular grid, which covers all places. Where the
-grid is not, a slice has no value.
+Each slice is carried from the points at which its grid stands to one regular grid, which covers all
+places. Where the grid is not, a slice has no value.
 """
 
 import threading
@@ -26,8 +26,9 @@ TILES = 4  # places whose weights are kept
 class Nest:
     """Two components on a moving grid, and the regular grid to which they are carried.
 
-    numbers: the place at each slice; met: the places that have a part of what is needed; dry: whether values that are
-    exactly zero are land; domain: (nlat, nlon) nodes inside the grid at every place that is met.
+    numbers: the place at each slice; met: the places that have a part of what is needed; dry:
+    whether values that are exactly zero are land; domain: (nlat, nlon) nodes inside the grid at
+    every place that is met.
     """
 
     grid: Grid
@@ -39,7 +40,8 @@ class Nest:
     dry: bool
     domain: NDArray[np.bool_] | None
     notes: tuple[str, ...]
-    tiles: dict[tuple[int, int], Tile] = field(default_factory=dict, repr=False)  # of the places used last
+    # of the places used last
+    tiles: dict[tuple[int, int], Tile] = field(default_factory=dict, repr=False)
     guard: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
 
@@ -48,10 +50,13 @@ def moves(components: Sequence[Component]) -> bool:
     return any(component.places is not None for component in components)
 
 
-def make(components: tuple[Component, Component], count: int, axes: str, box: Box | None, dry: bool) -> Nest | None:
+def make(
+    components: tuple[Component, Component], count: int, axes: str, box: Box | None, dry: bool
+) -> Nest | None:
     """Return a moving grid over the part of it that is needed; None where no slice has any.
 
-    count: of slices; axes, box: as in `tile.make`; dry: whether values that are exactly zero are land.
+    count: of slices; axes, box: as in `tile.make`; dry: whether values that are exactly zero are
+    land.
     """
     numbers = tuple((_place(components[0], i), _place(components[1], i)) for i in range(count))
     met: list[tuple[int, int]] = []
@@ -104,7 +109,9 @@ def _tile(nest: Nest, number: tuple[int, int]) -> Tile:
 
 
 def _always(nest: Nest, met: Sequence[tuple[int, int]]) -> NDArray[np.bool_] | None:
-    """Return the nodes inside the grid at every place, of many at some: there a missing value may be land."""
+    """Return the nodes inside the grid at every place, of many at some: there a missing value may
+    be land.
+    """
     chosen = np.unique(np.linspace(0, len(met) - 1, TILES).astype(int))
     inside = [tile.domain(_tile(nest, met[k])) for k in chosen]
     masks = [mask for mask in inside if mask is not None]
@@ -125,7 +132,9 @@ def read_nested_slice(nest: Nest, i: int) -> Values:
 
 
 def missing(nest: Nest) -> tuple[float, bool]:
-    """Return the share of nodes missing in the first slice that is met, and whether three slices hold nothing."""
+    """Return the share of nodes missing in the first slice that is met, and whether three slices
+    hold nothing.
+    """
     there = [i for i, number in enumerate(nest.numbers) if number in nest.met]
     looked_at = {there[0], there[len(there) // 2], there[-1]}
     first = float(np.isnan(read_nested_slice(nest, there[0])[..., 0]).mean())

@@ -1,4 +1,6 @@
-"""Reading one slice of a component: only the part of the file that is wanted, in m/s, NaN where missing."""
+"""Reading one slice of a component: only the part of the file that is wanted, in m/s, NaN where
+missing.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +22,9 @@ ROUNDING = 1e-9  # [m/s] what rounding leaves of a zero
 
 
 def window(layout: Layout) -> tuple[Index, ...]:
-    """Return the file's indices that a layout's points have, one array for each horizontal dimension."""
+    """Return the file's indices that a layout's points have, one array for each horizontal
+    dimension.
+    """
     if isinstance(layout, Triangles):
         count = len(layout.lon) if layout.lonc is None else len(layout.lonc)
         return (np.arange(layout.first, layout.first + count),)
@@ -28,7 +32,9 @@ def window(layout: Layout) -> tuple[Index, ...]:
 
 
 def read_component_slice(component: Component, layout: Layout, i: int) -> tuple[Array, int]:
-    """Return slice i [m/s] over a (cropped) layout, NaN missing, and how many undeclared fill values it held."""
+    """Return slice i [m/s] over a (cropped) layout, NaN missing, and how many undeclared fill
+    values it held.
+    """
     index, kept = window(layout), component.kept
     part = None if kept is None else kept.part(index)
     if kept is None or part is None:
@@ -47,9 +53,13 @@ def _read(component: Component, index: tuple[Index, ...], i: int) -> tuple[Array
 
 
 def block(component: Component, i: int, index: tuple[slice, ...]) -> Array:
-    """Return part of slice i as the file has it: in its own units, over its own indices along `component.dims`."""
+    """Return part of slice i as the file has it: in its own units, over its own indices along
+    `component.dims`.
+    """
     with _reading(component, i) as variable:
-        cut = variable.isel(dict(zip(component.dims, index, strict=True))).transpose(*component.dims)
+        cut = variable.isel(dict(zip(component.dims, index, strict=True))).transpose(
+            *component.dims
+        )
         return np.array(cut.values, np.float64)
 
 
@@ -73,11 +83,14 @@ def _reading(component: Component, i: int) -> Iterator[xr.DataArray]:
 
 
 def _block(variable: xr.DataArray, dims: tuple[str, ...], index: tuple[Index, ...]) -> Array:
-    """Read the smallest contiguous parts of a file that hold the wanted indices, and bring them into order."""
+    """Read the smallest contiguous parts of a file that hold the wanted indices, and bring them
+    into order.
+    """
     spans, orders = [], []
     for wanted in index:
         jump = np.nonzero(np.abs(np.diff(wanted)) != 1)[0] + 1
-        runs = np.split(wanted, jump) if len(jump) <= 2 else [wanted]  # the seam cuts an axis into two runs
+        # the seam cuts an axis into two runs
+        runs = np.split(wanted, jump) if len(jump) <= 2 else [wanted]
         spans.append([(int(r.min()), int(r.max()) + 1) for r in runs])
         orders.append([r - r.min() for r in runs])
     parts = []
@@ -95,7 +108,8 @@ def _block(variable: xr.DataArray, dims: tuple[str, ...], index: tuple[Index, ..
 
 
 def still(values: Array, component: Component, i: int) -> NDArray[np.bool_]:
-    """Return which values of slice i, in its file's own units, are zero as far as that file can write zero.
+    """Return which values of slice i, in its file's own units, are zero as far as that file can
+    write zero.
 
     A number packed with an offset need not hit it: the nearest one does.
     """
@@ -107,14 +121,22 @@ def still(values: Array, component: Component, i: int) -> NDArray[np.bool_]:
 
 
 def _clean(values: Array, component: Component) -> tuple[Array, int]:
-    """Convert to m/s and drop what no speed can be: fill values that the file does not declare, in any slice."""
+    """Convert to m/s and drop what no speed can be: fill values that the file does not declare, in
+    any slice.
+    """
     values = np.where(np.isin(values, component.fills), np.nan, values)
     with np.errstate(invalid="ignore", over="ignore"):
         size = np.abs(values)
         wrong = np.isinf(values)
         if not component.vouched:
             wrong |= size * component.factor > QUANTITIES[component.quantity].impossible
-            fast = np.array([x for x in SENTINELS if x * component.factor > QUANTITIES[component.quantity].fastest])
+            fast = np.array(
+                [
+                    x
+                    for x in SENTINELS
+                    if x * component.factor > QUANTITIES[component.quantity].fastest
+                ]
+            )
             wrong |= np.isin(size, fast) | np.isin(size, fast.astype(np.float32))
     count = int(wrong.sum())
     values = np.where(wrong, np.nan, values) * component.factor

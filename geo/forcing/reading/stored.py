@@ -1,8 +1,9 @@
-"""Slices that stay on disk, made once for all processes that see a folder: sampled by many, read and regridded by one.
+"""Slices that stay on disk, made once for all processes that see a folder: sampled by many, read
+and regridded by one.
 
-Each is a file, moved to its name once it is whole, that ends with its size and a digest of its bytes: one that was cut
-short or altered is found when a process first opens it, and made again. A file is mapped into memory: what processes of
-one machine read of it they share.
+Each is a file, moved to its name once it is whole, that ends with its size and a digest of its
+bytes: one that was cut short or altered is found when a process first opens it, and made again. A
+file is mapped into memory: what processes of one machine read of it they share.
 """
 
 import contextlib
@@ -38,7 +39,9 @@ class Stored:
         self._sound: set[str] = set()  # what this process has held against its digest
 
     def get(self, key: Hashable, make: Callable[[], Array]) -> Array:
-        """Return the slice of a key, made now if no process has made it; of several that want it one makes it."""
+        """Return the slice of a key, made now if no process has made it; of several that want it
+        one makes it.
+        """
         name = hashlib.sha256(repr(key).encode()).hexdigest()[:32]
         found = self._read(name)
         if found is not None:
@@ -68,7 +71,10 @@ class Stored:
     def _write(self, name: str, values: Array) -> None:
         """Keep a slice, if the disk takes it."""
         new = self.folder / f"{name}-{uuid.uuid4().hex}.new"
-        body, shape = np.ascontiguousarray(values, np.float32).reshape(-1).view(np.uint8), SHAPE.pack(*values.shape)
+        body, shape = (
+            np.ascontiguousarray(values, np.float32).reshape(-1).view(np.uint8),
+            SHAPE.pack(*values.shape),
+        )
         try:
             with new.open("wb") as stream:
                 stream.write(body.data)
@@ -88,7 +94,9 @@ def _digest(name: str, body: Array, shape: bytes) -> bytes:
 
 @contextlib.contextmanager
 def _alone(path: Path) -> Iterator[None]:
-    """Hold a file's lock, which goes with the process that holds it; where there are no locks, go on without."""
+    """Hold a file's lock, which goes with the process that holds it; where there are no locks, go
+    on without.
+    """
     lock = None
     try:
         with contextlib.suppress(OSError):

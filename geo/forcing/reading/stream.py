@@ -1,8 +1,10 @@
-"""Time slices of a source in step with a clock: read ahead by a thread, no more than a few in memory.
+"""Time slices of a source in step with a clock: read ahead by a thread, no more than a few in
+memory.
 
-For a step [begin, end] two slices bracket the time. Where a node of the source's time axis falls inside the step, the
-values at begin and end are interpolated first, so that a step always sees one straight line in time. Where a step lies
-partly before the first or after the last node, that node's values hold for the rest of this one step.
+For a step [begin, end] two slices bracket the time. Where a node of the source's time axis falls
+inside the step, the values at begin and end are interpolated first, so that a step always sees one
+straight line in time. Where a step lies partly before the first or after the last node, that node's
+values hold for the rest of this one step.
 """
 
 from bisect import bisect_left, bisect_right
@@ -18,7 +20,8 @@ from geo.array import Array
 from geo.forcing.sources import Source
 from geo.grids import fill as filling
 
-LONGEST_GAP = 3  # times the usual interval: a longer one is a hole in the data, not something to interpolate over
+# times the usual interval: a longer one is a hole in the data, not something to interpolate over
+LONGEST_GAP = 3
 
 Times = npt.NDArray[np.datetime64]
 Key = int | float  # an index of a slice, or a time [s] between two
@@ -46,7 +49,9 @@ def spans(source: Source) -> list[tuple[np.datetime64, np.datetime64]]:
 
 
 class Bracket(NamedTuple):
-    """The slices on both sides of a step, and the weight of the later one at its lower and upper time."""
+    """The slices on both sides of a step, and the weight of the later one at its lower and upper
+    time.
+    """
 
     earlier: Key
     later: Key
@@ -57,21 +62,24 @@ class Bracket(NamedTuple):
 class Slices:
     """The slices of one source, read ahead in a pool and filled towards the coast.
 
-    Land nodes take the means of their neighbours, `cells` deep (0: nothing is filled), and beyond that the value of
-    the nearest wet node within REACH.
+    Land nodes take the means of their neighbours, `cells` deep (0: nothing is filled), and beyond
+    that the value of the nearest wet node within REACH.
     """
 
     def __init__(self, source: Source, cells: int, ahead: int, pool: ThreadPoolExecutor) -> None:
         self.source, self.cells, self.ahead, self._pool = source, cells, ahead, pool
         self.seconds = notation.epochs(source.times)
         steps = np.diff(self.seconds)
-        self._nodes: list[int] = self.seconds.tolist()  # a search of few in Python is faster than in NumPy
+        # a search of few in Python is faster than in NumPy
+        self._nodes: list[int] = self.seconds.tolist()
         self._steps: list[int] = steps.tolist()
         self._usual = float(np.median(steps)) if steps.size else 0.0
         self._reading: dict[int, Future[Array]] = {}
 
     def bracket(self, low: int, high: int) -> Bracket | None:
-        """Return the bracket of the step [low, high] [s since 1970], or None where the source has nothing."""
+        """Return the bracket of the step [low, high] [s since 1970], or None where the source has
+        nothing.
+        """
         nodes = self._nodes
         if not nodes:
             return Bracket(0, 0, 0.0, 0.0)
@@ -89,7 +97,9 @@ class Slices:
         return Bracket(i, j, (low - nodes[i]) / span, (high - nodes[i]) / span)
 
     def get(self, key: Key) -> Array:
-        """Return the slice of a key, shape (nlat, nlon, 2) [m/s], and have the next one read meanwhile."""
+        """Return the slice of a key, shape (nlat, nlon, 2) [m/s], and have the next one read
+        meanwhile.
+        """
         if isinstance(key, float):
             key = min(max(key, float(self.seconds[0])), float(self.seconds[-1]))
             i = min(int(np.searchsorted(self.seconds, key, "right")) - 1, self.seconds.size - 2)
@@ -121,15 +131,22 @@ class Slices:
     def within(self, low: int, high: int) -> int:
         """Return how many slices a run from one time to another [s since 1970] asks for at most."""
         first, last = np.searchsorted(self.seconds, (low, high))
-        return max(min(int(last - first) + 3, self.seconds.size), 1)  # one before, at the end, and ahead
+        # one before, at the end, and ahead
+        return max(min(int(last - first) + 3, self.seconds.size), 1)
 
     def _read(self, index: int) -> Array:
         shelf = self.source.shelf
-        return self._made(index) if shelf is None else shelf.made(partial(self._made, index), self.cells, index)
+        return (
+            self._made(index)
+            if shelf is None
+            else shelf.made(partial(self._made, index), self.cells, index)
+        )
 
     def _made(self, index: int) -> Array:
         values, grid = self.source.read(index), self.source.grid
         if self.cells:
             bands, inside = filling.bands(grid), self.source.domain
-            values = filling.fill(values, self.cells, grid.seamless, reach=filling.REACH, bands=bands, within=inside)
+            values = filling.fill(
+                values, self.cells, grid.seamless, reach=filling.REACH, bands=bands, within=inside
+            )
         return values

@@ -1,8 +1,9 @@
 """A tile: two components on their own points, turned into true east and north on one regular grid.
 
-Where the points are a regular longitude-latitude grid already, values are taken as they are. Everything else is
-carried over by the weights of `regrid.py`, each component from its own points (so that a staggered grid needs no
-averaging first), and what that costs is measured on the first slice.
+Where the points are a regular longitude-latitude grid already, values are taken as they are.
+Everything else is carried over by the weights of `regrid.py`, each component from its own points
+(so that a staggered grid needs no averaging first), and what that costs is measured on the first
+slice.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -25,18 +26,22 @@ from geo.grids.layout import Axes, Curved, Layout, Plane, Triangles, uniform
 Values = NDArray[np.float32]
 
 
-ABOUT_POLE = 85.0  # [deg] east and north of a grid that reaches beyond this latitude are carried as one frame
-AGREES = 0.9  # share of the fastest column that the mean vector at a pole has where all columns are the same vector
+# [deg] east and north of a grid that reaches beyond this latitude are carried as one frame
+ABOUT_POLE = 85.0
+# share of the fastest column that the mean vector at a pole has where all columns are the same
+# vector
+AGREES = 0.9
 
 
 @dataclass(frozen=True)
 class Tile:
     """How the two components of a source become vectors on a regular grid.
 
-    components, layouts: the two components and their points; matrices: their weights, None where taken as they are.
-    directions: (nlat, columns, 4) unit vectors of the components' axes, None where they are east and north;
-    dry: points whose zeros are land, per component. about_pole: lon and lat of each point [rad], where east and
-    north are carried about a pole in one frame; None elsewhere.
+    components, layouts: the two components and their points; matrices: their weights, None where
+    taken as they are. directions: (nlat, columns, 4) unit vectors of the components' axes, None
+    where they are east and north; dry: points whose zeros are land, per component. about_pole: lon
+    and lat of each point [rad], where east and north are carried about a pole in one frame; None
+    elsewhere.
     """
 
     grid: Grid
@@ -53,8 +58,8 @@ class Tile:
 class Examined:
     """A tile after a look at its first slice.
 
-    missing: share of nodes missing there; empty: whether all slices looked at hold nothing; strange: how many
-    values there are no speed but fill values that the file does not declare.
+    missing: share of nodes missing there; empty: whether all slices looked at hold nothing;
+    strange: how many values there are no speed but fill values that the file does not declare.
     """
 
     tile: Tile
@@ -81,27 +86,48 @@ def make(
     matrices = None
     if grid is None:
         grid, coarser = target.choose(layouts, box) if onto is None else (onto, False)
-        sign = 1.0 if axes == "true" else -1.0  # a grid's own axes turn round at the fold of a tripolar grid
+        # a grid's own axes turn round at the fold of a tripolar grid
+        sign = 1.0 if axes == "true" else -1.0
         weights = regrid.weights(first, grid, sign)
-        matrices = (weights, weights if _same(first, second) else regrid.weights(second, grid, sign))
-        kind = {Axes: "rectilinear", Plane: "projected", Curved: "curvilinear", Triangles: "triangular"}[type(first)]
+        matrices = (
+            weights,
+            weights if _same(first, second) else regrid.weights(second, grid, sign),
+        )
+        kind = {
+            Axes: "rectilinear",
+            Plane: "projected",
+            Curved: "curvilinear",
+            Triangles: "triangular",
+        }[type(first)]
         notes.append(
             f"{kind} grid carried to a regular one of {grid.nlon} x {grid.nlat} nodes, "
             f"{grid.dlon:.4g} x {grid.dlat:.4g} degrees"
-            + (f", coarser than wanted to stay under {target.MOST_NODES:,} nodes" if coarser else "")
+            + (
+                f", coarser than wanted to stay under {target.MOST_NODES:,} nodes"
+                if coarser
+                else ""
+            )
         )
         if not _together(first, second):
-            notes.append("the components stand at different points (a staggered grid): each is carried from its own")
+            notes.append(
+                "the components stand at different points (a staggered grid): each is carried from its own"
+            )
     directions = _directions(grid, layouts, matrices, axes, notes)
     about_pole = None
-    if matrices is not None and directions is None and np.abs(grid.lat).max() > ABOUT_POLE and _together(first, second):
+    if (
+        matrices is not None
+        and directions is None
+        and np.abs(grid.lat).max() > ABOUT_POLE
+        and _together(first, second)
+    ):
         lon, lat = layout.points(first)
         about_pole = np.radians(lon), np.radians(lat)
     return Tile(grid, components, layouts, matrices, directions, None, tuple(notes), about_pole)
 
 
 def domain(tile: Tile) -> NDArray[np.bool_] | None:
-    """Return the nodes (nlat, columns) inside the source's own domain; None where all are, or none can be told.
+    """Return the nodes (nlat, columns) inside the source's own domain; None where all are, or none
+    can be told.
 
     A triangular mesh ends at the coast: what is outside it may be land.
     """
@@ -117,13 +143,18 @@ def _same(first: Layout, second: Layout) -> bool:
     if type(first) is not type(second):
         return False
     pairs = ((getattr(first, field.name), getattr(second, field.name)) for field in fields(first))
-    return all(a is b or (isinstance(a, np.ndarray | int | float) and np.array_equal(a, b)) for a, b in pairs)
+    return all(
+        a is b or (isinstance(a, np.ndarray | int | float) and np.array_equal(a, b))
+        for a, b in pairs
+    )
 
 
 def _together(first: Layout, second: Layout) -> bool:
     """Whether two components stand at the same points."""
     pairs = list(zip(layout.points(first), layout.points(second), strict=True))
-    return all(a.shape == b.shape and np.allclose(a, b, atol=1e-6, equal_nan=True) for a, b in pairs)
+    return all(
+        a.shape == b.shape and np.allclose(a, b, atol=1e-6, equal_nan=True) for a, b in pairs
+    )
 
 
 def regular(first: Layout, second: Layout) -> Grid | None:
@@ -132,29 +163,45 @@ def regular(first: Layout, second: Layout) -> Grid | None:
         return None
     if first.lon.shape != second.lon.shape or first.lat.shape != second.lat.shape:
         return None
-    if not (np.allclose(first.lon, second.lon, atol=1e-6) and np.allclose(first.lat, second.lat, atol=1e-6)):
+    if not (
+        np.allclose(first.lon, second.lon, atol=1e-6)
+        and np.allclose(first.lat, second.lat, atol=1e-6)
+    ):
         return None
     around = np.concatenate((first.lon, first.lon[:1] + 360.0)) if first.round else first.lon
     if not (uniform(around) and uniform(first.lat)):
         return None
     nlon, nlat = len(around), len(first.lat)
     return Grid(
-        float(first.lon[0]), float(first.lat[0]), float(around[-1] - around[0]) / (nlon - 1),
-        float(first.lat[-1] - first.lat[0]) / (nlat - 1), nlon, nlat,
-    )  # fmt: skip
+        float(first.lon[0]),
+        float(first.lat[0]),
+        float(around[-1] - around[0]) / (nlon - 1),
+        float(first.lat[-1] - first.lat[0]) / (nlat - 1),
+        nlon,
+        nlat,
+    )
 
 
 def _directions(
-    grid: Grid, layouts: tuple[Layout, Layout], matrices: tuple[sp.csr_matrix, sp.csr_matrix] | None, axes: str,
+    grid: Grid,
+    layouts: tuple[Layout, Layout],
+    matrices: tuple[sp.csr_matrix, sp.csr_matrix] | None,
+    axes: str,
     notes: list[str],
-) -> NDArray[np.float32] | None:  # fmt: skip
+) -> NDArray[np.float32] | None:
     first = layouts[0]
-    if matrices is None or isinstance(first, Axes) or (isinstance(first, Triangles) and first.projection is None):
+    if (
+        matrices is None
+        or isinstance(first, Axes)
+        or (isinstance(first, Triangles) and first.projection is None)
+    ):
         return None  # the axes are east and north here, or the components have none
     if axes == "true":
         notes.append("components are true east and north as they stand")
         return None
-    assumed = ' (assumed: set variables.axes = "true" if they are east and north)' if axes == "?" else ""
+    assumed = (
+        ' (assumed: set variables.axes = "true" if they are east and north)' if axes == "?" else ""
+    )
     lon, lat = grids.nodes(grid)
     if isinstance(first, Plane | Triangles):
         result = rotation.plane_axes(first, lon, lat)
@@ -163,7 +210,10 @@ def _directions(
         second = layouts[1] if isinstance(layouts[1], Curved) else first
         x, y = (
             rotation.carried_axis(matrix, item.lon, item.lat, _x_axis(item) + quarter, lon, lat)
-            for matrix, item, quarter in ((matrices[0], first, 0.0), (matrices[1], second, np.pi / 2))
+            for matrix, item, quarter in (
+                (matrices[0], first, 0.0),
+                (matrices[1], second, np.pi / 2),
+            )
         )
         result = rotation.undone(x, y)
         how = "the grid's own axes"
@@ -178,11 +228,17 @@ def _directions(
 
 def _x_axis(item: Curved) -> Array:
     """Return the angle [rad] of a curved grid's x axis from east at its points."""
-    return item.angle if item.angle is not None else rotation.curved_angle(item.lon, item.lat, layout.joins(item))
+    return (
+        item.angle
+        if item.angle is not None
+        else rotation.curved_angle(item.lon, item.lat, layout.joins(item))
+    )
 
 
 def _components(tile: Tile, i: int) -> tuple[Array, Array, int]:
-    """Return both components of slice i at their own points, and how many undeclared fill values they held."""
+    """Return both components of slice i at their own points, and how many undeclared fill values
+    they held.
+    """
     values, strange = [], 0
     for k in (0, 1):
         value, count = slices.read_component_slice(tile.components[k], tile.layouts[k], i)
@@ -201,7 +257,9 @@ def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArr
     a, b = (regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, (x, y), strict=True))
     if tile.about_pole is not None:
         common = sphere.to_pole(*tile.about_pole, x, y)
-        east, north = (regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, common, strict=True))
+        east, north = (
+            regrid.carry(m, v).reshape(shape) for m, v in zip(tile.matrices, common, strict=True)
+        )
         rows = np.abs(tile.grid.lat) > ABOUT_POLE
         lon, lat = np.radians(tile.grid.lon[: tile.grid.columns]), tile.grid.lat[rows][:, None]
         a[rows], b[rows] = sphere.from_pole(lon, lat, east[rows], north[rows])
@@ -219,14 +277,18 @@ def _finished(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Val
     if tile.grid.seamless:
         for row, inner in ((0, 1), (-1, -2)):
             if abs(tile.grid.lat[row]) > 90.0 - 1e-6:
-                result[row] = _at_pole(result[row], result[inner], tile.grid.lon, float(tile.grid.lat[row]))
+                result[row] = _at_pole(
+                    result[row], result[inner], tile.grid.lon, float(tile.grid.lat[row])
+                )
     return result
 
 
 def _at_pole(own: Values, inner: Values, lon: Array, lat: float) -> Values:
-    """Return the row of a pole, where all columns are one place: one vector, as east and north at each meridian.
+    """Return the row of a pole, where all columns are one place: one vector, as east and north at
+    each meridian.
 
-    Files write it in several ways. Where a file's own columns do not agree it is the mean of the row before the pole.
+    Files write it in several ways. Where a file's own columns do not agree it is the mean of the
+    row before the pole.
 
     Args:
         own: east and north [m/s] of the row of the pole, shape (nlon, 2).
@@ -248,23 +310,32 @@ def _at_pole(own: Values, inner: Values, lon: Array, lat: float) -> Values:
 
 
 def read_tile(tile: Tile, i: int) -> Values:
-    """Return slice i: float32 (nlat, nlon, 2), true east and north [m/s], NaN missing. Any thread may call it."""
+    """Return slice i: float32 (nlat, nlon, 2), true east and north [m/s], NaN missing.
+
+    Any thread may call it.
+    """
     x, y, _ = _components(tile, i)
     return _finished(tile, *_carried(tile, x, y))
 
 
 def examine(tile: Tile, count: int, seen: Survey) -> Examined:
-    """Return what the first slice shows: what is missing, what regridding costs, and which nodes are land."""
+    """Return what the first slice shows: what is missing, what regridding costs, and which nodes
+    are land.
+    """
     notes: list[str] = []
     if seen.dry:
         tile = replace(tile, dry=_dry(tile, seen.looked_at))
     x, y, strange = _components(tile, 0)
     if strange:
-        notes.append(f"{strange} values of the first slice are fill values that the file does not declare: missing")
+        notes.append(
+            f"{strange} values of the first slice are fill values that the file does not declare: missing"
+        )
     a, b = _carried(tile, x, y)
     first = _finished(tile, a, b)
     missing = float(np.isnan(first[..., 0]).mean())
-    empty = missing == 1.0 and not any(np.isfinite(read_tile(tile, i)).any() for i in {count // 2, count - 1} - {0})
+    empty = missing == 1.0 and not any(
+        np.isfinite(read_tile(tile, i)).any() for i in {count // 2, count - 1} - {0}
+    )
     if tile.matrices is not None and missing < 1.0:
         notes.append(cost.describe_cost(tile.grid, tile.layouts, (a, b), (x, y)))
     return Examined(tile, missing, empty, strange, tuple(notes))
@@ -280,6 +351,7 @@ def still(tile: Tile, i: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the points of each component that are exactly zero, or missing, in slice i."""
     values = _components(tile, i)[:2]
     u, v = (
-        slices.still(value / c.factor, c, i) | np.isnan(value) for value, c in zip(values, tile.components, strict=True)
+        slices.still(value / c.factor, c, i) | np.isnan(value)
+        for value, c in zip(values, tile.components, strict=True)
     )
     return (u & v, u & v) if u.shape == v.shape else (u, v)

@@ -1,9 +1,10 @@
 """The time of a slice that is a mean over an interval.
 
-A mean is nearest to what it is made of at the middle of its interval, and files stamp it at the start, the middle or the
-end. Time bounds say where the interval lies; without them its length follows from the spacing of the slices, and its place
-from the product, where that is known, or from the case. A linear interpolation of means placed so is of second order: of
-a sinusoid of period P, means over T that follow each other keep (sin(x) / x)^3 with x = pi T / P, slices at an instant
+A mean is nearest to what it is made of at the middle of its interval, and files stamp it at the
+start, the middle or the end. Time bounds say where the interval lies; without them its length
+follows from the spacing of the slices, and its place from the product, where that is known, or from
+the case. A linear interpolation of means placed so is of second order: of a sinusoid of period P,
+means over T that follow each other keep (sin(x) / x)^3 with x = pi T / P, slices at an instant
 (sin(x) / x)^2.
 """
 
@@ -23,32 +24,56 @@ from geo.forcing.times.clock import Times
 
 STAMPS = ("start", "middle", "end", "instant")
 CELLS = "datetime64[s]"
-APART = 1.5  # times the usual interval between two stamps, from which a slice between them is absent
+# times the usual interval between two stamps, from which a slice between them is absent
+APART = 1.5
 MONTH = (28 * 86400, 31 * 86400)  # [s]
 SLACK = 0.02  # share of an interval by which a stamp may lie outside it: bounds in single precision
 
-# Names of data sets of the Copernicus Marine Service end in what a slice is: a mean (m) or an instant (i).
+# Names of data sets of the Copernicus Marine Service end in what a slice is: a mean (m) or an
+# instant (i).
 COPERNICUS = re.compile(r"cmems_(?:mod|obs)[\w.\-]*_PT?\d+[HDMYS]-(m|i)(?![A-Za-z])")
 # Methods whose value is near that at the middle of an interval, and those of an instant.
 MEANS = ("mean", "average", "avg", "median", "mid_range")
 # Methods of CF, GRIB and XIOS that give no velocity; any other word is ignored.
 OTHERS = (
-    "sum", "maximum", "minimum", "maximum_absolute_value", "minimum_absolute_value", "mean_absolute_value",
-    "mean_of_upper_decile", "mode", "range", "root_mean_square", "standard_deviation", "sum_of_squares", "variance",
-    "max", "min", "accum", "accumulate", "diff", "rms", "sd", "cov", "ratio",
-)  # fmt: skip
+    "sum",
+    "maximum",
+    "minimum",
+    "maximum_absolute_value",
+    "minimum_absolute_value",
+    "mean_absolute_value",
+    "mean_of_upper_decile",
+    "mode",
+    "range",
+    "root_mean_square",
+    "standard_deviation",
+    "sum_of_squares",
+    "variance",
+    "max",
+    "min",
+    "accum",
+    "accumulate",
+    "diff",
+    "rms",
+    "sd",
+    "cov",
+    "ratio",
+)
 POINTS = ("point", "instant", "instantaneous", "once", "inst")
 _METHODS = re.compile(r"((?:[\w.]+\s*:\s*)+)([A-Za-z_]+)((?:\s+(?:within|over|where)\s+[\w.]+)*)")
 _WORDS = re.compile(
-    r"\b(time[- ]?(?:averaged?|mean)|(?:hour|dai|week|month)ly[- ](?:averaged?|means?))\b", re.IGNORECASE
+    r"\b(time[- ]?(?:averaged?|mean)|(?:hour|dai|week|month)ly[- ](?:averaged?|means?))\b",
+    re.IGNORECASE,
 )
 
 
 @dataclass(frozen=True)
 class Method:
-    """What a variable is over time: "mean", "point", another of CF's cell methods, or "" where nothing says so.
+    """What a variable is over time: "mean", "point", another of CF's cell methods, or "" where
+    nothing says so.
 
-    stamp: where in their interval its means are stamped, "" where nothing says so; why: what says it.
+    stamp: where in their interval its means are stamped, "" where nothing says so; why: what says
+    it.
     """
 
     kind: str
@@ -59,22 +84,39 @@ class Method:
 def method_of(data: xr.Dataset, name: str, time_name: str | None, path: str) -> Method:
     """Return what a variable is over time, by its attributes and the name of its product."""
     attributes = data[name].attrs
-    axis = {"time", "t", *clock.NAMES, *([time_name, *map(str, data[time_name].dims)] if time_name else [])}
+    axis = {
+        "time",
+        "t",
+        *clock.NAMES,
+        *([time_name, *map(str, data[time_name].dims)] if time_name else []),
+    }
     product = _product(data, path)
     text = str(attributes.get("cell_methods", ""))
     for names, kind, rest in _METHODS.findall(re.sub(r"\([^)]*\)", " ", text)):
         if axis & {one.strip() for one in names.split(":")}:
             if re.search(r"\b(within|over)\b", rest):
                 return Method("climatology", "", f'cell_methods "{text}"')
-            return Method(_kind(kind), product.stamp if _kind(kind) == "mean" else "", f'cell_methods "{text}"')
+            return Method(
+                _kind(kind),
+                product.stamp if _kind(kind) == "mean" else "",
+                f'cell_methods "{text}"',
+            )
     for key in ("GRIB_stepType", "online_operation"):
         kind = _kind(str(attributes.get(key, "")).strip())
         if kind:  # GRIB gives the time of an average's end
-            return Method(kind, "end" if kind == "mean" and key == "GRIB_stepType" else "", f"{key} {attributes[key]}")
+            return Method(
+                kind,
+                "end" if kind == "mean" and key == "GRIB_stepType" else "",
+                f"{key} {attributes[key]}",
+            )
     if product.kind:
         return product
     words = _WORDS.search(str(attributes.get("long_name", "")))
-    return Method("mean", "", f'long name "{attributes["long_name"]}"') if words else Method("", "", "")
+    return (
+        Method("mean", "", f'long name "{attributes["long_name"]}"')
+        if words
+        else Method("", "", "")
+    )
 
 
 def _kind(method: str) -> str:
@@ -88,12 +130,17 @@ def _product(data: xr.Dataset, path: str) -> Method:
         match = COPERNICUS.search(text)
         if match:
             kind = "mean" if match[1] == "m" else "point"
-            return Method(kind, "start" if kind == "mean" else "", f"Copernicus data set {match[0]}")
+            return Method(
+                kind, "start" if kind == "mean" else "", f"Copernicus data set {match[0]}"
+            )
     return Method("", "", "")
 
 
-def bounds_of(data: xr.Dataset, time_name: str, times: Times, zone: int | None) -> tuple[Times | None, list[str]]:
-    """Return the interval of each of a file's times, (n, 2) [UTC], None without bounds, and remarks.
+def bounds_of(
+    data: xr.Dataset, time_name: str, times: Times, zone: int | None
+) -> tuple[Times | None, list[str]]:
+    """Return the interval of each of a file's times, (n, 2) [UTC], None without bounds, and
+    remarks.
 
     Raises UserError where bounds contradict their times.
     """
@@ -107,14 +154,21 @@ def bounds_of(data: xr.Dataset, time_name: str, times: Times, zone: int | None) 
     values = np.asarray(held.values)
     if values.ndim == 1 and variable.ndim == 0:
         values = values[None, :]
-    elif variable.ndim == 1 and held.ndim == 2 and held.dims[1] == variable.dims[0] and held.dims[0] != held.dims[1]:
+    elif (
+        variable.ndim == 1
+        and held.ndim == 2
+        and held.dims[1] == variable.dims[0]
+        and held.dims[0] != held.dims[1]
+    ):
         values = values.T
     if values.shape[-1:] != (2,) or values.ndim != 2 or len(values) < len(times):
         return None, [f'"{name}" is no interval for each time: not used']
     values = values[: len(times)]
     numbers = np.where(np.isin(values, clock.FILLS), np.nan, values.astype(np.float64))
     if not np.isfinite(numbers).all() or (numbers[:, 0] == numbers[:, 1]).all():
-        return None, [] if np.isfinite(numbers).all() else [f'"{name}" has missing values: not used']
+        return None, [] if np.isfinite(numbers).all() else [
+            f'"{name}" has missing values: not used'
+        ]
     units, calendar = (str(variable.attrs.get(key, "")) for key in ("units", "calendar"))
     own = str(held.attrs.get("units", ""))
     if own and own.strip() != units.strip() and epoch.is_shifted(own):
@@ -136,8 +190,13 @@ def _check(cells: Times, times: Times, name: str) -> None:
             f"{notation.group(cells[k, 1])}, which does not hold that time"
         )
     middles = _middles(cells)
-    if len(times) > 1 and (np.sign(np.diff(middles.astype(int))) != np.sign(np.diff(times.astype(int)))).any():
-        raise UserError(f'"{name}" gives slices of different times intervals that do not follow each other')
+    if (
+        len(times) > 1
+        and (np.sign(np.diff(middles.astype(int))) != np.sign(np.diff(times.astype(int)))).any()
+    ):
+        raise UserError(
+            f'"{name}" gives slices of different times intervals that do not follow each other'
+        )
 
 
 def slice_times(
@@ -145,8 +204,9 @@ def slice_times(
 ) -> tuple[Times, Times | None, list[str]]:
     """Return the times of slices, their intervals (n, 2) or None for instants, and remarks.
 
-    times: as the files have them, rising; cells (n, 2): by bounds, NaT without; stated: where in their interval the case
-    says that they are stamped, "" where it does not; key: of the case that states it.
+    times: as the files have them, rising; cells (n, 2): by bounds, NaT without; stated: where in
+    their interval the case says that they are stamped, "" where it does not; key: of the case that
+    states it.
     """
     if stated == "instant":
         return times, None, ["times are taken as instants, as the case states"]
@@ -157,8 +217,14 @@ def slice_times(
         moved = _middles(cells)
         return moved, cells, [_told(cells, times, moved, "by their time bounds")]
     if known.any() and method.kind != "point":
-        raise UserError(f'some files have time bounds and some have none; state {key} = "start", "middle" or "end"')
-    if not method.kind and len(times) > 1 and _monthly_spacing(int(np.median(np.diff(times)).astype(int))):
+        raise UserError(
+            f'some files have time bounds and some have none; state {key} = "start", "middle" or "end"'
+        )
+    if (
+        not method.kind
+        and len(times) > 1
+        and _monthly_spacing(int(np.median(np.diff(times)).astype(int)))
+    ):
         method = Method("mean", "", "slices a month apart")
     if method.kind != "mean" or len(times) < 2:
         return times, None, []
@@ -167,15 +233,20 @@ def slice_times(
     if method.stamp:
         return _by_spacing(times, method.stamp, method.why)
     usual = np.median(np.diff(times))
-    return times, None, [
-        f"WARNING: means over {_hours(usual)} ({method.why}), and nothing says whether they are stamped at the start, the "
-        f"middle or the end: taken for the middle, which may be {_hours(usual / 2)} off; state {key} = \"start\", "
-        '"middle" or "end"'
-    ]  # fmt: skip
+    return (
+        times,
+        None,
+        [
+            f"WARNING: means over {_hours(usual)} ({method.why}), and nothing says whether they are stamped at the start, the "
+            f'middle or the end: taken for the middle, which may be {_hours(usual / 2)} off; state {key} = "start", '
+            '"middle" or "end"'
+        ],
+    )
 
 
 def held(times: Times, cells: Times) -> tuple[Times, NDArray[np.int64]]:
-    """Return times with the begin of the first interval and the end of the last, and the slice that each has.
+    """Return times with the begin of the first interval and the end of the last, and the slice that
+    each has.
 
     There the outermost means hold.
     """
@@ -185,7 +256,9 @@ def held(times: Times, cells: Times) -> tuple[Times, NDArray[np.int64]]:
 
 
 def _by_spacing(times: Times, stamp: str, why: str) -> tuple[Times, Times | None, list[str]]:
-    """Place means by their stamps alone: an interval is as long as to the next stamp, or the usual one at a gap."""
+    """Place means by their stamps alone: an interval is as long as to the next stamp, or the usual
+    one at a gap.
+    """
     if len(times) < 2:
         return times, None, []
     steps, usual = np.diff(times), np.median(np.diff(times)).astype("timedelta64[s]")
@@ -201,13 +274,19 @@ def _by_spacing(times: Times, stamp: str, why: str) -> tuple[Times, Times | None
         end = times + np.concatenate((steps, steps[-1:])) // 2
     cells = np.stack((begin, end), axis=1)
     moved = times if stamp == "middle" else _middles(cells)
-    where = {"start": "stamped at their start", "end": "stamped at their end"}.get(stamp, "stamped at their middle")
+    where = {"start": "stamped at their start", "end": "stamped at their end"}.get(
+        stamp, "stamped at their middle"
+    )
     return moved, cells, [_told(cells, times, moved, f"{where}: {why}")]
 
 
 def _told(cells: Times, times: Times, moved: Times, why: str) -> str:
     lengths = np.unique(cells[:, 1] - cells[:, 0])
-    over = _hours(lengths[0]) if len(lengths) == 1 else f"{_hours(lengths[0])} to {_hours(lengths[-1])}"
+    over = (
+        _hours(lengths[0])
+        if len(lengths) == 1
+        else f"{_hours(lengths[0])} to {_hours(lengths[-1])}"
+    )
     shift = (
         ""
         if (moved == times).all()
@@ -221,7 +300,9 @@ def _middles(cells: Times) -> Times:
 
 
 def _at_middle(times: Times) -> bool:
-    """Whether all stamps lie half their spacing after midnight's multiples of it: 12:00 of days, 00:30 of hours."""
+    """Whether all stamps lie half their spacing after midnight's multiples of it: 12:00 of days,
+    00:30 of hours.
+    """
     usual = int(np.median(np.diff(times)).astype(int))
     if _monthly_spacing(usual):
         days = times.astype("datetime64[D]") - times.astype("datetime64[M]").astype("datetime64[D]")
@@ -253,5 +334,7 @@ def _hours(span: Any) -> str:
 def join_intervals(cells: Iterable[Times | None], counts: Iterable[int]) -> Times:
     """Return the intervals of the slices of several files, NaT for those without bounds."""
     none = np.datetime64("NaT", "s")
-    parts = [np.full((n, 2), none) if own is None else own for own, n in zip(cells, counts, strict=True)]
+    parts = [
+        np.full((n, 2), none) if own is None else own for own, n in zip(cells, counts, strict=True)
+    ]
     return np.concatenate(parts) if parts else np.empty((0, 2), CELLS)

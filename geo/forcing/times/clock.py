@@ -1,8 +1,9 @@
 """The times of a file's slices as UTC datetime64[s].
 
-Non-standard calendars are read date by date: 360_day's 30 February has no counterpart and is refused. What
-has no meaning as a time (climatologies, "day as %Y%m%d", a zone such as MDT, a lone time stamp) is rejected with the key
-that lets the user state it. Slices at the end of a file whose times are missing are left out.
+Non-standard calendars are read date by date: 360_day's 30 February has no counterpart and is
+refused. What has no meaning as a time (climatologies, "day as %Y%m%d", a zone such as MDT, a lone
+time stamp) is rejected with the key that lets the user state it. Slices at the end of a file whose
+times are missing are left out.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,22 +21,31 @@ Times = NDArray[np.datetime64]
 
 NAMES = ("time", "ocean_time", "time_counter", "valid_time", "Time", "TIME", "MT", "t")
 OWN = {"standard", "gregorian", "proleptic_gregorian"}
-EARLIEST = np.datetime64("1800-01-01", "s")  # earlier dates are those of climatologies and ideal runs, not of forecasts
-CENTRED = ("time_centered", "time_instant", "valid_time")  # what a variable's coordinates may name beside its axis
-FILLS = (9.969209968386869e36, -2147483647.0, -9223372036854775806.0)  # netCDF's own, where no attribute declares them
-STEPS = (3600, 1800, 1200, 900, 600, 300, 60, 10)  # [s] what times in single precision are rounded to
+# earlier dates are those of climatologies and ideal runs, not of forecasts
+EARLIEST = np.datetime64("1800-01-01", "s")
+# what a variable's coordinates may name beside its axis
+CENTRED = ("time_centered", "time_instant", "valid_time")
+# netCDF's own, where no attribute declares them
+FILLS = (9.969209968386869e36, -2147483647.0, -9223372036854775806.0)
+# [s] what times in single precision are rounded to
+STEPS = (3600, 1800, 1200, 900, 600, 300, 60, 10)
 
 
-def variable_of(data: xr.Dataset, dims: Sequence[str], chosen: Mapping[str, Any], coordinates: str = "") -> str | None:
-    """Return the name of the time variable that goes with a variable of these dimensions, None without one.
+def variable_of(
+    data: xr.Dataset, dims: Sequence[str], chosen: Mapping[str, Any], coordinates: str = ""
+) -> str | None:
+    """Return the name of the time variable that goes with a variable of these dimensions, None
+    without one.
 
-    coordinates: the variable's attribute. Where it names a time, it is that: NEMO's axis may count the ends of what
-    `time_centered` is the middle of.
+    coordinates: the variable's attribute. Where it names a time, it is that: NEMO's axis may count
+    the ends of what `time_centered` is the middle of.
     """
     listed = set(coordinates.split())
     if "time" in chosen:
         if chosen["time"] not in data.variables:
-            raise UserError(f'no time variable "{chosen["time"]}"; it holds {", ".join(map(str, data.variables))}')
+            raise UserError(
+                f'no time variable "{chosen["time"]}"; it holds {", ".join(map(str, data.variables))}'
+            )
         return str(chosen["time"])
 
     def rank(name: str) -> int:
@@ -49,7 +59,11 @@ def variable_of(data: xr.Dataset, dims: Sequence[str], chosen: Mapping[str, Any]
             + 8 * (data[name].dims == (name,))
         )
 
-    fitting = [str(n) for n, v in data.variables.items() if v.ndim <= 1 and set(map(str, v.dims)) <= set(dims)]
+    fitting = [
+        str(n)
+        for n, v in data.variables.items()
+        if v.ndim <= 1 and set(map(str, v.dims)) <= set(dims)
+    ]
     fitting = [
         n
         for n in fitting
@@ -63,10 +77,13 @@ def variable_of(data: xr.Dataset, dims: Sequence[str], chosen: Mapping[str, Any]
     return max(lasting, key=rank) if lasting else None
 
 
-def decode(data: xr.Dataset, name: str, zone: int | None = None, trim: bool = False) -> tuple[Times, list[str]]:
+def decode(
+    data: xr.Dataset, name: str, zone: int | None = None, trim: bool = False
+) -> tuple[Times, list[str]]:
     """Return the times [UTC] of a time variable and remarks on how they were understood.
 
-    zone: [s] ahead of UTC, as a case states it; trim: times that are missing at the end are left out, else rejected.
+    zone: [s] ahead of UTC, as a case states it; trim: times that are missing at the end are left
+    out, else rejected.
     """
     variable = data[name]
     values = np.atleast_1d(np.asarray(variable.values))
@@ -76,7 +93,9 @@ def decode(data: xr.Dataset, name: str, zone: int | None = None, trim: bool = Fa
     if {"Itime", "Itime2"} <= set(data.variables):  # FVCOM: whole days and milliseconds, exact
         start = np.datetime64("1858-11-17", "ms") - np.timedelta64(zone or 0, "s")
         days = np.atleast_1d(data["Itime"].values).astype("timedelta64[D]")
-        return _seconds(start + days + np.atleast_1d(data["Itime2"].values).astype("timedelta64[ms]")), notes
+        return _seconds(
+            start + days + np.atleast_1d(data["Itime2"].values).astype("timedelta64[ms]")
+        ), notes
     if np.issubdtype(values.dtype, np.datetime64):
         return _seconds(values), notes
     if not epoch.is_shifted(units):
@@ -95,50 +114,77 @@ def decode(data: xr.Dataset, name: str, zone: int | None = None, trim: bool = Fa
     if calendar not in OWN:
         notes.append(f'calendar "{calendar}": its dates are taken as they are written')
     if (times < EARLIEST).any():
-        raise UserError(f'"{name}" starts in the year {str(times.min())[:4]}, which is no real date')
+        raise UserError(
+            f'"{name}" starts in the year {str(times.min())[:4]}, which is no real date'
+        )
     if values.dtype == np.float32:
-        grain = float(np.spacing(np.abs(values[: len(kept)]).max())) * epoch.parse(units, zone).seconds
+        grain = (
+            float(np.spacing(np.abs(values[: len(kept)]).max())) * epoch.parse(units, zone).seconds
+        )
         if grain > 0.5:
             times, step = _snapped(times, grain)
-            notes.append(f"times stored in single precision (to {grain:.0f} s): rounded to {step} s")
+            notes.append(
+                f"times stored in single precision (to {grain:.0f} s): rounded to {step} s"
+            )
     return times, notes
 
 
-def dates(numbers: NDArray[np.float64], units: str, calendar: str, name: str, zone: int | None = None) -> Times:
+def dates(
+    numbers: NDArray[np.float64], units: str, calendar: str, name: str, zone: int | None = None
+) -> Times:
     """Return the times [UTC] of numbers in units of time; name: of their variable, for messages."""
     try:
         since = epoch.parse(units, zone)
     except UserError as error:
         raise type(error)(f'"{name}" has {error}') from error
     try:
-        found = cftime.num2date(numbers * since.scale, since.units, calendar, only_use_cftime_datetimes=True)
+        found = cftime.num2date(
+            numbers * since.scale, since.units, calendar, only_use_cftime_datetimes=True
+        )
     except (ValueError, OverflowError, TypeError) as error:
-        raise UserError(f'"{name}" has units "{units}" in calendar "{calendar}", not understood') from error
+        raise UserError(
+            f'"{name}" has units "{units}" in calendar "{calendar}", not understood'
+        ) from error
     try:
-        times = _seconds(np.array([np.datetime64(date.isoformat(), "us") for date in np.ravel(found)]))
+        times = _seconds(
+            np.array([np.datetime64(date.isoformat(), "us") for date in np.ravel(found)])
+        )
     except ValueError as error:
-        raise UserError(f'"{name}" holds dates of the calendar "{calendar}" that do not exist: {error}') from error
+        raise UserError(
+            f'"{name}" holds dates of the calendar "{calendar}" that do not exist: {error}'
+        ) from error
     return np.asarray(times - np.timedelta64(since.zone, "s")).reshape(np.shape(numbers))
 
 
 def counts(data: xr.Dataset, name: str | None) -> tuple[Any, str] | None:
-    """Return what a file counts its slices by, where only their order is wanted: numbers, and their units."""
+    """Return what a file counts its slices by, where only their order is wanted: numbers, and their
+    units.
+    """
     if name is None:
         return None
     values = np.atleast_1d(np.asarray(data[name].values))
-    if values.ndim != 1 or not np.issubdtype(values.dtype, np.number) or not np.isfinite(values).all():
+    if (
+        values.ndim != 1
+        or not np.issubdtype(values.dtype, np.number)
+        or not np.isfinite(values).all()
+    ):
         return None
     return values.astype(np.float64), str(data[name].attrs.get("units", ""))
 
 
-def order(counted: Sequence[tuple[Any, str] | None], sizes: Sequence[int]) -> NDArray[np.int64] | None:
-    """Return the order in time of the slices of all files, that a case may state their times; None: as they stand.
+def order(
+    counted: Sequence[tuple[Any, str] | None], sizes: Sequence[int]
+) -> NDArray[np.int64] | None:
+    """Return the order in time of the slices of all files, that a case may state their times; None:
+    as they stand.
 
-    counted: see `counts`, of each file; sizes: of their slices. If all files count from one date, all numbers are compared, else
-    those of each file by themselves. Repeated numbers do not count.
+    counted: see `counts`, of each file; sizes: of their slices. If all files count from one date,
+    all numbers are compared, else those of each file by themselves. Repeated numbers do not count.
     """
     whole = [own for own in counted if own is not None and len(np.unique(own[0])) == len(own[0])]
-    if len(whole) < len(counted) or any(len(own[0]) != size for own, size in zip(whole, sizes, strict=True)):
+    if len(whole) < len(counted) or any(
+        len(own[0]) != size for own, size in zip(whole, sizes, strict=True)
+    ):
         return None
     if len({units for _, units in whole}) == 1 and epoch.is_shifted(whole[0][1]):
         every = np.concatenate([numbers for numbers, _ in whole])
@@ -174,25 +220,36 @@ def replaces(times: Any) -> bool:
 
 
 def zone(times: Any) -> int | None:
-    """Return the zone that a case states for a file's times [s] ahead of UTC, None where it states none."""
+    """Return the zone that a case states for a file's times [s] ahead of UTC, None where it states
+    none.
+    """
     said = times.get("zone") if isinstance(times, Mapping) else None
     return None if said is None else epoch.zone_of(str(said))
 
 
 def stamp(times: Any) -> str:
-    """Return where in their interval slices are stamped according to the case, "" where it does not state it."""
+    """Return where in their interval slices are stamped according to the case, "" where it does not
+    state it.
+    """
     return str(times.get("stamp") or "") if isinstance(times, Mapping) else ""
 
 
 def stated(times: Any, count: int, quantity: str) -> Times:
-    """Return the times a user states: {"start", "interval", ...}, or one time for each of `count` slices."""
+    """Return the times a user states: {"start", "interval", ...}, or one time for each of `count`
+    slices.
+    """
     if isinstance(times, Mapping):
-        start, interval = np.datetime64(times["start"], "s"), np.timedelta64(times["interval"]).astype("m8[s]")
+        start, interval = (
+            np.datetime64(times["start"], "s"),
+            np.timedelta64(times["interval"]).astype("m8[s]"),
+        )
         result = start + interval * np.arange(count)
     else:
         result = np.asarray(times).astype("datetime64[s]").reshape(-1)
     if len(result) != count:
-        raise UserError(f"[[{quantity}]] times states {len(result)} times, but the files hold {count} slices")
+        raise UserError(
+            f"[[{quantity}]] times states {len(result)} times, but the files hold {count} slices"
+        )
     if (np.diff(result) <= np.timedelta64(0, "s")).any():
         raise UserError(f"[[{quantity}]] times must increase")
     return np.asarray(result)

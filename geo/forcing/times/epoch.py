@@ -1,8 +1,9 @@
 """Units of time as files write them: "hours since 2024-03-10 00:00:00 -6:00".
 
-The grammar is that of UDUNITS, which CF names: a unit with a factor, a shift ("since", "after", "from", "ref", "@"), a
-date, a time of day and a zone, which is ahead of UTC where it is positive. Beyond UDUNITS a date may be written with
-slashes or blanks, year first. What has no meaning there (MDT, local, UTC+8) is rejected: dropped, it would move all times.
+The grammar is that of UDUNITS, which CF names: a unit with a factor, a shift ("since", "after",
+"from", "ref", "@"), a date, a time of day and a zone, which is ahead of UTC where it is positive.
+Beyond UDUNITS a date may be written with slashes or blanks, year first. What has no meaning there
+(MDT, local, UTC+8) is rejected: dropped, it would move all times.
 """
 
 import re
@@ -12,14 +13,32 @@ from geo.errors import UserError
 
 # [s]; months and years have no fixed length
 SECONDS = {
-    "nanosecond": 1e-9, "microsecond": 1e-6, "millisecond": 1e-3, "second": 1.0, "minute": 60.0, "hour": 3600.0,
-    "day": 86400.0, "week": 604800.0, "fortnight": 1209600.0,
-}  # fmt: skip
+    "nanosecond": 1e-9,
+    "microsecond": 1e-6,
+    "millisecond": 1e-3,
+    "second": 1.0,
+    "minute": 60.0,
+    "hour": 3600.0,
+    "day": 86400.0,
+    "week": 604800.0,
+    "fortnight": 1209600.0,
+}
 SHORT = {
-    "ns": "nanosecond", "nsec": "nanosecond", "us": "microsecond", "usec": "microsecond", "microsec": "microsecond",
-    "ms": "millisecond", "msec": "millisecond", "millisec": "millisecond", "s": "second", "sec": "second",
-    "min": "minute", "h": "hour", "hr": "hour", "d": "day",
-}  # fmt: skip
+    "ns": "nanosecond",
+    "nsec": "nanosecond",
+    "us": "microsecond",
+    "usec": "microsecond",
+    "microsec": "microsecond",
+    "ms": "millisecond",
+    "msec": "millisecond",
+    "millisec": "millisecond",
+    "s": "second",
+    "sec": "second",
+    "min": "minute",
+    "h": "hour",
+    "hr": "hour",
+    "d": "day",
+}
 UNEVEN = ("month", "mon", "year", "yr", "common_year")  # units that no number of seconds stands for
 FARTHEST = 18 * 3600  # [s] no zone is farther from UTC
 
@@ -49,7 +68,8 @@ class ZoneError(UserError):
 
 @dataclass(frozen=True)
 class Epoch:
-    """Units of time: numbers times `scale` are `unit`s, as cftime calls them, since a date and time in a zone.
+    """Units of time: numbers times `scale` are `unit`s, as cftime calls them, since a date and time
+    in a zone.
 
     seconds: of a number; moment: "2024-03-10 00:00:00"; zone: [s] ahead of UTC.
     """
@@ -125,7 +145,9 @@ def zone_of(text: str) -> int:
     match = _ZONE.match(text.strip())
     seconds = (int(match[2]) * 3600 + int(match[3] or 0) * 60) if match else FARTHEST + 1
     if match is None or seconds > FARTHEST or int(match[3] or 0) > 59:
-        raise UserError(f'zone "{text}": allowed are "UTC" and hours ahead of UTC, as "-06:00" or "+05:30"')
+        raise UserError(
+            f'zone "{text}": allowed are "UTC" and hours ahead of UTC, as "-06:00" or "+05:30"'
+        )
     return -seconds if match[1] == "-" else seconds
 
 
@@ -144,14 +166,23 @@ def _moment(part: dict[str, str | None]) -> str:
     """Return a date and time of day as cftime reads them."""
 
     def first(name: str, otherwise: str) -> str:
-        return next((v for v in (part.get(name + end) for end in ("", "_s", "_p")) if v is not None), otherwise)
+        return next(
+            (v for v in (part.get(name + end) for end in ("", "_s", "_p")) if v is not None),
+            otherwise,
+        )
 
     year, month, day = int(first("year", "1")), int(first("month", "1")), int(first("day", "1"))
-    hour, minute, second = int(first("hour", "0")), int(first("minute", "0")), float(first("second", "0"))
+    hour, minute, second = (
+        int(first("hour", "0")),
+        int(first("minute", "0")),
+        float(first("second", "0")),
+    )
     if hour > 23 or minute > 59 or second > 60.0:
         raise UserError(f"{hour:02d}:{minute:02d}:{second:g} is no time of day")
     # cftime knows no 60th second; times are rounded to whole seconds.
-    return f"{year:04d}-{month:02d}-{day:02d} {hour:02d}:{minute:02d}:{min(second, 59.999999):09.6f}"
+    return (
+        f"{year:04d}-{month:02d}-{day:02d} {hour:02d}:{minute:02d}:{min(second, 59.999999):09.6f}"
+    )
 
 
 def _offset(part: dict[str, str | None]) -> int:

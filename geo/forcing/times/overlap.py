@@ -1,7 +1,8 @@
 """Times that several files of a source share: common boundaries, and forecasts that overlap.
 
-Where the values are the same, one of them is taken. Where they differ, the file whose run is later counts from its first
-time to its last, so that slices of two runs never alternate. ERA5's final values count before its preliminary ones.
+Where the values are the same, one of them is taken. Where they differ, the file whose run is later
+counts from its first time to its last, so that slices of two runs never alternate. ERA5's final
+values count before its preliminary ones.
 """
 
 import os
@@ -39,12 +40,16 @@ class _Run:
 
 
 def resolved(
-    times: NDArray[np.datetime64], slices: Sequence[Slice], name: str, fixed: Mapping[str, int], notes: list[str]
+    times: NDArray[np.datetime64],
+    slices: Sequence[Slice],
+    name: str,
+    fixed: Mapping[str, int],
+    notes: list[str],
 ) -> NDArray[np.int64]:
     """Return which slices count, in order of time, each time once.
 
-    times: of the slices; name, fixed: the variable, and its indices along all dimensions but the horizontal ones and
-    time; notes: remarks are appended to this list.
+    times: of the slices; name, fixed: the variable, and its indices along all dimensions but the
+    horizontal ones and time; notes: remarks are appended to this list.
     """
     seconds = times.astype("datetime64[s]").astype(np.int64)
     kept = np.ones(len(seconds), bool)
@@ -58,14 +63,18 @@ def resolved(
                     most = COMPARED_REMOTE if dataset.remote(run.path) else COMPARED
                     seen = len(same) + len(later) < most
                     equal = seen and _equal(earlier, run, shared, slices, name, fixed)
-                    (same if equal else later if seen else unseen).append(_settle(earlier, run, shared, equal, kept))
+                    (same if equal else later if seen else unseen).append(
+                        _settle(earlier, run, shared, equal, kept)
+                    )
         notes += _told(same, later, unseen)
     chosen = np.flatnonzero(kept)
     return np.asarray(chosen[np.argsort(seconds[chosen], kind="stable")], np.int64)
 
 
 def _runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run]:
-    """Return the runs, the earliest first; of those that began together the one that is named last counts as later."""
+    """Return the runs, the earliest first; of those that began together the one that is named last
+    counts as later.
+    """
     files: dict[int, list[int]] = {}
     for k, (data, *_) in enumerate(slices):
         files.setdefault(id(data), []).append(k)
@@ -75,7 +84,9 @@ def _runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run]:
         index = np.array(own)
         began = _reference(data)
         held = versions.along(data, along)
-        version = np.zeros(len(own), np.int64) if held is None else held[[slices[k][3] for k in own]]
+        version = (
+            np.zeros(len(own), np.int64) if held is None else held[[slices[k][3] for k in own]]
+        )
         first = int(seconds[index].min())
         runs.append(_Run(path, index, seconds[index], first if began is None else began, version))
     return sorted(runs, key=lambda run: (run.began, int(run.times.min())))
@@ -84,33 +95,54 @@ def _runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run]:
 def _reference(data: xr.Dataset) -> int | None:
     """Return when a file says that its run began [s since 1970]; None where it does not."""
     for name, variable in data.variables.items():
-        if str(variable.attrs.get("standard_name", "")) == "forecast_reference_time" and variable.size == 1:
+        if (
+            str(variable.attrs.get("standard_name", "")) == "forecast_reference_time"
+            and variable.size == 1
+        ):
             try:
-                return int(clock.decode(data, str(name))[0].ravel()[0].astype("datetime64[s]").astype(np.int64))
+                return int(
+                    clock.decode(data, str(name))[0]
+                    .ravel()[0]
+                    .astype("datetime64[s]")
+                    .astype(np.int64)
+                )
             except UserError:
                 return None
     return None
 
 
-def _settle(earlier: _Run, later: _Run, shared: NDArray[np.int64], equal: bool, kept: NDArray[np.bool_]) -> str:
-    """Take the slices of two runs that do not count out of `kept`; return the run and the times that are meant."""
+def _settle(
+    earlier: _Run, later: _Run, shared: NDArray[np.int64], equal: bool, kept: NDArray[np.bool_]
+) -> str:
+    """Take the slices of two runs that do not count out of `kept`; return the run and the times
+    that are meant.
+    """
     a, b = (run.version[np.isin(run.times, shared)] for run in (earlier, later))
     if not np.array_equal(np.sort(a), np.sort(b)):  # ERA5: final values before preliminary ones
         for run, other in ((earlier, later), (later, earlier)):
             best = dict(zip(other.times.tolist(), other.version.tolist(), strict=True))
-            worse = [best.get(t, v) < v for t, v in zip(run.times.tolist(), run.version.tolist(), strict=True)]
+            worse = [
+                best.get(t, v) < v
+                for t, v in zip(run.times.tolist(), run.version.tolist(), strict=True)
+            ]
             kept[run.index[np.array(worse, bool)]] = False
-        shared = np.array([t for t in shared if _version_at(earlier, t) == _version_at(later, t)], np.int64)
-        kept[earlier.index[np.isin(earlier.times, shared)]] = False
-        return (
-            f"{os.path.basename(earlier.path)} and {os.path.basename(later.path)}, final values before preliminary ones"
+        shared = np.array(
+            [t for t in shared if _version_at(earlier, t) == _version_at(later, t)], np.int64
         )
+        kept[earlier.index[np.isin(earlier.times, shared)]] = False
+        return f"{os.path.basename(earlier.path)} and {os.path.basename(later.path)}, final values before preliminary ones"
     first, last = int(later.times.min()), int(later.times.max())
-    gone = np.isin(earlier.times, shared) if equal else (earlier.times >= first) & (earlier.times <= last)
+    gone = (
+        np.isin(earlier.times, shared)
+        if equal
+        else (earlier.times >= first) & (earlier.times <= last)
+    )
     kept[earlier.index[gone]] = False
     if equal:
         return f"{os.path.basename(earlier.path)} and {os.path.basename(later.path)}"
-    begin, end = (notation.group(np.datetime64(t, "s")) for t in (first, min(last, int(earlier.times.max()))))
+    begin, end = (
+        notation.group(np.datetime64(t, "s")) for t in (first, min(last, int(earlier.times.max())))
+    )
     return f"{os.path.basename(later.path)} instead of {os.path.basename(earlier.path)} from {begin} to {end}"
 
 
@@ -119,11 +151,22 @@ def _version_at(run: _Run, time: int) -> int:
 
 
 def _equal(
-    earlier: _Run, later: _Run, shared: NDArray[np.int64], slices: Sequence[Slice], name: str, fixed: Mapping[str, int]
+    earlier: _Run,
+    later: _Run,
+    shared: NDArray[np.int64],
+    slices: Sequence[Slice],
+    name: str,
+    fixed: Mapping[str, int],
 ) -> bool:
-    """Whether the values of two runs at the first, the middle and the last time that they share are the same."""
+    """Whether the values of two runs at the first, the middle and the last time that they share are
+    the same.
+    """
     far = dataset.remote(later.path)
-    for time in {int(shared[0])} if far else {int(shared[0]), int(shared[len(shared) // 2]), int(shared[-1])}:
+    for time in (
+        {int(shared[0])}
+        if far
+        else {int(shared[0]), int(shared[len(shared) // 2]), int(shared[-1])}
+    ):
         pair = []
         for run in (earlier, later):
             k = int(run.index[np.flatnonzero(run.times == time)[0]])
@@ -162,7 +205,9 @@ def _told(same: list[str], later: list[str], unseen: list[str]) -> list[str]:
     if later:
         remarks.append(f"times that files share, with other values: taken is {_some(later)}")
     if unseen:
-        remarks.append(f"times that many files share, whose values were not compared: taken is {_some(unseen)}")
+        remarks.append(
+            f"times that many files share, whose values were not compared: taken is {_some(unseen)}"
+        )
     return remarks
 
 

@@ -1,6 +1,8 @@
-"""Forecasts that lie along two dimensions, the start of a run and the time since: converted to one time axis.
+"""Forecasts that lie along two dimensions, the start of a run and the time since: converted to one
+time axis.
 
-Each run becomes a file of its own, whose slices have valid times. Where runs overlap, the later one wins.
+Each run becomes a file of its own, whose slices have valid times. Where runs overlap, the later one
+wins.
 """
 
 import re
@@ -34,8 +36,8 @@ def unrolled(
 ) -> tuple[Sequence[File], Mapping[str, Any], list[str]]:
     """Return files in which a variable has one axis of time, the keys that are left, and remarks.
 
-    Files without runs stay as they are. chosen: the case's variables, which may choose a run by its index; times: what
-    the case says of times.
+    Files without runs stay as they are. chosen: the case's variables, which may choose a run by its
+    index; times: what the case says of times.
     """
     result: list[File] = []
     notes: list[str] = []
@@ -63,7 +65,9 @@ def _index(data: xr.Dataset, dim: str, given: Any, quantity: str) -> int:
 
 
 def _axes(data: xr.Dataset, name: str, chosen: Mapping[str, Any]) -> tuple[str | None, str] | None:
-    """Return the dimension of runs, None where there is one run, and that of the time since its start; None without."""
+    """Return the dimension of runs, None where there is one run, and that of the time since its
+    start; None without.
+    """
     dims = [str(d) for d in data[name].dims]
     leads = [d for d in dims if d not in chosen and _is_lead(data, d)]
     if "time" in chosen or len(leads) != 1:
@@ -72,7 +76,9 @@ def _axes(data: xr.Dataset, name: str, chosen: Mapping[str, Any]) -> tuple[str |
     references = [d for d in dims if d != lead and _is_reference(data, d)]
     if len(references) == 1:
         return references[0], lead
-    if references or any(data[n].dims == (lead,) and _is_valid(data, str(n)) for n in data.variables):
+    if references or any(
+        data[n].dims == (lead,) and _is_valid(data, str(n)) for n in data.variables
+    ):
         return None  # valid times lie along the lead already
     return (None, lead) if _alone(data) is not None else None
 
@@ -86,18 +92,28 @@ def _is_lead(data: xr.Dataset, dim: str) -> bool:
 
 def _is_reference(data: xr.Dataset, dim: str) -> bool:
     attributes = data[dim].attrs if dim in data.variables else {}
-    return str(attributes.get("standard_name", "")) == "forecast_reference_time" or bool(REFERENCES.match(dim))
+    return str(attributes.get("standard_name", "")) == "forecast_reference_time" or bool(
+        REFERENCES.match(dim)
+    )
 
 
 def _is_valid(data: xr.Dataset, name: str) -> bool:
     attributes = data[name].attrs
-    timely = str(attributes.get("standard_name", "")) == "time" or name in ("valid_time", "validtime", "time")
+    timely = str(attributes.get("standard_name", "")) == "time" or name in (
+        "valid_time",
+        "validtime",
+        "time",
+    )
     return timely and epoch.is_shifted(str(attributes.get("units", "")))
 
 
 def _alone(data: xr.Dataset) -> str | None:
     """Return the lone start of a run that a file has; None without one."""
-    found = [str(n) for n, v in data.variables.items() if v.size == 1 and v.ndim <= 1 and _is_reference(data, str(n))]
+    found = [
+        str(n)
+        for n, v in data.variables.items()
+        if v.size == 1 and v.ndim <= 1 and _is_reference(data, str(n))
+    ]
     found = [n for n in found if epoch.is_shifted(str(data[n].attrs.get("units", "")))]
     return found[0] if len(found) == 1 else None
 
@@ -116,7 +132,9 @@ def _runs(
         part = data.isel({reference: 0}) if reference else data
         known = lead in data.variables and np.issubdtype(data[lead].dtype, np.number)
         since = data[lead].values if known else np.arange(data.sizes[lead])
-        stamps = xr.Variable((lead,), np.asarray(since, np.float64), {"units": SECONDS, "standard_name": "time"})
+        stamps = xr.Variable(
+            (lead,), np.asarray(since, np.float64), {"units": SECONDS, "standard_name": "time"}
+        )
         return [(path, part.drop_vars(_times_of(part)).assign({VALID: stamps}))], []
     try:
         valid = _valid_times(data, reference, lead, clock.zone(times))
@@ -135,13 +153,13 @@ def _runs(
         if not steps:
             continue
         part = data.isel({lead: steps} | ({reference: int(run)} if reference else {}))
-        stamps = xr.Variable((lead,), own[steps].astype(np.float64), {"units": SECONDS, "standard_name": "time"})
+        stamps = xr.Variable(
+            (lead,), own[steps].astype(np.float64), {"units": SECONDS, "standard_name": "time"}
+        )
         files.append((path, part.drop_vars(_times_of(part)).assign({VALID: stamps})))
     spoken = f"valid times from {reference or _alone(data)} and {lead}"
     if count > 1:
-        spoken += (
-            f", {count} runs from {notation.group(valid[starts[-1], 0])} to {notation.group(valid[starts[0], 0])}: "
-        )
+        spoken += f", {count} runs from {notation.group(valid[starts[-1], 0])} to {notation.group(valid[starts[0], 0])}: "
         spoken += "where they overlap the later run is taken"
     return files[::-1], [spoken]
 
@@ -149,12 +167,18 @@ def _runs(
 def _times_of(data: xr.Dataset) -> list[str]:
     """Return the variables that would be taken for times in place of the valid ones."""
     return [
-        str(n) for n, v in data.variables.items() if v.ndim <= 1 and epoch.is_shifted(str(v.attrs.get("units", "")))
+        str(n)
+        for n, v in data.variables.items()
+        if v.ndim <= 1 and epoch.is_shifted(str(v.attrs.get("units", "")))
     ]
 
 
-def _valid_times(data: xr.Dataset, reference: str | None, lead: str, zone: int | None) -> clock.Times:
-    """Return the valid times of all runs, (runs, steps) [UTC]: those that the file has, else start and time since."""
+def _valid_times(
+    data: xr.Dataset, reference: str | None, lead: str, zone: int | None
+) -> clock.Times:
+    """Return the valid times of all runs, (runs, steps) [UTC]: those that the file has, else start
+    and time since.
+    """
     if reference:
         for name in map(str, data.variables):
             if set(data[name].dims) == {reference, lead} and _is_valid(data, name):

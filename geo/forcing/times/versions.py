@@ -1,4 +1,5 @@
-"""ERA5 and its preliminary values: files whose dimension `expver` holds 1 (final) and 5 (preliminary, ERA5T).
+"""ERA5 and its preliminary values: files whose dimension `expver` holds 1 (final) and 5
+(preliminary, ERA5T).
 
 Each time is in one of the two, and missing in the other.
 """
@@ -16,7 +17,9 @@ NAME = "expver"
 
 
 def merge_versions(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
-    """Return a variable without its dimension of versions, the least of those that have a value; notes is added to."""
+    """Return a variable without its dimension of versions, the least of those that have a value;
+    notes is added to.
+    """
     variable = data.variables[name]
     if variable.sizes.get(NAME, 1) < 2:
         return variable
@@ -38,10 +41,14 @@ def merge_versions(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable
 
 
 def along(data: xr.Dataset, dim: str | None) -> NDArray[np.int64] | None:
-    """Return the version at each time, where a file of the new format gives one, "0001" or "0005"; else None."""
+    """Return the version at each time, where a file of the new format gives one, "0001" or "0005";
+    else None.
+    """
     if NAME not in data.variables or dim is None or data.variables[NAME].dims != (dim,):
         return None
-    return np.array([_number(_text(value)) for value in data.variables[NAME].values.tolist()], np.int64)
+    return np.array(
+        [_number(_text(value)) for value in data.variables[NAME].values.tolist()], np.int64
+    )
 
 
 def _text(value: object) -> str:

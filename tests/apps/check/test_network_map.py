@@ -1,4 +1,6 @@
-"""The picture of a lane network: its corridors cover what particles may sail and no more, anywhere; and it is drawn whole."""
+"""The picture of a lane network: its corridors cover what particles may sail and no more, anywhere;
+and it is drawn whole.
+"""
 
 from pathlib import Path
 
@@ -29,13 +31,19 @@ def bent(lon: float, lat: float) -> Network:
     c = globe.walk(b, globe.heading(b, np.radians(33.0)), np.asarray(110 * NMI))
     nodes = globe.lonlat(np.array([a, b, c]))
     return Network(
-        ("A", "B", "C"), *nodes, np.array([0, 1]), np.array([1, 2]), np.array([14, 14]) * NMI, np.array([True, False])
+        ("A", "B", "C"),
+        *nodes,
+        np.array([0, 1]),
+        np.array([1, 2]),
+        np.array([14, 14]) * NMI,
+        np.array([True, False]),
     )
 
 
 @pytest.mark.parametrize(("lon", "lat"), [(17.0, 36.0), (179.7, -17.0), (-20.0, 81.0)])
 def test_corridors_are_drawn_where_particles_may_be(lon: float, lat: float) -> None:
-    """Points on sides just inside the corridor lie in the drawn shape; those just outside do not, but at the corner.
+    """Points on sides just inside the corridor lie in the drawn shape; those just outside do not,
+    but at the corner.
 
     There the shape holds more: what a route sweeps that begins or ends at the corner.
     """
@@ -48,7 +56,10 @@ def test_corridors_are_drawn_where_particles_may_be(lon: float, lat: float) -> N
     overlay = layers.overlay(found, {})
     overlay.draw(ax, frame)
     assert [len(line) > 5 for line in overlay.places["the lanes"]] == [True, True]
-    assert [text for _, text in overlay.key] == ["Lane; an arrow where it is one-way", "Its corridor, joints included"]
+    assert [text for _, text in overlay.key] == [
+        "Lane; an arrow where it is one-way",
+        "Its corridor, joints included",
+    ]
     (wash,) = (patch for patch in ax.patches if isinstance(patch, PathPatch))
     route = lanes.route(found, ["A", "B", "C"])
     p = globe.point(route.lon, route.lat)
@@ -56,14 +67,18 @@ def test_corridors_are_drawn_where_particles_may_be(lon: float, lat: float) -> N
     for side, inside in ((-0.98, True), (0.0, True), (0.98, True), (-1.03, False), (1.03, False)):
         way = globe.walk(p, globe.heading(p, route.toward), side * route.half)
         x = np.concatenate([globe.part(way[j], way[j + 1], share[j]) for j in (0, 1)])
-        drawn = wash.get_path().contains_points(np.column_stack(frame.project(*np.degrees(globe.lonlat(x)))))
+        drawn = wash.get_path().contains_points(
+            np.column_stack(frame.project(*np.degrees(globe.lonlat(x))))
+        )
         assert (drawn == inside).all()
 
 
 def test_the_picture(tmp_path: Path) -> None:
     """Each thing that it shows has its colour, and a view of a part is another picture."""
     found = Chart(bent(179.7, -17.0), {"Box": ((180.1, -18.6), (181.4, -18.5), (181.2, -17.9))})
-    setting = Setting(Imprint("Lanes", "GSHHG"), lambda box: [shapely.box(-179.0, -16.6, -178.4, -16.2)])
+    setting = Setting(
+        Imprint("Lanes", "GSHHG"), lambda box: [shapely.box(-179.0, -16.6, -178.4, -16.2)]
+    )
     for name, view in (("whole", None), ("part", Box(178.0, -18.0, 181.0, -16.0))):
         network_map.plot_network(found, tmp_path / f"{name}.png", setting, view)
     assert (tmp_path / "whole.png").read_bytes() != (tmp_path / "part.png").read_bytes()

@@ -1,4 +1,5 @@
-"""`drift check` reads a case's own numbers back to the digits given, and rounds those derived from them.
+"""`drift check` reads a case's own numbers back to the digits given, and rounds those derived from
+them.
 
 The oracle is the case file itself.
 """
@@ -101,9 +102,13 @@ def test_check_reads_back(lines, line, words):
 
 
 def test_check_rounds_what_it_derives(tmp_path):
-    """A factor from its logarithm, hours from minutes, knots from metres per second; what is stated stays."""
+    """A factor from its logarithm, hours from minutes, knots from metres per second; what is stated
+    stays.
+    """
     (tmp_path / "land.geojson").write_text(LAND)
     lines = read_back(tmp_path / "spill.toml", SPILL)
-    assert lines["biases"].startswith("windage a factor of 1.35, current 0.0875 m/s, reporting a factor of 1 ")
+    assert lines["biases"].startswith(
+        "windage a factor of 1.35, current 0.0875 m/s, reporting a factor of 1 "
+    )
     assert "0.25 m/s over 1.667 h" in lines["errors"]
     assert "0.24 kn toward 090" in lines["current current 1"]

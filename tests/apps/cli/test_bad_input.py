@@ -24,7 +24,9 @@ def truncated(path: Path) -> None:
 
 def nothing_but_nan(path: Path) -> None:
     data = field()
-    (data * np.nan).assign_attrs(data.attrs).map(lambda v: v.assign_attrs(data[v.name].attrs)).to_netcdf(path)
+    (data * np.nan).assign_attrs(data.attrs).map(
+        lambda v: v.assign_attrs(data[v.name].attrs)
+    ).to_netcdf(path)
 
 
 def without_units(path: Path) -> None:
@@ -44,10 +46,19 @@ FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "current file that holds a wind": (winds, "wind"),
     "NaN everywhere": (nothing_but_nan, "missing"),
     "absent units": (without_units, "units"),
-    "too early": (lambda path: field(hours=np.arange(-50, -30)).to_netcdf(path), "(0% of the run is covered"),
-    "ends halfway": (lambda path: field(hours=np.arange(7)).to_netcdf(path), "(50% of the run is covered"),
+    "too early": (
+        lambda path: field(hours=np.arange(-50, -30)).to_netcdf(path),
+        "(0% of the run is covered",
+    ),
+    "ends halfway": (
+        lambda path: field(hours=np.arange(7)).to_netcdf(path),
+        "(50% of the run is covered",
+    ),
     "elsewhere": (lambda path: field(west=120.0).to_netcdf(path), "no overlap"),
-    "half of the prior outside": (lambda path: field(west=-88.0).to_netcdf(path), "53.6 % of the prior"),
+    "half of the prior outside": (
+        lambda path: field(west=-88.0).to_netcdf(path),
+        "53.6 % of the prior",
+    ),
 }
 
 
@@ -87,7 +98,9 @@ def test_missing_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert "current.nc" in refused(tmp_path, capsys, CASE)
 
 
-def test_position_on_land_says_where_the_nearest_water_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_position_on_land_says_where_the_nearest_water_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     field().to_netcdf(tmp_path / "current.nc")
     square = '{"type": "Polygon", "coordinates": [[[-88.2, 27], [-87.9, 27], [-87.9, 28], [-88.2, 28], [-88.2, 27]]]}'
     (tmp_path / "shore.geojson").write_text(square)
@@ -116,12 +129,26 @@ def test_backend_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture
 def test_a_run_that_loses_too_much_fails_and_one_that_may_does_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """3 h at 0.3 m/s is 3.2 km; a prior 3 km from the rim of the forcing loses about half of what is there."""
+    """3 h at 0.3 m/s is 3.2 km; a prior 3 km from the rim of the forcing loses about half of what
+    is there.
+    """
     field(west=-93.02 + 0.05).to_netcdf(tmp_path / "current.nc")
     text = CASE.replace('"1 nmi"', '"500 m"')
     line = refused(tmp_path, capsys, text)
     assert "max_lost" in line
-    assert main(["run", str(tmp_path / "trial.toml"), "--out", str(tmp_path / "out"), "--set", "max_lost=1.0"]) == 0
+    assert (
+        main(
+            [
+                "run",
+                str(tmp_path / "trial.toml"),
+                "--out",
+                str(tmp_path / "out"),
+                "--set",
+                "max_lost=1.0",
+            ]
+        )
+        == 0
+    )
     assert (tmp_path / "out" / "forecast.nc").is_file()
 
 
@@ -135,7 +162,11 @@ def no_row(path: Path) -> None:
 
 def words_for_times(path: Path) -> None:
     data = field()
-    words = ("time", data.time.dt.strftime("%Y-%m-%dT%H").values, {"units": "hours since 2026-11-20"})
+    words = (
+        "time",
+        data.time.dt.strftime("%Y-%m-%dT%H").values,
+        {"units": "hours since 2026-11-20"},
+    )
     data.assign_coords(time=words).to_netcdf(path)
 
 
@@ -157,7 +188,9 @@ def truncated_64(path: Path) -> None:
                 if dim not in file.dimensions:
                     file.createDimension(dim, size)
             held = file.createVariable(name, "f8", variable.dims)
-            held.setncatts(variable.attrs if name != "time" else {"units": "hours since 2026-11-20 21:00"})
+            held.setncatts(
+                variable.attrs if name != "time" else {"units": "hours since 2026-11-20 21:00"}
+            )
             held[:] = variable.values if name != "time" else np.arange(13)
     path.write_bytes(path.read_bytes()[:-9000])
 
@@ -175,7 +208,9 @@ MORE_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("kind", MORE_FILES)
-def test_forcing_that_once_ended_in_a_traceback(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_forcing_that_once_ended_in_a_traceback(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write, word = MORE_FILES[kind]
     write(tmp_path / "current.nc")
     assert word in refused(tmp_path, capsys, CASE)
@@ -190,9 +225,13 @@ def test_forcing_that_once_ended_in_a_traceback(kind: str, tmp_path: Path, capsy
         ('{ angle = "none_such" }', "none_such"),
     ],
 )
-def test_variables_that_do_not_fit(keys: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_variables_that_do_not_fit(
+    keys: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     field().to_netcdf(tmp_path / "current.nc")
-    assert word in refused(tmp_path, capsys, CASE.replace('"current.nc"', f'"current.nc"\nvariables = {keys}'))
+    assert word in refused(
+        tmp_path, capsys, CASE.replace('"current.nc"', f'"current.nc"\nvariables = {keys}')
+    )
 
 
 @pytest.mark.parametrize(
@@ -206,8 +245,16 @@ def test_variables_that_do_not_fit(keys: str, word: str, tmp_path: Path, capsys:
         ('"trial"', '"a\\u0000b"', "title"),
         ('"boat"', '"a\\nb"', "name"),
         ('"10 kn"', '"5 9**9**9"', "speed"),
-        ("position", "area = { polygon = [[-100, 10], [100, 10], [100, 20], [-100, 20]] }\n#", "which way round"),
-        ("position", "area = { polygon = [[-88, 27], [-87, 27], [-87, 27.000001]] }\n#", "narrower"),
+        (
+            "position",
+            "area = { polygon = [[-100, 10], [100, 10], [100, 20], [-100, 20]] }\n#",
+            "which way round",
+        ),
+        (
+            "position",
+            "area = { polygon = [[-88, 27], [-87, 27], [-87, 27.000001]] }\n#",
+            "narrower",
+        ),
         (
             "position",
             "trackline = { waypoints = [[-88, 27], [-87, 27]], speed = 1e-300, cross_track = 1 }\n#",
@@ -217,7 +264,9 @@ def test_variables_that_do_not_fit(keys: str, word: str, tmp_path: Path, capsys:
         ('constant = { speed = "10 kn", from = 270 }', 'files = "~no_such_user/x.nc"', "no file"),
     ],
 )
-def test_case_files(old: str, new: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_case_files(
+    old: str, new: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     line = refused(tmp_path, capsys, STEADY.replace(old, new))
     assert word.lower() in line.lower()
     assert len(line) < 1300
@@ -276,9 +325,11 @@ commands.leave()
 @pytest.mark.thorough
 @pytest.mark.skipif(os.name != "posix", reason="signals and HOME of POSIX")
 def test_a_signal_while_files_are_written_leaves_nothing(tmp_path: Path) -> None:
-    """Results of before stay as they were; an exception inside HDF5 once left the process waiting for its own lock.
+    """Results of before stay as they were; an exception inside HDF5 once left the process waiting
+    for its own lock.
 
-    One process, without a home and with its output closed: it is stopped three times, and then comes to its end.
+    One process, without a home and with its output closed: it is stopped three times, and then
+    comes to its end.
     """
     (tmp_path / "trial.toml").write_text(STEADY)
     with publication.staged(tmp_path / "out") as stage:
@@ -292,12 +343,17 @@ def test_a_signal_while_files_are_written_leaves_nothing(tmp_path: Path) -> None
     )  # fmt: skip
     assert run.stderr is not None
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        while run.poll() is None and not list((tmp_path / "out").glob(".drift-partial-*/new/forecast.nc")):
+        while run.poll() is None and not list(
+            (tmp_path / "out").glob(".drift-partial-*/new/forecast.nc")
+        ):
             time.sleep(0.005)
         run.send_signal(number)
         assert run.stderr.readline().startswith("drift: ")
         assert run.stderr.readline() == f"{128 + number}\n"
-        assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["forecast.nc", "manifest.json"]
+        assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+            "forecast.nc",
+            "manifest.json",
+        ]
         assert (tmp_path / "out" / "forecast.nc").read_text() == "old"
         assert publication.results(tmp_path / "out")
     _, told = run.communicate(timeout=60)
@@ -309,7 +365,9 @@ def test_a_signal_while_files_are_written_leaves_nothing(tmp_path: Path) -> None
 def test_a_full_standard_output() -> None:
     with open("/dev/full", "w") as full:
         command = [sys.executable, "-m", "drift", "objects", "raft"]
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False)
+        done = subprocess.run(
+            command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False
+        )
     assert done.returncode == 2
     (line,) = done.stderr.strip().splitlines()
     assert line.startswith("drift: cannot write to standard output")

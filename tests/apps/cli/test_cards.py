@@ -16,7 +16,9 @@ from kernels.runtime.devices import Device, Listed
 
 GIB = 2**30
 CARD = Device("cuda", 0, "Card", "discrete", "driver 550.54, CUDA 12.4", 80 * GIB, 60 * GIB)
-OLD = Device("cuda", 1, "Old card", "discrete", "CUDA 12.4", 2 * GIB, None, "too old", "take another")
+OLD = Device(
+    "cuda", 1, "Old card", "discrete", "CUDA 12.4", 2 * GIB, None, "too old", "take another"
+)
 SOFT = Device("vulkan", 0, "llvmpipe", "software", "llvmpipe Mesa 25.0.7", 24 * GIB, 20 * GIB)
 METAL = Listed("metal", (), "it is for macOS on Apple's own processors")
 CASE = """
@@ -47,11 +49,15 @@ Command = Callable[..., subprocess.CompletedProcess[str]]
 
 @pytest.fixture(params=["here", pytest.param("process", marks=pytest.mark.thorough)])
 def shell(
-    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
+    request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    tmp_path: Path,
 ) -> Command:
     """Return what does a command on a machine whose drivers are not there.
 
-    That is here, where a backend seems not to have been started and the one that is taken runs already, or in a process.
+    That is here, where a backend seems not to have been started and the one that is taken runs
+    already, or in a process.
     """
     (tmp_path / "case.toml").write_text(CASE, encoding="utf-8")
     if request.param == "process":
@@ -90,9 +96,12 @@ def test_cards_are_listed_with_what_auto_takes(listing, capsys: pytest.CaptureFi
     rows = [" ".join(line.split()) for line in told.splitlines()]
     assert "cpu this processor processor yes" in rows
     assert "cuda Card * discrete driver 550.54, CUDA 12.4 60.0 GiB of 80.0 GiB free yes" in rows
-    assert "cuda Old card discrete CUDA 12.4 unknown of 2.0 GiB free no: too old; take another" in rows
     assert (
-        "vulkan llvmpipe software llvmpipe Mesa 25.0.7 the processor's memory yes, for tests: a software device" in rows
+        "cuda Old card discrete CUDA 12.4 unknown of 2.0 GiB free no: too old; take another" in rows
+    )
+    assert (
+        "vulkan llvmpipe software llvmpipe Mesa 25.0.7 the processor's memory yes, for tests: a software device"
+        in rows
     )
     assert "metal none no: it is for macOS on Apple's own processors" in rows
     assert rows[-1] == (
@@ -102,7 +111,11 @@ def test_cards_are_listed_with_what_auto_takes(listing, capsys: pytest.CaptureFi
 
 
 def test_cards_for_programs(listing, capsys: pytest.CaptureFixture[str]) -> None:
-    listing(Listed("cuda", (), "no NVIDIA driver is found", "install it"), Listed("vulkan", (SOFT,)), METAL)
+    listing(
+        Listed("cuda", (), "no NVIDIA driver is found", "install it"),
+        Listed("vulkan", (SOFT,)),
+        METAL,
+    )
     assert commands.main(["info", "--backend", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["auto"]["backend"] == "cpu"
@@ -123,7 +136,9 @@ def test_cards_for_programs(listing, capsys: pytest.CaptureFixture[str]) -> None
         (("x.nc", "--backend"), "--backend lists graphics cards: give no files"),
     ],
 )
-def test_info_takes_files_or_cards(words: tuple[str, ...], why: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_takes_files_or_cards(
+    words: tuple[str, ...], why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert commands.main(["info", *words]) == 2
     assert capsys.readouterr().err.startswith(f"drift: {why}")
 
@@ -143,7 +158,9 @@ def test_a_card_that_is_not_there_is_refused_before_a_file_is_touched_and_the_re
     before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
     again = shell("run", "case.toml", "--backend", "vulkan", "--out", "out", "--overwrite")
     assert again.returncode == 2
-    assert again.stderr.startswith("drift: --backend vulkan: no Vulkan loader is found; install the card's driver")
+    assert again.stderr.startswith(
+        "drift: --backend vulkan: no Vulkan loader is found; install the card's driver"
+    )
     assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
 
 
@@ -169,7 +186,10 @@ def test_auto_says_that_workers_have_processors(shell: Command) -> None:
     pytest.importorskip("distributed")
     done = shell("run", "case.toml", "--backend", "auto", "--out", "out", "--workers", "1")
     assert done.returncode == 0
-    assert "drift: --backend auto takes cpu: workers move particles on processors" in done.stderr.splitlines()
+    assert (
+        "drift: --backend auto takes cpu: workers move particles on processors"
+        in done.stderr.splitlines()
+    )
 
 
 def test_serve_refuses_a_card_that_is_not_there_before_it_listens(shell: Command) -> None:

@@ -89,7 +89,9 @@ def test_users_errors_are_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_interrupt_and_own_errors(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupt_and_own_errors(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(error: BaseException) -> Any:
         def raising(given: object) -> None:
             raise error
@@ -109,7 +111,10 @@ def test_interrupt_and_own_errors(capsys: pytest.CaptureFixture[str], monkeypatc
 def started(*words: str) -> tuple[float, subprocess.CompletedProcess[str]]:
     begin = time.perf_counter()
     done = subprocess.run(
-        [sys.executable, "-X", "importtime", "-m", "drift", *words], capture_output=True, text=True, check=True
+        [sys.executable, "-X", "importtime", "-m", "drift", *words],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     return time.perf_counter() - begin, done
 
@@ -127,8 +132,20 @@ def test_quick_starts_import_nothing_heavy(words: tuple[str, ...]) -> None:
 )  # [s] while importing, while reading or drifting
 def test_interrupted_run_leaves_nothing(tmp_path: Path, delay: float) -> None:
     ready = "from drift.apps.cli import commands; print(flush=True); commands.leave()"
-    words = [sys.executable, "-c", ready, "run", "overdue_boat", "--set", "particles=1_000_000", "--out", "results"]
-    running = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    words = [
+        sys.executable,
+        "-c",
+        ready,
+        "run",
+        "overdue_boat",
+        "--set",
+        "particles=1_000_000",
+        "--out",
+        "results",
+    ]
+    running = subprocess.Popen(
+        words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     assert running.stdout is not None
     assert running.stdout.readline() == "\n"  # it has started, however busy the machine is
     time.sleep(delay)
@@ -142,7 +159,11 @@ def test_interrupted_run_leaves_nothing(tmp_path: Path, delay: float) -> None:
 @pytest.mark.skipif(os.name == "nt", reason="no SIGPIPE")
 def test_reader_that_leaves_early() -> None:
     done = subprocess.run(
-        f"'{sys.executable}' -m drift objects | head -n 1", shell=True, capture_output=True, text=True, check=False
+        f"'{sys.executable}' -m drift objects | head -n 1",
+        shell=True,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.stderr == ""
 
@@ -151,12 +172,13 @@ def test_reader_that_leaves_early() -> None:
 def test_facts_fold_at_the_terminals_width_and_are_whole_in_a_pipe(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, width: int
 ) -> None:
-    """No letter is lost, not even of a path that no line holds; what is folded hangs under its own column."""
-    title = (
-        "Overdue boat, somewhere in the Gulf of Mexico with a title that is rather long indeed for a terminal: ready"
-    )
+    """No letter is lost, not even of a path that no line holds; what is folded hangs under its own
+    column.
+    """
+    title = "Overdue boat, somewhere in the Gulf of Mexico with a title that is rather long indeed for a terminal: ready"
     told = {
-        'sortie "HC-144 about the last call, the second of the day"': "23 legs, 221330ZNOV26 to 221553ZNOV26, " * 4,
+        'sortie "HC-144 about the last call, the second of the day"': "23 legs, 221330ZNOV26 to 221553ZNOV26, "
+        * 4,
         "current sea": "/data/" + "without_any_space/" * 12 + "sea.nc",
     }
     monkeypatch.setenv("COLUMNS", str(width))
@@ -167,7 +189,10 @@ def test_facts_fold_at_the_terminals_width_and_are_whole_in_a_pipe(
     rows = "".join("".join(line.split()) for line in lines)
     assert rows.startswith("".join(title.split()))
     edge = next(line.index("23 legs") for line in lines if "23 legs" in line)
-    columns = ("".join(line[at].strip() for line in lines[2:]) for at in (slice(0, edge), slice(edge, None)))
+    columns = (
+        "".join(line[at].strip() for line in lines[2:])
+        for at in (slice(0, edge), slice(edge, None))
+    )
     for column, texts in zip(columns, (told.keys(), told.values()), strict=True):
         assert all("".join(text.split()) in "".join(column.split()) for text in texts)
     monkeypatch.undo()
@@ -184,20 +209,30 @@ def test_info_takes_the_keys_of_a_case_and_names_the_right_file(
         ("sea.nc", "ue", "vn", {"units": "cm s-1"}),
         ("air.nc", "u10", "v10", {"units": "m s-1"}),
     ):
-        values = {east: (("lat", "lon"), 20.0 + x, said), north: (("lat", "lon"), 10.0 - y / 10, said)}
+        values = {
+            east: (("lat", "lon"), 20.0 + x, said),
+            north: (("lat", "lon"), 10.0 - y / 10, said),
+        }
         xr.Dataset(values, {"lon": lon, "lat": lat}).to_netcdf(tmp_path / name)
     sea, air = str(tmp_path / "sea.nc"), str(tmp_path / "air.nc")
     chosen = ["--set", "variables.east=ue", "--set", "variables.north=vn", "--set", "steady=true"]
     status, _, refusal = call(capsys, "info", sea, *chosen)
     assert status == 2
-    assert "nothing says whether ue and vn are a current, a wind or a Stokes drift; say which: --as" in refusal
+    assert (
+        "nothing says whether ue and vn are a current, a wind or a Stokes drift; say which: --as"
+        in refusal
+    )
     status, told, _ = call(capsys, "info", sea, *chosen, "--as", "current")
     assert status == 0
     assert "current: sea.nc" in told
-    assert f"mean vector {np.mean(20 + x) / 100:+.2f} east, {np.mean(10 - y / 10) / 100:+.2f} north" in told
+    assert (
+        f"mean vector {np.mean(20 + x) / 100:+.2f} east, {np.mean(10 - y / 10) / 100:+.2f} north"
+        in told
+    )
     status, _, refusal = call(capsys, "info", sea, *chosen, "--as", "current", "--set", "units=kn")
     assert status == 2
-    assert "sea.nc: ue, vn can't be a current: mean 13" in refusal  # by the file's name, not "current 1"
+    # by the file's name, not "current 1"
+    assert "sea.nc: ue, vn can't be a current: mean 13" in refusal
     status, _, refusal = call(capsys, "info", air, "--set", "steadi=true")
     assert status == 2
     assert 'did you mean "steady"' in refusal

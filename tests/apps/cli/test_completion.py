@@ -1,4 +1,6 @@
-"""Shells complete commands, options, shipped cases and files: bash does so here, for the others the script is made."""
+"""Shells complete commands, options, shipped cases and files: bash does so here, for the others the
+script is made.
+"""
 
 import builtins
 import shutil
@@ -38,11 +40,14 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["info", "wind"], {"wind.nc"}),
     ],
 )
-def test_a_real_bash_completes(script: Path, tmp_path: Path, words: list[str], expected: set[str]) -> None:
+def test_a_real_bash_completes(
+    script: Path, tmp_path: Path, words: list[str], expected: set[str]
+) -> None:
     for name in ("my_case.toml", "my_notes.txt", "wind.nc"):
         (tmp_path / name).touch()
     listed = " ".join(f"'{word}'" for word in ["drift", *words])
-    # As bash does on Tab: the words, the number of the one under the cursor, and the function that is told of them.
+    # As bash does on Tab: the words, the number of the one under the cursor, and the function that
+    # is told of them.
     asked = f"""
 source '{script}'
 COMP_WORDS=({listed}); COMP_CWORD={len(words)}; COMP_LINE="{" ".join(["drift", *words])}"; COMP_POINT=${{#COMP_LINE}}
@@ -50,12 +55,16 @@ function=$(complete -p drift | sed 's/.*-F \\([^ ]*\\) .*/\\1/')
 $function drift '{words[-1]}' '{(["drift", *words])[-2]}'
 printf '%s\\n' "${{COMPREPLY[@]}}"
 """
-    done = subprocess.run(["bash", "--norc", "-c", asked], capture_output=True, text=True, check=True, cwd=tmp_path)
+    done = subprocess.run(
+        ["bash", "--norc", "-c", asked], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
     assert set(done.stdout.split()) == expected
 
 
 @pytest.mark.parametrize("shell", grammar.SHELLS)
-def test_scripts_of_all_shells_name_commands_and_cases(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_scripts_of_all_shells_name_commands_and_cases(
+    shell: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert cli.main(["--print-completion", shell]) == 0
     made = capsys.readouterr().out
     assert "fit-errors" in made

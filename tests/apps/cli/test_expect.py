@@ -1,6 +1,8 @@
-"""`[expect]` of a case: `drift run` says whether the forecast is so, in a line and in its exit status.
+"""`[expect]` of a case: `drift run` says whether the forecast is so, in a line and in its exit
+status.
 
-Right by construction: without a coast and without an end of the forcing all of it is adrift, whatever the numbers drawn.
+Right by construction: without a coast and without an end of the forcing all of it is adrift,
+whatever the numbers drawn.
 """
 
 import json
@@ -31,7 +33,13 @@ def run(tmp_path, expected: str, *options: str) -> int:
 
 
 def test_a_forecast_as_expected_ends_with_0(tmp_path, capsys):
-    assert run(tmp_path, 'adrift = [1, 1]\nmean_position_within = { of = "60 00N 000 02E", distance = "0.3 nmi" }') == 0
+    assert (
+        run(
+            tmp_path,
+            'adrift = [1, 1]\nmean_position_within = { of = "60 00N 000 02E", distance = "0.3 nmi" }',
+        )
+        == 0
+    )
     assert "as [expect] says" in capsys.readouterr().out
 
 
@@ -39,7 +47,8 @@ def test_a_miss_is_a_line_and_exit_status_1_and_the_results_stand(tmp_path, caps
     assert run(tmp_path, "adrift = [0.25, 0.355]") == 1
     assert "adrift: 100 %, expected 25 to 35.5 %" in capsys.readouterr().out
     assert (tmp_path / "out" / "summary.json").exists()
-    assert run(tmp_path, "adrift = [0.25, 0.355]", "--resume", "--json") == 1  # nothing to do, and still not so
+    # nothing to do, and still not so
+    assert run(tmp_path, "adrift = [0.25, 0.355]", "--resume", "--json") == 1
     answer = json.loads(capsys.readouterr().out)
     assert answer["unchanged"]
     assert answer["expect"] == {"met": False, "misses": ["adrift: 100 %, expected 25 to 35.5 %"]}

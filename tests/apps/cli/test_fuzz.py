@@ -22,7 +22,9 @@ def test_mutated_cases_are_refused_in_lines_or_understood(first: int, tmp_path: 
         except UserError as error:
             told[number] = error.lines
     assert 0 < len(told) < 25
-    assert not [n for n, lines in told.items() if any("\n" in line or not line.strip() for line in lines)]
+    assert not [
+        n for n, lines in told.items() if any("\n" in line or not line.strip() for line in lines)
+    ]
 
 
 @pytest.mark.parametrize("made", ["packed", "roms", "fvcom", "classic", "checksums"])
@@ -31,7 +33,9 @@ def test_damaged_files_are_refused_in_a_line_or_read(made: str, tmp_path: Path) 
     values = fuzz_files.truth(whole)
     told: list[str] = []
     for number in range(8):
-        kind, content = fuzz_files.damaged(whole.read_bytes(), random.Random(1_000 * len(made) + number))
+        kind, content = fuzz_files.damaged(
+            whole.read_bytes(), random.Random(1_000 * len(made) + number)
+        )
         path = tmp_path / f"{number}.nc"
         path.write_bytes(content)
         try:

@@ -14,7 +14,9 @@ TEXTS = ("-98,18,-80,31", "-5", "-0.5", "-.5", "-1e3", "-3h", "-30 00.0,60")
 def commands() -> dict[str, argparse.ArgumentParser]:
     """Return the parser of each command."""
     whole = grammar.parser()
-    chosen = next(action for action in whole._actions if isinstance(action, argparse._SubParsersAction))
+    chosen = next(
+        action for action in whole._actions if isinstance(action, argparse._SubParsersAction)
+    )
     return dict(chosen.choices)
 
 
@@ -22,7 +24,12 @@ def taking() -> Iterator[tuple[str, argparse.Action]]:
     """Give every option of every command that takes a value of the user's own."""
     for name, parser in commands().items():
         for action in parser._actions:
-            if action.option_strings and action.nargs is None and action.choices is None and action.metavar != "DIR":
+            if (
+                action.option_strings
+                and action.nargs is None
+                and action.choices is None
+                and action.metavar != "DIR"
+            ):
                 yield name, action
 
 
@@ -64,7 +71,9 @@ def test_the_list_of_options_is_whole() -> None:
 
 
 def test_options_are_still_told_from_values() -> None:
-    """A word that begins with a minus and a letter is no value; places of a command take numbers below zero too."""
+    """A word that begins with a minus and a letter is no value; places of a command take numbers
+    below zero too.
+    """
     parser = grammar.parser()
     assert parser.parse_args(["objects", "-5"]).words == ["-5"]
     with pytest.raises(grammar.UserError, match="expected one argument"):
@@ -78,5 +87,7 @@ def test_boxes_of_the_western_hemisphere() -> None:
     asked = grammar.parser().parse_args(["fetch", *words])
     box, _, _ = fetching.ordered_span(asked.case, asked.box, asked.begin, asked.end)
     assert (box.west, box.south, box.east, box.north) == (-98, 18, -80, 31)
-    left = given.box(grammar.parser().parse_args(["fit-bridge", "x.csv", "--without", "-98,18,-80,31"]).without)
+    left = given.box(
+        grammar.parser().parse_args(["fit-bridge", "x.csv", "--without", "-98,18,-80,31"]).without
+    )
     assert (left.west, left.south, left.east, left.north) == (-98, 18, -80, 31)

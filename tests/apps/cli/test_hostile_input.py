@@ -1,4 +1,6 @@
-"""Odd names, files and folders in every command: one line and exit status 2, never a traceback or a wait without end."""
+"""Odd names, files and folders in every command: one line and exit status 2, never a traceback or a
+wait without end.
+"""
 
 import os
 import tempfile
@@ -49,7 +51,11 @@ CASES: dict[str, tuple[str, Callable[[Path], object] | None, str]] = {
     "a folder": ("folder.toml", os.mkdir, "directory"),
     "a loop of links": ("loop.toml", lambda path: path.symlink_to(path), "links"),
     "10 GB": ("big.toml", sparse, "10,240 MiB"),
-    "nested without end": ("deep.toml", lambda path: path.write_text("a = " + "[" * 100_000), "not valid TOML"),
+    "nested without end": (
+        "deep.toml",
+        lambda path: path.write_text("a = " + "[" * 100_000),
+        "not valid TOML",
+    ),
     "bytes": ("bytes.toml", lambda path: path.write_bytes(b"\x00\xff" * 50), "not text in UTF-8"),
     "a name that is not text": (os.fsdecode(b"x\xff.toml"), None, "no case"),
     "below a file": ("file/x", lambda path: path.parent.write_text(""), "no case"),
@@ -58,7 +64,9 @@ CASES: dict[str, tuple[str, Callable[[Path], object] | None, str]] = {
 
 @posix
 @pytest.mark.parametrize("kind", CASES)
-def test_cases(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_cases(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     name, make, word = CASES[kind]
     monkeypatch.chdir(tmp_path)
     if make is not None:
@@ -94,7 +102,9 @@ PLOTS: dict[str, tuple[str, Callable[[Path], object] | None]] = {
 
 @posix
 @pytest.mark.parametrize("kind", PLOTS)
-def test_plots(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_plots(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Refused before anything is read: nothing is printed, and nothing is left."""
     name, make = PLOTS[kind]
     monkeypatch.chdir(tmp_path)
@@ -143,7 +153,9 @@ class Damaged(dict[str, Any]):
     "error",
     [RuntimeError("NetCDF: HDF error"), OSError(-101, "NetCDF: HDF error"), UnicodeDecodeError("utf-8", b"\xff", 0, 1, "bad")],
 )  # fmt: skip
-def test_attributes_that_cannot_be_read(error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_attributes_that_cannot_be_read(
+    error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Libraries read some of them when they are asked for, long after the opening."""
     small_case.field().to_netcdf(tmp_path / "f.nc")
     broken, real = Damaged(), dataset.open_one
@@ -155,7 +167,9 @@ def test_attributes_that_cannot_be_read(error: Exception, tmp_path: Path, monkey
     for read in reads:
         with monkeypatch.context() as patch:
 
-            def opened(path: str, quantity: str, *more: float, patch: pytest.MonkeyPatch = patch) -> xr.Dataset:
+            def opened(
+                path: str, quantity: str, *more: float, patch: pytest.MonkeyPatch = patch
+            ) -> xr.Dataset:
                 data = real(path, quantity, *more)
                 patch.setattr(xr.Variable, "attrs", property(lambda self: broken))
                 return data
@@ -180,11 +194,20 @@ def stored(outputs: int = 3, n: int = 1000) -> spool.SnapshotStore:
     begin = np.datetime64("2026-01-01", "s")
     column = np.zeros(n, np.float32)
     ensemble = SimpleNamespace(
-        n=n, bounds=np.array([0, n]), scenarios=[(0, n)], log_weight=SimpleNamespace(to_numpy=lambda: column)
+        n=n,
+        bounds=np.array([0, n]),
+        scenarios=[(0, n)],
+        log_weight=SimpleNamespace(to_numpy=lambda: column),
     )
     moments = (
         SimpleNamespace(
-            lon=column, lat=column, status=column, log_weight=column, elapsed=k, ancestors=None, lineage=None
+            lon=column,
+            lat=column,
+            status=column,
+            log_weight=column,
+            elapsed=k,
+            ancestors=None,
+            lineage=None,
         )
         for k in range(outputs)
     )
@@ -201,7 +224,9 @@ def test_room_for_the_particles_is_known_before_the_run(monkeypatch: pytest.Monk
 
 
 @posix
-def test_a_temporary_folder_that_fills_up_or_is_not_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_temporary_folder_that_fills_up_or_is_not_there(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     if Path("/dev/full").exists():
         monkeypatch.setattr(tempfile, "TemporaryFile", lambda: open("/dev/full", "w+b"))  # noqa: SIM115
         with pytest.raises(UserError, match=r"No space left on device.*TMPDIR"):

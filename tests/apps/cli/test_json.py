@@ -1,4 +1,6 @@
-"""What programs read: one JSON object on standard output, errors too; and commands that say nothing."""
+"""What programs read: one JSON object on standard output, errors too; and commands that say
+nothing.
+"""
 
 import json
 from pathlib import Path
@@ -76,16 +78,25 @@ def test_a_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert found["mean"] == {"lon_deg": end["mean"]["lon"], "lat_deg": end["mean"]["lat"]}
     assert found["area_m2"]["50%"] == pytest.approx(1e6 * end["area_km2"]["50%"])
     assert found["status"]["adrift"] == 1.0
-    assert (found["particles"], found["seed"], found["time"]) == (500, summary["run"]["seed"], "2026-11-21T06:00:00Z")
+    assert (found["particles"], found["seed"], found["time"]) == (
+        500,
+        summary["run"]["seed"],
+        "2026-11-21T06:00:00Z",
+    )
     assert found["facts"]["mean position"] == end["mean"]["text"]
     begin = summary["outputs"][1]  # the plan's: the map and the report open there
-    assert (begin["time"], begin["area_km2"]["50%"] < end["area_km2"]["50%"]) == ("2026-11-21T01:00:00Z", True)
+    assert (begin["time"], begin["area_km2"]["50%"] < end["area_km2"]["50%"]) == (
+        "2026-11-21T01:00:00Z",
+        True,
+    )
     assert summary["opens"] == found["opens"]["time"] == begin["time"]
     assert found["opens"]["area_m2"]["50%"] == pytest.approx(1e6 * begin["area_km2"]["50%"])
     assert f"50% {begin['area_nmi2']['50%']:,.0f} nmi2, " in found["facts"]["map.png, report.html"]
 
 
-def test_a_run_whose_map_opens_at_its_end_says_nothing_of_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_whose_map_opens_at_its_end_says_nothing_of_it(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (folder / "plain.toml").write_text(small_case.STEADY)
     _, found, _ = told(capsys, "run", "plain.toml", "--out", "plain")
     assert found["opens"] == {"time": found["time"], "area_m2": found["area_m2"]}
@@ -95,20 +106,29 @@ def test_a_run_whose_map_opens_at_its_end_says_nothing_of_it(folder: Path, capsy
 def test_a_plan(folder: Path, few_trials: None, capsys: pytest.CaptureFixture[str]) -> None:  # noqa: F811
     status, found, _ = told(capsys, "plan", "trial.toml", "--out", "plan")
     assert status == 0
-    (own,), (written,) = found["taskings"], json.loads((folder / "plan" / "plan.json").read_text())["taskings"]
+    (own,), (written,) = (
+        found["taskings"],
+        json.loads((folder / "plan" / "plan.json").read_text())["taskings"],
+    )
     assert own["length_m"] == pytest.approx(1852 * written["length_nmi"])
     assert own["spacing_m"] == pytest.approx(1852 * written["spacing_nmi"])
-    assert own["centre"] == {"lon_deg": written["centre"]["lon"], "lat_deg": written["centre"]["lat"]}
+    assert own["centre"] == {
+        "lon_deg": written["centre"]["lon"],
+        "lat_deg": written["centre"]["lat"],
+    }
     assert found["pos"] == pytest.approx(found["pos_by_scenario"]["boat"])
 
 
 def test_a_comparison(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status, found, _ = told(capsys, "compare", "trial.toml", "--set-b", "current.0.constant.speed=1 kn", "--out", "c")
+    status, found, _ = told(
+        capsys, "compare", "trial.toml", "--set-b", "current.0.constant.speed=1 kn", "--out", "c"
+    )
     assert status == 0
     rows = {(row["time"], row["quantity"]): row for row in found["differences"]}
     east = rows["2026-11-21T06:00:00Z", "mean, east"]
     assert east["unit"] == "m"
-    assert east["difference"] == pytest.approx(0.5 * 1852 / 3600 * 6 * 3600, abs=2)  # 0.5 kn more for six hours
+    # 0.5 kn more for six hours
+    assert east["difference"] == pytest.approx(0.5 * 1852 / 3600 * 6 * 3600, abs=2)
 
 
 @pytest.mark.thorough
@@ -122,13 +142,20 @@ def test_an_origin(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_lists_and_descriptions(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "overdue_boat" in {case["name"] for case in told(capsys, "cases")[1]["cases"]}
-    (piw,) = [one for one in told(capsys, "objects", "swimmer")[1]["objects"] if one["name"] == "PIW-3"]
+    (piw,) = [
+        one for one in told(capsys, "objects", "swimmer")[1]["objects"] if one["name"] == "PIW-3"
+    ]
     assert piw["downwind"] == {"slope": 0.016, "offset_m_per_s": -0.0398, "std_m_per_s": 0.0242}
     assert piw["search_objects"] == ["Person in Water"]
     status, found, _ = told(capsys, "check", "trial.toml")
     assert (status, found["ready"], found["title"]) == (0, True, "trial: ready to run")
     (source,) = told(capsys, "info", "current.nc")[1]["sources"]
-    assert (source["quantity"], source["nlon"], source["nlat"], len(source["times"])) == ("current", 21, 17, 13)
+    assert (source["quantity"], source["nlon"], source["nlat"], len(source["times"])) == (
+        "current",
+        21,
+        17,
+        13,
+    )
     assert source["west_deg"] == pytest.approx(-90.125, abs=0.13)
     assert told(capsys, "new", "spill", "mine.toml")[1] == {"command": "new", "file": "mine.toml"}
 
@@ -163,15 +190,21 @@ def test_errors_are_json_too_with_the_same_status(
     assert got == status
     assert set(found) == {"error"}
     assert line in found["error"][0]
-    assert err == "".join(f"drift: {text}\n" for text in found["error"])  # people who watch see them as ever
+    # people who watch see them as ever
+    assert err == "".join(f"drift: {text}\n" for text in found["error"])
 
 
-def test_own_errors_are_json_too(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_own_errors_are_json_too(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(given: object) -> Any:
         raise ZeroDivisionError("oops")
 
     monkeypatch.setitem(cli.COMMANDS, "cases", fail)
-    assert told(capsys, "cases")[:2] == (1, {"error": ["an error of drift itself: ZeroDivisionError: oops"]})
+    assert told(capsys, "cases")[:2] == (
+        1,
+        {"error": ["an error of drift itself: ZeroDivisionError: oops"]},
+    )
 
 
 def test_what_is_no_number_is_null() -> None:
@@ -180,13 +213,16 @@ def test_what_is_no_number_is_null() -> None:
 
 @pytest.mark.parametrize("command", ["run", "check", "bridge"])
 def test_quiet_says_nothing(folder: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
-    assert cli.main([command, "bridge.toml" if command == "bridge" else "trial.toml", "--quiet"]) == 0
+    assert (
+        cli.main([command, "bridge.toml" if command == "bridge" else "trial.toml", "--quiet"]) == 0
+    )
     assert capsys.readouterr() == ("", "")
     assert command != "run" or drift.results("trial-forecast")
 
 
 def test_quiet_tells_errors_and_warnings(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["run", "trial.toml", "--quiet", "--set", "particles=20"]) == 0  # too few for areas
+    # too few for areas
+    assert cli.main(["run", "trial.toml", "--quiet", "--set", "particles=20"]) == 0
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith("drift: warning")

@@ -18,7 +18,9 @@ SMALL = {"spill": ["--set", "spill.worlds=100", "--set", "duration=1 d"]}
     ("story", "runs"),
     [
         *(
-            pytest.param(story, False, marks=[pytest.mark.thorough] * (story in ("passage", "spill")))
+            pytest.param(
+                story, False, marks=[pytest.mark.thorough] * (story in ("passage", "spill"))
+            )
             for story in template.TEMPLATES
             if story != "search"
         ),
@@ -29,7 +31,11 @@ SMALL = {"spill": ["--set", "spill.worlds=100", "--set", "duration=1 d"]}
     ],
 )
 def test_a_template_is_accepted_as_it_is_and_runs(
-    story: str, runs: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    story: str,
+    runs: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert cli.main(["new", story]) == 0
@@ -38,7 +44,10 @@ def test_a_template_is_accepted_as_it_is_and_runs(
     assert "ready to run" in capsys.readouterr().out
     if not runs:
         return
-    assert cli.main(["run", f"{story}.toml", "--quiet", *SMALL.get(story, ["--set", "particles=500"])]) == 0
+    assert (
+        cli.main(["run", f"{story}.toml", "--quiet", *SMALL.get(story, ["--set", "particles=500"])])
+        == 0
+    )
     assert drift.results(f"{story}-forecast")
 
 
@@ -74,11 +83,15 @@ def test_a_template_of_a_contact_is_tracked_and_its_path_too(
 
 @pytest.mark.parametrize("story", template.TEMPLATES)
 def test_tables_that_are_commented_out_are_accepted_too(story: str, tmp_path: Path) -> None:
-    """Those of whole tables, from a "# [[" on: what a planner uncomments must not be the first mistake."""
+    """Those of whole tables, from a "# [[" on: what a planner uncomments must not be the first
+    mistake.
+    """
     words, inside = [], False
     for line in template.template_text(story).splitlines():
         inside = line.startswith("# [[") or (inside and line.startswith("# "))
-        words.append(line.removeprefix("# ") if inside and re.match(r"# (\[\[|\w+ = )", line) else line)
+        words.append(
+            line.removeprefix("# ") if inside and re.match(r"# (\[\[|\w+ = )", line) else line
+        )
     path = tmp_path / "case.toml"
     path.write_text("\n".join(words))
     case = drift.load(path)
@@ -111,4 +124,6 @@ def test_refusals_are_a_line_and_write_nothing(
     err = capsys.readouterr().err
     assert err.count("\n") == 1
     assert refusal in err
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("search.toml", "mine")]
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [
+        ("search.toml", "mine")
+    ]

@@ -1,4 +1,6 @@
-"""Progress in a script: nothing where nobody looks, a bar on a terminal that is gone when the work is done."""
+"""Progress in a script: nothing where nobody looks, a bar on a terminal that is gone when the work
+is done.
+"""
 
 import io
 import sys
@@ -22,7 +24,9 @@ def test_a_script_is_told_nothing(capfd: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("quiet", [False, True])
-def test_a_terminal_shows_a_bar_unless_it_is_to_be_quiet(monkeypatch: pytest.MonkeyPatch, quiet: bool) -> None:
+def test_a_terminal_shows_a_bar_unless_it_is_to_be_quiet(
+    monkeypatch: pytest.MonkeyPatch, quiet: bool
+) -> None:
     case = drift.load("overdue_boat")
     monkeypatch.setenv("TERM", "xterm")
     for of in (case, None):

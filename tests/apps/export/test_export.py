@@ -1,4 +1,6 @@
-"""Exports of a finished run across the antimeridian, read by GDAL and ElementTree and held against forecast.nc and plan.json."""
+"""Exports of a finished run across the antimeridian, read by GDAL and ElementTree and held against
+forecast.nc and plan.json.
+"""
 
 import hashlib
 import importlib.util
@@ -54,7 +56,9 @@ def forecast(run: Path) -> xr.Dataset:
 def contours(run: Path) -> dict[tuple[str, float], shapely.Geometry]:
     features = json.loads((run / "contours.geojson").read_text())["features"]
     return {
-        (f["properties"]["time"], f["properties"]["level"]): shapely.from_geojson(json.dumps(f["geometry"]))
+        (f["properties"]["time"], f["properties"]["level"]): shapely.from_geojson(
+            json.dumps(f["geometry"])
+        )
         for f in features
     }
 
@@ -64,21 +68,32 @@ def layer(path: Path, name: str) -> tuple[dict[str, list], np.ndarray]:
     return dict(zip(meta["fields"], map(list, columns), strict=True)), shapely.from_wkb(geometry)
 
 
-def test_kml_shows_the_areas_at_their_times(run: Path, forecast: xr.Dataset, tmp_path: Path) -> None:
-    """GDAL reads the shapes of contours.geojson; their areas are those of forecast.nc to half a cell along the outline."""
+def test_kml_shows_the_areas_at_their_times(
+    run: Path, forecast: xr.Dataset, tmp_path: Path
+) -> None:
+    """GDAL reads the shapes of contours.geojson; their areas are those of forecast.nc to half a
+    cell along the outline.
+    """
     (path,) = (p for p in drift.export(run, "kml", tmp_path / "out") if p.suffix == ".kml")
     assert drift.results(tmp_path / "out") == [path, tmp_path / "out/manifest.json"]
     known, seen = contours(run), set()
     root = ET.parse(path).getroot()
     days = [
-        f.findtext("{*}name") for f in root.findall(".//{*}Folder") if f.findtext("{*}name").startswith("Forecast ")
+        f.findtext("{*}name")
+        for f in root.findall(".//{*}Folder")
+        if f.findtext("{*}name").startswith("Forecast ")
     ]
     assert days == ["Forecast 2026-06-01", "Forecast 2026-06-02"]
-    half = math.hypot(*(float(np.ptp(forecast[f"{axis}_bnds"].values[0])) for axis in ("lon", "lat"))) / 2
+    half = (
+        math.hypot(*(float(np.ptp(forecast[f"{axis}_bnds"].values[0])) for axis in ("lon", "lat")))
+        / 2
+    )
     times = [notation.iso(time) for time in forecast["time"].values]
     for day in days:
         fields, shapes = layer(path, day)
-        for k, (name, begin, shape) in enumerate(zip(fields["Name"], fields["begin"], shapes, strict=True)):
+        for k, (name, begin, shape) in enumerate(
+            zip(fields["Name"], fields["begin"], shapes, strict=True)
+        ):
             share = float(name.split()[0]) / 100
             time = notation.iso(np.datetime64(str(begin)[:19].replace("/", "-")))
             assert name.endswith(notation.group(np.datetime64(time[:-1])))
@@ -87,8 +102,14 @@ def test_kml_shows_the_areas_at_their_times(run: Path, forecast: xr.Dataset, tmp
             assert shapely.hausdorff_distance(plane, known[time, share]) <= math.sqrt(2) * HALF
             assert shapely.bounds(plane)[0] >= -180
             assert shapely.bounds(plane)[2] <= 180
-            flat = shapely.transform(plane, lambda xy: xy * [math.cos(math.radians(41.0)), 1] * METRES)
-            told = float(forecast["containment_area"].sel(time=time[:-1])[list(forecast["share"]).index(share)])
+            flat = shapely.transform(
+                plane, lambda xy: xy * [math.cos(math.radians(41.0)), 1] * METRES
+            )
+            told = float(
+                forecast["containment_area"].sel(time=time[:-1])[
+                    list(forecast["share"]).index(share)
+                ]
+            )
             assert abs(shapely.area(flat) - told) < shapely.length(flat) * half * METRES, (k, name)
     assert seen == known.keys()
     ends = {
@@ -116,13 +137,21 @@ def test_kml_has_the_search_and_the_plan_and_needs_no_colour(run: Path, tmp_path
     folders = [folder.findtext("{*}name") for folder in root.findall(".//{*}Folder")]
     assert {"Search", "Orion <1>", "Plan", "A-1 plane", "A-2 boat"} <= set(folders)
     looks = {
-        style.get("id"): (style.findtext("{*}LineStyle/{*}width"), style.findtext("{*}PolyStyle/{*}color", "")[:2])
+        style.get("id"): (
+            style.findtext("{*}LineStyle/{*}width"),
+            style.findtext("{*}PolyStyle/{*}color", "")[:2],
+        )
         for style in root.findall(".//{*}Style")
     }
     areas = [looks[f"area{k}"] for k in range(3)]
-    assert len({width for width, _ in areas}) == len({fill for _, fill in areas}) == 3  # by width and by fill
-    assert {place.findtext("{*}styleUrl", "#legs")[1:] for place in root.findall(".//{*}Placemark")} <= looks.keys()
-    named = next(p for p in root.findall(".//{*}Placemark") if p.findtext("{*}name") == "Orion <1> legs")
+    # by width and by fill
+    assert len({width for width, _ in areas}) == len({fill for _, fill in areas}) == 3
+    assert {
+        place.findtext("{*}styleUrl", "#legs")[1:] for place in root.findall(".//{*}Placemark")
+    } <= looks.keys()
+    named = next(
+        p for p in root.findall(".//{*}Placemark") if p.findtext("{*}name") == "Orion <1> legs"
+    )
     summary = json.loads((run / "summary.json").read_text())
     flown = [f["properties"] for f in json.loads((run / "sorties.geojson").read_text())["features"]]
     pos = next(told["pos"] for told in flown if told["name"] == "Orion <1>")
@@ -133,7 +162,11 @@ def test_kml_has_the_search_and_the_plan_and_needs_no_colour(run: Path, tmp_path
 
 
 def test_files_say_who_made_them(run: Path, forecast: xr.Dataset) -> None:
-    told = {"creator_name": "MRCC <test>", "license": "CC BY 4.0", "naming_authority": "org.example"}
+    told = {
+        "creator_name": "MRCC <test>",
+        "license": "CC BY 4.0",
+        "naming_authority": "org.example",
+    }
     for held in (forecast.attrs, json.loads((run / "summary.json").read_text()),
                  json.loads((run / "contours.geojson").read_text())):  # fmt: skip
         assert told.items() <= held.items()
@@ -149,15 +182,20 @@ def test_kmz_is_the_same_and_the_same_every_time(run: Path, tmp_path: Path) -> N
         assert archive.read("doc.kml") == (tmp_path / "plain/forecast.kml").read_bytes()
 
 
-def test_gpx_for_plotters(run: Path, forecast: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plotter, "MOST", 1_000_000)  # so that outlines are those of contours.geojson, point by point
+def test_gpx_for_plotters(
+    run: Path, forecast: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # so that outlines are those of contours.geojson, point by point
+    monkeypatch.setattr(plotter, "MOST", 1_000_000)
     drift.export(run, "gpx", tmp_path / "out")
     path = tmp_path / "out/forecast.gpx"
     fields, points = layer(path, "waypoints")
     times = forecast["time"].values
     assert fields["name"] == [f"D{notation.day_time(time)}" for time in times]
     assert max(map(len, fields["name"])) <= 8
-    np.testing.assert_array_equal(np.array(fields["time"], "datetime64[s]"), times.astype("datetime64[s]"))
+    np.testing.assert_array_equal(
+        np.array(fields["time"], "datetime64[s]"), times.astype("datetime64[s]")
+    )
     at = shapely.get_coordinates(points)
     assert at[:, 0].min() >= -180
     assert at[:, 0].max() < 180
@@ -166,30 +204,43 @@ def test_gpx_for_plotters(run: Path, forecast: xr.Dataset, tmp_path: Path, monke
     fields, lines = layer(path, "tracks")
     told = dict(zip(fields["name"], lines, strict=True))
     known = contours(run)
-    assert any(shape.bounds[2] == 180 for shape in known.values()), "the case is made so that areas lie across"
+    assert any(shape.bounds[2] == 180 for shape in known.values()), (
+        "the case is made so that areas lie across"
+    )
     for (time, share), shape in known.items():
         line = told[f"{notation.hundredths(share)}% {notation.day_time(np.datetime64(time[:-1]))}"]
-        # The outline, without the edges at 180 degrees where it was cut; 180 in the east is written a last digit less.
+        # The outline, without the edges at 180 degrees where it was cut; 180 in the east is written
+        # a last digit less.
         edges = np.array(
-            [pair for ring in shapely.get_rings(shapely.get_parts(shape)) for pair in pairwise(ring.coords)]
+            [
+                pair
+                for ring in shapely.get_rings(shapely.get_parts(shape))
+                for pair in pairwise(ring.coords)
+            ]
         )
         wanted = shapely.linestrings(edges[~(np.abs(edges[:, :, 0]) == 180).all(axis=1)])
         assert len(wanted) < len(edges) or shape.bounds[2] < 180
-        drawn = np.array([pair for part in shapely.get_parts(line) for pair in pairwise(part.coords)])[:, :, :2]
+        drawn = np.array(
+            [pair for part in shapely.get_parts(line) for pair in pairwise(part.coords)]
+        )[:, :, :2]
         assert len(drawn) == len(wanted)
         assert (
             shapely.hausdorff_distance(
-                shapely.multilinestrings(shapely.linestrings(drawn)), shapely.multilinestrings(wanted)
+                shapely.multilinestrings(shapely.linestrings(drawn)),
+                shapely.multilinestrings(wanted),
             )
             <= 4 * HALF
         )
     assert set(told) - {"MEAN", "Orion <1>"} == {
-        f"{notation.hundredths(share)}% {notation.day_time(np.datetime64(time[:-1]))}" for time, share in known
+        f"{notation.hundredths(share)}% {notation.day_time(np.datetime64(time[:-1]))}"
+        for time, share in known
     }
 
 
 def test_no_segment_of_gpx_jumps_at_180_degrees(run: Path, tmp_path: Path) -> None:
-    """The case lies across: outlines, mean and search are on both sides, and no two points that follow are a turn apart."""
+    """The case lies across: outlines, mean and search are on both sides, and no two points that
+    follow are a turn apart.
+    """
     drift.export(run, "gpx", tmp_path / "out")
     segments = [
         [float(point.get("lon")) for point in segment]
@@ -202,7 +253,9 @@ def test_no_segment_of_gpx_jumps_at_180_degrees(run: Path, tmp_path: Path) -> No
 
 @pytest.mark.parametrize("east", [1, -1])
 def test_a_line_is_cut_where_it_crosses(east: int) -> None:
-    """Halfway in longitude: halfway in latitude and time; a point on the line belongs to both sides."""
+    """Halfway in longitude: halfway in latitude and time; a point on the line belongs to both
+    sides.
+    """
     root, lon = ET.Element("trk"), [179.5, -179.5, -179.0] if east > 0 else [-179.5, 179.5, 179.0]
     times = [
         np.datetime64("2026-06-01T00:00", "ns"),
@@ -210,7 +263,10 @@ def test_a_line_is_cut_where_it_crosses(east: int) -> None:
         np.datetime64("2026-06-01T03:00", "ns"),
     ]
     gpx.segments(root, lon, [10.0, 20.0, 30.0], times)
-    told = [[(float(p.get("lon")), float(p.get("lat")), p.findtext("time")) for p in part] for part in root]
+    told = [
+        [(float(p.get("lon")), float(p.get("lat")), p.findtext("time")) for p in part]
+        for part in root
+    ]
     ends = (179.9999999, -180.0) if east > 0 else (-180.0, 179.9999999)
     assert told == [
         [(lon[0], 10.0, "2026-06-01T00:00:00Z"), (ends[0], 15.0, "2026-06-01T01:00:00Z")],
@@ -218,22 +274,42 @@ def test_a_line_is_cut_where_it_crosses(east: int) -> None:
     ]  # fmt: skip
     root = ET.Element("trk")
     gpx.segments(root, [179.0, 180.0, -179.0], [0.0, 1.0, 2.0])
-    assert [[float(p.get("lon")) for p in part] for part in root] == [[179.0, 179.9999999], [-180.0, -179.0]]
+    assert [[float(p.get("lon")) for p in part] for part in root] == [
+        [179.0, 179.9999999],
+        [-180.0, -179.0],
+    ]
 
 
 def test_lines_of_geojson_go_the_short_way_however_they_are_written() -> None:
     for lon in ([179.0, -179.0], [179.0, 181.0], [-181.0, -179.0]):
         found = geojson.lines([shapely.LineString([(lon[0], 0), (lon[1], 2)])])
-        assert found["coordinates"] == [[[179.0, 0.0], [180.0, 1.0]], [[-180.0, 1.0], [-179.0, 2.0]]]
+        assert found["coordinates"] == [
+            [[179.0, 0.0], [180.0, 1.0]],
+            [[-180.0, 1.0], [-179.0, 2.0]],
+        ]
 
 
 def test_outlines_of_cut_shapes() -> None:
-    """A square against 180 degrees, one that the line only touches, and a hole through which it was cut twice."""
+    """A square against 180 degrees, one that the line only touches, and a hole through which it was
+    cut twice.
+    """
     square = [[179.0, 0.0], [180.0, 0.0], [180.0, 1.0], [179.0, 1.0], [179.0, 0.0]]
-    assert list(plotter.open_rings(square)) == [[[180.0, 1.0], [179.0, 1.0], [179.0, 0.0], [180.0, 0.0]]]
+    assert list(plotter.open_rings(square)) == [
+        [[180.0, 1.0], [179.0, 1.0], [179.0, 0.0], [180.0, 0.0]]
+    ]
     touching = [[179.0, 0.0], [180.0, 0.5], [179.0, 1.0], [179.0, 0.0]]
     assert list(plotter.open_rings(touching)) == [touching]
-    letter_c = [[-180.0, 0], [-178, 0], [-178, 3], [-180, 3], [-180, 2], [-179, 2], [-179, 1], [-180, 1], [-180, 0]]
+    letter_c = [
+        [-180.0, 0],
+        [-178, 0],
+        [-178, 3],
+        [-180, 3],
+        [-180, 2],
+        [-179, 2],
+        [-179, 1],
+        [-180, 1],
+        [-180, 0],
+    ]
     found = list(plotter.open_rings(letter_c))
     assert sorted(map(len, found)) == [4, 4]
     assert [-179, 2] in found[0] or [-179, 2] in found[1]
@@ -245,7 +321,11 @@ def test_a_long_forecast_has_a_file_a_day(tmp_path: Path) -> None:
     lon, lat = np.linspace(179.5, 180.5, 10), np.linspace(-41.0, -40.0, 10)
     lat[5:9] = np.nan  # 3 June, all of it
     data = xr.Dataset(
-        {f"{name}_{axis}": ("time", v) for name in ("mean", "datum") for axis, v in (("lon", lon), ("lat", lat))},
+        {
+            f"{name}_{axis}": ("time", v)
+            for name in ("mean", "datum")
+            for axis, v in (("lon", lon), ("lat", lat))
+        },
         {"time": times, "share": [0.5]},
         {"title": "t", "run_id": "r"},
     )
@@ -264,39 +344,68 @@ def test_a_long_forecast_has_a_file_a_day(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("corners", "tolerance"), [(1900, 0), (4000, 50), pytest.param(60_000, 500, marks=pytest.mark.thorough)]
+    ("corners", "tolerance"),
+    [(1900, 0), (4000, 50), pytest.param(60_000, 500, marks=pytest.mark.thorough)],
 )
-def test_outlines_are_thinned_and_the_file_says_so(tmp_path: Path, corners: int, tolerance: int) -> None:
-    """A ragged circle of 20 nmi at 60 N: no point farther off than is told, in metres by the sphere, and fewer than 2,000 of them."""
+def test_outlines_are_thinned_and_the_file_says_so(
+    tmp_path: Path, corners: int, tolerance: int
+) -> None:
+    """A ragged circle of 20 nmi at 60 N: no point farther off than is told, in metres by the
+    sphere, and fewer than 2,000 of them.
+    """
     rng = np.random.default_rng(1)
     turn = np.linspace(0, 2 * np.pi, corners, endpoint=False)
-    metres = 20 * NMI + (60 * rng.uniform(-1, 1, corners) if corners < 50_000 else 400 * rng.uniform(-1, 1, corners))
-    ring = np.column_stack([4 + metres * np.sin(turn) / METRES / 0.5, 60 + metres * np.cos(turn) / METRES])
+    metres = 20 * NMI + (
+        60 * rng.uniform(-1, 1, corners) if corners < 50_000 else 400 * rng.uniform(-1, 1, corners)
+    )
+    ring = np.column_stack(
+        [4 + metres * np.sin(turn) / METRES / 0.5, 60 + metres * np.cos(turn) / METRES]
+    )
     speck = np.array([[3.0, 60.0], [3.0001, 60.0], [3.0001, 60.0001], [3.0, 60.0]])
     rings = [[[*ring.tolist(), ring[0].tolist()]], [speck.tolist()]]
     time = np.array(["2026-06-01T18:00"], "datetime64[ns]")
     names = {
-        f"{name}_{axis}": ("time", [float(v)]) for name in ("mean", "datum") for axis, v in (("lon", 4), ("lat", 60))
+        f"{name}_{axis}": ("time", [float(v)])
+        for name in ("mean", "datum")
+        for axis, v in (("lon", 4), ("lat", 60))
     }
     data = xr.Dataset(names, {"time": time, "share": [0.5]}, {"title": "t", "run_id": "r"})
     told = {"time": "2026-06-01T18:00:00Z", "level": 0.5, "area_nmi2": 1256.0}
-    area = {"type": "Feature", "properties": told, "geometry": {"type": "MultiPolygon", "coordinates": rings}}
-    (tmp_path / "contours.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [area]}))
+    area = {
+        "type": "Feature",
+        "properties": told,
+        "geometry": {"type": "MultiPolygon", "coordinates": rings},
+    }
+    (tmp_path / "contours.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": [area]})
+    )
     contact = {"name": "flare", "kind": "contact", "time": "2026-06-01T12:00:00Z", "belief": 0.7}
     shapes = [
         ("point", {"type": "Point", "coordinates": [4.5, 60.5]}),
         ("line", {"type": "MultiLineString", "coordinates": [[[4.0, 60.0], [4.5, 60.5]]]}),
         ("region", {"type": "Polygon", "coordinates": [[[4, 60], [5, 60], [5, 61], [4, 60]]]}),
     ]
-    features = [{"type": "Feature", "properties": {**contact, "shape": shape}, "geometry": g} for shape, g in shapes]
-    (tmp_path / "sorties.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    (text,) = plotter.files(Finished(tmp_path, frozenset(["contours.geojson", "sorties.geojson"]), data)).values()
+    features = [
+        {"type": "Feature", "properties": {**contact, "shape": shape}, "geometry": g}
+        for shape, g in shapes
+    ]
+    (tmp_path / "sorties.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": features})
+    )
+    (text,) = plotter.files(
+        Finished(tmp_path, frozenset(["contours.geojson", "sorties.geojson"]), data)
+    ).values()
     root = ET.fromstring(text)
     tracks = {
-        track.findtext("{*}name"): track for track in root.findall("{*}trk") if track.findtext("{*}type") == "area"
+        track.findtext("{*}name"): track
+        for track in root.findall("{*}trk")
+        if track.findtext("{*}type") == "area"
     }
     (area_track,) = tracks.values()
-    lines = [[(float(p.get("lon")), float(p.get("lat"))) for p in s] for s in area_track.findall("{*}trkseg")]
+    lines = [
+        [(float(p.get("lon")), float(p.get("lat"))) for p in s]
+        for s in area_track.findall("{*}trkseg")
+    ]
     assert len(lines) == (2 if tolerance == 0 else 1)  # the speck is no wider than the tolerance
     assert sum(map(len, lines)) <= plotter.MOST
     said = f"off by up to {tolerance} m"
@@ -305,9 +414,12 @@ def test_outlines_are_thinned_and_the_file_says_so(tmp_path: Path, corners: int,
     off = shapely.distance(shapely.points(ring * (0.5 * METRES, METRES)), flat).max()
     assert off <= 1.03 * tolerance + 0.2  # the cosine is that of its middle, and digits are rounded
     assert ("flare", 4.5, 60.5) in [
-        (p.findtext("{*}name"), float(p.get("lon")), float(p.get("lat"))) for p in root.findall("{*}wpt")
+        (p.findtext("{*}name"), float(p.get("lon")), float(p.get("lat")))
+        for p in root.findall("{*}wpt")
     ]
-    drawn = [t.findtext("{*}desc") for t in root.findall("{*}trk") if t.findtext("{*}type") == "contact"]
+    drawn = [
+        t.findtext("{*}desc") for t in root.findall("{*}trk") if t.findtext("{*}type") == "contact"
+    ]
     assert [words.split(", ")[1] for words in drawn] == ["line", "region"]
 
 
@@ -321,17 +433,24 @@ def test_waypoints_have_a_name_each() -> None:
 
 
 def test_rtz_of_the_plan(run: Path, tmp_path: Path) -> None:
-    """By the rules of the schema of RTZ 1.0 (IEC 61174:2015), and with the ways and times of plan.json."""
+    """By the rules of the schema of RTZ 1.0 (IEC 61174:2015), and with the ways and times of
+    plan.json.
+    """
     drift.export(run, "rtz", tmp_path / "out")
     taskings = json.loads((run / "plan.json").read_text())["taskings"]
     assert len(taskings) == 2
     for task in taskings:
         root = ET.parse(tmp_path / f"out/plan-{task['area']}.rtz").getroot()
         assert (root.tag, root.get("version")) == (f"{RTZ}route", "1.0")
-        assert [child.tag for child in root] == [f"{RTZ}{name}" for name in ("routeInfo", "waypoints", "schedules")]
+        assert [child.tag for child in root] == [
+            f"{RTZ}{name}" for name in ("routeInfo", "waypoints", "schedules")
+        ]
         info = root[0].attrib
         assert info["routeName"] == f"{task['area']} {task['unit']}"
-        assert (info["validityPeriodStart"], info["validityPeriodStop"]) == (task["takeoff"], task["home"])
+        assert (info["validityPeriodStart"], info["validityPeriodStop"]) == (
+            task["takeoff"],
+            task["home"],
+        )
         points = list(root[1])
         assert [point.tag for point in points] == [f"{RTZ}waypoint"] * len(points)
         numbers = [point.get("id") for point in points]
@@ -339,13 +458,17 @@ def test_rtz_of_the_plan(run: Path, tmp_path: Path) -> None:
         assert len(points) == 1 + 2 * task["legs"] + 1
         places = {point.get("name"): point.find(f"{RTZ}position").attrib for point in points}
         assert len(places) == len(points)
-        assert all(-180 <= float(at["lon"]) < 180 and -90 <= float(at["lat"]) <= 90 for at in places.values())
+        assert all(
+            -180 <= float(at["lon"]) < 180 and -90 <= float(at["lat"]) <= 90
+            for at in places.values()
+        )
         begin, csp = task["commence_search_point"], places[f"{task['area']} CSP"]
         assert abs((float(csp["lon"]) - begin["lon"] + 180) % 360 - 180) <= HALF
         assert abs(float(csp["lat"]) - begin["lat"]) <= HALF
         assert {leg.get("geometryType") for leg in root.iter(f"{RTZ}leg")} == {"Orthodrome"}
         (calculated,) = root.iter(f"{RTZ}calculated")
-        assert {child.tag for child in calculated} == {f"{RTZ}sheduleElement"}  # so it is spelled there
+        # so it is spelled there
+        assert {child.tag for child in calculated} == {f"{RTZ}sheduleElement"}
         assert [child.get("waypointId") for child in calculated] == numbers
         times = [child.get("etd") or child.get("eta") for child in calculated]
         assert times == sorted(times)
@@ -357,9 +480,13 @@ def test_rtz_of_the_plan(run: Path, tmp_path: Path) -> None:
 def test_outputs_that_are_wanted(run: Path, tmp_path: Path) -> None:
     drift.export(run, "kml", tmp_path / "out", times=["+0 h", "020800ZJUN26"])
     root = ET.parse(tmp_path / "out/forecast.kml").getroot()
-    (folder,) = (f for f in root.findall(".//{*}Folder") if f.findtext("{*}name").startswith("Datum"))
+    (folder,) = (
+        f for f in root.findall(".//{*}Folder") if f.findtext("{*}name").startswith("Datum")
+    )
     begins = [
-        p.findtext("{*}TimeSpan/{*}begin") for p in folder.findall("{*}Placemark") if p.find("{*}Point") is not None
+        p.findtext("{*}TimeSpan/{*}begin")
+        for p in folder.findall("{*}Placemark")
+        if p.find("{*}Point") is not None
     ]
     assert begins == ["2026-06-01T20:00:00Z", "2026-06-02T08:00:00Z"]
 
@@ -400,19 +527,31 @@ def test_refusals_are_a_line_and_nothing_is_written(
     (places["unplanned"] / "plan.gpx").unlink()
     listed["files"] = [entry for entry in listed["files"] if entry["name"] != "plan.gpx"]
     (places["unplanned"] / "manifest.json").write_text(json.dumps(listed))
-    before = sorted(os.listdir(tmp_path)), hashlib.sha256((places["export"] / "forecast.gpx").read_bytes()).digest()
+    before = (
+        sorted(os.listdir(tmp_path)),
+        hashlib.sha256((places["export"] / "forecast.gpx").read_bytes()).digest(),
+    )
     assert commands.main(["export", *(word.format(**places) for word in told)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line
-    after = sorted(os.listdir(tmp_path)), hashlib.sha256((places["export"] / "forecast.gpx").read_bytes()).digest()
+    after = (
+        sorted(os.listdir(tmp_path)),
+        hashlib.sha256((places["export"] / "forecast.gpx").read_bytes()).digest(),
+    )
     assert before == after
 
 
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of affine, in rasterio
-def test_a_damaged_result_is_refused_in_a_line_or_written_so_that_it_can_be_read(run: Path, tmp_path: Path) -> None:
+def test_a_damaged_result_is_refused_in_a_line_or_written_so_that_it_can_be_read(
+    run: Path, tmp_path: Path
+) -> None:
     """A slice of benchmarks/fuzz_results.py."""
     told, written = [], 0
-    forms = [form for form in exporter.FORMATS if form != "geotiff" or importlib.util.find_spec("rasterio")]
+    forms = [
+        form
+        for form in exporter.FORMATS
+        if form != "geotiff" or importlib.util.find_spec("rasterio")
+    ]
     for number in range(16):
         rng, folder = random.Random(number), tmp_path / str(number)
         folder.mkdir()
@@ -443,8 +582,12 @@ WRONG = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "number"), [(name, k) for name, cases in WRONG.items() for k in range(len(cases))])
-def test_what_is_wrong_in_a_result_is_told_with_its_place(run: Path, tmp_path: Path, name: str, number: int) -> None:
+@pytest.mark.parametrize(
+    ("name", "number"), [(name, k) for name, cases in WRONG.items() for k in range(len(cases))]
+)
+def test_what_is_wrong_in_a_result_is_told_with_its_place(
+    run: Path, tmp_path: Path, name: str, number: int
+) -> None:
     change, words = WRONG[name][number]
     copy = tmp_path / "copy"
     shutil.copytree(run, copy)
@@ -453,7 +596,9 @@ def test_what_is_wrong_in_a_result_is_told_with_its_place(run: Path, tmp_path: P
     (copy / name).write_text(json.dumps(whole))
     listed = manifest.read_manifest(run)
     (copy / manifest.NAME).write_text(
-        manifest.manifest_text(manifest.manifest_of(listed.run_id, [copy / entry.name for entry in listed.files]))
+        manifest.manifest_text(
+            manifest.manifest_of(listed.run_id, [copy / entry.name for entry in listed.files])
+        )
     )
     with pytest.raises(UserError) as refused:
         drift.export(copy, "gpx", tmp_path / "out")
@@ -472,14 +617,21 @@ def test_cell_edges_that_are_no_numbers_are_told(run: Path, tmp_path: Path, valu
             file["lon_bnds"][k, :] = value
         listed = manifest.read_manifest(run)
         (copy / manifest.NAME).write_text(
-            manifest.manifest_text(manifest.manifest_of(listed.run_id, [copy / entry.name for entry in listed.files]))
+            manifest.manifest_text(
+                manifest.manifest_of(listed.run_id, [copy / entry.name for entry in listed.files])
+            )
         )
         with pytest.raises(UserError, match="lon_bnds are not cell edges; run the case again"):
             drift.export(copy, "geotiff", tmp_path / "out")
 
 
-def test_geojson_holds_positions_and_the_areas(run: Path, forecast: xr.Dataset, tmp_path: Path) -> None:
-    made = {path.name: path for path in drift.export(run, "geojson", tmp_path / "out", times=["+0 h", "020800ZJUN26"])}
+def test_geojson_holds_positions_and_the_areas(
+    run: Path, forecast: xr.Dataset, tmp_path: Path
+) -> None:
+    made = {
+        path.name: path
+        for path in drift.export(run, "geojson", tmp_path / "out", times=["+0 h", "020800ZJUN26"])
+    }
     assert {"areas.geojson", "positions.geojson", "sorties.geojson", "plan.geojson"} <= made.keys()
     points = json.loads(made["positions.geojson"].read_text())["features"]
     told = [(p["properties"]["kind"], *p["geometry"]["coordinates"]) for p in points]
@@ -505,7 +657,16 @@ def released(tmp_path: Path) -> Path:
     when = np.array(["2026-06-01T00:00"], "datetime64[s]")
     seconds = float(when.astype("int64")[0])
     origin = Origin(
-        lon, lat, when, law / law.sum(), law / law.sum(), (180.0, 0.0, seconds), (5e3, 5e3, 0.0), (1.0,) * 3, 9, 9.0
+        lon,
+        lat,
+        when,
+        law / law.sum(),
+        law / law.sum(),
+        (180.0, 0.0, seconds),
+        (5e3, 5e3, 0.0),
+        (1.0,) * 3,
+        9,
+        9.0,
     )
     finds = [Mark(179.9, 0.1, "1 first <box>, 011200Z"), Mark(-179.9, 0.1, "2 second, 011200Z")]
     about = {"title": "Boxes", "run_id": "abc-s1"}
@@ -514,12 +675,16 @@ def released(tmp_path: Path) -> Path:
     backward.dataset(origin).assign_attrs(about).to_netcdf(folder / "origin.nc")
     (folder / "origin.geojson").write_text(json.dumps(outlines.collection(origin, finds, about)))
     files = [folder / "origin.nc", folder / "origin.geojson"]
-    (folder / manifest.NAME).write_text(manifest.manifest_text(manifest.manifest_of("abc-s1", files)))
+    (folder / manifest.NAME).write_text(
+        manifest.manifest_text(manifest.manifest_of("abc-s1", files))
+    )
     return folder
 
 
 def test_an_origin_for_other_programs(released: Path, tmp_path: Path) -> None:
-    """The areas of a circular normal law are 2 pi s^2 log(1 / (1 - share)), to a cell along the outline."""
+    """The areas of a circular normal law are 2 pi s^2 log(1 / (1 - share)), to a cell along the
+    outline.
+    """
     made = {form: drift.export(released, form, tmp_path / form)[-1] for form in exporter.OF_RELEASE}
     assert {path.name for path in made.values()} == {"origin.kml", "origin.gpx", "origin.geojson"}
     features = json.loads(made["geojson"].read_text())["features"]
@@ -529,7 +694,9 @@ def test_an_origin_for_other_programs(released: Path, tmp_path: Path) -> None:
     cell = 0.01 * METRES
     for share, feature in zip((0.5, 0.9), features, strict=False):
         exact = 2 * math.pi * 5e3**2 * math.log(1 / (1 - share))
-        assert abs(feature["properties"]["area_km2"] * 1e6 - exact) < cell * math.sqrt(4 * math.pi * exact)
+        assert abs(feature["properties"]["area_km2"] * 1e6 - exact) < cell * math.sqrt(
+            4 * math.pi * exact
+        )
         for shape in (
             shapely.from_geojson(json.dumps(feature["geometry"])),
             by_name[f"{100 * share:.0f} % of the release"],
@@ -541,11 +708,15 @@ def test_an_origin_for_other_programs(released: Path, tmp_path: Path) -> None:
     names, points = layer(made["gpx"], "waypoints")
     assert names["name"] == ["MEAN", "F1", "F2"]
     assert shapely.get_coordinates(points).tolist() == [[-180.0, 0.0], [179.9, 0.1], [-179.9, 0.1]]
-    segments = [[float(p.get("lon")) for p in part] for part in ET.parse(made["gpx"]).getroot().findall(".//{*}trkseg")]
+    segments = [
+        [float(p.get("lon")) for p in part]
+        for part in ET.parse(made["gpx"]).getroot().findall(".//{*}trkseg")
+    ]
     assert max(abs(b - a) for part in segments for a, b in pairwise(part)) < 0.1
     for form in ("rtz", "geotiff", "kmz"):
         with pytest.raises(
-            UserError, match=f"come from drift origin, and {form} is for forecasts; give kml, gpx, geojson"
+            UserError,
+            match=f"come from drift origin, and {form} is for forecasts; give kml, gpx, geojson",
         ):
             drift.export(released, form, tmp_path / "no")
     with pytest.raises(UserError, match="has no output times; remove time"):

@@ -46,7 +46,10 @@ def test_those_that_suit_are_chosen() -> None:
     known = catalogue.read_providers(Path("/dev/null"))
 
     def names(box: Box, begin: np.datetime64, end: np.datetime64, *named: str) -> list[str]:
-        return [p.name for p in catalogue.choose(known, ["current", "wind"], named, box, begin, end, NOW)]
+        return [
+            p.name
+            for p in catalogue.choose(known, ["current", "wind"], named, box, begin, end, NOW)
+        ]
 
     assert names(Box(170, -45, 190, -30), NOW, NOW + DAY) == ["hycom_espc", "noaa_gfs"]
     past = np.datetime64("2020-05-01", "s")
@@ -63,9 +66,18 @@ def test_those_that_suit_are_chosen() -> None:
         ("[a]\ntitle = 'x'", "quantity is missing"),
         ("a = 3", "is no table"),
         ("[a]\ncolour = 'x'", 'unknown key "colour"'),
-        ("[a]\ntitle='x'\nquantity='current'\nprotocol='ftp'\nvariables=['u','v']", 'protocol "ftp" is not known'),
-        ("[a]\ntitle='x'\nquantity='tea'\nprotocol='opendap'\nvariables=['u','v']", 'quantity "tea" is not known'),
-        ("[a]\ntitle='x'\nquantity='wind'\nprotocol='opendap'\nvariables=['u']", "variables must be the names"),
+        (
+            "[a]\ntitle='x'\nquantity='current'\nprotocol='ftp'\nvariables=['u','v']",
+            'protocol "ftp" is not known',
+        ),
+        (
+            "[a]\ntitle='x'\nquantity='tea'\nprotocol='opendap'\nvariables=['u','v']",
+            'quantity "tea" is not known',
+        ),
+        (
+            "[a]\ntitle='x'\nquantity='wind'\nprotocol='opendap'\nvariables=['u']",
+            "variables must be the names",
+        ),
         (
             "[a]\ntitle='x'\nquantity='wind'\nprotocol='opendap'\nvariables=['u','v']\nstamp='noon'",
             'stamp "noon" is not known. Allowed: start, middle, end, instant',

@@ -1,4 +1,6 @@
-"""Fetching by a GRIB filter: which run and lead time each time comes from, and fields as eccodes made them."""
+"""Fetching by a GRIB filter: which run and lead time each time comes from, and fields as eccodes
+made them.
+"""
 
 import socket
 from dataclasses import replace
@@ -48,7 +50,10 @@ def speed(time: np.datetime64) -> float:
 
 def messages(target: str, asked: list[tuple[np.datetime64, int]]) -> bytes:
     """Return u and v as GRIB of the box that is asked for, on a grid of 0.25 degrees."""
-    query = {key: values[0] for key, values in parse_qs(target.partition("?")[2], keep_blank_values=True).items()}
+    query = {
+        key: values[0]
+        for key, values in parse_qs(target.partition("?")[2], keep_blank_values=True).items()
+    }
     assert query["var_UGRD"] == query["var_VGRD"] == query["lev_10_m_above_ground"] == "on"
     assert query["subregion"] == ""
     _, day, hour, _ = query["dir"].split("/")
@@ -56,7 +61,9 @@ def messages(target: str, asked: list[tuple[np.datetime64, int]]) -> bytes:
     assert query["file"].startswith(f"gfs.t{hour}z.f")
     lead = int(query["file"][-3:])
     asked.append((run, lead))
-    west, east, south, north = (float(query[k]) for k in ("leftlon", "rightlon", "bottomlat", "toplat"))
+    west, east, south, north = (
+        float(query[k]) for k in ("leftlon", "rightlon", "bottomlat", "toplat")
+    )
     ni, nj = round((east - west) * 4) + 1, round((north - south) * 4) + 1
     keys = {
         "gridType": "regular_ll", "Ni": ni, "Nj": nj, "latitudeOfFirstGridPointInDegrees": north,
@@ -72,11 +79,19 @@ def messages(target: str, asked: list[tuple[np.datetime64, int]]) -> bytes:
     )
 
 
-def fetched(tmp_path: Path, address: str, begin: np.datetime64, end: np.datetime64, box: tuple[float, ...]):
+def fetched(
+    tmp_path: Path, address: str, begin: np.datetime64, end: np.datetime64, box: tuple[float, ...]
+):
     own = tmp_path / "own.toml"
     own.write_text(OWN.format(address=address), encoding="utf-8")
     return drift.fetch(
-        box=box, begin=begin, end=end, providers=["filter"], out=tmp_path / "out", catalogue=own, timeout=5.0
+        box=box,
+        begin=begin,
+        end=end,
+        providers=["filter"],
+        out=tmp_path / "out",
+        catalogue=own,
+        timeout=5.0,
     )
 
 
@@ -89,7 +104,8 @@ def test_times_come_from_the_latest_run_that_has_them(tmp_path: Path) -> None:
 
     with hostile.serving(answer) as address:
         got = fetched(tmp_path, address, begin, end, (178.0, -40.0, 181.0, -38.5))
-    past = [(RUN - 12 * HOUR, 4), (RUN - 12 * HOUR, 3)]  # lead 5 of that run is not there: every third hour after 4
+    # lead 5 of that run is not there: every third hour after 4
+    past = [(RUN - 12 * HOUR, 4), (RUN - 12 * HOUR, 3)]
     assert set(asked) >= {(RUN, k) for k in (0, 1, 2, 3, 4, 6, 9, 12, 15)} | {
         (RUN - 6 * HOUR, k) for k in (0, 1, 2, 3, 4)
     }
@@ -116,7 +132,10 @@ def test_times_come_from_the_latest_run_that_has_them(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_field_is_never_used(tmp_path: Path, content: bytes, message: str) -> None:
-    with hostile.serving(hostile.always(hostile.http(content))) as address, pytest.raises(UserError) as refusal:
+    with (
+        hostile.serving(hostile.always(hostile.http(content))) as address,
+        pytest.raises(UserError) as refusal,
+    ):
         fetched(tmp_path, address, RUN, RUN + 2 * HOUR, (4.0, 59.0, 7.0, 61.0))
     assert message in str(refusal.value)
     assert not (tmp_path / "out").exists()
@@ -142,8 +161,13 @@ def test_no_run_is_asked_for_before_it_is_out(tmp_path: Path, minutes: int, begi
     first, last = (RUN + np.timedelta64(round(3600 * x), "s") for x in (begin, begin + 15.6))
     provider = catalogue.read_providers(own)["filter"]
     order = Order(provider, Box(4.0, 59.0, 7.0, 61.0), first, last, 5.0, asked)
-    told = [(time, parse_qs(address.partition("?")[2])) for time, address in grib_filter._stated(order)]
-    asked_for = {key: {query[key][0] for _, query in told} for key in ("leftlon", "rightlon", "bottomlat", "toplat")}
+    told = [
+        (time, parse_qs(address.partition("?")[2])) for time, address in grib_filter._stated(order)
+    ]
+    asked_for = {
+        key: {query[key][0] for _, query in told}
+        for key in ("leftlon", "rightlon", "bottomlat", "toplat")
+    }
     assert asked_for == {
         "leftlon": {"3.50"},
         "rightlon": {"7.50"},
@@ -168,14 +192,18 @@ def test_no_run_is_asked_for_before_it_is_out(tmp_path: Path, minutes: int, begi
 
 
 def test_parts_hold_all_times_and_are_known_again(tmp_path: Path) -> None:
-    """At most twelve times each, of two components of 17 x 13 nodes in two bytes; others have keys of their own."""
+    """At most twelve times each, of two components of 17 x 13 nodes in two bytes; others have keys
+    of their own.
+    """
     own = tmp_path / "own.toml"
     own.write_text(OWN.format(address="http://127.0.0.1:9"), encoding="utf-8")
     provider = catalogue.read_providers(own)["filter"]
     order = Order(provider, Box(4.0, 59.0, 7.0, 61.0), RUN - 20 * HOUR, RUN + 13 * HOUR, 5.0, NOW)
     parts_of = grib_filter.ship(order).parts
     times = [time for time, _ in grib_filter._stated(order)]
-    assert np.concatenate([part.times for part in parts_of]).tolist() == [time.item() for time in times]
+    assert np.concatenate([part.times for part in parts_of]).tolist() == [
+        time.item() for time in times
+    ]
     assert [len(part.times) for part in parts_of] == [12] * (len(times) // 12) + [len(times) % 12]
     assert grib_filter.ship(order).size == pytest.approx(len(times) * 2 * 17 * 13 * 2)
     changed = (

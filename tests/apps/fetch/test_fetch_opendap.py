@@ -1,4 +1,6 @@
-"""Fetching by OPeNDAP and ERDDAP from servers on this machine: values to the bit, resumption, and every refusal."""
+"""Fetching by OPeNDAP and ERDDAP from servers on this machine: values to the bit, resumption, and
+every refusal.
+"""
 
 import io
 import os
@@ -65,9 +67,19 @@ def ocean(lon: np.ndarray, lat: np.ndarray, hours: int = 72) -> dict[str, Variab
         "_FillValue": np.int16(-32767),
     }
     return {
-        "time": Variable(("time",), np.arange(hours) * 1.0, {"units": "hours since 2024-03-01 00:00:00"}),
-        "lat": Variable(("lat",), lat.astype(np.float64), {"units": "degrees_north", "standard_name": "latitude"}),
-        "lon": Variable(("lon",), lon.astype(np.float64), {"units": "degrees_east", "standard_name": "longitude"}),
+        "time": Variable(
+            ("time",), np.arange(hours) * 1.0, {"units": "hours since 2024-03-01 00:00:00"}
+        ),
+        "lat": Variable(
+            ("lat",),
+            lat.astype(np.float64),
+            {"units": "degrees_north", "standard_name": "latitude"},
+        ),
+        "lon": Variable(
+            ("lon",),
+            lon.astype(np.float64),
+            {"units": "degrees_east", "standard_name": "longitude"},
+        ),
         "u": Variable(("time", "lat", "lon"), packed, u),
         "v": Variable(
             ("time", "lat", "lon"),
@@ -77,11 +89,21 @@ def ocean(lon: np.ndarray, lat: np.ndarray, hours: int = 72) -> dict[str, Variab
     }
 
 
-AXES = {  # longitudes and latitudes as servers have them, and boxes with the longitudes of their nodes, west to east
+# longitudes and latitudes as servers have them, and boxes with the longitudes of their nodes, west
+# to east
+AXES = {
     "plain": (np.arange(-30, 31, 1.5), np.arange(30, 50.1, 0.5), (-5, 35, 5, 40)),
     "0..360, descending": (np.arange(0, 360, 2.0), np.arange(80, -80.1, -2.0), (-9, 35, 11, 48)),
-    "-180..180, across 180": (np.arange(-180, 180, 2.0), np.arange(-80, 80.1, 2.0), (171, -45, 190, -31)),
-    "0..360, across 180": (np.arange(0, 360, 2.0), np.arange(80, -80.1, -2.0), (171, -45, -170, -31)),
+    "-180..180, across 180": (
+        np.arange(-180, 180, 2.0),
+        np.arange(-80, 80.1, 2.0),
+        (171, -45, 190, -31),
+    ),
+    "0..360, across 180": (
+        np.arange(0, 360, 2.0),
+        np.arange(80, -80.1, -2.0),
+        (171, -45, -170, -31),
+    ),
     "74..434": (np.arange(74, 434, 2.0), np.arange(-80, 80.1, 2.0), (70, -10, 80, 5)),
     "whole": (np.arange(0, 360, 10.0), np.arange(-80, 80.1, 10.0), (-180, -70, 180, 70)),
 }
@@ -94,7 +116,14 @@ def written(folder: Path, address: str, protocol: str = "opendap") -> Path:
 
 
 def fetched(folder: Path, address: str, box: tuple[float, ...], **more: object) -> Fetched:
-    how = {"begin": BEGIN, "end": END, "providers": ["trial"], "out": folder / "out", "timeout": 5.0, **more}
+    how = {
+        "begin": BEGIN,
+        "end": END,
+        "providers": ["trial"],
+        "out": folder / "out",
+        "timeout": 5.0,
+        **more,
+    }
     protocol = str(how.pop("protocol", "opendap"))
     return drift.fetch(box=box, catalogue=written(folder, address, protocol), **how)
 
@@ -125,7 +154,9 @@ def test_a_subset_is_the_source_to_the_bit(
             data.set_auto_maskandscale(False)
             t = data["time"][:].astype(int)
             rows = np.array([int(np.flatnonzero(lat == y)[0]) for y in data["lat"][:]])
-            columns = np.array([int(np.flatnonzero((lon - x) % 360 == 0)[0]) for x in data["lon"][:]])
+            columns = np.array(
+                [int(np.flatnonzero((lon - x) % 360 == 0)[0]) for x in data["lon"][:]]
+            )
             for name in ("u", "v"):
                 expected = sea[name].values[np.ix_(t, rows, columns)]
                 assert data[name].dtype == expected.dtype
@@ -133,7 +164,8 @@ def test_a_subset_is_the_source_to_the_bit(
             assert data["u"].getncattr("scale_factor") == np.float32(0.001)
             assert data["u"].getncattr("_FillValue") == np.int16(-32767)
             assert (np.diff(data["lon"][:]) > 0).all()
-            assert np.diff(data["lon"][:]).max() == pytest.approx(lon[1] - lon[0])  # no jump at any seam
+            # no jump at any seam
+            assert np.diff(data["lon"][:]).max() == pytest.approx(lon[1] - lon[0])
             edges = data["lon"][0], data["lon"][-1], data["lat"][:].min(), data["lat"][:].max()
         hours += list(t)
     assert hours == list(range(2, 59))  # 02:30 lies between 2 and 3, 58 is the end
@@ -150,7 +182,9 @@ def test_a_subset_is_the_source_to_the_bit(
 
 def by_component(served: list[dict[str, Variable]]) -> hostile.Answer:
     """Serve several datasets, each under its number."""
-    return lambda connection, target: connection.sendall(hostile.good(served[int(target[1])], target[2:]))
+    return lambda connection, target: connection.sendall(
+        hostile.good(served[int(target[1])], target[2:])
+    )
 
 
 def two(folder: Path, address: str, names: tuple[str, str], level: float) -> Path:
@@ -166,7 +200,9 @@ def two(folder: Path, address: str, names: tuple[str, str], level: float) -> Pat
 
 
 def test_what_a_part_holds_is_what_it_is_known_by(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A part that is kept serves another order only if both hold the same: box, times, and the state of the dataset."""
+    """A part that is kept serves another order only if both hold the same: box, times, and the
+    state of the dataset.
+    """
     lon, lat, box = AXES["plain"]
     sea = ocean(lon, lat)
     u = sea["u"]
@@ -178,7 +214,14 @@ def test_what_a_part_holds_is_what_it_is_known_by(monkeypatch: pytest.MonkeyPatc
             times = [np.datetime64(when.rstrip("Z"), "s") for when in (begin, END)]
             one = Provider("trial", "trial", "current", "opendap", ("u", "v"), (address,))
             shipment = opendap.ship(
-                Order(one, Box(where[0], where[1], where[2], where[3]), times[0], times[1], 5.0, times[0])
+                Order(
+                    one,
+                    Box(where[0], where[1], where[2], where[3]),
+                    times[0],
+                    times[1],
+                    5.0,
+                    times[0],
+                )
             )
             return [part.key for part in shipment.parts]
 
@@ -201,9 +244,13 @@ def test_components_at_two_addresses_at_a_level(tmp_path: Path, level: float) ->
     lon, lat, box = AXES["plain"]
     rng = np.random.default_rng(11)
     depths = np.array([0.0, 2.0, 4.0, 12.0])
-    values = {name: rng.uniform(-1, 1, (72, 4, lat.size, lon.size)).astype(np.float32) for name in "uv"}
+    values = {
+        name: rng.uniform(-1, 1, (72, 4, lat.size, lon.size)).astype(np.float32) for name in "uv"
+    }
     sea = ocean(lon, lat)
-    sea["depth"] = Variable(("depth",), depths, {"units": "m", "positive": "down", "standard_name": "depth"})
+    sea["depth"] = Variable(
+        ("depth",), depths, {"units": "m", "positive": "down", "standard_name": "depth"}
+    )
     served = [
         {n: v for n, v in sea.items() if n not in "uv"}
         | {name: Variable(("time", "depth", "lat", "lon"), values[name], sea["v"].attributes)}
@@ -216,18 +263,23 @@ def test_components_at_two_addresses_at_a_level(tmp_path: Path, level: float) ->
         )  # fmt: skip
     (path,) = (path for path in got.files if path.suffix == ".nc")
     wanted = {0: 0, 2.4: 1, -15: 3}[level]
-    assert ('depth = "15 m"' in got.tables) == (level == -15)  # a run takes nothing so deep for the surface by itself
+    # a run takes nothing so deep for the surface by itself
+    assert ('depth = "15 m"' in got.tables) == (level == -15)
     with netCDF4.Dataset(path) as data:
         t, rows, columns = (
             data["time"][:].astype(int), np.searchsorted(lat, data["lat"][:]), np.searchsorted(lon, data["lon"][:]),
         )  # fmt: skip
         assert list(data["depth"][:]) == [depths[wanted]]
         for name in "uv":
-            assert np.array_equal(data[name][:, 0], values[name][np.ix_(t, [wanted], rows, columns)][:, 0])
+            assert np.array_equal(
+                data[name][:, 0], values[name][np.ix_(t, [wanted], rows, columns)][:, 0]
+            )
 
 
 def test_a_curvilinear_grid_whose_components_lie_along_it(tmp_path: Path) -> None:
-    """As MEPS has them: longitudes and latitudes in two dimensions, components along a projection's axes."""
+    """As MEPS has them: longitudes and latitudes in two dimensions, components along a projection's
+    axes.
+    """
     whole = writers.projected(tmp_path / "whole.nc")
     with xr.open_dataset(whole, decode_times=False) as data:
         to = pyproj.Proj(writers.STEREO)
@@ -246,7 +298,8 @@ def test_a_curvilinear_grid_whose_components_lie_along_it(tmp_path: Path) -> Non
     lon, lat = np.meshgrid(source.grid.lon, source.grid.lat)
     inside = (lon > west) & (lon < east) & (lat > south) & (lat < north)
     assert inside.sum() > 500
-    assert inside.mean() > 0.2  # of the grid, which is larger than the box by its turn and two cells
+    # of the grid, which is larger than the box by its turn and two cells
+    assert inside.mean() > 0.2
     for k in range(3):
         got_there = source.read(k)
         for axis, expected in enumerate(writers.field(lon, lat, 3.0 * k)):
@@ -257,7 +310,10 @@ def test_components_at_other_points_are_refused(tmp_path: Path) -> None:
     """NEMO's grid_U and grid_V hold their own points under the same names."""
     served = [hostile.held(path) for path in writers.nemo(tmp_path)]
     names = [next(name for name, one in held.items() if one.values.ndim == 4) for held in served]
-    with hostile.serving(by_component(served)) as address, pytest.raises(UserError, match="stand at other points"):
+    with (
+        hostile.serving(by_component(served)) as address,
+        pytest.raises(UserError, match="stand at other points"),
+    ):
         drift.fetch(
             box=(3.2, 58.4, 4.7, 59.3), begin="2024-03-05T00:00Z", end="2024-03-05T05:00Z", providers=["trial"],
             out=tmp_path / "out", timeout=5.0, catalogue=two(tmp_path, address, (names[0], names[1]), 0),
@@ -284,7 +340,9 @@ def test_a_run_reads_what_was_fetched(tmp_path: Path) -> None:
 def test_what_was_killed_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A fetch is killed in the middle, without a chance to tidy up: the next one asks only for what is not there."""
+    """A fetch is killed in the middle, without a chance to tidy up: the next one asks only for what
+    is not there.
+    """
     lon, lat, box = AXES["plain"]
     sea = ocean(lon, lat)
     seen: list[str] = []
@@ -301,14 +359,30 @@ def test_what_was_killed_goes_on(
             "from drift.apps.fetch import opendap, fetching; opendap.PART = 3_000; import sys; from drift.apps.cli import commands; "
             "sys.exit(commands.main(sys.argv[1:]))"
         )
-        asks = ["fetch", f"--box={','.join(map(str, box))}", "--from", BEGIN, "--to", END, "--provider", "trial"]
+        asks = [
+            "fetch",
+            f"--box={','.join(map(str, box))}",
+            "--from",
+            BEGIN,
+            "--to",
+            END,
+            "--provider",
+            "trial",
+        ]
         asks += ["--catalogue", str(own), "--out", str(tmp_path / "out")]
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(tmp_path)}
         first = subprocess.Popen(
-            [sys.executable, "-c", script, *asks], env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+            [sys.executable, "-c", script, *asks],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
         )
         until = time.monotonic() + 60
-        while time.monotonic() < until and first.poll() is None and len(list(tmp_path.glob(".drift-fetch-*/*.nc"))) < 6:
+        while (
+            time.monotonic() < until
+            and first.poll() is None
+            and len(list(tmp_path.glob(".drift-fetch-*/*.nc"))) < 6
+        ):
             time.sleep(0.02)
         first.send_signal(signal.SIGKILL)
         first.communicate()
@@ -317,7 +391,8 @@ def test_what_was_killed_goes_on(
         there = {path.name for path in folder.glob("*.nc") if "draft" not in path.name}
         assert len(there) >= 4
         spoilt = sorted(there)[0]
-        (folder / spoilt).write_bytes((folder / spoilt).read_bytes()[:-7])  # a disk that lost its end
+        # a disk that lost its end
+        (folder / spoilt).write_bytes((folder / spoilt).read_bytes()[:-7])
         (folder / "half.draft.nc").write_bytes(b"half")
         before = len(seen)
         monkeypatch.setattr(opendap, "PART", 3_000)
@@ -337,7 +412,9 @@ def test_what_was_killed_goes_on(
             data.set_auto_maskandscale(False)
             t = data["time"][:].astype(int)
             hours += list(t)
-            rows, columns = (np.searchsorted(axis, data[n][:]) for axis, n in ((lat, "lat"), (lon, "lon")))
+            rows, columns = (
+                np.searchsorted(axis, data[n][:]) for axis, n in ((lat, "lat"), (lon, "lon"))
+            )
             assert data["u"][:].tobytes() == sea["u"].values[np.ix_(t, rows, columns)].tobytes()
     assert hours == list(range(2, 59))
 
@@ -357,19 +434,39 @@ def wrong(how: Callable[[socket.socket, str], None], when: str) -> hostile.Answe
 
 PAGE = b"<!DOCTYPE html><html><body>Please log in</body></html>"
 REFUSALS = {
-    "credentials": (hostile.always(hostile.http(b"", "401 Unauthorized")), ".dds", "asks for credentials (401)"),
-    "no such name": (hostile.always(hostile.http(b"no", "404 Not Found")), ".dds", "is not there (404)"),
+    "credentials": (
+        hostile.always(hostile.http(b"", "401 Unauthorized")),
+        ".dds",
+        "asks for credentials (401)",
+    ),
+    "no such name": (
+        hostile.always(hostile.http(b"no", "404 Not Found")),
+        ".dds",
+        "is not there (404)",
+    ),
     "down": (
         hostile.always(hostile.http(b"no", "503 Service Unavailable")),
         ".dds",
         "failed (503 Service Unavailable)",
     ),
-    "error": (hostile.always(hostile.http(b"Error {};", "500 Internal Server Error")), ".dds", "failed (500"),
-    "web page": (hostile.always(hostile.http(PAGE, "200 OK", "Content-Type: text/html")), ".dds", "sent a web page"),
+    "error": (
+        hostile.always(hostile.http(b"Error {};", "500 Internal Server Error")),
+        ".dds",
+        "failed (500",
+    ),
+    "web page": (
+        hostile.always(hostile.http(PAGE, "200 OK", "Content-Type: text/html")),
+        ".dds",
+        "sent a web page",
+    ),
     "half": (hostile.always(hostile.http(b"Dataset {" + b" " * 999)[:-500]), ".dds", "sent half"),
     "no HTTP": (hostile.always(b"\x00\x01 hello"), ".dds", "broke off"),
     "silent": (hostile.silent, ".dds", "did not answer for 0.7 s"),
-    "another server": (hostile.always(hostile.http(b'{"hello": 1}')), ".dds", "not as OPeNDAP does"),
+    "another server": (
+        hostile.always(hostile.http(b'{"hello": 1}')),
+        ".dds",
+        "not as OPeNDAP does",
+    ),
     "values fail": (
         hostile.always(hostile.http(b"Error {};", "500 Internal Server Error")),
         ".dods",
@@ -382,7 +479,9 @@ REFUSALS = {
 @pytest.mark.parametrize(
     "kind",
     [
-        pytest.param(kind, marks=[pytest.mark.thorough] * (kind in ("values fail", "values are a page")))
+        pytest.param(
+            kind, marks=[pytest.mark.thorough] * (kind in ("values fail", "values are a page"))
+        )
         for kind in REFUSALS
     ],
 )
@@ -414,7 +513,9 @@ def test_values_that_are_cut_short_are_never_used(tmp_path: Path) -> None:
     assert halved
     with netCDF4.Dataset(next(path for path in got.files if path.suffix == ".nc")) as data:
         data.set_auto_maskandscale(False)
-        rows, columns = (np.searchsorted(axis, data[n][:]) for axis, n in ((lat, "lat"), (lon, "lon")))
+        rows, columns = (
+            np.searchsorted(axis, data[n][:]) for axis, n in ((lat, "lat"), (lon, "lon"))
+        )
         t = data["time"][:].astype(int)
         assert data["v"][:].tobytes() == sea["v"].values[np.ix_(t, rows, columns)].tobytes()
 
@@ -422,7 +523,9 @@ def test_values_that_are_cut_short_are_never_used(tmp_path: Path) -> None:
 def test_nobody_there(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as door:
         port = door.getsockname()[1]
-    with pytest.raises(UserError, match=r"cannot be reached \(.*refused\); given up after 5 attempts"):
+    with pytest.raises(
+        UserError, match=r"cannot be reached \(.*refused\); given up after 5 attempts"
+    ):
         fetched(tmp_path, f"http://127.0.0.1:{port}/sea", AXES["plain"][2])
 
 
@@ -433,7 +536,9 @@ def test_nobody_there(tmp_path: Path) -> None:
 def test_a_name_that_nobody_has_is_asked_for_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trouble: int, times: int, said: str
 ) -> None:
-    """A name server that does not answer may answer later; one that says that there is no such name will say it again."""
+    """A name server that does not answer may answer later; one that says that there is no such name
+    will say it again.
+    """
     asked = []
 
     def look_up(*what: object, **_: object) -> object:
@@ -452,13 +557,20 @@ def test_a_case_is_not_read_where_box_and_times_are_said(tmp_path: Path) -> None
     case.write_text('start = "2026-11-21T00:00Z"\n[[scenario]]\n', encoding="utf-8")
     span = "2026-11-21T00:00Z", "2026-11-22T00:00Z"
     box, begin, end = fetching.ordered_span(case, "4,59,7,61", *span)
-    assert (box.west, box.north, f"{begin}Z", f"{end}Z") == (4, 61, "2026-11-21T00:00:00Z", "2026-11-22T00:00:00Z")
+    assert (box.west, box.north, f"{begin}Z", f"{end}Z") == (
+        4,
+        61,
+        "2026-11-21T00:00:00Z",
+        "2026-11-22T00:00:00Z",
+    )
     for given in ((None, *span), ("4,59,7,61", None, span[1]), ("4,59,7,61", span[0], "+6 h")):
         with pytest.raises(UserError, match=r"half.toml: scenario 1.name: is missing"):
             fetching.ordered_span(case, *given)
 
 
-def test_netrc_is_used_and_told_to_nobody(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_netrc_is_used_and_told_to_nobody(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Name and password of ~/.netrc open the door; neither files nor lines hold them."""
     import base64
 
@@ -486,7 +598,9 @@ def test_netrc_is_used_and_told_to_nobody(tmp_path: Path, capsys: pytest.Capture
                     if f"Basic {token}".encode() in request:
                         answer(connection, target)
                     else:
-                        refusal = hostile.http(b"", "401 Unauthorized", 'WWW-Authenticate: Basic realm="sea"')
+                        refusal = hostile.http(
+                            b"", "401 Unauthorized", 'WWW-Authenticate: Basic realm="sea"'
+                        )
                         connection.sendall(refusal)
 
         threading.Thread(target=accept, daemon=True).start()
@@ -505,9 +619,15 @@ def test_netrc_is_used_and_told_to_nobody(tmp_path: Path, capsys: pytest.Capture
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"end": "2024-03-09T00:00Z"}, "has 2024-03-01T00:00:00Z to 2024-03-03T23:00:00Z, not all of"),
+        (
+            {"end": "2024-03-09T00:00Z"},
+            "has 2024-03-01T00:00:00Z to 2024-03-03T23:00:00Z, not all of",
+        ),
         ({"begin": "2024-02-01T00:00Z"}, "has 2024-03-01T00:00:00Z to"),
-        ({"box": (100, 10, 110, 20)}, "has nothing in this box: its grid goes from -30.00 to 30.00 E"),
+        (
+            {"box": (100, 10, 110, 20)},
+            "has nothing in this box: its grid goes from -30.00 to 30.00 E",
+        ),
         ({"begin": END, "end": BEGIN}, "before it begins"),
         ({"largest": 10.0}, "more than the 10 bytes"),
         ({"providers": ["nobody"]}, "no such provider"),
@@ -515,7 +635,9 @@ def test_netrc_is_used_and_told_to_nobody(tmp_path: Path, capsys: pytest.Capture
         ({"box": (4, 61, 7, 59)}, "south must be less than north"),
     ],
 )
-def test_what_cannot_be_had_is_refused(tmp_path: Path, change: dict[str, object], message: str) -> None:
+def test_what_cannot_be_had_is_refused(
+    tmp_path: Path, change: dict[str, object], message: str
+) -> None:
     with hostile.serving(hostile.speaking_dap(ocean(*AXES["plain"][:2]))) as address:
         how = {"box": AXES["plain"][2], **change}
         with pytest.raises(UserError) as refusal:
@@ -595,7 +717,10 @@ def test_ctrl_c_keeps_what_is_there(
         words = ["fetch", "--box=-5,35,5,40", "--from", BEGIN, "--to", END, "--provider", "trial"]
         words += ["--catalogue", str(written(tmp_path, address)), "--out", str(tmp_path / "out")]
         assert cli.main(words) == 130
-        assert "what was fetched is kept; the same command goes on from there" in capsys.readouterr().err
+        assert (
+            "what was fetched is kept; the same command goes on from there"
+            in capsys.readouterr().err
+        )
         assert not (tmp_path / "out").exists()
         assert cli.main(words) == 0
         assert "2 parts are there from before" in capsys.readouterr().out

@@ -1,6 +1,7 @@
 """The Copernicus Marine toolbox as a program: what it is asked, and how its failures are told.
 
-Its servers cannot be reached from a test: a program of the same name stands in for it, with the options of version 2.5.
+Its servers cannot be reached from a test: a program of the same name stands in for it, with the
+options of version 2.5.
 """
 
 import os
@@ -28,12 +29,16 @@ def order() -> Order:
 def program(folder: Path, monkeypatch: pytest.MonkeyPatch, body: str) -> None:
     """Put a program named copernicusmarine before all others."""
     path = folder / "copernicusmarine"
-    path.write_text(f"#!{sys.executable}\nimport sys\nwords = sys.argv[1:]\n{body}\n", encoding="utf-8")
+    path.write_text(
+        f"#!{sys.executable}\nimport sys\nwords = sys.argv[1:]\n{body}\n", encoding="utf-8"
+    )
     path.chmod(0o755)
     monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
 
 
-def test_what_the_toolbox_is_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, order: Order) -> None:
+def test_what_the_toolbox_is_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, order: Order
+) -> None:
     log = tmp_path / "log"
     program(
         tmp_path, monkeypatch,
@@ -44,7 +49,9 @@ def test_what_the_toolbox_is_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert shipment.size == pytest.approx(12.5e6, rel=0.01)
     assert len(shipment.parts) == 2  # 36 hours and three before and after: 42
     asked = log.read_text()
-    assert asked.startswith("subset --dataset-id cmems_mod_glo_phy_anfc_0.083deg_PT1H-m --variable uo --variable vo ")
+    assert asked.startswith(
+        "subset --dataset-id cmems_mod_glo_phy_anfc_0.083deg_PT1H-m --variable uo --variable vo "
+    )
     assert "--minimum-longitude 169.7500 --maximum-longitude 190.2500" in asked
     assert "--start-datetime 2026-11-19T21:00:00 --end-datetime 2026-11-21T14:59:59" in asked
     with pytest.raises(Passing, match="wrote nothing"):
@@ -60,20 +67,29 @@ def test_what_the_toolbox_is_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     ],
 )
 def test_its_failures_are_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, order: Order, last: str, kind: type[Exception], message: str
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    order: Order,
+    last: str,
+    kind: type[Exception],
+    message: str,
 ) -> None:
     program(tmp_path, monkeypatch, f"sys.stderr.write({last!r}); sys.exit(1)")
     with pytest.raises(kind, match=message):
         toolbox.ship(order)
 
 
-def test_a_toolbox_that_hangs_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, order: Order) -> None:
+def test_a_toolbox_that_hangs_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, order: Order
+) -> None:
     program(tmp_path, monkeypatch, "import time; time.sleep(60)")
     with pytest.raises(Passing, match=r"did not come to an end in 0\.5 s"):
         toolbox._told(["subset"], 0.5)
 
 
-def test_without_the_toolbox_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch, order: Order) -> None:
+def test_without_the_toolbox_it_is_said_how_to_get_it(
+    monkeypatch: pytest.MonkeyPatch, order: Order
+) -> None:
     monkeypatch.setattr(toolbox, "PROGRAM", "no-such-program")
     with pytest.raises(UserError, match=r"pip install -e '\.\[fetch\]'"):
         parts.patiently(lambda: toolbox.ship(order), lambda line: None)

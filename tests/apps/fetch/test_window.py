@@ -22,7 +22,11 @@ def test_columns_are_those_of_the_box(seed: int, kind: str, down: bool) -> None:
     random = np.random.default_rng([seed, len(kind), down])
     step = float(random.choice([0.25, 1.0, 2.5]))
     first = float(random.uniform(-180, 200))
-    many = {"regional": int(60 / step), "global": round(360 / step), "closed": round(360 / step) + 1}[kind]
+    many = {
+        "regional": int(60 / step),
+        "global": round(360 / step),
+        "closed": round(360 / step) + 1,
+    }[kind]
     lon = first + step * np.arange(many)
     # A closed axis has its first meridian twice: the box lies about it.
     west = first + float(random.uniform(-20, {"regional": 50, "global": 350, "closed": 2}[kind]))
@@ -37,28 +41,41 @@ def test_columns_are_those_of_the_box(seed: int, kind: str, down: bool) -> None:
         return
     assert found is not None
     columns = np.concatenate([np.arange(*run) for run in found.runs])
-    taken = np.concatenate([lon[slice(*run)] + turn for run, turn in zip(found.runs, found.turns, strict=True)])
+    taken = np.concatenate(
+        [lon[slice(*run)] + turn for run, turn in zip(found.runs, found.turns, strict=True)]
+    )
     assert found.shape == (found.rows[1] - found.rows[0], columns.size)
     assert found.turns[0] == 0  # they begin as the file has them
-    np.testing.assert_allclose(np.diff(taken), -step if down else step, atol=1e-9)  # and run on without a jump
+    # and run on without a jump
+    np.testing.assert_allclose(np.diff(taken), -step if down else step, atol=1e-9)
     everyone = {round(float(x) % 360, 6) % 360 for x in lon[wanted]}
-    assert {round(float(x) % 360, 6) % 360 for x in lon[columns]} == everyone  # each meridian, and once
+    # each meridian, and once
+    assert {round(float(x) % 360, 6) % 360 for x in lon[columns]} == everyone
     assert columns.size == len(everyone)
     rows = lat[slice(*found.rows)]
-    assert rows.tolist() == [y for y in lat if box.south - 2 * MARGIN <= y <= box.north + 2 * MARGIN]
-    left = box.west + (taken.min() - box.west + 180) % 360 - 180  # of all turns, that nearest to the box
+    assert rows.tolist() == [
+        y for y in lat if box.south - 2 * MARGIN <= y <= box.north + 2 * MARGIN
+    ]
+    # of all turns, that nearest to the box
+    left = box.west + (taken.min() - box.west + 180) % 360 - 180
     assert found.whole == (left <= box.west and left + np.ptp(taken) >= box.east)
 
 
-@pytest.mark.parametrize(("south", "north", "whole"), [(-79, 79, True), (-79, 85, False), (-85, 10, False)])
+@pytest.mark.parametrize(
+    ("south", "north", "whole"), [(-79, 79, True), (-79, 85, False), (-85, 10, False)]
+)
 def test_a_box_that_is_higher_than_the_grid(south: float, north: float, whole: bool) -> None:
-    found = window.along_axes(np.arange(0, 360, 2.0), np.arange(-80, 80.1, 2.0), Box(10, south, 20, north))
+    found = window.along_axes(
+        np.arange(0, 360, 2.0), np.arange(-80, 80.1, 2.0), Box(10, south, 20, north)
+    )
     assert found is not None
     assert found.whole == whole
 
 
 def test_the_whole_circle() -> None:
-    found = window.along_axes(np.arange(0, 360, 10.0), np.arange(-80, 80.1, 10.0), Box(-180, -70, 180, 70))
+    found = window.along_axes(
+        np.arange(0, 360, 10.0), np.arange(-80, 80.1, 10.0), Box(-180, -70, 180, 70)
+    )
     assert found == window.Window((0, 17), ((0, 36),), (0.0,), True)
 
 
@@ -91,7 +108,9 @@ def test_what_goes_round_may_lack_something(
 @pytest.mark.parametrize(
     ("south", "north", "whole"), [(70, 90, True), (-90, -70, True), (70, 88, True), (-90, 80, True)]
 )
-def test_a_box_to_a_pole_needs_a_row_within_a_cell_of_it(south: float, north: float, whole: bool) -> None:
+def test_a_box_to_a_pole_needs_a_row_within_a_cell_of_it(
+    south: float, north: float, whole: bool
+) -> None:
     for lat, held in ((np.arange(-88.75, 89, 2.5), whole), (np.arange(-83.75, 84, 2.5), False)):
         found = window.along_axes(np.arange(0, 360, 2.5), lat, Box(10, south, 41, north))
         assert found is not None
@@ -99,7 +118,9 @@ def test_a_box_to_a_pole_needs_a_row_within_a_cell_of_it(south: float, north: fl
 
 
 def bent(lon: float, lat: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a curvilinear grid (23, 31) [deg] about a place, turned by 0.3 rad, whose rows bend; longitudes in [-180, 180)."""
+    """Return a curvilinear grid (23, 31) [deg] about a place, turned by 0.3 rad, whose rows bend;
+    longitudes in [-180, 180).
+    """
     row, column = np.mgrid[-11:12, -15:16].astype(float)
     x, y = 0.11 * column, 0.09 * (row + 0.004 * column**2)
     east, north = np.cos(0.3) * x - np.sin(0.3) * y, np.sin(0.3) * x + np.cos(0.3) * y
@@ -109,16 +130,29 @@ def bent(lon: float, lat: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("turned", [False, True], ids=["rows first", "columns first"])
 @pytest.mark.parametrize(
     ("east", "north", "whole"),
-    [(0.13, -0.07, True), (1.2, 0.3, False), (-1.35, -0.3, False), (-0.3, 0.9, False), (0.31, -0.8, False)],
+    [
+        (0.13, -0.07, True),
+        (1.2, 0.3, False),
+        (-1.35, -0.3, False),
+        (-0.3, 0.9, False),
+        (0.31, -0.8, False),
+    ],
     ids=["inside", "beyond the east", "beyond the west", "beyond the north", "beyond the south"],
 )
 def test_a_box_on_a_curvilinear_grid(east: float, north: float, whole: bool, turned: bool) -> None:
-    """Across the antimeridian: two nodes more than those in the box, as far as there are any; all of it, by shapely's outline."""
+    """Across the antimeridian: two nodes more than those in the box, as far as there are any; all
+    of it, by shapely's outline.
+    """
     middle = 179.63, 51.2
     lon, lat = bent(*middle)
     if turned:
         lon, lat = lon.T, lat.T
-    box = Box(middle[0] + east - 0.41, middle[1] + north - 0.27, middle[0] + east + 0.41, middle[1] + north + 0.27)
+    box = Box(
+        middle[0] + east - 0.41,
+        middle[1] + north - 0.27,
+        middle[0] + east + 0.41,
+        middle[1] + north + 0.27,
+    )
     found = window.on_surface(lon, lat, box)
     x = middle[0] + (lon - middle[0] + 180) % 360 - 180
     spans = []
@@ -126,8 +160,15 @@ def test_a_box_on_a_curvilinear_grid(east: float, north: float, whole: bool, tur
         inside = (box.west <= x) & (x <= box.east) & (box.south <= lat) & (lat <= box.north)
         within = [k for k in range(many) if inside.take(k, 1 - axis).any()]
         spans.append((max(within[0] - 2, 0), min(within[-1] + 2, many - 1) + 1))
-    around = [(slice(None), 0), (-1, slice(None)), (slice(None, None, -1), -1), (0, slice(None, None, -1))]
-    outline = shapely.Polygon(np.concatenate([np.stack([x[side], lat[side]], axis=1) for side in around]))
+    around = [
+        (slice(None), 0),
+        (-1, slice(None)),
+        (slice(None, None, -1), -1),
+        (0, slice(None, None, -1)),
+    ]
+    outline = shapely.Polygon(
+        np.concatenate([np.stack([x[side], lat[side]], axis=1) for side in around])
+    )
     assert outline.contains(shapely.box(box.west, box.south, box.east, box.north)) == whole
     assert found == window.Window(spans[0], (spans[1],), (0.0,), whole)
 

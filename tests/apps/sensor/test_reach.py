@@ -1,4 +1,6 @@
-"""Where a sensor hears, against pyproj's geodesics and SciPy's interpolation of the tables as they were written."""
+"""Where a sensor hears, against pyproj's geodesics and SciPy's interpolation of the tables as they
+were written.
+"""
 
 import csv
 import json
@@ -27,7 +29,9 @@ NOISE = [(0, 70.0), (60, 66.0), (120, 67.5), (180, 74.0), (240, 73.0), (300, 71.
 GAIN = [(0, 12.0), (60, 9.0), (120, 3.0), (180, 7.0), (240, 2.0), (300, 5.0)]
 LEVEL, THRESHOLD, SIGMA, UNKNOWN = 152.0, -1.5, 5.0, 3.0
 HEADING = (
-    120.0  # hearing.Ear lays gains out anew by true bearing: between bearings of the table it would round corners off
+    # hearing.Ear lays gains out anew by true bearing: between bearings of the table it would round
+    # corners off
+    120.0
 )
 CASE = f"""
 title = "Two in the water"
@@ -68,23 +72,42 @@ speed = "8 kn"
 waypoints = ["10 00S 179 30E", "09 30S 179 30W"]
 watch = { sensor = "array" }
 """
-PLACES = {"atlantic": (-70.0, 36.0), "antimeridian": (179.8, -17.0), "north": (25.0, 89.7), "south": (-60.0, -88.2)}
+PLACES = {
+    "atlantic": (-70.0, 36.0),
+    "antimeridian": (179.8, -17.0),
+    "north": (25.0, 89.7),
+    "south": (-60.0, -88.2),
+}
 
 
 def losses() -> Any:
     far = np.maximum(RANGES, 100.0)[None, :]
     turn = np.radians(BEARINGS)[:, None]
-    return 20 * np.log10(far) + 5 * np.cos(turn) + 3 * np.sin(2 * turn) - 9 * np.exp(-(((far / NMI - 30) / 3) ** 2))
+    return (
+        20 * np.log10(far)
+        + 5 * np.cos(turn)
+        + 3 * np.sin(2 * turn)
+        - 9 * np.exp(-(((far / NMI - 30) / 3) ** 2))
+    )
 
 
 def write(tmp_path: Path, *more: str) -> Path:
     table = xr.Dataset(
         {"tl": (("bearing", "range"), losses(), {"units": "dB"})},
-        {"bearing": ("bearing", BEARINGS, {"units": "degree"}), "range": ("range", RANGES, {"units": "m"})},
+        {
+            "bearing": ("bearing", BEARINGS, {"units": "degree"}),
+            "range": ("range", RANGES, {"units": "m"}),
+        },
     )
     table.to_netcdf(tmp_path / "tl.nc")
     pod = xr.Dataset(
-        {"pod": (("bearing", "range"), np.linspace(0.9, 0.2, 12)[:, None] * [1.0, 1.0, 0.5, 0.0], {"units": "1"})},
+        {
+            "pod": (
+                ("bearing", "range"),
+                np.linspace(0.9, 0.2, 12)[:, None] * [1.0, 1.0, 0.5, 0.0],
+                {"units": "1"},
+            )
+        },
         {
             "bearing": ("bearing", BEARINGS, {"units": "degree"}),
             "range": ("range", np.array([0.0, 5.0, 8.0, 12.0]) * NMI, {"units": "m"}),
@@ -108,23 +131,34 @@ def circle(rows: list[tuple[float, float]], at: Any) -> Any:
 
 def excess(place: tuple[float, float], lon: Any, lat: Any) -> Any:
     """Signal excess [dB]; NaN beyond the table."""
-    azimuth, _, far = GLOBE.inv(np.full(lon.shape, place[0]), np.full(lon.shape, place[1]), lon, lat)
+    azimuth, _, far = GLOBE.inv(
+        np.full(lon.shape, place[0]), np.full(lon.shape, place[1]), lon, lat
+    )
     azimuth = np.asarray(azimuth) % 360
     closed = np.concatenate([losses(), losses()[:1]])
-    table = RegularGridInterpolator(([*BEARINGS, 360.0], RANGES), closed, bounds_error=False, fill_value=np.nan)
+    table = RegularGridInterpolator(
+        ([*BEARINGS, 360.0], RANGES), closed, bounds_error=False, fill_value=np.nan
+    )
     loss = table(np.stack([azimuth, far], axis=-1))
     return LEVEL - loss - (circle(NOISE, azimuth) - circle(GAIN, azimuth - HEADING)) - THRESHOLD
 
 
 @pytest.mark.parametrize(
     "where",
-    [pytest.param(where, marks=[pytest.mark.thorough] * (where in ("atlantic", "north"))) for where in PLACES],
+    [
+        pytest.param(where, marks=[pytest.mark.thorough] * (where in ("atlantic", "north")))
+        for where in PLACES
+    ],
 )
 def test_the_grid_is_the_sonar_equation(tmp_path: Path, where: str) -> None:
-    """Between even tables that are as fine as the ones written: to single precision of losses of about 100 dB."""
+    """Between even tables that are as fine as the ones written: to single precision of losses of
+    about 100 dB.
+    """
     place = PLACES[where]
     found = drift.sensor_reach(drift.load(write(tmp_path, array(place))), "array", tmp_path / "out")
-    assert {"sensor.png", "sensor.nc", "sensor.csv"} <= {path.name for path in drift.results(tmp_path / "out")}
+    assert {"sensor.png", "sensor.nc", "sensor.csv"} <= {
+        path.name for path in drift.results(tmp_path / "out")
+    }
     with xr.open_dataset(tmp_path / "out" / "sensor.nc") as data:
         lon, lat = np.meshgrid(data.lon, data.lat)
         assert data.signal_excess.dims == data.pod.dims == ("lat", "lon")
@@ -135,7 +169,8 @@ def test_the_grid_is_the_sonar_equation(tmp_path: Path, where: str) -> None:
     heard = np.isfinite(expected) & np.isfinite(got)
     assert heard.sum() > 300
     np.testing.assert_allclose(got[heard], expected[heard], atol=1e-3)
-    # 16 values or fewer stand for the unknown; its mixture of normal distributions is a normal distribution.
+    # 16 values or fewer stand for the unknown; its mixture of normal distributions is a normal
+    # distribution.
     chance = norm.cdf(np.nan_to_num(expected, nan=-np.inf) / math.hypot(SIGMA, UNKNOWN))
     np.testing.assert_allclose(pod, chance, atol=2e-3)
     # Nothing above 1 % lies beyond the map, nor is the map much larger than that.
@@ -144,14 +179,19 @@ def test_the_grid_is_the_sonar_equation(tmp_path: Path, where: str) -> None:
 
 
 def test_ranges_of_half_the_looks_are_where_the_excess_is_nothing(tmp_path: Path) -> None:
-    """The zone at 30 nmi of the table is one of its own, and each of its edges is a root of the equation."""
+    """The zone at 30 nmi of the table is one of its own, and each of its edges is a root of the
+    equation.
+    """
     place = PLACES["atlantic"]
     found = drift.sensor_reach(drift.load(write(tmp_path, array(place))), "array")
     for bearing in (0, 77, 215):
-        for edge in [e for zone in reaching.zones(found.range, found.around.pod[bearing]) for e in zone]:
+        for edge in [
+            e for zone in reaching.zones(found.range, found.around.pod[bearing]) for e in zone
+        ]:
             if 0 < edge < found.range[-1]:
                 lon, lat, _ = GLOBE.fwd(*place, bearing, edge)
-                # Within a step of the ranges the equation is straight to a hundredth of a decibel or so.
+                # Within a step of the ranges the equation is straight to a hundredth of a decibel
+                # or so.
                 assert abs(excess(place, np.array([lon]), np.array([lat]))[0]) < 0.1
 
 
@@ -177,12 +217,18 @@ def test_the_source_is_the_one_that_is_asked_for(tmp_path: Path) -> None:
 
 def test_a_table_of_pod(tmp_path: Path) -> None:
     """By bearing and range as it stands; nothing is said of signal excess."""
-    case = drift.load(write(tmp_path, '[[sensor]]\nname = "radar"\nat = "36 00N 070 00W"\npod = { file = "pod.nc" }\n'))
+    case = drift.load(
+        write(
+            tmp_path,
+            '[[sensor]]\nname = "radar"\nat = "36 00N 070 00W"\npod = { file = "pod.nc" }\n',
+        )
+    )
     drift.sensor_reach(case, "radar", tmp_path / "out")
     rows = list(csv.DictReader((tmp_path / "out" / "sensor.csv").read_text().splitlines()))
     pod = {(int(row["bearing_deg"]), float(row["range_nmi"])): float(row["pod"]) for row in rows}
     assert pod[0, 4.0] == pytest.approx(0.9, abs=1e-4)
-    assert pod[330, 10.0] == pytest.approx(0.2 * 0.25, abs=2e-3)  # half of 0.5 to 0, to the step between ranges
+    # half of 0.5 to 0, to the step between ranges
+    assert pod[330, 10.0] == pytest.approx(0.2 * 0.25, abs=2e-3)
     assert {row["signal_excess_db"] for row in rows} == {""}
     with xr.open_dataset(tmp_path / "out" / "sensor.nc") as data:
         assert "signal_excess" not in data
@@ -201,16 +247,32 @@ def test_the_command_tells_and_writes(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 WRONG: dict[str, tuple[str, dict[str, Any], str]] = {
-    "another name": ("", {"name": "aray"}, 'no sensor "aray" in case.toml; did you mean "array"? there are: array'),
-    "no place": ("towed", {}, 'where is sensor "array"? Neither its table (at) nor one sortie says; give at'),
-    "no heading": ("towed", {"at": "36 00N 070 00W"}, 'sensor "array" has an array: give its heading, like 045'),
+    "another name": (
+        "",
+        {"name": "aray"},
+        'no sensor "aray" in case.toml; did you mean "array"? there are: array',
+    ),
+    "no place": (
+        "towed",
+        {},
+        'where is sensor "array"? Neither its table (at) nor one sortie says; give at',
+    ),
+    "no heading": (
+        "towed",
+        {"at": "36 00N 070 00W"},
+        'sensor "array" has an array: give its heading, like 045',
+    ),
     "two places": ("", {"at": "36 00N 070 00W"}, 'sensor "array" stands where its table says'),
     "no position": ("towed", {"at": "here"}, "at: "),
     "a beam too many": ("", {"beams": [2]}, "beams: beams [2] must be numbers from 1 to 1"),
     "no scenario": ("", {"scenario": "lowd"}, 'scenario: no scenario "lowd"; did you mean "loud"?'),
     "a speed in metres": ("", {"speed": "8 m"}, "speed: "),
     "no time": ("", {"time": "noon"}, "time: "),
-    "a heading beyond the circle": ("towed", {"at": "36 00N 070 00W", "heading": "400"}, "heading: "),
+    "a heading beyond the circle": (
+        "towed",
+        {"at": "36 00N 070 00W", "heading": "400"},
+        "heading: ",
+    ),
 }
 
 
@@ -232,4 +294,6 @@ def test_beams_that_are_no_numbers(tmp_path: Path, capsys: pytest.CaptureFixture
 
 def test_a_time_before_and_after_the_run_may_be_asked_for(tmp_path: Path) -> None:
     case = drift.load(write(tmp_path, array(PLACES["atlantic"])))
-    assert drift.sensor_reach(case, "array", time="+900 h").question.time == case.start + np.timedelta64(900, "h")
+    assert drift.sensor_reach(
+        case, "array", time="+900 h"
+    ).question.time == case.start + np.timedelta64(900, "h")

@@ -1,4 +1,6 @@
-"""The page of drift serve in a real browser: the story of a first case, and what hostile files may do there."""
+"""The page of drift serve in a real browser: the story of a first case, and what hostile files may
+do there.
+"""
 
 import re
 import socket
@@ -24,7 +26,10 @@ class Page:
         self.context = browser.new_context(**options)
         self.page = self.context.new_page()
         self.complaints: list[str] = []
-        self.page.on("console", lambda told: told.type in ("error", "warning") and self.complaints.append(told.text))
+        self.page.on(
+            "console",
+            lambda told: told.type in ("error", "warning") and self.complaints.append(told.text),
+        )
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.goto(f"http://{served.host}/?token={served.secret.token}")
         self.page.get_by_role("heading", name=f"drift: {served.folder.name}").wait_for()
@@ -45,7 +50,9 @@ def served(tmp_path: Path) -> Iterator[Server]:
 
 
 def test_the_story_of_a_first_case(browser: Any, served: Server) -> None:
-    """From a copy of a shipped case by a mistake that is seen and mended to the report, by keyboard where it matters."""
+    """From a copy of a shipped case by a mistake that is seen and mended to the report, by keyboard
+    where it matters.
+    """
     with Page(browser, served) as opened:
         page = opened.page
         assert page.url == f"http://{served.host}/"  # the key does not stay in the address
@@ -54,13 +61,17 @@ def test_the_story_of_a_first_case(browser: Any, served: Server) -> None:
         text = page.get_by_role("textbox", name=re.compile("Text of the case"))
         case = text.input_value()
         assert case == (served.folder / "overdue_boat.toml").read_text(encoding="utf-8")
-        assert page.locator("#numbers").inner_text().split() == [str(k + 1) for k in range(len(case.split("\n")))]
+        assert page.locator("#numbers").inner_text().split() == [
+            str(k + 1) for k in range(len(case.split("\n")))
+        ]
         small = re.sub(r"(?m)^particles = .*$", "", case)
         small = re.sub(r"(?m)^(title = .*)$", r"\1\nparticles = 2000", small, count=1)
         text.fill(small.replace("start =", "start ==", 1))
         page.get_by_role("button", name="Check").click()
         page.get_by_role("heading", name="One mistake").wait_for(timeout=PATIENCE)
-        line = next(k for k, words in enumerate(small.split("\n"), 1) if words.startswith("start ="))
+        line = next(
+            k for k, words in enumerate(small.split("\n"), 1) if words.startswith("start =")
+        )
         page.get_by_role("button", name=f"Go to line {line}").click()
         assert page.evaluate("document.activeElement.id") == "text"
         assert page.evaluate("getSelection().toString() || text.value.slice(text.selectionStart, text.selectionEnd)").startswith("start ==")  # fmt: skip
@@ -73,7 +84,8 @@ def test_the_story_of_a_first_case(browser: Any, served: Server) -> None:
         page.get_by_role("button", name="Run the forecast").focus()
         page.keyboard.press("Enter")
         page.get_by_role("progressbar", name="Progress of overdue_boat.toml").wait_for()
-        until(lambda: page.evaluate("document.querySelector('#jobs .soft').textContent"), 120)  # it tells a phase
+        # it tells a phase
+        until(lambda: page.evaluate("document.querySelector('#jobs .soft').textContent"), 120)
         link = page.get_by_role("link", name="Open the report of overdue_boat-forecast")
         link.wait_for(timeout=PATIENCE)
         page.locator("#runs").get_by_text("Overdue boat", exact=False).first.wait_for()
@@ -113,10 +125,16 @@ def test_a_new_case_is_called_as_its_name_says(browser: Any, served: Server) -> 
         for empty in ("", "   ", ".toml"):
             page.get_by_label("New case").fill(empty)
             page.get_by_role("button", name="Write one").click()
-            assert "A case needs a name" in page.get_by_role("alert").filter(has_text="name").inner_text()
+            assert (
+                "A case needs a name"
+                in page.get_by_role("alert").filter(has_text="name").inner_text()
+            )
             assert page.locator("#editor").is_hidden()
         page.on("dialog", lambda dialog: dialog.accept())  # leaves what is not saved
-        for given, title in (("falmouth_search.toml", "falmouth search"), ('a "b" c', r"a \"b\" c")):
+        for given, title in (
+            ("falmouth_search.toml", "falmouth search"),
+            ('a "b" c', r"a \"b\" c"),
+        ):
             page.get_by_label("New case").fill(given)
             page.get_by_role("button", name="Write one").click()
             assert page.locator("#text").input_value() == f'title = "{title}"\n'
@@ -128,7 +146,9 @@ def test_a_new_case_is_called_as_its_name_says(browser: Any, served: Server) -> 
 def test_hostile_names_are_text(browser: Any, served: Server) -> None:
     """Titles, warnings and errors with markup in them are shown as they are written."""
     finished(served.folder / "done", NASTY)
-    (served.folder / "nasty.toml").write_text(f"title = '{NASTY}'\n'{NASTY}' = 1\n", encoding="utf-8")
+    (served.folder / "nasty.toml").write_text(
+        f"title = '{NASTY}'\n'{NASTY}' = 1\n", encoding="utf-8"
+    )
     with Page(browser, served) as opened:
         page = opened.page
         page.on("dialog", lambda dialog: opened.complaints.append(dialog.message))
@@ -142,7 +162,9 @@ def test_hostile_names_are_text(browser: Any, served: Server) -> None:
 
 
 def test_a_hostile_report_cannot_act_for_the_user(browser: Any, served: Server) -> None:
-    """Its script runs, and neither reads our lists, nor writes a case, nor reaches another port, nor our page."""
+    """Its script runs, and neither reads our lists, nor writes a case, nor reaches another port,
+    nor our page.
+    """
     with closing(socket.socket()) as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
@@ -165,25 +187,32 @@ def test_a_hostile_report_cannot_act_for_the_user(browser: Any, served: Server) 
         (place / "report.html").write_text(script, encoding="utf-8")
         (place / manifest.NAME).unlink()
         (place / manifest.NAME).write_text(
-            manifest.manifest_text(manifest.manifest_of("run", sorted(place.iterdir()))), encoding="utf-8"
+            manifest.manifest_text(manifest.manifest_of("run", sorted(place.iterdir()))),
+            encoding="utf-8",
         )
         with Page(browser, served) as opened, opened.context.expect_page() as second:
             opened.page.get_by_role("link", name="a run", exact=True).click()
             report = second.value
             until(lambda: report.title().startswith("tried:"), 30)
             tried = report.title().removeprefix("tried:")
-        assert set(filter(None, tried.split(","))) <= {"beacon"}  # the browser takes it in, and its policy drops it
+        # the browser takes it in, and its policy drops it
+        assert set(filter(None, tried.split(","))) <= {"beacon"}
         with pytest.raises(TimeoutError):
             other.accept()
     assert not (served.folder / "owned.toml").exists()
 
 
-def test_another_site_cannot_use_the_browser_against_us(browser: Any, served: Server, tmp_path: Path) -> None:
-    """A page of another origin, in a browser that has our cookie: a form, a script, an image, a frame."""
+def test_another_site_cannot_use_the_browser_against_us(
+    browser: Any, served: Server, tmp_path: Path
+) -> None:
+    """A page of another origin, in a browser that has our cookie: a form, a script, an image, a
+    frame.
+    """
     with Page(browser, served) as opened:
         page = opened.context.new_page()
         page.route(
-            "http://evil.example/", lambda route: route.fulfill(body="<title>evil</title>", content_type="text/html")
+            "http://evil.example/",
+            lambda route: route.fulfill(body="<title>evil</title>", content_type="text/html"),
         )
         page.goto("http://evil.example/")
         told = page.evaluate(
@@ -215,19 +244,25 @@ def test_on_a_phone_and_in_the_dark(browser: Any, served: Server) -> None:
         'title = "' + "word" * 60 + '"\n' + "x" * 400, encoding="utf-8"
     )
     finished(served.folder / "done", "w" * 250)
-    with Page(browser, served, viewport={"width": 360, "height": 740}, color_scheme="dark") as opened:
+    with Page(
+        browser, served, viewport={"width": 360, "height": 740}, color_scheme="dark"
+    ) as opened:
         page = opened.page
         page.get_by_role("button", name=re.compile("^longlong")).click()
         page.get_by_role("heading", name=re.compile("^longlong")).wait_for()
         assert page.evaluate("document.documentElement.scrollWidth") <= 360
         assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 25, 31)"
         page.locator("#theme").click()
-        assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+        assert (
+            page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+        )
 
 
 @pytest.mark.parametrize("colours", ["light", "dark"])
 def test_accessibility(browser: Any, served: Server, colours: str) -> None:
-    """By axe-core's rules (WCAG 2.1 A and AA among them), with an editor, a mistake, a job, results and warnings."""
+    """By axe-core's rules (WCAG 2.1 A and AA among them), with an editor, a mistake, a job, results
+    and warnings.
+    """
     from axe_playwright_python.sync_playwright import Axe
 
     finished(served.folder / "done", "a run", a_txt="words")
@@ -238,7 +273,11 @@ def test_accessibility(browser: Any, served: Server, colours: str) -> None:
         page.get_by_role("button", name="Check").click()
         page.get_by_role("heading", name="One mistake").wait_for(timeout=PATIENCE)
         page.get_by_role("button", name="Run the forecast").click()
-        page.get_by_text(re.compile("Forecast of bad.toml: failed")).first.wait_for(timeout=PATIENCE)
+        page.get_by_text(re.compile("Forecast of bad.toml: failed")).first.wait_for(
+            timeout=PATIENCE
+        )
         page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true; })")
         found = Axe().run(page)
-        assert [(v["id"], [n["html"] for n in v["nodes"]][:2]) for v in found.response["violations"]] == []
+        assert [
+            (v["id"], [n["html"] for n in v["nodes"]][:2]) for v in found.response["violations"]
+        ] == []

@@ -30,7 +30,8 @@ from drift.apps.serve import gate, jobs, names, server, shelf
 from geo.errors import UserError
 from geo.files import fence, landlock
 
-LONG = 'particles = 200000\nduration = "240 h"\nclock.step = "60 s"'  # minutes of work, to be cancelled
+# minutes of work, to be cancelled
+LONG = 'particles = 200000\nduration = "240 h"\nclock.step = "60 s"'
 SLOW = small_case.STEADY.replace("particles = 500", "").replace('duration = "6 h"', LONG)
 
 
@@ -115,7 +116,9 @@ STRANGERS: dict[str, tuple[str, str, Any, dict[str, str | None], int]] = {
 @pytest.mark.parametrize("attack", STRANGERS)
 def test_who_may_not(served: Server, attack: str) -> None:
     method, path, body, changes, expected = STRANGERS[attack]
-    filled = {name: value and value.replace("{port}", str(served.port)) for name, value in changes.items()}
+    filled = {
+        name: value and value.replace("{port}", str(served.port)) for name, value in changes.items()
+    }
     before = sorted(served.folder.iterdir())
     status, headers, data = served.ask(method, path, body, **filled)
     assert status == expected, data
@@ -125,7 +128,9 @@ def test_who_may_not(served: Server, attack: str) -> None:
     assert served.secret.token.encode() not in data
 
 
-def test_the_token_becomes_a_cookie_that_scripts_and_other_sites_do_not_have(served: Server) -> None:
+def test_the_token_becomes_a_cookie_that_scripts_and_other_sites_do_not_have(
+    served: Server,
+) -> None:
     status, headers, _ = served.ask("GET", f"/?token={served.secret.token}", Cookie=None)
     assert (status, headers["location"]) == (303, "/")
     parts = {part.strip().lower() for part in headers["set-cookie"].split(";")[1:]}
@@ -139,7 +144,11 @@ def test_every_answer_says_what_a_browser_may_do_with_it(served: Server) -> None
         headers = served.ask("GET", path)[1]
         assert headers["x-content-type-options"] == "nosniff"
         assert headers["referrer-policy"] == "no-referrer"
-        assert headers["cross-origin-opener-policy"] == headers["cross-origin-resource-policy"] == "same-origin"
+        assert (
+            headers["cross-origin-opener-policy"]
+            == headers["cross-origin-resource-policy"]
+            == "same-origin"
+        )
         assert headers["cache-control"] == "no-store"
         for rule in ("default-src 'none'", "script-src 'self'", "frame-ancestors 'none'", "base-uri 'none'", "form-action 'none'"):  # fmt: skip
             assert rule in headers["content-security-policy"]
@@ -148,7 +157,9 @@ def test_every_answer_says_what_a_browser_may_do_with_it(served: Server) -> None
 
 
 def test_two_hosts_are_none(served: Server) -> None:
-    """Of two such headers a proxy might believe the one and we the other; h11 refuses them before we do."""
+    """Of two such headers a proxy might believe the one and we the other; h11 refuses them before
+    we do.
+    """
     status, _, _ = served.ask("GET", f"/api/folder HTTP/1.1\r\nHost: {served.host}\r\nX: y", None)
     assert status in (400, 421)
 
@@ -164,7 +175,9 @@ LEAST = b'{"text": ""}'
 def through_the_gate(
     pieces: list[bytes], told: int, ends: bool = True, more: dict[str, str] | None = None
 ) -> tuple[int, int, Any]:
-    """Return the status, how many pieces of a body were taken, and what was passed on; told: its length as its header has it."""
+    """Return the status, how many pieces of a body were taken, and what was passed on; told: its
+    length as its header has it.
+    """
     secret, taken, passed, answer = gate.Secret(), [], [], []
 
     async def app(scope: Any, receive: Any, send: Any) -> None:
@@ -175,7 +188,11 @@ def through_the_gate(
         taken.append(len(taken))
         if len(taken) > len(pieces):
             return {"type": "http.disconnect"}
-        return {"type": "http.request", "body": pieces[taken[-1]], "more_body": not ends or len(taken) < len(pieces)}
+        return {
+            "type": "http.request",
+            "body": pieces[taken[-1]],
+            "more_body": not ends or len(taken) < len(pieces),
+        }
 
     async def send(message: dict[str, Any]) -> None:
         answer.append(message)
@@ -195,10 +212,14 @@ def through_the_gate(
 @pytest.mark.parametrize("many", [1, 7])
 @pytest.mark.parametrize("more", [0, 1])
 def test_a_body_is_as_long_as_what_comes_not_as_it_says(many: int, more: int) -> None:
-    """Two MiB are taken, in pieces too, and not one letter more: the server before us may be another one day."""
+    """Two MiB are taken, in pieces too, and not one letter more: the server before us may be
+    another one day.
+    """
     text = b'{"text": "' + b"x" * (2 * 2**20 + more - len(LEAST)) + b'"}'
     step = -(-len(text) // many)
-    status, _, passed = through_the_gate([text[k : k + step] for k in range(0, len(text), step)], told=17)
+    status, _, passed = through_the_gate(
+        [text[k : k + step] for k in range(0, len(text), step)], told=17
+    )
     assert status == (413 if more else 200)
     assert len(passed) == (not more)
 
@@ -208,7 +229,9 @@ def test_of_a_body_without_end_no_more_is_taken_than_is_allowed() -> None:
     assert through_the_gate([piece] * 40, told=17)[:2] == (413, 3)
 
 
-@pytest.mark.parametrize("more", [{"transfer-encoding": "chunked"}, {"content-length": "12"}, {"content-length": "9"}])
+@pytest.mark.parametrize(
+    "more", [{"transfer-encoding": "chunked"}, {"content-length": "12"}, {"content-length": "9"}]
+)
 def test_a_body_of_two_lengths_has_none(more: dict[str, str]) -> None:
     """Whatever stands before us may have believed the other one."""
     assert through_the_gate([LEAST], told=12, more=more) == (411, 0, [])
@@ -220,7 +243,9 @@ def test_a_body_that_breaks_off_is_none() -> None:
 
 
 def test_a_part_of_a_key_is_no_key(served: Server) -> None:
-    """Neither an empty value of our own cookie, nor the beginning of the right one, nor of the token."""
+    """Neither an empty value of our own cookie, nor the beginning of the right one, nor of the
+    token.
+    """
     secret = served.secret
     for value in ("", "x", secret.cookie[:-1], f"{secret.cookie}x", secret.token):
         assert served.ask("GET", "/api/folder", Cookie=f"drift-{served.port}={value}")[0] == 401
@@ -232,13 +257,19 @@ def test_a_part_of_a_key_is_no_key(served: Server) -> None:
 
 @pytest.mark.parametrize("digest", ["", "\ud800", "x" * 64, "a" * 65, "a" * 1_000_000])
 def test_a_digest_that_is_none_asks_for_nothing(served: Server, digest: str) -> None:
-    assert served.ask("POST", "/api/jobs", {"kind": "check", "case": "case.toml", "digest": digest})[0] == 400
+    assert (
+        served.ask("POST", "/api/jobs", {"kind": "check", "case": "case.toml", "digest": digest})[0]
+        == 400
+    )
     assert served.json("GET", "/api/jobs") == {"jobs": []}
 
 
 def test_too_many_jobs_are_refused(served: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jobs, "MOST_WAITING", 0)
-    assert served.ask("POST", "/api/jobs", {"kind": "run", "case": "case.toml", "digest": "0" * 64})[0] == 429
+    assert (
+        served.ask("POST", "/api/jobs", {"kind": "run", "case": "case.toml", "digest": "0" * 64})[0]
+        == 429
+    )
 
 
 # --- which files are meant -------------------------------------------------------------------------------------------
@@ -259,7 +290,9 @@ def test_no_spelling_reads_another_file(served: Server, way: str) -> None:
     assert b'secret"' not in data
 
 
-@pytest.mark.parametrize("way", [way for way in WAYS_OUT if way not in ("link.toml", "pipe.toml", "folder.toml")])
+@pytest.mark.parametrize(
+    "way", [way for way in WAYS_OUT if way not in ("link.toml", "pipe.toml", "folder.toml")]
+)
 def test_no_spelling_writes_another_file(served: Server, way: str) -> None:
     before = {path: path.stat().st_mtime_ns for path in served.folder.parent.rglob("*")}
     status, _, data = served.ask("POST", f"/api/cases/{way}", GOOD)
@@ -282,9 +315,13 @@ def test_what_is_in_the_way_is_not_followed(served: Server, name: str) -> None:
         ("done%2f..%2f..", "secret.toml", 404), ("half", "report.html", 404), ("folder", "x", 404), ("", "case.toml", 404),
     ],
 )  # fmt: skip
-def test_of_a_run_only_what_its_manifest_names(served: Server, run: str, name: str, status: int) -> None:
+def test_of_a_run_only_what_its_manifest_names(
+    served: Server, run: str, name: str, status: int
+) -> None:
     key = served.secret.key(urllib.parse.unquote(run))
-    assert served.ask("GET", f"/runs/{run}/{key}/{name}", Cookie=None)[0] in ({200} if status == 200 else {404, 401})
+    assert served.ask("GET", f"/runs/{run}/{key}/{name}", Cookie=None)[0] in (
+        {200} if status == 200 else {404, 401}
+    )
 
 
 def test_a_file_behind_a_linked_folder_is_not_opened(served: Server) -> None:
@@ -294,7 +331,9 @@ def test_a_file_behind_a_linked_folder_is_not_opened(served: Server) -> None:
 
 
 def test_pages_of_runs_stand_apart(served: Server) -> None:
-    """Their scripts run in an origin of their own: they can neither ask us for anything nor see our page."""
+    """Their scripts run in an origin of their own: they can neither ask us for anything nor see our
+    page.
+    """
     path = f"/runs/done/{served.secret.key('done')}/report.html"
     status, headers, data = served.ask("GET", path, Cookie=None)
     policy = headers["content-security-policy"]
@@ -309,9 +348,11 @@ def test_pages_of_runs_stand_apart(served: Server) -> None:
     assert "allow-same-origin" not in policy
     assert "default-src 'none'" in policy
     assert headers["cross-origin-resource-policy"] == "same-origin"
-    assert served.ask("GET", path.replace("/done/", "/half/"), Cookie=None)[0] == 401  # a key opens one run
+    # a key opens one run
+    assert served.ask("GET", path.replace("/done/", "/half/"), Cookie=None)[0] == 401
     assert served.ask("GET", path, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="no-cors")[0] == 403
-    assert served.ask("GET", path, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="navigate")[0] == 200  # its own links
+    # its own links
+    assert served.ask("GET", path, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="navigate")[0] == 200
     assert served.ask("POST", path, {})[0] == 404
     for name, kind, saved in (("b.html", "text/plain", True), ("a.txt", "text/plain; charset=utf-8", False), ("c.nc", "application/x-netcdf", True)):  # fmt: skip
         headers = served.ask("GET", path.replace("report.html", name))[1]
@@ -327,7 +368,12 @@ def test_the_list_holds_whole_runs_and_cases_of_the_folder(served: Server) -> No
     assert {case["name"] for case in told["cases"]} == {"case.toml", "nasty.toml"}
     assert {case["title"] for case in told["cases"]} == {"trial", NASTY}
     assert len(told["shipped"]) >= 10
-    assert [one["name"] for one in told["shipped"]][:4] == ["position", "passage", "spill", "search"]
+    assert [one["name"] for one in told["shipped"]][:4] == [
+        "position",
+        "passage",
+        "spill",
+        "search",
+    ]
 
 
 @pytest.mark.parametrize("name", ["a.toml", "Bergen båt 2.toml", "x_1-b (2)+.toml"])
@@ -335,7 +381,9 @@ def test_plain_names_are_taken(name: str) -> None:
     assert names.case(name)
 
 
-@pytest.mark.parametrize("name", ["a", "a" * 100, "a.b.c", "console.toml", "com", "com12", "lpt.x", "an con", "x-"])
+@pytest.mark.parametrize(
+    "name", ["a", "a" * 100, "a.b.c", "console.toml", "com", "com12", "lpt.x", "an con", "x-"]
+)
 def test_what_only_looks_like_no_name_is_one(name: str) -> None:
     assert names.plain(name)
 
@@ -348,7 +396,9 @@ def test_what_only_looks_like_no_name_is_one(name: str) -> None:
     ],
 )  # fmt: skip
 def test_names_that_some_system_takes_for_others_are_none(name: str) -> None:
-    """Windows leaves out dots and spaces at the end, and has devices (Microsoft, Naming Files, Paths, and Namespaces)."""
+    """Windows leaves out dots and spaces at the end, and has devices (Microsoft, Naming Files,
+    Paths, and Namespaces).
+    """
     assert not names.plain(name)
     assert not names.case(name)
 
@@ -361,7 +411,12 @@ def test_a_file_is_read_to_its_last_byte_or_not_at_all(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="it has more than") as refused:
         names.contents(tmp_path, "inner", "a.txt", largest=9)
     assert refused.value.errno == errno.EFBIG
-    for parts in (("inner",), ("inner", "b.txt"), ("inner", "a.txt", "a.txt"), ("..", tmp_path.name, "inner", "a.txt")):
+    for parts in (
+        ("inner",),
+        ("inner", "b.txt"),
+        ("inner", "a.txt", "a.txt"),
+        ("..", tmp_path.name, "inner", "a.txt"),
+    ):
         with pytest.raises(OSError, match=r"No such|directory"):
             names.open_inside(tmp_path, *parts)
 
@@ -392,7 +447,8 @@ def test_two_writers_lose_nothing(served: Server) -> None:
     assert served.json("GET", path) == {"name": "two.toml", "text": "a = 2\n", "digest": second}
     assert not [one for one in served.folder.iterdir() if one.name.endswith(".part")]
     (served.folder / "two.toml").unlink()
-    assert served.ask("POST", path, {"text": "a = 3\n", "digest": second})[0] == 409  # taken away meanwhile
+    # taken away meanwhile
+    assert served.ask("POST", path, {"text": "a = 3\n", "digest": second})[0] == 409
 
 
 def test_many_writers_at_once_one_wins(served: Server) -> None:
@@ -442,10 +498,20 @@ def test_a_story_is_what_drift_new_writes(served: Server, tmp_path: Path) -> Non
 
 
 def test_a_copy_of_a_shipped_case_brings_its_network(served: Server) -> None:
-    assert served.json("POST", "/api/shipped/medsearch_transit", {})["name"] == "medsearch_transit.toml"
-    assert served.json("POST", "/api/shipped/medsearch_transit", {})["name"] == "medsearch_transit-2.toml"
+    assert (
+        served.json("POST", "/api/shipped/medsearch_transit", {})["name"]
+        == "medsearch_transit.toml"
+    )
+    assert (
+        served.json("POST", "/api/shipped/medsearch_transit", {})["name"]
+        == "medsearch_transit-2.toml"
+    )
     assert drift.load(served.folder / "medsearch_transit.toml").title
-    for name in ("medsearch_transit.toml", "medsearch_transit-2.toml", "networks/mediterranean.toml"):
+    for name in (
+        "medsearch_transit.toml",
+        "medsearch_transit-2.toml",
+        "networks/mediterranean.toml",
+    ):
         (served.folder / name).unlink()
     (served.folder / "networks").rmdir()
     (served.folder / "networks").symlink_to(served.folder.parent)
@@ -466,11 +532,15 @@ def test_a_copy_of_a_shipped_case_brings_its_losses(served: Server) -> None:
 
 def ask_for(served: Server, kind: str, name: str, text: str) -> Any:
     digest = served.json("POST", f"/api/cases/{name}", {"text": text, "digest": None})["digest"]
-    return served.json("POST", "/api/jobs", {"kind": kind, "case": name, "digest": digest})["number"]
+    return served.json("POST", "/api/jobs", {"kind": kind, "case": name, "digest": digest})[
+        "number"
+    ]
 
 
 def over(served: Server, number: int) -> Any:
-    return until(lambda: (job := served.job(number))["state"] in ("done", "failed", "cancelled") and job, 120)
+    return until(
+        lambda: (job := served.job(number))["state"] in ("done", "failed", "cancelled") and job, 120
+    )
 
 
 OUTSIDE = ("/etc/passwd", "../secret.toml", "/etc/*", "*/../../*.toml", "linked/summary.json", "link.toml", "http://169.254.169.254/x", "file:///etc/passwd", "${HOME}/x.nc")  # fmt: skip
@@ -478,8 +548,12 @@ OUTSIDE = ("/etc/passwd", "../secret.toml", "/etc/*", "*/../../*.toml", "linked/
 
 @pytest.mark.parametrize("kind", [pytest.param("check", marks=pytest.mark.thorough), "run"])
 def test_a_case_reads_nothing_outside(served: Server, kind: str) -> None:
-    """Every way of naming it is refused, a line each, where files are opened: in the process of the job."""
-    sources = "".join(f"[[current]]\nname = 'c{k}'\nfiles = '{written}'\n" for k, written in enumerate(OUTSIDE))
+    """Every way of naming it is refused, a line each, where files are opened: in the process of the
+    job.
+    """
+    sources = "".join(
+        f"[[current]]\nname = 'c{k}'\nfiles = '{written}'\n" for k, written in enumerate(OUTSIDE)
+    )
     text = small_case.STEADY.replace("[[wind]]", f"{sources}[[wind]]").replace('coast.source = "none"', 'coast.source = "/etc/passwd"\ncoast.lakes = "link.toml"')  # fmt: skip
     job = over(served, ask_for(served, kind, f"out-{kind}.toml", text))
     told = "\n".join(job["lines"])
@@ -503,28 +577,40 @@ def test_a_shoreline_outside_is_refused_too(served: Server) -> None:
 @pytest.mark.skipif(not landlock.version(), reason="this system has no Landlock")
 @pytest.mark.thorough
 def test_no_current_is_taken_from_a_file_that_a_file_names(served: Server) -> None:
-    """A netCDF-4 file in the folder with its values in one outside: the kernel refuses the job what the library asks for."""
+    """A netCDF-4 file in the folder with its values in one outside: the kernel refuses the job what
+    the library asks for.
+    """
     hostile_netcdf.secret(served.folder.parent / "values.bin", "storage")
-    hostile_netcdf.write(served.folder / "current.nc", "storage", served.folder.parent / "values.bin")
+    hostile_netcdf.write(
+        served.folder / "current.nc", "storage", served.folder.parent / "values.bin"
+    )
     job = over(served, ask_for(served, "check", "hostile.toml", small_case.CASE))
     assert job["state"] == "failed"
     assert "cannot read slice 0 of uo (NetCDF: HDF error)" in job["lines"][-1]
 
 
 @pytest.mark.slow
-def test_a_run_tells_progress_and_ends_in_a_report(served: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_tells_progress_and_ends_in_a_report(
+    served: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """No file is overwritten, and no module in the folder is imported.
 
-    A numpy.py among the cases would run as the user, also where the server was started there by `python -m drift`.
+    A numpy.py among the cases would run as the user, also where the server was started there by
+    `python -m drift`.
     """
     monkeypatch.syspath_prepend(str(served.folder))
     (served.folder / "numpy.py").write_text("raise SystemExit('owned')", encoding="utf-8")
     finished(served.folder / "good-forecast")
-    job = over(served, ask_for(served, "run", "good.toml", small_case.STEADY.replace('"trial"', f'"{NASTY}"')))
+    job = over(
+        served,
+        ask_for(served, "run", "good.toml", small_case.STEADY.replace('"trial"', f'"{NASTY}"')),
+    )
     (served.folder / "numpy.py").unlink()
     assert (job["state"], job["out"]) == ("done", "good-forecast-2"), "\n".join(job["lines"])
     assert job["phase"]  # it did tell
-    status, _, data = served.ask("GET", f"/runs/good-forecast-2/{job['key']}/report.html", Cookie=None)
+    status, _, data = served.ask(
+        "GET", f"/runs/good-forecast-2/{job['key']}/report.html", Cookie=None
+    )
     assert (status, b"Content-Security-Policy" in data) == (200, True)
     assert NASTY.encode() not in data
     told = served.json("GET", "/api/folder")["runs"]
@@ -532,10 +618,15 @@ def test_a_run_tells_progress_and_ends_in_a_report(served: Server, monkeypatch: 
 
 
 def test_a_case_changed_after_it_was_asked_for_does_not_run(served: Server) -> None:
-    digest = served.json("POST", "/api/cases/later.toml", {"text": small_case.STEADY, "digest": None})["digest"]
+    digest = served.json(
+        "POST", "/api/cases/later.toml", {"text": small_case.STEADY, "digest": None}
+    )["digest"]
     (served.folder / "later.toml").write_text("title = 1", encoding="utf-8")
     job = over(
-        served, served.json("POST", "/api/jobs", {"kind": "run", "case": "later.toml", "digest": digest})["number"]
+        served,
+        served.json("POST", "/api/jobs", {"kind": "run", "case": "later.toml", "digest": digest})[
+            "number"
+        ],
     )
     assert (job["state"], "was changed after" in job["lines"][-1]) == ("failed", True)
 
@@ -553,11 +644,15 @@ def test_one_run_at_a_time_and_a_cancelled_one_leaves_nothing(served: Server) ->
     assert over(served, second)["state"] == "done"
     assert not (served.folder / "slow-forecast").exists()
     assert not [
-        path.name for path in served.folder.iterdir() if path.name.startswith(".") and path.name != ".hidden.toml"
+        path.name
+        for path in served.folder.iterdir()
+        if path.name.startswith(".") and path.name != ".hidden.toml"
     ]
 
 
-def test_of_two_servers_that_save_the_same_case_one_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_two_servers_that_save_the_same_case_one_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Both have read it before either writes, if nothing keeps them apart."""
     digest = shelf.save(tmp_path, "case.toml", small_case.STEADY, None)
     read, both = names.contents, threading.Barrier(2)
@@ -588,9 +683,16 @@ def test_of_two_servers_that_save_the_same_case_one_is_told(tmp_path: Path, monk
 
 
 def ended(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, does: str, limits: jobs.Limits, cancel: str = "", kind: str = "check"
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    does: str,
+    limits: jobs.Limits,
+    cancel: str = "",
+    kind: str = "check",
 ) -> jobs.Job:
-    """Return a job, once it is over, whose process does something else; cancel: a line of its log upon which it is."""
+    """Return a job, once it is over, whose process does something else; cancel: a line of its log
+    upon which it is.
+    """
 
     async def carried_out() -> jobs.Job:
         waiting = jobs.Jobs(folder, fence.Fence((folder,)), limits)
@@ -611,8 +713,12 @@ def ended(
     return asyncio.run(carried_out())
 
 
-def test_a_job_works_in_an_empty_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where Python and libraries look for files of theirs there are none that a case's owner has put there."""
+def test_a_job_works_in_an_empty_folder_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where Python and libraries look for files of theirs there are none that a case's owner has
+    put there.
+    """
     tells = "import os, tempfile; print(os.getcwd(), os.listdir(), tempfile.gettempdir()); (lambda memory: None)"
     job = ended(tmp_path, monkeypatch, tells, jobs.Limits())
     place, listed, scratch = job.lines[0].split()
@@ -623,7 +729,8 @@ def test_a_job_works_in_an_empty_folder_of_its_own(tmp_path: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize(
-    ("kind", "backend", "given"), [("run", "auto", True), ("run", "cpu", False), ("check", "auto", False)]
+    ("kind", "backend", "given"),
+    [("run", "auto", True), ("run", "cpu", False), ("check", "auto", False)],
 )
 def test_a_job_is_given_the_backend_that_is_served(
     kind: str, backend: str, given: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -634,14 +741,20 @@ def test_a_job_is_given_the_backend_that_is_served(
     assert ("--backend" in job.lines[0]) == given
 
 
-def test_the_processes_of_a_job_end_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_processes_of_a_job_end_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """By force where they do not end by themselves, also those that the job's process started."""
     deaf = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); import time"
-    starts = (
-        f"import sys, subprocess; print('pid', subprocess.Popen([sys.executable, '-c', '{deaf}; time.sleep(60)']).pid)"
-    )
+    starts = f"import sys, subprocess; print('pid', subprocess.Popen([sys.executable, '-c', '{deaf}; time.sleep(60)']).pid)"
     monkeypatch.setattr(jobs, "GRACE", 1.0)
-    job = ended(tmp_path, monkeypatch, f"{deaf}; {starts}; time.sleep(60); (lambda memory: None)", jobs.Limits(), "pid")
+    job = ended(
+        tmp_path,
+        monkeypatch,
+        f"{deaf}; {starts}; time.sleep(60); (lambda memory: None)",
+        jobs.Limits(),
+        "pid",
+    )
     assert job.state == "cancelled"
     until(lambda: not _runs(int(job.lines[0].split()[1])), 10)
 
@@ -673,7 +786,9 @@ FATES = {  # what a process does, and what its log ends with
 
 
 @pytest.mark.parametrize("fate", FATES)
-def test_a_job_that_takes_too_much_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fate: str) -> None:
+def test_a_job_that_takes_too_much_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fate: str
+) -> None:
     does, line = FATES[fate]
     most = jobs.Limits(hours=0.0005 if "long" in fate else 1.0, memory=2.0)
     monkeypatch.syspath_prepend(ROOT)
@@ -705,7 +820,9 @@ def children() -> dict[int, int]:
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are not listed here")
-@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(
+    "how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)]
+)
 def test_no_run_outlives_the_server(tmp_path: Path, how: signal.Signals) -> None:
     (tmp_path / "slow.toml").write_text(SLOW, encoding="utf-8")
     with started(tmp_path) as process:
@@ -721,7 +838,9 @@ def test_no_run_outlives_the_server(tmp_path: Path, how: signal.Signals) -> None
         body = {"kind": "run", "case": "slow.toml", "digest": shelf.digest(SLOW.encode())}
         line.request("POST", "/api/jobs", json.dumps(body), own)
         assert line.getresponse().read()
-        run = until(lambda: [child for child, parent in children().items() if parent == process.pid], 30)
+        run = until(
+            lambda: [child for child, parent in children().items() if parent == process.pid], 30
+        )
         time.sleep(3.0)  # into its imports, or further
         process.send_signal(how)
         process.wait(30)
@@ -731,9 +850,13 @@ def test_no_run_outlives_the_server(tmp_path: Path, how: signal.Signals) -> None
 
 
 def test_a_job_that_tells_nothing_ends_with_the_server_too() -> None:
-    """One that tells progress meets a closed pipe; one that waits for a file or an address would go on."""
+    """One that tells progress meets a closed pipe; one that waits for a file or an address would go
+    on.
+    """
     silent = "import time; from drift.apps.cli import commands, tethered; commands.leave = lambda: time.sleep(60); tethered.main()"
-    with subprocess.Popen([sys.executable, "-c", silent], stdin=subprocess.PIPE, cwd=ROOT) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", silent], stdin=subprocess.PIPE, cwd=ROOT
+    ) as process:
         with pytest.raises(subprocess.TimeoutExpired):
             process.wait(2)  # it goes on as long as its input does
         assert process.stdin is not None
@@ -748,7 +871,9 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
     return error
 
 
-def test_refusals_of_the_command_are_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_refusals_of_the_command_are_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with closing(socket.socket()) as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -760,13 +885,21 @@ def test_refusals_of_the_command_are_a_line(tmp_path: Path, capsys: pytest.Captu
     assert "name one address" in refused(capsys, str(tmp_path), "--host", "0.0.0.0")
     assert "no such host" in refused(capsys, str(tmp_path), "--host", "no such host")
     assert "is not there" in refused(capsys, str(tmp_path), "--allow", str(tmp_path / "nowhere"))
-    for option, value in (("--hours", "0"), ("--hours", "nan"), ("--memory", "0.1"), ("--memory", "inf")):
+    for option, value in (
+        ("--hours", "0"),
+        ("--hours", "nan"),
+        ("--memory", "0.1"),
+        ("--memory", "inf"),
+    ):
         assert f"{option} {value}: is" in refused(capsys, str(tmp_path), option, value)
     assert "is no host" in refused(capsys, str(tmp_path), "--allow-host", "http://x/")
 
 
 def test_a_port_that_is_not_ours_is_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The superuser may take any: the system's answer is made up. Without --port, the next one is tried."""
+    """The superuser may take any: the system's answer is made up.
+
+    Without --port, the next one is tried.
+    """
 
     def refuse(one: socket.socket, address: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")

@@ -1,4 +1,6 @@
-"""What-if on common random numbers: nothing is nothing, a shift is its speed by time, refusals, files, errors of differences."""
+"""What-if on common random numbers: nothing is nothing, a shift is its speed by time, refusals,
+files, errors of differences.
+"""
 
 import csv
 import json
@@ -45,13 +47,16 @@ current = { std = "0.1 m/s", time = "3 h" }
 """
 )
 HOURS = 6
-pytestmark = pytest.mark.usefixtures("coarse_maps")  # differences of maps are made on a grid of their own
+# differences of maps are made on a grid of their own
+pytestmark = pytest.mark.usefixtures("coarse_maps")
 
 
 def case_of(folder: Path, text: str, name: str = "trial", **changes: object) -> drift.Case:
     path = folder / f"{name}.toml"
     path.write_text(text)
-    return drift.vary(drift.load(path), {key.replace("__", "."): value for key, value in changes.items()})
+    return drift.vary(
+        drift.load(path), {key.replace("__", "."): value for key, value in changes.items()}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +82,16 @@ def test_a_case_against_itself_is_zero_in_every_number(search: drift.Case) -> No
 def test_differences_are_a_table_with_units(search: drift.Case) -> None:
     found = drift.compare(search, drift.vary(search, {"scenario.0.position.std": "2 nmi"}))
     table = found.differences
-    assert list(table) == ["time", "quantity", "name", "unit", "a", "b", "difference", "standard_error"]
+    assert list(table) == [
+        "time",
+        "quantity",
+        "name",
+        "unit",
+        "a",
+        "b",
+        "difference",
+        "standard_error",
+    ]
     assert set(table["unit"]) == {"1", "m", "m2"}
     areas = table[(table["quantity"] == "area") & (table["name"] == "50%")].set_index("time")
     of_a = found.a.forecast.data["containment_area"].sel(share=0.5).to_series()
@@ -87,31 +101,50 @@ def test_differences_are_a_table_with_units(search: drift.Case) -> None:
 
 
 def test_runs_are_those_of_drift_run(search: drift.Case) -> None:
-    """A is not changed by what it is compared with: its particles, weights and POS are those of its run alone."""
-    alone, found = drift.run(search), drift.compare(search, drift.vary(search, {"wind.0.constant.from": 200}))
+    """A is not changed by what it is compared with: its particles, weights and POS are those of its
+    run alone.
+    """
+    alone, found = (
+        drift.run(search),
+        drift.compare(search, drift.vary(search, {"wind.0.constant.from": 200})),
+    )
     for name in ("mean_lon", "mean_lat", "status_probability", "scenario_probability"):
         own, other = (result.forecast.data[name].values for result in (alone, found.a))
         np.testing.assert_allclose(own, other, rtol=0, atol=1e-12)
-    assert alone.summary["search"]["updates"][0]["pos"] == found.a.summary["search"]["updates"][0]["pos"]
+    assert (
+        alone.summary["search"]["updates"][0]["pos"]
+        == found.a.summary["search"]["updates"][0]["pos"]
+    )
 
 
 def test_a_constant_current_more_moves_the_mean_by_its_way(tmp_path: Path) -> None:
-    """East 0.2 and north -0.1 m/s for six hours: 4320 and -2160 m, on a sphere, for each particle of its own latitude."""
-    a = case_of(tmp_path, small_case.STEADY, particles=4000, current__0__constant={"east": 0.1, "north": 0.05})
+    """East 0.2 and north -0.1 m/s for six hours: 4320 and -2160 m, on a sphere, for each particle
+    of its own latitude.
+    """
+    a = case_of(
+        tmp_path,
+        small_case.STEADY,
+        particles=4000,
+        current__0__constant={"east": 0.1, "north": 0.05},
+    )
     b = drift.vary(a, {"current.0.constant": {"east": 0.3, "north": -0.05}})
     found = drift.compare(a, b)
     (east,), (north,) = (found.at(found.times[-1], name) for name in figures.SHIFT)
-    # Parallels bend: x^2 tan(lat) / 2R = 0.8 m; and a degree of longitude widens by y tan(lat) / R = 0.02 % southward.
+    # Parallels bend: x^2 tan(lat) / 2R = 0.8 m; and a degree of longitude widens by y tan(lat) / R
+    # = 0.02 % southward.
     assert east.difference == pytest.approx(0.2 * 3600 * HOURS, abs=2.0)
     assert north.difference == pytest.approx(-0.1 * 3600 * HOURS, abs=2.0)
-    # Pairs keep together: what is left of the error is that of the widening, 0.02 % of 3 km / sqrt(4000), not 3 km / sqrt(4000).
+    # Pairs keep together: what is left of the error is that of the widening, 0.02 % of 3 km /
+    # sqrt(4000), not 3 km / sqrt(4000).
     assert max(east.error, north.error) < 0.1
     first = found.at(found.times[0], "area")
     assert [(row.difference, row.error) for row in first] == [(0.0, 0.0)] * len(first)
 
 
 def test_weights_of_scenarios_alone_change_what_they_say(search: drift.Case) -> None:
-    """B keeps A's slots whatever its weights are: before anything is seen the difference is exact, and has no error."""
+    """B keeps A's slots whatever its weights are: before anything is seen the difference is exact,
+    and has no error.
+    """
     b = drift.vary(search, {"scenario.0.weight": 0.2, "scenario.1.weight": 0.8})
     paired = pairing.paired(search, b)
     assert paired[0].counts == paired[1].counts == (2100, 900)
@@ -121,7 +154,8 @@ def test_weights_of_scenarios_alone_change_what_they_say(search: drift.Case) -> 
     assert rows["raft"].error == pytest.approx(0.0, abs=1e-8)
     pos = next(row for row in found.of_run if row.quantity == "POS")
     assert (pos.a, pos.b) == tuple(
-        pytest.approx(result.summary["search"]["updates"][0]["pos"]["all"]) for result in (found.a, found.b)
+        pytest.approx(result.summary["search"]["updates"][0]["pos"]["all"])
+        for result in (found.a, found.b)
     )
     assert 0 < pos.error < 0.02
     assert pos.difference == pos.b - pos.a
@@ -136,15 +170,30 @@ def test_families_count_together_where_particles_are_drawn_anew(search: drift.Ca
     assert 0 < east.error < abs(east.difference)
 
 
-def test_files_hold_what_was_found(search: drift.Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_hold_what_was_found(
+    search: drift.Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = tmp_path / "out"
-    words = ["compare", str(search.path), "--set", "particles=2000", "--set-b", "wind.0.constant.speed=14 kn"]
+    words = [
+        "compare",
+        str(search.path),
+        "--set",
+        "particles=2000",
+        "--set-b",
+        "wind.0.constant.speed=14 kn",
+    ]
     assert cli.main([*words, "--out", str(out)]) == 0
     told = capsys.readouterr().out
     assert f"Results in {out}" in told
     assert "wind.0.constant.speed=14 kn" in told
     made = {path.name for path in drift.results(out)}
-    assert made == {*chapter.FILES, *chapter.PICTURES, "report.html", "summary.json", "manifest.json"}
+    assert made == {
+        *chapter.FILES,
+        *chapter.PICTURES,
+        "report.html",
+        "summary.json",
+        "manifest.json",
+    }
     with open(out / "compare.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     summary = json.loads((out / "summary.json").read_text())
@@ -154,10 +203,14 @@ def test_files_hold_what_was_found(search: drift.Case, tmp_path: Path, capsys: p
         np.testing.assert_allclose(
             data["difference"], data["probability_b"] - data["probability_a"], atol=1e-7
         )  # of float32
-        for k, (row, figure) in enumerate(zip(rows, summary["compare"]["differences"], strict=True)):
+        for k, (row, figure) in enumerate(
+            zip(rows, summary["compare"]["differences"], strict=True)
+        ):
             assert row["quantity"] == figure["quantity"] == str(data["figure_quantity"].values[k])
             if row["difference"]:
-                assert float(row["difference"]) == pytest.approx(figure["difference"], rel=1e-8, abs=1e-300)
+                assert float(row["difference"]) == pytest.approx(
+                    figure["difference"], rel=1e-8, abs=1e-300
+                )
                 assert float(data["figure_error"][k]) == figure["standard_error"]
     assert summary["a"]["run"]["seed"] == summary["b"]["run"]["seed"]
     assert "mean of B from that of A" in (out / "compare.txt").read_text()
@@ -167,20 +220,35 @@ def test_files_hold_what_was_found(search: drift.Case, tmp_path: Path, capsys: p
 
 
 def test_the_report_says_where_the_cases_began(search: drift.Case) -> None:
-    """Once where they began alike, else of each; the cases of `drift compare` go through facts.setting, as maps do."""
+    """Once where they began alike, else of each; the cases of `drift compare` go through
+    facts.setting, as maps do.
+    """
     found = drift.compare(search, drift.vary(search, {"scenario.0.position.at": "27 40N 088 10W"}))
     here, there = (Setting(Imprint("a"), marks=[Mark(lon, 27.5, "LKP")]) for lon in (-88.0, -88.1))
-    for begun, names in (((here, here), ["it"]), ((here, there), ["A", "B"]), ((Setting(Imprint("a")),) * 2, [])):
+    for begun, names in (
+        ((here, here), ["it"]),
+        ((here, there), ["A", "B"]),
+        ((Setting(Imprint("a")),) * 2, []),
+    ):
         titles = [leaf["title"] for leaf in report.comparison_leaves(found, begun)]
-        assert [title for title in titles if "began" in title] == [f"Where {name} began" for name in names]
+        assert [title for title in titles if "began" in title] == [
+            f"Where {name} began" for name in names
+        ]
 
 
 def test_steps_that_end_elsewhere_share_no_errors_and_this_is_said(tmp_path: Path) -> None:
-    """The same current in files whose times are twenty minutes apart: the difference is none but for chance."""
+    """The same current in files whose times are twenty minutes apart: the difference is none but
+    for chance.
+    """
     field = small_case.field()
     field.to_netcdf(tmp_path / "current.nc")
     field.assign_coords(time=field.time + np.timedelta64(20, "m")).to_netcdf(tmp_path / "later.nc")
-    a = case_of(tmp_path, small_case.CASE, particles=2000, uncertainty__current={"std": "0.2 m/s", "time": "3 h"})
+    a = case_of(
+        tmp_path,
+        small_case.CASE,
+        particles=2000,
+        uncertainty__current={"std": "0.2 m/s", "time": "3 h"},
+    )
     assert drift.compare(a, a).notes == ()
     found = drift.compare(a, drift.vary(a, {"current.0.files": "later.nc"}))
     assert len(found.notes) == 1
@@ -237,13 +305,17 @@ def test_cases_that_do_not_compare_are_refused_in_a_line(
 
 def test_other_numbers_of_scenarios_are_refused(search: drift.Case) -> None:
     tables = [dict(table, weight=1.0) for table in search.tables["scenario"][:1]]
-    with pytest.raises(drift.UserError, match=r"it has 1 scenarios, and trial\.toml 2, which share the particles"):
+    with pytest.raises(
+        drift.UserError, match=r"it has 1 scenarios, and trial\.toml 2, which share the particles"
+    ):
         drift.compare(search, drift.vary(search, {"scenario": tables}))
 
 
 @pytest.fixture(scope="module")
 def spill(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
-    return spills.case_of(tmp_path_factory.mktemp("spill"), worlds=300, per_world=60, duration="2 d")
+    return spills.case_of(
+        tmp_path_factory.mktemp("spill"), worlds=300, per_world=60, duration="2 d"
+    )
 
 
 def test_a_spill_against_a_search_is_refused(search: drift.Case, spill: drift.Case) -> None:
@@ -261,7 +333,9 @@ def test_washup_of_spills(spill: drift.Case, tmp_path: Path) -> None:
     assert washup[0] is not None
     assert washup[1] is not None
     total, *rows = found.of_run
-    each = [data["world_total"].sel(fate="ashore").isel(time=-1).values.astype(float) for data in washup]
+    each = [
+        data["world_total"].sel(fate="ashore").isel(time=-1).values.astype(float) for data in washup
+    ]
     assert (total.a, total.b) == tuple(pytest.approx(values.mean()) for values in each)
     paired = (each[1] - each[0]).std(ddof=1) / np.sqrt(len(each[0]))
     apart = np.hypot(*(values.std(ddof=1) for values in each)) / np.sqrt(len(each[0]))
@@ -274,9 +348,20 @@ def test_washup_of_spills(spill: drift.Case, tmp_path: Path) -> None:
 
 
 def test_what_both_sides_are_given_is_told(spill: drift.Case, tmp_path: Path) -> None:
-    """Finds weigh both sides of a comparison: in words, in the table and in the report; without them there is nothing to tell."""
+    """Finds weigh both sides of a comparison: in words, in the table and in the report; without
+    them there is nothing to tell.
+    """
     find = {"find": [{"name": "one", "at": [0.0, 0.05], "time": "+40 h"}]}
-    patrol = {"patrol": [{"name": "first", "between": [[0.0, -0.1], [0.0, 0.1]], "time": "+30 h", "detection": 0.2}]}
+    patrol = {
+        "patrol": [
+            {
+                "name": "first",
+                "between": [[0.0, -0.1], [0.0, 0.1]],
+                "time": "+30 h",
+                "detection": 0.2,
+            }
+        ]
+    }
     a, b = (drift.vary(spill, {"spill.worlds": 60, **more}) for more in ({**find, **patrol}, find))
     found = drift.compare(a, b, tmp_path / "out")
     assert found.given == ("1 find and 1 patrol", "1 find")
@@ -301,7 +386,9 @@ GRID = Cells(-(2**20), -(2**20), 2**16, 2**16, 32, 32)  # 0.6 km, 20 km across
 
 
 def cloud(seed: int) -> tuple[Snapshot, Snapshot, Units]:
-    """Two clouds of pairs: of one law within each of two strata, weighted at random, b wider and farther east than a."""
+    """Two clouds of pairs: of one law within each of two strata, weighted at random, b wider and
+    farther east than a.
+    """
     rng = np.random.default_rng(seed)
     n, stratum = sum(STRATA), np.repeat([0, 1], STRATA)
     x, y = rng.normal(0, 2500, n) + 1500 * stratum, rng.normal(0, 1500, n)
@@ -314,12 +401,16 @@ def cloud(seed: int) -> tuple[Snapshot, Snapshot, Units]:
         status = np.where(east > 3000, Status.ASHORE, Status.ADRIFT).astype(np.int32)
         binary = (sphere.to_binary(np.degrees(angle)) for angle in (lon, lat))
         time = np.datetime64("2026-11-21T00:00:00")
-        snapshots.append(Snapshot(time, *binary, weight / weight.sum(), status, stratum.astype(np.int32)))
+        snapshots.append(
+            Snapshot(time, *binary, weight / weight.sum(), status, stratum.astype(np.int32))
+        )
     return snapshots[0], snapshots[1], Units(stratum, np.ones(n, bool), worlds=False)
 
 
 def bounds(n: int) -> tuple[float, float]:
-    """Return what a standard deviation of n normal values is of its own, 99.8 % of the time: chi-square."""
+    """Return what a standard deviation of n normal values is of its own, 99.8 % of the time:
+    chi-square.
+    """
     return tuple(np.sqrt(stats.chi2.ppf([0.001, 0.999], n - 1) / (n - 1)))
 
 
@@ -328,7 +419,8 @@ def test_standard_errors_are_the_spread_over_seeds() -> None:
     for seed in range(SEEDS):
         a, b, drawn = cloud(seed)
         told = [
-            figures.shares(snapshot, ("one", "two"), drawn) | figures.position(snapshot, drawn, (0.0, 0.0))
+            figures.shares(snapshot, ("one", "two"), drawn)
+            | figures.position(snapshot, drawn, (0.0, 0.0))
             for snapshot in (a, b)
         ]
         for row in units.differences(a.time, told[0], told[1], drawn, figures.SHIFT):
@@ -345,7 +437,9 @@ def test_standard_errors_are_the_spread_over_seeds() -> None:
 
 
 def test_standard_errors_of_maps_are_the_spread_over_seeds() -> None:
-    """Pooled over the cells that have anything; of independent cells, of which there are tens, the ratio is nearer to 1."""
+    """Pooled over the cells that have anything; of independent cells, of which there are tens, the
+    ratio is nearer to 1.
+    """
     seeds = 60
     pairs = []
     for seed in range(seeds):
@@ -369,7 +463,9 @@ def test_groups_have_as_many_of_every_stratum() -> None:
 
 
 def test_means_of_strata_are_no_chance() -> None:
-    """Influences that are level within each stratum have no error; what never had a weight does not count."""
+    """Influences that are level within each stratum have no error; what never had a weight does not
+    count.
+    """
     drawn = cloud(0)[2]
     level = np.where(drawn.stratum == 0, 3.0, -1.0)
     assert drawn.error(level) == pytest.approx(0.0, abs=1e-12)
@@ -378,7 +474,12 @@ def test_means_of_strata_are_no_chance() -> None:
     expected = np.sqrt(sum(n * noise[drawn.stratum == k].var(ddof=1) for k, n in enumerate(STRATA)))
     assert drawn.error(level + noise) == pytest.approx(expected)
     spare = replace(drawn, begun=np.arange(drawn.size) % 2 == 0)
-    half = np.sqrt(sum(n / 2 * noise[(drawn.stratum == k) & spare.begun].var(ddof=1) for k, n in enumerate(STRATA)))
+    half = np.sqrt(
+        sum(
+            n / 2 * noise[(drawn.stratum == k) & spare.begun].var(ddof=1)
+            for k, n in enumerate(STRATA)
+        )
+    )
     assert spare.error(level + noise) == pytest.approx(half)
 
 
@@ -401,7 +502,9 @@ particles = 1000
 """
 
 
-def test_the_next_search_of_each_is_planned_and_compared(tmp_path: Path, search: drift.Case) -> None:
+def test_the_next_search_of_each_is_planned_and_compared(
+    tmp_path: Path, search: drift.Case
+) -> None:
     a = case_of(tmp_path, SEARCH + UNIT, particles=1500)
     same = drift.compare(a, a, plan=True)
     (row,) = [row for row in same.of_run if row.quantity == "POS of the next plan"]

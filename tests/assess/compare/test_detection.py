@@ -1,4 +1,6 @@
-"""What each unit moves the POS of sorties by, against differences of POS that a unit's own weight makes."""
+"""What each unit moves the POS of sorties by, against differences of POS that a unit's own weight
+makes.
+"""
 
 from types import SimpleNamespace
 
@@ -20,7 +22,8 @@ MISSED = np.array(
 
 
 def chance(flown: list[int], more: np.ndarray) -> float:
-    """Return the probability that any of some sorties finds the object, given that those before the first of them have not.
+    """Return the probability that any of some sorties finds the object, given that those before the
+    first of them have not.
 
     They are flown one after the other; more: by which each unit's log weight is larger.
     """
@@ -40,12 +43,32 @@ def log() -> detection.Log:
     for name, missed in zip(NAMES, MISSED, strict=True):
         after = before + np.log(missed)
         evidence = np.log(np.exp(after).sum() / np.exp(before).sum())
-        columns = Columns.held(blocks, {"before": before - 3.0, "after": after + 5.0, "lineage": UNIT})
-        log.note(
-            Update(name, "sortie", np.datetime64("2026-01-01"), np.array([0.0, evidence]), np.ones(1), 9, 8), columns
+        columns = Columns.held(
+            blocks, {"before": before - 3.0, "after": after + 5.0, "lineage": UNIT}
         )
         log.note(
-            Update("wreckage", "contact", np.datetime64("2026-01-01"), np.array([0.0, -2.0]), np.ones(1), 9, 8), columns
+            Update(
+                name,
+                "sortie",
+                np.datetime64("2026-01-01"),
+                np.array([0.0, evidence]),
+                np.ones(1),
+                9,
+                8,
+            ),
+            columns,
+        )
+        log.note(
+            Update(
+                "wreckage",
+                "contact",
+                np.datetime64("2026-01-01"),
+                np.array([0.0, -2.0]),
+                np.ones(1),
+                9,
+                8,
+            ),
+            columns,
         )
         before = after
     return log
@@ -53,7 +76,12 @@ def log() -> detection.Log:
 
 @pytest.mark.parametrize(
     ("quantity", "name", "flown"),
-    [("POS", "plane", [0]), ("POS", "boat", [1]), ("POS", "drone", [2]), ("cumulative POS", "all", [0, 1, 2])],
+    [
+        ("POS", "plane", [0]),
+        ("POS", "boat", [1]),
+        ("POS", "drone", [2]),
+        ("cumulative POS", "all", [0, 1, 2]),
+    ],
 )
 def test_influence_is_what_a_units_weight_moves_the_pos_by(
     log: detection.Log, quantity: str, name: str, flown: list[int]
@@ -68,7 +96,9 @@ def test_influence_is_what_a_units_weight_moves_the_pos_by(
 
 
 def test_a_plan_counts_the_sorties_that_it_has(log: detection.Log) -> None:
-    plan = SimpleNamespace(taskings=[SimpleNamespace(sortie=SimpleNamespace(name=name)) for name in NAMES[1:]])
+    plan = SimpleNamespace(
+        taskings=[SimpleNamespace(sortie=SimpleNamespace(name=name)) for name in NAMES[1:]]
+    )
     ((key, found),) = detection.of_plan(log, plan).items()
     assert key == ("POS of the next plan", "all", "1")
     assert found.value == pytest.approx(chance([1, 2], np.zeros(6)), abs=1e-12)

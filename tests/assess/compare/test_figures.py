@@ -1,4 +1,6 @@
-"""What each unit moves probabilities and mean positions by, against differences that a unit's own weight makes."""
+"""What each unit moves probabilities and mean positions by, against differences that a unit's own
+weight makes.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -26,7 +28,10 @@ def snapshot(more: np.ndarray) -> Snapshot:
     """Return particles across the antimeridian; more: by which each unit's log weight is larger."""
     lon = ORIGIN[0] + np.degrees(EAST / sphere.RADIUS) / np.cos(np.radians(ORIGIN[1]))
     lat = ORIGIN[1] + np.degrees(NORTH / sphere.RADIUS)
-    binary = [np.round(((x + 180) % 360 - 180) * 2**32 / 360).astype(np.int64).astype(np.int32) for x in (lon, lat)]
+    binary = [
+        np.round(((x + 180) % 360 - 180) * 2**32 / 360).astype(np.int64).astype(np.int32)
+        for x in (lon, lat)
+    ]
     weight = WEIGHT * np.exp(more)[FAMILY]
     return Snapshot(
         np.datetime64("2026-03-01"), *binary, weight / weight.sum(), STATUS.astype(np.int32),
@@ -40,7 +45,10 @@ STEPS = 1e-4 * np.eye(MANY)
 def test_of_a_probability() -> None:
     """Central differences of 1e-4 err by 1e-8."""
     found = figures.shares(snapshot(np.zeros(MANY)), ("a", "b", "c"), UNITS)
-    up, down = ([figures.shares(snapshot(sign * one), ("a", "b", "c"), UNITS) for one in STEPS] for sign in (1, -1))
+    up, down = (
+        [figures.shares(snapshot(sign * one), ("a", "b", "c"), UNITS) for one in STEPS]
+        for sign in (1, -1)
+    )
     p = WEIGHT / WEIGHT.sum()
     assert {name: found["status", name, "1"].value for name in ("adrift", "sunk")} == pytest.approx(
         {"adrift": p[STATUS == Status.ADRIFT].sum(), "sunk": p[STATUS == Status.SUNK].sum()}
@@ -53,14 +61,22 @@ def test_of_a_probability() -> None:
 
 
 def test_of_a_mean_position() -> None:
-    """Of what is on the map alone; the plane about the origin differs from that about the mean, 5 km off, by 5 km / R tan 57 degrees."""
+    """Of what is on the map alone; the plane about the origin differs from that about the mean, 5
+    km off, by 5 km / R tan 57 degrees.
+    """
     at = snapshot(np.zeros(MANY))
     found = figures.position(at, UNITS, ORIGIN)
-    up, down = ([figures.position(snapshot(sign * one), UNITS, ORIGIN) for one in STEPS] for sign in (1, -1))
+    up, down = (
+        [figures.position(snapshot(sign * one), UNITS, ORIGIN) for one in STEPS] for sign in (1, -1)
+    )
     on_map = np.isin(STATUS, [Status.ADRIFT, Status.ASHORE, Status.UNDER_WAY])
     for key, offset in zip(found, (EAST, NORTH), strict=True):
-        assert found[key].value == pytest.approx(np.average(offset, weights=WEIGHT * on_map), abs=20.0)
-        moved = np.array([(a[key].value - b[key].value) / 2e-4 for a, b in zip(up, down, strict=True)])
+        assert found[key].value == pytest.approx(
+            np.average(offset, weights=WEIGHT * on_map), abs=20.0
+        )
+        moved = np.array(
+            [(a[key].value - b[key].value) / 2e-4 for a, b in zip(up, down, strict=True)]
+        )
         np.testing.assert_allclose(found[key].influence, moved, atol=4e-3 * np.abs(moved).max())
         assert np.abs(moved).max() > 100
     gone = replace(at, status=np.full(N, int(Status.SUNK), np.int32))
@@ -68,10 +84,12 @@ def test_of_a_mean_position() -> None:
 
 
 def test_of_an_area() -> None:
-    """A map of a normal law on the equator, where all is known: the edge of the share s has a density of (1 - s) / (2 pi S^2).
+    """A map of a normal law on the equator, where all is known: the edge of the share s has a
+    density of (1 - s) / (2 pi S^2).
 
-    A particle inside moves the area by (s - 1) / density, one outside by s / density, by its weight: that is the derivative of
-    -2 pi S^2 log(1 - s) where a little of another law is mixed in.
+    A particle inside moves the area by (s - 1) / density, one outside by s / density, by its
+    weight: that is the derivative of -2 pi S^2 log(1 - s) where a little of another law is mixed
+    in.
     """
     wide, degree = 8e3, np.radians(sphere.RADIUS)
     axis = np.arange(-50, 51) * 700.0
@@ -83,23 +101,43 @@ def test_of_an_area() -> None:
     data = xr.Dataset(
         {
             "probability": (("time", "lat", "lon"), mapped * density[None] * 700.0**2),
-            "containment": (("time", "lat", "lon"), 1 - np.exp(-(x**2 + y**2) / (2 * wide**2))[None]),
+            "containment": (
+                ("time", "lat", "lon"),
+                1 - np.exp(-(x**2 + y**2) / (2 * wide**2))[None],
+            ),
             "cell_area": (("lat", "lon"), np.full(x.shape, 700.0**2)),
             "containment_area": (("time", "share"), -2 * np.pi * wide**2 * np.log(1 - share)[None]),
         },
-        {"time": [np.datetime64("2026-03-01", "ns")], "share": share, "lon": x[0] / degree, "lat": y[:, 0] / degree},
+        {
+            "time": [np.datetime64("2026-03-01", "ns")],
+            "share": share,
+            "lon": x[0] / degree,
+            "lat": y[:, 0] / degree,
+        },
     )
     random = np.random.default_rng(3)
     east, north = random.normal(0, wide, (2, N))
     at = [np.round(v / degree * 2**32 / 360).astype(np.int32) for v in (east, north)]
-    given = replace(snapshot(np.zeros(MANY)), lon=at[0], lat=at[1], time=np.datetime64("2026-03-01"))
+    given = replace(
+        snapshot(np.zeros(MANY)), lon=at[0], lat=at[1], time=np.datetime64("2026-03-01")
+    )
     found = figures.areas(given, SimpleNamespace(data=data), 0, UNITS)
     assert [key[:2] for key in found] == [("area", "50 %"), ("area", "87 %")]
     for s, figure in zip(share, found.values(), strict=True):
         edge = wide * np.sqrt(-2 * np.log(1 - s))
         sure = np.abs(np.hypot(east, north) - edge) > 60  # on the edge it is one or the other
-        pull = weight / weight.sum() * (s - (np.hypot(east, north) < edge)) * 2 * np.pi * wide**2 / (1 - s)
-        expected, doubt = (np.bincount(FAMILY, values, MANY) for values in (pull, ~sure * weight / weight.sum()))
+        pull = (
+            weight
+            / weight.sum()
+            * (s - (np.hypot(east, north) < edge))
+            * 2
+            * np.pi
+            * wide**2
+            / (1 - s)
+        )
+        expected, doubt = (
+            np.bincount(FAMILY, values, MANY) for values in (pull, ~sure * weight / weight.sum())
+        )
         assert figure.value == pytest.approx(-2 * np.pi * wide**2 * np.log(1 - s))
         known = doubt == 0
         assert known.sum() > MANY / 2

@@ -1,4 +1,6 @@
-"""A slice of benchmarks/blind_drifters.py: areas hold what they say of drifters of which most run aground."""
+"""A slice of benchmarks/blind_drifters.py: areas hold what they say of drifters of which most run
+aground.
+"""
 
 import math
 
@@ -9,9 +11,11 @@ import pytest
 
 @pytest.mark.thorough
 def test_areas_hold_what_they_say_where_most_drifters_run_aground():
-    """Of 70 drifters round a headland and an island, within 3 standard errors of independent ones at 6, 12, 24, 48 h.
+    """Of 70 drifters round a headland and an island, within 3 standard errors of independent ones
+    at 6, 12, 24, 48 h.
 
-    Without those that run aground by 48 h, 5 in 6, the 50 % area would hold next to none of the others.
+    Without those that run aground by 48 h, 5 in 6, the 50 % area would hold next to none of the
+    others.
     """
     found = blind_drifters.verified(blind_drifters.LAWS["OU + bias, headland"], 70, 500, 20_261_126)
     assert found.skill.size == 70
@@ -23,7 +27,10 @@ def test_areas_hold_what_they_say_where_most_drifters_run_aground():
     assert all(abs(z) < 3 for *_, z in rows)
     for lead in found.leads:
         column = int(np.searchsorted(found.hours, lead))
-        aground, ashore = float(found.aground[:, column].mean()), float(found.ashore[:, column].mean())
+        aground, ashore = (
+            float(found.aground[:, column].mean()),
+            float(found.ashore[:, column].mean()),
+        )
         assert abs(aground - ashore) < 3 * math.sqrt(ashore * (1 - ashore) / 70)
     assert found.aground[:, -1].mean() > 0.7
     afloat = ~found.aground[:, -1]

@@ -1,4 +1,6 @@
-"""Errors of drifters many of which run aground, against drifters simulated here in float64 whose law is known."""
+"""Errors of drifters many of which run aground, against drifters simulated here in float64 whose
+law is known.
+"""
 
 import math
 
@@ -29,7 +31,9 @@ class Bare:
 
 
 def simulated(count, seed):
-    """Return tracks of drifters in still water that stay where they reach the shore, a fix each 3 h for four days."""
+    """Return tracks of drifters in still water that stay where they reach the shore, a fix each 3 h
+    for four days.
+    """
     rng = np.random.default_rng(seed)
     keep = math.exp(-STEP / TRUE.time)
     error = rng.normal(0, TRUE.std, (count, 2))
@@ -40,7 +44,8 @@ def simulated(count, seed):
         new = keep * error + TRUE.std * math.sqrt(1 - keep**2) * rng.standard_normal((count, 2))
         moved = ((error + new) / 2 + bias) * STEP
         error = new
-        share = np.clip((SHORE - place[:, 1]) / np.maximum(moved[:, 1], 1e-9), 0, 1)  # of the step, until it is ashore
+        # of the step, until it is ashore
+        share = np.clip((SHORE - place[:, 1]) / np.maximum(moved[:, 1], 1e-9), 0, 1)
         place = place + np.where(still, 0.0, np.where(moved[:, 1] > 0, share, 1.0))[:, None] * moved
         still = place[:, 1] >= SHORE - 0.1
         if k * STEP % FIX == 0:
@@ -54,7 +59,9 @@ def simulated(count, seed):
 
 
 def mean_error(tracks):
-    """Return the mean error north [m/s] under the true law, and how many standard errors it is from the true one, 0."""
+    """Return the mean error north [m/s] under the true law, and how many standard errors it is from
+    the true one, 0.
+    """
     ways = along.compared(Bare, tracks, COLUMNS, 4 * 3600.0, 3.0).ways
     found = error_law.likelihood(TRUE, along.residuals(ways, wind=False))
     return float(found.mean[1]), float(found.mean[1]) / math.sqrt(found.covariance[1, 1])
@@ -69,17 +76,26 @@ def shore(tmp_path):
 
 @pytest.mark.thorough
 def test_the_mean_error_is_recovered_from_drifters_of_which_most_run_aground(shore):
-    """Without the ways near the shore it is within 3.3 standard errors, 1 in 1,000; with them it is not, and leans offshore."""
+    """Without the ways near the shore it is within 3.3 standard errors, 1 in 1,000; with them it is
+    not, and leans offshore.
+    """
     believed = records.believed(simulated(1500, 3))
     assert 0.5 < np.mean([mask[-1] for mask in believed.aground]) < 0.9
     seen = exposed.exposed(starts.strand(believed, shore), shore, 4 * 3600.0)
     assert abs(mean_error(seen.tracks)[1]) < stats.norm.ppf(1 - 0.5e-3)
-    afloat = [records.selected(track, ~mask) for track, mask in zip(believed.tracks, believed.aground, strict=True)]
-    assert mean_error([track for track in afloat if track.time.size > 1])[1] < -stats.norm.ppf(1 - 0.5e-3)
+    afloat = [
+        records.selected(track, ~mask)
+        for track, mask in zip(believed.tracks, believed.aground, strict=True)
+    ]
+    assert mean_error([track for track in afloat if track.time.size > 1])[1] < -stats.norm.ppf(
+        1 - 0.5e-3
+    )
 
 
 def test_where_a_track_ends_does_not_depend_on_what_comes_after(shore):
-    """All that a drifter does from the first fix in reach of the shore on may be otherwise, and nothing changes."""
+    """All that a drifter does from the first fix in reach of the shore on may be otherwise, and
+    nothing changes.
+    """
     tracks = simulated(60, 4)
     stranded = starts.strand(records.believed(tracks), shore)
     first = exposed.exposed(stranded, shore, 4 * 3600.0)
@@ -97,10 +113,15 @@ def test_where_a_track_ends_does_not_depend_on_what_comes_after(shore):
         if size < track.time.size:
             assert distance[size - 1] < 1.3 * reach
             assert track.time[size - 1] <= begin + FIX * (size - 1)
-    assert "fixes left out aground, of spells of 12 h or more within 200 m, of 3 h beside a shore: " in first.notes[0]
+    assert (
+        "fixes left out aground, of spells of 12 h or more within 200 m, of 3 h beside a shore: "
+        in first.notes[0]
+    )
     left = sum(track.time.size for track in tracks) - sum(kept.values()) - (60 - len(kept))
     aground = sum(int(mask.sum()) for mask in stranded.ashore)
-    assert first.notes[1].startswith(f"{left - aground:,} fixes left out: their drifter had come within ")
+    assert first.notes[1].startswith(
+        f"{left - aground:,} fixes left out: their drifter had come within "
+    )
 
 
 def test_the_fit_says_what_it_leaves_out_and_its_remedy_works(shore, tmp_path, monkeypatch):
@@ -111,7 +132,9 @@ def test_the_fit_says_what_it_leaves_out_and_its_remedy_works(shore, tmp_path, m
     )
     case, tracks = drift.load(tmp_path / "case.toml"), simulated(8, 5)
     monkeypatch.setattr(
-        fitting, "fitted_errors", lambda ways, wind, notes, held_out: (along.residuals(ways, wind), notes)
+        fitting,
+        "fitted_errors",
+        lambda ways, wind, notes, held_out: (along.residuals(ways, wind), notes),
     )
     found = {}
     for source in (shore.source, "none"):
@@ -131,7 +154,10 @@ def test_drifters_of_many_years_are_compared(tmp_path):
     )
     track = simulated(1, 6)[0]
     later = Track("z", track.time + 3.2e8, track.lon, track.lat, track.columns)
-    ways = along.compared(drift.load(tmp_path / "case.toml"), [track, later], {}, 4 * 3600.0, 3.0).ways
+    ways = along.compared(
+        drift.load(tmp_path / "case.toml"), [track, later], {}, 4 * 3600.0, 3.0
+    ).ways
     assert [
-        way.model[1:] == pytest.approx(np.array([[0.1 * FIX, 0.0]] * (way.time.size - 1)), abs=0.01) for way in ways
+        way.model[1:] == pytest.approx(np.array([[0.1 * FIX, 0.0]] * (way.time.size - 1)), abs=0.01)
+        for way in ways
     ]

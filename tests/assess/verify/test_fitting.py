@@ -1,4 +1,6 @@
-"""Fitting errors to drifters: the likelihood against a dense normal law, the parameters against drifters simulated here."""
+"""Fitting errors to drifters: the likelihood against a dense normal law, the parameters against
+drifters simulated here.
+"""
 
 import functools
 import math
@@ -26,7 +28,9 @@ RADIUS = 6_371_008.8  # [m] of the sphere
 def current(lon, lat, time):
     """East and north [m/s]: a shear, a tide and a trend, nowhere the same in both components."""
     tide = 2 * np.pi * time / (12.42 * 3600)
-    return 0.21 + 0.09 * np.sin(tide + 0.4) + 0.3 * (lat - 47.0), -0.13 + 0.06 * np.cos(tide) + 0.2 * (lon + 6.0)
+    return 0.21 + 0.09 * np.sin(tide + 0.4) + 0.3 * (lat - 47.0), -0.13 + 0.06 * np.cos(
+        tide
+    ) + 0.2 * (lon + 6.0)
 
 
 def wind(lon, lat, time):
@@ -36,7 +40,10 @@ def wind(lon, lat, time):
 
 
 def simulated(rng, drifters, days, law=TRUE, step=300.0, start=1.0e9):
-    """Return tracks with columns of the model at the fixes: Euler steps of a known flow, exact ones of the errors."""
+    """Return tracks with columns of the model at the fixes:
+
+    Euler steps of a known flow, exact ones of the errors.
+    """
     n = round(days * 86_400 / step)
     lon, lat = rng.uniform(-6.2, -5.6, drifters), rng.uniform(46.7, 47.3, drifters)
     bias = rng.normal(0, law.bias, (2, drifters))
@@ -85,7 +92,9 @@ def ways(tracks):
 
 
 def dense(tracks, law, mean):
-    """Log likelihood of the increments by their dense covariance: double integrals in closed form, drifter by drifter."""
+    """Log likelihood of the increments by their dense covariance: double integrals in closed form,
+    drifter by drifter.
+    """
     total, information = 0.0, 0.0
     for d in range(len(tracks.step)):
         n = int(tracks.there[d].sum())
@@ -97,8 +106,16 @@ def dense(tracks, law, mean):
         integral = law.std**2 * memory * (
             2 * low + memory * (np.exp(-low / memory) + np.exp(-high / memory) - 1 - np.exp(-(high - low) / memory))
         )  # fmt: skip
-        position = integral + law.bias**2 * a * b + 2 * law.diffusivity * low + law.noise**2 * np.eye(n)
-        steps = np.array([row for row, k in zip(np.diff(np.eye(n), axis=0), np.diff(stretch), strict=True) if k == 0])
+        position = (
+            integral + law.bias**2 * a * b + 2 * law.diffusivity * low + law.noise**2 * np.eye(n)
+        )
+        steps = np.array(
+            [
+                row
+                for row, k in zip(np.diff(np.eye(n), axis=0), np.diff(stretch), strict=True)
+                if k == 0
+            ]
+        )
         covariance = steps @ position @ steps.T
         for c in range(2):
             # sums start anew with each stretch, and no step crosses from one to the next
@@ -114,7 +131,11 @@ def test_likelihood_is_that_of_a_dense_normal_law():
     long = tracks[1]  # a night of silence splits one track; its velocity and bias go on
     awake = (long.time < long.time[5]) | (long.time > long.time[5] + 5 * 3600)
     tracks[1] = Track(
-        long.name, long.time[awake], long.lon[awake], long.lat[awake], {k: v[awake] for k, v in long.columns.items()}
+        long.name,
+        long.time[awake],
+        long.lon[awake],
+        long.lat[awake],
+        {k: v[awake] for k, v in long.columns.items()},
     )
     found = along.residuals(ways(tracks), wind=True)
     assert found.fresh[1].sum() == 2
@@ -135,8 +156,11 @@ def test_spread_and_correlation_are_integrals_of_the_covariance(hours):
     span, lag = hours * 3600, hours * 3600 * 2.3
     nodes, weight = np.polynomial.legendre.leggauss(60)
     t, w = (nodes + 1) * span / 2, weight * span / 2
-    # the kernel has an edge on the diagonal: what lies below it counts twice, by a second rule on [0, t]
-    inner = np.array([(weight * x / 2 * np.exp(-(x - (nodes + 1) * x / 2) / TRUE.time)).sum() for x in t])
+    # the kernel has an edge on the diagonal: what lies below it counts twice, by a second rule on
+    # [0, t]
+    inner = np.array(
+        [(weight * x / 2 * np.exp(-(x - (nodes + 1) * x / 2) / TRUE.time)).sum() for x in t]
+    )
     variance = 2 * TRUE.std**2 * (w * inner).sum()
     expected = variance + TRUE.bias**2 * span**2 + 2 * TRUE.diffusivity * span + 2 * TRUE.noise**2
     assert error_law.spread(TRUE, span) == pytest.approx(expected, rel=1e-9)
@@ -163,13 +187,15 @@ def fit_of(sets):
 def test_parameters_are_recovered_within_what_their_errors_say(fit_of, many):
     """Each z is about a standard normal: the sum of the squares of so many has a chi-square law.
 
-    Eight parameters, both tails: with limits of 1e-4 a true fit fails in 1 of 600 choices of seeds. Taken together, of all
-    z's (each 2 printed standard errors wide or less with 95.4 %) at least so many lie within 2 as the binomial law says.
+    Eight parameters, both tails: with limits of 1e-4 a true fit fails in 1 of 600 choices of seeds.
+    Taken together, of all z's (each 2 printed standard errors wide or less with 95.4 %) at least so
+    many lie within 2 as the binomial law says.
     """
     z = []
     for fit in map(fit_of, range(many)):
         row = [
-            (math.log(fit.parameters[name].value) - math.log(getattr(TRUE, name))) / fit.parameters[name].curvature
+            (math.log(fit.parameters[name].value) - math.log(getattr(TRUE, name)))
+            / fit.parameters[name].curvature
             for name in error_law.NAMES
         ]
         row.append((fit.windage - WINDAGE) / fit.windage_error)
@@ -185,8 +211,12 @@ def test_parameters_are_recovered_within_what_their_errors_say(fit_of, many):
 
 
 def test_correlation_of_the_data_is_that_of_the_law(sets):
-    """About the true mean error nothing is fitted, and sets of drifters are independent: a t test of each lag, 1 in 1,000."""
-    rows = np.array([fitting._correlation(TRUE, np.array([WINDAGE, *MEAN]), one, True) for one in sets])
+    """About the true mean error nothing is fitted, and sets of drifters are independent: a t test
+    of each lag, 1 in 1,000.
+    """
+    rows = np.array(
+        [fitting._correlation(TRUE, np.array([WINDAGE, *MEAN]), one, True) for one in sets]
+    )
     assert (rows[:, :, 0] == [3.0, 6.0, 12.0, 24.0, 48.0]).all()
     assert (stats.ttest_rel(rows[:, :, 1], rows[:, :, 3]).pvalue > 1e-3).all()
 
@@ -199,7 +229,9 @@ def test_correlation_beside_a_fit_is_that_of_the_fit(sets, fit_of):
 
 @pytest.mark.thorough
 def test_ellipses_hold_out_what_they_say():
-    fit = fitting.fitted_errors(ways(simulated(np.random.default_rng(31), 24, 3.2)), True, held_out=True)
+    fit = fitting.fitted_errors(
+        ways(simulated(np.random.default_rng(31), 24, 3.2)), True, held_out=True
+    )
     assert fit.held is not None
     assert {one.hours for one in fit.held.coverage} == {3.0, 6.0, 12.0, 24.0}
     for one in fit.held.coverage:
@@ -217,13 +249,15 @@ def test_what_the_data_do_not_tell_is_said():
     assert not alone.clustered
     walk = alone.parameters["diffusivity"]
     assert not walk.identified
-    assert walk.limit > walk.value  # and beyond it the data speak against it, by the quantile of the profile's law
+    # and beyond it the data speak against it, by the quantile of the profile's law
+    assert walk.limit > walk.value
     tracks = along.residuals(ways(simulated(np.random.default_rng(8), 1, 1.4, still)), True)
     free = ["std", "time", "diffusivity", "noise"]
     _, there = fitting.likeliest(tracks, free, alone.law, {"diffusivity": walk.limit})
     assert alone.log - there.log == pytest.approx(stats.norm.ppf(0.95) ** 2 / 2, abs=0.2)
     short = fitting.fitted_errors(
-        ways(simulated(np.random.default_rng(10), 4, 0.25, Law(0.2, 40 * 3600, 0.1, 4.0, 30.0))), True
+        ways(simulated(np.random.default_rng(10), 4, 0.25, Law(0.2, 40 * 3600, 0.1, 4.0, 30.0))),
+        True,
     )
     assert not short.parameters["time"].identified
 
@@ -236,7 +270,12 @@ def test_clustered_errors_are_the_sum_over_pairs_that_share_a_cluster():
     both = {(a, b) for a, b in zip(who.tolist(), when.tolist(), strict=True)}
 
     def pairs(same, groups):
-        return sum(e[i] * e[j] for i in range(60) for j in range(60) if same(i, j)) * groups / (groups - 1) / 60**2
+        return (
+            sum(e[i] * e[j] for i in range(60) for j in range(60) if same(i, j))
+            * groups
+            / (groups - 1)
+            / 60**2
+        )
 
     drifter = pairs(lambda i, j: who[i] == who[j], 7)
     day = pairs(lambda i, j: when[i] == when[j], 11)
@@ -256,7 +295,8 @@ def test_halves_share_no_way():
     spans = [{(float(t), float(s)) for t, s, f in zip(w.time, w.step, w.fresh, strict=True) if not f} for w in (*halves.fitted, *halves.held)]  # fmt: skip
     assert not spans[0] & spans[1]
     assert all(spans)
-    assert all(max(step for _, step in span) <= 3 * 3600 for span in spans)  # none leads over days that were held out
+    # none leads over days that were held out
+    assert all(max(step for _, step in span) <= 3 * 3600 for span in spans)
 
 
 def test_quadrature_is_exact_for_cubics_but_for_whole_seconds():
@@ -265,15 +305,17 @@ def test_quadrature_is_exact_for_cubics_but_for_whole_seconds():
     for k in (1, 2):
         found = (weight[owner == k] * at[owner == k] ** 3).sum()
         exact = (time[k] ** 4 - time[k - 1] ** 4) / 4
-        assert abs(found - exact) < 0.5 * 3 * time[k] ** 2 * (time[k] - time[k - 1])  # half a second of each point
+        # half a second of each point
+        assert abs(found - exact) < 0.5 * 3 * time[k] ** 2 * (time[k] - time[k - 1])
 
 
 def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):
-    """A current and a wind that are linear in place and time, so that their interpolation is exact, on grids of their own.
+    """A current and a wind that are linear in place and time, so that their interpolation is exact,
+    on grids of their own.
 
-    The ways are integrals along the drifter's chords, here by 2,000 midpoints. What remains: float32 values (3e-8 m/s), and
-    times of quadrature in whole seconds, 0.5 s of 2e-6 m/s2: both under 0.02 m in 2 h; the curve of a chord of 4 km, 0.3 m
-    across, of a shear of 1e-5 /s: nothing.
+    The ways are integrals along the drifter's chords, here by 2,000 midpoints. What remains:
+    float32 values (3e-8 m/s), and times of quadrature in whole seconds, 0.5 s of 2e-6 m/s2: both
+    under 0.02 m in 2 h; the curve of a chord of 4 km, 0.3 m across, of a shear of 1e-5 /s: nothing.
     """
 
     def u(lon, lat, t, k):
@@ -309,14 +351,18 @@ def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):
     lon = 4.6 + 0.0231 * np.arange(41) + rng.normal(0, 0.01, 41)
     lat = 59.7 + 0.0081 * np.arange(41) + rng.normal(0, 0.005, 41)
     gone = Track("gone", time + 40 * 3600, lon, lat)  # the sources end meanwhile
-    north = Track("north", time[:4], np.linspace(6.3, 6.4, 4), np.linspace(60.7, 60.75, 4))  # in the hole
-    made = along.compared(drift.load(file), [Track("b", time, lon, lat), gone, north], {}, 3 * 3600.0, 3.0, sets)
+    # in the hole
+    north = Track("north", time[:4], np.linspace(6.3, 6.4, 4), np.linspace(60.7, 60.75, 4))
+    made = along.compared(
+        drift.load(file), [Track("b", time, lon, lat), gone, north], {}, 3 * 3600.0, 3.0, sets
+    )
     assert [way.name for way in made.ways] == ["b"]
     way = made.ways[0]
     inside = time <= begin + 30 * 3600
     assert (~way.fresh[1:] == inside[1:]).all()
     assert (
-        f"{(~inside).sum() + 40 + 3} ways between fixes left out along which the forcing has no value" in made.notes[-1]
+        f"{(~inside).sum() + 40 + 3} ways between fixes left out along which the forcing has no value"
+        in made.notes[-1]
     )
     share = (np.arange(2000) + 0.5) / 2000
     for k in np.flatnonzero(~way.fresh):
@@ -326,16 +372,27 @@ def test_the_models_way_is_the_integral_along_the_drifters_own(tmp_path):
             expected = [f(px, py, pt, factor).mean() * span for f in (u, v)]
             assert found[k] == pytest.approx(expected, abs=0.05)
         middle = np.radians((lat[k] + lat[k - 1]) / 2)
-        made_good = np.radians([(lon[k] - lon[k - 1]) * np.cos(middle), lat[k] - lat[k - 1]]) * RADIUS
+        made_good = (
+            np.radians([(lon[k] - lon[k - 1]) * np.cos(middle), lat[k] - lat[k - 1]]) * RADIUS
+        )
         # the tangent plane of the fix before turns by half the convergence of meridians
         turn = np.radians(lon[k] - lon[k - 1]) / 2 * np.sin(middle)
-        assert way.observed[k] == pytest.approx(made_good, abs=1.1 * abs(turn) * np.hypot(*made_good) + 0.05)
+        assert way.observed[k] == pytest.approx(
+            made_good, abs=1.1 * abs(turn) * np.hypot(*made_good) + 0.05
+        )
 
 
 def test_a_wind_that_is_always_the_same_tells_no_windage():
     tracks = simulated(np.random.default_rng(15), 2, 0.8)
     same = [
-        Track(t.name, t.time, t.lon, t.lat, {**t.columns, "a": 0 * t.time + 5.0, "b": 0 * t.time - 3.0}) for t in tracks
+        Track(
+            t.name,
+            t.time,
+            t.lon,
+            t.lat,
+            {**t.columns, "a": 0 * t.time + 5.0, "b": 0 * t.time - 3.0},
+        )
+        for t in tracks
     ]
     fit = fitting.fitted_errors(ways(same), True)
     assert math.isnan(fit.windage)
@@ -345,7 +402,9 @@ def test_a_wind_that_is_always_the_same_tells_no_windage():
 
 def test_the_command_prints_an_uncertainty_to_paste(tmp_path, capsys):
     rows = ["buoy;time;lat;lon;u;v;a;b"]
-    for track in simulated(np.random.default_rng(40), 3, 0.9, Law(0.2, 3 * 3600.0, 0.2, 30.0, 90.0)):
+    for track in simulated(
+        np.random.default_rng(40), 3, 0.9, Law(0.2, 3 * 3600.0, 0.2, 30.0, 90.0)
+    ):
         columns = (track.lat, track.lon, *(track.columns[name] for name in "uvab"))
         rows += [f"{track.name};{np.datetime64(round(t * 1000), 'ms')}Z;{';'.join(map(repr, map(float, row)))}"
                  for t, row in zip(track.time, zip(*columns, strict=True), strict=True)]  # fmt: skip
@@ -358,17 +417,26 @@ def test_the_command_prints_an_uncertainty_to_paste(tmp_path, capsys):
     columns = "current_east=u,current_north=v,wind_east=a,wind_north=b"
     assert commands.main([*given, "--columns", columns]) == 0
     said = capsys.readouterr().out
-    made = drift.fit_errors(drift.load(tmp_path / "case.toml"), tmp_path / "buoys.csv", columns=COLUMNS)
+    made = drift.fit_errors(
+        drift.load(tmp_path / "case.toml"), tmp_path / "buoys.csv", columns=COLUMNS
+    )
     table = said[said.index("[uncertainty]") :]
     pasted = tomllib.loads(table)["uncertainty"]
-    assert units.quantity(pasted["current"]["std"], "m/s", "", "") == pytest.approx(made.law.std, abs=5e-4)
-    assert units.quantity(pasted["current"]["time"], "s", "", "") == pytest.approx(made.law.time, abs=180)
-    assert units.quantity(pasted["current"]["bias"], "m/s", "", "") == pytest.approx(made.standing_bias, abs=5e-4)
+    assert units.quantity(pasted["current"]["std"], "m/s", "", "") == pytest.approx(
+        made.law.std, abs=5e-4
+    )
+    assert units.quantity(pasted["current"]["time"], "s", "", "") == pytest.approx(
+        made.law.time, abs=180
+    )
+    assert units.quantity(pasted["current"]["bias"], "m/s", "", "") == pytest.approx(
+        made.standing_bias, abs=5e-4
+    )
     assert units.quantity(pasted["diffusivity"], "m^2/s", "", "") == pytest.approx(
         made.law.diffusivity, rel=0.05, abs=0.05
     )
     assert f'object = {{ windage = "{100 * made.windage:.2f} %" }}' in table
-    # the mean's square, less its error's, joins the square of the bias: what a drifter's bias is where the mean is left in
+    # the mean's square, less its error's, joins the square of the bias: what a drifter's bias is
+    # where the mean is left in
     square = made.law.bias**2 + (np.square(made.mean).sum() - np.square(made.mean_error).sum()) / 2
     assert made.standing_bias == pytest.approx(math.sqrt(max(square, made.law.bias**2)))
     drift.vary(drift.load(tmp_path / "case.toml"), {"uncertainty": pasted})

@@ -1,4 +1,6 @@
-"""Phases of behaviour and the trackers that they name: what is refused, in one line that says where, and what is taken."""
+"""Phases of behaviour and the trackers that they name: what is refused, in one line that says
+where, and what is taken.
+"""
 
 from pathlib import Path
 
@@ -89,9 +91,22 @@ def phase(tmp_path: Path, text: str) -> Acts:
 
 
 def test_a_behaviour_is_taken_as_it_was_meant(tmp_path: Path) -> None:
-    """By default any course and speed at first; the tracker's rhumb lines by their latitudes and lengths, across 180 degrees."""
-    own = phase(tmp_path, behaviour(f'{ACTS}, change = 0.2, hide = 0.3, leave = 0.05, spread = 40, tracker = "patrol"'))
-    assert (own.change, own.seek, own.hide, own.leave, own.between) == (0.2, 0.0, 0.3, 0.05, (180.0, 900.0))
+    """By default any course and speed at first; the tracker's rhumb lines by their latitudes and
+    lengths, across 180 degrees.
+    """
+    own = phase(
+        tmp_path,
+        behaviour(
+            f'{ACTS}, change = 0.2, hide = 0.3, leave = 0.05, spread = 40, tracker = "patrol"'
+        ),
+    )
+    assert (own.change, own.seek, own.hide, own.leave, own.between) == (
+        0.2,
+        0.0,
+        0.3,
+        0.05,
+        (180.0, 900.0),
+    )
     assert own.spread == pytest.approx(np.radians(40))
     assert (own.course.low, own.course.high) == (0, 2 * np.pi)
     assert (own.speed.low, own.speed.high) == (0, own.fastest)
@@ -99,10 +114,14 @@ def test_a_behaviour_is_taken_as_it_was_meant(tmp_path: Path) -> None:
     assert way is not None
     k = way.time.index(2400.0)
     metres = 14 * 1852 / 3600 * 2400
-    assert np.degrees(way.lat[k]) == pytest.approx(-52 + np.degrees(metres * np.cos(np.radians(60)) / sphere.RADIUS))
+    assert np.degrees(way.lat[k]) == pytest.approx(
+        -52 + np.degrees(metres * np.cos(np.radians(60)) / sphere.RADIUS)
+    )
     assert way.time[-1] == 7200
     lon = np.array(way.lon)
-    assert sphere.distance(lon[0], way.lat[0], lon[k], way.lat[k]) == pytest.approx(metres, rel=1e-5)
+    assert sphere.distance(lon[0], way.lat[0], lon[k], way.lat[k]) == pytest.approx(
+        metres, rel=1e-5
+    )
 
 
 def test_a_tracker_by_its_track_is_enough_until_the_phase_ends(tmp_path: Path) -> None:

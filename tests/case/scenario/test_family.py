@@ -1,4 +1,6 @@
-"""Families: what their scenarios are, and what is refused, each mistake in one line however many scenarios it has."""
+"""Families: what their scenarios are, and what is refused, each mistake in one line however many
+scenarios it has.
+"""
 
 import time
 from pathlib import Path
@@ -71,7 +73,10 @@ def test_all_combinations_in_order_with_the_product_of_weights(tmp_path: Path) -
     assert rest[137].family.labels == {"route": "middle", "speed": "9-10 kn", "departure": "+42 h"}
     assert rest[137].itinerary is not None
     (phase,) = rest[137].itinerary.phases
-    assert (phase.speed.low, phase.speed.high) == (pytest.approx(9 * 1852 / 3600), pytest.approx(10 * 1852 / 3600))
+    assert (phase.speed.low, phase.speed.high) == (
+        pytest.approx(9 * 1852 / 3600),
+        pytest.approx(10 * 1852 / 3600),
+    )
     assert phase.after.low == 0
     assert phase.start == np.datetime64("2026-11-22T18:00")
 
@@ -90,7 +95,9 @@ def test_it_is_what_the_same_scenarios_written_out_are(tmp_path: Path) -> None:
 
 
 def test_values_that_set_several_keys_and_lists_of_lists(tmp_path: Path) -> None:
-    """A value may be a table of keys; tables are made where they are not there, numbers count lists from 1, None is shared."""
+    """A value may be a table of keys; tables are made where they are not there, numbers count lists
+    from 1, None is shared.
+    """
     text = """
 [[family]]
 name = "lost"
@@ -109,7 +116,11 @@ weights = { "38.5" = 1, "39.5" = 3 }
     ]  # fmt: skip
     assert [s.weight for s in case.scenarios] == pytest.approx([0.125, 0.375, 0.125, 0.375])
     raft, _, swimmer, north = case.scenarios
-    assert (raft.search_object, swimmer.search_object, raft.survival) == ("Raft 4 person", None, None)
+    assert (raft.search_object, swimmer.search_object, raft.survival) == (
+        "Raft 4 person",
+        None,
+        None,
+    )
     assert swimmer.survival is not None
     assert north.prior is not None
     assert north.prior.reported == pytest.approx((-149.0, 39.5))
@@ -131,7 +142,9 @@ weights = { "38.5" = 1, "39.5" = 3 }
 def test_what_values_are_called(axis: str, labels: list[str]) -> None:
     from drift.case.scenario.family import FamilyTable
 
-    table = FamilyTable.model_validate({"name": "f", "axis": {"a": case_file.tomllib.loads(f"axis = {axis}")["axis"]}})
+    table = FamilyTable.model_validate(
+        {"name": "f", "axis": {"a": case_file.tomllib.loads(f"axis = {axis}")["axis"]}}
+    )
     assert [story["name"] for story in table.stories()] == [f"f, {label}" for label in labels]
 
 
@@ -140,7 +153,9 @@ def test_what_is_left_out_gives_its_weight_to_all_others(tmp_path: Path) -> None
     case = load(tmp_path, HEAD + FAMILY, {"family.0.leave_out": out})
     names = [s.name for s in case.scenarios]
     assert len(names) == 9 * 28
-    assert not any(name.startswith("transit, north, 7-8 kn") or name.endswith("+54 h") for name in names)
+    assert not any(
+        name.startswith("transit, north, 7-8 kn") or name.endswith("+54 h") for name in names
+    )
     weights = dict(zip(names, (s.weight for s in case.scenarios), strict=True))
     assert weights["transit, north, 8-9 kn, +0 h"] == pytest.approx(3 / (9 * (8 * 3 + 10 * 2 + 10)))
 
@@ -157,7 +172,9 @@ def test_set_and_vary_change_families(tmp_path: Path) -> None:
     )
     assert len(case.scenarios) == 20
     again = case_file.vary(case, {"family.0.axis.departure.count": 3})
-    assert [s.name for s in again.scenarios][:3] == [f"transit, south, 6-11 kn, +{h} h" for h in (0, 27, 54)]
+    assert [s.name for s in again.scenarios][:3] == [
+        f"transit, south, 6-11 kn, +{h} h" for h in (0, 27, 54)
+    ]
 
 
 def test_files_that_values_name_are_inputs(tmp_path: Path) -> None:
@@ -176,7 +193,9 @@ axis.lanes = { key = "phase.1.lanes.network", values = { one = "one.toml", two =
 
 def test_a_family_stands_for_its_scenarios_in_tables_by_scenario(tmp_path: Path) -> None:
     area = '["41 00N 149 00W", "41 00N 146 00W", "39 00N 146 00W", "39 00N 149 00W"]'
-    sortie = f'[[sortie]]\nstart = "+6 h"\nend = "+9 h"\nlaw = "random"\narea = {{ polygon = {area} }}\n'
+    sortie = (
+        f'[[sortie]]\nstart = "+6 h"\nend = "+9 h"\nlaw = "random"\narea = {{ polygon = {area} }}\n'
+    )
     told = 'pod = { transit = 0.5, adrift = 0.1, "transit, north, 6-7 kn, +0 h" = 0 }\n'
     (flown,) = load(tmp_path, HEAD + OWN + FAMILY + sortie + told).sorties
     assert len(flown.coverage) == 301
@@ -184,9 +203,17 @@ def test_a_family_stands_for_its_scenarios_in_tables_by_scenario(tmp_path: Path)
     assert len({*flown.coverage[2:]}) == 1
     assert flown.coverage[2] > flown.coverage[0] > 0
     (line,) = refused(tmp_path, {}, HEAD + OWN + FAMILY + sortie + "pod = { adrift = 0.1 }\n")
-    assert line == 'sortie "sortie 1": pod lacks family "transit"; give one for each, 0 where it is not seen at all'
-    (line,) = refused(tmp_path, {}, HEAD + OWN + FAMILY + sortie + "pod = { adrift = 0.1, transits = 0.5 }\n")
-    assert line == 'sortie "sortie 1": pod: no scenario "transits"; did you mean "transit"? there are: transit, adrift'
+    assert (
+        line
+        == 'sortie "sortie 1": pod lacks family "transit"; give one for each, 0 where it is not seen at all'
+    )
+    (line,) = refused(
+        tmp_path, {}, HEAD + OWN + FAMILY + sortie + "pod = { adrift = 0.1, transits = 0.5 }\n"
+    )
+    assert (
+        line
+        == 'sortie "sortie 1": pod: no scenario "transits"; did you mean "transit"? there are: transit, adrift'
+    )
 
 
 REFUSED = [
@@ -256,7 +283,10 @@ def test_no_table_of_keys(tmp_path: Path) -> None:
         "{ values = { a = { weight = 2 } } }",
     )
     (line,) = refused(tmp_path, {}, HEAD + text)
-    assert 'family "transit": axis.route, value "a": weight is the family\'s to give; leave it out' in line
+    assert (
+        'family "transit": axis.route, value "a": weight is the family\'s to give; leave it out'
+        in line
+    )
 
 
 def test_names_that_come_twice(tmp_path: Path) -> None:
@@ -264,8 +294,13 @@ def test_names_that_come_twice(tmp_path: Path) -> None:
     assert line == 'family "transit": two families have this name; give each its own'
     (line,) = refused(tmp_path, {}, HEAD + OWN.replace('"adrift"', '"transit"') + FAMILY)
     assert line == 'family "transit": a scenario has this name too; give each its own'
-    (line,) = refused(tmp_path, {}, HEAD + OWN.replace('"adrift"', '"transit, south, 6-7 kn, +0 h"') + FAMILY)
-    assert 'family "transit", route "south", speed "6-7 kn", departure "+0 h": two scenarios have this name' in line
+    (line,) = refused(
+        tmp_path, {}, HEAD + OWN.replace('"adrift"', '"transit, south, 6-7 kn, +0 h"') + FAMILY
+    )
+    assert (
+        'family "transit", route "south", speed "6-7 kn", departure "+0 h": two scenarios have this name'
+        in line
+    )
 
 
 def test_a_family_beside_a_spill(tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
-"""Itineraries of cases: what is refused, in one line that says where, and what is taken as it was meant."""
+"""Itineraries of cases: what is refused, in one line that says where, and what is taken as it was
+meant.
+"""
 
 import json
 from pathlib import Path
@@ -75,11 +77,15 @@ BAD = {
         'scenario "one".phase 1.bridge: it strays by 3,118 nmi (standard deviation), more than the 1,720 nmi',
     ),
     "a bridge between antipodes": (
-        STORY + bridge('time = "+2 h"', 'time = "+50 h"').replace("[-31.4, 46.3]", "[151.2, -45.3]"),
+        STORY
+        + bridge('time = "+2 h"', 'time = "+50 h"').replace("[-31.4, 46.3]", "[151.2, -45.3]"),
         'scenario "one".phase 1.bridge: way points 1 and 2 are 179 degrees apart: the track between them is hardly known',
     ),
     "a distress at a rate a second": (
-        STORY + "object = 'water'\ndistress = { rate = 0.02 }\n" + VOYAGE.format('departure = "+1 h"') + STILL,
+        STORY
+        + "object = 'water'\ndistress = { rate = 0.02 }\n"
+        + VOYAGE.format('departure = "+1 h"')
+        + STILL,
         'scenario "one".distress.rate: rate 0.02 needs a unit, like "0.02 /h"',
     ),
     "legs of metres": (
@@ -90,8 +96,14 @@ BAD = {
         STORY + AT + course("{ low = 340, best = 50, high = 20, ratio = 3 }"),
         'scenario "one".phase 1.course.course: best 410.0 must lie between',
     ),
-    "a course without a place": (STORY + course(), "begins at a position or in an area; give one of them"),
-    "loitering without a place": (STORY + loiter(), "begins at a position or in an area; give one of them"),
+    "a course without a place": (
+        STORY + course(),
+        "begins at a position or in an area; give one of them",
+    ),
+    "loitering without a place": (
+        STORY + loiter(),
+        "begins at a position or in an area; give one of them",
+    ),
     "a place beside a voyage": (
         STORY + AT + VOYAGE.format('departure = "+1 h"'),
         "position: its first phase says where it begins",
@@ -122,7 +134,9 @@ BAD = {
         'scenario "one".phase 1.bridge: arrives 051800ZMAR26, before it departs, 052000ZMAR26; give times in the order',
     ),
     "a track that goes back in time": (
-        STORY + PHASE + 'track = { points = [{ at = [-30, 45], after = "9 h" }, { at = [-31, 46], after = "5 h" }] }\n',
+        STORY
+        + PHASE
+        + 'track = { points = [{ at = [-30, 45], after = "9 h" }, { at = [-31, 46], after = "5 h" }] }\n',
         'scenario "one".phase 1.track: arrives after 5 h, before it departs, after 9 h',
     ),
     "a K below 0": (
@@ -130,7 +144,10 @@ BAD = {
         "scenario \"one\".phase 1.bridge.k: spread rate '-12 nmi/sqrt(h)' must be at least 0 m/sqrt(s)",
     ),
     "a lowest speed above the highest": (
-        STORY + bridge('time = "+2 h"', 'time = "+18 h"', 'k = 5\nmin_speed = "9 kn"\nmax_speed = "3 kn"'),
+        STORY
+        + bridge(
+            'time = "+2 h"', 'time = "+18 h"', 'k = 5\nmin_speed = "9 kn"\nmax_speed = "3 kn"'
+        ),
         'scenario "one".phase 1.bridge: min_speed 4.63 m/s is above max_speed 1.54 m/s',
     ),
     "a way too far for its time": (  # 87.9 nmi apart, by the spherical law of cosines; 16 h
@@ -142,7 +159,10 @@ BAD = {
         'scenario "one".phase 1.bridge: min_speed 5.6 kn is too fast: 88 nmi at most between two way points, in 16 h at least',
     ),
     "a bridge that feels the current": (
-        STORY + 'vessel = { currents = "felt" }\n' + bridge('time = "+2 h"', 'time = "+18 h"') + STILL,
+        STORY
+        + 'vessel = { currents = "felt" }\n'
+        + bridge('time = "+2 h"', 'time = "+18 h"')
+        + STILL,
         'scenario "one": vessel.currents is "felt": a bridge says where the target is, whatever the current',
     ),
     "a current to be felt that is not there": (
@@ -150,7 +170,9 @@ BAD = {
         'scenario "one".vessel.currents is "felt" and there is no current: add [[current]] with files, or leave it out',
     ),
     "probabilities that do not add up": (
-        STORY + PHASE + "[scenario.phase.bridge]\nk = 5\npoints = [{ at = [-30, 45], time = '+1 h' }]\ndestinations = ["
+        STORY
+        + PHASE
+        + "[scenario.phase.bridge]\nk = 5\npoints = [{ at = [-30, 45], time = '+1 h' }]\ndestinations = ["
         "{ at = [-31, 46], time = '+9 h', probability = 0.5 }, { at = [-31, 47], time = '+9 h', probability = 0.4 }]\n",
         'scenario "one".phase 1.bridge: destinations: their probabilities add up to 0.9; they must add up to 1',
     ),
@@ -232,7 +254,12 @@ def test_all_mistakes_of_all_phases_at_once(tmp_path: Path) -> None:
     path = tmp_path / "trial.toml"
     first = lanes('["Cape Spartel", "Oran"]')
     path.write_text(
-        HEAD + OPEN + STORY + first + loiter(more=', until = "+30 h"') + bridge('time = "+9 h"', 'time = "+4 h"')
+        HEAD
+        + OPEN
+        + STORY
+        + first
+        + loiter(more=', until = "+30 h"')
+        + bridge('time = "+9 h"', 'time = "+4 h"')
     )
     with pytest.raises(UserError) as told:
         case_file.load(path)
@@ -250,9 +277,13 @@ def test_uncertain_numbers_are_as_meant(tmp_path: Path) -> None:
     assert isinstance(first, Course)
     assert isinstance(second, Loiter)
     knot = 1852 / 3600
-    np.testing.assert_allclose(np.degrees([first.course.low, first.course.mode, first.course.high]), [340, 365, 380])
+    np.testing.assert_allclose(
+        np.degrees([first.course.low, first.course.mode, first.course.high]), [340, 365, 380]
+    )
     assert first.course.ratio == 4
-    assert first.speed == Spread(pytest.approx(3 * knot), pytest.approx(9 * knot), pytest.approx(6 * knot))  # type: ignore[arg-type]
+    assert first.speed == Spread(
+        pytest.approx(3 * knot), pytest.approx(9 * knot), pytest.approx(6 * knot)
+    )  # type: ignore[arg-type]
     assert (first.change, first.lasting, second.leg) == (7 * 3600, 20 * 3600, 9 * 1852)
 
 
@@ -260,13 +291,25 @@ ISLAND = [[-30.9, 45.5], [-30.6, 45.5], [-30.6, 45.8], [-30.9, 45.8], [-30.9, 45
 
 
 def on_an_island(tmp_path: Path, body: str) -> tuple[str, ...]:
-    """Return the lines by which a case is refused when it is opened in a sea with one island; none: it is not."""
-    land = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ISLAND]}}
-    (tmp_path / "island.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [land]}))
+    """Return the lines by which a case is refused when it is opened in a sea with one island; none:
+    it is not.
+    """
+    land = {
+        "type": "Feature",
+        "properties": {},
+        "geometry": {"type": "Polygon", "coordinates": [ISLAND]},
+    }
+    (tmp_path / "island.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": [land]})
+    )
     (tmp_path / "lanes.toml").write_text(
         "".join(
             f'[[node]]\nname = "{name}"\nat = {at}\n'
-            for name, at in {"South": [-30.2, 45.1], "North": [-31.4, 46.3], "East": [-30.1, 46.2]}.items()
+            for name, at in {
+                "South": [-30.2, 45.1],
+                "North": [-31.4, 46.3],
+                "East": [-30.1, 46.2],
+            }.items()
         )
         + '[[lane]]\nthrough = ["South", "East", "North"]\nwidth = "6 nmi"\n'
         + '[[lane]]\nfrom = "South"\nto = "North"\nwidth = "6 nmi"\n'
@@ -295,11 +338,16 @@ def test_ways_over_land_are_refused_when_a_case_is_opened(tmp_path: Path) -> Non
         'scenario "one".phase 1.voyage',
         'scenario "one".phase 2.loiter.polygon',
     ]
-    assert "leg 1, 4 nmi wide with 4 standard deviations of cross_track to each side, touches land near" in lines[0]
+    assert (
+        "leg 1, 4 nmi wide with 4 standard deviations of cross_track to each side, touches land near"
+        in lines[0]
+    )
 
 
 def test_the_way_from_one_voyage_to_the_next_is_held_against_land(tmp_path: Path) -> None:
-    """Two voyages round an island, the second of which begins beyond it; not so where it begins where the first ends."""
+    """Two voyages round an island, the second of which begins beyond it; not so where it begins
+    where the first ends.
+    """
     first, second = (
         PHASE + f'voyage = {{ waypoints = {points}, speed = "5 kn", cross_track = "0.3 nmi" }}\n'
         for points in ("[[-30.2, 45.1], [-30.3, 45.4]]", "[[-31.3, 46.1], [-31.4, 46.3]]")
@@ -308,12 +356,20 @@ def test_the_way_from_one_voyage_to_the_next_is_held_against_land(tmp_path: Path
     assert line.startswith(
         'scenario "one".phase 1: the way from its end to where phase 2 begins, 2.4 nmi wide, touches land'
     )
-    assert on_an_island(tmp_path, STORY + first + second.replace("[-31.3, 46.1]", "[-30.3, 45.4], [-30.2, 46.3]")) == ()
+    assert (
+        on_an_island(
+            tmp_path,
+            STORY + first + second.replace("[-31.3, 46.1]", "[-30.3, 45.4], [-30.2, 46.3]"),
+        )
+        == ()
+    )
     assert on_an_island(tmp_path, STORY + 'vessel = { land = "stop" }\n' + first + second) == ()
 
 
 def test_a_turn_too_sharp_for_the_error_is_told_by_its_place(tmp_path: Path) -> None:
-    sharp = VOYAGE.format('cross_track = "9 nmi"').replace("[-31.4, 46.3]]", "[-30.2, 45.3], [-29.2, 45.3]]")
+    sharp = VOYAGE.format('cross_track = "9 nmi"').replace(
+        "[-31.4, 46.3]]", "[-30.2, 45.3], [-29.2, 45.3]]"
+    )
     (line,) = on_an_island(tmp_path, STORY + sharp)
     assert line.startswith(
         'scenario "one".phase 1.voyage: with 4 standard deviations of cross_track to each side: lane "1 - 2": 12 nmi long'
@@ -323,7 +379,10 @@ def test_a_turn_too_sharp_for_the_error_is_told_by_its_place(tmp_path: Path) -> 
 @pytest.mark.parametrize("land", ["stop", "ignore"])
 def test_what_may_meet_land_is_not_refused(land: str, tmp_path: Path) -> None:
     vessel = f'vessel = {{ land = "{land}" }}\n'
-    assert on_an_island(tmp_path, STORY + vessel + VOYAGE.format('departure = "+1 h"') + loiter(OVER)) == ()
+    assert (
+        on_an_island(tmp_path, STORY + vessel + VOYAGE.format('departure = "+1 h"') + loiter(OVER))
+        == ()
+    )
 
 
 def test_bridges_and_courses_are_not_refused(tmp_path: Path) -> None:
@@ -402,5 +461,7 @@ def test_a_shared_voyage_that_is_wrong(tmp_path: Path, old: str, new: str, told:
     path.write_text(HEAD + OPEN + STILL + SHARED.replace(old, new))
     with pytest.raises(UserError) as refusal:
         case_file.load(path)
-    assert all(told in line or line.startswith("trial.toml: scenario") for line in refusal.value.lines)
+    assert all(
+        told in line or line.startswith("trial.toml: scenario") for line in refusal.value.lines
+    )
     assert any(told in line for line in refusal.value.lines)  # a line for each story that names it

@@ -39,7 +39,11 @@ PLACES = {"West": (-6.2, 35.9), "Middle": (-4.5, 36.1), "East": (0.5, 37.1), "So
 
 
 def feature(kind: str, coordinates: Any, **keys: Any) -> dict[str, Any]:
-    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": keys}
+    return {
+        "type": "Feature",
+        "geometry": {"type": kind, "coordinates": coordinates},
+        "properties": keys,
+    }
 
 
 def line(a: str, b: str, **keys: Any) -> dict[str, Any]:
@@ -47,7 +51,9 @@ def line(a: str, b: str, **keys: Any) -> dict[str, Any]:
 
 
 def geojson() -> list[dict[str, Any]]:
-    """Return the features of the same network, with heights and an empty property, as programs write them."""
+    """Return the features of the same network, with heights and an empty property, as programs
+    write them.
+    """
     ring = [[-1.0, 36.5], [0.75, 36.4], [0.5, 37.0], [-1.0, 36.5]]
     return [
         line("West", "Middle", width="2.5 nmi", one_way=True),
@@ -61,7 +67,11 @@ def geojson() -> list[dict[str, Any]]:
 def read(folder: Path, content: str | list[dict[str, Any]], suffix: str = "") -> Chart:
     """Return a file's network."""
     path = folder / f"trial{suffix or ('.toml' if isinstance(content, str) else '.geojson')}"
-    text = content if isinstance(content, str) else json.dumps({"type": "FeatureCollection", "features": content})
+    text = (
+        content
+        if isinstance(content, str)
+        else json.dumps({"type": "FeatureCollection", "features": content})
+    )
     path.write_text(text, encoding="utf-8")
     return network.read_network(path)
 
@@ -167,7 +177,10 @@ def test_all_mistakes_are_found_at_once(tmp_path: Path) -> None:
 def test_one_way_lanes_in_both_directions_are_two_lanes(tmp_path: Path) -> None:
     back = '[[lane]]\nfrom = "Middle"\nto = "West"\nwidth = "1 nmi"\none_way = true\n'
     found = read(tmp_path, TOML + back).network
-    assert lanes.route(found, ["West", "Middle", "West"]).half[[0, 2]].tolist() == [1.25 * NMI, 0.5 * NMI]
+    assert lanes.route(found, ["West", "Middle", "West"]).half[[0, 2]].tolist() == [
+        1.25 * NMI,
+        0.5 * NMI,
+    ]
 
 
 LINE = line("West", "Middle", width="2.5 nmi")
@@ -230,7 +243,14 @@ NORTH = ("Alboran Island north", "Cabo de Gata", "Cartagena", "Formentera", "Men
 MESSINA = ("Stromboli", "Gioia", "Peloro, southbound", "Ganzirri, southbound", "Messina, southbound", "Capo dell'Armi",
            "Capo Spartivento", "Ionian Sea west", "Ionian Sea")  # fmt: skip
 LIGURIA = ("Gulf of Lion", "Ligurian Sea", "Cap Corse", "Capraia", "Montecristo", "Tyrrhenian Sea")
-CHANNEL = ("Adventure Bank", "Gela", "Malta Channel", "Capo Passero", "Ionian Sea west", "Ionian Sea")
+CHANNEL = (
+    "Adventure Bank",
+    "Gela",
+    "Malta Channel",
+    "Capo Passero",
+    "Ionian Sea west",
+    "Ionian Sea",
+)
 MALTA = ("Cap Bon", "Pantelleria south", "Linosa", "Malta south", "Medina Bank")
 SARDINIA = ("Sardinia south-west", "Sardinia south")
 CRETE = ("Gavdos", "Crete south-east", "Levantine Sea west", "Levantine Sea")
@@ -262,7 +282,9 @@ def mediterranean() -> Chart:
 
 @pytest.mark.parametrize("name", ROUTES)
 def test_ways_through_the_mediterranean(mediterranean: Chart, name: str) -> None:
-    """Each ends in its area with its whole corridor, and is longer than the great circle, by less than two thirds."""
+    """Each ends in its area with its whole corridor, and is longer than the great circle, by less
+    than two thirds.
+    """
     import shapely
 
     area, nodes = ROUTES[name]
@@ -270,14 +292,19 @@ def test_ways_through_the_mediterranean(mediterranean: Chart, name: str) -> None
     ends = np.degrees(lanes.displaced(route, np.linspace(-1, 1, 9)))[:, :, -1]
     assert shapely.contains_xy(shapely.Polygon(mediterranean.areas[area]), *ends).all()
     p = np.array(
-        [[np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y)] for x, y in zip(route.lon, route.lat, strict=True)]
+        [
+            [np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y)]
+            for x, y in zip(route.lon, route.lat, strict=True)
+        ]
     )
     straight = 6_371_008.8 * np.arccos(p[0] @ p[-1])
     assert straight < route.along[-1] < 5 / 3 * straight
 
 
 def test_the_mediterranean_network(mediterranean: Chart) -> None:
-    """From the strait every node can be reached and left again, in the straits by the right-hand side alone."""
+    """From the strait every node can be reached and left again, in the straits by the right-hand
+    side alone.
+    """
     found = mediterranean.network
     assert len(found.name) >= 40
     assert len(mediterranean.areas) == 4
@@ -286,18 +313,28 @@ def test_the_mediterranean_network(mediterranean: Chart) -> None:
         lanes.shortest(found, name, "Cape Spartel")
     assert "Tarifa, eastbound" in lanes.shortest(found, "Cape Spartel", "Oran")
     assert "Tarifa, westbound" in lanes.shortest(found, "Oran", "Cape Spartel")
-    assert {"Scilla, northbound", "Reggio, northbound"} <= {*lanes.shortest(found, "Capo Spartivento", "Stromboli")}
+    assert {"Scilla, northbound", "Reggio, northbound"} <= {
+        *lanes.shortest(found, "Capo Spartivento", "Stromboli")
+    }
 
 
 def test_a_network_is_an_input_of_its_case() -> None:
     """So that summary.json records its digest; named by twelve scenarios, it is one file."""
-    assert drift.load("medsearch_transit").inputs == (str(Path(cases).parent / "networks" / "mediterranean.toml"),)
+    assert drift.load("medsearch_transit").inputs == (
+        str(Path(cases).parent / "networks" / "mediterranean.toml"),
+    )
 
 
 def test_the_example_of_the_documentation(tmp_path: Path) -> None:
     """Its blocks are what they say: a network, and two routes that differ."""
     page = (Path(__file__).parents[3] / "docs" / "targets.md").read_text(encoding="utf-8")
-    found = read(tmp_path, page.split("## Lane networks")[1].split("```toml\n")[1].split("```")[0]).network
+    found = read(
+        tmp_path, page.split("## Lane networks")[1].split("```toml\n")[1].split("```")[0]
+    ).network
     assert lanes.shortest(found, "Strait", "Cape") == ("Strait", "Island north", "Cape")
     assert lanes.shortest(found, "Cape", "Strait") == ("Cape", "Island south", "Strait")
-    assert lanes.route(found, ["Strait", "Island south", "Cape"]).node == ("Strait", "Island south", "Cape")
+    assert lanes.route(found, ["Strait", "Island south", "Cape"]).node == (
+        "Strait",
+        "Island south",
+        "Cape",
+    )

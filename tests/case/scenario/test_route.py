@@ -11,7 +11,8 @@ from drift.case.scenario.route import AsGiven, RouteTable
 from drift.case.values import messages
 from drift.engine.motion.steering.lanes import Network
 
-# A square with a diagonal: A - B - C - D - A, and the one-way lane A to C, which is shorter than by B or D.
+# A square with a diagonal: A - B - C - D - A, and the one-way lane A to C, which is shorter than by
+# B or D.
 SQUARE = Network(
     ("A", "B", "C", "D"), *np.radians([[4.0, 5.1, 5.3, 3.9], [-10.0, -10.2, -8.9, -9.1]]), np.array([0, 1, 2, 3, 0]),
     np.array([1, 2, 3, 0, 2]), np.full(5, 3e3), np.array([False, False, False, False, True]),
@@ -50,11 +51,14 @@ def test_routes_that_are_not_there(given: Any, message: str) -> None:
         table(given).route(SQUARE)
 
 
-@pytest.mark.parametrize("given", [{"from": "A"}, {}, {"nodes": ["A", "B"], "to": "C"}, {"via": ["B"], "to": "C"}])
+@pytest.mark.parametrize(
+    "given", [{"from": "A"}, {}, {"nodes": ["A", "B"], "to": "C"}, {"via": ["B"], "to": "C"}]
+)
 def test_half_a_route(given: dict[str, Any]) -> None:
     with pytest.raises(ValidationError) as error:
         table(given)
     found = ", ".join(sorted(given)) or "nothing"
     assert messages.lines(error.value, {}) == (
-        'give a list of nodes, or { from = "A", to = "B" }, and via = ["C"] for a way through others; found ' + found,
+        'give a list of nodes, or { from = "A", to = "B" }, and via = ["C"] for a way through others; found '
+        + found,
     )

@@ -1,4 +1,6 @@
-"""Contacts by sensors of the case as it gives them: the records made of them, their shapes, and a line for what is wrong."""
+"""Contacts by sensors of the case as it gives them: the records made of them, their shapes, and a
+line for what is wrong.
+"""
 
 import math
 from dataclasses import replace
@@ -35,7 +37,9 @@ noise = "70 dB"
 loss = { to = "80 nmi" }
 gain = { table = [[0, "4 dB"], [60, "9 dB"], [120, "9 dB"], [180, "5 dB"]], symmetric = true, mirrored = MIRRORED }
 """
-ARRAY = '[[sensor]]\nname = "array"\nat = "27 20N 088 00W"\nheading = 30\n' + SONAR.replace("MIRRORED", "true")
+ARRAY = '[[sensor]]\nname = "array"\nat = "27 20N 088 00W"\nheading = 30\n' + SONAR.replace(
+    "MIRRORED", "true"
+)
 TOWED = '[[sensor]]\nname = "towed"\n' + SONAR.replace("MIRRORED", "false")
 RADAR = '[[sensor]]\nname = "radar"\nat = "27 20N 088 00W"\npod = { file = "pod.nc" }\n'
 CONTACT = '[[contact]]\nname = "seen"\ntime = "+9 h"\n'
@@ -47,7 +51,10 @@ LEVEL = 'received_level = { value = "92 dB", std = "2 dB" }\n'
 
 def load(tmp_path: Path, *more: str) -> tuple[Contact, ...]:
     table = xr.DataArray(
-        np.full(3, 0.5), {"range": ("range", [1e3, 2e4, 4e4], {"units": "m"})}, ("range",), attrs={"units": "1"}
+        np.full(3, 0.5),
+        {"range": ("range", [1e3, 2e4, 4e4], {"units": "m"})},
+        ("range",),
+        attrs={"units": "1"},
     )
     table.to_dataset(name="pod").to_netcdf(tmp_path / "pod.nc")
     path = tmp_path / "case.toml"
@@ -72,7 +79,11 @@ def test_records(tmp_path: Path) -> None:
     )  # fmt: skip
     assert first.sensor == pytest.approx((-88.0, 27 + 1 / 3))
     assert first.far == pytest.approx(80 * 1852)
-    assert (heard(first).mirrored, heard(first).heading, heard(first).level) == (True, math.radians(30), (92.0, 2.0))
+    assert (heard(first).mirrored, heard(first).heading, heard(first).level) == (
+        True,
+        math.radians(30),
+        (92.0, 2.0),
+    )
     assert heard(first).tone == Tone(50.1, 0.02, 50.0)
     assert heard(first).velocity == (0.0, 0.0)
     assert heard(second).tone == Tone(50.1, 0.02, 50.0, 0.05, 1480.0, "shaft")
@@ -86,7 +97,9 @@ def test_records(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("side", "mirrored"), [("", True), (', side = "port"', False)])
-def test_the_image_is_drawn_where_the_bearing_may_be_that(tmp_path: Path, side: str, mirrored: bool) -> None:
+def test_the_image_is_drawn_where_the_bearing_may_be_that(
+    tmp_path: Path, side: str, mirrored: bool
+) -> None:
     (contact,) = load(tmp_path, CONTACT + BEARING.replace(" }", f"{side} }}"))
     assert heard(contact).mirrored == mirrored
     found = shapes.contact(contact)
@@ -150,7 +163,11 @@ def test_what_is_refused(tmp_path: Path, lines: str, said: str) -> None:
 def test_one_source_is_told_of_once(tmp_path: Path) -> None:
     tone = FREQUENCY.replace(" }", ', source_std = "0.1 Hz", source_group = "a" }')
     with pytest.raises(UserError, match="another source or source_std"):
-        load(tmp_path, CONTACT + BEARING + tone, CONTACT.replace("seen", "next") + BEARING + tone.replace("0.1", "0.2"))
+        load(
+            tmp_path,
+            CONTACT + BEARING + tone,
+            CONTACT.replace("seen", "next") + BEARING + tone.replace("0.1", "0.2"),
+        )
 
 
 SERIES = """
@@ -180,7 +197,8 @@ frequency = {{ value = "{value} Hz", std = "0.02 Hz", source = "50 Hz", source_s
 """
     read, told = load(tmp_path, SERIES), load(tmp_path, written)
     plain = [
-        [replace(one, heard=replace(heard(one), sensor=heard(read[0]).sensor)) for one in both] for both in (read, told)
+        [replace(one, heard=replace(heard(one), sensor=heard(read[0]).sensor)) for one in both]
+        for both in (read, told)
     ]
     assert plain[0] == plain[1]
 
@@ -192,7 +210,10 @@ frequency = {{ value = "{value} Hz", std = "0.02 Hz", source = "50 Hz", source_s
         ("time, bearing, weather\n+9 h, 3, fair\n", "unknown column weather"),
         ("time, bearing\n", "has 0 bearings"),
         ("time, bearing\n+9 h, 3\n+10 h\n", "line 3: as many values as names"),
-        ("time, bearing\n+9 h, 3\n+10 h, 400\n", 'contact "west", line 3 of bearings.csv: bearing.bearing'),
+        (
+            "time, bearing\n+9 h, 3\n+10 h, 400\n",
+            'contact "west", line 3 of bearings.csv: bearing.bearing',
+        ),
         ("time, bearing\n+9 h, 3\nsoon, 40\n", 'contact "west", line 3 of bearings.csv: time'),
         ("time, bearing\n+9 h, 3\n+99 h, 40\n", "is outside the run"),
         ("time, bearing, frequency\n+9 h, 3, 50\n", "received_level: value is missing"),

@@ -1,4 +1,6 @@
-"""Looks, presences, barriers and lines as a case gives them: the records made of them, and a line for what is wrong."""
+"""Looks, presences, barriers and lines as a case gives them: the records made of them, and a line
+for what is wrong.
+"""
 
 import math
 from pathlib import Path
@@ -27,9 +29,13 @@ position = { at = "27 30N 088 00W", std = "1 nmi" }
 """
 LOOK = '[[look]]\nname = "dip"\ntime = "+9 h"\nat = "27 30N 088 12W"\nsees = "nothing"\n'
 BOX = 'width = "6 nmi"\nheight = "4 nmi"\nturned = 30\n'
-PRESENCE = '[[presence]]\nname = "buoys"\nat = "27 30N 088 12W"\nradius = "5 nmi"\npresent = "never"\n'
+PRESENCE = (
+    '[[presence]]\nname = "buoys"\nat = "27 30N 088 12W"\nradius = "5 nmi"\npresent = "never"\n'
+)
 WHEN = 'start = "+6 h"\nend = "+8.5 h"\n'
-BARRIER = '[[barrier]]\nname = "picket"\ndetection = 0.8\npoints = ["27 30N 088 00W", "27 50N 088 10W"]\n'
+BARRIER = (
+    '[[barrier]]\nname = "picket"\ndetection = 0.8\npoints = ["27 30N 088 00W", "27 50N 088 10W"]\n'
+)
 LINE = '[[line]]\nname = "sound"\npoints = ["27 30N 088 00W", "27 50N 088 10W"]\n'
 
 
@@ -70,7 +76,14 @@ def test_records(tmp_path: Path) -> None:
     (barrier,) = found.barriers
     np.testing.assert_allclose(barrier.points, points, rtol=1e-12)
     assert barrier == Barrier(
-        "picket", after(6), after(8.5), barrier.points, 0.8, after(7), 600.0, pytest.approx(0.01 / 3600)
+        "picket",
+        after(6),
+        after(8.5),
+        barrier.points,
+        0.8,
+        after(7),
+        600.0,
+        pytest.approx(0.01 / 3600),
     )
     assert found.lines == (Line("sound", barrier.points),)
 
@@ -212,9 +225,16 @@ def test_refusals(tmp_path: Path, name: str) -> None:
 def test_all_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
     """Of several tables that are each in order by themselves, and do not fit the run."""
     lines = refusal(
-        tmp_path, LOOK.replace("+9 h", "+25 h") + BOX, PRESENCE + 'start = "+8 h"\nend = "+6 h"\n', LINE + LINE
+        tmp_path,
+        LOOK.replace("+9 h", "+25 h") + BOX,
+        PRESENCE + 'start = "+8 h"\nend = "+6 h"\n',
+        LINE + LINE,
     )
-    assert [line.split(":")[0] for line in lines] == ['look "dip"', 'presence "buoys"', 'line "sound"']
+    assert [line.split(":")[0] for line in lines] == [
+        'look "dip"',
+        'presence "buoys"',
+        'line "sound"',
+    ]
 
 
 def test_a_spill_and_a_backward_run_have_none(tmp_path: Path) -> None:
@@ -233,11 +253,16 @@ def test_sensors_are_worth_a_map_and_a_plan_begins_after_them(tmp_path: Path) ->
 
 
 def test_great_circles_are_straight_in_the_plane_of_a_line() -> None:
-    """Points of one great circle, across the antimeridian and near a pole, and the distance of one of them by hand."""
+    """Points of one great circle, across the antimeridian and near a pole, and the distance of one
+    of them by hand.
+    """
     lon, lat = np.radians([178.2, -179.1]), np.radians([71.3, 73.9])
     east, north = sphere.offset(lon[0], lat[0], lon[1], lat[1])
-    x, y = sphere.destination(lon[0], lat[0], np.array([0, 0.3, 1]) * east, np.array([0, 0.3, 1]) * north)
+    x, y = sphere.destination(
+        lon[0], lat[0], np.array([0, 0.3, 1]) * east, np.array([0, 0.3, 1]) * north
+    )
     found = gnomonic.line([(float(a), float(b)) for a, b in np.degrees(np.stack([x, y], axis=1))])
     a, b, c = found.corners
-    assert abs(np.cross(np.append(b - a, 0), np.append(c - a, 0))[2]) / math.dist(a, c) < 0.01  # [m]
+    # [m]
+    assert abs(np.cross(np.append(b - a, 0), np.append(c - a, 0))[2]) / math.dist(a, c) < 0.01
     assert found.reach == pytest.approx(float(np.hypot(east, north)) / 2, rel=0.2)

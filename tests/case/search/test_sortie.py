@@ -1,4 +1,6 @@
-"""Sorties, contacts, units and plans as a case gives them: the records made of them, and one line for what is wrong."""
+"""Sorties, contacts, units and plans as a case gives them: the records made of them, and one line
+for what is wrong.
+"""
 
 import itertools
 import math
@@ -45,7 +47,9 @@ position = { at = "27 30N 088 00W", std = "1 nmi" }
 SORTIE = '[[sortie]]\nname = "first"\n'
 WHEN = 'start = "+6 h"\nend = "+8 h"\n'
 WIDTH = 'sweep_width = "1.2 nmi"\n'
-BOX = 'area = { centre = "27 30N 088 00W", length = "20 nmi", width = "10 nmi", orientation = 30 }\n'
+BOX = (
+    'area = { centre = "27 30N 088 00W", length = "20 nmi", width = "10 nmi", orientation = 30 }\n'
+)
 FAST = 'speed = "90 kn"\n'
 POINTS = 'waypoints = ["27 30N 088 00W", "27 45N 088 00W"]\n'  # 15.01 nmi: 10 minutes at 90 kn
 TIMED = 'waypoints = [["+6 h", "27 30N 088 00W"], ["+7 h", "27 45N 088 00W"]]\n'
@@ -55,7 +59,9 @@ SQUARE = 'pattern = { kind = "square", datum = "27 30N 088 00W", spacing = "1 nm
 WATCH = 'watch = { at = "27 30N 088 00W", zones = [["28 nmi", "32 nmi", 0.6], ["0 nmi", "5 nmi", 0.8]] }\n'
 CONTACT = '[[contact]]\nname = "flare"\ntime = "+9 h"\n'
 SEEN = 'position = { at = "27 30N 088 00W", error = "1 nmi" }\n'
-UNIT = '[[unit]]\nname = "H60"\nbase = "28 30N 088 00W"\nsearch_speed = "90 kn"\nendurance = "3 h"\n'
+UNIT = (
+    '[[unit]]\nname = "H60"\nbase = "28 30N 088 00W"\nsearch_speed = "90 kn"\nendurance = "3 h"\n'
+)
 
 
 def written(tmp_path: Path, *more: str, scenarios: str = SCENARIOS, head: str = HEAD) -> Path:
@@ -106,7 +112,9 @@ def hour(number: float) -> np.datetime64:
 def gpx(tmp_path: Path, *points: tuple[float, float, float | None], name: str = "t.gpx") -> str:
     """Write a track of (longitude, latitude, hour of the run); return its key's value."""
     rows = "".join(
-        f'<trkpt lon="{lon}" lat="{lat}">' + ("" if when is None else f"<time>{hour(when)}Z</time>") + "</trkpt>"
+        f'<trkpt lon="{lon}" lat="{lat}">'
+        + ("" if when is None else f"<time>{hour(when)}Z</time>")
+        + "</trkpt>"
         for lon, lat, when in points
     )
     (tmp_path / name).write_text(f"<gpx><trk><trkseg>{rows}</trkseg></trk></gpx>")
@@ -124,13 +132,20 @@ def test_an_area_searched_for_some_hours(tmp_path: Path) -> None:
     assert (sortie.start, sortie.end) == (hour(6), hour(8))
     assert sortie.law == Law("inverse_cube")
     assert sortie.sweep_width == pytest.approx([1.2 * NMI] * 2)
-    assert (sortie.legs, sortie.watch, sortie.frame, sortie.completed) == (None, None, "ground", 1.0)
+    assert (sortie.legs, sortie.watch, sortie.frame, sortie.completed) == (
+        None,
+        None,
+        "ground",
+        1.0,
+    )
     assert (sortie.speed, sortie.altitude) == pytest.approx((90 * KNOT, 500 * FOOT))
     assert math.isinf(sortie.shape)
 
 
 def test_an_area_at_a_track_spacing(tmp_path: Path) -> None:
-    sortie = one(tmp_path, WHEN, BOX, 'spacing = "2 nmi"\nsweep_width = { raft = "1 nmi", swimmer = 0 }\n')
+    sortie = one(
+        tmp_path, WHEN, BOX, 'spacing = "2 nmi"\nsweep_width = { raft = "1 nmi", swimmer = 0 }\n'
+    )
     assert sortie.coverage == pytest.approx((0.5, 0.0))
     assert sortie.sweep_width == (NMI, 0)
     assert math.isnan(sortie.speed)
@@ -138,16 +153,27 @@ def test_an_area_at_a_track_spacing(tmp_path: Path) -> None:
 
 def test_an_area_with_a_pod(tmp_path: Path) -> None:
     """Random search: C = -ln(1 - POD)."""
-    sortie = one(tmp_path, WHEN, BOX, 'law = "random"\npod = { swimmer = 0.3, raft = "60 %" }\ncompleted = "70 %"\n')
+    sortie = one(
+        tmp_path,
+        WHEN,
+        BOX,
+        'law = "random"\npod = { swimmer = 0.3, raft = "60 %" }\ncompleted = "70 %"\n',
+    )
     assert sortie.coverage == pytest.approx((-math.log(0.4), -math.log(0.7)))
     assert sortie.completed == pytest.approx(0.7)
     assert np.isnan(sortie.sweep_width).all()  # not told, not needed
     sortie = one(tmp_path, WHEN, BOX, WIDTH, "pod = 0.8427008\n")
-    assert sortie.coverage == pytest.approx([2 / math.sqrt(math.pi)] * 2, rel=1e-6)  # erf(1) under inverse cube
+    # erf(1) under inverse cube
+    assert sortie.coverage == pytest.approx([2 / math.sqrt(math.pi)] * 2, rel=1e-6)
 
 
 def test_a_polygon(tmp_path: Path) -> None:
-    sortie = one(tmp_path, WHEN, WIDTH, 'area = { polygon = [[179, 1], [-179, 1], [180, 2]] }\nspacing = "1 nmi"\n')
+    sortie = one(
+        tmp_path,
+        WHEN,
+        WIDTH,
+        'area = { polygon = [[179, 1], [-179, 1], [180, 2]] }\nspacing = "1 nmi"\n',
+    )
     assert sortie.area is not None
     assert sortie.area.lon == pytest.approx((179, 181, 180))
 
@@ -174,20 +200,24 @@ def test_laws(written_: str, law: Law, tmp_path: Path) -> None:
 
 def test_what_is_not_known_of_a_sweep_width(tmp_path: Path) -> None:
     """A gamma factor of mean 1 and shape k has a standard deviation of 1/sqrt(k)."""
-    sortie = one(tmp_path, WHEN, WIDTH, BOX, FAST, 'sweep_width_uncertainty = "50 %"\nsweep_group = "mine"\n')
+    sortie = one(
+        tmp_path, WHEN, WIDTH, BOX, FAST, 'sweep_width_uncertainty = "50 %"\nsweep_group = "mine"\n'
+    )
     assert (sortie.shape, sortie.group) == (pytest.approx(4.0), "mine")
 
 
 def test_sweep_widths_from_the_tables(tmp_path: Path) -> None:
-    """500 ft, 10 nmi: raft 1.8, swimmer 0.1 nmi; 165 kn: 1.05 and 1.1; 15 kn of wind: 0.5; fatigue 0.9."""
-    given = (
-        'sweep_width = { visibility = "10 nmi", wind = "20 kn", fatigue = true }\nunit = "Aircraft"\nspeed = "165 kn"\n'
-    )
+    """500 ft, 10 nmi: raft 1.8, swimmer 0.1 nmi; 165 kn: 1.05 and 1.1; 15 kn of wind: 0.5; fatigue
+    0.9.
+    """
+    given = 'sweep_width = { visibility = "10 nmi", wind = "20 kn", fatigue = true }\nunit = "Aircraft"\nspeed = "165 kn"\n'
     sortie = one(tmp_path, WHEN, BOX, given, 'altitude = "500 ft"\n')
     expected = (1.8 * 1.05 * 0.5 * 0.9 * NMI, 0.1 * 1.1 * 0.5 * 0.9 * NMI)
     assert sortie.sweep_width == pytest.approx(expected)
     boat = 'sweep_width = { visibility = "5 nmi", seas = "1 ft" }\nunit = "boat"\n'
-    assert one(tmp_path, WHEN, BOX, boat, 'spacing = "1 nmi"\n').sweep_width == pytest.approx((2.2 * NMI, 0.3 * NMI))
+    assert one(tmp_path, WHEN, BOX, boat, 'spacing = "1 nmi"\n').sweep_width == pytest.approx(
+        (2.2 * NMI, 0.3 * NMI)
+    )
 
 
 def test_a_pattern_ends_when_its_legs_do(tmp_path: Path) -> None:
@@ -252,7 +282,10 @@ def test_a_marker_s_track(tmp_path: Path) -> None:
     assert sortie.marker is not None
     assert sortie.marker.lon == (-88.0, -87.9)
     file = gpx(tmp_path, (-88.0, 27.5, 5), (-87.9, 27.5, 9))
-    assert one(tmp_path, WHEN, WIDTH, FAST, SQUARE, f"marker = {{ track = {file} }}\n").marker == sortie.marker
+    assert (
+        one(tmp_path, WHEN, WIDTH, FAST, SQUARE, f"marker = {{ track = {file} }}\n").marker
+        == sortie.marker
+    )
     drifting = one(tmp_path, WHEN, WIDTH, FAST, BOX, 'frame = "datum"\n', positions)
     assert (drifting.frame, drifting.datum) == ("datum", (-88.0, 27.5))
 
@@ -272,8 +305,11 @@ def test_waypoints_with_times_and_without(tmp_path: Path) -> None:
     plain = one(tmp_path, WHEN, POINTS, FAST, WIDTH)
     assert legs(plain).time[-1] - legs(plain).time[0] == pytest.approx(15.01 / 90 * 3600, rel=1e-3)
     assert plain.end == hour(8)  # as told
-    assert plain.area is not None  # within a sweep width of the legs: a strip 2.4 nmi wide, round at its ends
-    assert patterns.square_metres(plain.area) / NMI**2 == pytest.approx(15.01 * 2.4 + math.pi * 1.44, rel=0.01)
+    # within a sweep width of the legs: a strip 2.4 nmi wide, round at its ends
+    assert plain.area is not None
+    assert patterns.square_metres(plain.area) / NMI**2 == pytest.approx(
+        15.01 * 2.4 + math.pi * 1.44, rel=0.01
+    )
     rows = 'waypoints = [["088 00W", "27 30N"], [-88, 27.75], { lon = -88, lat = 28 }]\n'
     assert legs(one(tmp_path, WHEN, rows, FAST, WIDTH)).lat == (27.5, 27.75, 28)
 
@@ -294,7 +330,9 @@ def test_a_gpx_track_as_far_as_it_is_of_the_sortie(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("planned", [BOX, SQUARE, POINTS, SWEEP])
 def test_the_actual_track_replaces_the_plan(planned: str, tmp_path: Path) -> None:
-    positions = 'actual = [["+6 h", [-88.0, 27.5]], ["+7 h", [-87.8, 27.5]], ["+8 h", [-87.8, 27.7]]]\n'
+    positions = (
+        'actual = [["+6 h", [-88.0, 27.5]], ["+7 h", [-87.8, 27.5]], ["+8 h", [-87.8, 27.7]]]\n'
+    )
     sortie = one(tmp_path, WHEN, WIDTH, FAST, planned, positions)
     assert legs(sortie).lon == (-88.0, -87.8, -87.8)
     assert (sortie.frame, sortie.coverage) == ("ground", ())  # a track made good is over the ground
@@ -312,7 +350,9 @@ def test_a_watch(tmp_path: Path) -> None:
     assert sortie.watch.outer == pytest.approx((5 * NMI, 32 * NMI))
     assert sortie.watch.pod == (0.8, 0.6)
     assert legs(sortie).lon == (-88.0, -88.0)
-    assert legs(sortie).time == tuple(t.astype("datetime64[s]").astype(float) for t in (hour(6), hour(8)))
+    assert legs(sortie).time == tuple(
+        t.astype("datetime64[s]").astype(float) for t in (hour(6), hour(8))
+    )
     assert np.isnan(sortie.sweep_width).all()  # its zones say how it sees
     moving = one(tmp_path, TIMED, WATCH.replace('at = "27 30N 088 00W", ', ""))
     assert legs(moving).lat == (27.5, 27.75)
@@ -469,7 +509,9 @@ def test_what_is_wrong_with_a_sortie(kind: str, tmp_path: Path) -> None:
 
 
 def test_tables_ask_for_what_they_need(tmp_path: Path) -> None:
-    looked = WHEN + BOX + 'spacing = "1 nmi"\nsweep_width = { visibility = "5 nmi", wind = "5 kn" }\n'
+    looked = (
+        WHEN + BOX + 'spacing = "1 nmi"\nsweep_width = { visibility = "5 nmi", wind = "5 kn" }\n'
+    )
     plane = 'unit = "Aircraft"\n'
     high = 'altitude = "500 ft"\n'
     assert "need the kind of unit" in refusal(tmp_path, SORTIE, looked)
@@ -477,9 +519,17 @@ def test_tables_ask_for_what_they_need(tmp_path: Path) -> None:
     assert "need its speed" in refusal(tmp_path, SORTIE, looked, plane, high)
     fast = 'speed = "150 kn"\n'
     assert one(tmp_path, looked, plane, high, fast).sweep_width[0] == pytest.approx(1.3 * 1.1 * NMI)
-    assert 'not of sensor "radar"' in refusal(tmp_path, SORTIE, looked, plane, high, fast, 'sensor = "radar"\n')
+    assert 'not of sensor "radar"' in refusal(
+        tmp_path, SORTIE, looked, plane, high, fast, 'sensor = "radar"\n'
+    )
     line = refusal(
-        tmp_path, SORTIE, looked, plane, high, fast, scenarios=SCENARIOS.replace('search_object = "raft', '#"')
+        tmp_path,
+        SORTIE,
+        looked,
+        plane,
+        high,
+        fast,
+        scenarios=SCENARIOS.replace('search_object = "raft', '#"'),
     )
     assert 'need search_object in scenario "raft"' in line
     line = refusal(tmp_path, SORTIE, looked, plane, 'altitude = "9000 ft"\n', fast)
@@ -510,20 +560,28 @@ def test_one_group_has_one_uncertainty(tmp_path: Path) -> None:
     line = refusal(tmp_path, SORTIE, FULL, 'sweep_group = "b"\n', second, 'sweep_group = "b"\n')
     for word in ('sortie "sortie 2"', "is 30 %, but 0", 'sortie "first"', 'sweep_group "b"'):
         assert word in line
-    assert len(load(tmp_path, SORTIE, FULL, second).sorties) == 2  # by default what is known differently is apart
-    assert len(load(tmp_path, SORTIE, WHEN, WATCH, second).sorties) == 2  # a watch has no sweep width
+    # by default what is known differently is apart
+    assert len(load(tmp_path, SORTIE, FULL, second).sorties) == 2
+    # a watch has no sweep width
+    assert len(load(tmp_path, SORTIE, WHEN, WATCH, second).sorties) == 2
 
 
 def test_tracks_that_do_not_fit(tmp_path: Path) -> None:
     early = gpx(tmp_path, (-88, 27.5, 1), (-88, 27.6, 2))
-    assert "is of 210100ZNOV26 to 210200ZNOV26" in refusal(tmp_path, SORTIE, WHEN, WIDTH, f"track = {early}\n")
+    assert "is of 210100ZNOV26 to 210200ZNOV26" in refusal(
+        tmp_path, SORTIE, WHEN, WIDTH, f"track = {early}\n"
+    )
     plain = gpx(tmp_path, (-88, 27.5, None), (-88, 27.6, None), name="plain.gpx")
     line = refusal(tmp_path, SORTIE, WHEN, WIDTH, f"track = {plain}\n")
     assert 'track: "plain.gpx": its points have no times; give speed and start' in line
     fast = gpx(tmp_path, (-88, 27.0, 6), (-88, 29, 7))
-    assert "is made at 120 kn; its speed is 90 kn" in refusal(tmp_path, SORTIE, WHEN, WIDTH, FAST, f"track = {fast}\n")
+    assert "is made at 120 kn; its speed is 90 kn" in refusal(
+        tmp_path, SORTIE, WHEN, WIDTH, FAST, f"track = {fast}\n"
+    )
     (tmp_path / "t.gpx").write_text("hello")
-    assert '"t.gpx" is not a GPX file' in refusal(tmp_path, SORTIE, WHEN, WIDTH, 'track = "t.gpx"\n')
+    assert '"t.gpx" is not a GPX file' in refusal(
+        tmp_path, SORTIE, WHEN, WIDTH, 'track = "t.gpx"\n'
+    )
     assert 'marker.track: "plain.gpx" has no times' in refusal(
         tmp_path, SORTIE, WHEN, WIDTH, FAST, SQUARE, 'marker = { track = "plain.gpx" }\n'
     )
@@ -535,7 +593,12 @@ def test_tracks_that_do_not_fit(tmp_path: Path) -> None:
 def test_a_position_with_its_error(tmp_path: Path) -> None:
     """Half of a circular normal lies within sqrt(2 ln 2) standard deviations."""
     seen = contact(tmp_path, SEEN, 'belief = "70 %"\n')
-    assert (seen.name, seen.kind, seen.time, seen.belief) == ("flare", "position", hour(9), pytest.approx(0.7))
+    assert (seen.name, seen.kind, seen.time, seen.belief) == (
+        "flare",
+        "position",
+        hour(9),
+        pytest.approx(0.7),
+    )
     assert (seen.major, seen.minor) == pytest.approx([NMI / math.sqrt(2 * math.log(2))] * 2)
     assert [(fix.lon, fix.lat, fix.share) for fix in seen.fixes] == [(-88.0, 27.5, 1.0)]
     assert seen.drifter is None
@@ -560,12 +623,24 @@ def test_bearings_ranges_and_areas(tmp_path: Path) -> None:
         f'bearing = {{ {at}, bearing = 230, std = "5 deg", far = "12 nmi", zones = [[0, "3 nmi", 0.5]] }}\n',
         'false_density = "0.01 /deg"\n',
     )
-    assert (seen.kind, seen.sensor, seen.near, seen.far) == ("bearing", (-88.0, 27.5), 0, pytest.approx(12 * NMI))
+    assert (seen.kind, seen.sensor, seen.near, seen.far) == (
+        "bearing",
+        (-88.0, 27.5),
+        0,
+        pytest.approx(12 * NMI),
+    )
     assert (seen.bearing, seen.bearing_std) == pytest.approx((math.radians(230), math.radians(5)))
     assert seen.false_density == pytest.approx(0.01 * 180 / math.pi)
     assert seen.zones is not None
-    seen = contact(tmp_path, f'range = {{ {at}, range = "12 nmi", std = "0.5 nmi" }}\nfalse_density = "0.02 /nmi"\n')
-    assert (seen.kind, seen.range, seen.range_std) == ("range", pytest.approx(12 * NMI), pytest.approx(0.5 * NMI))
+    seen = contact(
+        tmp_path,
+        f'range = {{ {at}, range = "12 nmi", std = "0.5 nmi" }}\nfalse_density = "0.02 /nmi"\n',
+    )
+    assert (seen.kind, seen.range, seen.range_std) == (
+        "range",
+        pytest.approx(12 * NMI),
+        pytest.approx(0.5 * NMI),
+    )
     assert seen.false_density == pytest.approx(0.02 / NMI)
     seen = contact(tmp_path, BOX)
     assert seen.area == patterns.rectangle((-88.0, 27.5), 20 * NMI, 10 * NMI, math.radians(30))
@@ -578,8 +653,14 @@ CONTACTS = {
     "belief above 1": (SEEN + "belief = 70\n", "belief 70 must be a probability, 0 to 1"),
     "negative belief": (SEEN + "belief = -0.1\n", "must be a probability"),
     "no belief": (SEEN + "belief = 0\n", "has no effect; remove it"),
-    "belief and density": (SEEN + 'belief = 0.5\nfalse_density = "0.01 /nmi2"\n', "give belief or false_density"),
-    "density without a unit": (SEEN + "false_density = 0.01\n", 'needs a unit here, like "0.001 /nmi2"'),
+    "belief and density": (
+        SEEN + 'belief = 0.5\nfalse_density = "0.01 /nmi2"\n',
+        "give belief or false_density",
+    ),
+    "density without a unit": (
+        SEEN + "false_density = 0.01\n",
+        'needs a unit here, like "0.001 /nmi2"',
+    ),
     "density in another unit": (SEEN + 'false_density = "0.01 /nmi"\n', "0.01 /nmi"),
     "negative density": (SEEN + 'false_density = "-0.01 /nmi2"\n', "at least 0"),
     "no error": (SEEN.replace(', error = "1 nmi"', ""), "exactly one of std, ellipse, error"),
@@ -589,7 +670,10 @@ CONTACTS = {
         'position = { error = "1 nmi", fixes = [[[0, 0], 0.5], [[0, 1], 0.3]] }\n',
         "add up to 0.8; they must add up to 1",
     ),
-    "a fix without a share": ('position = { error = "1 nmi", fixes = [[0, 0]] }\n', "0 is not a position"),
+    "a fix without a share": (
+        'position = { error = "1 nmi", fixes = [[0, 0]] }\n',
+        "0 is not a position",
+    ),
     "a bearing without error": (f"bearing = {FROM}bearing = 230, std = 0 }}\n", "must be above 0"),
     "a bearing of 400": (f'bearing = {FROM}bearing = 400, std = "5 deg" }}\n', "0 to 360 degrees"),
     "a bearing back": (
@@ -624,10 +708,20 @@ def test_a_unit_and_its_defaults(tmp_path: Path) -> None:
     assert (found.name, found.kind, found.group) == ("H60", "Helicopter", "Helicopter visual")
     assert (found.base, found.return_to) == ((-88.0, 28.5), (-88.0, 28.5))
     assert (found.search_speed, found.transit_speed) == pytest.approx((90 * KNOT, 90 * KNOT))
-    assert (found.endurance, found.turnaround, found.ready, found.daylight) == (10_800, 7200, hour(0), True)
+    assert (found.endurance, found.turnaround, found.ready, found.daylight) == (
+        10_800,
+        7200,
+        hour(0),
+        True,
+    )
     more = 'sensor = "sonar"\ntransit_speed = "140 kn"\nready = "+3 h"\nturnaround = 0\nlaw = "random"\n'
     found = unit(tmp_path, WIDTH, more)
-    assert (found.group, found.daylight, found.ready, found.turnaround) == ("sonar", False, hour(3), 0)
+    assert (found.group, found.daylight, found.ready, found.turnaround) == (
+        "sonar",
+        False,
+        hour(3),
+        0,
+    )
     assert found.transit_speed == pytest.approx(140 * KNOT)
 
 
@@ -650,19 +744,30 @@ def test_survival_and_resampling(tmp_path: Path) -> None:
     loaded = load(tmp_path, more, scenarios=told)
     alive = loaded.scenarios[0].survival
     assert alive is not None
-    assert alive.alive(np.array([0.0, 18.0, 36.0]) * 3600) == pytest.approx([1, 0.5, 0.158655], abs=1e-6)
+    assert alive.alive(np.array([0.0, 18.0, 36.0]) * 3600) == pytest.approx(
+        [1, 0.5, 0.158655], abs=1e-6
+    )
     assert loaded.scenarios[1].survival is None
-    assert [scenario.search_object for scenario in loaded.scenarios] == ["Raft 4 person", "Person in Water"]
+    assert [scenario.search_object for scenario in loaded.scenarios] == [
+        "Raft 4 person",
+        "Person in Water",
+    ]
     assert (loaded.resampling.method, loaded.resampling.below) == ("kahn", 0.1)
 
 
 UNITS = {
-    "negative endurance": (UNIT.replace('"3 h"', '"-3 h"') + WIDTH, "endurance '-3 h' must be above 0"),
+    "negative endurance": (
+        UNIT.replace('"3 h"', '"-3 h"') + WIDTH,
+        "endurance '-3 h' must be above 0",
+    ),
     "no endurance": (UNIT.replace('endurance = "3 h"\n', "") + WIDTH, "endurance: is missing"),
     "standing still": (UNIT.replace('"90 kn"', "0") + WIDTH, "must be above 0"),
     "no sweep width": (UNIT, "sweep_width is missing"),
     "no base": (UNIT.replace('base = "28 30N 088 00W"\n', "") + WIDTH, "base: is missing"),
-    "ready too late": (UNIT + WIDTH + 'ready = "+24 h"\n', "not before the plan's end, 220000ZNOV26"),
+    "ready too late": (
+        UNIT + WIDTH + 'ready = "+24 h"\n',
+        "not before the plan's end, 220000ZNOV26",
+    ),
     "unknown kind": (UNIT + WIDTH + 'kind = "Helo"\n', 'no kind of unit "Helo"'),
     "unknown law": (UNIT + WIDTH + 'law = "cube"\n', "no detection function"),
     "no turnaround": (UNIT + WIDTH + 'turnaround = "-1 h"\n', "0 to 30 days"),
@@ -674,7 +779,10 @@ UNITS = {
         UNIT + WIDTH + '[plan]\nuntil = "+40 h"\n',
         "plan.until: 221600ZNOV26 is outside the run",
     ),
-    "nobody to find alive": (UNIT + WIDTH + '[plan]\nobjective = "alive"\n', '"alive" needs survival'),
+    "nobody to find alive": (
+        UNIT + WIDTH + '[plan]\nobjective = "alive"\n',
+        '"alive" needs survival',
+    ),
     "another objective": (UNIT + WIDTH + '[plan]\nobjective = "cost"\n', "'cost' is not allowed"),
     "no rounds": (UNIT + WIDTH + "[plan]\nrounds = 0\n", "plan.rounds"),
     "few particles": (UNIT + WIDTH + "[plan]\nparticles = 10\n", "1,000 to 1,000,000"),
@@ -687,13 +795,22 @@ UNITS = {
         '[resampling]\nmethod = "duplicates"\nbelow = 0.5\nacross_scenarios = true\n',
         "what is left of a scenario keeps its slots",
     ),
-    "what is placed anew at no speed": ('[resampling]\nmethod = "combined"\nbelow = 0.5\n', "needs fastest"),
+    "what is placed anew at no speed": (
+        '[resampling]\nmethod = "combined"\nbelow = 0.5\n',
+        "needs fastest",
+    ),
     "what is placed anew and never duplicated": (
         '[resampling]\nmethod = "position"\nfastest = "9 kn"\n',
         "needs 0 < bulk <= below, and bulk is 0.1, below 0",
     ),
-    "a bulk of duplicates": ('[resampling]\nmethod = "duplicates"\nbulk = 0.1\n', "bulk: of method"),
-    "slots that never change hands": ("[resampling]\nacross_scenarios = true\n", "needs below, such as 0.5"),
+    "a bulk of duplicates": (
+        '[resampling]\nmethod = "duplicates"\nbulk = 0.1\n',
+        "bulk: of method",
+    ),
+    "slots that never change hands": (
+        "[resampling]\nacross_scenarios = true\n",
+        "needs below, such as 0.5",
+    ),
     "another resampling": ('[resampling]\nmethod = "residual"\n', "'residual' is not allowed"),
 }
 
@@ -708,7 +825,10 @@ def test_what_is_wrong_with_units_and_plans(kind: str, tmp_path: Path) -> None:
     "value", ["{ median = 0 }", '{ median = "18 h", spread = 1 }', '{ median = "18 h", spred = 2 }']
 )
 def test_what_is_wrong_with_survival(value: str, tmp_path: Path) -> None:
-    line = refusal(tmp_path, scenarios=SCENARIOS.replace("search_object", f"survival = {value}\nsearch_object", 1))
+    line = refusal(
+        tmp_path,
+        scenarios=SCENARIOS.replace("search_object", f"survival = {value}\nsearch_object", 1),
+    )
     assert 'scenario "raft".survival' in line
 
 
@@ -723,8 +843,12 @@ def test_what_is_wrong_with_survival(value: str, tmp_path: Path) -> None:
         ((SORTIE, WHEN, WIDTH, BOX, FAST, UNIT, WIDTH, '[output]\ndatum = "+7 h"\n'), 7),
     ],
 )
-def test_maps_open_at_the_time_that_matters(tmp_path: Path, more: tuple[str, ...], hours: int | None) -> None:
-    """The datum asked for, the begin of the plan, the end of the last sortie, the end: and it is an output."""
+def test_maps_open_at_the_time_that_matters(
+    tmp_path: Path, more: tuple[str, ...], hours: int | None
+) -> None:
+    """The datum asked for, the begin of the plan, the end of the last sortie, the end: and it is an
+    output.
+    """
     case = load(tmp_path, *more, head=HEAD.replace('output.every = "12 h"\n', ""))
     assert case.opens == (None if hours is None else hour(hours))
     assert case.opens is None or case.opens in case.outputs
@@ -744,7 +868,9 @@ def test_backward_runs_and_spills_have_no_search(given: str, tmp_path: Path) -> 
     backward = HEAD.replace('duration = "24 h"', 'duration = "24 h"\ndirection = "backward"')
     assert f"{table} belongs to a forward run" in refusal(tmp_path, given, head=backward)
     spill = '[spill]\nobjects = 5\nposition = { at = [-88, 27.5], std = "1 nmi" }\n[[spill.class]]\nname = "drum"\nobject = "PIW-1"\n'
-    assert f"{table} belongs to a search with [[scenario]]" in refusal(tmp_path, given, scenarios=spill)
+    assert f"{table} belongs to a search with [[scenario]]" in refusal(
+        tmp_path, given, scenarios=spill
+    )
 
 
 def test_every_kind_of_table_is_told_by_name(tmp_path: Path) -> None:
@@ -758,7 +884,12 @@ def test_every_kind_of_table_is_told_by_name(tmp_path: Path) -> None:
 
 
 def test_any_mix_of_kinds_of_search_is_refused(tmp_path: Path) -> None:
-    kinds: dict[str, Any] = {"area": BOX, "pattern": SWEEP, "waypoints": POINTS, "track": 'track = "t.gpx"\n'}
+    kinds: dict[str, Any] = {
+        "area": BOX,
+        "pattern": SWEEP,
+        "waypoints": POINTS,
+        "track": 'track = "t.gpx"\n',
+    }
     for first, second in itertools.combinations(kinds, 2):
         assert f"found {first} and {second}" in refusal(
             tmp_path, SORTIE, WHEN, WIDTH, FAST, kinds[first], kinds[second]

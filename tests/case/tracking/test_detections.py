@@ -1,4 +1,6 @@
-"""Detections of a user's own: every mistake is a line that says what is wrong, what was given and what is allowed."""
+"""Detections of a user's own: every mistake is a line that says what is wrong, what was given and
+what is allowed.
+"""
 
 from pathlib import Path as File
 
@@ -64,12 +66,22 @@ def test_detections_are_read_in_their_units(tmp_path: File) -> None:
     ("delimiter", "point", "coding"),
     [(";", ",", "utf-8-sig"), ("\t", ",", "utf-16"), ("\t", ".", "utf-16-be"), (",", ".", "utf-8")],
 )
-def test_spreadsheets_write_tables_in_many_ways(tmp_path: File, delimiter: str, point: str, coding: str) -> None:
-    """Semicolons or tabs and decimal commas, "Unicode text", lines and columns without values, names in capitals, a line for Excel, a comment."""
+def test_spreadsheets_write_tables_in_many_ways(
+    tmp_path: File, delimiter: str, point: str, coding: str
+) -> None:
+    """Semicolons or tabs and decimal commas, "Unicode text", lines and columns without values,
+    names in capitals, a line for Excel, a comment.
+    """
     one = load(tmp_path)
-    cells = [[cell.strip().replace(".", point) for cell in line.split(",")] for line in ROWS.splitlines()]
+    cells = [
+        [cell.strip().replace(".", point) for cell in line.split(",")] for line in ROWS.splitlines()
+    ]
     cells[0] = [name.upper() for name in cells[0]]
-    rows = [f"sep={delimiter}", "# our log", *(delimiter.join([*row, "", ""]) for row in [*cells, [""] * 6])]
+    rows = [
+        f"sep={delimiter}",
+        "# our log",
+        *(delimiter.join([*row, "", ""]) for row in [*cells, [""] * 6]),
+    ]
     text = "\r\n".join(rows) + "\r\n"
     mark = b"\xfe\xff" if coding == "utf-16-be" else b""
     (tmp_path / "d.csv").write_bytes(mark + text.encode(coding))
@@ -128,7 +140,9 @@ def test_detections_in_the_case_are_those_of_a_file(tmp_path: File) -> None:
         ('lat = "14 00.0N"\nlon = "077 00.0W"\n', "", "detection: the tracker has no position at the first"),
     ],
 )  # fmt: skip
-def test_mistakes_of_detections_in_the_case_are_lines(tmp_path: File, old: str, new: str, words: str) -> None:
+def test_mistakes_of_detections_in_the_case_are_lines(
+    tmp_path: File, old: str, new: str, words: str
+) -> None:
     tables = TABLES.replace(old, new)
     assert tables != TABLES
     with pytest.raises(UserError) as refusal:
@@ -137,7 +151,9 @@ def test_mistakes_of_detections_in_the_case_are_lines(tmp_path: File, old: str, 
 
 
 def test_detections_are_given_once(tmp_path: File) -> None:
-    with pytest.raises(UserError, match=r"detections and \[\[detection\]\] are both given; give one"):
+    with pytest.raises(
+        UserError, match=r"detections and \[\[detection\]\] are both given; give one"
+    ):
         load(tmp_path, CASE + TABLES)
 
 
@@ -152,7 +168,8 @@ def test_a_tracker_stays_where_its_legs_end(tmp_path: File) -> None:
 
 def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
     points = "".join(
-        f'<trkpt lat="{14 + k / 100}" lon="-77.0"><time>2026-03-05T00:{10 * k:02d}:00Z</time></trkpt>' for k in range(4)
+        f'<trkpt lat="{14 + k / 100}" lon="-77.0"><time>2026-03-05T00:{10 * k:02d}:00Z</time></trkpt>'
+        for k in range(4)
     )
     gpx = f'<gpx xmlns="http://www.topografix.com/GPX/1/1" version="1.1" creator="x"><trk><trkseg>{points}</trkseg></trk></gpx>'
     (tmp_path / "own.gpx").write_text(gpx, encoding="utf-8")
@@ -227,7 +244,8 @@ def test_every_mistake_is_a_line(tmp_path: File, case: str, rows: str, words: st
 def test_remarks_are_read_over_and_directions_may_say_that_they_are_true(tmp_path: File) -> None:
     plain = load(tmp_path, CASE + STANDS, PLAIN).target
     noted = "".join(
-        f"{line},{'remarks' if k == 0 else 'faint; 9.6?'}\n" for k, line in enumerate(PLAIN.strip().splitlines())
+        f"{line},{'remarks' if k == 0 else 'faint; 9.6?'}\n"
+        for k, line in enumerate(PLAIN.strip().splitlines())
     )
     other = load(tmp_path, CASE + STANDS, noted.replace("43,", "043T,")).target
     for name in ("time", "sensor", "bearing", "range"):
@@ -235,7 +253,9 @@ def test_remarks_are_read_over_and_directions_may_say_that_they_are_true(tmp_pat
 
 
 def test_a_pursuit_begins_where_the_log_last_has_the_vessel(tmp_path: File) -> None:
-    """Else what its sensors did not see after the last detection would not count, and the track would be another one with a pursuit."""
+    """Else what its sensors did not see after the last detection would not count, and the track
+    would be another one with a pursuit.
+    """
     pursuit = '[pursuit]\nspeed = "25 kn"\nreach = "5 nmi"\nstep = "2 min"\n'
     rows = ROWS + "+45 min,,,,14.2N,-76.9\n"
     asked = load(tmp_path, CASE + pursuit, rows)

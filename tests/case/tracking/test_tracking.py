@@ -1,4 +1,6 @@
-"""Tracking cases: every mistake is a line that says what is wrong, what was given and what is allowed."""
+"""Tracking cases: every mistake is a line that says what is wrong, what was given and what is
+allowed.
+"""
 
 from pathlib import Path
 
@@ -108,7 +110,10 @@ def test_other_files_are_refused_by_what_they_are(tmp_path: Path) -> None:
         load(tmp_path, 'title = "x"\n[[scenario]]\nname = "s"\n')
     with pytest.raises(UserError, match="not valid TOML"):
         load(tmp_path, "title =")
-    with pytest.raises(UserError, match="tracking cases that ship: closing, fast_boat, lost_contact, run_to_the_south"):
+    with pytest.raises(
+        UserError,
+        match="tracking cases that ship: closing, fast_boat, lost_contact, run_to_the_south",
+    ):
         tracking.load("closin")
     with pytest.raises(UserError, match='unknown key "x"'):
         load(tmp_path, GOOD, **{"tracker.x.y": "3"})
@@ -116,19 +121,28 @@ def test_other_files_are_refused_by_what_they_are(tmp_path: Path) -> None:
 
 def test_times_to_show_and_the_begin_of_a_path_are_after_the_start_or_dates() -> None:
     """16 and 70 min after 0200Z are 0216Z and, two hours east of Greenwich, 0510."""
-    shown = {"show": "['50 min', '050216ZMAR26', '2026-03-05T05:10+02:00']", "pursuit.begin": "2026-03-05T03:12:00Z"}
+    shown = {
+        "show": "['50 min', '050216ZMAR26', '2026-03-05T05:10+02:00']",
+        "pursuit.begin": "2026-03-05T03:12:00Z",
+    }
     asked = tracking.load("lost_contact", shown)
     assert asked.shown == (960.0, 3000.0, 4200.0)
     assert asked.pursuit is not None
     assert asked.pursuit.begin == 4320.0
-    with pytest.raises(UserError, match="show: 050159ZMAR26 is not within the case, 050200ZMAR26 to 050415ZMAR26"):
+    with pytest.raises(
+        UserError, match="show: 050159ZMAR26 is not within the case, 050200ZMAR26 to 050415ZMAR26"
+    ):
         tracking.load("lost_contact", {"show": "['2026-03-05T01:59Z']"})
 
 
 @pytest.mark.parametrize("key", ["detectons", "Detections"])
-def test_a_tracking_case_is_known_by_its_ways_of_following_whatever_else_is_wrong(key: str, tmp_path: Path) -> None:
+def test_a_tracking_case_is_known_by_its_ways_of_following_whatever_else_is_wrong(
+    key: str, tmp_path: Path
+) -> None:
     text = GOOD[: GOOD.index("[target]")] + f'{key} = "x.csv"\n' + GOOD[GOOD.index("[tracker]") :]
     (tmp_path / "c.toml").write_text(text, encoding="utf-8")
     assert tracking.is_one(tmp_path / "c.toml")
-    with pytest.raises(UserError, match=r"c\.toml: is a tracking case: drift track for one with detections"):
+    with pytest.raises(
+        UserError, match=r"c\.toml: is a tracking case: drift track for one with detections"
+    ):
         drift.load(tmp_path / "c.toml")

@@ -27,7 +27,9 @@ HEADINGS: dict[str, type[BaseModel]] = {
 
 def rows(heading: str) -> dict[str, str]:
     """Return the defaults written, by key."""
-    (section,) = re.findall(rf"^### {re.escape(heading)}\n(.*?)(?=^###|\Z)", TEXT, re.MULTILINE | re.DOTALL)
+    (section,) = re.findall(
+        rf"^### {re.escape(heading)}\n(.*?)(?=^###|\Z)", TEXT, re.MULTILINE | re.DOTALL
+    )
     return dict(re.findall(r"^\| `(\w+)` \| [^|]+ \| ([^|]*) ?\| ", section, re.MULTILINE))
 
 

@@ -10,13 +10,13 @@ import shapely
 from drift.case.values import gpx
 from geo.errors import UserError
 
-HEAD = (
-    '<?xml version="1.0" encoding="UTF-8"?>\n<gpx version="1.1" creator="t" xmlns="http://www.topografix.com/GPX/1/1">'
-)
+HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n<gpx version="1.1" creator="t" xmlns="http://www.topografix.com/GPX/1/1">'
 
 
 def point(lon: object, lat: object, time: str | None = None, name: str = "trkpt") -> str:
-    return f'<{name} lon="{lon}" lat="{lat}">{"" if time is None else f"<time>{time}</time>"}</{name}>'
+    return (
+        f'<{name} lon="{lon}" lat="{lat}">{"" if time is None else f"<time>{time}</time>"}</{name}>'
+    )
 
 
 def track(*segments: str) -> str:
@@ -68,7 +68,9 @@ def test_times_in_all_their_spellings(tmp_path: Path) -> None:
         "2026-11-21T12:00:03.1234567Z",
     ]
     found = read(tmp_path, track("".join(point(k, k, time) for k, time in enumerate(times))))
-    assert np.array(found.time) - seconds("2026-11-21T12:00") == pytest.approx([0, 1, 2.5, 3.123456], abs=1e-5)
+    assert np.array(found.time) - seconds("2026-11-21T12:00") == pytest.approx(
+        [0, 1, 2.5, 3.123456], abs=1e-5
+    )
 
 
 def test_segments_follow_each_other_with_gaps(tmp_path: Path) -> None:
@@ -90,7 +92,9 @@ def test_routes_and_waypoints_have_no_times(tmp_path: Path) -> None:
     route = "".join(point(k, 2 * k, name="rtept") for k in range(3))
     found = read(tmp_path, f"{HEAD}<rte>{route}</rte>{point(9, 9, name='wpt')}</gpx>")
     assert (found.time, found.lon, found.lat) == ((), (0, 1, 2), (0, 2, 4))
-    found = read(tmp_path, f"{HEAD}{point(9, 9, noon(0), name='wpt')}{point(8, 9, name='wpt')}</gpx>")
+    found = read(
+        tmp_path, f"{HEAD}{point(9, 9, noon(0), name='wpt')}{point(8, 9, name='wpt')}</gpx>"
+    )
     assert (found.time, found.lon) == ((), (9, 8))
 
 
@@ -117,9 +121,18 @@ BAD = {
     "half of the times": (track(TWO + point(1, 1)), "times for 2 of its 3 points"),
     "a word for a time": (track(point(1, 1, "noon") + TWO), 'time that is none: "noon"'),
     "an empty time": (track(point(1, 1, "") + TWO), "time that is none"),
-    "back in time": (track(TWO + point(1, 1, noon(10))), "goes back in time at 2026-11-21T12:10:00Z"),
-    "two receivers": (track(TWO, point(1, 1, noon(10)) + point(1, 2, noon(40))), "two segments at the same time"),
-    "entities": ('<!DOCTYPE gpx [<!ENTITY a SYSTEM "file:///etc/passwd">]><gpx>&a;</gpx>', "document type"),
+    "back in time": (
+        track(TWO + point(1, 1, noon(10))),
+        "goes back in time at 2026-11-21T12:10:00Z",
+    ),
+    "two receivers": (
+        track(TWO, point(1, 1, noon(10)) + point(1, 2, noon(40))),
+        "two segments at the same time",
+    ),
+    "entities": (
+        '<!DOCTYPE gpx [<!ENTITY a SYSTEM "file:///etc/passwd">]><gpx>&a;</gpx>',
+        "document type",
+    ),
     "an unknown encoding": ('<?xml version="1.0" encoding="klingon"?><gpx/>', "not valid XML"),
 }
 

@@ -1,4 +1,6 @@
-"""Quantities, positions and times as written; oracles are definitions (BIPM, ICAO) and published zone tables."""
+"""Quantities, positions and times as written; oracles are definitions (BIPM, ICAO) and published
+zone tables.
+"""
 
 import math
 import re
@@ -196,7 +198,9 @@ def test_wrong_or_ambiguous_position_is_refused(value: object, words: str) -> No
 def test_position_there_and_back(lon: float, lat: float) -> None:
     def written(angle: float, letters: str) -> str:
         size = abs(angle)
-        return f"{int(size)} {60 * (size % 1):.6f}{letters[angle < 0]}".replace(" 60.000000", " 59.999999")
+        return f"{int(size)} {60 * (size % 1):.6f}{letters[angle < 0]}".replace(
+            " 60.000000", " 59.999999"
+        )
 
     back = units.position(f"{written(lat, 'NS')} {written(lon, 'EW')}")
     assert back == pytest.approx((lon, lat), abs=1e-6 / 60 * 1.01)

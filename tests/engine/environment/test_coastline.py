@@ -1,4 +1,6 @@
-"""The land of charts: that of the run's coast, and where a chart reaches beyond it, the land there too."""
+"""The land of charts: that of the run's coast, and where a chart reaches beyond it, the land there
+too.
+"""
 
 import json
 
@@ -16,7 +18,8 @@ def test_a_chart_beyond_the_domain_has_the_land_there(tmp_path) -> None:
     islands = [shapely.box(179.0, -17.2, 179.4, -16.9), shapely.box(-176.2, -18.1, -175.9, -17.6)]
     path = tmp_path / "islands.geojson"
     features = [
-        {"type": "Feature", "properties": {}, "geometry": json.loads(shapely.to_geojson(island))} for island in islands
+        {"type": "Feature", "properties": {}, "geometry": json.loads(shapely.to_geojson(island))}
+        for island in islands
     ]
     path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     asked, domain = Coast(str(path), "strand"), Box(178.6, -17.9, 180.3, -16.4)

@@ -1,4 +1,6 @@
-"""The box that a case is opened for: what drifts from its priors stays inside, on the sphere, and it is no larger than need be."""
+"""The box that a case is opened for: what drifts from its priors stays inside, on the sphere, and
+it is no larger than need be.
+"""
 
 from pathlib import Path
 
@@ -33,9 +35,11 @@ position = {{ at = [{lon}, {lat}], std = "3 km" }}
 def test_the_reach_holds_what_drifts_as_fast_as_it_is_reckoned_with(
     tmp_path: Path, name: str, lon: float, lat: float
 ) -> None:
-    """Currents of 2.5 m/s and winds of 25 m/s through the largest slope: geodesics of that length, all round, end in it.
+    """Currents of 2.5 m/s and winds of 25 m/s through the largest slope: geodesics of that length,
+    all round, end in it.
 
-    A box in longitude and latitude holds a cap; on the parallel nearest to the pole it is as wide as there, no wider.
+    A box in longitude and latitude holds a cap; on the parallel nearest to the pole it is as wide
+    as there, no wider.
     """
     hours = 30
     (tmp_path / "case.toml").write_text(CASE.format(lon=lon, lat=lat, object=name, hours=hours))
@@ -58,7 +62,9 @@ def test_the_reach_holds_what_drifts_as_fast_as_it_is_reckoned_with(
 
 @pytest.mark.parametrize("seed", range(20))
 def test_the_part_read_of_a_source_holds_the_box_and_little_more(seed: int) -> None:
-    """Lines of the lattice are at most an eighth of the box apart: so much is added on each side at most."""
+    """Lines of the lattice are at most an eighth of the box apart: so much is added on each side at
+    most.
+    """
     rng = np.random.default_rng(seed)
     width, height = np.exp(rng.uniform(np.log(0.05), np.log([150, 60])))
     west, south = rng.uniform(-180, 180), rng.uniform(-89, 89 - height)
@@ -73,7 +79,10 @@ def test_the_part_read_of_a_source_holds_the_box_and_little_more(seed: int) -> N
     assert -180 <= part.west < 180
     assert -90 <= part.south < part.north <= 90
     # A little to the side nearly all need the same part; whoever needs it is served by it.
-    assert environment.part(Box(part.west, part.south, part.west + width, part.south + height)).west == part.west
+    assert (
+        environment.part(Box(part.west, part.south, part.west + width, part.south + height)).west
+        == part.west
+    )
 
 
 def test_a_box_round_the_earth_is_read_whole() -> None:
@@ -83,6 +92,9 @@ def test_a_box_round_the_earth_is_read_whole() -> None:
 
 def test_common_part_of_boxes() -> None:
     assert domain._common(Box(-180, -90, 180, 90), Box(170, -10, 195, 5)) == Box(170, -10, 195, 5)
-    assert domain._common(Box(150, -40, 260, 40), Box(-170, -10, -150, 50)) == Box(-170, -10, -150, 40)
-    assert domain._common(Box(-175, -40, 175, 40), Box(170, -10, 195, 5)) == Box(-175, -40, 175, 40)  # two parts
+    assert domain._common(Box(150, -40, 260, 40), Box(-170, -10, -150, 50)) == Box(
+        -170, -10, -150, 40
+    )
+    # two parts
+    assert domain._common(Box(-175, -40, 175, 40), Box(170, -10, 195, 5)) == Box(-175, -40, 175, 40)
     assert domain._common(Box(0, 0, 10, 10), Box(-180, -90, 180, 90)) == Box(0, 0, 10, 10)

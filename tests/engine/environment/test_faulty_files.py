@@ -1,6 +1,8 @@
-"""Files of the kinds that outside trials found to go wrong: their right ends, or an error whose remedy gives them.
+"""Files of the kinds that outside trials found to go wrong: their right ends, or an error whose
+remedy gives them.
 
-Ends are from a float64 integration of the analytic fields in the files (their README and our own, which agree to 0.1 m).
+Ends are from a float64 integration of the analytic fields in the files (their README and our own,
+which agree to 0.1 m).
 """
 
 import shutil
@@ -19,7 +21,8 @@ RIGHT = {
     "vr_range": (-29.040431, 39.979680),
     "j_shared": (-29.504371, 40.036986),
     "j_360": (-29.504371, 40.036986),
-    "e_expver": (-29.704720, 40.023776),  # 0.6 of the current's speeds: the wind is 20 times as fast, windage 3 %
+    # 0.6 of the current's speeds: the wind is 20 times as fast, windage 3 %
+    "e_expver": (-29.704720, 40.023776),
 }
 # what is rejected, in which words, and the line that the error asks for
 REMEDIES: dict[str, tuple[str, str, tuple[float, float]]] = {
@@ -47,7 +50,9 @@ def faults(data: Path, tmp_path: Path) -> Path:
 def apart(case: Path, right: tuple[float, float]) -> float:
     """Run a case and return how far the mean of its particles ends from the right place [m]."""
     end = drift.run(drift.load(case)).particles.isel(time=-1)
-    return float(sphere.distance(*np.radians((float(end.lon.mean()), float(end.lat.mean()), *right))))
+    return float(
+        sphere.distance(*np.radians((float(end.lon.mean()), float(end.lat.mean()), *right)))
+    )
 
 
 @pytest.mark.parametrize("name", RIGHT)

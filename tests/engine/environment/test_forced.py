@@ -1,4 +1,6 @@
-"""What takes no forcing, by a second model of motion: its reach, its coast, and sources that end before the run does."""
+"""What takes no forcing, by a second model of motion: its reach, its coast, and sources that end
+before the run does.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -35,7 +37,9 @@ SPEED = {"slow": 0.1, "swift": 20.0}  # [m/s]
 
 @pytest.fixture
 def case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> drift.Case:
-    """A case of one scenario; beside drift stands a model that is not forced, whose parameter is a key of SPEED."""
+    """A case of one scenario; beside drift stands a model that is not forced, whose parameter is a
+    key of SPEED.
+    """
     steaming = replace(
         DRIFT,
         forced=False,
@@ -50,12 +54,17 @@ def case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> drift.Case:
 def spec(case: drift.Case, *motions: str | None) -> EnsembleSpec:
     """Return what is drawn where one scenario drifts (None) or steams as fast as SPEED says."""
     (boat,) = case.scenarios
-    steaming = [boat if motion is None else replace(boat, model="steaming", motion=motion) for motion in motions]
+    steaming = [
+        boat if motion is None else replace(boat, model="steaming", motion=motion)
+        for motion in motions
+    ]
     return replace(run_setup.ensemble_spec(case), scenarios=tuple(steaming))
 
 
 def reach(box: Box) -> float:
-    """Return the speed [m/s] with which a box is drawn about a point: half its height over the run's time."""
+    """Return the speed [m/s] with which a box is drawn about a point: half its height over the
+    run's time.
+    """
     return float(np.radians(box.north - box.south) / 2 * sphere.RADIUS / (10 * 3600))
 
 
@@ -71,7 +80,9 @@ def test_the_reach_of_what_takes_no_current_is_its_own_speed(case: drift.Case) -
 
 def test_the_utmost_reach_is_its_own_speed_too(case: drift.Case) -> None:
     asked = run_setup.environment_spec(case)
-    assert reach(domain.utmost(spec(case, "swift"), asked)) == pytest.approx(20 * (1 + domain.FARTHEST), rel=1e-6)
+    assert reach(domain.utmost(spec(case, "swift"), asked)) == pytest.approx(
+        20 * (1 + domain.FARTHEST), rel=1e-6
+    )
     drifting = reach(domain.utmost(spec(case, None), asked))
     assert drifting > 5.9  # UTMOST_CURRENT and UTMOST_STOKES
     assert reach(domain.utmost(spec(case, None, "slow"), asked)) == drifting

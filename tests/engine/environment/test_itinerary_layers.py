@@ -1,4 +1,6 @@
-"""What charts show of itineraries: what scenarios share once, all that is on it in its places, lanes of several routes in one network."""
+"""What charts show of itineraries: what scenarios share once, all that is on it in its places,
+lanes of several routes in one network.
+"""
 
 import itertools
 from dataclasses import replace
@@ -20,7 +22,9 @@ def test_a_way_that_scenarios_share_is_drawn_once() -> None:
     overlay = layers.itineraries(case_file.load("overdue_yacht").scenarios)
     assert [text for _, text in overlay.key] == ["Way: dismasted, in the raft, slow, and under way"]
     (line,) = overlay.places["the way of dismasted, in the raft, slow, and under way"]
-    np.testing.assert_allclose(line[[0, -1]], [[-87 - 16 / 60, 30 + 4 / 60], [-83.05, 27.6]], atol=1e-9)
+    np.testing.assert_allclose(
+        line[[0, -1]], [[-87 - 16 / 60, 30 + 4 / 60], [-83.05, 27.6]], atol=1e-9
+    )
 
 
 def test_many_ways_are_one_row_of_the_legend_and_one_line() -> None:
@@ -31,7 +35,9 @@ def test_many_ways_are_one_row_of_the_legend_and_one_line() -> None:
     assert isinstance(voyage, Ways)
     some = []
     for k in range(40):
-        moved = tuple(replace(p, place=replace(p.place, lat=p.place.lat - 1e-4 * k)) for p in voyage.points)  # type: ignore[call-arg, union-attr]
+        moved = tuple(
+            replace(p, place=replace(p.place, lat=p.place.lat - 1e-4 * k)) for p in voyage.points
+        )  # type: ignore[call-arg, union-attr]
         itinerary = replace(first.itinerary, phases=(replace(voyage, points=moved),))
         some.append(replace(first, name=f"story {k}", itinerary=itinerary))
     frame = chart.frame(np.array([-89.0, -82.0]), np.array([27.0, 31.0]), 1.2)
@@ -48,7 +54,9 @@ def test_many_ways_are_one_row_of_the_legend_and_one_line() -> None:
 
 
 def test_way_points_patrols_and_odds_are_drawn() -> None:
-    submarine, smuggler = (case_file.load(name).scenarios for name in ("cast_submarine", "smuggler_bridge"))
+    submarine, smuggler = (
+        case_file.load(name).scenarios for name in ("cast_submarine", "smuggler_bridge")
+    )
     overlay = layers.itineraries(submarine)
     assert next(text for _, text in overlay.key) == "Way: track to patrol"
     assert [text for _, text in overlay.key][-1] == "Area of patrol"
@@ -66,7 +74,11 @@ def test_way_points_patrols_and_odds_are_drawn() -> None:
     ax = Figure().add_axes((0, 0, 1, 1))
     chart.prepare(ax, frame)
     overlay.draw(ax, frame)
-    assert sorted(text.get_text() for text in ax.texts) == ["prior 20 %", "prior 30 %", "prior 50 %"]
+    assert sorted(text.get_text() for text in ax.texts) == [
+        "prior 20 %",
+        "prior 30 %",
+        "prior 50 %",
+    ]
 
 
 def test_lanes_of_several_routes_are_one_network_with_each_lane_once() -> None:
@@ -91,7 +103,10 @@ def test_a_tracker_that_scenarios_share_is_drawn_once(tmp_path: Path) -> None:
     path.write_text(
         'title = "t"\nstart = "2026-03-05T00:00Z"\nduration = "40 min"\ncoast.source = "none"\n'
         '[tracker.patrol]\nat = [179.9, 12.0]\nlegs = [{ course = 75, speed = "30 kn" }]\n'
-        + "".join(f"[[scenario]]\n{story.format(name, kind)}" for name, kind in (("seeks", "seek"), ("flees", "hide")))
+        + "".join(
+            f"[[scenario]]\n{story.format(name, kind)}"
+            for name, kind in (("seeks", "seek"), ("flees", "hide"))
+        )
     )
     overlay = layers.itineraries(case_file.load(path).scenarios)
     assert [text for _, text in overlay.key] == ["Tracker that targets seek or flee from"]

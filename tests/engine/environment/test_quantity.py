@@ -1,4 +1,5 @@
-"""A quantity of forcing is one entry: a made-up one, the drift of ice, goes from a case's text to tiles on the device.
+"""A quantity of forcing is one entry: a made-up one, the drift of ice, goes from a case's text to
+tiles on the device.
 
 It has no term in kernels.step.velocity, so nothing moves with it.
 """
@@ -46,14 +47,18 @@ PACK = '[[ice]]\nname = "pack"\nconstant = { east = 0.2, north = -0.7 }\n'
 
 @pytest.fixture(autouse=True)
 def ice(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Add the quantity where CONTRIBUTING says that one is added; only its term in the kernel is missing."""
+    """Add the quantity where CONTRIBUTING says that one is added; only its term in the kernel is
+    missing.
+    """
     monkeypatch.setitem(QUANTITIES, "ice", ICE)
     monkeypatch.setitem(quantities.STANDARD, "ice", ((*NAMES, "true"),))
     monkeypatch.setitem(quantities.COMMON, "ice", ())
     monkeypatch.setitem(FORCING, "ice", 0)
     story = create_model("ScenarioTable", __base__=ScenarioTable, floes=(list[str] | None, None))
     many = Field(default_factory=list)
-    table = create_model("CaseTable", __base__=CaseTable, ice=(list[SourceTable], many), scenario=(list[story], many))
+    table = create_model(
+        "CaseTable", __base__=CaseTable, ice=(list[SourceTable], many), scenario=(list[story], many)
+    )
     monkeypatch.setattr(case_file, "CaseTable", table)
 
 
@@ -72,10 +77,17 @@ def test_a_case_has_it_and_a_scenario_names_its_sources(tmp_path: Path) -> None:
     assert [(spec.name, spec.fill) for spec in case.forcing["ice"]] == [("pack", 1), ("rival", 1)]
     assert case.scenarios[0].sources["ice"] == ("pack", "rival")
     chosen = ('name = "boat"', 'name = "boat"\nfloes = ["rival"]')
-    assert case_of(tmp_path, PACK + PACK.replace("pack", "rival"), chosen).scenarios[0].sources["ice"] == ("rival",)
-    with pytest.raises(UserError, match=r'scenario "boat".floes: no source "rival"; there are: pack'):
+    assert case_of(tmp_path, PACK + PACK.replace("pack", "rival"), chosen).scenarios[0].sources[
+        "ice"
+    ] == ("rival",)
+    with pytest.raises(
+        UserError, match=r'scenario "boat".floes: no source "rival"; there are: pack'
+    ):
         case_of(tmp_path, PACK, chosen)
-    with pytest.raises(UserError, match=r'ice "pack": constant: 30.01 m/s is too fast for a drift of ice; at most 3'):
+    with pytest.raises(
+        UserError,
+        match=r'ice "pack": constant: 30.01 m/s is too fast for a drift of ice; at most 3',
+    ):
         case_of(tmp_path, PACK, ("east = 0.2", "east = 30.0"))
     flow = PACK.replace("constant = { east = 0.2, north = -0.7 }", 'analytic = "solid_rotation"')
     assert run_metadata.synthetic(case_of(tmp_path, flow))
@@ -107,13 +119,20 @@ def test_a_run_may_go_where_its_ice_takes_it(tmp_path: Path) -> None:
 def test_where_it_has_no_value_a_run_is_lost_only_if_it_is_needed(
     needed: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ice five degrees east of all that drifts: a run without a term for it ends as one without ice, to the bit."""
+    """Ice five degrees east of all that drifts: a run without a term for it ends as one without
+    ice, to the bit.
+    """
     field(standard=NAMES, west=-83.0).to_netcdf(tmp_path / "ice.nc")
     monkeypatch.setitem(QUANTITIES, "ice", dataclasses.replace(ICE, needed=needed))
-    wide = ("[[wind]]", "[domain]\nwest = -92.0\neast = -80.0\nsouth = 25.6\nnorth = 29.4\n[[wind]]")
+    wide = (
+        "[[wind]]",
+        "[domain]\nwest = -92.0\neast = -80.0\nsouth = 25.6\nnorth = 29.4\n[[wind]]",
+    )
     case = case_of(tmp_path, '[[ice]]\nfiles = "ice.nc"\n', wide)
     if needed:
-        with pytest.raises(UserError, match=r"\[\[ice\]\]: 100 % of the prior lies where there is no ice"):
+        with pytest.raises(
+            UserError, match=r"\[\[ice\]\]: 100 % of the prior lies where there is no ice"
+        ):
             drift.run(case)
         return
     icy, bare = (drift.run(one) for one in (case, case_of(tmp_path, "", wide)))
@@ -131,7 +150,9 @@ def test_a_file_of_it_is_understood(tmp_path: Path) -> None:
 
 
 def test_drifters_are_compared_with_it(tmp_path: Path) -> None:
-    """A drifter that goes with the current and the ice, east at 0.5 kn and 0.2 m/s, goes no way of its own."""
+    """A drifter that goes with the current and the ice, east at 0.5 kn and 0.2 m/s, goes no way of
+    its own.
+    """
     chosen = ('name = "boat"', 'name = "boat"\nfloes = ["pack"]')
     case = case_of(tmp_path, PACK + PACK.replace("pack", "rival"), chosen)
     time = case.start.astype("datetime64[s]").astype(float) + 3600.0 * np.arange(4)

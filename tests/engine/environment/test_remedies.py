@@ -1,6 +1,8 @@
-"""Remedies that errors of a case's forcing name, followed: sources that end early, that do not go together, that are apart.
+"""Remedies that errors of a case's forcing name, followed: sources that end early, that do not go
+together, that are apart.
 
-The current is linear in time and the same everywhere, u = 0.05 m/s an hour since 06:00: a drifter's way is its integral.
+The current is linear in time and the same everywhere, u = 0.05 m/s an hour since 06:00: a drifter's
+way is its integral.
 """
 
 import re
@@ -32,11 +34,17 @@ position = {{ at = [-30.0, 40.0], error = "1 m" }}
 
 def written(path: Path, hours: range, shift: float = 0.0) -> Path:
     lon, lat = np.arange(-33.0 + shift, -26.9 + shift, 0.5), np.arange(37.0, 43.1, 0.5)
-    u = np.broadcast_to(0.05 * np.array(hours, float)[:, None, None], (len(hours), lat.size, lon.size))
+    u = np.broadcast_to(
+        0.05 * np.array(hours, float)[:, None, None], (len(hours), lat.size, lon.size)
+    )
     dims = ("time", "lat", "lon")
     xr.Dataset(
         {"uo": (dims, u, writers.EAST), "vo": (dims, 0 * u, writers.NORTH)},
-        {"time": ("time", np.array(hours, float), {"units": "hours since 2024-03-10T06"}), "lat": lat, "lon": lon},
+        {
+            "time": ("time", np.array(hours, float), {"units": "hours since 2024-03-10T06"}),
+            "lat": lat,
+            "lon": lon,
+        },
     ).to_netcdf(path)
     return path
 
@@ -67,7 +75,9 @@ def refused(case: drift.Case, words: str) -> None:
 def test_a_source_that_ends_before_the_run(tmp_path: Path) -> None:
     written(tmp_path / "a.nc", range(5))
     one = '[[current]]\nname = "a"\nfiles = "a.nc"'
-    refused(case_of(tmp_path, one), r"Change start, duration or end, or add another \[\[current\]\]")
+    refused(
+        case_of(tmp_path, one), r"Change start, duration or end, or add another \[\[current\]\]"
+    )
     assert eastward(case_of(tmp_path, one, ("8 h", "4 h"))) == pytest.approx(0.05 * np.arange(5))
     written(tmp_path / "b.nc", range(4, 10))
     both = one + '\n[[current]]\nname = "b"\nfiles = "b.nc"'
@@ -77,7 +87,10 @@ def test_a_source_that_ends_before_the_run(tmp_path: Path) -> None:
 def test_files_that_do_not_go_together_as_sources_of_their_own(tmp_path: Path) -> None:
     written(tmp_path / "a.nc", range(5))
     written(tmp_path / "b.nc", range(4, 10), 0.25)
-    refused(case_of(tmp_path, '[[current]]\nfiles = ["a.nc", "b.nc"]'), "another grid.*source of its own")
+    refused(
+        case_of(tmp_path, '[[current]]\nfiles = ["a.nc", "b.nc"]'),
+        "another grid.*source of its own",
+    )
     apart = '[[current]]\nname = "a"\nfiles = "a.nc"\n[[current]]\nname = "b"\nfiles = "b.nc"'
     assert eastward(case_of(tmp_path, apart)) == pytest.approx(0.05 * np.arange(9))
 
@@ -90,15 +103,23 @@ def test_an_empty_slice_is_said_and_the_current_goes_on(tmp_path: Path) -> None:
     data.to_netcdf(tmp_path / "b.nc")
     case = case_of(tmp_path, '[[current]]\nname = "b"\nfiles = "b.nc"')
     where = run_setup.open_for(case)
-    assert any("the slice of 100900ZMAR24 holds no value here" in note for note in where.sources[0].notes)
+    assert any(
+        "the slice of 100900ZMAR24 holds no value here" in note for note in where.sources[0].notes
+    )
     assert eastward(case) == pytest.approx(0.05 * np.arange(9))
     result = drift.run(case, out=None)
-    assert any('current "b": the slice of 100900ZMAR24' in words for words in result.summary["warnings"])
+    assert any(
+        'current "b": the slice of 100900ZMAR24' in words for words in result.summary["warnings"]
+    )
 
 
 @pytest.mark.parametrize("stamp", ["start", "end"])
-def test_a_run_in_means_ends_where_the_field_that_they_are_of_leads(stamp: str, tmp_path: Path) -> None:
-    """A mean of a field linear in time is its value at the middle: the way is the integral, 0.05 m/s/h x t^2 / 2."""
+def test_a_run_in_means_ends_where_the_field_that_they_are_of_leads(
+    stamp: str, tmp_path: Path
+) -> None:
+    """A mean of a field linear in time is its value at the middle: the way is the integral, 0.05
+    m/s/h x t^2 / 2.
+    """
     hours = np.arange(-3.0, 15.0, 3.0)
     path = written(tmp_path / "a.nc", range(len(hours)))
     with xr.open_dataset(path, decode_times=False) as data:
@@ -106,7 +127,11 @@ def test_a_run_in_means_ends_where_the_field_that_they_are_of_leads(stamp: str, 
     middles = hours + 1.5
     data.uo[:] = 0.05 * middles[:, None, None]
     data.uo.attrs["cell_methods"] = data.vo.attrs["cell_methods"] = "time: mean"
-    data["time"] = ("time", hours if stamp == "start" else hours + 3, {"units": "hours since 2024-03-10T06"})
+    data["time"] = (
+        "time",
+        hours if stamp == "start" else hours + 3,
+        {"units": "hours since 2024-03-10T06"},
+    )
     data.to_netcdf(tmp_path / "m.nc")
     case = case_of(tmp_path, f'[[current]]\nfiles = "m.nc"\ntimes = {{ stamp = "{stamp}" }}')
     assert eastward(case) == pytest.approx(0.05 * np.arange(9))

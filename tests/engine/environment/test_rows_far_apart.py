@@ -1,4 +1,6 @@
-"""Rows of a table are on straight lines however far apart they are; files with such gaps have holes."""
+"""Rows of a table are on straight lines however far apart they are; files with such gaps have
+holes.
+"""
 
 import math
 
@@ -38,7 +40,8 @@ def case(tmp_path, source: str):
 
 def rows(hours, knots) -> str:
     each = (
-        f'{{ time = "+{hour} h", speed = "{speed} kn", from = 270 }}' for hour, speed in zip(hours, knots, strict=True)
+        f'{{ time = "+{hour} h", speed = "{speed} kn", from = 270 }}'
+        for hour, speed in zip(hours, knots, strict=True)
     )
     return f"table = [{', '.join(each)}]"
 
@@ -53,7 +56,10 @@ def test_rows_far_apart_are_on_straight_lines(tmp_path):
 
 def test_check_notes_rows_far_apart(tmp_path):
     assert "rows up to 12 h apart" in drift.check(case(tmp_path, rows(HOURS, KNOTS)))["wind wind 1"]
-    assert "apart" not in drift.check(case(tmp_path, rows((0, 6, 17.5, 24), (1, 2, 3, 4))))["wind wind 1"]
+    assert (
+        "apart"
+        not in drift.check(case(tmp_path, rows((0, 6, 17.5, 24), (1, 2, 3, 4))))["wind wind 1"]
+    )
 
 
 def test_a_hole_in_a_file_is_refused_in_words_that_agree(tmp_path):
@@ -61,13 +67,21 @@ def test_a_hole_in_a_file_is_refused_in_words_that_agree(tmp_path):
     axes = {"time": times, "latitude": [-1.0, 0.0, 1.0], "longitude": [0.0, 1.0, 2.0]}
     values = ("time", "latitude", "longitude"), np.ones((len(HOURS), 3, 3)), {"units": "m s-1"}
     names = {"u10": "eastward_wind", "v10": "northward_wind"}
-    data = xr.Dataset({name: (*values[:2], values[2] | {"standard_name": long}) for name, long in names.items()}, axes)
-    data["latitude"].attrs["units"], data["longitude"].attrs["units"] = "degrees_north", "degrees_east"
+    data = xr.Dataset(
+        {name: (*values[:2], values[2] | {"standard_name": long}) for name, long in names.items()},
+        axes,
+    )
+    data["latitude"].attrs["units"], data["longitude"].attrs["units"] = (
+        "degrees_north",
+        "degrees_east",
+    )
     data.to_netcdf(tmp_path / "wind.nc")
     with pytest.raises(UserError) as refused:
         drift.check(case(tmp_path, 'files = "wind.nc"'))
     (line,) = refused.value.lines
-    assert "with gaps of more than 3 times its usual interval, which are not interpolated over" in line
+    assert (
+        "with gaps of more than 3 times its usual interval, which are not interpolated over" in line
+    )
     assert "no data from 212100ZNOV26 to 220900ZNOV26" in line
     assert "(12% of the run is covered)" in line
     with_more = 'files = "wind.nc"\n[[wind]]\n' + rows((0, 24), (10, 10))  # the remedy
@@ -80,13 +94,13 @@ def test_what_is_wrong_with_several_sources_and_scenarios_comes_at_once(tmp_path
         (tmp_path / name).write_bytes(b"no forcing at all")
     with pytest.raises(UserError) as refused:
         drift.check(case(tmp_path, 'files = "one.nc"\n[[wind]]\nfiles = "two.nc"'))
-    assert [name for line in refused.value.lines for name in ("one.nc", "two.nc") if name in line] == [
+    assert [
+        name for line in refused.value.lines for name in ("one.nc", "two.nc") if name in line
+    ] == [
         "one.nc",
         "two.nc",
     ]
-    other = (
-        '\n[[scenario]]\nname = "crate"\nobject = { windage = "2 %" }\nposition = { at = [0.5, 0.0], error = "1 m" }'
-    )
+    other = '\n[[scenario]]\nname = "crate"\nobject = { windage = "2 %" }\nposition = { at = [0.5, 0.0], error = "1 m" }'
     path = tmp_path / "two.toml"
     path.write_text(CASE.replace("SOURCE", rows((0, 6), (10, 10))) + other)
     with pytest.raises(UserError) as refused:

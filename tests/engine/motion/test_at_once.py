@@ -32,7 +32,9 @@ OUTPUTS = (4100, 9_300, 30_000)
 
 
 def particles() -> Ensemble:
-    """Return particles to the west of an island, with leeway, releases and times of sinking of their own."""
+    """Return particles to the west of an island, with leeway, releases and times of sinking of
+    their own.
+    """
     random, ensemble = np.random.default_rng(5), record.empty(77, (0, N), COLUMNS)
     own = {name: random.uniform(0.003, 0.06, N) for name in LEEWAY}
     own |= {"lon": random.uniform(-7e6, -5.4e6, N), "lat": random.uniform(1.1e6, 3.6e6, N)}
@@ -49,14 +51,20 @@ def world(direction: int, place: dict[str, Any]) -> Scene:
     rows = np.datetime64(START - 40_000, "s") + 2700 * np.arange(40).astype("timedelta64[s]")
     k = np.arange(40)
     seas = {
-        "current": (sources.uniform_field("current", rows, 0.4 * np.cos(k), 0.3 * np.sin(0.7 * k), name="c"),),
+        "current": (
+            sources.uniform_field(
+                "current", rows, 0.4 * np.cos(k), 0.3 * np.sin(0.7 * k), name="c"
+            ),
+        ),
         "wind": (sources.constant("wind", direction * 6.1, direction * 4.7),),
     }
     island = shapely.Polygon([(-0.44, 0.1), (-0.25, 0.12), (-0.27, 0.31), (-0.42, 0.37)])
     land = Shore(np.array([island], object), "test", (), Box(-1.5, -1.5, 1.5, 1.5))
     coast = device_coast.upload(shoreline.build_coast(land, Box(-1.2, -1, 1, 1)))
     return Scene(
-        Forcing([Sources(seas)], direction), (Motion(DRIFT, PHYSICS),), kernel.Surroundings(EVERYWHERE, coast, **place)
+        Forcing([Sources(seas)], direction),
+        (Motion(DRIFT, PHYSICS),),
+        kernel.Surroundings(EVERYWHERE, coast, **place),
     )
 
 
@@ -72,7 +80,8 @@ def moved(direction: int, place: dict[str, Any]) -> tuple[dict[str, np.ndarray],
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Scene, "advance", counted)
-        cut = START + direction * 7250  # not between slices: the parts of that step are made by themselves
+        # not between slices: the parts of that step are made by themselves
+        cut = START + direction * 7250
         clock = Clock(START, OUTPUTS[-1], direction, STEP, breaks=(cut,))
         moments = list(simulate.run(ensemble, surroundings, clock, np.array(OUTPUTS)))
     surroundings.forcing.close()
@@ -88,7 +97,12 @@ def moved(direction: int, place: dict[str, Any]) -> tuple[dict[str, np.ndarray],
     "place",
     [
         {},
-        {"beach": kernel.Beach(5000.0, 100.0), "sinks": True, "divergence": True, "scheme": "midpoint"},
+        {
+            "beach": kernel.Beach(5000.0, 100.0),
+            "sinks": True,
+            "divergence": True,
+            "scheme": "midpoint",
+        },
         {"beach": kernel.Beach(slides=True)},
     ],
     ids=["stays for good", "refloats", "slides"],
@@ -145,7 +159,9 @@ position = { at = [0.11, 0.05], std = "200 m" }
 """
 
 
-@pytest.mark.parametrize("contact", [SEEN, FOUND], ids=["a sighting", "debris that guides particles"])
+@pytest.mark.parametrize(
+    "contact", [SEEN, FOUND], ids=["a sighting", "debris that guides particles"]
+)
 def test_a_search_is_not_asked_while_nothing_happens(
     contact: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -155,7 +171,9 @@ def test_a_search_is_not_asked_while_nothing_happens(
     asked: list[object] = []
     together = drift.run(case)
     monkeypatch.setattr(scene, "AT_ONCE", 1)
-    monkeypatch.setattr("drift.evidence.filter.filter.SearchFilter.rests", lambda own, step: asked.append(step))
+    monkeypatch.setattr(
+        "drift.evidence.filter.filter.SearchFilter.rests", lambda own, step: asked.append(step)
+    )
     alone = drift.run(case)
     assert len(asked) == 48
     assert together.particles.equals(alone.particles)

@@ -1,4 +1,6 @@
-"""Where particles are inside a step: outputs, sorties, looks and shores between its ends, against closed forms."""
+"""Where particles are inside a step: outputs, sorties, looks and shores between its ends, against
+closed forms.
+"""
 
 import json
 import re
@@ -39,11 +41,15 @@ def tide(hours: int) -> Source:
     time = 3600 * np.arange(hours + 1)
     speed = SPEED * np.sin(2 * np.pi * time / PERIOD)
     stamps = (T0 + time).astype("datetime64[s]")
-    return sources.uniform_field("current", stamps, speed * np.sin(np.radians(30)), speed * np.cos(np.radians(30)))
+    return sources.uniform_field(
+        "current", stamps, speed * np.sin(np.radians(30)), speed * np.cos(np.radians(30))
+    )
 
 
 def way(time: np.ndarray) -> np.ndarray:
-    """Return how far such a tide carries along its course by some times [m]: the area under its trapezia."""
+    """Return how far such a tide carries along its course by some times [m]: the area under its
+    trapezia.
+    """
     nodes = 3600 * np.arange(26)
     speed = SPEED * np.sin(2 * np.pi * nodes / PERIOD)
     area = np.concatenate([[0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 3600)])
@@ -54,7 +60,11 @@ def way(time: np.ndarray) -> np.ndarray:
 
 def scene(*currents: Source, direction: int = 1) -> Scene:
     place = kernel.Surroundings(EVERYWHERE)
-    return Scene(Forcing([Sources({"current": currents})], direction), (Motion(DRIFT, kernel.Physics()),), place)
+    return Scene(
+        Forcing([Sources({"current": currents})], direction),
+        (Motion(DRIFT, kernel.Physics()),),
+        place,
+    )
 
 
 def particles(n: int, lon: float, lat: float) -> record.Ensemble:
@@ -67,13 +77,19 @@ def particles(n: int, lon: float, lat: float) -> record.Ensemble:
 
 @pytest.mark.parametrize("scheme", ["rk4", "rk2"])
 def test_outputs_inside_a_step_lie_on_the_way_and_not_on_its_chord(scheme: str) -> None:
-    """Linear in time between full hours: positions are exact at any time. The chord of an hour is up to 540 m off."""
+    """Linear in time between full hours: positions are exact at any time.
+
+    The chord of an hour is up to 540 m off.
+    """
     times = np.array([600, 1800, 3600, 9 * 3600 + 600, 10 * 3600 + 1234, 12 * 3600])
     place = scene(tide(25))
     place = Scene(place.forcing, place.motions, place.place._replace(scheme=scheme))
-    moments = simulate.run(particles(1, 179.95, 1.0), place, Clock(T0, int(times[-1]), 1, 3600), times)
+    moments = simulate.run(
+        particles(1, 179.95, 1.0), place, Clock(T0, int(times[-1]), 1, 3600), times
+    )
     for moment, expected in zip(moments, way(times), strict=True):
-        # A steady course is a rhumb line on the sphere: longitude goes as tan(course) times Mercator's latitude.
+        # A steady course is a rhumb line on the sphere: longitude goes as tan(course) times
+        # Mercator's latitude.
         lat = np.radians(1.0) + expected * np.cos(np.radians(30)) / sphere.RADIUS
         stretched = np.arctanh(np.sin(lat)) - np.arctanh(np.sin(np.radians(1.0)))
         lon = np.radians(179.95) + np.tan(np.radians(30)) * stretched
@@ -88,12 +104,16 @@ def test_the_end_of_a_run_inside_a_step_is_right() -> None:
     """Ten minutes from 09:00 in that tide, with a step of an hour."""
     clock = Clock(T0 + 9 * 3600, 600, 1, 3600)
     (end,) = simulate.run(particles(1, -30.0, 40.0), scene(tide(25)), clock, np.array([600]))
-    went = sphere.distance(*np.radians([-30.0, 40.0]), end.lon[0] * sphere.UNIT, end.lat[0] * sphere.UNIT)
+    went = sphere.distance(
+        *np.radians([-30.0, 40.0]), end.lon[0] * sphere.UNIT, end.lat[0] * sphere.UNIT
+    )
     assert went == pytest.approx(abs(float(np.diff(way(np.array([32_400, 33_000])))[0])), abs=0.1)
 
 
 def reversal(hours: int) -> Source:
-    """A current of 2 m/s toward the north that turns to the south within each hour, and back within the next."""
+    """A current of 2 m/s toward the north that turns to the south within each hour, and back within
+    the next.
+    """
     turning = 2.0 * (-1.0) ** np.arange(hours + 1)
     return sources.uniform_field(
         "current", (T0 + 3600 * np.arange(hours + 1)).astype("datetime64[s]"), 0 * turning, turning
@@ -115,7 +135,8 @@ def north_of_40(moment: simulate.Moment) -> np.ndarray:
 
 @pytest.mark.parametrize("law", ["tide", "reversal"])
 def test_a_bent_way_is_followed_until_it_lands(law: str) -> None:
-    """An hour in which the drift gathers way, or goes out by 1.8 km and comes back: landing times and places before them.
+    """An hour in which the drift gathers way, or goes out by 1.8 km and comes back: landing times
+    and places before them.
 
     The chord of the first is up to 523 m off; that of the second has no length.
     """
@@ -139,8 +160,8 @@ def test_a_bent_way_is_followed_until_it_lands(law: str) -> None:
         if law == "reversal":
             north, speed = 2 * time * (1 - time / 3600), np.abs(2 - time / 900)
         landed = moment.status == Status.ASHORE
-        # The shore is met on straight pieces CHORD from the curve, so late or early by what the drift takes for that; a
-        # landing is noted in whole seconds.
+        # The shore is met on straight pieces CHORD from the curve, so late or early by what the
+        # drift takes for that; a landing is noted in whole seconds.
         late = curve.CHORD / np.maximum(speed, 1e-9) + 1
         sure = np.abs(lands - moment.elapsed) > late
         np.testing.assert_array_equal(landed[sure], (lands < moment.elapsed)[sure])
@@ -150,14 +171,22 @@ def test_a_bent_way_is_followed_until_it_lands(law: str) -> None:
 
 
 def test_what_refloats_waits_for_the_drift_to_turn_off_the_beach_within_a_step() -> None:
-    """Onto the beach until 01:24, off it by 0.6 m/s at 02:00: who is afloat then, and how far off, at steps of an hour."""
+    """Onto the beach until 01:24, off it by 0.6 m/s at 02:00: who is afloat then, and how far off,
+    at steps of an hour.
+    """
     n, half, offing, turns = 4000, 5400.0, 100.0, 5040  # [s], [m], [s]
     hours, north = np.arange(3), np.array([1.0, 0.4, -0.6])
-    source = sources.uniform_field("current", (T0 + 3600 * hours).astype("datetime64[s]"), 0 * north, north)
+    source = sources.uniform_field(
+        "current", (T0 + 3600 * hours).astype("datetime64[s]"), 0 * north, north
+    )
     ensemble = particles(n, -30.0, 40.0)
     place, beach = scene(source), kernel.Beach(half / np.log(2), offing)
-    place = Scene(place.forcing, place.motions, place.place._replace(coast=wall(100.0), beach=beach))
-    moments = list(simulate.run(ensemble, place, Clock(T0, 7200, 1, 3600), np.array([600, 4900, 6000, 7200])))
+    place = Scene(
+        place.forcing, place.motions, place.place._replace(coast=wall(100.0), beach=beach)
+    )
+    moments = list(
+        simulate.run(ensemble, place, Clock(T0, 7200, 1, 3600), np.array([600, 4900, 6000, 7200]))
+    )
     since = ensemble.moving_since.to_numpy()
     for moment in moments:
         afloat = moment.status == Status.ADRIFT
@@ -168,14 +197,17 @@ def test_what_refloats_waits_for_the_drift_to_turn_off_the_beach_within_a_step()
         assert (since[afloat] >= turns).all()
         led = 0.5 * (np.square(moment.elapsed - turns) - np.square(since[afloat] - turns)) / 3600
         off = 100 - north_of_40(moment)[afloat] - led
-        # Inside the step what leads from the beach to the offing is spread over it; a second is 0.6 m.
+        # Inside the step what leads from the beach to the offing is spread over it; a second is 0.6
+        # m.
         assert off.min(initial=0.0) > -0.7
         assert off.max(initial=0.0) < offing + 0.7
     assert np.abs(off - offing).max() < 0.7
 
 
 def test_an_output_after_a_look_lies_on_the_way() -> None:
-    """A look at 00:20 ties the way down: from there it leads on along the curve, not along the chord of the rest."""
+    """A look at 00:20 ties the way down: from there it leads on along the curve, not along the
+    chord of the rest.
+    """
     place, ensemble = scene(tide(25)), particles(1, -30.0, 40.0)
     ((low, high, step),) = Clock(T0, 3600, 1, 3600).steps()
     begin = place.advance(ensemble, low, high, step, keep=True)
@@ -184,8 +216,11 @@ def test_an_output_after_a_look_lies_on_the_way() -> None:
     for time in (1200, 2000, 2700):
         lon, lat = place.between(ensemble, begin, kept, step, time, T0)
         kept = kept or Kept(lon, lat, time)
-        went = sphere.distance(*np.radians([-30.0, 40.0]), lon[0] * sphere.UNIT, lat[0] * sphere.UNIT)
-        assert went == pytest.approx(way(np.array([time]))[0], abs=0.1)  # float32 on 2 km, and roundings of 5 mm
+        went = sphere.distance(
+            *np.radians([-30.0, 40.0]), lon[0] * sphere.UNIT, lat[0] * sphere.UNIT
+        )
+        # float32 on 2 km, and roundings of 5 mm
+        assert went == pytest.approx(way(np.array([time]))[0], abs=0.1)
 
 
 def test_velocities_inside_a_step_are_those_of_the_drift() -> None:
@@ -203,7 +238,9 @@ def test_velocities_inside_a_step_are_those_of_the_drift() -> None:
 
 
 def test_places_inside_a_step_are_of_third_order() -> None:
-    """A steady whirl, its step halved: errors half-way in steps fall like the fourth power (of a fixed number of steps)."""
+    """A steady whirl, its step halved: errors half-way in steps fall like the fourth power (of a
+    fixed number of steps).
+    """
     errors = []
     for step in (14_400, 7200):
         truth = {}
@@ -214,7 +251,9 @@ def test_places_inside_a_step_are_of_third_order() -> None:
             ensemble.lat.from_numpy(sphere.to_binary(45 + spread[1]))
             clock = Clock(T0, step, 1, used, T0 % used)
             (truth[used],) = simulate.run(ensemble, scene(whirl()), clock, np.array([step // 2]))
-        lon, lat = ([moment.lon * sphere.UNIT, moment.lat * sphere.UNIT] for moment in truth.values())
+        lon, lat = (
+            [moment.lon * sphere.UNIT, moment.lat * sphere.UNIT] for moment in truth.values()
+        )
         errors.append(float(np.sqrt(np.mean(sphere.distance(*lon, *lat) ** 2))))
     assert errors[1] > 1.0  # far beyond rounding
     assert np.log2(errors[0] / errors[1]) > 3.7
@@ -222,30 +261,50 @@ def test_places_inside_a_step_are_of_third_order() -> None:
 
 def whirl() -> Source:
     grid = Grid(-1.0, 44.0, 0.005, 0.005, 401, 401)
-    lon, lat = np.meshgrid(grid.lon0 + grid.dlon * np.arange(401), grid.lat0 + grid.dlat * np.arange(401))
+    lon, lat = np.meshgrid(
+        grid.lon0 + grid.dlon * np.arange(401), grid.lat0 + grid.dlat * np.arange(401)
+    )
     x, y = lon / 0.3, (lat - 45.0) / 0.2
     strength = np.exp(-(x**2 + y**2) / 2)
     values = np.stack([-1.5 * y * strength, 1.5 * x * strength], axis=-1).astype(np.float32)
-    return Source("current", "whirl", grid, np.array([], "datetime64[s]"), lambda i: values, 0.0, (), "")
+    return Source(
+        "current", "whirl", grid, np.array([], "datetime64[s]"), lambda i: values, 0.0, (), ""
+    )
 
 
 def test_a_table_that_turns_between_steps_is_followed_exactly() -> None:
-    """Rows a minute apart at +30 h, and a step of an hour: steps are cut at rows. On their chord it was 900 m off."""
+    """Rows a minute apart at +30 h, and a step of an hour: steps are cut at rows.
+
+    On their chord it was 900 m off.
+    """
     seconds, north = np.array([0, 108_000, 108_060, 172_800]), np.array([0.3, 0.3, -0.2, -0.2])
-    source = sources.uniform_field("current", (T0 + seconds).astype("datetime64[s]"), 0 * north, north)
+    source = sources.uniform_field(
+        "current", (T0 + seconds).astype("datetime64[s]"), 0 * north, north
+    )
     times = [T0 + seconds]
     for direction, start in ((1, T0), (-1, T0 + 172_800)):
         clock = Clock(start, 172_800, direction, 3600, T0 % 3600, breaks(times, 3600, T0))
-        (end,) = simulate.run(particles(1, -40.0, 0.0), scene(source, direction=direction), clock, np.array([172_800]))
+        (end,) = simulate.run(
+            particles(1, -40.0, 0.0), scene(source, direction=direction), clock, np.array([172_800])
+        )
         expected = 0.3 * 108_000 + 0.05 * 60 - 0.2 * 64_740
-        assert end.lat[0] * sphere.UNIT * sphere.RADIUS == pytest.approx(direction * expected, abs=0.5)
+        assert end.lat[0] * sphere.UNIT * sphere.RADIUS == pytest.approx(
+            direction * expected, abs=0.5
+        )
 
 
 def test_a_cut_step_has_noise_of_its_own_and_covers_the_run() -> None:
     """Steps follow one another without gap or overlap, both ways, each with a key of its own."""
     for direction in (1, -1):
         for start in (T0, T0 + 417):
-            clock = Clock(start, 20_000, direction, 3600, T0 % 3600, (T0 - 5000, T0 + 500, T0 + 501, T0 + 7200))
+            clock = Clock(
+                start,
+                20_000,
+                direction,
+                3600,
+                T0 % 3600,
+                (T0 - 5000, T0 + 500, T0 + 501, T0 + 7200),
+            )
             steps = list(clock.steps())
             assert len({step.number for _, _, step in steps}) == len(steps)
             ends = [step.elapsed + step.duration for _, _, step in steps]
@@ -254,54 +313,80 @@ def test_a_cut_step_has_noise_of_its_own_and_covers_the_run() -> None:
             assert steps[-1][2].elapsed < 20_000 <= ends[-1]
             for low, high, step in steps:
                 assert high - low == step.duration
-                assert low == (start + step.elapsed if direction > 0 else start - step.elapsed - step.duration)
+                assert low == (
+                    start + step.elapsed if direction > 0 else start - step.elapsed - step.duration
+                )
                 assert not any(low < cut < high for cut in clock.breaks)
             inner = [end for end in range(20_000) if clock.ends(end)]
             assert set(ends[:-1]) == set(inner) - {0}
 
 
 def test_the_step_is_tested_over_the_whole_run() -> None:
-    """A whirl that spins up after 30 hours: a step chosen by the first day alone would be the longest."""
+    """A whirl that spins up after 30 hours: a step chosen by the first day alone would be the
+    longest.
+    """
     grid = Grid(-1.0, 44.0, 0.02, 0.02, 101, 101)
-    lon, lat = np.meshgrid(grid.lon0 + grid.dlon * np.arange(101), grid.lat0 + grid.dlat * np.arange(101))
+    lon, lat = np.meshgrid(
+        grid.lon0 + grid.dlon * np.arange(101), grid.lat0 + grid.dlat * np.arange(101)
+    )
     x, y = lon / 0.15, (lat - 45.0) / 0.1
     strength = np.exp(-(x**2 + y**2) / 2)
     values = np.stack([-1.5 * y * strength, 1.5 * x * strength], axis=-1).astype(np.float32)
     times = (T0 + 3600 * np.arange(61)).astype("datetime64[s]")
-    source = Source("current", "late", grid, times, lambda i: values * np.float32(i >= 30), 0.0, (), "")
+    source = Source(
+        "current", "late", grid, times, lambda i: values * np.float32(i >= 30), 0.0, (), ""
+    )
     ensemble = particles(400, 0.0, 45.0)
     spread = np.random.default_rng(2).uniform(-0.08, 0.08, (2, 400))
     ensemble.lon.from_numpy(sphere.to_binary(spread[0]))
     ensemble.lat.from_numpy(sphere.to_binary(45 + spread[1]))
     calm, late = Clock(T0, 86_400, 1, 1), Clock(T0, 60 * 3600, 1, 1)
     assert step_size.choose_step(ensemble, scene(source), calm, 3600, T0, np.inf, 20.0).step == 3600
-    trial = step_size.choose_step(record.sample(ensemble, np.arange(400)), scene(source), late, 3600, T0, np.inf, 20.0)
+    trial = step_size.choose_step(
+        record.sample(ensemble, np.arange(400)), scene(source), late, 3600, T0, np.inf, 20.0
+    )
     assert trial.step < 3600
     ends = {}
     for step in (60, trial.step):
         own = record.sample(ensemble, np.arange(400))
-        (end,) = simulate.run(own, scene(source), Clock(T0, 60 * 3600, 1, step, T0 % step), np.array([60 * 3600]))
+        (end,) = simulate.run(
+            own, scene(source), Clock(T0, 60 * 3600, 1, step, T0 % step), np.array([60 * 3600])
+        )
         ends[step] = end.lon * sphere.UNIT, end.lat * sphere.UNIT
     # Richardson, over 30 hours of whirl
-    assert np.percentile(sphere.distance(*ends[60], *ends[trial.step]), 95) < 20.0 * 16 / 15 * 30 / 24
+    assert (
+        np.percentile(sphere.distance(*ends[60], *ends[trial.step]), 95) < 20.0 * 16 / 15 * 30 / 24
+    )
 
 
 def test_the_error_of_a_step_counts_what_goes_wrong_inside_it() -> None:
-    """A step of an hour whose ends agree with those of half an hour, and which half-way is 33 m off."""
+    """A step of an hour whose ends agree with those of half an hour, and which half-way is 33 m
+    off.
+    """
     lon, lat = np.arange(200), np.arange(200) * 1000
     end = lon, lat, np.full(200, Status.ADRIFT)
     agreeing = step_size._Window({3600: end, 1800: end}, np.ones(200), {3600: 33.0}, {3600: 0.0})
     assert agreeing.error(3600) == 33.0
     # 100,000 units of 9.3 mm northward within half a day
     apart = lon, lat + 100_000, end[2]
-    strayed = step_size._Window({3600: end, 1800: apart}, np.full(200, 0.5), {3600: 33.0}, {3600: 0.0})
+    strayed = step_size._Window(
+        {3600: end, 1800: apart}, np.full(200, 0.5), {3600: 33.0}, {3600: 0.0}
+    )
     assert strayed.error(3600) == pytest.approx(2 * 100_000 * sphere.UNIT * sphere.RADIUS, rel=1e-6)
 
 
 def test_straight_pieces_are_as_long_as_chords_allow() -> None:
-    """In a tide that turns by 3.4e-4 m/s2 at most, an hour bulges by a t^2 / 8 = 540 m; a piece by at most 1.2 times CHORD."""
+    """In a tide that turns by 3.4e-4 m/s2 at most, an hour bulges by a t^2 / 8 = 540 m; a piece by
+    at most 1.2 times CHORD.
+    """
     trial = step_size.choose_step(
-        particles(200, -30.0, 40.0), scene(tide(25)), Clock(T0, 86_400, 1, 1), 3600, T0, np.inf, 20.0
+        particles(200, -30.0, 40.0),
+        scene(tide(25)),
+        Clock(T0, 86_400, 1, 1),
+        3600,
+        T0,
+        np.inf,
+        20.0,
     )
     assert trial.step == 3600
     turn = np.abs(np.diff(SPEED * np.sin(2 * np.pi * 3600 * np.arange(25) / PERIOD))).max() / 3600
@@ -413,9 +498,11 @@ def written(folder: Path, **how: str) -> Path:
 
 
 def test_what_searches_inside_steps_find_does_not_depend_on_the_step(tmp_path: Path) -> None:
-    """A tide that turns through 270 degrees in five hours: POS at an hour's steps against steps of three minutes.
+    """A tide that turns through 270 degrees in five hours: POS at an hour's steps against steps of
+    three minutes.
 
-    Where the drift bends southward between 03:00 and 04:00 lie an area, a look, a field and a line across it.
+    Where the drift bends southward between 03:00 and 04:00 lie an area, a look, a field and a line
+    across it.
     """
     pos = {}
     for step in ("1 h", "3 min"):
@@ -425,7 +512,8 @@ def test_what_searches_inside_steps_find_does_not_depend_on_the_step(tmp_path: P
         pos[step] = {update["name"]: -np.expm1(update["log_evidence"]["all"]) for update in updates}
     for name, value in pos["3 min"].items():
         assert 0.05 < value < 0.95
-        # Chords of up to 5 m and sweep widths of 400 m; a boundary's particles are 4000^-1/2 of them.
+        # Chords of up to 5 m and sweep widths of 400 m; a boundary's particles are 4000^-1/2 of
+        # them.
         assert pos["1 h"][name] == pytest.approx(value, abs=0.006)
 
 
@@ -436,7 +524,9 @@ def test_what_searches_inside_steps_find_does_not_depend_on_the_step(tmp_path: P
         "1 h",
     ],
 )
-def test_a_pattern_that_drifts_with_its_datum_finds_what_it_finds_on_still_water(tmp_path: Path, step: str) -> None:
+def test_a_pattern_that_drifts_with_its_datum_finds_what_it_finds_on_still_water(
+    tmp_path: Path, step: str
+) -> None:
     """A square about the middle of what drifts in a tide that turns: both go the same way."""
     pos = []
     for tidal in (True, False):
@@ -452,27 +542,51 @@ def test_a_pattern_that_drifts_with_its_datum_finds_what_it_finds_on_still_water
 
 
 @pytest.mark.parametrize("behaviour", ["strand", "slide", "refloat"])
-def test_what_a_bent_way_meets_of_the_shore_does_not_depend_on_the_step(tmp_path: Path, behaviour: str) -> None:
-    """A spit that only the bend of the way reaches: shares ashore, and where the rest is, at the longest step and at three minutes."""
-    # An island south-east of where the way turns between 03:00 and 04:00, a kilometre off the chord of that hour.
-    ring = [[-39.912, 39.891], [-39.898, 39.889], [-39.897, 39.8985], [-39.904, 39.9], [-39.912, 39.891]]
+def test_what_a_bent_way_meets_of_the_shore_does_not_depend_on_the_step(
+    tmp_path: Path, behaviour: str
+) -> None:
+    """A spit that only the bend of the way reaches: shares ashore, and where the rest is, at the
+    longest step and at three minutes.
+    """
+    # An island south-east of where the way turns between 03:00 and 04:00, a kilometre off the chord
+    # of that hour.
+    ring = [
+        [-39.912, 39.891],
+        [-39.898, 39.889],
+        [-39.897, 39.8985],
+        [-39.904, 39.9],
+        [-39.912, 39.891],
+    ]
     (tmp_path / "land.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
     key = f'behaviour = "{behaviour}"' + ('\nhalf_life = "3 h"' if behaviour == "refloat" else "")
     found = {}
     for step in ("10 min" if behaviour == "slide" else "1 h", "3 min"):
-        result = drift.run(drift.load(written(tmp_path, step=step, coast='"land.geojson"', behaviour=key)))
+        result = drift.run(
+            drift.load(written(tmp_path, step=step, coast='"land.geojson"', behaviour=key))
+        )
         last = result.forecast.data.isel(time=-1)
-        found[step] = result.summary["account"]["ashore"], float(last["mean_lon"]), float(last["mean_lat"])
+        found[step] = (
+            result.summary["account"]["ashore"],
+            float(last["mean_lon"]),
+            float(last["mean_lat"]),
+        )
     (ashore, lon, lat), (fine_ashore, fine_lon, fine_lat) = found.values()
     if behaviour == "strand":
         assert 0.1 < fine_ashore < 0.9
     assert ashore == pytest.approx(fine_ashore, abs=0.01)
-    # A hundredth of the particles, which what a chord of 5 m leaves out may be, are 5 km from where they would be.
+    # A hundredth of the particles, which what a chord of 5 m leaves out may be, are 5 km from where
+    # they would be.
     assert lon == pytest.approx(fine_lon, abs=6e-4)
     assert lat == pytest.approx(fine_lat, abs=6e-4)
 
 
-SPIT = [[-39.912, 39.891], [-39.898, 39.889], [-39.897, 39.8985], [-39.904, 39.9], [-39.912, 39.891]]
+SPIT = [
+    [-39.912, 39.891],
+    [-39.898, 39.889],
+    [-39.897, 39.8985],
+    [-39.904, 39.9],
+    [-39.912, 39.891],
+]
 
 
 def slid(folder: Path, step: str, *changes: tuple[str, str]) -> tuple[np.ndarray, np.ndarray]:
@@ -488,26 +602,38 @@ def slid(folder: Path, step: str, *changes: tuple[str, str]) -> tuple[np.ndarray
 
 
 def test_the_step_is_chosen_for_what_slides_too(tmp_path: Path) -> None:
-    """Corners passed by particles that slide, at steps of three minutes, the chosen one and the longest; a longer one is refused."""
+    """Corners passed by particles that slide, at steps of three minutes, the chosen one and the
+    longest; a longer one is refused.
+    """
     often = ('every = "7 h"', 'every = "15 min"')
     with pytest.raises(
-        drift.UserError, match=r"3600 s is longer than what sliding allows .*, 600 s: .*give at most that"
+        drift.UserError,
+        match=r"3600 s is longer than what sliding allows .*, 600 s: .*give at most that",
     ):
         slid(tmp_path, "1 h", often)
     fine = slid(tmp_path, "3 min", often)
-    off = {step: sphere.distance(*fine, *slid(tmp_path, step, often)) for step in ("auto", "10 min")}
-    # The error of a step, which is of first order where corners are passed, is twice what halving it tells: 20 m a day.
+    off = {
+        step: sphere.distance(*fine, *slid(tmp_path, step, often)) for step in ("auto", "10 min")
+    }
+    # The error of a step, which is of first order where corners are passed, is twice what halving
+    # it tells: 20 m a day.
     assert np.percentile(off["auto"], 95, axis=1).max() < 40
-    # At ends of ten minutes: their 1.4 km are slid in pieces of 50 m, and each corner leads at most one of them astray.
+    # At ends of ten minutes: their 1.4 km are slid in pieces of 50 m, and each corner leads at most
+    # one of them astray.
     assert np.percentile(off["10 min"][::2], 95, axis=1).max() < 50
 
 
 def test_what_slides_and_walks_is_where_it_is_at_any_step(tmp_path: Path) -> None:
-    """With a random walk: the mean place after each hour at steps of three minutes and of ten, other noise in each."""
+    """With a random walk: the mean place after each hour at steps of three minutes and of ten,
+    other noise in each.
+    """
     walk = 'uncertainty = { current = "none", wind = "none", diffusivity = "0.5 m2/s" }'
     changes = ('uncertainty = "none"', walk), ('every = "7 h"', 'every = "1 h"'), ("4000", "20_000")
     middle = np.radians([-39.9, 39.9])
-    places = [np.stack(sphere.offset(*middle, *slid(tmp_path, step, *changes))) for step in ("3 min", "10 min")]
+    places = [
+        np.stack(sphere.offset(*middle, *slid(tmp_path, step, *changes)))
+        for step in ("3 min", "10 min")
+    ]
     apart = np.diff([place.mean(axis=-1) for place in places], axis=0)
     error = np.sqrt(sum(place.var(axis=-1) for place in places) / 20_000)
     assert np.abs(apart / error).max() < 3.5  # of 16 means

@@ -1,4 +1,6 @@
-"""Errors where a case is silent: for which sources they hold, what the word "none" and half a table do, and where a run tells them."""
+"""Errors where a case is silent: for which sources they hold, what the word "none" and half a table
+do, and where a run tells them.
+"""
 
 import itertools
 import json
@@ -41,29 +43,43 @@ worlds = 100
 position = { at = "59 00N 004 00E", std = "1 nmi" }
 class = [{ name = "box", share = 1, object = { windage = "3 %" } }]
 """
-# A current and a wind of every kind, and whether it comes from gridded files: data sets and addresses are such, too.
+# A current and a wind of every kind, and whether it comes from gridded files: data sets and
+# addresses are such, too.
 KINDS = {
     "file": ('files = "sea.nc"', True),
     "dataset": ('dataset = "sea"', True),
     "address": ('files = "http://127.0.0.1:9/sea.nc"', True),
     "constant": ("constant = { east = 0.3, north = -0.2 }", False),
-    "table": ('table = [{ time = "+0 h", east = 0.3, north = 1 }, { time = "+3 h", east = 0.1, north = 2 }]', False),
+    "table": (
+        'table = [{ time = "+0 h", east = 0.3, north = 1 }, { time = "+3 h", east = 0.1, north = 2 }]',
+        False,
+    ),
     "built in": ('analytic = "{flow}"', False),
 }
-# Component residuals of two regional ocean models against 248 drifters, pooled: least and most of the two.
+# Component residuals of two regional ocean models against 248 drifters, pooled: least and most of
+# the two.
 TOTAL, FOLDING, KEPT = (0.30, 0.34), (10.0, 14.0), {24.0: (0.07, 0.19), 48.0: (0.07, 0.19)}
 
 
 def load(folder: Path, text: str, **changes: str) -> drift.Case:
     (folder / "trial.toml").write_text(text)
-    return drift.load(folder / "trial.toml", {key.replace("__", "."): value for key, value in changes.items()})
+    return drift.load(
+        folder / "trial.toml", {key.replace("__", "."): value for key, value in changes.items()}
+    )
 
 
-def sources(folder: Path, current: str = "file", wind: str = "constant", head: str = HEAD + SEARCH) -> str:
+def sources(
+    folder: Path, current: str = "file", wind: str = "constant", head: str = HEAD + SEARCH
+) -> str:
     if not (folder / "sea.nc").exists():
         writers.regular(folder / "sea.nc")
-    texts = (KINDS[current][0].replace("{flow}", "gulf"), KINDS[wind][0].replace("{flow}", "breeze"))
-    return head + "".join(f"[[{name}]]\n{text}\n" for name, text in zip(("current", "wind"), texts, strict=True))
+    texts = (
+        KINDS[current][0].replace("{flow}", "gulf"),
+        KINDS[wind][0].replace("{flow}", "breeze"),
+    )
+    return head + "".join(
+        f"[[{name}]]\n{text}\n" for name, text in zip(("current", "wind"), texts, strict=True)
+    )
 
 
 def three(error: ForcingError) -> tuple[float, float, float]:
@@ -71,11 +87,17 @@ def three(error: ForcingError) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize("subject", [RAFT, SPILL])
-def test_a_default_holds_for_what_is_read_from_gridded_files_and_for_nothing_else(tmp_path, subject) -> None:
+def test_a_default_holds_for_what_is_read_from_gridded_files_and_for_nothing_else(
+    tmp_path, subject
+) -> None:
     for current, wind in itertools.product(KINDS, KINDS):
-        text = sources(tmp_path, current, wind, HEAD if subject is SPILL else HEAD + SEARCH) + subject
+        text = (
+            sources(tmp_path, current, wind, HEAD if subject is SPILL else HEAD + SEARCH) + subject
+        )
         found = load(tmp_path, text)
-        assert three(found.current_error) == ((0.31, 11.0, 0.08) if KINDS[current][1] else (0.0, 11.0, 0.0))
+        assert three(found.current_error) == (
+            (0.31, 11.0, 0.08) if KINDS[current][1] else (0.0, 11.0, 0.0)
+        )
         assert three(found.wind_error) == ((2.0, 12.0, 0.0) if KINDS[wind][1] else (0.0, 12.0, 0.0))
         assert found.diffusivity == 0
         if found.spill:
@@ -84,7 +106,10 @@ def test_a_default_holds_for_what_is_read_from_gridded_files_and_for_nothing_els
 
 def test_a_backward_run_has_the_same_defaults_and_one_without_wind_none_of_it(tmp_path) -> None:
     found = load(tmp_path, sources(tmp_path, wind="file") + RAFT, direction='"backward"')
-    assert (three(found.current_error), three(found.wind_error)) == ((0.31, 11.0, 0.08), (2.0, 12.0, 0.0))
+    assert (three(found.current_error), three(found.wind_error)) == (
+        (0.31, 11.0, 0.08),
+        (2.0, 12.0, 0.0),
+    )
     swimmer = load(tmp_path, sources(tmp_path, wind="file") + RAFT, scenario__0__object='"water"')
     assert (swimmer.current_error.std, swimmer.wind_error.std) == (0.31, 0.0)
 
@@ -122,27 +147,35 @@ NONE = (0.0, 0.0)
         ("uncertainty.wind.std", '"3.5 m/s"', (0.31, 0.08), 3.5),
     ],
 )
-def test_what_a_case_says_holds_and_the_rest_by_default(tmp_path, key, value, current, wind) -> None:
+def test_what_a_case_says_holds_and_the_rest_by_default(
+    tmp_path, key, value, current, wind
+) -> None:
     text = sources(tmp_path, wind="file") + RAFT
     (tmp_path / "trial.toml").write_text(text)
     found = drift.load(tmp_path / "trial.toml", {key: value})
-    assert (found.current_error.std, found.current_error.bias, found.wind_error.std) == (*current, wind)
+    assert (found.current_error.std, found.current_error.bias, found.wind_error.std) == (
+        *current,
+        wind,
+    )
     hours = 20 if key.endswith("time") else 11
     assert (found.current_error.time, found.wind_error.time) == (hours * 3600, 12 * 3600)
     assert found.diffusivity == (3 if "diffusivity" in key else 0)
 
 
 def test_a_stated_error_holds_whatever_the_source(tmp_path) -> None:
-    stated = (
-        '[uncertainty]\ncurrent = { std = "0.2 m/s", time = "7 h", bias = "0.1 m/s" }\nwind = { std = "1.5 m/s" }\n'
-    )
+    stated = '[uncertainty]\ncurrent = { std = "0.2 m/s", time = "7 h", bias = "0.1 m/s" }\nwind = { std = "1.5 m/s" }\n'
     for kind in KINDS:
         found = load(tmp_path, sources(tmp_path, kind, kind) + stated + RAFT)
-        assert (three(found.current_error), three(found.wind_error)) == ((0.2, 7.0, 0.1), (1.5, 12.0, 0.0))
+        assert (three(found.current_error), three(found.wind_error)) == (
+            (0.2, 7.0, 0.1),
+            (1.5, 12.0, 0.0),
+        )
 
 
 def test_rivals_have_no_default(tmp_path) -> None:
-    """Sources between which scenarios differ spread by themselves; sources by priority in all of them do not."""
+    """Sources between which scenarios differ spread by themselves; sources by priority in all of
+    them do not.
+    """
     more = '[[current]]\nname = "{}"\nfiles = "sea.nc"\n'
     text = sources(tmp_path, "constant") + more.format("a") + more.format("b")
     second = RAFT.replace("raft", "second")
@@ -172,8 +205,14 @@ def test_the_bias_of_a_spill_is_given_once(tmp_path) -> None:
     found = load(tmp_path, text, uncertainty__current__bias='"0.05 m/s"')
     assert found.spill is not None
     assert found.spill.current_bias == 0.05
-    for other in ({"uncertainty__current__bias": "0.05"}, {"uncertainty": '"none"'}, {"uncertainty__current": "none"}):
-        with pytest.raises(UserError, match=r"^trial.toml: spill.current_bias: [^\n]*give it once$"):
+    for other in (
+        {"uncertainty__current__bias": "0.05"},
+        {"uncertainty": '"none"'},
+        {"uncertainty__current": "none"},
+    ):
+        with pytest.raises(
+            UserError, match=r"^trial.toml: spill.current_bias: [^\n]*give it once$"
+        ):
             load(tmp_path, text, spill__current_bias='"0.12 m/s"', **other)
 
 
@@ -181,7 +220,11 @@ def test_the_bias_of_a_spill_is_given_once(tmp_path) -> None:
     ("key", "value", "message"),
     [
         ("uncertainty", '"off"', r"uncertainty: must be a table, or \"none\", not 'off'"),
-        ("uncertainty.current", '"off"', r"uncertainty\.current: must be a table, or \"none\", not 'off'"),
+        (
+            "uncertainty.current",
+            '"off"',
+            r"uncertainty\.current: must be a table, or \"none\", not 'off'",
+        ),
         ("uncertainty.wind", "3", r"uncertainty\.wind: must be a table, not 3"),
         (
             "uncertainty.wind.time",
@@ -212,13 +255,19 @@ def test_what_is_no_error_is_refused_in_a_line(tmp_path, key, value, message) ->
         ("raft", {}, ""),
     ],
 )
-def test_errors_that_a_case_switches_off_stand_on_a_banner(tmp_path, object, changes, banner) -> None:
-    text = sources(tmp_path) + (RAFT if object == "raft" else RAFT.replace('{ windage = "3 %" }', '"water"'))
+def test_errors_that_a_case_switches_off_stand_on_a_banner(
+    tmp_path, object, changes, banner
+) -> None:
+    text = sources(tmp_path) + (
+        RAFT if object == "raft" else RAFT.replace('{ windage = "3 %" }', '"water"')
+    )
     (tmp_path / "trial.toml").write_text(text)
     assert run_metadata.caution(drift.load(tmp_path / "trial.toml", changes)) == banner
 
 
-def test_check_run_files_and_every_picture_say_which_errors_were_used(tmp_path, capsys, monkeypatch) -> None:
+def test_check_run_files_and_every_picture_say_which_errors_were_used(
+    tmp_path, capsys, monkeypatch
+) -> None:
     feet: dict[str, list[str]] = {}
     saved = page.save
 
@@ -243,7 +292,10 @@ def test_check_run_files_and_every_picture_say_which_errors_were_used(tmp_path, 
         assert main(["check", str(tmp_path / "trial.toml"), *more]) == 0
         assert words in capsys.readouterr().out
     words, out = told["none"], tmp_path / "out"
-    assert main(["run", str(tmp_path / "trial.toml"), "--out", str(out), "--set", "uncertainty=none"]) == 0
+    assert (
+        main(["run", str(tmp_path / "trial.toml"), "--out", str(out), "--set", "uncertainty=none"])
+        == 0
+    )
     assert words in capsys.readouterr().out
     assert {"map.png", "snapshots.png", "search.png", "evidence.png"} <= feet.keys()
     for texts in feet.values():
@@ -253,9 +305,14 @@ def test_check_run_files_and_every_picture_say_which_errors_were_used(tmp_path, 
         assert data.attrs["uncertainty"] == words
     summary = json.loads((out / "summary.json").read_text())["uncertainty"]
     nothing = {"std_m_s": 0.0, "time_s": 39_600.0, "bias_m_s": 0.0}
-    assert summary["current"] == {**nothing, "by": {"std": "case", "time": "default", "bias": "case"}}
+    assert summary["current"] == {
+        **nothing,
+        "by": {"std": "case", "time": "default", "bias": "case"},
+    }
     assert (summary["told"], summary["diffusivity"]) == (words, {"m2_s": 0.0, "by": "case"})
-    by_default = drift.run(drift.load(tmp_path / "trial.toml", {"sortie": "[]"})).summary["uncertainty"]
+    by_default = drift.run(drift.load(tmp_path / "trial.toml", {"sortie": "[]"})).summary[
+        "uncertainty"
+    ]
     assert by_default["current"] == {
         "std_m_s": 0.31, "time_s": 39_600.0, "bias_m_s": 0.08, "by": dict.fromkeys(("std", "time", "bias"), "default"),
     }  # fmt: skip
@@ -263,7 +320,10 @@ def test_check_run_files_and_every_picture_say_which_errors_were_used(tmp_path, 
 
 
 HOURS = 12
-EVEN = HEAD.replace("3 h", f"{HOURS} h") + 'seed = 7\ncoast.source = "none"\n[[current]]\nfiles = "even.nc"\n'
+EVEN = (
+    HEAD.replace("3 h", f"{HOURS} h")
+    + 'seed = 7\ncoast.source = "none"\n[[current]]\nfiles = "even.nc"\n'
+)
 AT = (4.0, 59.0)
 THERE = RAFT.replace('{ windage = "3 %" }', '"water"').replace(
     '"59 00N 004 00E", std = "1 nmi"', '[4.0, 59.0], std = "1 m"'
@@ -302,7 +362,9 @@ class = "drum"
 
 
 def spread(time: float, std: float, fold: float) -> float:
-    """Return the variance [m2] after a time [s] of a way whose speed is an Ornstein-Uhlenbeck process (Taylor 1922)."""
+    """Return the variance [m2] after a time [s] of a way whose speed is an Ornstein-Uhlenbeck
+    process (Taylor 1922).
+    """
     t = time / fold
     return 2 * (std * fold) ** 2 * (t - 1 + np.exp(-t))
 
@@ -317,25 +379,33 @@ JOBS = {
 
 @pytest.mark.parametrize("job", JOBS)
 def test_the_default_errors_reach_what_drifts(tmp_path, monkeypatch, job) -> None:
-    """A case that is silent, in an even current read from a file: its particles spread by the law of docs/errors.md.
+    """A case that is silent, in an even current read from a file: its particles spread by the law
+    of docs/errors.md.
 
-    The first 12 h; each particle of a search has a bias of its own, those of a spill's world share one, forward and back. North is a
-    straight line on the sphere; a step of half an hour errs by (0.5 / 11)^2 / 12 of the variance, which is nothing beside chance.
+    The first 12 h; each particle of a search has a bias of its own, those of a spill's world share
+    one, forward and back. North is a straight line on the sphere; a step of half an hour errs by
+    (0.5 / 11)^2 / 12 of the variance, which is nothing beside chance.
     """
     times = np.datetime64("2024-03-05", "ns") + np.arange(0, HOURS + 1, 3) * np.timedelta64(1, "h")
     lon, lat = np.arange(1.0, 7.0, 0.25), np.arange(57.5, 60.6, 0.25)
     shape = (len(times), len(lat), len(lon))
     dims = ("time", "lat", "lon")
-    values = {"uo": (dims, np.full(shape, 0.21), writers.EAST), "vo": (dims, np.full(shape, -0.13), writers.NORTH)}
+    values = {
+        "uo": (dims, np.full(shape, 0.21), writers.EAST),
+        "vo": (dims, np.full(shape, -0.13), writers.NORTH),
+    }
     xr.Dataset(values, {"time": times, "lat": lat, "lon": lon}).to_netcdf(tmp_path / "even.nc")
-    ring = [[6.0, 60.2], [6.1, 60.2], [6.1, 60.3], [6.0, 60.2]]  # a spill must have a coast: far away
+    # a spill must have a coast: far away
+    ring = [[6.0, 60.2], [6.1, 60.2], [6.1, 60.3], [6.0, 60.2]]
     (tmp_path / "isle.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
     seen: list[tuple[int, np.ndarray, np.ndarray]] = []
     whole = simulate.run
 
     def watched(ensemble, *args, **more):
         for moment in whole(ensemble, *args, **more):
-            seen.append((abs(moment.elapsed), np.array(moment.lat) * sphere.UNIT, ensemble.world.to_numpy()))
+            seen.append(
+                (abs(moment.elapsed), np.array(moment.lat) * sphere.UNIT, ensemble.world.to_numpy())
+            )
             yield moment
 
     monkeypatch.setattr(simulate, "run", watched)

@@ -33,7 +33,9 @@ voyage = {{ waypoints = [[179.6, 0.1], [-179.4, 0.1], [-178.4, 0.1]], speed = "5
 
 
 def test_where_it_is_on_its_first_leg(tmp_path: Path) -> None:
-    """A share s of the leg on, it lies s of the way from where it began to where it keeps off the second way point."""
+    """A share s of the leg on, it lies s of the way from where it began to where it keeps off the
+    second way point.
+    """
     path = tmp_path / "case.toml"
     path.write_text(CASE.format(n=N, coast='{ source = "none" }', land="ignore", error=5))
     tracks = drift.run(case_file.load(path)).trajectories
@@ -59,14 +61,21 @@ def test_where_it_is_on_its_first_leg(tmp_path: Path) -> None:
             n = there.sum()
             assert abs(found.mean() - truth.mean()) < 3 * truth.std() / math.sqrt(n) + 0.01
             fourth = ((truth - truth.mean()) ** 4).mean()
-            assert abs(found.var() - truth.var()) < 3 * math.sqrt((fourth - truth.var() ** 2) / n) + 0.02
+            assert (
+                abs(found.var() - truth.var())
+                < 3 * math.sqrt((fourth - truth.var() ** 2) / n) + 0.02
+            )
 
 
 def test_land_within_four_standard_deviations_of_it_is_refused(tmp_path: Path) -> None:
-    """An islet 14 nmi off the first leg: 4 standard deviations of 3 nmi are 12, of an error of 5 nmi 17."""
+    """An islet 14 nmi off the first leg: 4 standard deviations of 3 nmi are 12, of an error of 5
+    nmi 17.
+    """
     y = 0.1 + 14 / 60
     ring = [[179.9, y], [179.92, y], [179.92, y + 0.02], [179.9, y + 0.02], [179.9, y]]
-    (tmp_path / "islet.geojson").write_text(str({"type": "Polygon", "coordinates": [ring]}).replace("'", '"'))
+    (tmp_path / "islet.geojson").write_text(
+        str({"type": "Polygon", "coordinates": [ring]}).replace("'", '"')
+    )
     path = tmp_path / "case.toml"
     coast = '{ source = "islet.geojson" }'
     path.write_text(CASE.format(n=100, coast=coast, land="refuse", error=0))

@@ -1,4 +1,6 @@
-"""The model of what drifts: the speeds that a run's box is drawn with, against the leeway law itself."""
+"""The model of what drifts: the speeds that a run's box is drawn with, against the leeway law
+itself.
+"""
 
 import itertools
 
@@ -10,11 +12,17 @@ from drift.engine.motion.leeway import Drifter, Line
 
 
 @pytest.mark.parametrize(
-    ("down", "cross"), [(0.031, 0.017), (0.012, 0.029), (0.02, 0.02)], ids=["down the wind", "across it", "both alike"]
+    ("down", "cross"),
+    [(0.031, 0.017), (0.012, 0.029), (0.02, 0.02)],
+    ids=["down the wind", "across it", "both alike"],
 )
 @pytest.mark.parametrize("spreads", [0.0, 3.0, 7.0])
-def test_no_particle_goes_faster_through_the_water(down: float, cross: float, spreads: float) -> None:
-    """Every corner of lines that many standard deviations out: downwind and crosswind speeds are at right angles."""
+def test_no_particle_goes_faster_through_the_water(
+    down: float, cross: float, spreads: float
+) -> None:
+    """Every corner of lines that many standard deviations out: downwind and crosswind speeds are at
+    right angles.
+    """
     lines = Line(down, 0.04, 0.05), Line(cross, 0.04, 0.05), Line(-cross, -0.04, 0.05)
     wind, speeds = 23.0, []
     for along, across in itertools.product((-spreads, spreads), repeat=2):

@@ -30,7 +30,9 @@ def test_every_pattern_of_classes_fits_some() -> None:
 
 
 def test_no_word_stands_in_two_rows() -> None:
-    every = [word for row in everyday._rows("everyday_words.csv") for word in row["words"].split("|")]
+    every = [
+        word for row in everyday._rows("everyday_words.csv") for word in row["words"].split("|")
+    ]
     assert len(every) == len(set(every))
 
 
@@ -70,14 +72,22 @@ def test_words_are_combined_with_those_of_descriptions() -> None:
     assert found("yacht") == {f"SAILBOAT-{k}" for k in (1, 2, 3, 4, 5, 6, "6b", 7)}
     assert found("YACHTS dismasted") == {"SAILBOAT-2", "SAILBOAT-3", "SAILBOAT-4"}
     assert found("man overboard deceased") == {"PIW-6"}
-    assert found("raft") > found("raft deep ballast") == {name for name in NAMES if name.startswith("LIFE-RAFT-DB")}
+    assert (
+        found("raft")
+        > found("raft deep ballast")
+        == {name for name in NAMES if name.startswith("LIFE-RAFT-DB")}
+    )
     assert found("spaceship") == set()
 
 
 def test_what_was_found_before_is_found_still() -> None:
     """An everyday word adds classes: none is lost whose name or description holds it."""
     for word in everyday.everyday_words():
-        held = {name for name, drifter in leeway.classes().items() if word in f"{name} {drifter.description}".lower()}
+        held = {
+            name
+            for name, drifter in leeway.classes().items()
+            if word in f"{name} {drifter.description}".lower()
+        }
         assert held <= found(word)
 
 
@@ -88,5 +98,6 @@ def test_search_objects_are_those_of_the_tables() -> None:
     assert set().union(*(one.names for one in every if one)) == tables  # all of them have a class
     assert everyday.search_objects("PIW-3").words == "Person in Water"
     assert everyday.search_objects("LIFE-RAFT-DB-19").names[-1] == "Raft 25 person"
-    assert everyday.search_objects("SAILBOAT-8").names == ("Sail Boat 15ft",)  # the first row that fits counts
+    # the first row that fits counts
+    assert everyday.search_objects("SAILBOAT-8").names == ("Sail Boat 15ft",)
     assert everyday.search_objects("MED-WASTE-1") is None

@@ -1,4 +1,6 @@
-"""Scenarios of one model in one forcing move in one launch, each by the bits by which it would move alone."""
+"""Scenarios of one model in one forcing move in one launch, each by the bits by which it would move
+alone.
+"""
 
 from itertools import pairwise
 
@@ -27,8 +29,10 @@ from kernels.step import coast as device_coast
 
 EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 SIZES = (301, 0, 517, 89, 1, 1203, 411)
-SEAS = (0, 1, 1, 0, 1, 0, 1)  # which forcing each scenario sees: neither's scenarios stand side by side
-NUMBERS = (1000, 2000, 5000, 9000, 9800, 11_000, 20_000)  # of first slots in the whole run, of which this is a part
+# which forcing each scenario sees: neither's scenarios stand side by side
+SEAS = (0, 1, 1, 0, 1, 0, 1)
+# of first slots in the whole run, of which this is a part
+NUMBERS = (1000, 2000, 5000, 9000, 9800, 11_000, 20_000)
 PHYSICS = (
     kernel.Physics(),
     kernel.Physics(0.21, 17_000.0, 1.3, 23_000.0, 31.0, 2.3e-5),
@@ -41,16 +45,22 @@ PHYSICS = (
 
 
 def drawn(which: list[int]) -> Ensemble:
-    """Return some of the scenarios' particles to the west of an island; each has what it has, whoever is beside it."""
+    """Return some of the scenarios' particles to the west of an island; each has what it has,
+    whoever is beside it.
+    """
     bounds = (0, *np.cumsum([SIZES[k] for k in which]).tolist())
-    ensemble = record.empty(99, Layout(bounds, tuple(NUMBERS[k] for k in which), (BLOCK,) * len(which)), COLUMNS)
+    ensemble = record.empty(
+        99, Layout(bounds, tuple(NUMBERS[k] for k in which), (BLOCK,) * len(which)), COLUMNS
+    )
     for name, column in ensemble.columns.items():
         values = column.to_numpy()
         for k, (a, b) in zip(which, pairwise(bounds), strict=True):
             random = np.random.default_rng([k, *name.encode()])
             if name in ("lon", "lat"):
                 values[a:b] = (
-                    random.uniform(1.1e6, 3.6e6, b - a) if name == "lat" else random.uniform(-7e6, -5.4e6, b - a)
+                    random.uniform(1.1e6, 3.6e6, b - a)
+                    if name == "lat"
+                    else random.uniform(-7e6, -5.4e6, b - a)
                 )
             elif name in LEEWAY:
                 values[a:b] = random.uniform(0.003, 0.06, b - a)
@@ -80,11 +90,14 @@ def shore() -> Coast:
     """An island of four corners."""
     island = shapely.Polygon([(-0.44, 0.1), (-0.25, 0.12), (-0.27, 0.31), (-0.42, 0.37)])
     return shoreline.build_coast(
-        Shore(np.array([island], object), "test", (), Box(-1.5, -1.5, 1.5, 1.5)), Box(-1.2, -1, 1, 1)
+        Shore(np.array([island], object), "test", (), Box(-1.5, -1.5, 1.5, 1.5)),
+        Box(-1.2, -1, 1, 1),
     )
 
 
-def test_many_scenarios_move_in_one_launch_a_forcing(shore: Coast, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_scenarios_move_in_one_launch_a_forcing(
+    shore: Coast, monkeypatch: pytest.MonkeyPatch
+) -> None:
     runtime.start()
     launches = []
     bind = launch.bind
@@ -99,7 +112,8 @@ def test_many_scenarios_move_in_one_launch_a_forcing(shore: Coast, monkeypatch: 
     outputs = np.array([4100, 14_400])
     moments = list(simulate.run(whole, scene, clock, outputs))
     scene.forcing.close()
-    # In one go: two steps until the one that holds an output inside, that one, five, and the last, which the end cuts.
+    # In one go: two steps until the one that holds an output inside, that one, five, and the last,
+    # which the end cuts.
     assert len(launches) == 2 * 4
     status = whole.status.to_numpy()
     assert 0.05 < (status == Status.ASHORE).mean() < 0.95
@@ -110,7 +124,9 @@ def test_many_scenarios_move_in_one_launch_a_forcing(shore: Coast, monkeypatch: 
         seen = list(simulate.run(own, alone, clock, outputs))
         alone.forcing.close()
         for name in set(own.columns) - {"scenario"}:
-            assert np.array_equal(own.columns[name].to_numpy(), whole.columns[name].to_numpy()[a:b]), (k, name)
+            assert np.array_equal(
+                own.columns[name].to_numpy(), whole.columns[name].to_numpy()[a:b]
+            ), (k, name)
         for moment, mine in zip(moments, seen, strict=True):
             for name in ("lon", "lat", "status"):
                 assert np.array_equal(getattr(moment, name)[a:b], getattr(mine, name)), (k, name)
@@ -126,7 +142,9 @@ def test_many_scenarios_move_in_one_launch_a_forcing(shore: Coast, monkeypatch: 
         ((1,), []),
     ],
 )
-def test_a_batch_holds_the_slots_of_its_scenarios(scenarios: tuple[int, ...], slots: list[int]) -> None:
+def test_a_batch_holds_the_slots_of_its_scenarios(
+    scenarios: tuple[int, ...], slots: list[int]
+) -> None:
     """A range where that is possible: a scenario without slots, the second, is no gap."""
     runtime.start()
     own = batch.batch_of((0, 3, 3, 7, 12), (20, 30, 40, 50), scenarios)

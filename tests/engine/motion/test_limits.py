@@ -1,4 +1,6 @@
-"""Motion at its limits: next to a pole, across the antimeridian, where forcing ends or cannot be read, inside a step."""
+"""Motion at its limits: next to a pole, across the antimeridian, where forcing ends or cannot be
+read, inside a step.
+"""
 
 import numpy as np
 import pytest
@@ -34,7 +36,13 @@ def ensemble_at(lon: float, lat: float, release: list[int]) -> record.Ensemble:
     return ensemble
 
 
-def world(current: sources.Source, direction: int = 1, physics: kernel.Physics = STILL, coast=None, domain=EVERYWHERE):
+def world(
+    current: sources.Source,
+    direction: int = 1,
+    physics: kernel.Physics = STILL,
+    coast=None,
+    domain=EVERYWHERE,
+):
     return Scene(
         Forcing([Sources({"current": (current,)})], direction),
         (Motion(DRIFT, physics),),
@@ -42,12 +50,19 @@ def world(current: sources.Source, direction: int = 1, physics: kernel.Physics =
     )
 
 
-@pytest.mark.parametrize(("lat", "east", "north"), [(88.9, 1.0, 0.0), (-88.9, 0.5, -0.02), (88.0, 2.0, 0.1)])
+@pytest.mark.parametrize(
+    ("lat", "east", "north"), [(88.9, 1.0, 0.0), (-88.9, 0.5, -0.02), (88.0, 2.0, 0.1)]
+)
 def test_steps_of_an_hour_close_to_the_pole(lat: float, east: float, north: float) -> None:
-    """Against Dormand and Prince in float64, across the antimeridian: 12 roundings of 5 mm and float32 steps."""
+    """Against Dormand and Prince in float64, across the antimeridian: 12 roundings of 5 mm and
+    float32 steps.
+    """
     ensemble = ensemble_at(179.9, lat, [0])
     (end,) = simulate.run(
-        ensemble, world(sources.constant("current", east, north)), Clock(T0, 43_200, 1, 3600), np.array([43_200])
+        ensemble,
+        world(sources.constant("current", east, north)),
+        Clock(T0, 43_200, 1, 3600),
+        np.array([43_200]),
     )
     exact = solve_ivp(
         lambda t, y: [east / (sphere.RADIUS * np.cos(y[1])), north / sphere.RADIUS],
@@ -62,13 +77,19 @@ def test_steps_of_an_hour_close_to_the_pole(lat: float, east: float, north: floa
 
 @pytest.mark.parametrize("direction", [1, -1])
 def test_every_output_before_and_after_the_end_of_the_forcing(direction: int) -> None:
-    """Uniform flow: position is speed times time from release to the end of the last step that has forcing."""
+    """Uniform flow: position is speed times time from release to the end of the last step that has
+    forcing.
+    """
     times = (T0 + np.array([-20_000, 20_000])).astype("datetime64[s]")
     source = sources.uniform_field("current", times, [1.0, 1.0], [0.0, 0.0])
     release = np.array([0, 100, 3000, 5000])
     ensemble = ensemble_at(0.0, 0.0, release.tolist())
     outputs = np.arange(0, 25_001, 250)
-    moments = list(simulate.run(ensemble, world(source, direction), Clock(T0 + 417, 25_000, direction, 900), outputs))
+    moments = list(
+        simulate.run(
+            ensemble, world(source, direction), Clock(T0 + 417, 25_000, direction, 900), outputs
+        )
+    )
     ended = ensemble.status_since.to_numpy()
     assert (np.abs(ended - (20_000 - 417 * direction)) < 900).all()
     lasted = np.maximum(np.minimum(outputs[:, None], ended) - release, 0)
@@ -89,7 +110,11 @@ def test_a_slice_that_cannot_be_read_stops_the_run_and_only_where_it_is_needed()
     place = world(source)
     list(simulate.run(ensemble_at(0, 0, [0]), place, Clock(T0, 7200, 1, 600), np.array([7200])))
     with pytest.raises(OSError, match="slice 3"):
-        list(simulate.run(ensemble_at(0, 0, [0]), place, Clock(T0, 14_400, 1, 600), np.array([14_400])))
+        list(
+            simulate.run(
+                ensemble_at(0, 0, [0]), place, Clock(T0, 14_400, 1, 600), np.array([14_400])
+            )
+        )
     place.forcing.close()
 
 
@@ -98,7 +123,10 @@ def test_nobody_inland_where_land_lies_across_the_antimeridian() -> None:
     box = Box(-180, -80, 180, 88)
     coast = shoreline.build_coast(Shore(np.array(land), "test", (), box), box)
     rng = np.random.default_rng(0)
-    lon, lat = sphere.to_binary(180 + rng.uniform(-5, 5, 5000)), sphere.to_binary(rng.uniform(-8, 8, 5000))
+    lon, lat = (
+        sphere.to_binary(180 + rng.uniform(-5, 5, 5000)),
+        sphere.to_binary(rng.uniform(-8, 8, 5000)),
+    )
     wet = ~shoreline.is_land(coast, lon, lat)
     ensemble = record.empty(3, (0, int(wet.sum())), COLUMNS)
     ensemble.lon.from_numpy(lon[wet])
@@ -108,7 +136,9 @@ def test_nobody_inland_where_land_lies_across_the_antimeridian() -> None:
         physics=kernel.Physics(diffusivity=2000.0),
         coast=device_coast.upload(coast),
     )
-    for moment in simulate.run(ensemble, place, Clock(T0, 172_800, 1, 21_600), np.array([40_000, 172_800])):
+    for moment in simulate.run(
+        ensemble, place, Clock(T0, 172_800, 1, 21_600), np.array([40_000, 172_800])
+    ):
         x, y = (np.asarray(sphere.to_degrees(a)) for a in (moment.lon, moment.lat))
         assert not shapely.contains_properly(shapely.union_all(land), shapely.points(x, y)).any()
     assert (ensemble.status.to_numpy() == Status.ASHORE).sum() > 300
@@ -117,7 +147,9 @@ def test_nobody_inland_where_land_lies_across_the_antimeridian() -> None:
 def test_the_account_is_of_the_end_of_the_run() -> None:
     """1 m/s for 4000 s does not leave a box whose edge is 5000 m away."""
     edge = round(5000 / (sphere.UNIT * sphere.RADIUS))
-    box = kernel.Domain(int(sphere.to_binary(-1)), int(sphere.to_binary(-1)), edge + int(sphere.to_binary(1)), 2**24)
+    box = kernel.Domain(
+        int(sphere.to_binary(-1)), int(sphere.to_binary(-1)), edge + int(sphere.to_binary(1)), 2**24
+    )
     ensemble = ensemble_at(0.0, 0.0, [0])
     place = world(sources.constant("current", 1.0, 0.0), domain=box)
     (end,) = simulate.run(ensemble, place, Clock(T0, 4000, 1, 3600), np.array([4000]))
@@ -130,6 +162,8 @@ def test_the_spread_at_an_output_inside_a_step() -> None:
     ensemble = ensemble_at(lon, lat, [0] * 20_000)
     place = world(sources.constant("current", 0.0, 0.0), physics=kernel.Physics(diffusivity=100.0))
     (early,) = simulate.run(ensemble, place, Clock(T0, 3600, 1, 3600), np.array([600]))
-    way = np.array(sphere.offset(*np.radians([lon, lat]), early.lon * sphere.UNIT, early.lat * sphere.UNIT))
+    way = np.array(
+        sphere.offset(*np.radians([lon, lat]), early.lon * sphere.UNIT, early.lat * sphere.UNIT)
+    )
     assert way.var(axis=1) == pytest.approx(2 * 100 * 600, rel=0.05)
     assert abs(np.corrcoef(way)[0, 1]) < 4.5 / np.sqrt(20_000)

@@ -1,4 +1,6 @@
-"""Members of an ensemble of winds and currents: dealing, positions and posteriors against closed forms."""
+"""Members of an ensemble of winds and currents: dealing, positions and posteriors against closed
+forms.
+"""
 
 from collections.abc import Callable
 from contextlib import closing
@@ -23,7 +25,8 @@ from kernels.step.sample import Tiles
 
 MEMBERS = 51
 RNG = np.random.default_rng(8)
-FLOW = RNG.normal([0.3, 0.1], [0.2, 0.12], (MEMBERS, 2)).round(3)  # [m/s], east and north, of each member
+# [m/s], east and north, of each member
+FLOW = RNG.normal([0.3, 0.1], [0.2, 0.12], (MEMBERS, 2)).round(3)
 HOURS = 12
 T = 3600.0 * HOURS
 
@@ -66,7 +69,9 @@ def typed(flow: Array = FLOW) -> str:
 
 
 def dataset(flow: Array, dim: str | None = "number", hours: int = HOURS) -> xr.Dataset:
-    """Return uniform, steady currents (members, 2) as a file has them; without a dimension of members if dim is None."""
+    """Return uniform, steady currents (members, 2) as a file has them; without a dimension of
+    members if dim is None.
+    """
     lon, lat, time = np.linspace(-18, -12, 25), np.linspace(-3, 3, 21), np.arange(0, hours + 1, 3.0)
     coords: dict[str, Any] = {
         "time": ("time", time, {"units": "hours since 2026-01-01"}),
@@ -75,7 +80,10 @@ def dataset(flow: Array, dim: str | None = "number", hours: int = HOURS) -> xr.D
     }
     dims: tuple[str, ...] = ("time", "lat", "lon")
     if dim:
-        dims, coords[dim] = (dim, *dims), (dim, np.arange(len(flow)), {"standard_name": "realization"})
+        dims, coords[dim] = (
+            (dim, *dims),
+            (dim, np.arange(len(flow)), {"standard_name": "realization"}),
+        )
     data = xr.Dataset(coords=coords)
     for k, (name, side) in enumerate((("uo", "eastward"), ("vo", "northward"))):
         values = flow[:, k, None, None, None] if dim else flow[k, None, None, None]
@@ -99,16 +107,24 @@ def by_file(folder: Path) -> str:
 
 
 def load(
-    folder: Path, current: str, more: str = "", particles: int = 51 * 40, uncertainty: str = '"none"'
+    folder: Path,
+    current: str,
+    more: str = "",
+    particles: int = 51 * 40,
+    uncertainty: str = '"none"',
 ) -> drift.Case:
     """Return the case with a current."""
-    text = CASE.format(current=current, more=more, particles=particles, uncertainty=uncertainty, seed=5)
+    text = CASE.format(
+        current=current, more=more, particles=particles, uncertainty=uncertainty, seed=5
+    )
     (folder / "case.toml").write_text(text)
     return drift.load(folder / "case.toml")
 
 
 def moved(case: drift.Case) -> tuple[Array, Array, Array]:
-    """Return the way of each particle east and north [m], (2, n), and its latitude before [rad] and its member, (n,)."""
+    """Return the way of each particle east and north [m], (2, n), and its latitude before [rad] and
+    its member, (n,).
+    """
     where = run_setup.open_for(case)
     begin = run_setup.prepare(case, where)
     lon, lat = begin.ensemble.lon.to_numpy(), begin.ensemble.lat.to_numpy()
@@ -122,7 +138,11 @@ def moved(case: drift.Case) -> tuple[Array, Array, Array]:
     return np.stack([east, north]), lat * sphere.UNIT, member
 
 
-WAYS: dict[str, Callable[[Path], str]] = {"typed": lambda folder: typed(), "dimension": along, "files": by_file}
+WAYS: dict[str, Callable[[Path], str]] = {
+    "typed": lambda folder: typed(),
+    "dimension": along,
+    "files": by_file,
+}
 Moved = tuple[Array, Array, Array]
 
 
@@ -134,8 +154,11 @@ def each_way(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Moved]:
 
 
 @pytest.mark.parametrize("name", WAYS)
-def test_each_particle_is_displaced_by_its_own_member(each_way: dict[str, Moved], name: str) -> None:
-    """In closed form: dlat = v T / R, and dlon = u / v (g(lat + dlat) - g(lat)) with g the inverse Gudermannian.
+def test_each_particle_is_displaced_by_its_own_member(
+    each_way: dict[str, Moved], name: str
+) -> None:
+    """In closed form: dlat = v T / R, and dlon = u / v (g(lat + dlat) - g(lat)) with g the inverse
+    Gudermannian.
 
     A step rounds twice to 9.3 mm: of s steps no end is off by more than s of them.
     """
@@ -144,7 +167,11 @@ def test_each_particle_is_displaced_by_its_own_member(each_way: dict[str, Moved]
     u, v = FLOW.astype(np.float32).astype(float)[member].T
     rise = v * T / sphere.RADIUS
     g = [np.arctanh(np.sin(x)) for x in (lat, lat + rise)]
-    dlon = np.where(np.abs(v) > 1e-9, u / np.where(v == 0, 1, v) * (g[1] - g[0]), u * T / sphere.RADIUS / np.cos(lat))
+    dlon = np.where(
+        np.abs(v) > 1e-9,
+        u / np.where(v == 0, 1, v) * (g[1] - g[0]),
+        u * T / sphere.RADIUS / np.cos(lat),
+    )
     steps = 12  # of an hour: the error of RK4 in a uniform current is far below a rounding
     rounding = steps * sphere.UNIT * sphere.RADIUS
     assert np.abs(way[1] - v * T).max() < rounding
@@ -174,8 +201,9 @@ AT = (-14.87, 0.14)
 def exact(case: drift.Case, flow: Array) -> Array:
     """Return how likely the look's answer is in each member, in closed form.
 
-    Positions in member k are Gaussian about m_k with variance s^2 = s0^2 + 2 D T a component; the look misses with
-    1 - exp(-r^2 / a^2), whose mean is 1 - exp(-|m_k|^2 / (a^2 + 2 s^2)) / (1 + 2 s^2 / a^2).
+    Positions in member k are Gaussian about m_k with variance s^2 = s0^2 + 2 D T a component; the
+    look misses with 1 - exp(-r^2 / a^2), whose mean is 1 - exp(-|m_k|^2 / (a^2 + 2 s^2)) / (1 + 2
+    s^2 / a^2).
     """
     prior = case.scenarios[0].prior
     variance = prior.major**2 + 2 * DIFFUSION * T  # type: ignore[union-attr]
@@ -187,12 +215,19 @@ def exact(case: drift.Case, flow: Array) -> Array:
 
 @pytest.mark.parametrize(
     "make",  # they give the same bits, as above
-    [pytest.param(make, id=name, marks=[pytest.mark.thorough] * (name != "dimension")) for name, make in WAYS.items()],
+    [
+        pytest.param(make, id=name, marks=[pytest.mark.thorough] * (name != "dimension"))
+        for name, make in WAYS.items()
+    ],
 )
 def test_the_posterior_of_the_members_is_that_of_the_mixture(tmp_path: Path, make: Any) -> None:
-    """Within 3 standard errors: a member's weight is a mean of n likelihoods in [0, 1], of variance at most q (1 - q)."""
+    """Within 3 standard errors: a member's weight is a mean of n likelihoods in [0, 1], of variance
+    at most q (1 - q).
+    """
     particles = 51 * 400
-    case = load(tmp_path, make(tmp_path), LOOK.replace("{at}", f"[{AT[0]}, {AT[1]}]"), particles, SPREADS)
+    case = load(
+        tmp_path, make(tmp_path), LOOK.replace("{at}", f"[{AT[0]}, {AT[1]}]"), particles, SPREADS
+    )
     result = drift.run(case)
     q = exact(case, FLOW)
     truth = q / q.sum()
@@ -201,7 +236,8 @@ def test_the_posterior_of_the_members_is_that_of_the_mixture(tmp_path: Path, mak
     assert table["prior"].to_numpy() == pytest.approx(1 / MEMBERS)
     found = table["posterior"].to_numpy()
     error = np.sqrt(q * (1 - q) / (particles / MEMBERS)) / q.sum()
-    # A hundredth of what the look does to a weight, where hardly a particle is looked at: the plane and single precision.
+    # A hundredth of what the look does to a weight, where hardly a particle is looked at: the plane
+    # and single precision.
     apart = np.abs(found - truth) / (error + 0.01 * (1 - q) / q.sum())
     assert (apart**2).mean() < 1 + 3 * np.sqrt(2 / MEMBERS)
     assert truth.min() < 0.7 * truth.max()  # the look does tell members apart
@@ -216,7 +252,9 @@ def test_the_posterior_of_the_members_is_that_of_the_mixture(tmp_path: Path, mak
 
 
 def test_diffusion_makes_a_mixture_of_gaussians(tmp_path: Path) -> None:
-    """Mean and variance of all: those of the members' means, and in each s0^2 + 2 D T, within 3 standard errors."""
+    """Mean and variance of all: those of the members' means, and in each s0^2 + 2 D T, within 3
+    standard errors.
+    """
     particles = 51 * 400
     case = load(tmp_path, typed(), particles=particles, uncertainty=SPREADS)
     way, _, member = moved(case)
@@ -231,8 +269,16 @@ def test_diffusion_makes_a_mixture_of_gaussians(tmp_path: Path) -> None:
 
 def test_resampling_copies_the_member(tmp_path: Path) -> None:
     """Where a particle is at the end, less its member's way, one began that had this member."""
-    look = LOOK.replace("+12 h", "+6 h").replace("{at}", f"[{AT[0]}, {AT[1]}]").replace("nothing", "something")
-    case = load(tmp_path, typed(), f"[resampling]\nbelow = 0.9\n{look}".replace("[resampling]", "[resampling]", 1))
+    look = (
+        LOOK.replace("+12 h", "+6 h")
+        .replace("{at}", f"[{AT[0]}, {AT[1]}]")
+        .replace("nothing", "something")
+    )
+    case = load(
+        tmp_path,
+        typed(),
+        f"[resampling]\nbelow = 0.9\n{look}".replace("[resampling]", "[resampling]", 1),
+    )
     where = run_setup.open_for(case)
     begin = run_setup.prepare(case, where)
     first = begin.ensemble.lat.to_numpy().astype(np.int64)
@@ -240,7 +286,9 @@ def test_resampling_copies_the_member(tmp_path: Path) -> None:
     with closing(begin.scene.forcing):
         search = run_setup.search(case, begin)
         assert search is not None
-        for _ in simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([T]), search=search):
+        for _ in simulate.run(
+            begin.ensemble, begin.scene, begin.clock, np.array([T]), search=search
+        ):
             pass
     member = members.member_of_particles(begin.ensemble)
     assert born is not None
@@ -270,7 +318,9 @@ def test_members_are_dealt_in_runs_and_weigh_alike(many: int, more: int) -> None
 
 
 def test_a_tile_tells_each_point_by_its_own_member() -> None:
-    """Two tiles by priority, the first with three members of which one has a hole, the second alike for all."""
+    """Two tiles by priority, the first with three members of which one has a hole, the second alike
+    for all.
+    """
     grid, other = Grid(5.0, 40.0, 1.0, 1.0, 5, 4), Grid(4.0, 39.0, 0.5, 0.5, 20, 16)
     tiles = Tiles([grid, other], members=[3, 1])
     for k in range(3):
@@ -287,7 +337,8 @@ def test_a_tile_tells_each_point_by_its_own_member() -> None:
     assert found[:, 0] == pytest.approx([1.5, 9.0, 4.5, 3.0, 9.0])
     assert found[:, 1] == pytest.approx([0.0, 9.0, -3.0, -1.5, 9.0])
     assert (found[:, 2] == 1).all()
-    assert tiles.at(0, 2, lon[:1], lat[:1], 0.0)[0, 0] == 1.0  # without members asked for: the first
+    # without members asked for: the first
+    assert tiles.at(0, 2, lon[:1], lat[:1], 0.0)[0, 0] == 1.0
 
 
 def test_two_ensembles_of_different_numbers_are_refused_in_a_line(tmp_path: Path) -> None:
@@ -311,9 +362,15 @@ def test_wind_and_current_go_together_and_one_may_have_none(tmp_path: Path) -> N
     for current, air in ((both, wind), (one, wind[[0, 0, 0]])):
         load(tmp_path, current, particles=300)
         path = tmp_path / "case.toml"
-        path.write_text(path.read_text().replace('object = "water"', 'object = { name = "buoy", windage = 0.1 }'))
+        path.write_text(
+            path.read_text().replace(
+                'object = "water"', 'object = { name = "buoy", windage = 0.1 }'
+            )
+        )
         way, _, member = moved(drift.load(path))
-        assert way[1] == pytest.approx((flow + 0.1 * air)[member, 1] * T, abs=12 * 0.0093 + 1e-6 * 3e4)
+        assert way[1] == pytest.approx(
+            (flow + 0.1 * air)[member, 1] * T, abs=12 * 0.0093 + 1e-6 * 3e4
+        )
 
 
 def test_fewer_particles_than_members_are_refused(tmp_path: Path) -> None:

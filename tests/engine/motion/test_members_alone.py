@@ -1,7 +1,8 @@
-"""What drifts in a member moves, to the bit, as it does in a run in that member alone, whatever else there is.
+"""What drifts in a member moves, to the bit, as it does in a run in that member alone, whatever
+else there is.
 
-Noise is keyed by the slot, and a member is nothing but winds and currents: so steering, jibes, errors, diffusion, the coast and
-debris must not notice it.
+Noise is keyed by the slot, and a member is nothing but winds and currents: so steering, jibes,
+errors, diffusion, the coast and debris must not notice it.
 """
 
 import json
@@ -25,8 +26,16 @@ from drift.tracking.tracks.records import Track
 from geo.array import Array
 from geo.errors import UserError
 
-FLOW = ("{ east = 0.5, north = 0.1 }", "{ east = -0.2, north = 0.3 }", "{ east = 0.1, north = -0.6 }")
-AIR = ('{ speed = "20 kn", from = 250 }', '{ speed = "12 kn", from = 20 }', '{ speed = "28 kn", from = 140 }')
+FLOW = (
+    "{ east = 0.5, north = 0.1 }",
+    "{ east = -0.2, north = 0.3 }",
+    "{ east = 0.1, north = -0.6 }",
+)
+AIR = (
+    '{ speed = "20 kn", from = 250 }',
+    '{ speed = "12 kn", from = 20 }',
+    '{ speed = "28 kn", from = 140 }',
+)
 CASE = """
 title = "alone"
 start = "2026-03-05T00:00Z"
@@ -79,7 +88,9 @@ sweep_width = "3 nmi"
 
 @dataclass(frozen=True)
 class Run:
-    """The ensemble at the end, logs of weights after the sortie and before the contact, and the filter."""
+    """The ensemble at the end, logs of weights after the sortie and before the contact, and the
+    filter.
+    """
 
     ensemble: Ensemble
     searched: Array
@@ -89,8 +100,14 @@ class Run:
 def moved(folder: Path, current: str, wind: str, more: str = "") -> Run:
     """Return a run of CASE."""
     ring = [[5.6, 59.0], [6.4, 59.0], [6.4, 61.0], [5.6, 61.0], [5.6, 59.0]]
-    land = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
-    (folder / "land.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [land]}))
+    land = {
+        "type": "Feature",
+        "properties": {},
+        "geometry": {"type": "Polygon", "coordinates": [ring]},
+    }
+    (folder / "land.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": [land]})
+    )
     (folder / "case.toml").write_text(CASE.format(current=current, wind=wind, more=more))
     case = drift.load(folder / "case.toml")
     begin = run_setup.prepare(case, run_setup.open_for(case))
@@ -108,7 +125,9 @@ def typed(constants: tuple[str, ...]) -> str:
 def states(ensemble: Ensemble) -> dict[str, Array]:
     """Return all columns but weights, by name."""
     return {
-        name: column.to_numpy() for name, column in ensemble.columns.items() if name not in ("log_weight", "member")
+        name: column.to_numpy()
+        for name, column in ensemble.columns.items()
+        if name not in ("log_weight", "member")
     }
 
 
@@ -117,7 +136,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, list[Run]]:
     """Return the run in all members, and those in each member alone, with debris and a pattern."""
     folder = tmp_path_factory.mktemp("members")
     each = [
-        moved(folder, f"constant = {f}", f"constant = {a}", SORTIE + CONTACT) for f, a in zip(FLOW, AIR, strict=True)
+        moved(folder, f"constant = {f}", f"constant = {a}", SORTIE + CONTACT)
+        for f, a in zip(FLOW, AIR, strict=True)
     ]
     return moved(folder, typed(FLOW), typed(AIR), SORTIE + CONTACT), each
 
@@ -129,7 +149,9 @@ def same_as_alone(together: Ensemble, alone: Sequence[Ensemble]) -> None:
     assert np.bincount(member).tolist() == [200] * 3
     for k, one in enumerate(alone):
         for name, values in states(together).items():
-            np.testing.assert_array_equal(values[member == k], one.columns[name].to_numpy()[member == k], err_msg=name)
+            np.testing.assert_array_equal(
+                values[member == k], one.columns[name].to_numpy()[member == k], err_msg=name
+            )
 
 
 def test_drifting_and_steering_are_those_of_the_member_alone(runs: tuple[Run, list[Run]]) -> None:
@@ -139,7 +161,9 @@ def test_drifting_and_steering_are_those_of_the_member_alone(runs: tuple[Run, li
 
 
 def test_members_of_the_current_alone(tmp_path: Path) -> None:
-    alone = [moved(tmp_path, f"constant = {flow}", f"constant = {AIR[0]}").ensemble for flow in FLOW]
+    alone = [
+        moved(tmp_path, f"constant = {flow}", f"constant = {AIR[0]}").ensemble for flow in FLOW
+    ]
     same_as_alone(moved(tmp_path, typed(FLOW), f"constant = {AIR[0]}").ensemble, alone)
 
 
@@ -155,9 +179,11 @@ def test_debris_drifts_in_the_member_of_its_object(runs: tuple[Run, list[Run]]) 
 
 
 def test_a_pattern_drifts_with_the_water_of_each_member(runs: tuple[Run, list[Run]]) -> None:
-    """A square about a datum that drifts: each particle is missed as in its member alone, adrift or under way.
+    """A square about a datum that drifts: each particle is missed as in its member alone, adrift or
+    under way.
 
-    Weights differ by the same prior for all of a scenario: single precision of their logarithms, about 10, twice.
+    Weights differ by the same prior for all of a scenario: single precision of their logarithms,
+    about 10, twice.
     """
     member, weight = members.member_of_particles(runs[0].ensemble), runs[0].searched
     assert member is not None
@@ -180,5 +206,7 @@ def test_drifters_are_compared_with_one_member(tmp_path: Path) -> None:
     (tmp_path / "case.toml").write_text(text.format(more="", current=typed(FLOW), wind=typed(AIR)))
     time = np.datetime64("2026-03-05T01:00", "s").astype(np.int64) + 3600 * np.arange(5)
     track = Track("buoy", time, 5.0 + 0.01 * np.arange(5), 60.0 + 0.0 * np.arange(5), {})
-    with pytest.raises(UserError, match=r"compared with one current and one wind, not with 3 members"):
+    with pytest.raises(
+        UserError, match=r"compared with one current and one wind, not with 3 members"
+    ):
         along.compared(case_file.load(tmp_path / "case.toml"), [track], {}, 7200.0, 5.0)

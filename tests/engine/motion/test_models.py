@@ -1,4 +1,6 @@
-"""Models of motion: a second one, in closed form, moves beside drift; columns of both are copied; each knows its own particles inside a step."""
+"""Models of motion: a second one, in closed form, moves beside drift; columns of both are copied;
+each knows its own particles inside a step.
+"""
 
 import numpy as np
 import pytest
@@ -23,13 +25,19 @@ SPEED = Column("speed", np.float32, 3.0, "m/s", "toward the north")
 METRES = sphere.RADIUS * sphere.UNIT  # of a unit of latitude
 
 
-def mover(ensemble: Ensemble, group: Group, waters: object, direction: int, bend: object) -> kernel.Move:
-    """Move particles north at their own speed times the terms: a model without noise, forcing or coast."""
+def mover(
+    ensemble: Ensemble, group: Group, waters: object, direction: int, bend: object
+) -> kernel.Move:
+    """Move particles north at their own speed times the terms: a model without noise, forcing or
+    coast.
+    """
 
     def move(step: kernel.Step, count: int = 1) -> None:
         lat, speed = ensemble.lat.to_numpy(), ensemble.own["speed"].to_numpy()
         own = slice(group.batch.first, group.batch.last)
-        lat[own] += np.rint(direction * group.terms[0] * speed[own] * count * step.duration / METRES).astype(np.int32)
+        lat[own] += np.rint(
+            direction * group.terms[0] * speed[own] * count * step.duration / METRES
+        ).astype(np.int32)
         ensemble.lat.from_numpy(lat)
         status = ensemble.status.to_numpy()
         status[own] = Status.ADRIFT
@@ -68,7 +76,9 @@ def test_each_model_moves_its_own_particles(both: tuple[Ensemble, Scene]) -> Non
     scene.forcing.close()
     for moment, drifted, gone in zip(moments, (5400, 7200), (3600, 7200), strict=True):
         # rounding: half a unit of 5 mm a step
-        np.testing.assert_allclose(moment.lon * METRES, [drifted, drifted, drifted, 0, 0], atol=0.02)
+        np.testing.assert_allclose(
+            moment.lon * METRES, [drifted, drifted, drifted, 0, 0], atol=0.02
+        )
         np.testing.assert_allclose(moment.lat * METRES, [0, 0, 0, 4.5 * gone, 9 * gone], atol=0.02)
 
 

@@ -1,4 +1,6 @@
-"""Drift models of a user's own: the iceberg of docs/howto/model.md against its balance of forces, leeway written anew, and refusals."""
+"""Drift models of a user's own: the iceberg of docs/howto/model.md against its balance of forces,
+leeway written anew, and refusals.
+"""
 
 import re
 from pathlib import Path
@@ -45,12 +47,18 @@ WIND = -22 * 1852 / 3600 * np.array([np.sin(np.radians(320)), np.cos(np.radians(
 
 def iceberg() -> str:
     """Return the file of the page."""
-    found = re.search(r"<!-- file: iceberg.py -->\s*```python\n(.*?)\n *```", PAGE.read_text(encoding="utf-8"), re.S)
+    found = re.search(
+        r"<!-- file: iceberg.py -->\s*```python\n(.*?)\n *```",
+        PAGE.read_text(encoding="utf-8"),
+        re.S,
+    )
     assert found is not None
     return re.sub(r"^   ", "", found[1], flags=re.M)
 
 
-def loaded(folder: Path, own: str, scenarios: str, more: str = "", particles: int = 200) -> drift.Case:
+def loaded(
+    folder: Path, own: str, scenarios: str, more: str = "", particles: int = 200
+) -> drift.Case:
     """Return a case in a folder, with a drift model of its own."""
     (folder / "own.py").write_text(own, encoding="utf-8")
     path = folder / "case.toml"
@@ -59,10 +67,11 @@ def loaded(folder: Path, own: str, scenarios: str, more: str = "", particles: in
 
 
 def balanced(latitude: float, length: float, width: float) -> np.ndarray:
-    """Return the velocity [m/s] over ground at which drag of air and water and the Coriolis force on an iceberg balance.
+    """Return the velocity [m/s] over ground at which drag of air and water and the Coriolis force
+    on an iceberg balance.
 
-    Its height falls out: mass, and both of its sides, are in proportion to it. Sides are seen from all directions alike,
-    2 / pi of length and width together; the wind is much faster than the ice.
+    Its height falls out: mass, and both of its sides, are in proportion to it. Sides are seen from
+    all directions alike, 2 / pi of length and width together; the wind is much faster than the ice.
     """
     air, water, ice, in_air, in_water = 1.2, 1027.0, 850.0, 1.3, 0.9
     mass, wet = ice * length * width, 2 / np.pi * (length + width) * ice / water
@@ -90,10 +99,13 @@ def test_an_iceberg_goes_where_its_forces_balance(tmp_path: Path, at: str) -> No
         east, north = balanced(place[1], 1800, 900)
         return np.array([east / np.cos(place[1]), north]) / RADIUS
 
-    end = integrate.solve_ivp(rates, (0, HOURS * 3600), [prior.lon, prior.lat], rtol=1e-10, atol=1e-13).y[:, -1]
+    end = integrate.solve_ivp(
+        rates, (0, HOURS * 3600), [prior.lon, prior.lat], rtol=1e-10, atol=1e-13
+    ).y[:, -1]
     east = (np.radians(last["lon"].values) - end[0]) * np.cos(end[1]) * RADIUS
     north = (np.radians(last["lat"].values) - end[1]) * RADIUS
-    assert np.hypot(east, north).max() < 3.0  # of 30 km; they begin within 1 m, and numbers are float32
+    # of 30 km; they begin within 1 m, and numbers are float32
+    assert np.hypot(east, north).max() < 3.0
 
 
 def test_parameters_are_drawn_for_each_particle(tmp_path: Path) -> None:
@@ -104,11 +116,17 @@ def velocity(current, wind, waves, parameters):
     return [parameters[0] + 2 * parameters[1], parameters[2] - 3 * parameters[3]] + 0.0 * current
 """
     laws = {"a": (0.31, 0.021), "b": (-0.12, 0.014), "c": (0.27, 0.033), "d": (0.05, 0.008)}
-    given = ", ".join(f"{name} = {{ mean = {mean}, std = {std} }}" for name, (mean, std) in laws.items())
+    given = ", ".join(
+        f"{name} = {{ mean = {mean}, std = {std} }}" for name, (mean, std) in laws.items()
+    )
     scenario = BERG.format(at="0-00N 020-10W").replace("length = 1800, width = 900", given)
     more = f"[output]\ntrajectories = {(n := 4000)}\n"
     last = drift.run(loaded(tmp_path, own, scenario, more, n)).particles.isel(time=-1)
-    far = np.radians([last["lon"].values + 20 + 10 / 60, last["lat"].values]) * RADIUS / (HOURS * 3600)
+    far = (
+        np.radians([last["lon"].values + 20 + 10 / 60, last["lat"].values])
+        * RADIUS
+        / (HOURS * 3600)
+    )
     (a, b, c, d), (sa, sb, sc, sd) = zip(*laws.values(), strict=True)
     stds = np.hypot([sa, sc], [2 * sb, 3 * sd])
     error = 4 * stds / np.sqrt(n)  # four standard errors
@@ -136,12 +154,19 @@ DOWNWIND = "def velocity(current, wind, waves, parameters):\n    return current 
 
 
 def test_windage_written_as_a_function_drifts_as_windage_does(tmp_path: Path) -> None:
-    """With errors of the forcing and a random walk, and beside a raft, which drifts as it does anyway."""
+    """With errors of the forcing and a random walk, and beside a raft, which drifts as it does
+    anyway.
+    """
     own = 'PARAMETERS = ("share",)\n\n\n' + DOWNWIND
     place = 'position = { at = "59-40N 001-40E", error = "2 nmi" }\n'
-    mine = f'[[scenario]]\nname = "box"\nmotion = "own.py"\nparameters = {{ share = 0.023 }}\n{place}'
+    mine = (
+        f'[[scenario]]\nname = "box"\nmotion = "own.py"\nparameters = {{ share = 0.023 }}\n{place}'
+    )
     plain = f'[[scenario]]\nname = "box"\nobject = {{ windage = "2.3 %" }}\n{place}'
-    one, other = (drift.run(loaded(tmp_path, own, RAFT + box, WAVES)).particles.isel(time=-1) for box in (mine, plain))
+    one, other = (
+        drift.run(loaded(tmp_path, own, RAFT + box, WAVES)).particles.isel(time=-1)
+        for box in (mine, plain)
+    )
     assert set(one["scenario"].values) == {0, 1}
     metres = np.hypot((one["lon"] - other["lon"]) * 0.5, one["lat"] - other["lat"]).values * 111_000
     assert metres.max() < 0.5  # 24 h of roundings in float32
@@ -153,7 +178,11 @@ def test_shards_give_the_same_bits(tmp_path: Path) -> None:
 
 
 def test_a_file_is_run_by_a_run_and_not_by_reading(tmp_path: Path) -> None:
-    case = loaded(tmp_path, iceberg() + '\nraise OSError("no such device")\n', BERG.format(at="46-45N 047-30W"))
+    case = loaded(
+        tmp_path,
+        iceberg() + '\nraise OSError("no such device")\n',
+        BERG.format(at="46-45N 047-30W"),
+    )
     with pytest.raises(UserError, match=r"^own\.py: running it failed: OSError: no such device$"):
         drift.run(case)
 
@@ -170,26 +199,39 @@ def velocity(current, wind, waves, parameters):
     waves = 0.04 * share(wind)
     return current + waves
 """
-    scenario = BERG.format(at="59-40N 001-40E").replace("parameters = { length = 1800, width = 900 }\n", "")
+    scenario = BERG.format(at="59-40N 001-40E").replace(
+        "parameters = { length = 1800, width = 900 }\n", ""
+    )
     one = drift.run(loaded(tmp_path, own, scenario)).particles.isel(time=-1)
     plain = scenario.replace('motion = "own.py"', 'object = { windage = "2 %" }')
     other = drift.run(loaded(tmp_path, own, plain)).particles.isel(time=-1)
-    assert np.hypot((one["lon"] - other["lon"]) * 0.5, one["lat"] - other["lat"]).values.max() * 111_000 < 2.5
+    assert (
+        np.hypot((one["lon"] - other["lon"]) * 0.5, one["lat"] - other["lat"]).values.max()
+        * 111_000
+        < 2.5
+    )
 
 
 def test_a_file_that_has_changed_meanwhile_is_refused(tmp_path: Path) -> None:
     case = loaded(tmp_path, iceberg(), BERG.format(at="46-45N 047-30W"))
     (tmp_path / "own.py").write_text(iceberg() + "\n", encoding="utf-8")
-    with pytest.raises(UserError, match=r"^own\.py has changed since the case was read; read the case again$"):
+    with pytest.raises(
+        UserError, match=r"^own\.py has changed since the case was read; read the case again$"
+    ):
         drift.run(case)
     (tmp_path / "own.py").unlink()
-    with pytest.raises(UserError, match=r"own\.py: No such file or directory; the case names it as its drift model$"):
+    with pytest.raises(
+        UserError,
+        match=r"own\.py: No such file or directory; the case names it as its drift model$",
+    ):
         drift.run(case)
 
 
 def test_another_file_makes_another_case(tmp_path: Path) -> None:
     scenario = BERG.format(at="46-45N 047-30W")
-    digests = {case_digest.digest(loaded(tmp_path, iceberg() + more, scenario)) for more in ("", "", "\n")}
+    digests = {
+        case_digest.digest(loaded(tmp_path, iceberg() + more, scenario)) for more in ("", "", "\n")
+    }
     assert len(digests) == 2
     assert loaded(tmp_path, iceberg(), scenario).inputs == (str(tmp_path / "own.py"),)
 
@@ -256,7 +298,10 @@ def test_what_is_wrong_is_said_in_a_line(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize(
     ("body", "told"),
     [
-        ("return wind / (wind[0] - wind[0])", "own.py: velocity is no number in a current of 0 m/s and a wind of "),
+        (
+            "return wind / (wind[0] - wind[0])",
+            "own.py: velocity is no number in a current of 0 m/s and a wind of ",
+        ),
         (
             "return wind * ti.sqrt(ti.abs(wind.norm() - 11.5) - 1.5)",
             "own.py: velocity is no number in a current of 0 m/s and",
@@ -266,18 +311,25 @@ def test_what_is_wrong_is_said_in_a_line(tmp_path: Path, name: str) -> None:
         ("return [wind[0], wind[1], 0.0]", "own.py: velocity can't be compiled ("),
     ],
 )
-def test_a_function_that_fails_is_refused_before_the_run(tmp_path: Path, body: str, told: str) -> None:
+def test_a_function_that_fails_is_refused_before_the_run(
+    tmp_path: Path, body: str, told: str
+) -> None:
     own = f"import taichi as ti\n\n\ndef velocity(current, wind, waves, parameters):\n    {body}\n"
-    scenario = BERG.format(at="46-45N 047-30W").replace("parameters = { length = 1800, width = 900 }\n", "")
+    scenario = BERG.format(at="46-45N 047-30W").replace(
+        "parameters = { length = 1800, width = 900 }\n", ""
+    )
     with pytest.raises(UserError) as refused:
         drift.run(loaded(tmp_path, own, scenario))
     assert str(refused.value).startswith(told)
     assert "\n" not in str(refused.value)
 
 
-def test_no_program_of_a_case_is_run_behind_a_fence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_program_of_a_case_is_run_behind_a_fence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv(fence.NAME, fence.fence_text(fence.Fence((tmp_path,))))
     with pytest.raises(
-        UserError, match=r'"own\.py" is a program, and none of a case is run here; run the case with drift run$'
+        UserError,
+        match=r'"own\.py" is a program, and none of a case is run here; run the case with drift run$',
     ):
         loaded(tmp_path, iceberg(), BERG.format(at="46-45N 047-30W"))

@@ -1,4 +1,6 @@
-"""Within 60 nmi of a pole: motion and searches against rotations and integrations in three dimensions, in float64."""
+"""Within 60 nmi of a pole: motion and searches against rotations and integrations in three
+dimensions, in float64.
+"""
 
 import math
 from pathlib import Path
@@ -23,7 +25,9 @@ from kernels.step.velocity import f32x3
 T = ti.template()
 EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 SPEED = 0.9  # [m/s] across the pole
-AXIS = 0.6  # [rad] longitude of the rotation's axis, on the equator: it carries along great circles over both poles
+# [rad] longitude of the rotation's axis, on the equator: it carries along great circles over both
+# poles
+AXIS = 0.6
 
 
 @ti.func
@@ -40,14 +44,20 @@ def unit(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
 
 def turned(lon: np.ndarray, lat: np.ndarray, way: float) -> tuple[np.ndarray, np.ndarray]:
     """Return places [rad] after the rotation has led its equator by a way [m] (Rodrigues)."""
-    r, k, a = unit(lon, lat), np.array([np.cos(AXIS), np.sin(AXIS), 0.0])[:, None], way / sphere.RADIUS
+    r, k, a = (
+        unit(lon, lat),
+        np.array([np.cos(AXIS), np.sin(AXIS), 0.0])[:, None],
+        way / sphere.RADIUS,
+    )
     end = r * np.cos(a) + np.cross(k, r, axis=0) * np.sin(a) + k * (k * r).sum(0) * (1 - np.cos(a))
     return np.arctan2(end[1], end[0]), np.arctan2(end[2], np.hypot(end[0], end[1]))
 
 
 @pytest.mark.parametrize(("pole", "scheme"), [(1, "rk4"), (-1, "rk2")])
 def test_what_drifts_over_a_pole_keeps_to_its_great_circle(pole: int, scheme: str) -> None:
-    """12 hours of an hour's steps from up to 60 nmi this side of the pole, or at it, to the other side: right to a metre."""
+    """12 hours of an hour's steps from up to 60 nmi this side of the pole, or at it, to the other
+    side: right to a metre.
+    """
     runtime.start()
     rng = np.random.default_rng(7)
     lon = np.append(rng.uniform(-np.pi, np.pi, 300), [0.3, -2.0])
@@ -67,8 +77,12 @@ def test_what_drifts_over_a_pole_keeps_to_its_great_circle(pole: int, scheme: st
     assert sphere.distance(*ends, *expected).max() < 0.5
 
 
-def integrated(lon: float, lat: float, velocity, duration: float, step: float = 20.0) -> tuple[float, float]:
-    """Return the end [rad] of a track by RK4 on the unit vector in float64; velocity: (lon, lat, time) -> east, north."""
+def integrated(
+    lon: float, lat: float, velocity, duration: float, step: float = 20.0
+) -> tuple[float, float]:
+    """Return the end [rad] of a track by RK4 on the unit vector in float64; velocity: (lon, lat,
+    time) -> east, north.
+    """
 
     def rate(r: np.ndarray, time: float) -> np.ndarray:
         x, y = math.atan2(r[1], r[0]), math.atan2(r[2], math.hypot(r[0], r[1]))
@@ -96,8 +110,12 @@ def final(case: Path) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("pole", [1, -1])
-def test_typed_forcing_near_a_pole_has_one_direction_in_its_plane(tmp_path: Path, pole: int) -> None:
-    """As at the meridian of the first scenario's position; a current that turns, and a wind with 4 % of it as windage."""
+def test_typed_forcing_near_a_pole_has_one_direction_in_its_plane(
+    tmp_path: Path, pole: int
+) -> None:
+    """As at the meridian of the first scenario's position; a current that turns, and a wind with 4
+    % of it as windage.
+    """
     lat = "89 59.0N" if pole > 0 else "89 59.0S"
     (tmp_path / "case.toml").write_text(f"""
 start = "2026-03-03T18:00Z"
@@ -122,7 +140,12 @@ position = {{ at = "{lat} 010 00W", error = "0.001 m" }}
     knot, start = 1852 / 3600, math.radians(-10)
     rows = [(0, 0.5, 60), (8, 1.5, 130), (12, 0.2, 350)]
     hours = [row[0] for row in rows]
-    vector = np.array([[s * math.sin(math.radians(b)), s * math.cos(math.radians(b))] for _, s, b in rows]) * knot
+    vector = (
+        np.array(
+            [[s * math.sin(math.radians(b)), s * math.cos(math.radians(b))] for _, s, b in rows]
+        )
+        * knot
+    )
     wind = 0.04 * 15 * knot * np.array([math.sin(math.radians(60)), math.cos(math.radians(60))])
 
     def velocity(x: float, y: float, time: float) -> tuple[float, float]:
@@ -137,12 +160,17 @@ position = {{ at = "{lat} 010 00W", error = "0.001 m" }}
 
 
 @pytest.mark.parametrize(("axes", "shift"), [("grid", 0.0), ("true", 1250.0)])
-def test_a_polar_stereographic_file_is_followed_over_the_pole(tmp_path: Path, axes: str, shift: float) -> None:
-    """Components along the grid's own axes, or east and north at each point, values at the pole itself; a flow that shears and turns, linear in time."""
+def test_a_polar_stereographic_file_is_followed_over_the_pole(
+    tmp_path: Path, axes: str, shift: float
+) -> None:
+    """Components along the grid's own axes, or east and north at each point, values at the pole
+    itself; a flow that shears and turns, linear in time.
+    """
     import pyproj
 
     crs = pyproj.CRS.from_proj4("+proj=stere +lat_0=90 +lat_ts=70 +lon_0=-45 +R=6371008.8")
-    x = np.arange(-161_250, 161_251, 2500.0)  # no point is the pole itself, where east is any direction
+    # no point is the pole itself, where east is any direction
+    x = np.arange(-161_250, 161_251, 2500.0)
     y = np.arange(-180_000, 180_001, 2500.0) + shift  # with a shift the pole lies amid a cell
     X, Y = np.meshgrid(x, y)
     hours = np.arange(0, 25)
@@ -201,7 +229,9 @@ position = {{ at = [-160.0, {start}], error = "0.001 m" }}
     back = pyproj.Transformer.from_crs(crs.geodetic_crs, crs, always_xy=True)
 
     def velocity(px: float, py: float, seconds: float) -> tuple[float, float]:
-        """East and north: the grid's axes are turned by the longitude from the central meridian (stereographic is conformal)."""
+        """East and north: the grid's axes are turned by the longitude from the central meridian
+        (stereographic is conformal).
+        """
         gx, gy = back.transform(math.degrees(px), math.degrees(py))
         a, b = along(gx, gy, seconds / 3600)
         turn = px + math.radians(45)
@@ -241,8 +271,12 @@ def searched(path: Path, sorties: str, **how: object) -> list[dict]:
 
 
 @pytest.mark.usefixtures("coarse_maps")
-def test_a_search_over_the_pole_finds_what_the_same_search_at_the_equator_finds(tmp_path: Path) -> None:
-    """The globe turned so that its pole lies on the equator: places, legs, and a current in the tangent plane."""
+def test_a_search_over_the_pole_finds_what_the_same_search_at_the_equator_finds(
+    tmp_path: Path,
+) -> None:
+    """The globe turned so that its pole lies on the equator: places, legs, and a current in the
+    tangent plane.
+    """
     # Offsets (east, north) [nmi] from the middle, as at the meridian of 0.
     flown = [(-6.0, -5.0), (7.0, -3.0), (7.5, 0.5), (-5.0, 2.0), (-4.0, 6.0), (8.0, 5.0)]
     ring = [(2.0, 1.0), (6.0, 2.0), (5.0, 5.0), (1.5, 4.0)]
@@ -250,7 +284,9 @@ def test_a_search_over_the_pole_finds_what_the_same_search_at_the_equator_finds(
     def written(latitude: float, offsets: list[tuple[float, float]]) -> str:
         each = []
         for east, north in offsets:
-            lon, lat = sphere.destination(0.0, math.radians(latitude), east * 1852.0, north * 1852.0)
+            lon, lat = sphere.destination(
+                0.0, math.radians(latitude), east * 1852.0, north * 1852.0
+            )
             each.append(f"[{math.degrees(lon):.9f}, {math.degrees(lat):.9f}]")
         return ", ".join(each)
 
@@ -280,15 +316,22 @@ law = "random"
 pod = 0.6
 """
         how = {"hours": 4, "n": 40_000, "step": "1 h", "speed": 1, "at": at, "error": 3}
-        pos.append([update["pos"]["all"] for update in searched(tmp_path / "case.toml", sorties, **how)])
-    # The same particles by seed and slot, but for the tangent plane's third order, 5 mm: one at an edge may differ.
+        pos.append(
+            [update["pos"]["all"] for update in searched(tmp_path / "case.toml", sorties, **how)]
+        )
+    # The same particles by seed and slot, but for the tangent plane's third order, 5 mm: one at an
+    # edge may differ.
     assert pos[1] == pytest.approx(pos[0], abs=1 / 40_000)
 
 
 @pytest.mark.usefixtures("coarse_maps")
 @pytest.mark.parametrize("step", [pytest.param("5 min", marks=pytest.mark.thorough), "1 h"])
-def test_a_pattern_drifts_with_its_datum_past_a_pole_as_past_any_point(tmp_path: Path, step: str) -> None:
-    """An expanding square in the frame of a datum that drifts past the pole, a mile and a half from it, on both sides."""
+def test_a_pattern_drifts_with_its_datum_past_a_pole_as_past_any_point(
+    tmp_path: Path, step: str
+) -> None:
+    """An expanding square in the frame of a datum that drifts past the pole, a mile and a half from
+    it, on both sides.
+    """
     pos = {}
     for pole in (0, 1, -1):
         lon, lat = np.degrees(sphere.destination(0.0, pole * math.pi / 2, 1.3 * 1852, -0.8 * 1852))
@@ -312,15 +355,21 @@ orientation = {(30 + pole * lon) % 360:.6f}
         how = {"hours": 4, "n": 10_000, "step": step, "speed": 1.5, "at": at, "error": 3}
         (update,) = searched(tmp_path / "case.toml", sortie, **how)
         pos[pole] = update["pos"]["all"]
-    # In a minute a marker goes 46 m, 2.8 km from the pole: its chord in lon and lat bulges by 0.1 m, 5e-5 of a sweep width.
+    # In a minute a marker goes 46 m, 2.8 km from the pole: its chord in lon and lat bulges by 0.1
+    # m, 5e-5 of a sweep width.
     for pole in (1, -1):
         assert pos[pole] == pytest.approx(pos[0], rel=5e-5)
 
 
 @pytest.mark.usefixtures("coarse_maps")
 @pytest.mark.parametrize("pole", [-1])
-def test_the_area_of_a_pattern_round_a_pole_is_the_circle_about_it(tmp_path: Path, pole: int) -> None:
-    """A sector search through the pole of 320 nmi: POC is that of a circular normal whose 50 % circle has 250 nmi."""
+def test_the_area_of_a_pattern_round_a_pole_is_the_circle_about_it(
+    tmp_path: Path, pole: int
+) -> None:
+    """A sector search through the pole of 320 nmi:
+
+    POC is that of a circular normal whose 50 % circle has 250 nmi.
+    """
     n, at = 4000, f"90 00{'N' if pole > 0 else 'S'}"
     sortie = f"""
 [[sortie]]
@@ -336,14 +385,18 @@ speed = "280 kn"
     (update,) = searched(tmp_path / "case.toml", sortie, **how)
     expected = 1 - 2 ** -((320 / 250) ** 2)
     # A circle is 36 corners, which leave out 0.2 %: a quarter of a standard error.
-    assert update["poc"]["all"] == pytest.approx(expected, abs=4 * math.sqrt(expected * (1 - expected) / n))
+    assert update["poc"]["all"] == pytest.approx(
+        expected, abs=4 * math.sqrt(expected * (1 - expected) / n)
+    )
 
 
 @pytest.mark.usefixtures("coarse_maps")
 @pytest.mark.parametrize("pole", [1, -1])
 @pytest.mark.parametrize("ends", [((-8, 2), (8, 2)), ((8, 0.5), (0.01, 0.6)), ((-8, 0.5), (0, 0))])
 def test_a_leg_beside_the_pole_passes_what_is_abeam(tmp_path: Path, pole: int, ends: tuple) -> None:
-    """M-beta counts a pass abeam by the leg's own course: in the plane of the pole, east and west of the meridian of 0."""
+    """M-beta counts a pass abeam by the leg's own course: in the plane of the pole, east and west
+    of the meridian of 0.
+    """
 
     def at(x: float, y: float) -> str:
         lat = pole * (90 - math.degrees(math.hypot(x, y) * 1852 / sphere.RADIUS))
@@ -386,7 +439,9 @@ waypoints = [{at(*ends[0])}, {at(*ends[1])}]
 
 
 @pytest.mark.parametrize(("latitude", "arrow"), [(89.9, False), (-88.5, False), (87.0, True)])
-def test_no_north_arrow_where_north_is_no_direction_of_the_paper(latitude: float, arrow: bool) -> None:
+def test_no_north_arrow_where_north_is_no_direction_of_the_paper(
+    latitude: float, arrow: bool
+) -> None:
     frame = chart.frame(np.array([20.0, 30.0]), np.array([latitude - 0.05, latitude + 0.05]), 1.3)
     axes = Figure().add_subplot()
     chart.prepare(axes, frame)
@@ -395,7 +450,8 @@ def test_no_north_arrow_where_north_is_no_direction_of_the_paper(latitude: float
 
 
 @pytest.mark.parametrize(
-    ("pole", "error", "kick"),  # [m/s] what an hour adds to an error of 100 years: std sqrt(2 h / time)
+    # [m/s] what an hour adds to an error of 100 years: std sqrt(2 h / time)
+    ("pole", "error", "kick"),
     [
         (1, 'std = "0.3 m/s", time = "876000 h"', 0.3 * math.sqrt(2 / 876_000)),
         (-1, 'std = "0 m/s", bias = "0.3 m/s"', 0.0),
@@ -405,7 +461,9 @@ def test_no_north_arrow_where_north_is_no_direction_of_the_paper(latitude: float
 def test_a_lasting_error_of_the_current_leads_over_a_pole_along_a_great_circle(
     tmp_path: Path, pole: int, error: str, kick: float
 ) -> None:
-    """What has one error all along is as far from its start after 12, 18 and 24 hours as the first six make it."""
+    """What has one error all along is as far from its start after 12, 18 and 24 hours as the first
+    six make it.
+    """
     (tmp_path / "case.toml").write_text(f"""
 start = "2026-03-03T18:00Z"
 duration = "24 h"
@@ -427,11 +485,13 @@ position = {{ at = "90 00{"N" if pole > 0 else "S"} 000 00E", error = "3 nmi" }}
     lon, lat = np.radians(tracks.lon), np.radians(tracks.lat)
     far = sphere.distance(lon[0], lat[0], lon, lat)
     assert far.shape == (5, 1000)
-    assert 20_000 < np.median(far[-1]) < 40_000  # 0.3 m/s sqrt(2 ln 2) for 24 h: 30.5 km, across the pole
+    # 0.3 m/s sqrt(2 ln 2) for 24 h: 30.5 km, across the pole
+    assert 20_000 < np.median(far[-1]) < 40_000
     # After n hours kicks have led astray by their own size times (n^3 / 3)^1/2.
     hours = 6 * np.arange(5)
     walked = 3600 * kick * np.sqrt(hours**3 / 3)
-    # Of the difference between a walk and k times its first six hours; besides, 24 roundings of 5 mm, four times.
+    # Of the difference between a walk and k times its first six hours; besides, 24 roundings of 5
+    # mm, four times.
     tolerance = 4.5 * (walked + hours / 6 * walked[1]) + 0.5
     assert np.all(np.abs(far - np.arange(5)[:, None] * far[1]).max(axis=1) < tolerance)
 

@@ -1,4 +1,6 @@
-"""Priors: moments, ellipses and areas against closed forms and shapely; releases; water; the antimeridian."""
+"""Priors: moments, ellipses and areas against closed forms and shapely; releases; water; the
+antimeridian.
+"""
 
 from dataclasses import replace
 
@@ -12,7 +14,13 @@ from drift.engine.motion.ensemble_spec import EnsembleSpec
 from drift.engine.motion.forcing_error import Errors, ForcingError
 from drift.engine.motion.leeway import Drifter, Line
 from drift.engine.motion.period import Period
-from drift.engine.motion.scenario import AreaPrior, Displacement, PositionPrior, Scenario, TracklinePrior
+from drift.engine.motion.scenario import (
+    AreaPrior,
+    Displacement,
+    PositionPrior,
+    Scenario,
+    TracklinePrior,
+)
 from drift.engine.particles import ensemble as record
 from geo import sphere
 from geo.box import Box
@@ -26,7 +34,9 @@ from kernels.step import prior as kernel
 N = 100_000
 START = np.datetime64("2026-11-21T18:30:00", "s")
 HOUR = np.timedelta64(3600, "s")
-DRIFTER = Drifter("test", "", Line(0.03, 0.02, 0.06), Line(0.01, -0.03, 0.04), Line(-0.02, 0.01, 0.05))
+DRIFTER = Drifter(
+    "test", "", Line(0.03, 0.02, 0.06), Line(0.01, -0.03, 0.04), Line(-0.02, 0.01, 0.05)
+)
 
 
 def told(*scenarios: Scenario, particles: int = N, direction: int = 1) -> EnsembleSpec:
@@ -39,9 +49,19 @@ def scenario(where, weight: float = 1.0, name: str = "s") -> Scenario:
     return Scenario(name, weight, DRIFTER, 0.0, where, {})
 
 
-def position(lon: float, lat: float, major=5000.0, minor=2000.0, orientation=0.6, displacement=None, hours=(0, 0)):
+def position(
+    lon: float,
+    lat: float,
+    major=5000.0,
+    minor=2000.0,
+    orientation=0.6,
+    displacement=None,
+    hours=(0, 0),
+):
     first, last = (START + h * HOUR for h in hours)
-    return PositionPrior(np.radians(lon), np.radians(lat), major, minor, orientation, displacement, first, last)
+    return PositionPrior(
+        np.radians(lon), np.radians(lat), major, minor, orientation, displacement, first, last
+    )
 
 
 def columns(spec: EnsembleSpec, coast=None) -> tuple[record.Ensemble, np.ndarray, np.ndarray]:
@@ -74,7 +94,9 @@ def test_a_displacement_is_uniform_in_distance_and_sector() -> None:
 
 
 def test_an_area_is_filled_uniformly_on_the_sphere_across_the_antimeridian() -> None:
-    """Counts in strips of latitude go as the area between parallels, sin(lat): at 60-75 N far from uniform in degrees."""
+    """Counts in strips of latitude go as the area between parallels, sin(lat): at 60-75 N far from
+    uniform in degrees.
+    """
     lon, lat = np.radians([170, 195, 190, 175]), np.radians([60, 60, 75, 75])
     _, x, y = columns(told(scenario(AreaPrior(tuple(lon), tuple(lat), START, START))))
     x = np.degrees(x) % 360
@@ -96,21 +118,27 @@ def test_a_trackline_has_its_cross_track_error_and_times() -> None:
     speed = 5.0
     seconds = round(float(length.sum() / speed))
     arrival = START + np.timedelta64(seconds, "s")
-    where = TracklinePrior(tuple(lon), tuple(lat), 1500.0, START, arrival, speed, 0.0, 1.0, 0.7, START, arrival)
+    where = TracklinePrior(
+        tuple(lon), tuple(lat), 1500.0, START, arrival, speed, 0.0, 1.0, 0.7, START, arrival
+    )
     ensemble, x, y = columns(told(scenario(where)))
     share = ensemble.release.to_numpy() / seconds
     assert share.min() >= 0
     assert share.max() <= 1
-    # Triangular on [0, 1] with its top at 0.7: mean (0 + 1 + 0.7) / 3, variance (1 + 0.49 - 0.7) / 18.
+    # Triangular on [0, 1] with its top at 0.7: mean (0 + 1 + 0.7) / 3, variance (1 + 0.49 - 0.7) /
+    # 18.
     assert abs(share.mean() - 1.7 / 3) < 4.5 * np.sqrt(0.79 / 18 / N)
     first = share < length[0] / length.sum() - 0.01
     ahead, off = _legwise(lon, lat, x[first], y[first])
     assert abs(off.std() / 1500 - 1) < 4.5 / np.sqrt(2 * first.sum())
-    assert np.abs(ahead - share[first] * length.sum()).max() < 20.0  # a whole second of sailing, and rounding
+    # a whole second of sailing, and rounding
+    assert np.abs(ahead - share[first] * length.sum()).max() < 20.0
 
 
 def _legwise(lon, lat, x, y) -> tuple[np.ndarray, np.ndarray]:
-    """Return distances along and across the first leg [m] by spherical trigonometry (Williams' Aviation Formulary)."""
+    """Return distances along and across the first leg [m] by spherical trigonometry (Williams'
+    Aviation Formulary).
+    """
     d = sphere.distance(lon[0], lat[0], x, y) / sphere.RADIUS
     to_point = np.arctan2(*sphere.offset(lon[0], lat[0], x, y))
     course = np.arctan2(*sphere.offset(lon[0], lat[0], lon[1], lat[1]))
@@ -131,7 +159,8 @@ def test_releases_are_uniform_in_their_window_forward_and_backward() -> None:
 def test_scenarios_share_the_particles_and_keep_their_weights() -> None:
     spec = told(scenario(position(-88, 27), 0.999, "a"), scenario(position(-85, 25), 0.001, "b"))
     ensemble = columns(spec)[0]
-    assert ensemble.bounds[1] / N == pytest.approx(0.999 / 1.049, abs=1e-4)  # an unlikely story is still told by 5 %
+    # an unlikely story is still told by 5 %
+    assert ensemble.bounds[1] / N == pytest.approx(0.999 / 1.049, abs=1e-4)
     assert record.weighed(ensemble).scenarios == pytest.approx([0.999, 0.001], rel=1e-5)
 
 
@@ -140,7 +169,9 @@ def test_objects_get_their_own_lines_and_sides() -> None:
     xi = []
     for name in ("down", "right", "left"):
         line = getattr(DRIFTER, name)
-        slope, offset = (ensemble.own[f"{name}_{what}"].to_numpy().astype(float) for what in ("slope", "offset"))
+        slope, offset = (
+            ensemble.own[f"{name}_{what}"].to_numpy().astype(float) for what in ("slope", "offset")
+        )
         at_ten = slope * 10 + offset  # DESIGN: the variance at 10 m/s is the regression's
         assert abs(at_ten.mean() - (line.slope * 10 + line.offset)) < 4.5 * line.std / np.sqrt(N)
         assert abs(at_ten.std() / line.std - 1) < 4.5 / np.sqrt(2 * N)
@@ -153,7 +184,9 @@ def test_objects_get_their_own_lines_and_sides() -> None:
 
 
 def test_a_prior_partly_on_land_is_conditioned_on_water() -> None:
-    """Land east of 88 W: half of a prior centred on the shore is dry, and what is left is the other half, unchanged."""
+    """Land east of 88 W: half of a prior centred on the shore is dry, and what is left is the other
+    half, unchanged.
+    """
     land = shapely.Polygon([(-88, 20), (-80, 20), (-80, 35), (-88, 35)])
     box = Box(-90, 26, -86, 29)
     grid = shoreline.build_coast(Shore(np.array([land]), "square"), box)
@@ -161,14 +194,18 @@ def test_a_prior_partly_on_land_is_conditioned_on_water() -> None:
     drawn = prior.draw_ensemble(spec, device_coast.upload(grid))
     lon, lat = (c.to_numpy() * sphere.UNIT for c in (drawn.ensemble.lon, drawn.ensemble.lat))
     assert (np.degrees(lon) < -88).all()
-    assert prior.dry(spec, drawn.tried, None)[0] == pytest.approx(0.5, abs=4.5 * 0.5 / np.sqrt(2 * N))
+    assert prior.dry(spec, drawn.tried, None)[0] == pytest.approx(
+        0.5, abs=4.5 * 0.5 / np.sqrt(2 * N)
+    )
     east, north = sphere.offset(np.radians(-88), np.radians(27.5), lon, lat)
     assert abs(np.abs(east).mean() / (4000 * np.sqrt(2 / np.pi)) - 1) < 4.5 * 0.756 / np.sqrt(N)
     assert abs(north.std() / 4000 - 1) < 4.5 / np.sqrt(2 * N)
 
 
 def test_the_errors_that_particles_start_with_are_independent_normals() -> None:
-    """East and north, of current and of wind: four numbers of their own, each with its standard deviation."""
+    """East and north, of current and of wind: four numbers of their own, each with its standard
+    deviation.
+    """
     spec = told(scenario(position(-88, 27)))
     errors = Errors(ForcingError(0.3, 3600.0), ForcingError(1.7, 7200.0), 0.0)
     ensemble = columns(replace(spec, errors=errors))[0]
@@ -179,7 +216,9 @@ def test_the_errors_that_particles_start_with_are_independent_normals() -> None:
 
 
 def test_immersion_is_uniform_and_its_slope_balances_drag() -> None:
-    """Of equal drag coefficients (Daniel et al. 2002): slope^2 = ratio^2 (1 - I) / I, so I = 1 / (1 + (slope / ratio)^2)."""
+    """Of equal drag coefficients (Daniel et al. 2002): slope^2 = ratio^2 (1 - I) / I, so I = 1 / (1
+    + (slope / ratio)^2).
+    """
     slope = runtime.empty(N)
     kernel.draw_immersion(0, N, 0, slope, *noise.key(5), 0.35, 0.85, 0.034)
     immersion = 1 / (1 + (slope.to_numpy().astype(float) / 0.034) ** 2)

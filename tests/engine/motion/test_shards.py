@@ -1,4 +1,6 @@
-"""A part of the particles moves by itself as within the whole: noise goes by the slot's number in the whole run."""
+"""A part of the particles moves by itself as within the whole: noise goes by the slot's number in
+the whole run.
+"""
 
 from pathlib import Path
 
@@ -31,7 +33,9 @@ def begun(tmp_path_factory: pytest.TempPathFactory) -> tuple[run_setup.Start, En
 
 
 def shares(whole: Ensemble) -> list[list[tuple[int, int]]]:
-    """Return the slots of three shards, a range of whole blocks of each scenario; one of them has none of the second."""
+    """Return the slots of three shards, a range of whole blocks of each scenario; one of them has
+    none of the second.
+    """
     cuts = []
     for number, (a, b) in enumerate(whole.scenarios):
         blocks = -(-(b - a) // BLOCK)
@@ -45,7 +49,9 @@ def layout_of(part: list[tuple[int, int]]) -> Layout:
     return Layout(bounds, tuple(a for a, _ in part), (BLOCK,) * len(part))
 
 
-def empty(whole: Ensemble, part: list[tuple[int, int]], scenarios: tuple[Scenario, ...]) -> Ensemble:
+def empty(
+    whole: Ensemble, part: list[tuple[int, int]], scenarios: tuple[Scenario, ...]
+) -> Ensemble:
     return record.empty(whole.seed, layout_of(part), models.columns(scenarios))
 
 
@@ -62,22 +68,33 @@ def test_a_shard_draws_its_slice_of_the_whole(begun: tuple[run_setup.Start, Ense
         own = prior.draw_ensemble(spec, coast, layout_of(part))
         assert own.ensemble.n > 0
         for name in set(own.ensemble.columns) - {"world"}:
-            assert np.array_equal(own.ensemble.columns[name].to_numpy(), here(drawn.ensemble, part, name)), name
+            assert np.array_equal(
+                own.ensemble.columns[name].to_numpy(), here(drawn.ensemble, part, name)
+            ), name
         tried += own.tried
     assert np.array_equal(tried, drawn.tried)
-    assert (tried[:2, 0] > np.diff(drawn.ensemble.bounds)[:2]).all()  # some of the prior lies on land
+    # some of the prior lies on land
+    assert (tried[:2, 0] > np.diff(drawn.ensemble.bounds)[:2]).all()
 
 
 @pytest.mark.parametrize("many", [1, 2, 5, 100])
-def test_shards_are_whole_blocks_one_after_another(begun: tuple[run_setup.Start, EnsembleSpec], many: int) -> None:
+def test_shards_are_whole_blocks_one_after_another(
+    begun: tuple[run_setup.Start, EnsembleSpec], many: int
+) -> None:
     whole = begun[0].ensemble.layout
     cut = whole.shards(many)
     blocks = len(whole.blocks.first)
     assert len(cut) == min(many, blocks)
     assert np.array_equal(np.concatenate([own.blocks.number for own in cut]), whole.blocks.number)
-    assert np.array_equal(np.concatenate([own.blocks.scenario for own in cut]), whole.blocks.scenario)
-    assert np.array_equal(np.concatenate([own.blocks.places for own in cut]), np.arange(whole.bounds[-1]))
-    assert max(len(own.blocks.first) for own in cut) - min(len(own.blocks.first) for own in cut) <= 1
+    assert np.array_equal(
+        np.concatenate([own.blocks.scenario for own in cut]), whole.blocks.scenario
+    )
+    assert np.array_equal(
+        np.concatenate([own.blocks.places for own in cut]), np.arange(whole.bounds[-1])
+    )
+    assert (
+        max(len(own.blocks.first) for own in cut) - min(len(own.blocks.first) for own in cut) <= 1
+    )
 
 
 def test_a_shard_moves_as_within_the_whole(begun: tuple[run_setup.Start, EnsembleSpec]) -> None:
@@ -102,7 +119,9 @@ def test_a_shard_moves_as_within_the_whole(begun: tuple[run_setup.Start, Ensembl
         for moment, mine in zip(moments, seen, strict=True):
             for name in ("lon", "lat", "status"):
                 values = getattr(moment, name)
-                assert np.array_equal(getattr(mine, name), np.concatenate([values[a:b] for a, b in part])), name
+                assert np.array_equal(
+                    getattr(mine, name), np.concatenate([values[a:b] for a, b in part])
+                ), name
     # and what shards know of their weights makes what the whole knows, whoever comes first
     sums = [record.weighed(own) for _, own, _ in alone]
     merged, all_ = weights.merged([sums[2], sums[0], sums[1]]), record.weighed(begin.ensemble)
@@ -135,7 +154,9 @@ def test_a_shard_of_a_spill_draws_its_slice(tmp_path: Path) -> None:
         own, dry = release.drawn(case.spill, some, case.period, case.errors, coast, case.seed, of)
         assert (dry == 0).all()
         part = [(slots.number, slots.number + slots.last - slots.first) for slots in own.slots]
-        assert [b - a for a, b in part] == [count * (last - first) for count in release.per_world(case.spill)]
+        assert [b - a for a, b in part] == [
+            count * (last - first) for count in release.per_world(case.spill)
+        ]
         assert set(own.columns) == set(whole.columns)
         for name, column in own.columns.items():
             assert np.array_equal(column.to_numpy(), here(whole, part, name)), name

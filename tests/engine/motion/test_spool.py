@@ -1,4 +1,6 @@
-"""The particles at all output times, read back whole, part by part, and along their tracks: against the columns put in."""
+"""The particles at all output times, read back whole, part by part, and along their tracks: against
+the columns put in.
+"""
 
 from collections.abc import Iterator
 
@@ -19,7 +21,9 @@ N, OUTPUTS = BOUNDS[-1], 5
 
 
 def moments(ensemble: Ensemble, weighted: bool) -> list[Moment]:
-    """Return five moments, of which the second and the fourth come after particles have been drawn anew."""
+    """Return five moments, of which the second and the fourth come after particles have been drawn
+    anew.
+    """
     random, taken, lineage = np.random.default_rng(3), [], None
     for k in range(OUTPUTS):
         lon, lat = random.integers(-(2**31), 2**31, (2, N)).astype(np.int32)
@@ -28,7 +32,9 @@ def moments(ensemble: Ensemble, weighted: bool) -> list[Moment]:
         ancestors = np.sort(random.integers(0, N, N)) if weighted and k in (1, 3) else None
         if ancestors is not None:
             lineage = ancestors if lineage is None else lineage[ancestors]
-        taken.append(Moment(3600 * k, lon, lat, status, ensemble.layout, weight, ancestors, lineage))
+        taken.append(
+            Moment(3600 * k, lon, lat, status, ensemble.layout, weight, ancestors, lineage)
+        )
     return taken
 
 
@@ -48,11 +54,15 @@ def spooled(
         yield made, taken, ensemble
 
 
-def test_what_was_put_in_comes_back_whole_and_in_parts(spooled: tuple[SnapshotStore, list[Moment], Ensemble]) -> None:
+def test_what_was_put_in_comes_back_whole_and_in_parts(
+    spooled: tuple[SnapshotStore, list[Moment], Ensemble],
+) -> None:
     made, taken, ensemble = spooled
     family = np.arange(N)
     for k, moment in enumerate(taken):
-        log_weight = ensemble.log_weight.to_numpy() if moment.log_weight is None else moment.log_weight
+        log_weight = (
+            ensemble.log_weight.to_numpy() if moment.log_weight is None else moment.log_weight
+        )
         weight = np.exp(log_weight.astype(float) - log_weight.max())
         whole = made[k]
         for name in ("lon", "lat", "status"):
@@ -61,7 +71,11 @@ def test_what_was_put_in_comes_back_whole_and_in_parts(spooled: tuple[SnapshotSt
         assert np.array_equal(whole.scenario, np.repeat([0, 2], (9000, 21_000)))
         if moment.ancestors is not None:
             family = family[moment.ancestors]
-        assert whole.family is None if (family == np.arange(N)).all() else np.array_equal(whole.family, family)
+        assert (
+            whole.family is None
+            if (family == np.arange(N)).all()
+            else np.array_equal(whole.family, family)
+        )
         parts = list(made.outputs[k].parts())
         assert len(parts) > 3
         for name in ("lon", "lat", "status", "probability", "scenario", "family", "world"):
@@ -73,7 +87,9 @@ def test_what_was_put_in_comes_back_whole_and_in_parts(spooled: tuple[SnapshotSt
         assert np.array_equal(np.concatenate([part.blocks.places for part in parts]), np.arange(N))
 
 
-def test_a_track_is_that_of_ancestors_before(spooled: tuple[SnapshotStore, list[Moment], Ensemble]) -> None:
+def test_a_track_is_that_of_ancestors_before(
+    spooled: tuple[SnapshotStore, list[Moment], Ensemble],
+) -> None:
     made, taken, _ = spooled
     slots = np.array([0, 17, 8999, 9000, 20_111, 29_999])
     way = made.follow(slots)
@@ -93,10 +109,13 @@ def test_new_weights_are_those_of_times_that_have_none_of_their_own(
     portions = list(made.portions())
     assert len(portions) > 3
     made.reweigh(
-        np.concatenate([log_weight[own.number :][: own.last - own.first] for own in one.slots]) for one in portions
+        np.concatenate([log_weight[own.number :][: own.last - own.first] for own in one.slots])
+        for one in portions
     )
     assert np.array_equal(made[2].probability, before) is (taken[2].log_weight is not None)
     if taken[2].log_weight is None:
         np.testing.assert_allclose(
-            made[2].probability, np.exp(np.linspace(-3, 3, N)) / np.exp(np.linspace(-3, 3, N)).sum(), rtol=1e-5
+            made[2].probability,
+            np.exp(np.linspace(-3, 3, N)) / np.exp(np.linspace(-3, 3, N)).sum(),
+            rtol=1e-5,
         )

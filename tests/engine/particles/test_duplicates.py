@@ -1,4 +1,6 @@
-"""Where duplicates part from the posterior: every outcome of the draw, counted with its probability, beside the ways that keep it."""
+"""Where duplicates part from the posterior: every outcome of the draw, counted with its
+probability, beside the ways that keep it.
+"""
 
 import itertools
 
@@ -19,13 +21,19 @@ def shares(method: str, number: int = 6) -> np.ndarray:
         log_weight = np.log(room).astype(np.float32)
     found = np.zeros((ROUNDS, 6))
     for k in range(ROUNDS):
-        ancestors, new, spare = resample.offspring(log_weight, [(0, len(room))], [number], method, (21, k))
-        found[k] = np.bincount(ancestors[~spare], np.exp(new[~spare].astype(float)), minlength=6)[:6]
+        ancestors, new, spare = resample.offspring(
+            log_weight, [(0, len(room))], [number], method, (21, k)
+        )
+        found[k] = np.bincount(ancestors[~spare], np.exp(new[~spare].astype(float)), minlength=6)[
+            :6
+        ]
     return found
 
 
 def counted() -> tuple[np.ndarray, np.ndarray]:
-    """Return the exact mean shares after three copies are drawn by weight, scaled and as they are before that."""
+    """Return the exact mean shares after three copies are drawn by weight, scaled and as they are
+    before that.
+    """
     own = WEIGHT[list(LEFT)]
     scaled, raw = np.zeros(6), np.zeros(6)
     for drawn in itertools.product(range(3), repeat=3):
@@ -40,8 +48,10 @@ def test_duplicates_come_to_what_is_counted_and_not_to_the_posterior() -> None:
     found = shares("duplicates")
     scaled, raw = counted()
     own = WEIGHT[list(LEFT)]
-    np.testing.assert_allclose(raw[list(LEFT)], own * (1 + 3 * own / own.sum()), rtol=1e-12)  # w (1 + m w)
-    np.testing.assert_allclose(found.sum(axis=1), WEIGHT.sum(), rtol=1e-6)  # the scenario weighs what it did
+    # w (1 + m w)
+    np.testing.assert_allclose(raw[list(LEFT)], own * (1 + 3 * own / own.sum()), rtol=1e-12)
+    # the scenario weighs what it did
+    np.testing.assert_allclose(found.sum(axis=1), WEIGHT.sum(), rtol=1e-6)
     error = found.std(axis=0) / np.sqrt(ROUNDS)
     assert (np.abs(found.mean(axis=0) - scaled) <= 3 * error + 1e-7).all()  # weights are 32 bits
     assert abs(found.mean(axis=0)[2] - WEIGHT[2]) > 20 * error[2]
@@ -77,4 +87,6 @@ def test_scenarios_keep_their_slots_and_their_weight() -> None:
     ancestors, new, _ = resample.offspring(log_weight, ranges, [30, 25, 35], "duplicates", (3, 1))
     for first, last in ranges:
         assert ((ancestors[first:last] >= first) & (ancestors[first:last] < last)).all()
-        assert np.exp(new[first:last].astype(float)).sum() == pytest.approx(weight[first:last].sum(), rel=1e-6)
+        assert np.exp(new[first:last].astype(float)).sum() == pytest.approx(
+            weight[first:last].sum(), rel=1e-6
+        )

@@ -12,7 +12,8 @@ from drift.engine.particles import partials, weights
 from drift.engine.particles.partials import BLOCK, Blocks
 
 RNG = np.random.default_rng(11)
-SIZES = (3 * BLOCK + 17, 2, 2 * BLOCK, 5 * 96 + 40)  # of four scenarios, the last cut into blocks of 96
+# of four scenarios, the last cut into blocks of 96
+SIZES = (3 * BLOCK + 17, 2, 2 * BLOCK, 5 * 96 + 40)
 BLOCK_OF = (BLOCK, BLOCK, BLOCK, 96)
 BOUNDS = tuple(int(n) for n in np.cumsum([0, *SIZES]))
 N = BOUNDS[-1]
@@ -20,7 +21,9 @@ WHOLE = partials.cut_blocks(BOUNDS, BOUNDS[:-1], BLOCK_OF)
 
 
 def shards(seed: int, many: int) -> list[tuple[Blocks, np.ndarray]]:
-    """Deal ranges of whole blocks of each scenario out at random; return each shard's blocks and its slots in the whole."""
+    """Deal ranges of whole blocks of each scenario out at random; return each shard's blocks and
+    its slots in the whole.
+    """
     random = np.random.default_rng(seed)
     cuts = []
     for first, last, size in zip(BOUNDS[:-1], BOUNDS[1:], BLOCK_OF, strict=True):
@@ -39,7 +42,21 @@ def shards(seed: int, many: int) -> list[tuple[Blocks, np.ndarray]]:
 def test_blocks_are_of_one_scenario_and_no_longer_than_asked() -> None:
     ends = np.append(WHOLE.first[1:], N)
     assert WHOLE.first.tolist() == [
-        *(0, 4096, 8192, 12_288, 12_305, 12_307, 16_403, 20_499, 20_595, 20_691, 20_787, 20_883, 20_979)
+        *(
+            0,
+            4096,
+            8192,
+            12_288,
+            12_305,
+            12_307,
+            16_403,
+            20_499,
+            20_595,
+            20_691,
+            20_787,
+            20_883,
+            20_979,
+        )
     ]
     assert (np.searchsorted(BOUNDS, WHOLE.first, "right") - 1 == WHOLE.scenario).all()
     assert (ends - WHOLE.first <= np.array(BLOCK_OF)[WHOLE.scenario]).all()
@@ -55,10 +72,19 @@ def test_no_cut_changes_a_bit(many: int) -> None:
     code = RNG.integers(0, 5, N)
     for seed in range(3):
         parts = shards(seed, many)
-        both = partials.merged([blocks.partial(values[slots], weight[slots]) for blocks, slots in parts])
-        coded = partials.merged([blocks.partial(values[slots], code=code[slots], many=5) for blocks, slots in parts])
-        sums = weights.merged([weights.weighed(log_weight[slots], blocks) for blocks, slots in parts])
-        for one, other in ((both, WHOLE.partial(values, weight)), (coded, WHOLE.partial(values, code=code, many=5))):
+        both = partials.merged(
+            [blocks.partial(values[slots], weight[slots]) for blocks, slots in parts]
+        )
+        coded = partials.merged(
+            [blocks.partial(values[slots], code=code[slots], many=5) for blocks, slots in parts]
+        )
+        sums = weights.merged(
+            [weights.weighed(log_weight[slots], blocks) for blocks, slots in parts]
+        )
+        for one, other in (
+            (both, WHOLE.partial(values, weight)),
+            (coded, WHOLE.partial(values, code=code, many=5)),
+        ):
             assert np.array_equal(one.by_scenario, other.by_scenario)
             assert np.array_equal(one.total, other.total)
         alone = weights.weighed(log_weight, WHOLE)
@@ -67,7 +93,9 @@ def test_no_cut_changes_a_bit(many: int) -> None:
 
 
 def test_sums_are_those_of_exact_arithmetic() -> None:
-    """Within n rounding errors of the sum of sizes (Higham 2002, eq. 4.4), n the terms of a block and the blocks."""
+    """Within n rounding errors of the sum of sizes (Higham 2002, eq. 4.4), n the terms of a block
+    and the blocks.
+    """
     values = RNG.normal(size=N)
     bound = (BLOCK + 16) * 2.0**-53 * np.abs(values).sum()
     partial = WHOLE.partial(values)
@@ -92,7 +120,8 @@ def test_running_sums_never_fall_and_end_at_the_sum() -> None:
     running = WHOLE.running(values)
     assert (np.diff(running) >= 0).all()
     np.testing.assert_allclose(running, np.cumsum(values), rtol=1e-12)
-    # and those of a shard are those of the whole, less what came before: it needs the sums of blocks alone
+    # and those of a shard are those of the whole, less what came before: it needs the sums of
+    # blocks alone
     begun = np.concatenate([[0.0], np.cumsum(WHOLE.partial(values).sums[:, 0, 0])])
     for block, (a, b) in enumerate(zip(WHOLE.first, [*WHOLE.first[1:], N], strict=True)):
         own = np.minimum(np.cumsum(values[a:b]) + begun[block], begun[block + 1])
@@ -100,13 +129,17 @@ def test_running_sums_never_fall_and_end_at_the_sum() -> None:
 
 
 def test_weights_of_any_size_are_summed_without_overflow() -> None:
-    """Log weights from -4000 to 3000: exp of either is no float; logs of sums against scipy.special.logsumexp in float64."""
+    """Log weights from -4000 to 3000: exp of either is no float; logs of sums against
+    scipy.special.logsumexp in float64.
+    """
     log_weight = RNG.uniform(-50, 50, N).astype(np.float32)
     for shift, (a, b) in zip((3000, -4000, 0, 700), itertools.pairwise(BOUNDS), strict=True):
         log_weight[a:b] += shift
     log_weight[5:900] = -np.inf
     sums = weights.weighed(log_weight, WHOLE)
-    exact = [special.logsumexp(log_weight[a:b].astype(float)) for a, b in itertools.pairwise(BOUNDS)]
+    exact = [
+        special.logsumexp(log_weight[a:b].astype(float)) for a, b in itertools.pairwise(BOUNDS)
+    ]
     np.testing.assert_allclose(sums.log_sums, exact, rtol=1e-12)
     assert sums.log_sum == pytest.approx(special.logsumexp(log_weight.astype(float)), rel=1e-12)
     share = np.exp(log_weight.astype(float) - log_weight.max())

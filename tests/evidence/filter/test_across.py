@@ -1,4 +1,6 @@
-"""Slots that go from one scenario to another: expected offspring, and everything that must follow the particles."""
+"""Slots that go from one scenario to another: expected offspring, and everything that must follow
+the particles.
+"""
 
 import math
 from pathlib import Path
@@ -54,19 +56,27 @@ def hours(h: float) -> np.datetime64:
 
 def case_of(tmp_path: Path, particles: int, more: str = "") -> Path:
     stories = [
-        STORY.format(k=k, weight=float(PRIOR[k]), lon=float(LON[k]), lat=float(LAT[k]), std=float(STD[k]))
+        STORY.format(
+            k=k, weight=float(PRIOR[k]), lon=float(LON[k]), lat=float(LAT[k]), std=float(STD[k])
+        )
         for k in range(COUNT)
     ]
-    (tmp_path / "case.toml").write_text(more + HEAD.format(particles=particles, d=D) + "".join(stories))
+    (tmp_path / "case.toml").write_text(
+        more + HEAD.format(particles=particles, d=D) + "".join(stories)
+    )
     return tmp_path / "case.toml"
 
 
 def seen(when: float, lon: float, lat: float, std: float, **more: object) -> Contact:
-    return Contact(f"at {when}", hours(when), "position", fixes=(Fix(lon, lat),), major=std, minor=std, **more)
+    return Contact(
+        f"at {when}", hours(when), "position", fixes=(Fix(lon, lat),), major=std, minor=std, **more
+    )
 
 
 def test_across_scenarios_each_particle_has_its_expected_offspring() -> None:
-    """Three of 60 scenarios hold 99 %: weights stay by scenario, none that is possible goes without."""
+    """Three of 60 scenarios hold 99 %: weights stay by scenario, none that is possible goes
+    without.
+    """
     random, many = np.random.default_rng(2), 60
     sizes = random.integers(20, 60, many)
     bounds = np.concatenate([[0], np.cumsum(sizes)])
@@ -90,34 +100,47 @@ def test_across_scenarios_each_particle_has_its_expected_offspring() -> None:
         assert np.array_equal(scenario[ancestors], owner)
         slots = np.diff(laid)
         expected = slots[scenario] * weight / np.bincount(scenario, weight)[scenario].clip(1e-300)
-        assert np.all(np.abs(copies - expected) < 1 + 1e-3)  # floor or the next one; float32 logarithms
+        # floor or the next one; float32 logarithms
+        assert np.all(np.abs(copies - expected) < 1 + 1e-3)
         count += copies
     assert slots.sum() == n
     assert slots[17] == 0
-    least = 0.1 / 59 / 1.1 * n  # the floors themselves are at most a tenth of the whole, by which shares are scaled
+    # the floors themselves are at most a tenth of the whole, by which shares are scaled
+    least = 0.1 / 59 / 1.1 * n
     assert slots[np.arange(many) != 17].min() >= math.floor(least)
-    # Bernstein's inequality: all 2,400 means lie within this but for a chance of 1e-3; float32 logarithms shift by 1e-5
+    # Bernstein's inequality: all 2,400 means lie within this but for a chance of 1e-3; float32
+    # logarithms shift by 1e-5
     chance, log = (expected % 1) * (1 - expected % 1), math.log(2 * n / 1e-3)
     apart = log / (3 * rounds) + np.sqrt((log / (3 * rounds)) ** 2 + 2 * chance * log / rounds)
     assert np.all(np.abs(count / rounds - expected) < apart + 1e-5 * expected)
     after = np.exp(new.astype(float))
-    np.testing.assert_allclose(np.bincount(owner, after, many), np.bincount(scenario, weight, many), rtol=1e-6)
+    np.testing.assert_allclose(
+        np.bincount(owner, after, many), np.bincount(scenario, weight, many), rtol=1e-6
+    )
 
 
 def test_half_are_effective_where_three_of_300_scenarios_hold_all_but_one_percent() -> None:
-    """Beforehand they have 1 % of the particles, as the others do; within scenarios it would stay so."""
+    """Beforehand they have 1 % of the particles, as the others do; within scenarios it would stay
+    so.
+    """
     random, many, each = np.random.default_rng(3), 300, 333
     share = np.full(many, 0.01 / 297)
     share[[40, 41, 250]] = 0.55, 0.11, 0.33
-    log_weight = (np.repeat(np.log(share), each) + random.normal(0, 0.3, many * each)).astype(np.float32)
+    log_weight = (np.repeat(np.log(share), each) + random.normal(0, 0.3, many * each)).astype(
+        np.float32
+    )
     ranges = [(k * each, (k + 1) * each) for k in range(many)]
     _, within, _ = resample.offspring(log_weight, ranges, [each] * many, "systematic", (7, 1))
     _, across, bounds = resample.across(log_weight, ranges, many * each, (7, 1))
-    found = [weights.effective(np.exp(new.astype(float))) / (many * each) for new in (within, across)]
+    found = [
+        weights.effective(np.exp(new.astype(float))) / (many * each) for new in (within, across)
+    ]
     assert found[0] < 0.01
-    # slots are dealt out as 0.1 / 300 to each of 297 and the rest in proportion: one over the sum of squares by slot
+    # slots are dealt out as 0.1 / 300 to each of 297 and the rest in proportion: one over the sum
+    # of squares by slot
     slots = np.maximum(share, 0.1 / many) / np.maximum(share, 0.1 / many).sum()
-    assert found[1] == pytest.approx(1 / (share**2 / slots).sum(), rel=0.05)  # shares are drawn, and slots are whole
+    # shares are drawn, and slots are whole
+    assert found[1] == pytest.approx(1 / (share**2 / slots).sum(), rel=0.05)
     assert found[1] > 0.5
     assert np.diff(bounds).min() >= 30
 
@@ -132,16 +155,33 @@ def test_counts_leave_none_without() -> None:
 
 @pytest.mark.parametrize("across", [False, True])
 def test_a_mixture_of_kalman_filters(tmp_path: Path, across: bool) -> None:
-    """Stories of normals that diffuse: their posterior after fixes, and a sortie under way that sees some, in closed form."""
-    fixes = [(1.2, 179.97, 30.01, 2500.0), (2.7, 179.99, 29.99, 4000.0), (4.6, -179.99, 30.0, 5000.0)]
+    """Stories of normals that diffuse: their posterior after fixes, and a sortie under way that
+    sees some, in closed form.
+    """
+    fixes = [
+        (1.2, 179.97, 30.01, 2500.0),
+        (2.7, 179.99, 29.99, 4000.0),
+        (4.6, -179.99, 30.0, 5000.0),
+    ]
     coverage = tuple(float(c) for c in np.where(np.arange(COUNT) % 3 == 1, 1.3, 0.0))
-    flown = Sortie("all", "", hours(0.7), hours(3.9), Law("random"), (1.0,) * COUNT, area=ALL_OF_IT, coverage=coverage)
+    flown = Sortie(
+        "all",
+        "",
+        hours(0.7),
+        hours(3.9),
+        Law("random"),
+        (1.0,) * COUNT,
+        area=ALL_OF_IT,
+        coverage=coverage,
+    )
     asked = case_file.load(case_of(tmp_path, 120_000))
     runtime.start()
     spec, where = run_setup.ensemble_spec(asked), run_setup.open_for(asked)
     begin = run_setup.prepare(asked, where)
     rule = Resampling("systematic", 0.6, across)
-    search = SearchFilter(spec, (flown,), [seen(*fix) for fix in fixes], rule, begin.ensemble, begin.scene)
+    search = SearchFilter(
+        spec, (flown,), [seen(*fix) for fix in fixes], rule, begin.ensemble, begin.scene
+    )
     outputs = np.array([0, 4320, 9000, 21_600])
     moments = simulate.run(begin.ensemble, begin.scene, begin.clock, outputs, search=search)
     before = begin.ensemble.bounds
@@ -150,7 +190,8 @@ def test_a_mixture_of_kalman_filters(tmp_path: Path, across: bool) -> None:
         ensemble = begin.ensemble
         resampled = next(update for update in search.updates.all if update.resampled)
         assert resampled.name == "at 1.2"  # while the sortie is under way
-        assert (resampled.ess_resampled > 0.9 * 120_000) is across  # within scenarios their shares stay uneven
+        # within scenarios their shares stay uneven
+        assert (resampled.ess_resampled > 0.9 * 120_000) is across
         assert (ensemble.bounds == before) is not across
         assert np.array_equal(ensemble.scenario.to_numpy(), record.owners(ensemble.bounds))
         assert np.array_equal(snapshots[0].scenario, record.owners(before))
@@ -177,7 +218,9 @@ def test_a_mixture_of_kalman_filters(tmp_path: Path, across: bool) -> None:
         own = end.scenario == best
         at = np.stack(
             sphere.offset(
-                np.radians(LON[best]), np.radians(LAT[best]), *(x[own] * sphere.UNIT for x in (end.lon, end.lat))
+                np.radians(LON[best]),
+                np.radians(LAT[best]),
+                *(x[own] * sphere.UNIT for x in (end.lon, end.lat)),
             )
         )
         found = (at * end.probability[own]).sum(axis=1) / end.probability[own].sum()
@@ -186,18 +229,29 @@ def test_a_mixture_of_kalman_filters(tmp_path: Path, across: bool) -> None:
 
 
 def test_tracks_and_debris_follow_particles_into_other_slots(tmp_path: Path) -> None:
-    """Each track begins where its story does, and each piece of debris lies by its own story's objects."""
+    """Each track begins where its story does, and each piece of debris lies by its own story's
+    objects.
+    """
     contact = '[[contact]]\nname = "{name}"\n{of}time = "{time}"\nposition = {{ at = [179.97, 30.01], error = "{error} nmi" }}\n'
     more = contact.format(name="one", of="", time="+70 min", error=1.5)
     more += contact.format(name="two", of='of = "PIW-1"\n', time="+4 h", error=9)
-    text = case_of(tmp_path, 8000, 'resampling = { below = 0.7, across_scenarios = true }\noutput.every = "2 h"\n')
+    text = case_of(
+        tmp_path,
+        8000,
+        'resampling = { below = 0.7, across_scenarios = true }\noutput.every = "2 h"\n',
+    )
     text.write_text(text.read_text() + more)
     made = drift.run(drift.load(text))
     tracks, weight = made.trajectories, made.forecast.data["scenario_probability"].values
     np.testing.assert_allclose(weight.sum(axis=1), 1.0, atol=1e-9)
     np.testing.assert_allclose(weight[0], PRIOR, atol=1e-6)  # float32 logarithms
     far = [
-        np.hypot(*sphere.offset(math.radians(LON[s]), math.radians(LAT[s]), x * sphere.UNIT, y * sphere.UNIT)) / STD[s]
+        np.hypot(
+            *sphere.offset(
+                math.radians(LON[s]), math.radians(LAT[s]), x * sphere.UNIT, y * sphere.UNIT
+            )
+        )
+        / STD[s]
         for s, x, y in zip(tracks.scenario, tracks.lon[:, 0], tracks.lat[:, 0], strict=True)
     ]
     assert len(set(tracks.scenario.tolist())) > 3
@@ -211,7 +265,9 @@ def test_debris_beside_is_laid_as_its_objects_are(tmp_path: Path) -> None:
     water = asked.scenarios[0].object
     contacts = [seen(0.9, 179.97, 30.01, 2500.0), seen(4.0, -179.99, 30.0, 9000.0, drifter=water)]
     rule = Resampling("systematic", 0.7, True)
-    search = SearchFilter(run_setup.ensemble_spec(asked), (), contacts, rule, begin.ensemble, begin.scene)
+    search = SearchFilter(
+        run_setup.ensemble_spec(asked), (), contacts, rule, begin.ensemble, begin.scene
+    )
     list(simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([21_600]), search=search))
     begin.scene.forcing.close()
     (beside,) = search._debris.values()

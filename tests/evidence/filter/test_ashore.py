@@ -1,7 +1,9 @@
-"""What lies ashore: how much of a POS it is, and a sensor that does not see it, in closed form on a straight coast.
+"""What lies ashore: how much of a POS it is, and a sensor that does not see it, in closed form on a
+straight coast.
 
-A current, or a course, of 1 knot leads east to a shore. All begin anywhere within 20 nautical miles of it, so that the share ashore is the
-time in hours over 20. A sortie of an hour, from the tenth on, would find 40 % of what it sees all the while.
+A current, or a course, of 1 knot leads east to a shore. All begin anywhere within 20 nautical miles
+of it, so that the share ashore is the time in hours over 20. A sortie of an hour, from the tenth
+on, would find 40 % of what it sees all the while.
 """
 
 import json
@@ -56,14 +58,20 @@ def ran(folder: Path, **given: Any) -> drift.Result:
 
 @pytest.mark.parametrize("moves", MOVES)
 @pytest.mark.parametrize(
-    ("ashore", "pos", "on_shore"), [("true", 0.4, 0.4 * 11 / 20), ("false", 0.4 * 9.5 / 20, 0.4 * 0.5 / 20)]
+    ("ashore", "pos", "on_shore"),
+    [("true", 0.4, 0.4 * 11 / 20), ("false", 0.4 * 9.5 / 20, 0.4 * 0.5 / 20)],
 )
-def test_pos_afloat_and_ashore(tmp_path: Path, moves: str, ashore: str, pos: float, on_shore: float) -> None:
-    """What is not seen ashore is seen until it lands: half of the hour, of the twentieth that lands in it."""
+def test_pos_afloat_and_ashore(
+    tmp_path: Path, moves: str, ashore: str, pos: float, on_shore: float
+) -> None:
+    """What is not seen ashore is seen until it lands: half of the hour, of the twentieth that lands
+    in it.
+    """
     result = ran(tmp_path, moves=MOVES[moves], ashore=ashore, step=2700)
     (update,) = result.summary["search"]["updates"]
     for figure, expected in (("pos", pos), ("pos_ashore", on_shore)):
-        # The share of particles that are ashore, or land within the hour, is binomial: three standard errors.
+        # The share of particles that are ashore, or land within the hour, is binomial: three
+        # standard errors.
         error = 0.4 * 3 * np.sqrt(0.25 / N)
         assert update[figure]["all"] == pytest.approx(
             expected, abs=error if ashore == "false" or figure != "pos" else 1e-4
@@ -73,8 +81,12 @@ def test_pos_afloat_and_ashore(tmp_path: Path, moves: str, ashore: str, pos: flo
 @pytest.mark.parametrize("moves", MOVES)
 @pytest.mark.parametrize("ashore", ["true", "false"])
 def test_a_table_of_pod_afloat_and_ashore(tmp_path: Path, moves: str, ashore: str) -> None:
-    """A hazard of -log(0.6) an hour: of what lands at u of the hour and is not seen there 1 - 0.6^u, u uniform, 1 + 0.4 / log(0.6) on average."""
-    table = xr.DataArray(np.full((3, 3), 0.4), {"lat": [-1.0, 0.0, 1.0], "lon": [0.0, 1.0, 2.0]}, ("lat", "lon"))
+    """A hazard of -log(0.6) an hour: of what lands at u of the hour and is not seen there 1 -
+    0.6^u, u uniform, 1 + 0.4 / log(0.6) on average.
+    """
+    table = xr.DataArray(
+        np.full((3, 3), 0.4), {"lat": [-1.0, 0.0, 1.0], "lon": [0.0, 1.0, 2.0]}, ("lat", "lon")
+    )
     table.assign_attrs(units="1").to_dataset(name="pod").to_netcdf(tmp_path / "pod.nc")
     head, _, _ = CASE.partition("[[sortie]]")
     watch = """[[sensor]]
@@ -88,7 +100,9 @@ ashore = {ashore}
 watch.sensor = "radar"
 """
     (tmp_path / "land.geojson").write_text(json.dumps(LAND), encoding="utf-8")
-    (tmp_path / "case.toml").write_text((head + watch).format(n=N, moves=MOVES[moves], ashore=ashore, step=2700))
+    (tmp_path / "case.toml").write_text(
+        (head + watch).format(n=N, moves=MOVES[moves], ashore=ashore, step=2700)
+    )
     (update,) = drift.run(case_file.load(tmp_path / "case.toml")).summary["search"]["updates"]
     landing = 1 + 0.4 / np.log(0.6)
     pos = 0.4 if ashore == "true" else (0.4 * 9 + landing) / 20

@@ -1,4 +1,6 @@
-"""Likelihoods of contacts against pyproj's geodesics on the sphere and scipy's densities: axes, wraps, densities, zones."""
+"""Likelihoods of contacts against pyproj's geodesics on the sphere and scipy's densities: axes,
+wraps, densities, zones.
+"""
 
 from typing import Any
 
@@ -19,8 +21,12 @@ TIME = np.datetime64("2026-11-21T06:00:00")
 SENSOR = (179.93, -47.2)
 
 
-def points(n: int = 4000, far: float = 60_000.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return (lon, lat) [deg] all round the sensor, across the antimeridian, and (azimuth [rad], distance [m]) from it."""
+def points(
+    n: int = 4000, far: float = 60_000.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return (lon, lat) [deg] all round the sensor, across the antimeridian, and (azimuth [rad],
+    distance [m]) from it.
+    """
     random = np.random.default_rng(8)
     azimuth, distance = random.uniform(-180, 180, n), far * random.uniform(0.01, 1, n)
     lon, lat, _ = EARTH.fwd(np.full(n, SENSOR[0]), np.full(n, SENSOR[1]), azimuth, distance)
@@ -32,7 +38,9 @@ def told(contact: Contact, lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
 
 
 def matches(found: np.ndarray, expected: np.ndarray, error: float) -> None:
-    """Assert that finite values agree within an error, and that the same ones are impossible, next to the edges aside."""
+    """Assert that finite values agree within an error, and that the same ones are impossible, next
+    to the edges aside.
+    """
     both = np.isfinite(found) & np.isfinite(expected)
     assert both.sum() > 100
     assert np.abs(found[both] - expected[both]).max() < error
@@ -41,11 +49,20 @@ def matches(found: np.ndarray, expected: np.ndarray, error: float) -> None:
 
 @pytest.mark.parametrize("bearing", [7.0, 124.0, 176.0, 183.0, 251.0, 356.0])
 def test_a_bearing_is_a_normal_of_the_short_way_round(bearing: float) -> None:
-    """Also where bearing and particle lie on both sides of south or of north; nothing nearer or farther than it reaches."""
+    """Also where bearing and particle lie on both sides of south or of north; nothing nearer or
+    farther than it reaches.
+    """
     lon, lat, azimuth, distance = points()
     std, near, far = np.radians(6.0), 5000.0, 45_000.0
     contact = Contact(
-        "b", TIME, "bearing", sensor=SENSOR, bearing=np.radians(bearing), bearing_std=std, near=near, far=far
+        "b",
+        TIME,
+        "bearing",
+        sensor=SENSOR,
+        bearing=np.radians(bearing),
+        bearing_std=std,
+        near=near,
+        far=far,
     )
     apart = np.angle(np.exp(1j * (azimuth - np.radians(bearing))))
     expected = np.where(np.abs(apart) < 6 * std, stats.norm.logpdf(apart, scale=std), -np.inf)
@@ -56,8 +73,12 @@ def test_a_bearing_is_a_normal_of_the_short_way_round(bearing: float) -> None:
 def test_a_range_is_a_normal_of_the_distance_times_the_sensors_chance() -> None:
     lon, lat, _, distance = points()
     zones = Watch((0.0, 25_000.0), (18_000.0, 50_000.0), (0.3, 0.8))
-    contact = Contact("r", TIME, "range", sensor=SENSOR, range=21_000.0, range_std=6000.0, zones=zones)
-    chance = np.where(distance < 18_000, 0.3, 0.0) + np.where((distance >= 25_000) & (distance < 50_000), 0.8, 0.0)
+    contact = Contact(
+        "r", TIME, "range", sensor=SENSOR, range=21_000.0, range_std=6000.0, zones=zones
+    )
+    chance = np.where(distance < 18_000, 0.3, 0.0) + np.where(
+        (distance >= 25_000) & (distance < 50_000), 0.8, 0.0
+    )
     with np.errstate(divide="ignore"):
         expected = stats.norm.logpdf(distance, 21_000, 6000) + np.log(chance)
     expected[np.abs(distance - 21_000) > 36_000] = -np.inf
@@ -65,7 +86,9 @@ def test_a_range_is_a_normal_of_the_distance_times_the_sensors_chance() -> None:
 
 
 def test_a_fix_is_a_normal_of_its_own_axes() -> None:
-    """Major axis clockwise from north, in the tangent plane at each fix; fixes by their shares; zones of the sensor."""
+    """Major axis clockwise from north, in the tangent plane at each fix; fixes by their shares;
+    zones of the sensor.
+    """
     lon, lat, _, distance = points(far=20_000.0)
     fixes = (Fix(-179.98, -47.23, 0.7), Fix(179.86, -47.1, 0.3))
     major, minor, turn = 5000.0, 2000.0, np.radians(35.0)
@@ -75,26 +98,44 @@ def test_a_fix_is_a_normal_of_its_own_axes() -> None:
     for fix in fixes:
         n = np.ones(lon.size)
         azimuth, _, away = EARTH.inv(fix.lon * n, fix.lat * n, lon, lat)
-        place = away[:, None] * np.column_stack([np.sin(np.radians(azimuth)), np.cos(np.radians(azimuth))])
+        place = away[:, None] * np.column_stack(
+            [np.sin(np.radians(azimuth)), np.cos(np.radians(azimuth))]
+        )
         inside = (np.abs(place @ axis) < 6 * major) & (np.abs(place @ across) < 6 * minor)
         density += fix.share * inside * stats.multivariate_normal.pdf(place, cov=covariance)
-    contact = Contact("f", TIME, "position", fixes=fixes, major=major, minor=minor, orientation=turn)
+    contact = Contact(
+        "f", TIME, "position", fixes=fixes, major=major, minor=minor, orientation=turn
+    )
     with np.errstate(divide="ignore"):
         matches(told(contact, lon, lat), np.log(density), 1e-2)
         zones = Watch((0.0, 9000.0), (9000.0, 15_000.0), (0.9, 0.4))
         seen = Contact(
-            "z", TIME, "position", fixes=fixes, major=major, minor=minor, orientation=turn, sensor=SENSOR, zones=zones
+            "z",
+            TIME,
+            "position",
+            fixes=fixes,
+            major=major,
+            minor=minor,
+            orientation=turn,
+            sensor=SENSOR,
+            zones=zones,
         )
         chance = np.where(distance < 9000, 0.9, np.where(distance < 15_000, 0.4, 0.0))
         matches(told(seen, lon, lat), np.log(density * chance), 1e-2)
 
 
 def test_an_area_is_a_density_per_square_metre() -> None:
-    """1 / area inside, by pyproj's area of the polygon; nothing outside. So its evidence compares with that of a fix."""
+    """1 / area inside, by pyproj's area of the polygon; nothing outside.
+
+    So its evidence compares with that of a fix.
+    """
     lon, lat, _, _ = points()
     corners = (np.array([179.6, -179.7, -179.8, 179.7]), np.array([-47.4, -47.3, -46.9, -47.0]))
     contact = Contact(
-        "a", TIME, "area", area=Area(tuple(np.where(corners[0] < 0, corners[0] + 360, corners[0])), tuple(corners[1]))
+        "a",
+        TIME,
+        "area",
+        area=Area(tuple(np.where(corners[0] < 0, corners[0] + 360, corners[0])), tuple(corners[1])),
     )
     metres = abs(EARTH.polygon_area_perimeter(*corners)[0])
     found = told(contact, lon, lat)
@@ -105,7 +146,9 @@ def test_an_area_is_a_density_per_square_metre() -> None:
 
 
 def test_doppler_is_of_both_velocities_along_the_way_between() -> None:
-    """Kinsler's law with the unit vector taken from pyproj's azimuth: nearer sounds higher, whoever of the two moves."""
+    """Kinsler's law with the unit vector taken from pyproj's azimuth: nearer sounds higher, whoever
+    of the two moves.
+    """
     lon, lat, azimuth, _ = points(300, far=8000.0)
     random = np.random.default_rng(3)
     east, north = random.normal(0, 6, (2, lon.size))

@@ -1,4 +1,6 @@
-"""Particles placed anew at contacts, against Borovies' rules (2007, III.B.2) written out a second time, on vectors, from what a run puts out."""
+"""Particles placed anew at contacts, against Borovies' rules (2007, III.B.2) written out a second
+time, on vectors, from what a run puts out.
+"""
 
 import math
 
@@ -49,13 +51,17 @@ bearing = {{ from = {list(RADAR)}, bearing = 341, wedge = "11 deg", near = "3 nm
 
 def run(tmp_path, method, step="60", case=CASE):
     path = tmp_path / "case.toml"
-    path.write_text(case.replace("METHOD", method).replace("STEP", step if step.isdigit() else f'"{step}"'))
+    path.write_text(
+        case.replace("METHOD", method).replace("STEP", step if step.isdigit() else f'"{step}"')
+    )
     return drift.run(drift.load(path))
 
 
 def vectors(tracks, minutes):
     column = int(np.searchsorted(tracks.time, tracks.time[0] + np.timedelta64(minutes, "m")))
-    lon, lat = (np.asarray(x[:, column], float) * (2 * np.pi / 2**32) for x in (tracks.lon, tracks.lat))
+    lon, lat = (
+        np.asarray(x[:, column], float) * (2 * np.pi / 2**32) for x in (tracks.lon, tracks.lat)
+    )
     place = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=1)
     weight = np.asarray(tracks.weight[:, column], float)
     return place, weight / weight.sum()
@@ -96,11 +102,14 @@ def test_what_a_contact_rules_out_is_placed_by_the_rules_of_the_paper(tmp_path, 
     assert apart(bearing(sensor[None], place), 341).max() < 5.5 + 0.01
     assert far.min() > 3 - 0.01
     assert far.max() < 14 + 0.01
-    assert stats.kstest(far, stats.uniform(3, 11).cdf).pvalue > 0.01  # alike in range, and not in area
+    # alike in range, and not in area
+    assert stats.kstest(far, stats.uniform(3, 11).cdf).pvalue > 0.01
 
     need = arc(mean, place) / (25 * 60)
     assert need.min() < pace < need.max()  # both sides of the window
-    window = np.maximum(np.where(need < pace, need - (2 * pace - FASTEST), FASTEST - need), FASTEST * 0.1 / 32)
+    window = np.maximum(
+        np.where(need < pace, need - (2 * pace - FASTEST), FASTEST - need), FASTEST * 0.1 / 32
+    )
     expected = np.ones(PARTICLES) if method == "course" else window
     np.testing.assert_allclose(weight, expected / expected.sum(), rtol=2e-3)
 
@@ -129,7 +138,10 @@ def test_what_survives_keeps_its_place_and_weighs_by_the_estimate(tmp_path):
         method: run(
             tmp_path, method, case=case.replace('below = 0.3\nbulk = 0.2\nfastest = "32 kn"', rule)
         ).trajectories
-        for method, rule in (("systematic", ""), ("position", 'below = 0.3\nbulk = 0.2\nfastest = "32 kn"'))
+        for method, rule in (
+            ("systematic", ""),
+            ("position", 'below = 0.3\nbulk = 0.2\nfastest = "32 kn"'),
+        )
     }
     there, weighed = vectors(tracks["systematic"], 45)
     place, weight = vectors(tracks["position"], 45)
@@ -167,9 +179,13 @@ radius = "6 nmi"
     result = run(tmp_path, "combined", case=CASE + look)
     assert [update.filled for update in result.updates.all] == ["", "lost", "contact"]
     assert not result.updates.all[1].resampled  # what little is left is not multiplied
-    assert not any("effective after" in warning for warning in result.summary["warnings"])  # what is placed anew counts
+    # what is placed anew counts
+    assert not any("effective after" in warning for warning in result.summary["warnings"])
     assert any("track is lost" in warning for warning in result.summary["warnings"])
-    assert any('after contact "second"' in w and "a heuristic, no posterior" in w for w in result.summary["warnings"])
+    assert any(
+        'after contact "second"' in w and "a heuristic, no posterior" in w
+        for w in result.summary["warnings"]
+    )
 
 
 @pytest.mark.parametrize(
@@ -180,11 +196,19 @@ radius = "6 nmi"
         ('method = "METHOD"', "", "bulk and fastest: of method"),
         ('far = "22 nmi"', 'far = "22 nmi"', ""),
         ("clock.step = STEP", "clock.step = 420", "a step has to end at each"),
-        ('speed = ["14 kn", "24 kn"] }', 'speed = "9 kn", until = "+40 min" }', 'scenario "boat" drifts, follows'),
+        (
+            'speed = ["14 kn", "24 kn"] }',
+            'speed = "9 kn", until = "+40 min" }',
+            'scenario "boat" drifts, follows',
+        ),
         ('time = "+20 min"', 'time = "+0 min"', "at the start of the run"),
         ("time = ", "belief = 0.5\ntime = ", "there is none that could"),
         ("[resampling]", '[plan]\nbegin = "+50 min"\n[resampling]', "a plan is made on particles"),
-        ("[resampling]", '[[line]]\nname = "x"\npoints = [[179, -61], [179.5, -61]]\n[resampling]', "particles leap"),
+        (
+            "[resampling]",
+            '[[line]]\nname = "x"\npoints = [[179, -61], [179.5, -61]]\n[resampling]',
+            "particles leap",
+        ),
     ],
 )
 def test_what_cannot_be_placed_is_refused_in_a_line(tmp_path, old, new, told):
@@ -218,14 +242,25 @@ def seen(kind, **more):
 
 
 def test_a_position_is_drawn_as_its_ellipse_lies():
-    lon, lat = at(seen("position", fixes=(Fix(179.99, 71.0),), major=3000.0, minor=800.0, orientation=math.radians(40)))
+    lon, lat = at(
+        seen(
+            "position",
+            fixes=(Fix(179.99, 71.0),),
+            major=3000.0,
+            minor=800.0,
+            orientation=math.radians(40),
+        )
+    )
     east, north = (
-        ((lon - math.radians(179.99) + np.pi) % (2 * np.pi) - np.pi) * RADIUS * math.cos(math.radians(71)),
+        ((lon - math.radians(179.99) + np.pi) % (2 * np.pi) - np.pi)
+        * RADIUS
+        * math.cos(math.radians(71)),
         (lat - math.radians(71)) * RADIUS,
     )
     c, s = math.cos(math.radians(40)), math.sin(math.radians(40))
     along, across = north * c + east * s, east * c - north * s
-    tolerance = 3 / math.sqrt(2 * 40_000) + 0.003  # of a standard deviation, and that the plane is none
+    # of a standard deviation, and that the plane is none
+    tolerance = 3 / math.sqrt(2 * 40_000) + 0.003
     assert along.std() == pytest.approx(3000, rel=tolerance)
     assert across.std() == pytest.approx(800, rel=tolerance)
     assert abs(np.corrcoef(along, across)[0, 1]) < 3 / math.sqrt(40_000) + 0.003
@@ -243,10 +278,16 @@ def test_a_range_is_all_round_and_an_area_full():
     x = (np.degrees(lon) - 179) % 360
     assert x.min() > -1e-3
     assert x.max() < 2 + 1e-3
-    mean = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]).mean(axis=1)
+    mean = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)]).mean(
+        axis=1
+    )
     corners = np.radians([ring.lon, ring.lat])
     middle = np.stack(
-        [np.cos(corners[1]) * np.cos(corners[0]), np.cos(corners[1]) * np.sin(corners[0]), np.sin(corners[1])]
+        [
+            np.cos(corners[1]) * np.cos(corners[0]),
+            np.cos(corners[1]) * np.sin(corners[0]),
+            np.sin(corners[1]),
+        ]
     )
     middle = middle.mean(axis=1)  # of a small triangle the centroid is the mean of its corners
     apart_m = RADIUS * np.linalg.norm(mean / np.linalg.norm(mean) - middle / np.linalg.norm(middle))
@@ -256,7 +297,9 @@ def test_a_range_is_all_round_and_an_area_full():
 
 
 def test_nothing_is_placed_on_land(tmp_path):
-    """A box half of which is land is filled in its water; where a target minds no land it is filled all over."""
+    """A box half of which is land is filled in its water; where a target minds no land it is filled
+    all over.
+    """
     (tmp_path / "coast.geojson").write_text(
         '{"type": "Polygon", "coordinates": [[[179.0, -61.6], [179.7, -61.6], [179.7, -60.5], [179.0, -60.5], [179.0, -61.6]]]}'
     )
@@ -286,7 +329,8 @@ position = { at = [179.2, -61.1], std = "300 m" }
     result = run(
         tmp_path,
         "combined",
-        case=case.replace("[[scenario.phase]]", 'vessel.land = "stop"\n[[scenario.phase]]') + ashore,
+        case=case.replace("[[scenario.phase]]", 'vessel.land = "stop"\n[[scenario.phase]]')
+        + ashore,
     )
     assert [update.filled for update in result.updates.all] == ["", "lost", "contact"]
     _, weight = vectors(result.trajectories, 45)
@@ -296,7 +340,8 @@ position = { at = [179.2, -61.1], std = "300 m" }
 
 
 def test_what_acts_begins_anew(tmp_path):
-    """A contact that contradicts all: nobody acts for 20 minutes then, whatever was due, all have by 25, and nobody hides any more.
+    """A contact that contradicts all: nobody acts for 20 minutes then, whatever was due, all have
+    by 25, and nobody hides any more.
 
     Before, all had fled on a course that acts turn by under a degree: with `change` they take any.
     """
@@ -307,15 +352,18 @@ def test_what_acts_begins_anew(tmp_path):
     case = CASE.replace('course = { course = [20, 130], speed = ["14 kn", "24 kn"] }', acting)
     case = case.replace('"60 min"', '"80 min"').replace("bearing = 341", "bearing = 205")
     case = case.replace(
-        '"+20 min", "+22 min", "+45 min", "+47 min"', '"+46 min", "+55 min", "+64 min", "+71 min", "+79 min"'
+        '"+20 min", "+22 min", "+45 min", "+47 min"',
+        '"+46 min", "+55 min", "+64 min", "+71 min", "+79 min"',
     )
     tracks = run(tmp_path, "position", case=case).trajectories
     places = {minutes: vectors(tracks, minutes)[0] for minutes in (46, 55, 64, 71, 79)}
     ways = {(a, b): places[b] - places[a] for a, b in ((46, 55), (55, 64), (71, 79))}
     speeds = {key: arc(places[key[0]], places[key[1]]) / 60 / (key[1] - key[0]) for key in ways}
-    # Rhumb lines bend in space by v^2 dt / (R cos lat) at most, 0.048 m/s at 32 kn and 61.35 S; an act between turns many by metres a second.
+    # Rhumb lines bend in space by v^2 dt / (R cos lat) at most, 0.048 m/s at 32 kn and 61.35 S; an
+    # act between turns many by metres a second.
     np.testing.assert_allclose(ways[46, 55] * RADIUS / 540, ways[55, 64] * RADIUS / 540, atol=0.05)
-    # An act of hiding keeps the speed: half of all do, on the reciprocal of the bearing within 30 degrees; the others take any other.
+    # An act of hiding keeps the speed: half of all do, on the reciprocal of the bearing within 30
+    # degrees; the others take any other.
     keeps = np.abs(speeds[71, 79] - speeds[55, 64]) < 0.01
     assert stats.binomtest(int(keeps.sum()), len(keeps), 0.5).pvalue > 1e-4
     lon, lat = np.radians([178.1, -61.9])
@@ -325,5 +373,6 @@ def test_what_acts_begins_anew(tmp_path):
         (bearing(places[71], np.broadcast_to(tracker, places[71].shape)) + 180) % 360,
     )
     fled = apart(*away)[keeps]
-    assert np.percentile(fled, 99) < 33  # the bearing has turned since they acted, by 3 degrees in 6 minutes at most
+    # the bearing has turned since they acted, by 3 degrees in 6 minutes at most
+    assert np.percentile(fled, 99) < 33
     assert stats.kstest(apart(*away)[~keeps] / 180, "uniform").pvalue > 1e-4

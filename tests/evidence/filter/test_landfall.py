@@ -1,4 +1,6 @@
-"""Who is in port would be known: closed forms of arrivals off a port, and draws in float64 of a voyage beside its way."""
+"""Who is in port would be known: closed forms of arrivals off a port, and draws in float64 of a
+voyage beside its way.
+"""
 
 import math
 from pathlib import Path
@@ -60,11 +62,20 @@ def close(found: float, share: float) -> None:
 
 
 def test_whom_the_current_has_set_off_is_not_in_port(tmp_path: Path) -> None:
-    """By its reckoning it is there after 60 nmi, and the current has set it 60 / v nmi off: within 12 nmi if it made 5 knots.
+    """By its reckoning it is there after 60 nmi, and the current has set it 60 / v nmi off: within
+    12 nmi if it made 5 knots.
 
-    At 11 h those of 60 / 11 knots and more are known to be in port, at the sortie those of 5 knots too, and nobody else ever.
+    At 11 h those of 60 / 11 knots and more are known to be in port, at the sortie those of 5 knots
+    too, and nobody else ever.
     """
-    result = ran(tmp_path, current=1, currents="felt", overdue="+11 h", radius='arrival_radius = "12 nmi"', more=FAR)
+    result = ran(
+        tmp_path,
+        current=1,
+        currents="felt",
+        overdue="+11 h",
+        radius='arrival_radius = "12 nmi"',
+        more=FAR,
+    )
     first, later, sortie, *rest = result.updates.all
     assert (first.kind, later.kind, sortie.kind) == ("overdue", "overdue", "sortie")
     length = math.radians(1) * 6_371_008.8 / 1852  # [nmi] of the voyage, on the sphere
@@ -74,16 +85,22 @@ def test_whom_the_current_has_set_off_is_not_in_port(tmp_path: Path) -> None:
         1 - near, abs=3 * math.sqrt(0.25 / N)
     )
     assert not rest
-    # The others go on as what they are: arrived by their reckoning, on the map, and with all of the weight.
+    # The others go on as what they are: arrived by their reckoning, on the map, and with all of the
+    # weight.
     assert result.summary["account"]["arrived"] == pytest.approx(1, abs=1e-6)
     snapshot = result.forecast.data.isel(time=-1)
-    lon = float(snapshot["mean_lon"]) % 360  # those of 4 to 5 knots lie 60 / v off: on average 60 ln(5 / 4)
+    # those of 4 to 5 knots lie 60 / v off: on average 60 ln(5 / 4)
+    lon = float(snapshot["mean_lon"]) % 360
     assert (lon - 179.9) * 60 == pytest.approx(length * math.log(5 / 4), abs=0.05)
 
 
 @pytest.mark.parametrize(("radius", "nmi"), [("", 10.0), ('arrival_radius = "4 nmi"', 4.0)])
-def test_what_kept_off_its_way_is_in_port_within_the_radius(tmp_path: Path, radius: str, nmi: float) -> None:
-    """Speed and side drawn in NumPy: in port is who has arrived, and is off the last way point by no more than the radius."""
+def test_what_kept_off_its_way_is_in_port_within_the_radius(
+    tmp_path: Path, radius: str, nmi: float
+) -> None:
+    """Speed and side drawn in NumPy: in port is who has arrived, and is off the last way point by
+    no more than the radius.
+    """
     result = ran(tmp_path, overdue="+12 h", off=6, radius=radius)
     (only,) = result.updates.all
     rng = np.random.default_rng(5)
@@ -112,24 +129,34 @@ daylight = false
 sweep_width = "1 nmi"
 """
     (tmp_path / "case.toml").write_text(
-        CASE.format(n=2000, current=0, currents="compensated", off=0, radius="", overdue="+11 h", more=unit)
+        CASE.format(
+            n=2000, current=0, currents="compensated", off=0, radius="", overdue="+11 h", more=unit
+        )
     )
     case = case_file.load(tmp_path / "case.toml")
     runtime.start()
     tracks = follow.follow(case, run_setup.open_for(case))
     length = math.radians(1) * 6_371_008.8 / 1852
-    still = tracks.weight @ tracks.adrift.T  # share that can be seen at each edge: those who have not come in
+    # share that can be seen at each edge: those who have not come in
+    still = tracks.weight @ tracks.adrift.T
     hours = (tracks.time - tracks.time[0]) / 3600 + 11
     slowest = np.maximum(length / hours, 4)
     expected = (slowest - 4) / (length / 11 - 4)
-    assert still == pytest.approx(expected, abs=3 * math.sqrt(0.25 / 1000))  # about half of the particles have weight
+    # about half of the particles have weight
+    assert still == pytest.approx(expected, abs=3 * math.sqrt(0.25 / 1000))
 
 
 def test_a_radius_without_overdue_is_refused(tmp_path: Path) -> None:
     from geo.errors import UserError
 
     text = CASE.format(
-        n=100, current=0, currents="compensated", off=0, radius='arrival_radius = "5 nmi"', overdue="+1 h", more=""
+        n=100,
+        current=0,
+        currents="compensated",
+        off=0,
+        radius='arrival_radius = "5 nmi"',
+        overdue="+1 h",
+        more="",
     )
     (tmp_path / "case.toml").write_text(text.replace('overdue = "+1 h"\n', ""))
     with pytest.raises(UserError, match="arrival_radius belongs to overdue"):

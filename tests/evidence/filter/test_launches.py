@@ -65,11 +65,18 @@ def test_launches_of_a_sortie_go_by_currents_and_not_by_scenarios(
     monkeypatch.setattr(sweep, "fail", missed)
     launches = []
     for count in (2, 9):
-        stories = [STORY.format(k=k, current=("ebb", "flood")[k % 2], weight=1 / count) for k in range(count)]
+        stories = [
+            STORY.format(k=k, current=("ebb", "flood")[k % 2], weight=1 / count)
+            for k in range(count)
+        ]
         (tmp_path / "case.toml").write_text(HEAD + "".join(stories))
         seen.clear(), failed.clear()
         drift.run(drift.load(tmp_path / "case.toml", {"output": '{ every = "6 h" }'}))
-        of = {"ebb": tuple(range(0, count, 2)), "flood": tuple(range(1, count, 2)), "both": tuple(range(count))}
+        of = {
+            "ebb": tuple(range(0, count, 2)),
+            "flood": tuple(range(1, count, 2)),
+            "both": tuple(range(count)),
+        }
         launches.append({name: seen.count(which) for name, which in of.items()})
         assert sum(launches[-1].values()) == len(seen)
         launches[-1]["failed"] = len(failed)

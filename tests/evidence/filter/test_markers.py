@@ -18,7 +18,8 @@ HOUR = 3600
 
 @pytest.mark.parametrize("step", [1200, HOUR])
 def test_a_marker_goes_by_the_integral_of_a_current_that_turns(step: int) -> None:
-    """The current is linear from hour to hour: its integral is the trapezoids', at any step and inside it, and past 180 degrees.
+    """The current is linear from hour to hour: its integral is the trapezoids', at any step and
+    inside it, and past 180 degrees.
 
     The marker's first step is cut.
     """
@@ -38,7 +39,9 @@ def test_a_marker_goes_by_the_integral_of_a_current_that_turns(step: int) -> Non
     way = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(fine))])
     y = np.radians(61.3) + way / sphere.RADIUS
     rate = u / (sphere.RADIUS * np.cos(y))
-    x = np.radians(179.99) + np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(fine))])
+    x = np.radians(179.99) + np.concatenate(
+        [[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(fine))]
+    )
     lon, lat = marker.where(fine)
     off = np.hypot((lon - x) * np.cos(y), lat - y) * sphere.RADIUS
     # A binary angle is a centimetre, speeds are float32; the trapezoids of the oracle err by less.
@@ -52,10 +55,14 @@ def test_a_marker_drifts_in_the_mean_of_the_members() -> None:
     """Three uniform currents: at the equator it goes by their mean."""
     runtime.start()
     flow = np.array([[0.5, 0.1], [-0.1, 0.2], [0.2, -0.9]])
-    every = sources.ensemble([replace(sources.constant("current", *own), label=str(k)) for k, own in enumerate(flow)])
+    every = sources.ensemble(
+        [replace(sources.constant("current", *own), label=str(k)) for k, own in enumerate(flow)]
+    )
     marker, field = Marker(10.0, 0.0, 0.0, 0), Forcing([Sources({"current": (every,)})], 1)
     field.set(0, HOUR)
     marker.drift(field, 0, HOUR)
     field.close()
     lon, lat = marker.where(np.array([float(HOUR)]))
-    assert np.array([lon[0] - np.radians(10.0), lat[0]]) * sphere.RADIUS == pytest.approx(flow.mean(0) * HOUR, abs=0.02)
+    assert np.array([lon[0] - np.radians(10.0), lat[0]]) * sphere.RADIUS == pytest.approx(
+        flow.mean(0) * HOUR, abs=0.02
+    )

@@ -1,7 +1,8 @@
-"""Search patterns: lengths, turns and cover against IAMSAR's definitions, measured by pyproj's geodesics on the sphere.
+"""Search patterns: lengths, turns and cover against IAMSAR's definitions, measured by pyproj's
+geodesics on the sphere.
 
-Patterns are laid out in a tangent plane: 30 km from its middle the sphere shortens cross distances by (30/6371)^2 / 6,
-4e-6, so lengths are held to 1e-5.
+Patterns are laid out in a tangent plane: 30 km from its middle the sphere shortens cross distances
+by (30/6371)^2 / 6, 4e-6, so lengths are held to 1e-5.
 """
 
 import itertools
@@ -49,14 +50,19 @@ def line(place: tuple[float, float], legs: Legs) -> shapely.LineString:
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("orientation", [0.0, 30.0, 200.0])
 def test_a_parallel_sweep(place: tuple[float, float], orientation: float) -> None:
-    """20 by 6 nmi at 1 nmi: six legs of 19 nmi half a spacing inside all sides, cross legs of 1 nmi."""
+    """20 by 6 nmi at 1 nmi: six legs of 19 nmi half a spacing inside all sides, cross legs of 1
+    nmi.
+    """
     made = patterns.parallel(place, 20 * NMI, 6 * NMI, math.radians(orientation), NMI, START, SPEED)
     length, turn = measured(made.legs)
     assert length / NMI == pytest.approx([19.0, 1.0] * 5 + [19.0], rel=1e-5)
     assert np.abs(turn) == pytest.approx(90.0, abs=0.1)
-    assert np.sign(turn).tolist() == [1, 1, -1, -1, 1, 1, -1, -1, 1, 1]  # creeps to the right of its orientation
+    # creeps to the right of its orientation
+    assert np.sign(turn).tolist() == [1, 1, -1, -1, 1, 1, -1, -1, 1, 1]
     first = GLOBE.inv(made.legs.lon[0], made.legs.lat[0], made.legs.lon[1], made.legs.lat[1])[0]
-    assert (first - orientation + 180) % 360 - 180 == pytest.approx(0, abs=1.5 if place[1] > 70 else 0.2)
+    assert (first - orientation + 180) % 360 - 180 == pytest.approx(
+        0, abs=1.5 if place[1] > 70 else 0.2
+    )
     assert np.diff(made.legs.time) == pytest.approx(length / SPEED, abs=1e-6)  # float64 of 1.8e9 s
     assert made.legs.time[0] == START
     assert all(made.legs.searching)
@@ -65,7 +71,8 @@ def test_a_parallel_sweep(place: tuple[float, float], orientation: float) -> Non
     assert shape.area == pytest.approx(120 * NMI**2, rel=1e-5)
     assert shape.contains(flown)
     assert shape.exterior.distance(flown) == pytest.approx(NMI / 2, rel=1e-4)
-    # Within half a spacing of the legs lies all of it but (1 - pi/4) (S/2)^2 outside each of ten turns, twice at both ends.
+    # Within half a spacing of the legs lies all of it but (1 - pi/4) (S/2)^2 outside each of ten
+    # turns, twice at both ends.
     missed = shape.difference(flown.buffer(NMI / 2, quad_segs=64)).area / NMI**2
     assert missed == pytest.approx(14 * (1 - math.pi / 4) / 4, abs=0.01)
 
@@ -107,7 +114,8 @@ def test_an_expanding_square(place: tuple[float, float]) -> None:
     assert turn == pytest.approx(90.0, abs=0.2)  # to starboard, all
     assert (made.legs.lon[0], made.legs.lat[0]) == pytest.approx(place)
     shape, path = polygon(place, made.area), line(place, made.legs)
-    assert shape.area == pytest.approx((25 + 1) * NMI**2, rel=1e-3)  # 25 nmi of track at 1 nmi, half a one at both ends
+    # 25 nmi of track at 1 nmi, half a one at both ends
+    assert shape.area == pytest.approx((25 + 1) * NMI**2, rel=1e-3)
     assert shape.contains(path)
     assert shape.difference(path.buffer(NMI * 0.75)).area == 0
 
@@ -115,7 +123,10 @@ def test_an_expanding_square(place: tuple[float, float]) -> None:
 def test_as_many_legs_of_a_square_as_a_distance_begins() -> None:
     lengths = np.cumsum(np.arange(200) // 2 + 1.0)
     for distance in np.linspace(0.2, 5000, 700):
-        assert patterns.square_legs(1.0, distance) == np.searchsorted(lengths, distance * (1 - 1e-12)) + 1
+        assert (
+            patterns.square_legs(1.0, distance)
+            == np.searchsorted(lengths, distance * (1 - 1e-12)) + 1
+        )
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -128,7 +139,8 @@ def test_a_sector_search(place: tuple[float, float]) -> None:
     spots = flat(place, made.legs.lon, made.legs.lat)
     assert np.hypot(*spots[::3].T) == pytest.approx(0, abs=1)  # over the datum between the sectors
     shape = polygon(place, made.area)
-    assert shape.area == pytest.approx(math.pi * (5 * NMI) ** 2, rel=6e-3)  # a circle's outline in 36 corners
+    # a circle's outline in 36 corners
+    assert shape.area == pytest.approx(math.pi * (5 * NMI) ** 2, rel=6e-3)
     courses = np.degrees(np.arctan2(*spots[[1, 2, 4, 5, 7, 8]].T)) % 360
     assert np.sort(courses) == pytest.approx([10, 70, 130, 190, 250, 310], abs=0.1)
 
@@ -145,7 +157,12 @@ def test_a_trackline_lies_beside_its_route_and_comes_back_on_the_other_side() ->
     place = route[1]
     there = patterns.trackline(route, 2 * NMI, False, START, SPEED)
     spots, path = flat(place, *zip(*route, strict=True)), line(place, there.legs)
-    assert path.hausdorff_distance(shapely.LineString(spots).parallel_offset(2 * NMI, "right", join_style="mitre")) < 60
+    assert (
+        path.hausdorff_distance(
+            shapely.LineString(spots).parallel_offset(2 * NMI, "right", join_style="mitre")
+        )
+        < 60
+    )
     both = patterns.trackline(route, 2 * NMI, True, START, SPEED)
     home = shapely.LineString(flat(place, both.legs.lon[3:], both.legs.lat[3:]))
     left = shapely.LineString(spots).parallel_offset(2 * NMI, "left", join_style="mitre")
@@ -157,7 +174,9 @@ def test_a_trackline_lies_beside_its_route_and_comes_back_on_the_other_side() ->
 
 
 def test_a_trackline_goes_round_sharp_corners() -> None:
-    """Turning back by 150 degrees, a mitre would lie 2 / cos(75 deg) = 7.7 nmi off; nowhere may it be farther than 2."""
+    """Turning back by 150 degrees, a mitre would lie 2 / cos(75 deg) = 7.7 nmi off; nowhere may it
+    be farther than 2.
+    """
     route = [(5.0, 50.0), (5.6, 50.0), (5.1, 50.2)]
     made = patterns.trackline(route, 2 * NMI, False, START, SPEED)
     path = shapely.LineString(flat(route[1], *zip(*route, strict=True)))
@@ -167,10 +186,14 @@ def test_a_trackline_goes_round_sharp_corners() -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(share=st.floats(0.01, 0.999), place=st.sampled_from(PLACES))
-def test_a_cut_keeps_its_share_of_the_track_s_length(share: float, place: tuple[float, float]) -> None:
+def test_a_cut_keeps_its_share_of_the_track_s_length(
+    share: float, place: tuple[float, float]
+) -> None:
     whole = patterns.parallel(place, 15 * NMI, 5 * NMI, 1.0, NMI, START, SPEED).legs
     part = polyline.cut_legs(whole, share)
-    assert polyline.lengths(part).sum() == pytest.approx(share * polyline.lengths(whole).sum(), rel=1e-6)
+    assert polyline.lengths(part).sum() == pytest.approx(
+        share * polyline.lengths(whole).sum(), rel=1e-6
+    )
     assert part.lon[:-1] == whole.lon[: len(part.lon) - 1]
     assert part.time[-1] - START == pytest.approx(share * (whole.time[-1] - START), rel=1e-6)
     assert len(part.searching) == len(part.lon) - 1
@@ -178,7 +201,9 @@ def test_a_cut_keeps_its_share_of_the_track_s_length(share: float, place: tuple[
 
 
 def test_what_lies_between_two_times() -> None:
-    legs = polyline.through([0, 10, 20, 30], [179.9, -179.9, -179.7, -179.7], [0, 0, 0, 0.1], [True, False, True])
+    legs = polyline.through(
+        [0, 10, 20, 30], [179.9, -179.9, -179.7, -179.7], [0, 0, 0, 0.1], [True, False, True]
+    )
     assert legs.lon == pytest.approx([179.9, 180.1, 180.3, 180.3])
     part = polyline.between(legs, 5, 25)
     assert part.time == (5, 10, 20, 25)
@@ -192,12 +217,16 @@ def test_what_lies_between_two_times() -> None:
 
 
 def test_a_thinned_track_is_never_far_from_where_it_was() -> None:
-    """A noisy track of 4,000 points, thinned to 25 m: at each of their times within 25 m of it, by shapely's interpolation."""
+    """A noisy track of 4,000 points, thinned to 25 m: at each of their times within 25 m of it, by
+    shapely's interpolation.
+    """
     generator = np.random.default_rng(3)
     swept = patterns.parallel(PLACES[1], 10 * NMI, 4 * NMI, 0.3, NMI, START, SPEED).legs
     times = np.linspace(swept.time[0], swept.time[-1], 4000)
     lon, lat = np.array([polyline.position_at(swept, time) for time in times]).T
-    noisy = polyline.through(times, lon + generator.normal(0, 5e-5, 4000), lat + generator.normal(0, 5e-5, 4000))
+    noisy = polyline.through(
+        times, lon + generator.normal(0, 5e-5, 4000), lat + generator.normal(0, 5e-5, 4000)
+    )
     thin = polyline.thinned(noisy, 25.0)
     assert 8 <= len(thin.lon) < 60
     away = [
@@ -209,14 +238,18 @@ def test_a_thinned_track_is_never_far_from_where_it_was() -> None:
 
 
 def test_legs_of_search_are_not_joined_to_others() -> None:
-    straight = polyline.through(np.arange(6.0), np.arange(6) * 1e-3, np.zeros(6), [True, True, False, False, True])
+    straight = polyline.through(
+        np.arange(6.0), np.arange(6) * 1e-3, np.zeros(6), [True, True, False, False, True]
+    )
     thin = polyline.thinned(straight, 10.0)
     assert thin.time == (0, 2, 4, 5)
     assert thin.searching == (True, False, True)
 
 
 def test_the_outline_of_what_was_searched() -> None:
-    """A straight leg of 10 nmi and 1 nmi to each side: 20 nmi2 and a circle, in 16 corners, of 1 nmi."""
+    """A straight leg of 10 nmi and 1 nmi to each side: 20 nmi2 and a circle, in 16 corners, of 1
+    nmi.
+    """
     legs = patterns.fly([179.95, 180.15], [0.0, 0.0], 0.0, 10.0)
     area = polyline.strip(legs, NMI)
     length = polyline.lengths(legs).sum() / NMI
@@ -226,7 +259,9 @@ def test_the_outline_of_what_was_searched() -> None:
 
 
 def test_square_metres_of_an_octant() -> None:
-    assert patterns.square_metres(Area((0, 90, 0), (0, 0, 90))) == pytest.approx(math.pi / 2 * sphere.RADIUS**2)
+    assert patterns.square_metres(Area((0, 90, 0), (0, 0, 90))) == pytest.approx(
+        math.pi / 2 * sphere.RADIUS**2
+    )
 
 
 def test_a_track_without_length() -> None:

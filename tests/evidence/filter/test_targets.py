@@ -15,7 +15,17 @@ from drift.engine.motion import simulate
 from drift.engine.particles import ensemble as record
 from drift.engine.particles.ensemble import Ensemble
 from drift.evidence.filter.filter import SearchFilter
-from drift.evidence.filter.records import NO_SENSORS, Barrier, Field, Law, Line, Presence, Sensors, Sortie, Watch
+from drift.evidence.filter.records import (
+    NO_SENSORS,
+    Barrier,
+    Field,
+    Law,
+    Line,
+    Presence,
+    Sensors,
+    Sortie,
+    Watch,
+)
 from drift.pipeline import run_setup
 from geo import sphere
 from geo.array import Array
@@ -58,7 +68,11 @@ def seconds(hours: float) -> float:
 
 
 def run(
-    tmp_path: Path, text: str, sorties: tuple[Sortie, ...] = (), sensors: Sensors = NO_SENSORS, **head: Any
+    tmp_path: Path,
+    text: str,
+    sorties: tuple[Sortie, ...] = (),
+    sensors: Sensors = NO_SENSORS,
+    **head: Any,
 ) -> tuple[SearchFilter, Ensemble]:
     path = tmp_path / "case.toml"
     path.write_text(HEAD.format(**head) + text)
@@ -66,7 +80,13 @@ def run(
     case: Case = case_file.load(path)
     begin = run_setup.prepare(case, run_setup.open_for(case))
     search = SearchFilter(
-        run_setup.ensemble_spec(case), sorties, (), case.resampling, begin.ensemble, begin.scene, sensors
+        run_setup.ensemble_spec(case),
+        sorties,
+        (),
+        case.resampling,
+        begin.ensemble,
+        begin.scene,
+        sensors,
     )
     list(simulate.run(begin.ensemble, begin.scene, begin.clock, np.empty(0), search=search))
     begin.scene.forcing.close()
@@ -74,11 +94,17 @@ def run(
 
 
 def leg(points: list[tuple[float, float]], speed: float, begin: float) -> tuple[Legs, float]:
-    """Return legs through points (lon, lat) [deg] at a speed [kn] from an hour on, and the hour at which they end."""
+    """Return legs through points (lon, lat) [deg] at a speed [kn] from an hour on, and the hour at
+    which they end.
+    """
     lon, lat = np.radians(np.array(points)).T
     far = np.append(0.0, np.cumsum(sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:])))
     time = far / (speed * KNOT)
-    flown = Legs(tuple(seconds(begin) + time), *(tuple(np.degrees(x)) for x in (lon, lat)), (True,) * (lon.size - 1))
+    flown = Legs(
+        tuple(seconds(begin) + time),
+        *(tuple(np.degrees(x)) for x in (lon, lat)),
+        (True,) * (lon.size - 1),
+    )
     return flown, begin + float(np.ceil(time[-1])) / 3600
 
 
@@ -87,12 +113,18 @@ def pod(search: SearchFilter) -> float:
 
 
 def plane(lon: Any, lat: Any) -> Array:
-    """Return (east, north) [m] of places [deg] in the tangent plane of the middle of these searches."""
+    """Return (east, north) [m] of places [deg] in the tangent plane of the middle of these
+    searches.
+    """
     return np.stack(sphere.offset(*np.radians((-38.0, 30.5)), np.radians(lon), np.radians(lat)))
 
 
-def wander(rng: np.random.Generator, n: int, begin: float, end: float, dt: float) -> Iterator[Array]:
-    """Yield places (2, n) [m] of bridges in the plane every dt [s] between hours of the 40 in which they lead from end to end."""
+def wander(
+    rng: np.random.Generator, n: int, begin: float, end: float, dt: float
+) -> Iterator[Array]:
+    """Yield places (2, n) [m] of bridges in the plane every dt [s] between hours of the 40 in which
+    they lead from end to end.
+    """
     ends = plane([-40.0, -36.0], [30.0, 31.0])
     share = begin / 40
     x = (
@@ -103,7 +135,11 @@ def wander(rng: np.random.Generator, n: int, begin: float, end: float, dt: float
     yield x
     for j in range(round((end - begin) * HOUR / dt)):
         left = (40 - begin) * HOUR - j * dt
-        x = x + (ends[:, 1:] - x) * dt / left + rng.normal(size=(2, n)) * K * np.sqrt(dt * (left - dt) / left)
+        x = (
+            x
+            + (ends[:, 1:] - x) * dt / left
+            + rng.normal(size=(2, n)) * K * np.sqrt(dt * (left - dt) / left)
+        )
         yield x
 
 
@@ -114,7 +150,9 @@ def flies(flown: Legs, begin: float, end: float, dt: float) -> Array:
 
 
 def test_a_slow_leg_on_a_bridge(tmp_path: Path) -> None:
-    """POD by inverse cube, at two steps: the hazard per time where the bridge is, by the leg's own velocity."""
+    """POD by inverse cube, at two steps: the hazard per time where the bridge is, by the leg's own
+    velocity.
+    """
     flown, end = leg([(-38.4, 30.25), (-38.15, 30.55)], 11, 19.3)
     sortie = Sortie("s", "", at(19.3), at(end), Law(), (4 * NMI,), legs=flown)
     n, paths, dt = 8_000, 6_000, 8.0
@@ -142,7 +180,14 @@ def test_a_watch_and_an_area_on_a_bridge(tmp_path: Path) -> None:
     watch = Sortie("w", "", at(18.5), at(22.0), Law(), (0.0,), legs=standing, watch=zone)
     ring = ((-38.5, 30.3), (-37.9, 30.35), (-38.0, 30.7), (-38.45, 30.6))
     area = Sortie(
-        "a", "", at(18.5), at(22.0), Law("random"), (1.0,), area=Area(*zip(*ring, strict=True)), coverage=(1.7,)
+        "a",
+        "",
+        at(18.5),
+        at(22.0),
+        Law("random"),
+        (1.0,),
+        area=Area(*zip(*ring, strict=True)),
+        coverage=(1.7,),
     )
     import shapely
 
@@ -163,7 +208,9 @@ def test_a_watch_and_an_area_on_a_bridge(tmp_path: Path) -> None:
 
 
 def test_definite_range_on_a_bridge(tmp_path: Path) -> None:
-    """The first pass abeam on a leg counts: found if the target is within half the sweep width then."""
+    """The first pass abeam on a leg counts: found if the target is within half the sweep width
+    then.
+    """
     flown, end = leg([(-38.4, 30.25), (-38.1, 30.6)], 14, 19.3)
     sortie = Sortie("s", "", at(19.3), at(end), Law("definite_range"), (8 * NMI,), legs=flown)
     n, paths, dt = 8_000, 6_000, 8.0
@@ -173,7 +220,10 @@ def test_definite_range_on_a_bridge(tmp_path: Path) -> None:
     for (a, before), (b, after) in pairwise(
         zip(wander(np.random.default_rng(12), paths, 19.3, end, dt), sensor.T, strict=True)
     ):
-        along, across = course @ (a - before[:, None]), (course[1], -course[0]) @ (a - before[:, None])
+        along, across = (
+            course @ (a - before[:, None]),
+            (course[1], -course[0]) @ (a - before[:, None]),
+        )
         passes = ~passed & ((along > 0) != (course @ (b - after[:, None]) > 0))
         truth[passes] = np.abs(across[passes]) < 4 * NMI
         passed |= passes
@@ -185,7 +235,9 @@ def test_definite_range_on_a_bridge(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("step", [7200, 600])
 def test_a_leg_sees_the_bend_inside_a_step(tmp_path: Path, step: int) -> None:
-    """A yacht that turns within the step: inverse cube along both of its legs, by quadrature of the hazard."""
+    """A yacht that turns within the step: inverse cube along both of its legs, by quadrature of the
+    hazard.
+    """
     flown, end = leg([(-39.9, 30.045), (-39.7, 30.02)], 14, 0.9)
     sortie = Sortie("s", "", at(0.9), at(end), Law(), (1.1 * NMI,), legs=flown)
     search, ensemble = run(tmp_path, BEND, (sortie,), n=4, hours=4, step=step)
@@ -197,7 +249,9 @@ def test_a_leg_sees_the_bend_inside_a_step(tmp_path: Path, step: int) -> None:
     for k in (0, 1):
         own = (made >= far[k]) & (made <= far[k + 1])
         way = np.array(sphere.offset(*points[k], *points[k + 1]))
-        x[own], y[own] = sphere.destination(*points[k], *(way[:, None] * (made[own] - far[k]) / (far[k + 1] - far[k])))
+        x[own], y[own] = sphere.destination(
+            *points[k], *(way[:, None] * (made[own] - far[k]) / (far[k + 1] - far[k]))
+        )
     ends = np.radians((flown.lon, flown.lat))
     way = np.array(sphere.offset(*ends[:, 0], *ends[:, 1]))
     share = (time + seconds(0) - flown.time[0]) / (flown.time[1] - flown.time[0])
@@ -207,7 +261,8 @@ def test_a_leg_sees_the_bend_inside_a_step(tmp_path: Path, step: int) -> None:
     r = np.linalg.norm(apart, axis=0)
     hazard = (speed * (1.1 * NMI) ** 2 / (4 * np.pi) / (2 * r**3)).sum() * 0.25
     assert 0.2 < hazard < 3
-    # The way inside the step is straight in binary angles where it is a great circle: at most 4 m off in 16 km.
+    # The way inside the step is straight in binary angles where it is a great circle: at most 4 m
+    # off in 16 km.
     assert pod(search) == pytest.approx(1 - np.exp(-hazard), rel=4e-3)
     assert record.probability(ensemble).sum() == pytest.approx(1)
 
@@ -223,12 +278,17 @@ bridge = {{ k = "{k} nmi/sqrt(h)", points = [
 
 
 @pytest.mark.parametrize(
-    ("k", "exact", "hours", "n"), [(12, 5.576e-4, 4, 20_000), (24, 0.1537, 4, 8_000), (24, 0.1537, 1, 8_000)]
+    ("k", "exact", "hours", "n"),
+    [(12, 5.576e-4, 4, 20_000), (24, 0.1537, 4, 8_000), (24, 0.1537, 1, 8_000)],
 )
-def test_equation_10_with_any_step(tmp_path: Path, k: int, exact: float, hours: int, n: int) -> None:
-    """A line 323 nmi from the departure and 167 nmi from the arrival of a bridge of 100 h, 25 and 100 steps.
+def test_equation_10_with_any_step(
+    tmp_path: Path, k: int, exact: float, hours: int, n: int
+) -> None:
+    """A line 323 nmi from the departure and 167 nmi from the arrival of a bridge of 100 h, 25 and
+    100 steps.
 
-    Lattice points alone would find 0.09 and 0.12 of the 0.15: the line as if 0.5826 K sqrt(dt) farther away.
+    Lattice points alone would find 0.09 and 0.12 of the 0.15: the line as if 0.5826 K sqrt(dt)
+    farther away.
     """
     degree = sphere.RADIUS * np.pi / 180 / NMI  # [nmi]
     text = FIGURE_4A.format(k=k, south=-323 / degree, north=-167 / degree)
@@ -241,10 +301,11 @@ def test_equation_10_with_any_step(tmp_path: Path, k: int, exact: float, hours: 
 
 
 def test_presence_and_barriers_on_a_bridge(tmp_path: Path) -> None:
-    """In a box throughout, never in a circle, past a barrier with a near end: against fine paths, at two steps.
+    """In a box throughout, never in a circle, past a barrier with a near end: against fine paths,
+    at two steps.
 
-    Paths that are looked at every dt miss touches; they are as likely as if edges were moved by 0.5826 K sqrt(dt)
-    (Siegmund 1985, Sequential Analysis, eq. 10.15).
+    Paths that are looked at every dt miss touches; they are as likely as if edges were moved by
+    0.5826 K sqrt(dt) (Siegmund 1985, Sequential Analysis, eq. 10.15).
     """
     import shapely
 
@@ -261,8 +322,12 @@ def test_presence_and_barriers_on_a_bridge(tmp_path: Path) -> None:
     touched = shapely.intersects(line, shapely.linestrings(path.transpose(1, 2, 0))).mean()
     times = at(begin), at(end)
     sensors = {
-        "box": Sensors(presences=(Presence("p", *times, Field(*place, 0, wide, high, turned), "throughout"),)),
-        "circle": Sensors(presences=(Presence("p", *times, Field(*place, radius=14 * NMI), "never"),)),
+        "box": Sensors(
+            presences=(Presence("p", *times, Field(*place, 0, wide, high, turned), "throughout"),)
+        ),
+        "circle": Sensors(
+            presences=(Presence("p", *times, Field(*place, radius=14 * NMI), "never"),)
+        ),
         "barrier": Sensors(barriers=(Barrier("b", *times, ((-38.6, 30.2), (-38.15, 30.5)), 0.8),)),
     }
     truth = {"box": stayed, "circle": untouched, "barrier": 1 - 0.8 * touched}
@@ -270,4 +335,7 @@ def test_presence_and_barriers_on_a_bridge(tmp_path: Path) -> None:
         error = np.sqrt(expected * (1 - expected)) * np.hypot(1 / np.sqrt(paths), 1 / np.sqrt(n))
         for step in (10_800, 900):
             search, _ = run(tmp_path, BRIDGE, sensors=sensors[name], n=n, hours=24, step=step)
-            assert abs(np.exp(search.updates.all[0].log_evidence[-1]) - expected) < 3 * error, (name, step)
+            assert abs(np.exp(search.updates.all[0].log_evidence[-1]) - expected) < 3 * error, (
+                name,
+                step,
+            )

@@ -58,15 +58,22 @@ def moved(folder: Path, text: str) -> dict[str, np.ndarray]:
     case = case_file.load(path)
     begin = run_setup.prepare(case, run_setup.open_for(case))
     search = run_setup.search(case, begin)
-    for _ in simulate.run(begin.ensemble, begin.scene, begin.clock, case.period.seconds(case.outputs), search=search):
+    for _ in simulate.run(
+        begin.ensemble, begin.scene, begin.clock, case.period.seconds(case.outputs), search=search
+    ):
         pass
     begin.scene.forcing.close()
     e = begin.ensemble
-    return {name: e.columns[name].to_numpy() for name in ("lon", "lat", "status", "status_since", "to_time", "leg")}
+    return {
+        name: e.columns[name].to_numpy()
+        for name in ("lon", "lat", "status", "status_since", "to_time", "leg")
+    }
 
 
 def test_a_watch_changes_no_way(tmp_path: Path) -> None:
-    """Targets that the current sets, that turn several times within a step, and that arrive within one."""
+    """Targets that the current sets, that turn several times within a step, and that arrive within
+    one.
+    """
     levels = CASE.replace("vessel = {", 'source_level = "120 dB"\nvessel = {').replace(
         "weight = 0.4", 'weight = 0.4\nsource_level = "120 dB"'
     )

@@ -1,4 +1,6 @@
-"""Sums of marginal distributions over particles: mean, share and quantiles as sorting all of them gives them."""
+"""Sums of marginal distributions over particles: mean, share and quantiles as sorting all of them
+gives them.
+"""
 
 from typing import NamedTuple
 
@@ -15,7 +17,9 @@ from geo.array import Array
 
 
 def sorted_quantiles(values: Array, weight: Array) -> Array:
-    """Return the least values up to and with which weights add up to the levels, by sorting all of them."""
+    """Return the least values up to and with which weights add up to the levels, by sorting all of
+    them.
+    """
     order = np.argsort(values, kind="stable")
     up_to = np.cumsum(weight[order])
     return values[order][np.searchsorted(up_to, np.array(marginal.LEVELS) * up_to[-1])]
@@ -33,7 +37,9 @@ def quantity(values: Array, holds: Array, blocks: Blocks) -> Columns:
 
 
 class Some(NamedTuple):
-    """Weights of 23,456 particles in four scenarios, the third of which has none left; where something holds."""
+    """Weights of 23,456 particles in four scenarios, the third of which has none left; where
+    something holds.
+    """
 
     blocks: Blocks
     weight: Array
@@ -69,10 +75,11 @@ LAWS = {
 def test_numbers_are_summed_and_ranked_exactly(
     law: str, outside: bool, few: bool, some: Some, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Mean, std, share, effective number and quantiles of each scenario and of all: sorting everything says the same.
+    """Mean, std, share, effective number and quantiles of each scenario and of all: sorting
+    everything says the same.
 
-    Also where values lie outside of the histogram: quantiles do not rest on its bins. few: where particles are gone through
-    in parts, and only a few of a bin may be sorted at once.
+    Also where values lie outside of the histogram: quantiles do not rest on its bins. few: where
+    particles are gone through in parts, and only a few of a bin may be sorted at once.
     """
     if few:
         monkeypatch.setattr(columns, "PART", 5000)
@@ -80,7 +87,9 @@ def test_numbers_are_summed_and_ranked_exactly(
     blocks, own_weight, scenario, holds, rng = some
     values = LAWS[law](rng, scenario.size)
     low, high = np.quantile(values, [0.1, 0.6]) if outside else (values.min(), values.max())
-    found = marginal.of_number(particles(own_weight, blocks), quantity(values, holds, blocks), float(low), float(high))
+    found = marginal.of_number(
+        particles(own_weight, blocks), quantity(values, holds, blocks), float(low), float(high)
+    )
     assert found.quantiles is not None
     assert found.mean is not None
     assert found.std is not None
@@ -88,7 +97,9 @@ def test_numbers_are_summed_and_ranked_exactly(
         mine = np.ones(scenario.size, bool) if row == 4 else scenario == row
         weight = np.where(holds & mine, own_weight, 0.0)
         if row == 2:
-            assert np.isnan([found.share[row], found.mean[row], found.std[row], *found.quantiles[row]]).all()
+            assert np.isnan(
+                [found.share[row], found.mean[row], found.std[row], *found.quantiles[row]]
+            ).all()
             continue
         mean, std, ess = moments(values, weight)
         np.testing.assert_allclose(
@@ -96,7 +107,9 @@ def test_numbers_are_summed_and_ranked_exactly(
             [mean, std, ess, weight.sum() / own_weight[mine].sum()],
             rtol=1e-9,
         )
-        np.testing.assert_array_equal(found.quantiles[row], sorted_quantiles(values[weight > 0], weight[weight > 0]))
+        np.testing.assert_array_equal(
+            found.quantiles[row], sorted_quantiles(values[weight > 0], weight[weight > 0])
+        )
     np.testing.assert_allclose(found.table.sum(), found.share[-1], rtol=1e-12)
 
 
@@ -113,7 +126,9 @@ def test_one_value_has_no_spread(some: Some) -> None:
 
 @pytest.mark.parametrize("few", [False, True])
 def test_angles_through_north(few: bool, some: Some, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Mean and std as scipy has them of as many copies as weights say; quantiles as of angles from -180 to 180."""
+    """Mean and std as scipy has them of as many copies as weights say; quantiles as of angles from
+    -180 to 180.
+    """
     if few:
         monkeypatch.setattr(columns, "PART", 5000)
         monkeypatch.setattr(marginal, "SORTED", 37)
@@ -135,24 +150,34 @@ def test_angles_through_north(few: bool, some: Some, monkeypatch: pytest.MonkeyP
     assert np.degrees(found.quantiles[-1, 0]) > 300 > np.degrees(found.quantiles[-1, -1])
     inside = (degrees % 360 >= 350) & holds
     bins = found.table[0, round(350 / 360 * 256) + 1 :].sum()  # the bins from 351.6 on
-    assert bins == pytest.approx(copies[holds & (degrees % 360 >= 250 / 256 * 360)].sum() / copies.sum())
+    assert bins == pytest.approx(
+        copies[holds & (degrees % 360 >= 250 / 256 * 360)].sum() / copies.sum()
+    )
     assert bins < copies[inside].sum() / copies.sum()
 
 
 def test_categories_are_summed_exactly(some: Some) -> None:
-    """Shares of each scenario's own weight; what a category means nothing for is missing from their sum."""
+    """Shares of each scenario's own weight; what a category means nothing for is missing from their
+    sum.
+    """
     blocks, weight, scenario, holds, rng = some
     number = rng.integers(0, 3, scenario.size)
-    found = marginal.of_category(particles(weight, blocks), quantity(np.where(holds, number, -1), holds, blocks), 3)
+    found = marginal.of_category(
+        particles(weight, blocks), quantity(np.where(holds, number, -1), holds, blocks), 3
+    )
     for row in (0, 1, 3):
         mine = scenario == row
-        expected = [weight[mine & holds & (number == k)].sum() / weight[mine].sum() for k in range(3)]
+        expected = [
+            weight[mine & holds & (number == k)].sum() / weight[mine].sum() for k in range(3)
+        ]
         np.testing.assert_allclose(found.table[row], expected, rtol=1e-12)
     np.testing.assert_allclose(found.share[-1], weight[holds].sum() / weight.sum(), rtol=1e-12)
 
 
 def test_copies_count_as_one(some: Some, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each particle parted into copies of its weight counts as the one that it was, wherever they lie in its scenario."""
+    """Each particle parted into copies of its weight counts as the one that it was, wherever they
+    lie in its scenario.
+    """
     monkeypatch.setattr(columns, "PART", 5000)
     blocks, weight, scenario, holds, rng = some
     own = particles(weight, blocks)
@@ -166,5 +191,7 @@ def test_copies_count_as_one(some: Some, monkeypatch: pytest.MonkeyPatch) -> Non
     np.testing.assert_allclose(many.ess, own.ess, rtol=1e-10)
     number = rng.integers(0, 3, scenario.size)
     found = marginal.of_category(many, quantity(number[family], holds[family], parted_blocks), 3)
-    np.testing.assert_allclose(found.ess, marginal.of_category(own, quantity(number, holds, blocks), 3).ess, rtol=1e-10)
+    np.testing.assert_allclose(
+        found.ess, marginal.of_category(own, quantity(number, holds, blocks), 3).ess, rtol=1e-10
+    )
     assert particles(parted, parted_blocks).ess[-1] > 2 * own.ess[-1]  # what would be told without

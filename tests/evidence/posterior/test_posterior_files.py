@@ -25,7 +25,13 @@ def four(tmp_path_factory: pytest.TempPathFactory) -> Posteriors:
     """Four scenarios, one of which drifts alone, before and after a contact."""
     contact = CONTACT.format(name="seen", hours=14, lon=179.7, lat=44.0, error=40)
     text = load(
-        tmp_path_factory.mktemp("four"), AT_RISK, COURSE, TENDER, BRIDGE, weights=(0.4, 0.3, 0.1, 0.2), contact=contact
+        tmp_path_factory.mktemp("four"),
+        AT_RISK,
+        COURSE,
+        TENDER,
+        BRIDGE,
+        weights=(0.4, 0.3, 0.1, 0.2),
+        contact=contact,
     )
     return believed(text)[0]
 
@@ -35,7 +41,9 @@ def rows(posteriors: Posteriors) -> list[dict[str, str]]:
 
 
 def test_the_table_is_whole(four: Posteriors) -> None:
-    """Each quantity in the scenarios that have it and in all; shares of all are those of scenarios, weighted."""
+    """Each quantity in the scenarios that have it and in all; shares of all are those of scenarios,
+    weighted.
+    """
     found = rows(four)
     having = {
         "scenario": set(), "departure": {"yacht", "course", "bridge"}, "speed": {"yacht", "course"}, "course": {"course"},
@@ -44,18 +52,26 @@ def test_the_table_is_whole(four: Posteriors) -> None:
     for stage in (0, 1):
         mine = [row for row in found if row["update"] == str(stage)]
         assert {row["name"] for row in mine} == {("before the first update", "seen")[stage]}
-        scenario = {row["value"]: float(row["share"]) for row in mine if row["quantity"] == "scenario"}
+        scenario = {
+            row["value"]: float(row["share"]) for row in mine if row["quantity"] == "scenario"
+        }
         assert sum(scenario.values()) == pytest.approx(1)
         assert {row["quantity"] for row in mine} == set(having)
         for name, names in having.items():
             of_it = [row for row in mine if row["quantity"] == name]
             assert {row["scenario"] for row in of_it} == {*names, "all"}
             whole = sum(float(row["share"]) for row in of_it if row["scenario"] == "all")
-            parts = sum(scenario[row["scenario"]] * float(row["share"]) for row in of_it if row["scenario"] != "all")
+            parts = sum(
+                scenario[row["scenario"]] * float(row["share"])
+                for row in of_it
+                if row["scenario"] != "all"
+            )
             assert whole == pytest.approx(parts if names else 1, rel=1e-6)
     times = [row for row in found if row["quantity"] == "departure" and row["scenario"] == "yacht"]
     for row in times:
-        ends = np.array([row[name].rstrip("Z") for name in (*tables.QUANTILES, "mean")], "datetime64[s]")
+        ends = np.array(
+            [row[name].rstrip("Z") for name in (*tables.QUANTILES, "mean")], "datetime64[s]"
+        )
         assert (np.diff(ends[:-1]) > np.timedelta64(0, "s")).all()
         hours = (ends - np.datetime64("2026-03-05T00:00:00")) / np.timedelta64(1, "h")
         assert hours.min() >= 1
@@ -80,7 +96,8 @@ def test_the_picture(four: Posteriors, tmp_path: Path) -> None:
         assert alone == ([0] if told.quantity.name == "departure" else [])
         if told.quantity.name == "course":
             low, high = np.degrees(own.edges[[0, -1]])
-            assert low < 360 < high or low < 0 < high  # north is inside, and so is no turn of nothing
+            # north is inside, and so is no turn of nothing
+            assert low < 360 < high or low < 0 < high
             assert 95 / 2 < high - low < 110
     setting = Setting(Imprint("Of a $ and a $", caution="SYNTHETIC"))
     posterior_map.plot_posteriors(four, tmp_path / "posteriors.png", setting)
@@ -88,9 +105,15 @@ def test_the_picture(four: Posteriors, tmp_path: Path) -> None:
 
 
 def test_many_values_and_many_updates(four: Posteriors) -> None:
-    """Of a category the likeliest values and the others together; of updates the first row and the last."""
+    """Of a category the likeliest values and the others together; of updates the first row and the
+    last.
+    """
     many = dataclasses.replace(
-        four, stages=(four.stages[0], *[dataclasses.replace(four.stages[1], number=k) for k in range(1, 40)])
+        four,
+        stages=(
+            four.stages[0],
+            *[dataclasses.replace(four.stages[1], number=k) for k in range(1, 40)],
+        ),
     )
     assert [stage.number for stage in posterior_map.shown(many)] == [0, *range(29, 40)]
     table = np.random.default_rng(2).dirichlet(np.full(300, 0.2), 5)
@@ -104,7 +127,9 @@ def test_many_values_and_many_updates(four: Posteriors) -> None:
 
 
 def test_a_quantity_more_is_one_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Such as the member of an ensemble of forcings: it is told and drawn with nothing else changed."""
+    """Such as the member of an ensemble of forcings: it is told and drawn with nothing else
+    changed.
+    """
     member = Quantity(
         "member", "Member", "category", lambda drawn: Values(np.arange(drawn.ensemble.n) % 5, drawn.scenario == 0),
         labels=lambda spec: tuple("abcde"),
@@ -120,7 +145,9 @@ def test_a_quantity_more_is_one_entry(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_what_is_told_of_runs_without_searches(tmp_path: Path) -> None:
-    """Where something steers: its prior, in the summary too; where all drift and nothing was seen: nothing."""
+    """Where something steers: its prior, in the summary too; where all drift and nothing was seen:
+    nothing.
+    """
     result = drift.run(load(tmp_path, YACHT, n=500))
     assert result.posteriors is not None
     assert [stage.kind for stage in result.posteriors.stages] == ["prior"]
@@ -132,7 +159,9 @@ def test_what_is_told_of_runs_without_searches(tmp_path: Path) -> None:
 
 
 def test_nothing_uncertain_is_nothing_told(tmp_path: Path) -> None:
-    """A drifter released at a known time, of one scenario, whose sides do not differ: there is no table."""
+    """A drifter released at a known time, of one scenario, whose sides do not differ: there is no
+    table.
+    """
     still = TENDER.replace(', until = "+6 h"', "")
     contact = CONTACT.format(name="seen", hours=14, lon=178.5, lat=43.0, error=40)
     case = load(tmp_path, still, n=500, contact=contact)

@@ -1,4 +1,6 @@
-"""Posteriors of what is not position: against NumPy by brute force, closed forms, and what particles really did."""
+"""Posteriors of what is not position: against NumPy by brute force, closed forms, and what
+particles really did.
+"""
 
 from pathlib import Path
 
@@ -6,7 +8,19 @@ import numpy as np
 import oracle
 import pytest
 from targets import HOUR, KNOT, NMI, triangle
-from voyages import AT_RISK, BRIDGE, CALM, CONTACT, COURSE, TENDER, YACHT, believed, load, moments, of
+from voyages import (
+    AT_RISK,
+    BRIDGE,
+    CALM,
+    CONTACT,
+    COURSE,
+    TENDER,
+    YACHT,
+    believed,
+    load,
+    moments,
+    of,
+)
 
 from drift.case import file as case_file
 from drift.engine.motion import simulate
@@ -22,7 +36,9 @@ HALF = 1.177410  # of a circular normal half lies within so many standard deviat
 
 
 def near(found: float, values: Array, weight: Array, ess: float) -> bool:
-    """Whether a mean is within 3 standard errors, its own and the oracle's, of the oracle's weighted mean."""
+    """Whether a mean is within 3 standard errors, its own and the oracle's, of the oracle's
+    weighted mean.
+    """
     mean, std, own = moments(values, weight)
     return bool(abs(found - mean) < 3 * std * np.sqrt(1 / own + 1 / ess))
 
@@ -31,7 +47,9 @@ def near(found: float, values: Array, weight: Array, ess: float) -> bool:
 
 
 def test_what_is_settled_is_what_the_targets_do(tmp_path: Path) -> None:
-    """Courses and speeds are those of the columns at birth, arrivals those that come, destinations those reached."""
+    """Courses and speeds are those of the columns at birth, arrivals those that come, destinations
+    those reached.
+    """
     case = load(tmp_path, YACHT, COURSE, TENDER, BRIDGE, n=8000)
     runtime.start()
     begin = run_setup.prepare(case, run_setup.open_for(case))
@@ -61,7 +79,8 @@ def test_what_is_settled_is_what_the_targets_do(tmp_path: Path) -> None:
     np.testing.assert_array_equal(since[yacht][arrived], own.arrival[yacht][arrived])
     assert (own.arrival[yacht][~arrived] > 30 * HOUR - 1).all()
     np.testing.assert_array_equal(
-        ensemble.lat.to_numpy()[bridge] < np.radians(43.3) / np.pi * 2**31, own.destination[bridge] == 1
+        ensemble.lat.to_numpy()[bridge] < np.radians(43.3) / np.pi * 2**31,
+        own.destination[bridge] == 1,
     )
 
 
@@ -84,7 +103,9 @@ def test_copies_keep_what_was_settled(tmp_path: Path) -> None:
 
 
 def along(far: Array, begin: tuple[float, float], end: tuple[float, float]) -> tuple[Array, Array]:
-    """Return the places [deg] so many metres along a great circle from one place [deg] to another, by vectors."""
+    """Return the places [deg] so many metres along a great circle from one place [deg] to another,
+    by vectors.
+    """
     a, b = (
         np.array([np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y)])
         for x, y in (np.radians(begin), np.radians(end))
@@ -108,7 +129,12 @@ SEEN = (179.9, 43.9)  # off the way
 
 def test_a_contact_on_departure_and_speed(tmp_path: Path) -> None:
     """Of a yacht seen at 14 h: the laws of departure and speed against a million draws by NumPy."""
-    case = load(tmp_path, YACHT, n=60_000, contact=CONTACT.format(name="seen", hours=14, lon=179.9, lat=43.9, error=14))
+    case = load(
+        tmp_path,
+        YACHT,
+        n=60_000,
+        contact=CONTACT.format(name="seen", hours=14, lon=179.9, lat=43.9, error=14),
+    )
     posteriors, _ = believed(case)
     rng, n = np.random.default_rng(19), 1_000_000
     departure = rng.uniform(1, 9, n) * HOUR
@@ -120,21 +146,25 @@ def test_a_contact_on_departure_and_speed(tmp_path: Path) -> None:
             found = of(posteriors, stage, name)
             ess = found.ess[-1]
             assert near(found.mean[-1], values, own, ess)
-            # A quantile's error, told as a share: sqrt(p (1 - p) / n). What lies below the found ones has the levels' share.
+            # A quantile's error, told as a share: sqrt(p (1 - p) / n). What lies below the found
+            # ones has the levels' share.
             below = np.array([own[values <= q].sum() for q in found.quantiles[-1]]) / own.sum()
             level = np.array(marginal.LEVELS)
             assert (
-                np.abs(below - level) < 3 * np.sqrt(level * (1 - level) * (1 / ess + 1 / moments(values, own)[2]))
+                np.abs(below - level)
+                < 3 * np.sqrt(level * (1 - level) * (1 / ess + 1 / moments(values, own)[2]))
             ).all()
     moved = of(posteriors, 1, "departure").mean[-1] - of(posteriors, 0, "departure").mean[-1]
     assert abs(moved) > 900  # the contact says something
 
 
 def test_a_contact_on_the_time_of_distress(tmp_path: Path) -> None:
-    """A yacht that may go adrift before it arrives is seen at 19 h, behind where it would be by then.
+    """A yacht that may go adrift before it arrives is seen at 19 h, behind where it would be by
+    then.
 
-    Its law of distress, and the share that goes adrift at all, before and after, against NumPy: under way along the great
-    circle, then with the current, whose way of 14 nmi at most is taken to be a great circle too.
+    Its law of distress, and the share that goes adrift at all, before and after, against NumPy:
+    under way along the great circle, then with the current, whose way of 14 nmi at most is taken to
+    be a great circle too.
     """
     at = (179.41, 43.14)
     case = load(
@@ -154,7 +184,9 @@ def test_a_contact_on_the_time_of_distress(tmp_path: Path) -> None:
     seconds = np.clip(np.minimum(distress, 19 * HOUR) - departure, 0, None)
     lon, lat = along(np.minimum(seconds * speed, length), *PORTS)
     drifted = np.where(before_port, np.clip(19 * HOUR - distress, 0, None), 0.0) * 0.9 * KNOT
-    lon, lat = oracle.moved(lon, lat, drifted * np.sin(np.radians(141)), drifted * np.cos(np.radians(141)))
+    lon, lat = oracle.moved(
+        lon, lat, drifted * np.sin(np.radians(141)), drifted * np.cos(np.radians(141))
+    )
     weight = np.exp(-0.5 * (apart(lon, lat, at) / (13 * NMI / HALF)) ** 2)
     for stage, own in ((0, np.ones(n)), (1, weight)):
         found = of(posteriors, stage, "adrift")
@@ -185,12 +217,16 @@ watch = {{{{ at = [{lon}, {lat}], zones = [["0 nmi", "25 nmi", 0.83]] }}}}
 
 
 def test_a_failed_sortie_on_the_time_of_distress(tmp_path: Path) -> None:
-    """A ship keeps watch in still water where a boat may have gone adrift on its voyage, and sees nothing.
+    """A ship keeps watch in still water where a boat may have gone adrift on its voyage, and sees
+    nothing.
 
-    What is inside its zone for a share of the watch is missed with a chance of (1 - POD) to that power: docs/searches.md.
+    What is inside its zone for a share of the watch is missed with a chance of (1 - POD) to that
+    power: docs/searches.md.
     """
     at = (179.77, 43.55)
-    text = CALM.replace("0.9 kn", "0 kn").format(n=60_000) + VOYAGE.format(lon=at[0], lat=at[1]).format(weight=1)
+    text = CALM.replace("0.9 kn", "0 kn").format(n=60_000) + VOYAGE.format(
+        lon=at[0], lat=at[1]
+    ).format(weight=1)
     (tmp_path / "case.toml").write_text(text)
     posteriors, _ = believed(case_file.load(tmp_path / "case.toml"))
     length = float(apart(*(np.array([x]) for x in PORTS[0]), PORTS[1])[0])
@@ -222,13 +258,18 @@ object = "water"
 position = {{ at = [{lon}, 61.3], std = "1 mm", time = "+{hours} h" }}
 """
     places, prior = (-0.31, 0.02, 0.27), np.array([0.5, 0.2, 0.3])
-    rest = [still.format(name=f"boat {k}", weight=prior[k], lon=places[k], hours=1 + k) for k in range(3)]
+    rest = [
+        still.format(name=f"boat {k}", weight=prior[k], lon=places[k], hours=1 + k)
+        for k in range(3)
+    ]
     calm = CALM.format(n=900).replace("0.9 kn", "0 kn")
     contacts = (("first", 5, 0.11, 61.4, 9.0), ("second", 9, -0.07, 61.2, 6.0))
     text = (
         calm
         + "".join(rest)
-        + "".join(CONTACT.format(name=a, hours=b, lon=c, lat=d, error=e) for a, b, c, d, e in contacts)
+        + "".join(
+            CONTACT.format(name=a, hours=b, lon=c, lat=d, error=e) for a, b, c, d, e in contacts
+        )
     )
     (tmp_path / "case.toml").write_text(text)
     posteriors, _ = believed(case_file.load(tmp_path / "case.toml"))
@@ -244,7 +285,9 @@ position = {{ at = [{lon}, 61.3], std = "1 mm", time = "+{hours} h" }}
 
 
 def test_particles_that_are_drawn_anew_tell_the_same(tmp_path: Path) -> None:
-    """Of a bridge to one of two destinations, with and without resampling between two contacts: within 3 errors."""
+    """Of a bridge to one of two destinations, with and without resampling between two contacts:
+    within 3 errors.
+    """
     contacts = [
         CONTACT.format(name=str(k), hours=h, lon=lon, lat=lat, error=55)
         for k, (h, lon, lat) in enumerate(((9, 179.6, 43.9), (15, -179.8, 44.2)))
@@ -252,7 +295,9 @@ def test_particles_that_are_drawn_anew_tell_the_same(tmp_path: Path) -> None:
     told = []
     for below in (0.0, 0.99):
         extra = f"[resampling]\nbelow = {below}\n"
-        told.append(believed(load(tmp_path, BRIDGE, n=30_000, extra=extra, contacts="".join(contacts)))[0])
+        told.append(
+            believed(load(tmp_path, BRIDGE, n=30_000, extra=extra, contacts="".join(contacts)))[0]
+        )
     first, second = (of(posteriors, 2, "destination") for posteriors in told)
     p = first.table[-1, 0]
     assert 0.7 < p < 0.9999

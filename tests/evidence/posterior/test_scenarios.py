@@ -62,10 +62,14 @@ def test_the_table_is_ranked(run: tuple[Result, Path]) -> None:
     assert len(rows) == 19
     posterior = np.array([float(row["posterior"]) for row in rows])
     assert (np.diff(posterior) <= 0).all()
-    np.testing.assert_allclose([float(row["cumulative"]) for row in rows], np.cumsum(posterior), atol=1e-6)
+    np.testing.assert_allclose(
+        [float(row["cumulative"]) for row in rows], np.cumsum(posterior), atol=1e-6
+    )
     assert posterior.sum() == pytest.approx(1, abs=1e-6)
     for row in rows:
-        assert float(row["factor"]) == pytest.approx(float(row["posterior"]) / float(row["prior"]), rel=1e-5)
+        assert float(row["factor"]) == pytest.approx(
+            float(row["posterior"]) / float(row["prior"]), rel=1e-5
+        )
         if row["family"]:
             speed, departure = row["scenario"].removeprefix("transit, ").split(", ")
             assert (row["axis speed"], row["axis departure"]) == (
@@ -84,12 +88,20 @@ def test_shares_by_axis_are_sums_of_scenarios(run: tuple[Result, Path]) -> None:
     rows = list(csv.DictReader(io.StringIO(tables.csv(own, "x"))))
     for update, stage in enumerate(own.stages):
         found = {
-            r["value"]: float(r["share"]) for r in rows if r["quantity"] == "axis speed" and r["update"] == str(update)
+            r["value"]: float(r["share"])
+            for r in rows
+            if r["quantity"] == "axis speed" and r["update"] == str(update)
         }
         for label, share in found.items():
-            summed = sum(p for name, p in zip(own.scenarios, stage.scenarios, strict=True) if label in name.split(", "))
+            summed = sum(
+                p
+                for name, p in zip(own.scenarios, stage.scenarios, strict=True)
+                if label in name.split(", ")
+            )
             assert share == pytest.approx(summed, abs=2e-7)
-        assert sum(found.values()) == pytest.approx(1 - stage.scenarios[own.scenarios.index("=south")], abs=1e-6)
+        assert sum(found.values()) == pytest.approx(
+            1 - stage.scenarios[own.scenarios.index("=south")], abs=1e-6
+        )
     assert not any(row["quantity"].startswith("axis") and row["scenario"] != "all" for row in rows)
 
 
@@ -99,10 +111,17 @@ def test_the_summary_and_the_terminal(run: tuple[Result, Path]) -> None:
     assert ranked is not None
     stories = told["stories"]
     assert stories["number"] == 19
-    entropy = -float(np.sum(ranked.posterior * np.log(ranked.posterior, where=ranked.posterior > 0, out=np.zeros(19))))
+    entropy = -float(
+        np.sum(
+            ranked.posterior
+            * np.log(ranked.posterior, where=ranked.posterior > 0, out=np.zeros(19))
+        )
+    )
     assert stories["effective"]["posterior"] == pytest.approx(np.exp(entropy))
     assert stories["entropy_bit"]["posterior"] == pytest.approx(entropy / np.log(2))
-    assert stories["effective"]["prior"] == pytest.approx(np.exp(0.75 * np.log(18 / 0.75) + 0.25 * np.log(4)), rel=1e-6)
+    assert stories["effective"]["prior"] == pytest.approx(
+        np.exp(0.75 * np.log(18 / 0.75) + 0.25 * np.log(4)), rel=1e-6
+    )
     assert list(stories["axes"]) == ["speed", "departure"]
     assert sum(value["prior"] for value in stories["axes"]["speed"].values()) == pytest.approx(0.75)
     words = outcome.forecast(told)
@@ -114,19 +133,26 @@ def test_the_summary_and_the_terminal(run: tuple[Result, Path]) -> None:
 
 
 @pytest.mark.usefixtures("painted")
-def test_the_picture_is_drawn_however_long_names_are(run: tuple[Result, Path], tmp_path: Path) -> None:
+def test_the_picture_is_drawn_however_long_names_are(
+    run: tuple[Result, Path], tmp_path: Path
+) -> None:
     ranked = ranking.ranking_of(posteriors(run))
     assert ranked is not None
     assert (run[1] / "scenarios.png").read_bytes().startswith(b"\x89PNG")
     scenarios_map.plot_scenario_ranking(
-        ranked, tmp_path / "few.png", Setting(Imprint("Of a $ and a $", caution="SYNTHETIC"), particles=100)
+        ranked,
+        tmp_path / "few.png",
+        Setting(Imprint("Of a $ and a $", caution="SYNTHETIC"), particles=100),
     )
     assert (tmp_path / "few.png").stat().st_size > 10_000
 
 
 def test_the_report_lists_few_rows(run: tuple[Result, Path]) -> None:
     """Scenarios by rank and by axis; the table of what is believed has no rows of single stories."""
-    found = {leaf["title"]: leaf for leaf in chapter._leaves(posteriors(run), ranking.ranking_of(posteriors(run)))}
+    found = {
+        leaf["title"]: leaf
+        for leaf in chapter._leaves(posteriors(run), ranking.ranking_of(posteriors(run)))
+    }
     assert len(found["Scenarios by rank"]["rows"]) == 19
     assert len(found["Scenarios by axis"]["rows"]) == 9
     assert "scenario" not in found["Posteriors besides position"]["where"]["quantity"]
@@ -146,6 +172,9 @@ def test_a_check_tells_families_by_their_axes(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
     path.write_text(CASE)
     told = drift.check(case_file.load(path))
-    assert told['family "transit"'] == "75 %, 18 scenarios: speed 5-6 kn to 10-11 kn (6); departure +0 h, +2 h, +4 h"
+    assert (
+        told['family "transit"']
+        == "75 %, 18 scenarios: speed 5-6 kn to 10-11 kn (6); departure +0 h, +2 h, +4 h"
+    )
     assert 'such as "transit, 5-6 kn, +0 h"' in told
     assert [name for name in told if name.startswith("scenario")] == ['scenario "=south"']

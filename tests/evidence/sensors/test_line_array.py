@@ -24,7 +24,9 @@ def interpolated(gain: Gain, beam: int, bearing: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("elements", [2, 7, 48])
-def test_half_a_wavelength_apart_the_gain_is_the_number_of_elements_at_every_steering(elements: int) -> None:
+def test_half_a_wavelength_apart_the_gain_is_the_number_of_elements_at_every_steering(
+    elements: int,
+) -> None:
     gain = line_array.of_line(elements, 1.5, 500.0, sound_speed=C)
     for steered in np.linspace(0, np.pi, 31):
         assert line_array.directivity(elements, np.pi, np.cos(steered)) == pytest.approx(
@@ -38,9 +40,16 @@ def test_half_a_wavelength_apart_the_gain_is_the_number_of_elements_at_every_ste
 
 @pytest.mark.parametrize("wavelengths", [0.11, 0.35, 0.5, 0.8, 1.3])
 @pytest.mark.parametrize("cosine", [0.0, 0.4, -0.77, 1.0])
-def test_directivity_is_the_mean_of_the_pattern_over_the_sphere(wavelengths: float, cosine: float) -> None:
+def test_directivity_is_the_mean_of_the_pattern_over_the_sphere(
+    wavelengths: float, cosine: float
+) -> None:
     kd, n = 2 * math.pi * wavelengths, 12
-    mean = integrate.quad(lambda u: pattern(n, kd, np.array([u]), cosine)[0], -1, 1, limit=500, epsabs=1e-10)[0] / 2
+    mean = (
+        integrate.quad(
+            lambda u: pattern(n, kd, np.array([u]), cosine)[0], -1, 1, limit=500, epsabs=1e-10
+        )[0]
+        / 2
+    )
     assert line_array.directivity(n, kd, cosine) == pytest.approx(-10 * math.log10(mean), abs=1e-6)
 
 
@@ -53,12 +62,17 @@ def test_a_beam_is_its_directivity_and_the_pattern() -> None:
     assert gain.mirrored
     for k, s in enumerate(steered):
         want = 10 * np.log10(np.maximum(pattern(n, kd, np.cos(gain.bearing), math.cos(s)), 1e-4))
-        np.testing.assert_allclose(gain.beams[k], line_array.directivity(n, kd, math.cos(s)) + want, atol=1e-3)
-        assert gain.beams[k].min() == pytest.approx(line_array.directivity(n, kd, math.cos(s)) - 40.0, abs=1e-4)
+        np.testing.assert_allclose(
+            gain.beams[k], line_array.directivity(n, kd, math.cos(s)) + want, atol=1e-3
+        )
+        assert gain.beams[k].min() == pytest.approx(
+            line_array.directivity(n, kd, math.cos(s)) - 40.0, abs=1e-4
+        )
 
 
 @pytest.mark.parametrize(
-    ("elements", "spacing", "frequency"), [(2, 1.5, 500.0), (32, 1.5, 500.0), (96, 3.0, 180.0), (16, 4.0, 700.0)]
+    ("elements", "spacing", "frequency"),
+    [(2, 1.5, 500.0), (32, 1.5, 500.0), (96, 3.0, 180.0), (16, 4.0, 700.0)],
 )
 def test_straight_lines_between_bearings_err_by_less_than_a_tenth_within_20_db(
     elements: int, spacing: float, frequency: float
@@ -71,12 +85,16 @@ def test_straight_lines_between_bearings_err_by_less_than_a_tenth_within_20_db(
         cos_s = math.cos(gain.steered[beam])
         with np.errstate(divide="ignore"):
             loss = 10 * np.log10(pattern(elements, kd, np.cos(bearing), cos_s))
-        error = np.abs(interpolated(gain, beam, bearing) - line_array.directivity(elements, kd, cos_s) - loss)
+        error = np.abs(
+            interpolated(gain, beam, bearing) - line_array.directivity(elements, kd, cos_s) - loss
+        )
         worst = max(worst, error[loss > -20].max())
     assert worst < 0.1
 
 
-@pytest.mark.parametrize(("elements", "wavelengths"), [(2, 0.5), (8, 0.5), (64, 0.5), (64, 0.2), (40, 0.7)])
+@pytest.mark.parametrize(
+    ("elements", "wavelengths"), [(2, 0.5), (8, 0.5), (64, 0.5), (64, 0.2), (40, 0.7)]
+)
 def test_neighbouring_beams_cross_at_3_db_or_higher(elements: int, wavelengths: float) -> None:
     kd = 2 * math.pi * wavelengths
     gain = line_array.of_line(elements, wavelengths * C / 500.0, 500.0, sound_speed=C)
@@ -110,7 +128,9 @@ def test_a_table_is_taken_in_order_round_the_circle() -> None:
 
 def test_a_symmetric_table_holds_on_both_sides() -> None:
     gain = line_array.of_table(
-        [[180.0, 0.0], [0.0, 9.0], [45.0, 6.0], [90.0, 3.0], [135.0, 1.0]], symmetric=True, mirrored=True
+        [[180.0, 0.0], [0.0, 9.0], [45.0, 6.0], [90.0, 3.0], [135.0, 1.0]],
+        symmetric=True,
+        mirrored=True,
     )
     np.testing.assert_allclose(np.degrees(gain.bearing), np.arange(0, 360, 45))
     np.testing.assert_allclose(gain.beams, [[9, 6, 3, 1, 0, 1, 3, 6]])
@@ -153,7 +173,10 @@ BAD_LINES = {
     "frequency": ({"frequency": math.nan}, "frequency nan Hz"),
     "speed": ({"sound_speed": 340.0}, "sound_speed 340 m/s; allowed are 1300 to 1700"),
     "floor": ({"floor": 3.0}, "floor 3 dB; allowed are -120 to -20"),
-    "too far apart": ({"spacing": 20.0}, "are 6.67 wavelengths apart at 500 Hz; allowed are at most 2"),
+    "too far apart": (
+        {"spacing": 20.0},
+        "are 6.67 wavelengths apart at 500 Hz; allowed are at most 2",
+    ),
     "beams": ({"beams": 0}, "0 beams; allowed are 1 to"),
     "steered": ({"steered": []}, "steered at one relative bearing or more"),
     "too large": ({"elements": 2000}, "need a table of .* values; at most 25,000,000"),

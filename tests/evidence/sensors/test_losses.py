@@ -22,7 +22,8 @@ FOUR = Table(places=(LON, LAT))
 
 def same(read: losses.Losses, table: np.ndarray = WHOLE) -> None:
     """The record holds this table (p, b, r) over BEARING and RANGE."""
-    np.testing.assert_allclose(np.degrees(read.bearing), BEARING, atol=2e-5)  # from radians in single precision
+    # from radians in single precision
+    np.testing.assert_allclose(np.degrees(read.bearing), BEARING, atol=2e-5)
     np.testing.assert_allclose(read.range, RANGE, rtol=1e-6)
     np.testing.assert_allclose(read.loss, table, rtol=0, atol=ROUNDING)
     assert read.loss.dtype == np.float32
@@ -55,10 +56,15 @@ VARIANTS: dict[str, Table] = {
     ),
     "long names": Table(
         names={"bearing": "n1", "range": "n2"},
-        attributes={"n1": {"long_name": "bearing of the radial"}, "n2": {"long_name": "range from the array"}},
+        attributes={
+            "n1": {"long_name": "bearing of the radial"},
+            "n2": {"long_name": "range from the array"},
+        },
     ),
     "an angle": Table(names={"bearing": "n1"}),
-    "loss by another name": Table(variable="field", attributes={"field": {"long_name": "transmission loss"}}),
+    "loss by another name": Table(
+        variable="field", attributes={"field": {"long_name": "transmission loss"}}
+    ),
 }
 
 
@@ -78,13 +84,18 @@ def shuffled(draw: st.DrawFn, count: int) -> np.ndarray:
 def written(draw: st.DrawFn) -> tuple[Table, np.ndarray]:
     """A file of four places, and the order of its places."""
     rows = [shuffled(draw, 4), shuffled(draw, len(BEARING)), shuffled(draw, len(RANGE))]
-    turns = 360.0 * np.array(draw(st.lists(st.integers(-1, 0), min_size=len(BEARING), max_size=len(BEARING))))
+    turns = 360.0 * np.array(
+        draw(st.lists(st.integers(-1, 0), min_size=len(BEARING), max_size=len(BEARING)))
+    )
     table = FOUR.but(
         bearing=BEARING + turns,
         rows=rows,
         values=PLACES,
         dims=draw(st.permutations(["place", "bearing", "range", "depth"])),
-        units={"bearing": draw(st.sampled_from(["degree", "rad"])), "range": draw(st.sampled_from(["m", "km", "nmi"]))},
+        units={
+            "bearing": draw(st.sampled_from(["degree", "rad"])),
+            "range": draw(st.sampled_from(["m", "km", "nmi"])),
+        },
         further={"depth": np.array([50.0])} if draw(st.booleans()) else {},
         dtype=draw(st.sampled_from(["f8", "f4", "i2"])),
         places=(LON + 360.0 * (LON < 0) if draw(st.booleans()) else LON, LAT),
@@ -92,9 +103,16 @@ def written(draw: st.DrawFn) -> tuple[Table, np.ndarray]:
     return table, rows[0]
 
 
-@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=40,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(written())
-def test_any_order_and_packing_gives_the_same_table(tmp_path: Path, case: tuple[Table, np.ndarray]) -> None:
+def test_any_order_and_packing_gives_the_same_table(
+    tmp_path: Path, case: tuple[Table, np.ndarray]
+) -> None:
     table, order = case
     read = losses.read_losses(table.write(tmp_path / "a.nc"))
     same(read, PLACES[order])
@@ -108,13 +126,17 @@ def test_0_and_360_both_there_count_once(end: float, unit: str, tmp_path: Path) 
     both = np.append(BEARING, end)
     same(
         losses.read_losses(
-            Table(bearing=both, values=loss(both, RANGE), units={"bearing": unit}).write(tmp_path / "a.nc")
+            Table(bearing=both, values=loss(both, RANGE), units={"bearing": unit}).write(
+                tmp_path / "a.nc"
+            )
         )
     )
 
 
 def test_bearings_in_single_precision_radians_close_the_circle(tmp_path: Path) -> None:
-    path = Table(bearing=np.append(BEARING, 360.0), units={"bearing": "rad"}).write(tmp_path / "a.nc")
+    path = Table(bearing=np.append(BEARING, 360.0), units={"bearing": "rad"}).write(
+        tmp_path / "a.nc"
+    )
     with xr.open_dataset(path) as data:
         data.load()
     data["bearing"] = data["bearing"].astype("f4")  # 2 pi becomes a little more than a turn
@@ -123,8 +145,12 @@ def test_bearings_in_single_precision_radians_close_the_circle(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("bearing", [None, np.array([45.0])], ids=["none", "one"])
-def test_without_bearings_the_loss_holds_all_round(bearing: np.ndarray | None, tmp_path: Path) -> None:
-    read = losses.read_losses(Table(bearing=bearing, units={"bearing": None}).write(tmp_path / "a.nc"))
+def test_without_bearings_the_loss_holds_all_round(
+    bearing: np.ndarray | None, tmp_path: Path
+) -> None:
+    read = losses.read_losses(
+        Table(bearing=bearing, units={"bearing": None}).write(tmp_path / "a.nc")
+    )
     assert read.loss.shape == (1, 1, len(RANGE))
     assert len(read.bearing) == 1
 
@@ -132,7 +158,11 @@ def test_without_bearings_the_loss_holds_all_round(bearing: np.ndarray | None, t
 def test_a_coordinate_beside_a_numbered_dimension_is_found(tmp_path: Path) -> None:
     with xr.open_dataset(Table(names={"bearing": "radial"}).write(tmp_path / "a.nc")) as data:
         data.load()
-    azimuth = ("radial", data["radial"].values, {"units": "degree", "standard_name": "sensor_azimuth_angle"})
+    azimuth = (
+        "radial",
+        data["radial"].values,
+        {"units": "degree", "standard_name": "sensor_azimuth_angle"},
+    )
     data = data.drop_vars("radial").assign(heading_of_ray=azimuth)
     data.to_netcdf(tmp_path / "b.nc")
     same(losses.read_losses(tmp_path / "b.nc"))
@@ -141,7 +171,10 @@ def test_a_coordinate_beside_a_numbered_dimension_is_found(tmp_path: Path) -> No
 def test_one_place_without_a_dimension_is_a_place(tmp_path: Path) -> None:
     with xr.open_dataset(Table().write(tmp_path / "a.nc")) as data:
         data.load()
-    data["lon"], data["lat"] = ((), 170.0, {"units": "degrees_east"}), ((), -20.0, {"units": "degrees_north"})
+    data["lon"], data["lat"] = (
+        ((), 170.0, {"units": "degrees_east"}),
+        ((), -20.0, {"units": "degrees_north"}),
+    )
     data.to_netcdf(tmp_path / "b.nc")
     read = losses.read_losses(tmp_path / "b.nc")
     same(read)
@@ -150,7 +183,9 @@ def test_one_place_without_a_dimension_is_a_place(tmp_path: Path) -> None:
 
 
 def test_positions_of_cells_and_of_the_whole_are_no_places(tmp_path: Path) -> None:
-    """Files give the longitude and latitude of each cell of a radial, too, and one position for all places."""
+    """Files give the longitude and latitude of each cell of a radial, too, and one position for all
+    places.
+    """
     with xr.open_dataset(FOUR.write(tmp_path / "a.nc")) as data:
         data.load()
     cell = ("bearing", "range"), np.ones((len(BEARING), len(RANGE)))
@@ -164,7 +199,9 @@ def test_positions_of_cells_and_of_the_whole_are_no_places(tmp_path: Path) -> No
     read = losses.read_losses(tmp_path / "b.nc")
     same(read, PLACES)
     np.testing.assert_allclose(np.degrees(read.lon), LON)
-    data.isel(place=0, drop=True).drop_vars(["lon", "lat", "longitude", "latitude"]).to_netcdf(tmp_path / "c.nc")
+    data.isel(place=0, drop=True).drop_vars(["lon", "lat", "longitude", "latitude"]).to_netcdf(
+        tmp_path / "c.nc"
+    )
     read = losses.read_losses(tmp_path / "c.nc")
     same(read)
     assert read.lon.size == 0
@@ -174,7 +211,12 @@ def test_places_on_a_grid_are_places(tmp_path: Path) -> None:
     values = PLACES[:4].reshape(2, 2, len(BEARING), len(RANGE))
     data = xr.Dataset(
         {"tl": (("lat", "lon", "bearing", "range"), values, {"units": "dB"})},
-        {"lat": ("lat", [40.0, 42.0]), "lon": ("lon", [350.0, 353.0]), "bearing": BEARING, "range": RANGE},
+        {
+            "lat": ("lat", [40.0, 42.0]),
+            "lon": ("lon", [350.0, 353.0]),
+            "bearing": BEARING,
+            "range": RANGE,
+        },
     )
     data["bearing"].attrs["units"], data["range"].attrs["units"] = "degree", "m"
     data.transpose("range", "lon", "bearing", "lat").to_netcdf(tmp_path / "a.nc")
@@ -187,9 +229,12 @@ def test_places_on_a_grid_are_places(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("select", "higher"), [({"depth": 100.0}, 1.0), ({"depth": 30}, 0.0), ({"depth": 100.0, "season": "winter"}, 2.0)]
+    ("select", "higher"),
+    [({"depth": 100.0}, 1.0), ({"depth": 30}, 0.0), ({"depth": 100.0, "season": "winter"}, 2.0)],
 )
-def test_a_further_dimension_is_chosen(select: dict[str, Any], higher: float, tmp_path: Path) -> None:
+def test_a_further_dimension_is_chosen(
+    select: dict[str, Any], higher: float, tmp_path: Path
+) -> None:
     further: dict[str, Any] = {"depth": np.array([30.0, 100.0, 250.0])}
     if "season" in select:
         further["season"] = np.array(["summer", "winter"])
@@ -307,7 +352,8 @@ def test_two_variables_that_may_be_the_loss_are_named(tmp_path: Path) -> None:
     data["loss"] = data["tl"] + 1
     data.to_netcdf(tmp_path / "b.nc")
     with pytest.raises(
-        UserError, match="tl, loss may each be the transmission loss over bearing and range; set variable"
+        UserError,
+        match="tl, loss may each be the transmission loss over bearing and range; set variable",
     ):
         losses.read_losses(tmp_path / "b.nc")
     same(losses.read_losses(tmp_path / "b.nc", variable="loss"), WHOLE + 1)
@@ -316,14 +362,18 @@ def test_two_variables_that_may_be_the_loss_are_named(tmp_path: Path) -> None:
 def test_half_a_position_is_refused(tmp_path: Path) -> None:
     with xr.open_dataset(FOUR.write(tmp_path / "a.nc")) as data:
         data.drop_vars("lat").to_netcdf(tmp_path / "b.nc")
-    with pytest.raises(UserError, match="its places have a longitude only; give the file both, over place"):
+    with pytest.raises(
+        UserError, match="its places have a longitude only; give the file both, over place"
+    ):
         losses.read_losses(tmp_path / "b.nc")
 
 
 def test_places_without_positions_must_be_chosen(tmp_path: Path) -> None:
     with xr.open_dataset(FOUR.write(tmp_path / "a.nc")) as data:
         data.drop_vars(["lat", "lon"]).to_netcdf(tmp_path / "b.nc")
-    with pytest.raises(UserError, match=r'4 values of "place" \(0, 1, 2, 3\); choose one with select'):
+    with pytest.raises(
+        UserError, match=r'4 values of "place" \(0, 1, 2, 3\); choose one with select'
+    ):
         losses.read_losses(tmp_path / "b.nc")
     same(losses.read_losses(tmp_path / "b.nc", select={"place": 2}), PLACES[2:3])
 
@@ -338,7 +388,11 @@ def test_a_dimension_without_numbers_is_refused(tmp_path: Path) -> None:
 def test_what_else_lies_along_the_range_is_not_taken_for_it(tmp_path: Path) -> None:
     with xr.open_dataset(Table().write(tmp_path / "a.nc")) as data:
         data.load()
-    bottom = ("range", np.linspace(50.0, 4000.0, len(RANGE)), {"units": "m", "long_name": "sea floor along the range"})
+    bottom = (
+        "range",
+        np.linspace(50.0, 4000.0, len(RANGE)),
+        {"units": "m", "long_name": "sea floor along the range"},
+    )
     data = data.assign(bathymetry=bottom)
     data.to_netcdf(tmp_path / "b.nc")
     same(losses.read_losses(tmp_path / "b.nc"))

@@ -1,4 +1,6 @@
-"""Losses of made-up water: the parabolic equation against closed forms, normal modes and rays; and the shipped files."""
+"""Losses of made-up water: the parabolic equation against closed forms, normal modes and rays; and
+the shipped files.
+"""
 
 from pathlib import Path
 
@@ -17,7 +19,10 @@ AXIS, BOTTOM = 1050.0, 5200.0  # [m] of the Sargasso's southern water
 
 
 def test_between_two_mirrors_it_is_the_sum_of_modes() -> None:
-    """An ideal waveguide: Jensen et al. 2011, Computational Ocean Acoustics, equation 2.161, with H0 at every range."""
+    """An ideal waveguide:
+
+    Jensen et al. 2011, Computational Ocean Acoustics, equation 2.161, with H0 at every range.
+    """
     grid = losses.Grid(points=512, bottom=np.inf, deepest=2000.0, step=100.0)
     source, receiver, steps = 300.0, float(grid.depth[99]), 300
     start = losses.source(grid, source, FREQUENCY, steepest=np.radians(105))  # no angle fades
@@ -27,15 +32,26 @@ def test_between_two_mirrors_it_is_the_sum_of_modes() -> None:
     kz = np.arange(1, int(WAVE_NUMBER * 2000 / np.pi) + 1) * np.pi / 2000
     kr = np.sqrt(WAVE_NUMBER**2 - kz**2)
     waves = special.hankel1(0, kr * r[:, None])
-    pressure = np.abs(2j * np.pi / 2000 * (np.sin(kz * source) * np.sin(kz * receiver) * waves).sum(axis=1))
-    # H0 far off errs by 1 / (8 kr r) for each mode: so much at the most, which the steepest mode alone comes to.
-    error = 2 * np.pi / 2000 * (np.sqrt(2 / (np.pi * kr * r[:, None])) / (8 * kr * r[:, None])).sum(axis=1)
+    pressure = np.abs(
+        2j * np.pi / 2000 * (np.sin(kz * source) * np.sin(kz * receiver) * waves).sum(axis=1)
+    )
+    # H0 far off errs by 1 / (8 kr r) for each mode: so much at the most, which the steepest mode
+    # alone comes to.
+    error = (
+        2
+        * np.pi
+        / 2000
+        * (np.sqrt(2 / (np.pi * kr * r[:, None])) / (8 * kr * r[:, None])).sum(axis=1)
+    )
     assert np.all(np.abs(np.sqrt(found) - pressure) < error + 1e-9)
-    assert np.all(np.abs(20 * np.log10(np.sqrt(found) / pressure))[20:][pressure[20:] > 1e-4] < 0.02)
+    assert np.all(
+        np.abs(20 * np.log10(np.sqrt(found) / pressure))[20:][pressure[20:] > 1e-4] < 0.02
+    )
 
 
 def test_under_a_mirror_it_is_the_sound_and_its_image() -> None:
-    grid = losses.Grid(step=100.0)  # with its bottom, which returns nothing here: it has the speed of the water
+    # with its bottom, which returns nothing here: it has the speed of the water
+    grid = losses.Grid(step=100.0)
     still = losses.slowness(grid, np.full((1, grid.points - 1), losses.REFERENCE))
     start = losses.source(grid, 100.0, FREQUENCY)
     found = losses.march(grid, start[None], lambda r: still, FREQUENCY, 100, 150.0)[0]
@@ -54,7 +70,9 @@ def sound_speed(depth: np.ndarray | float) -> np.ndarray:
 
 
 def test_munks_profile_gives_the_modes_of_its_eigenvalues() -> None:
-    """Zones by trapped modes, from the tridiagonal eigenvalue problem of the Helmholtz equation in depth, second order."""
+    """Zones by trapped modes, from the tridiagonal eigenvalue problem of the Helmholtz equation in
+    depth, second order.
+    """
     grid, source, receiver = losses.Grid(step=75.0), 100.0, 100.0
     n, steps = 4000, round(70 * NMI / 75)
     depth = np.arange(1, n) * 7680 / n
@@ -79,7 +97,8 @@ def test_munks_profile_gives_the_modes_of_its_eigenvalues() -> None:
     for zone in (30, 60):
         near = np.abs(r / NMI - zone) < 5
         peak, expected = (r[near][np.argmin(level[near])] for level in (ours, theirs))
-        # The splitting errs in kr by about (n - 1) theta^2 / 2, 1e-3 at most here (n - 1 < 0.04, theta < 13 degrees).
+        # The splitting errs in kr by about (n - 1) theta^2 / 2, 1e-3 at most here (n - 1 < 0.04,
+        # theta < 13 degrees).
         assert abs(peak - expected) < 2e-3 * expected + grid.step
         assert abs(ours[near].min() - theirs[near].min()) < 0.1
         assert (
@@ -88,7 +107,9 @@ def test_munks_profile_gives_the_modes_of_its_eigenvalues() -> None:
 
 
 def ray(angle: float, depth: float = 100.0) -> tuple[float, float, float]:
-    """Return ranges [nmi] of a ray's lower and upper half cycles from a depth, and how deep it turns [m]."""
+    """Return ranges [nmi] of a ray's lower and upper half cycles from a depth, and how deep it
+    turns [m].
+    """
     fastest = float(sound_speed(depth)) / np.cos(angle)
 
     def across(low: float, high: float) -> float:
@@ -99,7 +120,11 @@ def ray(angle: float, depth: float = 100.0) -> tuple[float, float, float]:
         return float(integrate.quad(slope, 0, np.pi, limit=200)[0])
 
     turn = optimize.brentq(lambda z: float(sound_speed(z)) - fastest, AXIS, 9000)
-    top = 0.0 if sound_speed(0.0) < fastest else optimize.brentq(lambda z: float(sound_speed(z)) - fastest, 0, depth)
+    top = (
+        0.0
+        if sound_speed(0.0) < fastest
+        else optimize.brentq(lambda z: float(sound_speed(z)) - fastest, 0, depth)
+    )
     return 2 * across(depth, turn) / NMI, 2 * across(top, depth) / NMI, turn
 
 
@@ -117,7 +142,9 @@ def test_zones_of_the_shipped_file_lie_at_the_caustics_of_rays(zone: int) -> Non
     assert abs(peak - 30 * zone) < 1.5  # as in figures 1 and 2
 
 
-@pytest.mark.parametrize(("name", "depths", "places"), [("sargasso.nc", 1, 2), ("north_pacific.nc", 2, 9)])
+@pytest.mark.parametrize(
+    ("name", "depths", "places"), [("sargasso.nc", 1, 2), ("north_pacific.nc", 2, 9)]
+)
 def test_shipped_files_are_small_and_say_what_they_are(name: str, depths: int, places: int) -> None:
     path: Path = FOLDER / name
     assert path.stat().st_size < 150_000
@@ -139,13 +166,16 @@ def test_the_water_differs_by_bearing() -> None:
     with netCDF4.Dataset(FOLDER / "sargasso.nc") as data:
         loss, bearing, r = data["loss"][0, 0], data["bearing"][:], data["range"][:] / NMI
     second = (r > 55) & (r < 65)
-    assert loss[bearing == 0][0, second].min() > loss[bearing == 180][0, second].min() + 5  # beyond the front
+    # beyond the front
+    assert loss[bearing == 0][0, second].min() > loss[bearing == 180][0, second].min() + 5
     assert abs(loss[bearing == 90] - loss[bearing == 270]).max() < 0.05  # the front runs east
 
 
 def test_one_radial_of_a_file_is_what_the_script_makes() -> None:
     survey = losses.SURVEYS["sargasso.nc"]
-    short = losses.Survey(survey.title, survey.water, survey.law, survey.places, 2, 40.0, 0.25, 0.4, survey.depths)
+    short = losses.Survey(
+        survey.title, survey.water, survey.law, survey.places, 2, 40.0, 0.25, 0.4, survey.depths
+    )
     r, loss = losses.radials(short, survey.places[1], 100.0, losses.Grid())
     with netCDF4.Dataset(FOLDER / "sargasso.nc") as data:
         kept = data["loss"][0, 1, ::12, : len(r)]

@@ -12,11 +12,18 @@ from geo.errors import UserError
 
 BEARING = np.arange(0.0, 360.0, 20.0)
 TIMES = np.array(["2026-03-01T00", "2026-03-01T06", "2026-03-02T00"], "datetime64[ns]")
-LEVEL = np.round(70.0 + 6 * np.sin(np.radians(BEARING - 50))[None] + np.array([0.0, 3.0, -2.0])[:, None], 2)
+LEVEL = np.round(
+    70.0 + 6 * np.sin(np.radians(BEARING - 50))[None] + np.array([0.0, 3.0, -2.0])[:, None], 2
+)
 
 
-def dataset(level: np.ndarray = LEVEL, bearing: np.ndarray = BEARING, unit: str = "dB re 1 uPa^2/Hz") -> xr.Dataset:
-    data = xr.Dataset({"noise": (("time", "bearing"), level, {"units": unit})}, {"time": TIMES, "bearing": bearing})
+def dataset(
+    level: np.ndarray = LEVEL, bearing: np.ndarray = BEARING, unit: str = "dB re 1 uPa^2/Hz"
+) -> xr.Dataset:
+    data = xr.Dataset(
+        {"noise": (("time", "bearing"), level, {"units": unit})},
+        {"time": TIMES, "bearing": bearing},
+    )
     data["bearing"].attrs["units"] = "degree"
     return data
 
@@ -44,14 +51,24 @@ def test_a_table_is_taken_in_order_round_the_circle() -> None:
         lambda d: d.rename(noise="ambient", bearing="azimuth"),
         lambda d: d.expand_dims(frequency=[300.0]),
         lambda d: d.assign(depth_of_array=("time", [1.0, 2.0, 3.0])),
-        lambda d: d.assign_coords(bearing=d["bearing"] - 360.0 * (d["bearing"] > 180)).assign_coords(
-            bearing=lambda e: e["bearing"].assign_attrs(units="degrees_true")
-        ),
+        lambda d: d.assign_coords(
+            bearing=d["bearing"] - 360.0 * (d["bearing"] > 180)
+        ).assign_coords(bearing=lambda e: e["bearing"].assign_attrs(units="degrees_true")),
     ],
-    ids=["plain", "bearing first", "any order", "other names", "frequency", "beside another", "negative"],
+    ids=[
+        "plain",
+        "bearing first",
+        "any order",
+        "other names",
+        "frequency",
+        "beside another",
+        "negative",
+    ],
 )
 @pytest.mark.parametrize("packed", [False, True])
-def test_each_way_of_writing_gives_the_same_table(change: Any, packed: bool, tmp_path: Path) -> None:
+def test_each_way_of_writing_gives_the_same_table(
+    change: Any, packed: bool, tmp_path: Path
+) -> None:
     data = change(dataset())
     name = next(n for n in ("noise", "ambient") if n in data)
     how = {"dtype": "i2", "scale_factor": 0.01, "_FillValue": -9999} if packed else {}
@@ -117,23 +134,34 @@ def test_tables_that_are_no_noise_are_refused(rows: list[list[float]], said: str
 
 @pytest.mark.parametrize("level", [-1.0, 201.0, np.nan, np.inf])
 def test_a_level_that_no_noise_has_is_refused(level: float) -> None:
-    with pytest.raises(UserError, match=r"^noise: a noise level of \S+ dB; allowed are 0 to 200 dB"):
+    with pytest.raises(
+        UserError, match=r"^noise: a noise level of \S+ dB; allowed are 0 to 200 dB"
+    ):
         noise.constant(level)
 
 
 def test_a_rose_by_quarters_is_straight_in_between() -> None:
     """As a rose by eighths is whose others are the means of their neighbours."""
     quarters = noise.of_table([[0, 70], [90, 75], [180, 68], [270, 72]])
-    eighths = noise.of_table([[0, 70], [45, 72.5], [90, 75], [135, 71.5], [180, 68], [225, 70], [270, 72], [315, 71]])
+    eighths = noise.of_table(
+        [[0, 70], [45, 72.5], [90, 75], [135, 71.5], [180, 68], [225, 70], [270, 72], [315, 71]]
+    )
     at = np.radians(np.arange(0, 360, 7.5))
-    levels = [hearing.round_circle(at, one.bearing, one.level.T)[:, 0] for one in (quarters, eighths)]
+    levels = [
+        hearing.round_circle(at, one.bearing, one.level.T)[:, 0] for one in (quarters, eighths)
+    ]
     np.testing.assert_allclose(*levels, rtol=0, atol=1e-5)
     assert levels[0][9] == pytest.approx(70 + 5 * 67.5 / 90)
-    by_sector = noise.of_table([[45, 70], [135, 75], [225, 68], [315, 72]])  # north-east, south-east, ..
-    assert hearing.round_circle(np.zeros(1), by_sector.bearing, by_sector.level.T)[0, 0] == pytest.approx(71)
+    # north-east, south-east, ..
+    by_sector = noise.of_table([[45, 70], [135, 75], [225, 68], [315, 72]])
+    assert hearing.round_circle(np.zeros(1), by_sector.bearing, by_sector.level.T)[
+        0, 0
+    ] == pytest.approx(71)
 
 
 @pytest.mark.parametrize("bearings", [(0, 90, 180), (0, 120, 240), (0, 180)])
 def test_less_than_four_quarters_is_refused(bearings: tuple[float, ...]) -> None:
-    with pytest.raises(UserError, match=r"^noise: nothing between the bearings .* allowed are 90 degrees"):
+    with pytest.raises(
+        UserError, match=r"^noise: nothing between the bearings .* allowed are 90 degrees"
+    ):
         noise.of_table([[bearing, 70.0] for bearing in bearings])

@@ -1,4 +1,6 @@
-"""Tables between places against linear interpolation in pyproj's plane and shapely's nearest points."""
+"""Tables between places against linear interpolation in pyproj's plane and shapely's nearest
+points.
+"""
 
 import numpy as np
 import pyproj
@@ -18,15 +20,25 @@ TURNS = {"antimeridian": (np.array([-178.0, 179.0, 176.5, -179.5, -179.9, 178.2]
 
 def of_values(values: np.ndarray, lon: np.ndarray, lat: np.ndarray) -> Losses:
     """A record in which each place has one number for a table, with others beside it."""
-    table = values[:, None, None] + np.array([0.0, 2.0])[None, :, None] + np.array([0.0, 5.0, 9.0])[None, None, :]
+    table = (
+        values[:, None, None]
+        + np.array([0.0, 2.0])[None, :, None]
+        + np.array([0.0, 5.0, 9.0])[None, None, :]
+    )
     bearing = np.array([0.0, np.pi])
-    return Losses(bearing, METRES, table.astype(np.float32), np.radians(lon), np.radians(lat), "made")
+    return Losses(
+        bearing, METRES, table.astype(np.float32), np.radians(lon), np.radians(lat), "made"
+    )
 
 
 def plane(lon: np.ndarray, lat: np.ndarray) -> pyproj.Proj:
     """The azimuthal equidistant plane about the mean of the places' unit vectors."""
     phi, lam = np.radians(lat), np.radians(lon)
-    x, y, z = (np.cos(phi) * np.cos(lam)).mean(), (np.cos(phi) * np.sin(lam)).mean(), np.sin(phi).mean()
+    x, y, z = (
+        (np.cos(phi) * np.cos(lam)).mean(),
+        (np.cos(phi) * np.sin(lam)).mean(),
+        np.sin(phi).mean(),
+    )
     middle = np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
     return pyproj.Proj(proj="aeqd", lon_0=middle[0], lat_0=middle[1], R=sphere.RADIUS)
 
@@ -37,7 +49,9 @@ def test_exact_at_the_places(where: str) -> None:
     values = np.array([60.0, 71.0, 85.5, 64.25, 90.0, 77.0])[: len(lon)]
     made = of_values(values, lon, lat)
     for k in range(len(lon)):
-        read = losses.between(made, float(np.radians(lon[k] + 360.0 * (k % 2))), float(np.radians(lat[k])))
+        read = losses.between(
+            made, float(np.radians(lon[k] + 360.0 * (k % 2))), float(np.radians(lat[k]))
+        )
         assert read.dtype == np.float32
         np.testing.assert_allclose(read, made.loss[k], rtol=0, atol=4 * np.spacing(np.float32(100)))
 
@@ -76,7 +90,10 @@ def test_continuous_across_triangles_and_the_edge_of_all() -> None:
     def largest(count: int) -> float:
         turn = np.linspace(0, 2 * np.pi, count)
         reach = np.radians(4.0) * (1 + 0.9 * np.sin(7 * turn))  # in and out of the hull
-        x, y = np.radians(179.0) + 1.2 * reach * np.cos(turn), np.radians(33.5) + reach * np.sin(turn)
+        x, y = (
+            np.radians(179.0) + 1.2 * reach * np.cos(turn),
+            np.radians(33.5) + reach * np.sin(turn),
+        )
         values = [losses.between(made, a, b)[0, 0] for a, b in zip(x, y, strict=True)]
         return float(np.abs(np.diff(values)).max())
 
@@ -93,22 +110,36 @@ def test_places_in_a_line_are_joined_along_it(count: int) -> None:
     order = np.argsort(lon)
     for at in np.linspace(175.0, 189.0, 57):
         for lat in (-3.0, 0.0, 2.0):
-            got = float(losses.between(made, float(np.radians(at - 360.0)), float(np.radians(lat)))[0, 0])
-            # Off the equator x is longer than the longitude by up to 0.15 % of the 11 degrees to the farthest place.
+            got = float(
+                losses.between(made, float(np.radians(at - 360.0)), float(np.radians(lat)))[0, 0]
+            )
+            # Off the equator x is longer than the longitude by up to 0.15 % of the 11 degrees to
+            # the farthest place.
             slack = 1e-4 if lat == 0.0 else 20.0 * 0.02
             assert got == pytest.approx(np.interp(at, lon[order], values[order]), abs=slack)
 
 
 def test_places_almost_in_a_line_do_not_depend_on_the_side() -> None:
     """A hundred metres beside the line of two others a place must count on both sides of it."""
-    made = of_values(np.array([60.0, 100.0, 60.0]), np.array([10.0, 12.0, 14.0]), np.array([0.0, 0.001, 0.0]))
-    north, south = (float(losses.between(made, np.radians(12.0), np.radians(lat))[0, 0]) for lat in (1.0, -1.0))
+    made = of_values(
+        np.array([60.0, 100.0, 60.0]), np.array([10.0, 12.0, 14.0]), np.array([0.0, 0.001, 0.0])
+    )
+    north, south = (
+        float(losses.between(made, np.radians(12.0), np.radians(lat))[0, 0]) for lat in (1.0, -1.0)
+    )
     assert north == south == pytest.approx(100.0, abs=1e-3)
 
 
 def test_one_place_and_none_hold_everywhere() -> None:
     for lon in (np.array([20.0]), np.empty(0)):
-        made = Losses(np.zeros(1), METRES, np.ones((1, 1, 3), np.float32), np.radians(lon), np.radians(lon), "made")
+        made = Losses(
+            np.zeros(1),
+            METRES,
+            np.ones((1, 1, 3), np.float32),
+            np.radians(lon),
+            np.radians(lon),
+            "made",
+        )
         np.testing.assert_array_equal(losses.between(made, 3.0, -1.0), made.loss[0])
 
 

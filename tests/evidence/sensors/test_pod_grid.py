@@ -1,4 +1,6 @@
-"""One POD in closed form, on every kind of grid, reads back within the error of bilinear interpolation."""
+"""One POD in closed form, on every kind of grid, reads back within the error of bilinear
+interpolation.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -42,7 +44,9 @@ def uneven(line: np.ndarray) -> np.ndarray:
 
 def projected() -> xr.Dataset:
     to = pyproj.Proj(writers.STEREO)
-    x, y = (np.asarray(v) for v in to(*np.meshgrid(np.linspace(1, 7, 30), np.linspace(57.5, 60.5, 30))))
+    x, y = (
+        np.asarray(v) for v in to(*np.meshgrid(np.linspace(1, 7, 30), np.linspace(57.5, 60.5, 30)))
+    )
     step = writers.CELL * 111_195.0
     px, py = np.arange(x.min(), x.max(), step), np.arange(y.max(), y.min(), -step)
     lon, lat = to(*np.meshgrid(px, py), inverse=True)
@@ -59,7 +63,10 @@ def rotated() -> xr.Dataset:
                "grid_north_pole_longitude": -40.0}  # fmt: skip
     to = pyproj.Transformer.from_crs("EPSG:4326", pyproj.CRS.from_cf(mapping), always_xy=True)
     x, y = to.transform(*np.meshgrid(np.linspace(1, 7, 9), np.linspace(57, 61, 9)))
-    rlon, rlat = np.arange(x.min(), x.max(), writers.CELL), np.arange(y.min(), y.max(), writers.CELL)
+    rlon, rlat = (
+        np.arange(x.min(), x.max(), writers.CELL),
+        np.arange(y.min(), y.max(), writers.CELL),
+    )
     lon, lat = to.transform(*np.meshgrid(rlon, rlat), direction="INVERSE")
     axes = {"rlat": ("rlat", rlat, {"standard_name": "grid_latitude", "units": "degrees"}),
             "rlon": ("rlon", rlon + 360.0, {"standard_name": "grid_longitude", "units": "degrees"})}  # fmt: skip
@@ -71,7 +78,9 @@ def curved() -> xr.Dataset:
     to, x, y, turn = writers.oblique()
     lon, lat = writers.turned(to, x, y, turn)
     values = (("time", "j", "i"), pod(lon, lat), ATTRIBUTES | {"coordinates": "lat lon"})
-    return xr.Dataset({"pod": values, "lon": (("j", "i"), lon), "lat": (("j", "i"), lat)}, {"time": writers.TIMES})
+    return xr.Dataset(
+        {"pod": values, "lon": (("j", "i"), lon), "lat": (("j", "i"), lat)}, {"time": writers.TIMES}
+    )
 
 
 def mesh() -> xr.Dataset:
@@ -113,7 +122,10 @@ KINDS: dict[str, Callable[[], xr.Dataset]] = {
         .drop_vars(["x", "y"])
     ),
     "a name that says nothing, beside numbers of each time": lambda: xr.Dataset(
-        {"field": regular()["pod"].drop_attrs().assign_attrs(units="1"), "sorties": ("time", [1.0, 2.0, 3.0])}
+        {
+            "field": regular()["pod"].drop_attrs().assign_attrs(units="1"),
+            "sorties": ("time", [1.0, 2.0, 3.0]),
+        }
     ),
     "a depth": lambda: regular().expand_dims(depth=[50.0]),
     "projected": projected,
@@ -127,7 +139,9 @@ def sampled(grid: PodGrid, lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
     """POD (t, n) by scipy's bilinear interpolation at points [deg]."""
     x = np.degrees(grid.lon[0]) + np.mod(lon - np.degrees(grid.lon[0]), 360.0)
     axes = (np.degrees(grid.lat), np.degrees(grid.lon))
-    return np.stack([RegularGridInterpolator(axes, slab)(np.stack((lat, x), -1)) for slab in grid.pod])
+    return np.stack(
+        [RegularGridInterpolator(axes, slab)(np.stack((lat, x), -1)) for slab in grid.pod]
+    )
 
 
 @pytest.mark.parametrize("packed", [False, True])
@@ -137,7 +151,12 @@ def test_same_pod_on_every_grid(kind: str, packed: bool, tmp_path: Path) -> None
     factor = 100.0 if kind == "per cent" else 1.0
     step = 2e-5
     how = (
-        {"dtype": "i2", "scale_factor": step * factor, "add_offset": 0.5 * factor, "_FillValue": -32768}
+        {
+            "dtype": "i2",
+            "scale_factor": step * factor,
+            "add_offset": 0.5 * factor,
+            "_FillValue": -32768,
+        }
         if packed
         else {}
     )
@@ -168,7 +187,9 @@ def test_an_even_grid_is_taken_as_it_is(tmp_path: Path) -> None:
 def test_round_the_earth_the_first_column_is_repeated(tmp_path: Path) -> None:
     lon, lat = np.arange(0.0, 360.0, 5.0), np.arange(-60.0, 61.0, 4.0)
     values = 0.5 + 0.3 * np.sin(np.radians(lon + 20))[None] * np.cos(np.radians(lat))[:, None]
-    xr.Dataset({"p": (("lat", "lon"), values)}, {"lat": lat, "lon": lon}).to_netcdf(tmp_path / "a.nc")
+    xr.Dataset({"p": (("lat", "lon"), values)}, {"lat": lat, "lon": lon}).to_netcdf(
+        tmp_path / "a.nc"
+    )
     made = pod_grid.read_pod(tmp_path / "a.nc", per=60.0)
     assert np.ptp(made.lon) == pytest.approx(2 * np.pi)
     np.testing.assert_array_equal(made.pod[..., 0], made.pod[..., -1])
@@ -180,7 +201,9 @@ def test_round_the_earth_the_first_column_is_repeated(tmp_path: Path) -> None:
 def test_across_the_antimeridian_longitudes_go_on(tmp_path: Path) -> None:
     lon, lat = np.array([178.0, 179.0, -180.0, -179.0]), np.array([10.0, 11.0, 12.0])
     values = np.arange(12).reshape(3, 4) / 20
-    xr.Dataset({"p": (("lat", "lon"), values)}, {"lat": lat, "lon": lon}).to_netcdf(tmp_path / "a.nc")
+    xr.Dataset({"p": (("lat", "lon"), values)}, {"lat": lat, "lon": lon}).to_netcdf(
+        tmp_path / "a.nc"
+    )
     made = pod_grid.read_pod(tmp_path / "a.nc", per=60.0)
     np.testing.assert_allclose(np.degrees(made.lon), [178, 179, 180, 181])
     np.testing.assert_allclose(made.pod[0], values, atol=1e-7)
@@ -196,7 +219,9 @@ def test_outside_of_a_curved_grid_nothing_is_detected(tmp_path: Path) -> None:
 def test_gaps_are_blind_where_the_user_says_so(tmp_path: Path) -> None:
     data = regular()
     data["pod"][1, 10, 20] = np.nan
-    data.to_netcdf(tmp_path / "a.nc", encoding={"pod": {"dtype": "i2", "scale_factor": 1e-4, "_FillValue": -1}})
+    data.to_netcdf(
+        tmp_path / "a.nc", encoding={"pod": {"dtype": "i2", "scale_factor": 1e-4, "_FillValue": -1}}
+    )
     made = pod_grid.read_pod(tmp_path / "a.nc", per=60.0, gaps="blind")
     assert np.argwhere(made.pod == 0).tolist() == [[1, 10, 20]]
 
@@ -224,9 +249,9 @@ def polar() -> xr.Dataset:
         lambda d: d.transpose("range", "time", "bearing"),
         lambda d: d.isel(range=[2, 0, 3, 1], bearing=np.random.default_rng(1).permutation(12)),
         lambda d: d.assign(pod=(100 * d["pod"]).assign_attrs(units="percent")),
-        lambda d: xr.concat([d, d.isel(bearing=[0]).assign_coords(bearing=[360.0])], "bearing").assign_coords(
-            bearing=lambda e: e["bearing"].assign_attrs(units="degree")
-        ),
+        lambda d: xr.concat(
+            [d, d.isel(bearing=[0]).assign_coords(bearing=[360.0])], "bearing"
+        ).assign_coords(bearing=lambda e: e["bearing"].assign_attrs(units="degree")),
     ],
     ids=["plain", "range first", "any order", "per cent", "0 and 360"],
 )
@@ -303,6 +328,8 @@ def test_what_is_no_pod_is_refused_in_one_line(kind: str, tmp_path: Path) -> Non
 
 def test_a_chosen_dimension_is_read(tmp_path: Path) -> None:
     low = regular().assign(pod=lambda d: d["pod"] / 2)
-    xr.concat([low, regular()], xr.IndexVariable("season", ["summer", "winter"])).to_netcdf(tmp_path / "a.nc")
+    xr.concat([low, regular()], xr.IndexVariable("season", ["summer", "winter"])).to_netcdf(
+        tmp_path / "a.nc"
+    )
     made = pod_grid.read_pod(tmp_path / "a.nc", per=60.0, select={"season": "winter"})
     np.testing.assert_allclose(made.pod, regular()["pod"].values, atol=1e-7)

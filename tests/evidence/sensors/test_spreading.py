@@ -1,4 +1,6 @@
-"""Spreading by its closed form; absorption against another program and another formula fitted to the same data."""
+"""Spreading by its closed form; absorption against another program and another formula fitted to
+the same data.
+"""
 
 import math
 
@@ -12,8 +14,14 @@ ZONES = [(50_000.0, 58_000.0, 12.0), (100_000.0, 115_000.0, 9.0)]
 
 
 def by_hand(r: float, transition: float, alpha: float) -> float:
-    """20 log10 r, then 10 log10 r from the transition on, and absorption; inside and outside zones, not at their edges."""
-    total = 20 * math.log10(min(r, transition)) + 10 * math.log10(max(r, transition) / transition) + alpha * r / 1000
+    """20 log10 r, then 10 log10 r from the transition on, and absorption; inside and outside zones,
+    not at their edges.
+    """
+    total = (
+        20 * math.log10(min(r, transition))
+        + 10 * math.log10(max(r, transition) / transition)
+        + alpha * r / 1000
+    )
     return total - sum(gain for inner, outer, gain in ZONES if inner < r < outer)
 
 
@@ -23,7 +31,10 @@ def test_losses_are_those_of_the_formula_between_the_ranges_too() -> None:
     assert made.range[0] == 1.0
     assert made.range[-1] == 200_000.0
     metres = np.geomspace(1.0, 200_000.0, 50_001)
-    edge = np.min([np.abs(metres - limit) for zone in ZONES for limit in zone[:2]], axis=0) <= spreading.EDGE / 2
+    edge = (
+        np.min([np.abs(metres - limit) for zone in ZONES for limit in zone[:2]], axis=0)
+        <= spreading.EDGE / 2
+    )
     assert 1 < edge.sum() < 200
     want = np.array([by_hand(r, 4000.0, 0.06) for r in metres])
     error = np.abs(np.interp(metres, made.range, made.loss[0, 0]) - want)
@@ -47,7 +58,9 @@ def test_zones_that_touch_go_straight_from_one_gain_to_the_next() -> None:
 
 
 def ainslie_mccolm(f: float, t: float, s: float, z: float, ph: float) -> float:
-    """Ainslie and McColm 1998, doi:10.1121/1.421258: [dB/km] of f [kHz], t [degrees Celsius], s, z [km]."""
+    """Ainslie and McColm 1998, doi:10.1121/1.421258: [dB/km] of f [kHz], t [degrees Celsius], s, z
+    [km].
+    """
     f1, f2 = 0.78 * math.sqrt(s / 35) * math.exp(t / 26), 42 * math.exp(t / 17)
     return (
         0.106 * f1 * f**2 / (f**2 + f1**2) * math.exp((ph - 8) / 0.56)
@@ -56,7 +69,8 @@ def ainslie_mccolm(f: float, t: float, s: float, z: float, ph: float) -> float:
     )
 
 
-RANGES = [  # over which Ainslie and McColm state that their formula is within 10 % of Francois and Garrison's
+# over which Ainslie and McColm state that their formula is within 10 % of Francois and Garrison's
+RANGES = [
     [(t, 35.0, 0.0, 8.0) for t in (-2.0, 5.0, 15.0, 25.0, 35.0)],
     [(10.0, 35.0, 0.0, ph) for ph in (7.7, 8.0, 8.3)],
     [(10.0, s, 0.0, 8.0) for s in (5.0, 20.0, 35.0, 45.0)],
@@ -65,7 +79,9 @@ RANGES = [  # over which Ainslie and McColm state that their formula is within 1
 
 
 @pytest.mark.parametrize("water", [w for row in RANGES for w in row], ids=str)
-def test_absorption_is_within_a_tenth_of_the_simplified_formula(water: tuple[float, float, float, float]) -> None:
+def test_absorption_is_within_a_tenth_of_the_simplified_formula(
+    water: tuple[float, float, float, float],
+) -> None:
     t, s, z, ph = water
     for f in np.geomspace(0.1, 1000.0, 41):
         made = spreading.absorption(f * 1000, temperature=t, salinity=s, depth=z * 1000, ph=ph)
@@ -73,8 +89,9 @@ def test_absorption_is_within_a_tenth_of_the_simplified_formula(water: tuple[flo
 
 
 def test_absorption_is_that_of_the_acoustics_toolbox() -> None:
-    """9.732982808053584e-5 Np/m at 10 kHz, 10 degrees, 35 psu, pH 8, 1000 m: AttenMod's Franc_Garr, which its author
-    checked against Francois and Garrison's table IV; 8685.889638 dB/km is 1 Np/m."""
+    """9.732982808053584e-5 Np/m at 10 kHz, 10 degrees, 35 psu, pH 8, 1000 m: AttenMod's Franc_Garr,
+    which its author checked against Francois and Garrison's table IV; 8685.889638 dB/km is 1 Np/m.
+    """
     made = spreading.absorption(10_000.0, temperature=10.0, salinity=35.0, depth=1000.0, ph=8.0)
     assert made == pytest.approx(9.732982808053584e-5 * 8685.8896, rel=1e-7)
 
@@ -98,7 +115,10 @@ BAD = {
         {"zones": [(5e4, 7e4, 9.0), (2e4, 5.5e4, 9.0)]},
         "begins within the one before, which ends at 55000",
     ),
-    "gain too high": ({"zones": [(20.0, 50.0, 40.0)]}, "the loss is -12 dB at 25 m; a loss is at least 0"),
+    "gain too high": (
+        {"zones": [(20.0, 50.0, 40.0)]},
+        "the loss is -12 dB at 25 m; a loss is at least 0",
+    ),
 }
 
 

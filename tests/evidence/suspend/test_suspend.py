@@ -1,4 +1,6 @@
-"""The decision to suspend: against closed forms, a brute-force Monte Carlo, another optimiser and Bayes by hand."""
+"""The decision to suspend: against closed forms, a brute-force Monte Carlo, another optimiser and
+Bayes by hand.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -70,9 +72,13 @@ def run(folder: Path, particles: int = 20_000, more: str = "", out: bool = False
     return drift.run(drift.load(path), out=folder / "out" if out else None)
 
 
-@pytest.mark.parametrize(("water", "minutes"), [(5.0, 132.0732), (10.0, 176.7978), (15.0, 276.8182), (18.0, 431.1850)])
+@pytest.mark.parametrize(
+    ("water", "minutes"), [(5.0, 132.0732), (10.0, 176.7978), (15.0, 276.8182), (18.0, 431.1850)]
+)
 def test_the_regression_is_as_published(water: float, minutes: float) -> None:
-    """15 + 7.2 / (0.0785 - 0.0034 T) by hand; at 10 degC its authors' leaflet has 2 1/2 to 3 hours (Hayward et al. 1976)."""
+    """15 + 7.2 / (0.0785 - 0.0034 T) by hand; at 10 degC its authors' leaflet has 2 1/2 to 3 hours
+    (Hayward et al. 1976).
+    """
     assert survival.immersed(water) / 60 == pytest.approx(minutes, abs=5e-5)
     if water == 10:
         assert 2.5 < minutes / 60 < 3
@@ -89,8 +95,14 @@ WRONG = {
     "no unit": ('{ water = 12, clothing = "light" }', "its unit"),
     "not a temperature": ('{ water = "12 m", clothing = "light" }', "is not a temperature"),
     "no clothing": ('{ water = "12 degC" }', "clothing is missing"),
-    "another clothing": ('{ water = "12 degC", clothing = "dry suit" }', "give median and spread instead"),
-    "two ways": ('{ water = "12 degC", clothing = "light", median = "3 h" }', "exactly one of median, water"),
+    "another clothing": (
+        '{ water = "12 degC", clothing = "dry suit" }',
+        "give median and spread instead",
+    ),
+    "two ways": (
+        '{ water = "12 degC", clothing = "light", median = "3 h" }',
+        "exactly one of median, water",
+    ),
     "neither": ("{ spread = 2 }", "exactly one of median, water"),
     "clothing of a median": ('{ median = "3 h", clothing = "light" }', "clothing belongs to water"),
 }
@@ -114,15 +126,24 @@ def test_check_says_what_survival_was_understood(tmp_path: Path) -> None:
     path = tmp_path / "case.toml"
     path.write_text(CASE.format(particles=100, more=""))
     understood = check.check(drift.load(path))
-    assert "alive: median 3.17 h, 68 % between 1/3 and 3 times that (Hayward" in understood['scenario "swimmer"']
+    assert (
+        "alive: median 3.17 h, 68 % between 1/3 and 3 times that (Hayward"
+        in understood['scenario "swimmer"']
+    )
     assert "alive: median 20 h, 68 % between 1/1.7" in understood['scenario "raft"']
 
 
 def chance_alive(median: float, spread: float, window: float, time: float) -> float:
-    """Return the chance of being alive at a time of who went adrift uniformly within a window [h], by quadrature."""
+    """Return the chance of being alive at a time of who went adrift uniformly within a window [h],
+    by quadrature.
+    """
     log = np.log
     value = integrate.quad(
-        lambda r: stats.norm.sf(log((time - r) / median) / log(spread)), 0, window, epsabs=1e-12, limit=200
+        lambda r: stats.norm.sf(log((time - r) / median) / log(spread)),
+        0,
+        window,
+        epsabs=1e-12,
+        limit=200,
     )[0]
     return value / window
 
@@ -140,13 +161,16 @@ law = "definite_range"
 
 @pytest.mark.parametrize("more", ["", "[resampling]\nbelow = 0.999\n"])
 def test_alive_and_never_searched_are_those_of_bayes_by_hand(tmp_path: Path, more: str) -> None:
-    """A uniform prior at rest, its west searched, then its south: posterior and alive in closed form, by story and of all."""
+    """A uniform prior at rest, its west searched, then its south: posterior and alive in closed
+    form, by story and of all.
+    """
     result = run(tmp_path, more=SOUTH + more)
     suspension = flow.suspension(result)
     assert suspension is not None
     share, pod, west = np.array([0.6, 0.4]), np.array([[0.5, 0.8], [0.7, 0.4]]), 0.33330
     low, middle, high = np.sin(np.radians([45.0, 45.15, 45.4]))
-    south = (middle - low) / (high - low)  # great circles for its edges bulge by under 0.3 % of its height
+    # great circles for its edges bulge by under 0.3 % of its height
+    south = (middle - low) / (high - low)
     missed = (1 - west * pod[0]) * (1 - south * pod[1])
     posterior = share * missed / (share @ missed)
     never = (1 - west) * (1 - south) / missed
@@ -159,8 +183,14 @@ def test_alive_and_never_searched_are_those_of_bayes_by_hand(tmp_path: Path, mor
     median = [(15 + 7.2 / (0.0785 - 0.0034 * 11)) / 60, 20.0]
     for time, alive, alive_error in suspension.ahead:
         age = float((time - np.datetime64("2026-06-01T06:00")) / np.timedelta64(1, "h"))
-        each = np.array([chance_alive(m, s, w, age) for m, s, w in zip(median, (3, 1.7), (4.0, 2.0), strict=True)])
-        assert (np.abs(alive[:-1] - each) <= 3 * alive_error[:-1] + 1e-5).all()  # of bins of 36 s: see standing.WITHIN
+        each = np.array(
+            [
+                chance_alive(m, s, w, age)
+                for m, s, w in zip(median, (3, 1.7), (4.0, 2.0), strict=True)
+            ]
+        )
+        # of bins of 36 s: see standing.WITHIN
+        assert (np.abs(alive[:-1] - each) <= 3 * alive_error[:-1] + 1e-5).all()
         assert abs(alive[-1] - posterior @ each) <= 3 * alive_error[-1] + 1e-5
     later = [alive[-1] for _, alive, _ in suspension.ahead]
     assert (np.diff(later) < 0).all()
@@ -169,7 +199,9 @@ def test_alive_and_never_searched_are_those_of_bayes_by_hand(tmp_path: Path, mor
 
 @pytest.mark.parametrize("distress", ["", 'distress = { rate = "0.02/h" }'])
 def test_who_never_goes_adrift_does_not_blur_when_others_did(tmp_path: Path, distress: str) -> None:
-    """A yacht that is under way throughout, or goes adrift weeks after the run: the others' chances are what they were."""
+    """A yacht that is under way throughout, or goes adrift weeks after the run: the others' chances
+    are what they were.
+    """
     late = f"""
 [[scenario]]
 name = "late"
@@ -184,7 +216,9 @@ departure = "+0 h"
 speed = "5 kn"
 """
     path = tmp_path / "case.toml"
-    path.write_text(CASE.format(particles=20_000, more=late).replace("raft = 0.8 }", "raft = 0.8, late = 0 }"))
+    path.write_text(
+        CASE.format(particles=20_000, more=late).replace("raft = 0.8 }", "raft = 0.8, late = 0 }")
+    )
     suspension = flow.suspension(drift.run(drift.load(path)))
     assert suspension is not None
     median = [(15 + 7.2 / (0.0785 - 0.0034 * 11)) / 60, 20.0]
@@ -193,14 +227,26 @@ speed = "5 kn"
     )  # an error of second order in the bins' width: 36 s in a window of 4 h
     for time, alive, error in suspension.ahead:
         age = float((time - np.datetime64("2026-06-01T06:00")) / np.timedelta64(1, "h"))
-        each = np.array([chance_alive(m, s, w, age) for m, s, w in zip(median, (3, 1.7), (4.0, 2.0), strict=True)])
+        each = np.array(
+            [
+                chance_alive(m, s, w, age)
+                for m, s, w in zip(median, (3, 1.7), (4.0, 2.0), strict=True)
+            ]
+        )
         assert (np.abs(alive[:2] - each) <= 3 * error[:2] + binned).all()
         if not distress:
             assert alive[2] == 1.0
-        elif age <= 35:  # until the yacht is there: distress at a constant rate, then a lognormal time
+        elif age <= 35:
+            # until the yacht is there: distress at a constant rate, then a lognormal time
             t = np.linspace(0, age, 20_001)[:-1] + age / 40_000
             lost = (
-                (0.02 * np.exp(-0.02 * t) * stats.norm.cdf(np.log((age - t) / 20.0) / np.log(1.7))).sum() * age / 20_000
+                (
+                    0.02
+                    * np.exp(-0.02 * t)
+                    * stats.norm.cdf(np.log((age - t) / 20.0) / np.log(1.7))
+                ).sum()
+                * age
+                / 20_000
             )
             assert abs(alive[2] - (1 - lost)) <= 3 * error[2] + binned
 
@@ -210,7 +256,9 @@ def uniform(coverage: float, cells: int = 50) -> tuple[np.ndarray, np.ndarray, n
 
 
 def test_found_alive_in_a_uniform_density_is_the_closed_form() -> None:
-    """Exponential survival: the integral of c exp(-c t) exp(-m (t + t0)); random search leaves exp(-c t)."""
+    """Exponential survival: the integral of c exp(-c t) exp(-m (t + t0)); random search leaves
+    exp(-c t).
+    """
     c, m, t0, count = 0.7, 0.9, 0.4, 3
     moments = np.append((np.arange(further.STEPS) + 0.5) / further.STEPS, 1.0)
     alive = np.exp(-m * (t0 + np.arange(count)[:, None] + moments))[..., None]
@@ -219,23 +267,33 @@ def test_found_alive_in_a_uniform_density_is_the_closed_form() -> None:
     for day, one in enumerate(found, 1):
         assert one.pos == pytest.approx(1 - np.exp(-c * day), abs=1e-9)
         exact = np.exp(-m * t0) * c / (c + m) * -np.expm1(-(c + m) * day)
-        # The middle of each part instead of its mean: at most (c + m)^2 / 24 of a part's square, of the whole
+        # The middle of each part instead of its mean: at most (c + m)^2 / 24 of a part's square, of
+        # the whole
         assert one.alive == pytest.approx(exact, rel=(c + m) ** 2 / 24 / further.STEPS**2)
         assert one.waiting == pytest.approx(np.exp(-c * day - m * (t0 + day)), abs=1e-9)
-        assert one.pos_error == pytest.approx(0.0, abs=1e-6)  # all cells alike: which one it is in changes nothing
+        # all cells alike: which one it is in changes nothing
+        assert one.pos_error == pytest.approx(0.0, abs=1e-6)
 
 
 def test_alive_and_found_is_that_of_a_brute_force_monte_carlo() -> None:
-    """Lognormal survival, unknown release, days of random search over a uniform area: objects drawn one by one."""
+    """Lognormal survival, unknown release, days of random search over a uniform area: objects drawn
+    one by one.
+    """
     rng, n, c, days = np.random.default_rng(5), 400_000, 0.8, 4
     release = rng.uniform(0, 10, n)  # [h]
     death = release + 22 * 1.9 ** rng.standard_normal(n)
     now = 18.0
     found = now + 24 * rng.exponential(1 / c, n)
     life = Survival(22 * HOUR, 1.9)
-    ages = [now + 24 * (d + u) for d in range(days) for u in [*(np.arange(further.STEPS) + 0.5) / further.STEPS, 1.0]]
+    ages = [
+        now + 24 * (d + u)
+        for d in range(days)
+        for u in [*(np.arange(further.STEPS) + 0.5) / further.STEPS, 1.0]
+    ]
     bins = (np.arange(200) + 0.5) / 20
-    alive = np.array([life.alive((age - bins) * HOUR).mean() for age in ages]).reshape(days, further.STEPS + 1, 1)
+    alive = np.array([life.alive((age - bins) * HOUR).mean() for age in ages]).reshape(
+        days, further.STEPS + 1, 1
+    )
     until = np.datetime64("2026-06-01") + np.arange(1, days + 1)
     for d, one in enumerate(further.days(*uniform(c), alive, 1000.0, until), 1):
         for value, hit in (
@@ -250,7 +308,9 @@ def test_alive_and_found_is_that_of_a_brute_force_monte_carlo() -> None:
 
 
 def test_effort_over_a_circular_normal_is_koopmans_optimum() -> None:
-    """1 - (1 + u) exp(-u), u = sqrt(Z / (pi s^2)) (Koopman 1980, ch. 3); cells lose second order in their side."""
+    """1 - (1 + u) exp(-u), u = sqrt(Z / (pi s^2)) (Koopman 1980, ch. 3); cells lose second order in
+    their side.
+    """
     u, gaps = 1.3, []
     for count in (32, 64):
         edges = np.linspace(-6, 6, count + 1)
@@ -260,15 +320,21 @@ def test_effort_over_a_circular_normal_is_koopmans_optimum() -> None:
         swept = np.array([np.pi * u**2])
         share = further.spread(mass, swept, cells)
         assert share.sum() == pytest.approx(1.0, abs=1e-12)
-        gaps.append(1 - (1 + u) * np.exp(-u) - float((mass * -np.expm1(-swept / cells * share)).sum()))
+        gaps.append(
+            1 - (1 + u) * np.exp(-u) - float((mass * -np.expm1(-swept / cells * share)).sum())
+        )
     assert gaps[0] > 3 * gaps[1] > 0
-    assert abs(gaps[1] - (gaps[0] - gaps[1]) / 3) < 0.1 * gaps[0]  # nothing is left once extrapolated
+    # nothing is left once extrapolated
+    assert abs(gaps[1] - (gaps[0] - gaps[1]) / 3) < 0.1 * gaps[0]
 
 
 def test_what_steers_or_has_stopped_is_on_the_map() -> None:
     """Of an account only what is outside, has left, sank or is not released is not."""
     chances = {status.name.lower(): 0.02 * (status + 1) for status in Status}
-    data = xr.Dataset({"status_probability": (("time", "status"), [list(chances.values())])}, {"status": list(chances)})
+    data = xr.Dataset(
+        {"status_probability": (("time", "status"), [list(chances.values())])},
+        {"status": list(chances)},
+    )
     gone = sum(chances[name] for name in ("outside", "left", "sunk", "pending"))
     assert decision.off_map(data) == pytest.approx(gone)
 
@@ -283,14 +349,20 @@ def test_effort_over_two_stories_is_that_of_another_optimiser() -> None:
         return float((mass * np.exp(-swept[:, None] / cells * share)).sum())
 
     best = optimize.minimize(
-        left, np.full(5, 0.2), bounds=[(0, 1)] * 5, constraints={"type": "eq", "fun": lambda x: x.sum() - 1}, tol=1e-12
+        left,
+        np.full(5, 0.2),
+        bounds=[(0, 1)] * 5,
+        constraints={"type": "eq", "fun": lambda x: x.sum() - 1},
+        tol=1e-12,
     )
     assert best.success
     assert left(further.spread(mass, swept, cells)) <= best.fun + 1e-9
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[drift.Result, decision.Suspension, Path]:
+def small(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[drift.Result, decision.Suspension, Path]:
     """A run of few particles, the decision by it, and the folder of its files."""
     folder = tmp_path_factory.mktemp("small")
     result = run(folder, particles=1000, out=True)
@@ -300,28 +372,44 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[drift.Result, decis
 
 
 def test_a_day_like_the_last_one(small: tuple[drift.Result, decision.Suspension, Path]) -> None:
-    """What is swept is W v t; a uniform area holds what random search of it finds, the searched third less."""
+    """What is swept is W v t; a uniform area holds what random search of it finds, the searched
+    third less.
+    """
     result, suspension, out = small
     sorties = result.updates.sorties
-    assert further.area(sorties[0]) / 1852**2 == pytest.approx(20 * np.cos(np.radians(45.2)) * 36, rel=2e-3)
+    assert further.area(sorties[0]) / 1852**2 == pytest.approx(
+        20 * np.cos(np.radians(45.2)) * 36, rel=2e-3
+    )
     swept = further.effort(sorties[0])
-    np.testing.assert_allclose(swept / further.area(sorties[0]), [0.5, 0.8], rtol=1e-6)  # definite range: C = POD
+    # definite range: C = POD
+    np.testing.assert_allclose(swept / further.area(sorties[0]), [0.5, 0.8], rtol=1e-6)
     one = suspension.further[0]
     whole = 60 * np.cos(np.radians(45.2)) * 24 * 1852**2
-    # No more is found than if each story had all effort where it is likeliest, and no less than by even effort
+    # No more is found than if each story had all effort where it is likeliest, and no less than by
+    # even effort
     low = float(suspension.share @ -np.expm1(-swept / whole))
-    assert low - 3 * one.pos_error < one.pos < float(suspension.share @ (swept / whole * 1.5 / (1 - 0.8 / 3)))
+    assert (
+        low - 3 * one.pos_error
+        < one.pos
+        < float(suspension.share @ (swept / whole * 1.5 / (1 - 0.8 / 3)))
+    )
     assert one.alive < one.pos
     text = (out / "suspend.txt").read_text()
     assert max(map(len, text.splitlines())) <= suspend_text.WIDE
     assert text.isascii()
-    for word in ("western third", "Hayward, Eckerson and Collis 1975", "neither a plan nor a bound"):
+    for word in (
+        "western third",
+        "Hayward, Eckerson and Collis 1975",
+        "neither a plan nor a bound",
+    ):
         assert word in " ".join(text.split())
     assert (out / "suspend.png").exists()
 
 
 @pytest.mark.usefixtures("painted")
-def test_the_picture_is_painted(small: tuple[drift.Result, decision.Suspension, Path], tmp_path: Path) -> None:
+def test_the_picture_is_painted(
+    small: tuple[drift.Result, decision.Suspension, Path], tmp_path: Path
+) -> None:
     suspend_map.plot_suspension(small[1], tmp_path / "suspend.png", imprint=Imprint("Title"))
     assert (tmp_path / "suspend.png").stat().st_size > 10_000
 
@@ -333,7 +421,10 @@ def test_days_on_a_held_map_bear_no_error_and_no_panel_is_empty(
     monkeypatch: pytest.MonkeyPatch,
     mortal: bool,
 ) -> None:
-    """What holding the map does to later days is not in the particles: +- would promise it. A plan's sorties meet particles that drift on."""
+    """What holding the map does to later days is not in the particles: +- would promise it.
+
+    A plan's sorties meet particles that drift on.
+    """
     drawn: list[Any] = []
     monkeypatch.setattr(page, "save", lambda canvas, *args, **more: drawn.append(canvas.figure))
     _, told, _ = small
@@ -369,7 +460,9 @@ def test_survival_times_alone_are_told_from_the_start(tmp_path: Path) -> None:
 def test_a_plan_of_two_sorties_saves_by_the_second_only_who_the_first_missed() -> None:
     """0.6 found, 0.5 of them alive; of the 0.4 left 0.5, 0.2 of these alive: 0.3 + 0.4 * 0.1."""
     updates = [
-        SimpleNamespace(name=name, pos=np.array([pos, pos]), alive=np.array([alive, alive]), standing=None)
+        SimpleNamespace(
+            name=name, pos=np.array([pos, pos]), alive=np.array([alive, alive]), standing=None
+        )
         for name, pos, alive in (("a", 0.6, 0.3), ("b", 0.5, 0.1))
     ]
     standing: Any = SimpleNamespace(effective=100.0)

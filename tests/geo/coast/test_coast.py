@@ -1,4 +1,6 @@
-"""The coast against shapely: crossings, water, islands, the antimeridian, shoreline files, a real landing."""
+"""The coast against shapely: crossings, water, islands, the antimeridian, shoreline files, a real
+landing.
+"""
 
 import json
 
@@ -28,7 +30,9 @@ def _taichi():
 
 @pytest.fixture(scope="module")
 def norway():
-    """The coast of West Norway, on the device too, and its land on the lattice (in units) as shapely sees it."""
+    """The coast of West Norway, on the device too, and its land on the lattice (in units) as
+    shapely sees it.
+    """
     runtime.start()
     land = shore.land("gshhg", NORWAY)
     built = edges.build_coast(land, NORWAY)
@@ -45,7 +49,9 @@ def data(name):
 
 
 def on_lattice(polygons):
-    """Return polygons [deg] as one multipolygon of lattice units; whole numbers, so shapely's predicates are exact."""
+    """Return polygons [deg] as one multipolygon of lattice units; whole numbers, so shapely's
+    predicates are exact.
+    """
     return shapely.transform(shapely.multipolygons(polygons), lambda x: np.rint(x * UNITS))
 
 
@@ -56,7 +62,10 @@ def segments(lon, lat, dlon, dlat):
 
 def steps_within(box, rng, n, length):
     """Return n random steps [unit] of a length [m] that stay in a box, as int64."""
-    lon, lat = rng.uniform(box.west, box.east, n) * UNITS, rng.uniform(box.south, box.north, n) * UNITS
+    lon, lat = (
+        rng.uniform(box.west, box.east, n) * UNITS,
+        rng.uniform(box.south, box.north, n) * UNITS,
+    )
     course = rng.uniform(0, 2 * np.pi, n)
     stretch = 1 / np.cos(lat / UNITS * np.pi / 180)
     dlon, dlat = length * METRE * np.sin(course) * stretch, length * METRE * np.cos(course)
@@ -78,7 +87,8 @@ def coast_of(polygons, box, **options):
 
 
 @pytest.mark.parametrize(
-    "length", [10, 1000, *(pytest.param(m, marks=pytest.mark.thorough) for m in (100, 5000, 50_000))]
+    "length",
+    [10, 1000, *(pytest.param(m, marks=pytest.mark.thorough) for m in (100, 5000, 50_000))],
 )  # [m]
 def test_crossings_agree_with_shapely(norway, length):
     _, device, land, lines = norway
@@ -94,7 +104,8 @@ def test_crossings_agree_with_shapely(norway, length):
     shapely.prepare(lines)
     np.testing.assert_array_equal(found.hit, shapely.intersects(lines, way))
 
-    # No hit: the step as it was, bit for bit. Hit: the stop is in water, and the way to it meets no shoreline.
+    # No hit: the step as it was, bit for bit. Hit: the stop is in water, and the way to it meets no
+    # shoreline.
     free = ~found.hit
     assert found.hit.any()
     assert free.any()
@@ -104,11 +115,16 @@ def test_crossings_agree_with_shapely(norway, length):
     assert (found.edge_id[free] == -1).all()
     assert not shapely.intersects_xy(land, found.lon, found.lat).any()
     moved = found.hit & ((found.lon != lon) | (found.lat != lat))
-    assert not shapely.intersects(lines, segments(lon, lat, found.lon - lon, found.lat - lat)[moved]).any()
+    assert not shapely.intersects(
+        lines, segments(lon, lat, found.lon - lon, found.lat - lat)[moved]
+    ).any()
 
-    # The crossing is shapely's nearest intersection, within 2 units (of 9.3 mm); it lies on the edge that is named.
+    # The crossing is shapely's nearest intersection, within 2 units (of 9.3 mm); it lies on the
+    # edge that is named.
     which = np.flatnonzero(found.hit)[:1500]
-    points, owner = shapely.get_coordinates(shapely.intersection(lines, way[which]), return_index=True)
+    points, owner = shapely.get_coordinates(
+        shapely.intersection(lines, way[which]), return_index=True
+    )
     away = np.hypot(points[:, 0] - lon[which][owner], points[:, 1] - lat[which][owner])
     nearest = np.full(which.size, np.inf)
     np.minimum.at(nearest, owner, away)
@@ -116,18 +132,22 @@ def test_crossings_agree_with_shapely(norway, length):
     assert np.abs(reached - nearest).max() < 2
     edge = edges.edges(norway[0])[found.edge_id[which]].reshape(-1, 2, 2).astype(float)
     place = (
-        np.stack([lon, lat], 1)[which] + found.fraction[which, None].astype(float) * np.stack([dlon, dlat], 1)[which]
+        np.stack([lon, lat], 1)[which]
+        + found.fraction[which, None].astype(float) * np.stack([dlon, dlat], 1)[which]
     )
     assert shapely.distance(shapely.linestrings(edge), shapely.points(place)).max() < 2
 
-    # The stop is close before the crossing: a unit or two, more only where the step grazes the shore.
+    # The stop is close before the crossing: a unit or two, more only where the step grazes the
+    # shore.
     stopped = np.hypot(found.lon - lon, found.lat - lat)[which]
     assert (stopped < nearest).all()
     assert np.percentile(nearest - stopped, 90) < 3
 
 
 def test_degenerate_steps_agree_with_shapely():
-    """Vertices hit, edges grazed and followed, cell borders: everything lies on a coarse lattice of 2**15 units."""
+    """Vertices hit, edges grazed and followed, cell borders: everything lies on a coarse lattice of
+    2**15 units.
+    """
     rng = np.random.default_rng(7)
     step = 2**15
     for _ in range(8):
@@ -136,7 +156,8 @@ def test_degenerate_steps_agree_with_shapely():
         blocks = [square(*a, *(a + b)) for a, b in zip(corners, sizes, strict=True)]
         blocks += [shapely.Polygon(rng.integers(0, 24, (3, 2))) for _ in range(6)]
         blocks = [block for block in blocks if block.area > 0]
-        union = shapely.set_precision(shapely.union_all(blocks), 1)  # vertices stay on the coarse lattice
+        # vertices stay on the coarse lattice
+        union = shapely.set_precision(shapely.union_all(blocks), 1)
         land = shapely.get_parts(shapely.transform(union, lambda x: x * step / UNITS))
         box = Box(0, 0, 24 * step / UNITS, 24 * step / UNITS)
         _, device = coast_of(land, box)
@@ -155,16 +176,22 @@ def test_degenerate_steps_agree_with_shapely():
         np.testing.assert_array_equal(np.isfinite(met), touches)
         np.testing.assert_array_equal(met[touches], found.fraction[touches])
         assert not shapely.intersects_xy(exact, found.lon, found.lat).any()
-        touch = shapely.distance(shapely.intersection(way, exact), shapely.points(lon, lat))[found.hit]
+        touch = shapely.distance(shapely.intersection(way, exact), shapely.points(lon, lat))[
+            found.hit
+        ]
         reached = (found.fraction * np.hypot(dlon, dlat))[found.hit]
         np.testing.assert_allclose(reached, touch, atol=2)
         # Nothing but the start's side of the coast is ever reached.
         moved = (found.lon != lon) | (found.lat != lat)
-        assert not shapely.intersects(exact, segments(lon, lat, found.lon - lon, found.lat - lat)[moved]).any()
+        assert not shapely.intersects(
+            exact, segments(lon, lat, found.lon - lon, found.lat - lat)[moved]
+        ).any()
 
 
 def test_nothing_narrow_is_jumped():
-    """A spit 2 units (2 cm) wide and an islet of 3 units stop steps of any length, up to 40 degrees."""
+    """A spit 2 units (2 cm) wide and an islet of 3 units stop steps of any length, up to 40
+    degrees.
+    """
     unit = 1 / UNITS
     spit = square(10, -5, 10 + 2 * unit, 5)
     islet = square(20, 7, 20 + 3 * unit, 7 + 3 * unit)
@@ -179,12 +206,18 @@ def test_nothing_narrow_is_jumped():
         assert back.lon[0] == np.rint(10 * UNITS) + 3
     middle = np.rint([20 * UNITS + 1, 7 * UNITS + 1]).astype(int)
     for dx, dy in ((7, 3), (7_000_000, 3_000_000), (-70_000_000, 30_000_000)):
-        assert crossing.crossings(device, [middle[0] - dx], [middle[1] - dy], [2 * dx], [2 * dy]).hit[0]
-        assert not crossing.crossings(device, [middle[0] - dx], [middle[1] - dy + 9], [2 * dx], [2 * dy]).hit[0]
+        assert crossing.crossings(
+            device, [middle[0] - dx], [middle[1] - dy], [2 * dx], [2 * dy]
+        ).hit[0]
+        assert not crossing.crossings(
+            device, [middle[0] - dx], [middle[1] - dy + 9], [2 * dx], [2 * dy]
+        ).hit[0]
 
 
 def test_open_sea_look_up_hides_no_crossing(norway):
-    """Steps about as long as the byte of their cell allows, from its corners, in the worst directions."""
+    """Steps about as long as the byte of their cell allows, from its corners, in the worst
+    directions.
+    """
     built, device, _, lines = norway
     shapely.prepare(lines)
     rng = np.random.default_rng(3)
@@ -194,7 +227,10 @@ def test_open_sea_look_up_hides_no_crossing(norway):
     lon = built.lon0 + (cell % built.nx) * size + rng.choice([0, size - 1], cell.size)
     lat = built.lat0 + (cell // built.nx) * size + rng.choice([0, size - 1], cell.size)
     reach = (away[cell] - 1) * size + rng.choice([0, 1, size // 2, size], cell.size)
-    dlon, dlat = rng.choice([-1, 1], cell.size) * reach, np.rint(rng.uniform(-1, 1, cell.size) * reach).astype(int)
+    dlon, dlat = (
+        rng.choice([-1, 1], cell.size) * reach,
+        np.rint(rng.uniform(-1, 1, cell.size) * reach).astype(int),
+    )
     inside = (lon + dlon > built.lon0) & (lon + dlon < built.lon0 + built.nx * size)
     inside &= (lat + dlat > built.lat0) & (lat + dlat < built.lat0 + built.ny * size)
     lon, lat, dlon, dlat = (a[inside] for a in (lon, lat, dlon, dlat))
@@ -228,10 +264,13 @@ def test_water_agrees_with_shapely(norway):
 
 
 def test_points_on_edges_are_land():
-    triangle = shapely.transform(shapely.Polygon([(1, 1), (31, 11), (11, 21)]), lambda x: x * 10_000 / UNITS)
+    triangle = shapely.transform(
+        shapely.Polygon([(1, 1), (31, 11), (11, 21)]), lambda x: x * 10_000 / UNITS
+    )
     built, device = coast_of([triangle], Box(0, 0, 0.1, 0.1))
     k = np.arange(10_001)
-    lon, lat = 10_000 + 30 * k, 10_000 + 10 * k  # every 10,000th part of the first edge lies on the lattice
+    # every 10,000th part of the first edge lies on the lattice
+    lon, lat = 10_000 + 30 * k, 10_000 + 10 * k
     assert edges.is_land(built, lon, lat).all()
     assert not crossing.wet(device, lon, lat).any()
     assert crossing.wet(device, lon, lat - 1).all()
@@ -247,8 +286,12 @@ def test_nearest_water_and_coast(norway):
     assert metres == pytest.approx(float(sphere.distance(*np.deg2rad([lon, lat, x, y]))))
     # shapely in a plane that is true to scale here: half a percent over a few km
     squeeze = np.cos(np.deg2rad(lat))
-    lines = shapely.transform(shapely.boundary(shapely.multipolygons(built.polygons)), lambda p: p * [squeeze, 1])
-    expected = np.deg2rad(shapely.distance(lines, shapely.Point(lon * squeeze, lat))) * sphere.RADIUS
+    lines = shapely.transform(
+        shapely.boundary(shapely.multipolygons(built.polygons)), lambda p: p * [squeeze, 1]
+    )
+    expected = (
+        np.deg2rad(shapely.distance(lines, shapely.Point(lon * squeeze, lat))) * sphere.RADIUS
+    )
     assert edges.nearest_coast(built, lon, lat)[2] == pytest.approx(expected, rel=5e-3)
     assert expected * 0.995 < metres < expected * 1.005 + 120
     assert edges.nearest_water(built, 3.0, 61.0) == (3.0, 61.0, 0.0)
@@ -267,8 +310,12 @@ def test_no_coast():
 
 
 def test_island_cut_at_the_antimeridian_is_whole(tmp_path):
-    """A file whose island is cut at 180, with other vertices on the two sides of the cut, has no shore along it."""
-    west = shapely.Polygon([(179.5, -17.2), (180, -17.1), (180, -16.5), (180, -16.0), (179.6, -16.3)])
+    """A file whose island is cut at 180, with other vertices on the two sides of the cut, has no
+    shore along it.
+    """
+    west = shapely.Polygon(
+        [(179.5, -17.2), (180, -17.1), (180, -16.5), (180, -16.0), (179.6, -16.3)]
+    )
     east = shapely.Polygon([(-180, -17.1), (-179.7, -16.9), (-180, -16.0)])
     path = tmp_path / "island.geojson"
     path.write_text(shapely.to_geojson(shapely.MultiPolygon([west, east])))
@@ -284,12 +331,17 @@ def test_island_cut_at_the_antimeridian_is_whole(tmp_path):
     inland = shapely.intersects_xy(whole, lon, lat)
     np.testing.assert_array_equal(edges.is_land(built, wrapped, lat), inland)
     np.testing.assert_array_equal(crossing.wet(device, wrapped, lat), ~inland)
-    assert edges.is_land(built, sphere.to_binary([180.0, -180.0]), sphere.to_binary([-16.4, -16.4])).all()
+    assert edges.is_land(
+        built, sphere.to_binary([180.0, -180.0]), sphere.to_binary([-16.4, -16.4])
+    ).all()
     lon, lat, dlon, dlat, wrapped = (a[~inland] for a in (lon, lat, dlon, dlat, wrapped))
     found = crossing.crossings(device, wrapped, lat, dlon, dlat)
-    np.testing.assert_array_equal(found.hit, shapely.intersects(whole, segments(lon, lat, dlon, dlat)))
+    np.testing.assert_array_equal(
+        found.hit, shapely.intersects(whole, segments(lon, lat, dlon, dlat))
+    )
     free = ~found.hit
-    assert (sphere.to_degrees(found.lon[free]) < 0).any()  # some ended east of 180, as binary angles below zero
+    # some ended east of 180, as binary angles below zero
+    assert (sphere.to_degrees(found.lon[free]) < 0).any()
     assert (sphere.to_degrees(found.lon[free]) > 0).any()
 
 
@@ -299,24 +351,38 @@ def test_fiji_has_no_shore_along_the_antimeridian():
     edge = edges.edges(built)
     along = (edge[:, 0] == -(2**31)) & (edge[:, 2] == -(2**31))
     assert not along.any()
-    inside = sphere.to_binary([180.0, -180.0, 179.999, -179.999])  # Taveuni, which GSHHG cuts at 180
+    # Taveuni, which GSHHG cuts at 180
+    inside = sphere.to_binary([180.0, -180.0, 179.999, -179.999])
     assert edges.is_land(built, inside, sphere.to_binary([-16.9] * 4)).all()
 
 
 def test_globe_closes_at_its_seam():
-    """Round the whole Earth: land that is cut at 180 has no shore there, land that ends there has one."""
+    """Round the whole Earth: land that is cut at 180 has no shore there, land that ends there has
+    one.
+    """
     pieces = [square(170, 10, 180, 20), square(-180, 10, -175, 20), square(175, 30, 180, 40)]
     pieces.append(shapely.Polygon([(-180, -90), (180, -90), (180, -78), (-180, -78)]))
     built, device = coast_of(pieces, Box(-180, -90, 180, 90), max_cells=10**6)
     assert built.nx << built.shift == sphere.TURN
-    lon, lat = sphere.to_binary([180, -180, 179.9, -179.9, 180, -179.9]), sphere.to_binary([15, 15, 15, 15, 35, 35])
-    np.testing.assert_array_equal(crossing.wet(device, lon, lat), [False, False, False, False, False, True])
-    np.testing.assert_array_equal(edges.is_land(built, lon, lat), [True, True, True, True, True, False])
-    assert edges.is_land(built, sphere.to_binary([-180.0, 0, 123]), sphere.to_binary([-80.0] * 3)).all()
+    lon, lat = (
+        sphere.to_binary([180, -180, 179.9, -179.9, 180, -179.9]),
+        sphere.to_binary([15, 15, 15, 15, 35, 35]),
+    )
+    np.testing.assert_array_equal(
+        crossing.wet(device, lon, lat), [False, False, False, False, False, True]
+    )
+    np.testing.assert_array_equal(
+        edges.is_land(built, lon, lat), [True, True, True, True, True, False]
+    )
+    assert edges.is_land(
+        built, sphere.to_binary([-180.0, 0, 123]), sphere.to_binary([-80.0] * 3)
+    ).all()
 
     def go(lon, lat, east, north):
         dlon, dlat = int(east * UNITS), int(north * UNITS)
-        return crossing.crossings(device, sphere.to_binary([lon]), sphere.to_binary([lat]), [dlon], [dlat])
+        return crossing.crossings(
+            device, sphere.to_binary([lon]), sphere.to_binary([lat]), [dlon], [dlat]
+        )
 
     assert not go(179, 25, 3, 2).hit[0]
     westward = go(-179, 35, -3, 0.5)
@@ -348,7 +414,8 @@ def test_noaa_shoreline(name, box, wet, dry):
     built = edges.build_coast(land, box)
     points = sphere.to_binary([wet, dry])
     np.testing.assert_array_equal(edges.is_land(built, points[:, 0], points[:, 1]), [False, True])
-    assert not edges.is_land(built, *sphere.to_binary([box.west, box.south]))  # the frame of the map is not land
+    # the frame of the map is not land
+    assert not edges.is_land(built, *sphere.to_binary([box.west, box.south]))
     if "louisiana" in name:
         assert any("10 lakes" in note for note in land.notes)
         lake = sphere.to_binary([-90.499, 30.257])  # Lake Maurepas, a record of type 2
@@ -368,17 +435,25 @@ def test_self_crossing_shoreline_is_repaired(tmp_path):
 
 def test_overlapping_polygons_are_joined(tmp_path):
     path = tmp_path / "two.geojson"
-    path.write_text(shapely.to_geojson(shapely.MultiPolygon([square(0, 0, 2, 1), square(1, 0.5, 3, 2)])))
+    path.write_text(
+        shapely.to_geojson(shapely.MultiPolygon([square(0, 0, 2, 1), square(1, 0.5, 3, 2)]))
+    )
     built = edges.build_coast(shore.land(path, Box(-1, -1, 4, 3)), Box(-1, -1, 4, 3))
     assert edges.is_land(built, *sphere.to_binary([1.5, 0.75]))
 
 
 def test_shapefile_in_metres(tmp_path):
     pyogrio = pytest.importorskip("pyogrio")
-    x, y = 500_000 + np.array([0, 60_000, 60_000]), 6_700_000 + np.array([0, 0, 40_000])  # UTM 32 N, so 9 E
+    # UTM 32 N, so 9 E
+    x, y = 500_000 + np.array([0, 60_000, 60_000]), 6_700_000 + np.array([0, 0, 40_000])
     ring = shapely.Polygon(np.stack([x, y], 1))
     pyogrio.raw.write(
-        tmp_path / "utm.shp", np.array([shapely.to_wkb(ring)]), [], [], geometry_type="Polygon", crs="EPSG:32632"
+        tmp_path / "utm.shp",
+        np.array([shapely.to_wkb(ring)]),
+        [],
+        [],
+        geometry_type="Polygon",
+        crs="EPSG:32632",
     )
     land = shore.land(tmp_path / "utm.shp", Box(8, 59, 12, 62))
     assert any("UTM" in note for note in land.notes)
@@ -397,7 +472,11 @@ def test_shapefile_in_metres(tmp_path):
         ("line.bna", '"1","1",-3\n0,0\n1,0\n1,1\n', "no land polygon"),
         ("metres.bna", '"1","1",3\n500000,6700000\n600000,6700000\n500000,6800000\n', "degrees"),
         ("empty.geojson", '{"type": "FeatureCollection", "features": []}', "no land polygon"),
-        ("line.geojson", '{"type": "LineString", "coordinates": [[0, 0], [1, 1]]}', "no land polygon"),
+        (
+            "line.geojson",
+            '{"type": "LineString", "coordinates": [[0, 0], [1, 1]]}',
+            "no land polygon",
+        ),
         ("broken.geojson", '{"type": "Poly', "cannot be read"),
         ("broken.shp", "nothing", "cannot be read"),
     ],
@@ -427,12 +506,17 @@ def test_land_beyond_the_cut_is_refused(norway):
 
 
 def test_buoy_lands_on_hopen():
-    """UIB-2022-TILL-01 went ashore on 2022-10-18 between 20:00 and 20:30 UTC: its track's one and only crossing."""
+    """UIB-2022-TILL-01 went ashore on 2022-10-18 between 20:00 and 20:30 UTC: its track's one and
+    only crossing.
+    """
     with xr.open_dataset(data("barents/barents.nc")) as file:
         buoy = file.isel(trajectory=file.drifter_names.values.tolist().index("UIB-2022-TILL-01"))
         fixed = ~np.isnat(buoy.time.values)
         time = buoy.time.values[fixed].astype("datetime64[s]")
-        lon, lat = sphere.to_binary(buoy.lon.values[fixed]), sphere.to_binary(buoy.lat.values[fixed])
+        lon, lat = (
+            sphere.to_binary(buoy.lon.values[fixed]),
+            sphere.to_binary(buoy.lat.values[fixed]),
+        )
     box = Box(16, 74, 31, 78)
     device = crossing.upload(edges.build_coast(shore.land("gshhg", box), box))
     afloat = np.flatnonzero(crossing.wet(device, lon[:-1], lat[:-1]))

@@ -1,4 +1,6 @@
-"""GSHHG in pieces: the same polygons as the package holds, to the bit, whatever the box and whatever became of the file."""
+"""GSHHG in pieces: the same polygons as the package holds, to the bit, whatever the box and
+whatever became of the file.
+"""
 
 import contextlib
 import os
@@ -25,16 +27,21 @@ BOXES = (
 def same(one, other):
     """Whether polygons are the same ones in the same order, to the bit."""
     (points, ring), (other_points, other_ring) = (
-        shapely.get_coordinates(shapely.get_rings(polygons), return_index=True) for polygons in (one, other)
+        shapely.get_coordinates(shapely.get_rings(polygons), return_index=True)
+        for polygons in (one, other)
     )
     lakes = shapely.get_num_interior_rings
     return (
-        np.array_equal(points, other_points) and np.array_equal(ring, other_ring) and (lakes(one) == lakes(other)).all()
+        np.array_equal(points, other_points)
+        and np.array_equal(ring, other_ring)
+        and (lakes(one) == lakes(other)).all()
     )
 
 
 def some_land():
-    """Return islands of all sizes all over the Earth, in millionths of a degree, some of which end at 180 degrees."""
+    """Return islands of all sizes all over the Earth, in millionths of a degree, some of which end
+    at 180 degrees.
+    """
     rng = np.random.default_rng(5)
     n = 600
     lon, lat = rng.uniform(-180, 180, n), rng.uniform(-80, 80, n)
@@ -75,10 +82,19 @@ def test_a_broken_file_is_made_anew(land, place):
     gshhg.whole()
     (file,) = gshhg.cache_folder().iterdir()
     content = bytearray(file.read_bytes())
-    if place in ("head", "piece", "length"):  # the length of the table, which asks for 2^60 bytes then
-        at = {"head": gshhg.BEGIN.size + 30, "piece": len(content) // 2, "length": gshhg.BEGIN.size - 1}[place]
+    # the length of the table, which asks for 2^60 bytes then
+    if place in ("head", "piece", "length"):
+        at = {
+            "head": gshhg.BEGIN.size + 30,
+            "piece": len(content) // 2,
+            "length": gshhg.BEGIN.size - 1,
+        }[place]
         content[at] ^= 0x10
-    file.write_bytes({"cut": content[:-20], "foreign": b"nothing of the kind" * 9, "empty": b""}.get(place, content))
+    file.write_bytes(
+        {"cut": content[:-20], "foreign": b"nothing of the kind" * 9, "empty": b""}.get(
+            place, content
+        )
+    )
     assert same(gshhg.whole(), polygons)
     assert reads == [1, 1]
     assert same(gshhg.whole(), polygons)

@@ -1,4 +1,6 @@
-"""Ways over land against a visibility graph (every pair of corners that see each other) and closed forms."""
+"""Ways over land against a visibility graph (every pair of corners that see each other) and closed
+forms.
+"""
 
 import itertools
 
@@ -18,7 +20,9 @@ def apart(a, b):
 
 
 def by_sight(polygon, a, b):
-    """Return the length [m] of the shortest way in a polygon, over all pairs of points that see each other."""
+    """Return the length [m] of the shortest way in a polygon, over all pairs of points that see
+    each other.
+    """
     points = np.array([a, b, *shapely.get_coordinates(polygon)])
     seen = polygon.buffer(1e-9)
     between = np.zeros((len(points), len(points)))
@@ -30,11 +34,15 @@ def by_sight(polygon, a, b):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_way_is_the_shortest_of_all_between_corners(seed, monkeypatch):
-    """Stars of 30 corners on the equator, where straight lines of both planes agree to (size / radius)^2 = 1e-5."""
+    """Stars of 30 corners on the equator, where straight lines of both planes agree to (size /
+    radius)^2 = 1e-5.
+    """
     monkeypatch.setattr(overland, "DETAIL", 0.0)
     rng = np.random.default_rng(seed)
     angle, far = np.sort(rng.uniform(0, 2 * np.pi, 30)), rng.uniform(0.05, 1, 30)
-    star = shapely.Polygon(np.stack([10 + 0.3 * far * np.cos(angle), 0.2 * far * np.sin(angle)], axis=1))
+    star = shapely.Polygon(
+        np.stack([10 + 0.3 * far * np.cos(angle), 0.2 * far * np.sin(angle)], axis=1)
+    )
     west, south, east, north = star.bounds
     points = []
     while len(points) < 4:
@@ -43,18 +51,27 @@ def test_a_way_is_the_shortest_of_all_between_corners(seed, monkeypatch):
             points.append(point)
     land = land_masses.build_land_masses(np.array([star], object))
     found = overland.distances(land, points[0], points[1:], 200e3)
-    np.testing.assert_allclose(found, [by_sight(star, points[0], point) for point in points[1:]], rtol=2e-5)
+    np.testing.assert_allclose(
+        found, [by_sight(star, points[0], point) for point in points[1:]], rtol=2e-5
+    )
 
 
-BAY = shapely.Polygon([(0, 0), (0.3, 0), (0.3, 0.2), (0.2, 0.2), (0.2, 0.05), (0.1, 0.05), (0.1, 0.2), (0, 0.2)])
+BAY = shapely.Polygon(
+    [(0, 0), (0.3, 0), (0.3, 0.2), (0.2, 0.2), (0.2, 0.05), (0.1, 0.05), (0.1, 0.2), (0, 0.2)]
+)
 
 
 @pytest.mark.parametrize("shift", [0.0, 179.85, 359.85])
 def test_round_a_bay_and_not_across(shift):
-    """From one head of a bay to the other: down one side, along the bottom, up the other, wherever it lies."""
+    """From one head of a bay to the other: down one side, along the bottom, up the other, wherever
+    it lies.
+    """
     bay = shapely.transform(BAY, lambda xy: xy + np.array([shift, 0.0]))
     land = land_masses.build_land_masses(np.array([bay], object))
-    base, to = (float(sphere.wrap_degrees(shift + 0.1)), 0.2), (float(sphere.wrap_degrees(shift + 0.2)), 0.2)
+    base, to = (
+        (float(sphere.wrap_degrees(shift + 0.1)), 0.2),
+        (float(sphere.wrap_degrees(shift + 0.2)), 0.2),
+    )
     way = (0.15 + 0.1 + 0.15) * DEGREE
     (found,) = overland.distances(land, base, [to], 60e3)
     assert found == pytest.approx(way, abs=2 * overland.DETAIL * 60e3)
@@ -65,7 +82,9 @@ def test_round_a_bay_and_not_across(shift):
 def test_islands_are_apart_until_a_bridge_joins_them():
     islands = np.array([shapely.box(0, 0, 0.1, 0.1), shapely.box(0.12, 0, 0.2, 0.1)], object)
     base, to = (0.02, 0.05), (0.18, 0.05)
-    assert overland.distances(land_masses.build_land_masses(islands), base, [to], 50e3).tolist() == [np.inf]
+    assert overland.distances(
+        land_masses.build_land_masses(islands), base, [to], 50e3
+    ).tolist() == [np.inf]
     bridged = land_masses.build_land_masses(islands, [((0.1, 0.08), (0.12, 0.08))])
     assert bridged.mass[0] == bridged.mass[1]
     (found,) = overland.distances(bridged, base, [to], 50e3)
@@ -75,7 +94,9 @@ def test_islands_are_apart_until_a_bridge_joins_them():
 
 def test_round_a_lake():
     """A lake is no way: the way goes round its nearer end."""
-    ring = shapely.Polygon(shapely.box(0, 0, 0.3, 0.3).exterior, [shapely.box(0.1, 0.05, 0.2, 0.29).exterior])
+    ring = shapely.Polygon(
+        shapely.box(0, 0, 0.3, 0.3).exterior, [shapely.box(0.1, 0.05, 0.2, 0.29).exterior]
+    )
     land = land_masses.build_land_masses(np.array([ring], object))
     (found,) = overland.distances(land, (0.09, 0.1), [(0.21, 0.1)], 60e3)
     legs = [(0.09, 0.1), (0.1, 0.05), (0.2, 0.05), (0.21, 0.1)]

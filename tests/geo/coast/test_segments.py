@@ -16,7 +16,8 @@ from geo.errors import UserError
 
 EARTH = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 DEGREE = np.pi * sphere.RADIUS / 180  # [m] of latitude
-ATOL = 1e-3  # [m] a kilometre of float64 great circles by two formulas: 1e-9 of the radius in the worst case
+# [m] a kilometre of float64 great circles by two formulas: 1e-9 of the radius in the worst case
+ATOL = 1e-3
 FIJI = Box(178, -18, 182, -15)
 
 
@@ -51,7 +52,11 @@ def edge_lengths(built):
 def geojson(path, *features):
     """Write features (geometry, properties) as a collection."""
     rows = [
-        {"type": "Feature", "properties": words, "geometry": json.loads(shapely.to_geojson(shape)) if shape else None}
+        {
+            "type": "Feature",
+            "properties": words,
+            "geometry": json.loads(shapely.to_geojson(shape)) if shape else None,
+        }
         for shape, words in features
     ]
     path.write_text(json.dumps({"type": "FeatureCollection", "features": rows}))
@@ -66,7 +71,9 @@ def check(built, cut):
     np.testing.assert_array_equal(np.unique(cut.of_edge), np.arange(number))
     np.testing.assert_allclose(cut.length, np.bincount(cut.of_edge, size), atol=ATOL)
     np.testing.assert_allclose(cut.length.sum(), size.sum(), rtol=1e-9)
-    np.testing.assert_allclose([EARTH.geometry_length(line) for line in cut.lines], cut.length, rtol=1e-9, atol=ATOL)
+    np.testing.assert_allclose(
+        [EARTH.geometry_length(line) for line in cut.lines], cut.length, rtol=1e-9, atol=ATOL
+    )
     assert len(set(cut.name)) == len(cut.access) == number
     assert (np.abs(cut.lon) <= 180).all()
     # Midpoints lie on their own lines: 1e-9 degrees are a tenth of a millimetre.
@@ -76,7 +83,9 @@ def check(built, cut):
 
 
 def test_ids_are_the_same_in_every_domain_and_name_what_lies_there():
-    """An island whole in two boxes has the same stretches and ids; mainland cut by the edge is named by place."""
+    """An island whole in two boxes has the same stretches and ids; mainland cut by the edge is
+    named by place.
+    """
     boxes = Box(9.5, -0.6, 11.0, 0.5), Box(9.0, -0.9, 12.0, 0.9)
     other = rectangle(11.2, 0.3, 11.6, 0.5, 0.0099)
     one, two = (
@@ -97,17 +106,26 @@ def test_ids_are_the_same_in_every_domain_and_name_what_lies_there():
     assert not set(narrow.id) <= set(wide.id)
     for number, name in enumerate(narrow.id):
         there = segments.placed(wide, name)
-        assert shapely.dwithin(wide.lines[there], shapely.Point(narrow.lon[number], narrow.lat[number]), 1e-4)
+        assert shapely.dwithin(
+            wide.lines[there], shapely.Point(narrow.lon[number], narrow.lat[number]), 1e-4
+        )
     assert segments.placed(one, "stretch 1") is None
     assert segments.placed(one, "u4pruydqq") is None  # Denmark
 
 
 def test_a_real_mainland_has_the_same_stretches_in_every_domain():
-    """Brittany in a box and in one that reaches farther: what differs lies near the edge of the smaller box."""
+    """Brittany in a box and in one that reaches farther: what differs lies near the edge of the
+    smaller box.
+    """
     small, large = Box(-5.5, 47.5, -2.0, 49.2), Box(-6.4, 46.8, -0.2, 50.1)
-    narrow, wide = (segments.cut_coast(edges.build_coast(shore.land("gshhg", box), box)) for box in (small, large))
+    narrow, wide = (
+        segments.cut_coast(edges.build_coast(shore.land("gshhg", box), box))
+        for box in (small, large)
+    )
     shared = {name: number for number, name in enumerate(wide.id)}
-    inner = [k for k in range(len(narrow.id)) if -4.9 < narrow.lon[k] < -2.8 and narrow.lat[k] > 47.75]
+    inner = [
+        k for k in range(len(narrow.id)) if -4.9 < narrow.lon[k] < -2.8 and narrow.lat[k] > 47.75
+    ]
     assert len(inner) > 100
     assert max(narrow.length[inner]) > 8000
     for k in inner:
@@ -121,14 +139,17 @@ def test_a_real_mainland_has_the_same_stretches_in_every_domain():
 
 
 def test_an_island_by_hand(island):
-    """Perimeter 2 (0.4 cos(lat) + 0.25) degrees = 144.55 km, between two landmarks: stretches of 9.6 km, as whole edges allow."""
+    """Perimeter 2 (0.4 cos(lat) + 0.25) degrees = 144.55 km, between two landmarks: stretches of
+    9.6 km, as whole edges allow.
+    """
     cut = segments.cut_coast(island)
     check(island, cut)
     around = 2 * 0.25 * DEGREE + 0.4 * DEGREE * (np.cos(np.deg2rad(0.15)) + np.cos(np.deg2rad(0.1)))
     assert cut.length.sum() == pytest.approx(around, rel=1e-6)  # vertices are rounded to 9 mm
     assert len(cut.name) == 15
     longest = edge_lengths(island).max()
-    assert np.abs(cut.length - around / 15).max() <= longest  # both ends lie within half an edge of where they should
+    # both ends lie within half an edge of where they should
+    assert np.abs(cut.length - around / 15).max() <= longest
     assert all(line.geom_type == "LineString" for line in cut.lines)  # each runs on without a gap
     assert set(cut.access) == {""}
     merged = shapely.line_merge(shapely.union_all(cut.lines))
@@ -141,12 +162,14 @@ def test_half_of_a_segment_lies_on_each_side_of_its_midpoint(island):
     for k in range(len(cut.name)):
         where = cut.lines[k].project(shapely.Point(cut.lon[k], cut.lat[k]))
         first = substring(cut.lines[k], 0, where)
-        assert EARTH.geometry_length(first) == pytest.approx(cut.length[k] / 2, rel=1e-4)  # a chord is no great circle
+        # a chord is no great circle
+        assert EARTH.geometry_length(first) == pytest.approx(cut.length[k] / 2, rel=1e-4)
 
 
 def test_names_are_positions(island):
     cut = segments.cut_coast(island, 200_000)
-    # The only midpoint: opposite the south-west corner, where the ring begins, so at the north-east one.
+    # The only midpoint: opposite the south-west corner, where the ring begins, so at the north-east
+    # one.
     assert cut.name == ("00-06.0N 010-24.0E",)
     assert notation.position(-87.5, -28.7) == "28-42.0S 087-30.0W"
     assert notation.position(190.0, 59.99999) == "60-00.0N 170-00.0W"
@@ -154,15 +177,21 @@ def test_names_are_positions(island):
 
 @pytest.mark.parametrize("length", [3000.0, 11_000.0])
 def test_between_landmarks_and_up_to_the_box_lengths_are_within_an_eighth(length):
-    """A straight coast of 3,300 km that the box cuts at both ends, with edges of 110 m: no landmark lies near an end."""
-    coast = coast_of([shapely.segmentize(shapely.box(-5.0, -2.0, 35.0, 0.1), 0.00099)], Box(0.3, -0.4, 30.0, 0.5))
+    """A straight coast of 3,300 km that the box cuts at both ends, with edges of 110 m: no landmark
+    lies near an end.
+    """
+    coast = coast_of(
+        [shapely.segmentize(shapely.box(-5.0, -2.0, 35.0, 0.1), 0.00099)], Box(0.3, -0.4, 30.0, 0.5)
+    )
     cut = segments.cut_coast(coast, length)
     assert np.abs(cut.length - length).max() < length / 8 + edge_lengths(coast).max()
 
 
 @pytest.mark.parametrize("length", [500.0, 10_000.0])
 def test_stretches_do_not_depend_on_the_order_of_the_land(length):
-    """Skerries of Norway, those that are taken together among them, with their polygons shuffled: ids, and names by id."""
+    """Skerries of Norway, those that are taken together among them, with their polygons shuffled:
+    ids, and names by id.
+    """
     box = Box(5.0, 60.2, 5.6, 60.7)
     land = shore.land("gshhg", box)
     shuffled = land.polygons[np.random.default_rng(1).permutation(len(land.polygons))]
@@ -175,7 +204,9 @@ def test_stretches_do_not_depend_on_the_order_of_the_land(length):
 
 
 def test_equal_edges_are_shared_out_the_same_beside_another_island():
-    """A square of long edges that were halved: where an edge's middle lies on a boundary, last bits decided."""
+    """A square of long edges that were halved: where an edge's middle lies on a boundary, last bits
+    decided.
+    """
     west, south, side = 11.06, 45.04, 0.31
     square = shapely.box(west, south, west + side, south + side)
     triangle = shapely.Polygon([(6.13, 44.71), (6.50, 44.76), (6.24, 45.00)])
@@ -192,7 +223,9 @@ def test_stretches_do_not_depend_on_where_a_ring_begins(island, turn):
 
 
 def test_a_ring_cut_by_the_box_is_one_chain():
-    """Only the south lies in the grid; the file's ring begins there, so its edges come as two runs of numbers."""
+    """Only the south lies in the grid; the file's ring begins there, so its edges come as two runs
+    of numbers.
+    """
     middle = np.roll(shapely.get_coordinates(ISLAND)[:-1], -20, axis=0)
     for points in (shapely.get_coordinates(ISLAND), middle):
         built = coast_of([shapely.Polygon(points)], Box(9.5, -0.6, 11.0, -0.05))
@@ -203,16 +236,23 @@ def test_a_ring_cut_by_the_box_is_one_chain():
 
 
 def test_islets_are_taken_together():
-    """Twenty islets of 0.9 km round in one square of 10 km, as many in another, one larger island on its own."""
+    """Twenty islets of 0.9 km round in one square of 10 km, as many in another, one larger island
+    on its own.
+    """
     rng = np.random.default_rng(3)
-    places = np.concatenate([rng.uniform((x, 0.01), (x + 0.06, 0.07), (20, 2)) for x in (0.02, 5.05)])
+    places = np.concatenate(
+        [rng.uniform((x, 0.01), (x + 0.06, 0.07), (20, 2)) for x in (0.02, 5.05)]
+    )
     blocks = [shapely.box(x, y, x + 0.002, y + 0.002) for x, y in places]
     land = shapely.get_parts(shapely.union_all([*blocks, rectangle(2, 0.5, 2.03, 0.52, 0.005)]))
     built = coast_of(land, Box(-1, -1, 6, 1))
     cut = segments.cut_coast(built)
     check(built, cut)
     assert len(cut.name) == 3
-    assert sorted(name.split(" near ")[0] for name in cut.name if " near " in name) == ["islets", "islets"]
+    assert sorted(name.split(" near ")[0] for name in cut.name if " near " in name) == [
+        "islets",
+        "islets",
+    ]
     ours = sorted(shapely.get_num_geometries(cut.lines).tolist())
     assert ours[0] == 1
     assert sum(ours[1:]) == len(land) - 1
@@ -260,7 +300,8 @@ def test_real_coasts(box):
     cut = segments.cut_coast(built)
     check(built, cut)
     alone = np.array([" near " not in name for name in cut.name])
-    # Each runs on without a gap, and is between half and one and a half of what was asked, give or take an edge.
+    # Each runs on without a gap, and is between half and one and a half of what was asked, give or
+    # take an edge.
     assert all(line.geom_type == "LineString" for line in cut.lines[alone])
     longest = np.zeros(len(cut.name))
     np.maximum.at(longest, cut.of_edge, edge_lengths(built))
@@ -277,7 +318,11 @@ def test_real_coasts(box):
 def test_taveuni_is_one_ring_across_the_antimeridian(fiji):
     cut = segments.cut_coast(fiji, 120_000)  # its perimeter by shapely and pyproj
     on_both = [k for k, line in enumerate(cut.lines) if line.bounds[0] < 180 < line.bounds[2]]
-    rings = [cut.lines[k] for k in on_both if cut.lines[k].geom_type == "LineString" and cut.lines[k].is_ring]
+    rings = [
+        cut.lines[k]
+        for k in on_both
+        if cut.lines[k].geom_type == "LineString" and cut.lines[k].is_ring
+    ]
     assert any(shapely.Polygon(ring).contains(shapely.Point(180, -16.9)) for ring in rings)
     west, _, east, _ = shapely.total_bounds(cut.lines)
     assert west > 177
@@ -285,13 +330,19 @@ def test_taveuni_is_one_ring_across_the_antimeridian(fiji):
 
 
 def test_nearest_against_brute_force(fiji):
-    """The nearest of points every 20 m along all lines: at 1 km or more from the shore, 10 m aside add 5 cm."""
+    """The nearest of points every 20 m along all lines: at 1 km or more from the shore, 10 m aside
+    add 5 cm.
+    """
     cut = segments.cut_coast(fiji)
-    points, owner = shapely.get_coordinates(shapely.segmentize(cut.lines, 20 / DEGREE), return_index=True)
+    points, owner = shapely.get_coordinates(
+        shapely.segmentize(cut.lines, 20 / DEGREE), return_index=True
+    )
     rng = np.random.default_rng(5)
     tested = 0
     for lon, lat in zip(rng.uniform(178.2, 181.8, 15), rng.uniform(-17.8, -15.2, 15), strict=True):
-        metres = EARTH.inv(points[:, 0], points[:, 1], *np.broadcast_arrays(lon, lat, points[:, 0])[:2])[2]
+        metres = EARTH.inv(
+            points[:, 0], points[:, 1], *np.broadcast_arrays(lon, lat, points[:, 0])[:2]
+        )[2]
         if metres.min() < 1000:
             continue
         tested += 1
@@ -302,7 +353,9 @@ def test_nearest_against_brute_force(fiji):
 
 
 def test_far_north_the_sphere_tells_which_is_nearest():
-    """By a plane the island 20 degrees east is farther than the one to the north; by the great circle it is nearer."""
+    """By a plane the island 20 degrees east is farther than the one to the north; by the great
+    circle it is nearer.
+    """
     east, north = shapely.box(20.0, 79.99, 20.01, 80.0), shapely.box(-0.01, 83.465, 0.01, 83.475)
     built = coast_of([east, north], Box(-5, 79, 25, 85))
     cut = segments.cut_coast(built)
@@ -315,9 +368,15 @@ def test_far_north_the_sphere_tells_which_is_nearest():
 
 def test_nearest_from_both_sides_of_180(fiji):
     cut = segments.cut_coast(fiji)
-    here, there = segments.nearest(cut, fiji, 180.0, -17.2), segments.nearest(cut, fiji, -180.0, -17.2)
+    here, there = (
+        segments.nearest(cut, fiji, 180.0, -17.2),
+        segments.nearest(cut, fiji, -180.0, -17.2),
+    )
     assert here == (there[0], pytest.approx(there[1], abs=1e-6))
-    west, east = segments.nearest(cut, fiji, 179.9999, -17.2), segments.nearest(cut, fiji, -179.9999, -17.2)
+    west, east = (
+        segments.nearest(cut, fiji, 179.9999, -17.2),
+        segments.nearest(cut, fiji, -179.9999, -17.2),
+    )
     assert west[1] == pytest.approx(east[1], abs=30)  # the two lie 21 m apart
 
 
@@ -325,7 +384,9 @@ def test_nearest_from_both_sides_of_180(fiji):
 
 
 def test_named_stretches(island, tmp_path):
-    """A polygon over the west coast, a line 300 m off the east coast: edges by their midpoints, the rest by length."""
+    """A polygon over the west coast, a line 300 m off the east coast: edges by their midpoints, the
+    rest by length.
+    """
     path = geojson(
         tmp_path / "beaches.geojson",
         (shapely.box(9.9, -0.1, 10.05, 0.05), {"name": "West  End", "access": "town"}),
@@ -336,7 +397,8 @@ def test_named_stretches(island, tmp_path):
     assert cut.name[:2] == ("West End", "East Beach")
     assert cut.access[:3] == ("town", "", "")
     longest = edge_lengths(island).max()
-    assert cut.length[0] == pytest.approx(0.15 * DEGREE, abs=longest)  # each end within half an edge
+    # each end within half an edge
+    assert cut.length[0] == pytest.approx(0.15 * DEGREE, abs=longest)
     assert cut.length[1] == pytest.approx(0.10 * DEGREE, abs=longest)
     assert cut.lines[0].geom_type == cut.lines[1].geom_type == "LineString"
     assert (cut.lon[0], cut.lon[1]) == (pytest.approx(10, abs=1e-6), pytest.approx(10.4, abs=1e-6))
@@ -351,7 +413,12 @@ def test_lines_that_compete_share_by_nearness(island, tmp_path):
     path = geojson(
         tmp_path / "two.geojson",
         (shapely.LineString([(10.402, -0.08), (10.402, 0.0)]), {"name": "south"}),
-        (shapely.MultiLineString([[(10.402, 0.0), (10.402, 0.04)], [(10.402, 0.04), (10.402, 0.08)]]), {"name": 7}),
+        (
+            shapely.MultiLineString(
+                [[(10.402, 0.0), (10.402, 0.04)], [(10.402, 0.04), (10.402, 0.08)]]
+            ),
+            {"name": 7},
+        ),
     )
     cut = segments.named(island, path)
     check(island, cut)
@@ -363,7 +430,9 @@ def test_lines_that_compete_share_by_nearness(island, tmp_path):
 
 @pytest.mark.parametrize("turn", [-360, 0])
 def test_named_across_the_antimeridian(fiji, tmp_path, turn):
-    """A polygon round Taveuni that jumps from 179 to -179, as most programs write it, or leaves -180..180."""
+    """A polygon round Taveuni that jumps from 179 to -179, as most programs write it, or leaves
+    -180..180.
+    """
     x, y = np.array([179.8, -179.7, -179.7, 179.8]), np.array([-17.05, -17.05, -16.6, -16.6])
     ring = shapely.Polygon(np.stack([np.where(x < 0, x, x + turn), y], axis=1))
     cut = segments.named(fiji, geojson(tmp_path / "t.geojson", (ring, {"name": "Taveuni"})))
@@ -379,7 +448,9 @@ def test_named_across_the_antimeridian(fiji, tmp_path, turn):
 def test_a_feature_alone(island, tmp_path):
     path = tmp_path / "one.geojson"
     shape = json.loads(shapely.to_geojson(shapely.box(9.9, -1, 10.2, 1)))
-    path.write_text(json.dumps({"type": "Feature", "properties": {"name": "west"}, "geometry": shape}))
+    path.write_text(
+        json.dumps({"type": "Feature", "properties": {"name": "west"}, "geometry": shape})
+    )
     assert segments.named(island, path, 1e6).name[0] == "west"
 
 
@@ -417,17 +488,43 @@ def row(geometry, **properties):
         ([row(BOX, name="a"), row(BOX, name="a")], 'feature 2: name "a" comes twice'),
         ([row(BOX, name="a", access=3)], '"a": access is 3'),
         ([row(None, name="a")], "feature without geometry"),
-        ([row({"type": "Point", "coordinates": [10, 0]}, name="a")], '"a" is a Point; must be a line or a polygon'),
+        (
+            [row({"type": "Point", "coordinates": [10, 0]}, name="a")],
+            '"a" is a Point; must be a line or a polygon',
+        ),
         ([row({"type": "LineString", "coordinates": [[10, 0]]}, name="a")], '"a"'),
         ([row({"type": "LineString", "coordinates": "here"}, name="a")], '"a"'),
         ([row({"type": "LineString", "coordinates": []}, name="a")], "empty"),
-        ([row({"type": "LineString", "coordinates": [[500000, 0], [500001, 0]]}, name="a")], "must be degrees"),
-        ([row({"type": "LineString", "coordinates": [[10, 95], [10, 96]]}, name="a")], "must be degrees"),
-        ([row({"type": "Polygon", "coordinates": [[[1, 1], [2, 1], [1, 1], [1, 1]]]}, name="a")], "without area"),
+        (
+            [row({"type": "LineString", "coordinates": [[500000, 0], [500001, 0]]}, name="a")],
+            "must be degrees",
+        ),
+        (
+            [row({"type": "LineString", "coordinates": [[10, 95], [10, 96]]}, name="a")],
+            "must be degrees",
+        ),
+        (
+            [row({"type": "Polygon", "coordinates": [[[1, 1], [2, 1], [1, 1], [1, 1]]]}, name="a")],
+            "without area",
+        ),
         ([row(BOX, name="a"), row(BOX, name="b")], '"b" belongs to others'),
         # Half a degree west of the island, 55.6 km, and 100 m long.
-        ([row({"type": "LineString", "coordinates": [[9.5, 0], [9.5, 0.001]]}, name="off")], r"coast is 55\.6 km"),
-        ([row({"type": "Polygon", "coordinates": [[[9.4, 0], [9.6, 0], [9.5, 0.01], [9.4, 0]]]}, name="off")], " km"),
+        (
+            [row({"type": "LineString", "coordinates": [[9.5, 0], [9.5, 0.001]]}, name="off")],
+            r"coast is 55\.6 km",
+        ),
+        (
+            [
+                row(
+                    {
+                        "type": "Polygon",
+                        "coordinates": [[[9.4, 0], [9.6, 0], [9.5, 0.01], [9.4, 0]]],
+                    },
+                    name="off",
+                )
+            ],
+            " km",
+        ),
     ],
 )
 def test_bad_files_are_one_clear_line(island, tmp_path, content, words):

@@ -1,4 +1,6 @@
-"""Shorelines: lakes, coasts without land, what GSHHG cuts at 180, and bays filled from the sea: against shapely."""
+"""Shorelines: lakes, coasts without land, what GSHHG cuts at 180, and bays filled from the sea:
+against shapely.
+"""
 
 import json
 
@@ -49,7 +51,9 @@ def records(*shapes_and_kinds):
 
 def same_land(land, expected):
     """Whether two sets of polygons cover the same place."""
-    return shapely.symmetric_difference(shapely.union_all(land.polygons), expected).area == pytest.approx(0, abs=1e-9)
+    return shapely.symmetric_difference(
+        shapely.union_all(land.polygons), expected
+    ).area == pytest.approx(0, abs=1e-9)
 
 
 # Lakes
@@ -64,8 +68,12 @@ def test_inner_rings_are_land_unless_asked_for(tmp_path):
     assert same_land(wet, shapely.union(HOLED, ISLE))
     assert any("2 lakes of the shoreline are water" in note for note in wet.notes)
     points = sphere.to_binary([(1.2, 1.2), (1.5, 1.5), (2.7, 1.0), (0.5, 0.5)])
-    np.testing.assert_array_equal(edges.is_land(edges.build_coast(land, BOX), *points.T), [True, True, True, True])
-    np.testing.assert_array_equal(edges.is_land(edges.build_coast(wet, BOX), *points.T), [False, True, False, True])
+    np.testing.assert_array_equal(
+        edges.is_land(edges.build_coast(land, BOX), *points.T), [True, True, True, True]
+    )
+    np.testing.assert_array_equal(
+        edges.is_land(edges.build_coast(wet, BOX), *points.T), [False, True, False, True]
+    )
 
 
 def test_a_sea_between_several_polygons_is_no_lake(tmp_path):
@@ -121,13 +129,19 @@ def test_lakes_are_cut_out_of_gshhg_after_its_cache(tmp_path, monkeypatch):
 def test_a_lake_across_the_antimeridian(tmp_path):
     """Land that leaves 180, lakes cut at 180: water on both sides, and no shore along the cut."""
     land = write(tmp_path / "land.geojson", shapely.box(178, 10, 182, 13))
-    lakes = write(tmp_path / "lakes.geojson", shapely.box(179, 11, 180, 12), shapely.box(-180, 11, -179.5, 12))
+    lakes = write(
+        tmp_path / "lakes.geojson", shapely.box(179, 11, 180, 12), shapely.box(-180, 11, -179.5, 12)
+    )
     box = Box(177, 9, 183, 14)
     cut = shore.land(land, box, lakes=lakes)
-    assert same_land(cut, shapely.difference(shapely.box(178, 10, 182, 13), shapely.box(179, 11, 180.5, 12)))
+    assert same_land(
+        cut, shapely.difference(shapely.box(178, 10, 182, 13), shapely.box(179, 11, 180.5, 12))
+    )
     built = edges.build_coast(cut, box)
     lon, lat = sphere.to_binary([179.5, 180, -180, -179.7, -179.3]), sphere.to_binary([11.5] * 5)
-    np.testing.assert_array_equal(edges.is_land(built, lon, lat), [False, False, False, False, True])
+    np.testing.assert_array_equal(
+        edges.is_land(built, lon, lat), [False, False, False, False, True]
+    )
     assert not (edges.edges(built)[:, [0, 2]] == -(2**31)).all(axis=1).any()
 
 
@@ -137,7 +151,9 @@ def test_a_bna_of_lakes(tmp_path):
     first, second = shapely.box(1, 1, 2, 2), shapely.box(2.5, 0.5, 3, 2.5)
     lakes = tmp_path / "lakes.bna"
     lakes.write_text(records((second, 1), (first, 2)))
-    assert same_land(shore.land(land, BOX, lakes=lakes), shapely.difference(shapely.box(0, 0, 4, 3), first))
+    assert same_land(
+        shore.land(land, BOX, lakes=lakes), shapely.difference(shapely.box(0, 0, 4, 3), first)
+    )
     lakes.write_text(records((second, 1), (first, 1)))
     assert same_land(shore.land(land, BOX, lakes=lakes), HOLED)
 
@@ -149,7 +165,10 @@ def test_lakes_that_cross_themselves_or_overlap(tmp_path):
     path = tmp_path / "lakes.geojson"
     path.write_text(json.dumps({"type": "GeometryCollection", "geometries": [bow, block]}))
     cut = shore.land(land, BOX, lakes=path)
-    water = [shapely.Polygon([(1, 1), (1.5, 1.5), (1, 2)]), shapely.Polygon([(2, 2), (1.5, 1.5), (2, 1)])]
+    water = [
+        shapely.Polygon([(1, 1), (1.5, 1.5), (1, 2)]),
+        shapely.Polygon([(2, 2), (1.5, 1.5), (2, 1)]),
+    ]
     water.append(shapely.box(1.5, 0.5, 2.5, 1.5))
     assert same_land(cut, shapely.difference(shapely.box(0, 0, 4, 3), shapely.union_all(water)))
     assert any("1 of 2 lakes" in note and "repaired" in note for note in cut.notes)
@@ -207,15 +226,21 @@ def test_lakes_of_louisiana_on_gshhg():
 
 
 def test_a_box_on_the_open_ocean():
-    """GSHHG without land in the box: no polygon, no edge, all water, no lake to cut, nothing refused."""
+    """GSHHG without land in the box: no polygon, no edge, all water, no lake to cut, nothing
+    refused.
+    """
     box = Box(-140.4, 29.5, -138.2, 31.1)
     land = shore.land("gshhg", box)
     assert land.polygons.size == 0
     built = edges.build_coast(land, box)
     assert edges.edges(built).shape == (0, 4)
-    assert not edges.is_land(built, sphere.to_binary([-140.0, -139.0]), sphere.to_binary([30.0, 31.0])).any()
+    assert not edges.is_land(
+        built, sphere.to_binary([-140.0, -139.0]), sphere.to_binary([30.0, 31.0])
+    ).any()
     device = crossing.upload(built)
-    found = crossing.crossings(device, sphere.to_binary([-140.0]), sphere.to_binary([30.0]), [2**24], [-(2**22)])
+    found = crossing.crossings(
+        device, sphere.to_binary([-140.0]), sphere.to_binary([30.0]), [2**24], [-(2**22)]
+    )
     assert not found.hit[0]
 
 
@@ -237,18 +262,27 @@ def test_lakes_where_no_land_is(tmp_path):
     ],
 )
 def test_coast_at_the_cut(box, on_land):
-    """Land and landings against the raw polygons, which end at 180; whole numbers, so predicates are exact."""
+    """Land and landings against the raw polygons, which end at 180; whole numbers, so predicates
+    are exact.
+    """
     earth = oracle.earth()
     bounds = shapely.bounds(earth)
-    west_part = earth[(bounds[:, 2] >= box.west) & (bounds[:, 1] <= box.north) & (bounds[:, 3] >= box.south)]
-    east_part = earth[(bounds[:, 0] <= box.east - 360) & (bounds[:, 1] <= box.north) & (bounds[:, 3] >= box.south)]
+    west_part = earth[
+        (bounds[:, 2] >= box.west) & (bounds[:, 1] <= box.north) & (bounds[:, 3] >= box.south)
+    ]
+    east_part = earth[
+        (bounds[:, 0] <= box.east - 360) & (bounds[:, 1] <= box.north) & (bounds[:, 3] >= box.south)
+    ]
     # Clipped well outside of what is asked, for speed: Eurasia has 10^6 vertices.
     clip = (box.west - 0.5, box.south - 0.5, box.east + 0.5, box.north + 0.5)
-    raw = np.concatenate([west_part, shapely.transform(east_part, lambda p: p + np.array([360.0, 0.0]))])
+    raw = np.concatenate(
+        [west_part, shapely.transform(east_part, lambda p: p + np.array([360.0, 0.0]))]
+    )
     raw = shapely.get_parts(shapely.clip_by_rect(raw, *clip))
     raw = shapely.transform(raw[~shapely.is_empty(raw)], lambda p: np.rint(p * UNITS))
     at_cut = shapely.bounds(raw)
-    assert ((at_cut[:, 2] == 2**31) | (at_cut[:, 0] == 2**31)).sum() >= 2  # this is where they are cut
+    # this is where they are cut
+    assert ((at_cut[:, 2] == 2**31) | (at_cut[:, 0] == 2**31)).sum() >= 2
     tree = shapely.STRtree(raw)
 
     built = edges.build_coast(shore.land("gshhg", box), box)
@@ -269,7 +303,8 @@ def test_coast_at_the_cut(box, on_land):
     both = sphere.to_binary([180.0, -180.0, 179.99999, -179.99999])
     assert edges.is_land(built, both, sphere.to_binary([on_land] * 4)).all()
 
-    # Steps over the cut: they end on the first raw polygon in their way, within 2 units (of 9.3 mm), or nowhere.
+    # Steps over the cut: they end on the first raw polygon in their way, within 2 units (of 9.3
+    # mm), or nowhere.
     wet = np.flatnonzero(~dry)
     lon, lat, wrapped = lon[wet], lat[wet], wrapped[wet]
     far = rng.uniform(8000, 40_000, wet.size) * METRE / np.cos(np.deg2rad(lat / UNITS))
@@ -283,7 +318,9 @@ def test_coast_at_the_cut(box, on_land):
     ways = shapely.linestrings(ends)
     way, land = tree.query(ways, "intersects")
     touch = np.full(lon.size, np.inf)
-    reach = shapely.distance(shapely.intersection(ways[way], raw[land]), shapely.points(ends[way, 0]))
+    reach = shapely.distance(
+        shapely.intersection(ways[way], raw[land]), shapely.points(ends[way, 0])
+    )
     np.minimum.at(touch, way, reach)
     hit = np.isfinite(touch)
     np.testing.assert_array_equal(found.hit, hit)
@@ -309,7 +346,9 @@ def field(ny, nx, wet):
 
 
 def test_far_nodes_take_the_nearest_wet_node():
-    """Against all distances: nodes up to 7.5 m from a wet one, with rows 2 m and columns 1 m apart; no rings."""
+    """Against all distances: nodes up to 7.5 m from a wet one, with rows 2 m and columns 1 m apart;
+    no rings.
+    """
     rng = np.random.default_rng(8)
     wet = rng.random((17, 23)) < 0.02
     values = field(17, 23, wet)
@@ -358,7 +397,9 @@ def test_reach_stays_within_the_models_domain():
 
 @pytest.mark.parametrize("reach", [4.0, np.inf])
 def test_reach_goes_on_across_the_seam(reach):
-    """The last column is the first: nodes west of the seam take what lies east of it, as on a grid rolled by half."""
+    """The last column is the first: nodes west of the seam take what lies east of it, as on a grid
+    rolled by half.
+    """
     wet = np.zeros((6, 20), bool)
     wet[1, 1], wet[4, 11] = True, True
     values = field(6, 20, wet)
@@ -367,7 +408,9 @@ def test_reach_goes_on_across_the_seam(reach):
     np.testing.assert_array_equal(filled[:, 0], filled[:, -1])
     np.testing.assert_array_equal(filled[1, 18], values[1, 1])
     rolled = np.roll(values, 10, axis=1)
-    again = fill.fill(np.concatenate([rolled, rolled[:, :1]], axis=1), 0, seamless=True, reach=reach)
+    again = fill.fill(
+        np.concatenate([rolled, rolled[:, :1]], axis=1), 0, seamless=True, reach=reach
+    )
     np.testing.assert_array_equal(np.roll(again[:, :-1], -10, axis=1)[1], filled[1, :-1])
 
 
@@ -385,23 +428,30 @@ def test_a_mask_that_changes_is_filled_anew():
 
 
 def test_bands_measure_in_metres_and_do_not_follow_the_crop():
-    whole = fill.bands(Grid(5.0, 58.0, 0.03, 0.01, 7, 701))  # 58 to 65 N: bands of 55, 60 and 65 degrees
+    # 58 to 65 N: bands of 55, 60 and 65 degrees
+    whole = fill.bands(Grid(5.0, 58.0, 0.03, 0.01, 7, 701))
     assert [(first, last) for first, last, _ in whole] == [(0, 200), (200, 700), (700, 701)]
     for (_, _, (north, east)), middle in zip(whole, (57.5, 62.5, 67.5), strict=True):
         eastward = sphere.distance(*np.deg2rad([5.0, middle, 5.03, middle]))
         northward = sphere.distance(*np.deg2rad([5.0, middle, 5.0, middle + 0.01]))
-        assert (north, east) == (pytest.approx(float(northward), rel=1e-6), pytest.approx(float(eastward), rel=1e-6))
+        assert (north, east) == (
+            pytest.approx(float(northward), rel=1e-6),
+            pytest.approx(float(eastward), rel=1e-6),
+        )
     part = fill.bands(Grid(5.0, 61.0, 0.03, 0.01, 7, 101))
     assert part == ((0, 101, whole[1][2]),)
 
 
 def test_a_crop_is_filled_as_the_whole_is():
-    """To the bit, at 52 to 66 N: metres of a degree of longitude change by a third from one end to the other."""
+    """To the bit, at 52 to 66 N: metres of a degree of longitude change by a third from one end to
+    the other.
+    """
     grid = Grid(3.0, 52.0, 0.08, 0.05, 60, 281)
     wet = np.random.default_rng(3).random((281, 60)) < 0.01
     values = field(281, 60, wet)
     whole = fill.fill(values, 2, reach=30_000.0, bands=fill.bands(grid))
-    margin = 8  # rows that 30 km and two rings do not cross: what lies beyond a crop is not known there
+    # rows that 30 km and two rings do not cross: what lies beyond a crop is not known there
+    margin = 8
     for low, high in ((0, 130), (90, 200), (150, 281)):
         part = fill.fill(
             values[low:high],

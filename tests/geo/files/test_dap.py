@@ -1,4 +1,6 @@
-"""Answers of DAP 2.0 that are written out by hand, byte for byte (RFC 4506): what is read, and what is not taken for an answer."""
+"""Answers of DAP 2.0 that are written out by hand, byte for byte (RFC 4506): what is read, and what
+is not taken for an answer.
+"""
 
 import struct
 
@@ -17,7 +19,9 @@ HELD = {  # name in DAP, how one value goes over the wire
 }
 
 
-def answer(kind: str, sizes: dict[str, int], values: list[float], count: int | None = None) -> bytes:
+def answer(
+    kind: str, sizes: dict[str, int], values: list[float], count: int | None = None
+) -> bytes:
     """Return an answer; count: how long the array is said to be, by default as long as it is."""
     shape = "".join(f"[{name} = {size}]" for name, size in sizes.items())
     body = b"".join(struct.pack(HELD[kind][1], value) for value in values)
@@ -32,7 +36,9 @@ def served(monkeypatch: pytest.MonkeyPatch):
 
     def read(content: bytes, shape: tuple[int, ...], dtype: type) -> np.ndarray:
         monkeypatch.setattr(web, "get", lambda address, timeout, most: content)
-        return dap.read_variable("http://x/sea", "u", [slice(0, size) for size in shape], np.dtype(dtype), 1.0)
+        return dap.read_variable(
+            "http://x/sea", "u", [slice(0, size) for size in shape], np.dtype(dtype), 1.0
+        )
 
     return read
 
@@ -41,7 +47,9 @@ def served(monkeypatch: pytest.MonkeyPatch):
 @pytest.mark.parametrize("many", [1, 3, 4, 6])
 def test_values_of_every_type(served, kind: str, many: int) -> None:
     dtype = HELD[kind][0]
-    values = [7 + 13 * k if kind.startswith(("B", "U")) else (-1) ** k * (7 + 13 * k) for k in range(many)]
+    values = [
+        7 + 13 * k if kind.startswith(("B", "U")) else (-1) ** k * (7 + 13 * k) for k in range(many)
+    ]
     got = served(answer(kind, {"t": 1, "x": many}, values), (1, many), dtype)
     assert got.dtype == dtype
     assert got.tolist() == [values]

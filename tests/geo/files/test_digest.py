@@ -50,7 +50,9 @@ def current(path: Path, **storage: object) -> Path:
             ("uo", np.sin(x) - 0.1 * y + 6.0, writers.EAST),
             ("vo", np.cos(2 * y) * 0.3, writers.NORTH),
         ):
-            variable = data.createVariable(name, "f4", ("lat", "lon"), chunksizes=(20, 30), **storage)
+            variable = data.createVariable(
+                name, "f4", ("lat", "lon"), chunksizes=(20, 30), **storage
+            )
             variable.setncatts(said)
             variable[:] = values
     return path
@@ -80,7 +82,8 @@ def test_a_summary_holds_the_digest_of_every_input_file(tmp_path: Path) -> None:
     drift.run(drift.load(tmp_path / "a.toml"), out=tmp_path / "out")
     inputs = json.loads((tmp_path / "out" / "summary.json").read_text())["inputs"]
     wanted = {
-        str(f.resolve()): (f"sha256:{hashlib.sha256(f.read_bytes()).hexdigest()}", f.stat().st_size) for f in files
+        str(f.resolve()): (f"sha256:{hashlib.sha256(f.read_bytes()).hexdigest()}", f.stat().st_size)
+        for f in files
     }
     assert {i["path"]: (i["digest"], i["bytes"]) for i in inputs} == wanted
 
@@ -97,15 +100,22 @@ def test_bytes_damaged_under_a_checksum_are_noticed(tmp_path: Path) -> None:
             chunk = np.ascontiguousarray(data["vo"][20:, 30:]).tobytes()
         begin = bytes(content).index(chunk)
         for k in range(12):
-            at = begin + int(rng.integers(len(chunk) // 4)) * 4  # the lowest byte of a number: plausible all the same
+            # the lowest byte of a number: plausible all the same
+            at = begin + int(rng.integers(len(chunk) // 4)) * 4
             damaged = bytearray(content)
             damaged[at] ^= 1 << int(rng.integers(8))
             (tmp_path / f"{k}.nc").write_bytes(damaged)
             if noticed:
-                with pytest.raises(UserError, match=rf"{k}\.nc: cannot read slice 0 of vo .*damaged"):
+                with pytest.raises(
+                    UserError, match=rf"{k}\.nc: cannot read slice 0 of vo .*damaged"
+                ):
                     sources.open_source("current", tmp_path / f"{k}.nc", steady=True)
             else:
                 assert (
-                    np.abs(sources.open_source("current", tmp_path / f"{k}.nc", steady=True).read(0) - true).max() > 0
+                    np.abs(
+                        sources.open_source("current", tmp_path / f"{k}.nc", steady=True).read(0)
+                        - true
+                    ).max()
+                    > 0
                 )
             assert digest.digest_of(str(tmp_path / f"{k}.nc")) != digest.digest_of(str(name))

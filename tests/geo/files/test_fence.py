@@ -1,4 +1,7 @@
-"""The fence: what a case that came from elsewhere may open. Each attack is made on the function that opens the file."""
+"""The fence: what a case that came from elsewhere may open.
+
+Each attack is made on the function that opens the file.
+"""
 
 import os
 import re
@@ -60,7 +63,9 @@ def fenced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ],
 )  # fmt: skip
 def test_no_name_of_a_source_leads_out(fenced: Path, written: str) -> None:
-    """Neither a path nor a pattern nor an address, and what it is refused for does not tell what is there."""
+    """Neither a path nor a pattern nor an address, and what it is refused for does not tell what is
+    there.
+    """
     with pytest.raises((UserError, ValueError), match=OUT) as refused:
         sources.matching(written, fenced)
     assert "hunter2" not in str(refused.value)
@@ -75,9 +80,15 @@ def test_what_is_inside_may_be_read(fenced: Path) -> None:
 
 
 OPENERS: dict[str, Callable[[Path], object]] = {
-    "a file of winds or currents": lambda folder: dataset.open_one(str(folder / "link.nc"), "current"),
-    "through a folder's link": lambda folder: dataset.open_one(str(folder / "folder" / "current.nc"), "current"),
-    "a Zarr store with a link in it": lambda folder: dataset.open_one(str(folder / "x.zarr"), "current"),
+    "a file of winds or currents": lambda folder: dataset.open_one(
+        str(folder / "link.nc"), "current"
+    ),
+    "through a folder's link": lambda folder: dataset.open_one(
+        str(folder / "folder" / "current.nc"), "current"
+    ),
+    "a Zarr store with a link in it": lambda folder: dataset.open_one(
+        str(folder / "x.zarr"), "current"
+    ),
     "an address": lambda folder: dataset.open_one("http://127.0.0.1:1/x", "current"),
     "a small file": lambda folder: small.contents(folder / "folder" / "wind.txt"),
     "a digest": lambda folder: digest.digest_of(str(folder / "link.nc")),
@@ -93,7 +104,9 @@ def test_where_a_file_is_opened_the_fence_is_asked_again(fenced: Path, opener: s
         OPENERS[opener](fenced)
 
 
-def test_a_file_exchanged_while_it_is_opened_is_refused(fenced: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_exchanged_while_it_is_opened_is_refused(
+    fenced: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The name is in order when it is looked at, and leads out when it is opened."""
     path = fenced / "case.toml"
     path.write_text("title = 1", encoding="utf-8")
@@ -117,9 +130,7 @@ def test_a_file_exchanged_while_it_is_opened_is_refused(fenced: Path, monkeypatc
 
 
 SQUARE = '{"type": "Polygon", "coordinates": [[[-88, 26], [-87, 26], [-87, 27], [-88, 26]]]}'
-VIRTUAL = (
-    '<OGRVRTDataSource><OGRVRTLayer name="l"><SrcDataSource>{secret}</SrcDataSource></OGRVRTLayer></OGRVRTDataSource>'
-)
+VIRTUAL = '<OGRVRTDataSource><OGRVRTLayer name="l"><SrcDataSource>{secret}</SrcDataSource></OGRVRTLayer></OGRVRTDataSource>'
 PROGRAM = '{{"type": "gdal_streamed_alg", "command_line": "gdal vector pipeline ! read {secret} ! {more}"}}'
 PROGRAMS = {
     "a virtual file": ("coast.geojson", VIRTUAL),
@@ -137,14 +148,20 @@ PROGRAMS = {
 def test_no_shoreline_is_a_program(
     fenced: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, raised: bool
 ) -> None:
-    """GDAL would open what it names, run what it says, or look into an archive; with a fence or without."""
+    """GDAL would open what it names, run what it says, or look into an archive; with a fence or
+    without.
+    """
     name, content = PROGRAMS[kind]
     out = tmp_path / "written"
     (tmp_path / "secret" / "land.geojson").write_text(SQUARE, encoding="utf-8")
-    (fenced / "v.vrt").write_text(VIRTUAL.format(secret=tmp_path / "secret" / "land.geojson"), encoding="utf-8")
+    (fenced / "v.vrt").write_text(
+        VIRTUAL.format(secret=tmp_path / "secret" / "land.geojson"), encoding="utf-8"
+    )
     with zipfile.ZipFile(fenced / "x.zip", "w") as archive:
         archive.write(fenced / "v.vrt", "v.vrt")
-    (fenced / name).write_text(content.format(secret=tmp_path / "secret" / "land.geojson", out=out, more=""), "utf-8")
+    (fenced / name).write_text(
+        content.format(secret=tmp_path / "secret" / "land.geojson", out=out, more=""), "utf-8"
+    )
     if not raised:
         monkeypatch.delenv(fence.NAME)
     if name.endswith("!v.vrt"):  # read for what it is
@@ -168,7 +185,9 @@ def test_a_shapefile_s_files_are_inside(fenced: Path) -> None:
 
 
 def test_a_shapefile_is_not_looked_for_in_an_archive(fenced: Path) -> None:
-    """The reader of shapefiles takes x.zip!a.shp for a.shp in x.zip, wherever a link leads from there."""
+    """The reader of shapefiles takes x.zip!a.shp for a.shp in x.zip, wherever a link leads from
+    there.
+    """
     shapes = np.array([shapely.to_wkb(shapely.from_geojson(SQUARE))])
     pyogrio.raw.write(fenced / "a.shp", shapes, [], [], geometry_type="Polygon", crs="EPSG:4326")
     with zipfile.ZipFile(fenced.parent / "secret" / "x.zip", "w") as archive:
@@ -196,7 +215,10 @@ def test_a_store_whose_folders_are_links(fenced: Path) -> None:
     (store / "zarr.json").write_text("{}", encoding="utf-8")
     (store / "u").symlink_to(inner)
     (inner / "0").symlink_to(fenced.parent / "secret" / "wind.txt")
-    for opener in (lambda: dataset.open_one(str(store), "current"), lambda: digest.digest_of(str(store))):
+    for opener in (
+        lambda: dataset.open_one(str(store), "current"),
+        lambda: digest.digest_of(str(store)),
+    ):
         with pytest.raises(UserError, match=OUT):
             opener()
 
@@ -210,7 +232,9 @@ def test_a_reference_system_inside_a_file(fenced: Path, key: str) -> None:
         projection.crs_of(data, "u", {}, [])
 
 
-@pytest.mark.parametrize("crs", ["+init=/etc/passwd:root", "+proj=utm +nadgrids=/etc/passwd", "/etc/passwd", "c:\\x"])
+@pytest.mark.parametrize(
+    "crs", ["+init=/etc/passwd:root", "+proj=utm +nadgrids=/etc/passwd", "/etc/passwd", "c:\\x"]
+)
 def test_a_reference_system_that_names_a_file(fenced: Path, crs: str) -> None:
     with pytest.raises(UserError, match=OUT):
         fence.check_crs(crs)
@@ -218,20 +242,26 @@ def test_a_reference_system_that_names_a_file(fenced: Path, crs: str) -> None:
 
 
 @pytest.mark.parametrize("written", ["", "{", "[]", '{"folders": 3}', '{"folders": ["/"]}', "null"])
-def test_a_fence_that_cannot_be_read_is_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: str) -> None:
+def test_a_fence_that_cannot_be_read_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: str
+) -> None:
     monkeypatch.setenv(fence.NAME, written)
     with pytest.raises(UserError, match=OUT):
         fence.check(tmp_path)
 
 
 def test_every_key_that_names_a_file_goes_through_the_fence() -> None:
-    """No part of the engine that reads a case opens a path by itself: all names pass `sources.matching`."""
+    """No part of the engine that reads a case opens a path by itself: all names pass
+    `sources.matching`.
+    """
     others = (
         "sources.py",
         "bridge.py",
         "template.py",
     )  # the last two serve `drift bridge` and `drift new`, which are not served
-    for path in (path for path in (ROOT / "drift" / "case").rglob("*.py") if path.name not in others):
+    for path in (
+        path for path in (ROOT / "drift" / "case").rglob("*.py") if path.name not in others
+    ):
         text = path.read_text(encoding="utf-8")
         assert not re.search(r"glob\.glob|expanduser|\bopen\(|read_bytes\(|os\.environ", text), path
 
@@ -242,7 +272,10 @@ KEYS = {  # every key of a case that names a file, in a shipped case that has it
     "scenario.0.phase.0.lanes.network": "medsearch_transit", "spill.stretches.file": "gulf_containers",
 }  # fmt: skip
 
-ALONGSIDE = {"sortie.0.track": {"sortie.0.pattern": None}, "sortie.0.marker.track": {"sortie.0.frame": "datum"}}
+ALONGSIDE = {
+    "sortie.0.track": {"sortie.0.pattern": None},
+    "sortie.0.marker.track": {"sortie.0.frame": "datum"},
+}
 
 
 def _changed(place: Path, key: str, written: str) -> None:
@@ -254,7 +287,9 @@ def _changed(place: Path, key: str, written: str) -> None:
 
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("written", ["/etc/passwd", "../etc/../../etc/passwd", "/no/such/file"])
-def test_every_key_that_names_a_file(fenced: Path, monkeypatch: pytest.MonkeyPatch, key: str, written: str) -> None:
+def test_every_key_that_names_a_file(
+    fenced: Path, monkeypatch: pytest.MonkeyPatch, key: str, written: str
+) -> None:
     """It is refused, whether the file is there or not."""
     name = KEYS[key]
     shutil.copytree(ROOT / "cases", fenced / "cases")

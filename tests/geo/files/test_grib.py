@@ -1,4 +1,6 @@
-"""GRIB as forcing, against eccodes' own points and values, and directions from differences of those points."""
+"""GRIB as forcing, against eccodes' own points and values, and directions from differences of those
+points.
+"""
 
 import os
 import select
@@ -79,10 +81,19 @@ def settings(
         "jPointsAreConsecutive": 0,
         "resolutionAndComponentFlags": 8 * along,
     }
-    own = keys | {k: keys.get(k, v) for k, v in flags.items()} | {"dataDate": 20240305, "dataTime": 100 * int(hour)}
+    own = (
+        keys
+        | {k: keys.get(k, v) for k, v in flags.items()}
+        | {"dataDate": 20240305, "dataTime": 100 * int(hour)}
+    )
     if edition == 1:
-        lacking = {"angleOfRotationInDegrees"} | ({"LaDInDegrees"} if keys["gridType"] != "mercator" else set())
-        own = {k: v for k, v in own.items() if k not in lacking} | {"indicatorOfTypeOfLevel": 1, "level": 0}
+        lacking = {"angleOfRotationInDegrees"} | (
+            {"LaDInDegrees"} if keys["gridType"] != "mercator" else set()
+        )
+        own = {k: v for k, v in own.items() if k not in lacking} | {
+            "indicatorOfTypeOfLevel": 1,
+            "level": 0,
+        }
     return own | ({"shortName": name} if name else {}) | more
 
 
@@ -95,9 +106,11 @@ def message(
     along: bool = False,
     **more: Any,
 ) -> bytes:
-    """One field. values: of its points, in the file's order; None: the field of the writers, of the side of `name`.
+    """One field. values: of its points, in the file's order; None: the field of the writers, of the
+    side of `name`.
 
-    along: components count along the grid, whose x axis is taken from differences of eccodes' own points.
+    along: components count along the grid, whose x axis is taken from differences of eccodes' own
+    points.
     """
     sample, all_keys = f"GRIB{edition}", settings(keys, edition, hour, along, name, more)
     if values is None:
@@ -106,18 +119,24 @@ def message(
         if along:
             angle = np.radians(direction(lon.reshape(25, 36), lat.reshape(25, 36))).ravel()
             u, v = u * np.cos(angle) + v * np.sin(angle), v * np.cos(angle) - u * np.sin(angle)
-        values = v if name in ("10v", "v", "ocv", "vst") or more.get("parameterNumber") in (3, 22) else u
+        values = (
+            v if name in ("10v", "v", "ocv", "vst") or more.get("parameterNumber") in (3, 22) else u
+        )
     return gribs.pack(sample, all_keys, values)
 
 
 def direction(lon: Any, lat: Any) -> Any:
-    """Direction of the grid's x axis [deg from east] at points (ny, nx): bearings to the neighbours on both sides."""
+    """Direction of the grid's x axis [deg from east] at points (ny, nx): bearings to the neighbours
+    on both sides.
+    """
     ahead = 90.0 - SPHERE.inv(lon[:, :-1], lat[:, :-1], lon[:, 1:], lat[:, 1:])[0]
     back = 270.0 - SPHERE.inv(lon[:, 1:], lat[:, 1:], lon[:, :-1], lat[:, :-1])[0]
     at_start, at_end = ahead[:, :1], back[:, -1:]
     turn = (back[:, :-1] - ahead[:, 1:] + 180.0) % 360.0 - 180.0
     # at the ends the change of direction along half a cell is carried on
-    return np.concatenate((at_start - turn[:, :1] / 2, ahead[:, 1:] + turn / 2, at_end + turn[:, -1:] / 2), axis=1)
+    return np.concatenate(
+        (at_start - turn[:, :1] / 2, ahead[:, 1:] + turn / 2, at_end + turn[:, -1:] / 2), axis=1
+    )
 
 
 def written(path: Path, parts: Sequence[bytes]) -> Path:
@@ -130,11 +149,15 @@ def pair(keys: dict[str, Any], **options: Any) -> list[bytes]:
 
 
 def worst(source: sources.Source, k: int = 0, hour: float = 0.0) -> tuple[float, float]:
-    """The greatest error [m/s] of slice k against the field that was written, and the share of nodes present."""
+    """The greatest error [m/s] of slice k against the field that was written, and the share of
+    nodes present.
+    """
     lon, lat = np.meshgrid(source.grid.lon, source.grid.lat)
     got = source.read(k).astype(float)
     u, v = writers.field((lon + 180.0) % 360.0 - 180.0, lat, hour)
-    return float(np.nanmax(np.hypot(got[..., 0] - u, got[..., 1] - v))), float(np.isfinite(got[..., 0]).mean())
+    return float(np.nanmax(np.hypot(got[..., 0] - u, got[..., 1] - v))), float(
+        np.isfinite(got[..., 0]).mean()
+    )
 
 
 def refusal(quantity: str, path: Any, **options: Any) -> str:
@@ -151,11 +174,14 @@ def refusal(quantity: str, path: Any, **options: Any) -> str:
 @pytest.mark.parametrize("along", [False, True])
 @pytest.mark.parametrize("kind", GRIDS)
 def test_grids(kind: str, along: bool, edition: int, tmp_path: Path) -> None:
-    """Without the turn a wind of 0.9 m/s along these axes, 10 to 50 degrees from east, would be wrong by 0.15 to 0.7."""
+    """Without the turn a wind of 0.9 m/s along these axes, 10 to 50 degrees from east, would be
+    wrong by 0.15 to 0.7.
+    """
     path = written(tmp_path / "a.grib", pair(GRIDS[kind], along=along, edition=edition))
     source = sources.open_source("wind", path, steady=True)
     error, present = worst(source)
-    # bilinear twice; edition 1 rounds the first point to 0.001 degrees, 100 m, over which the field changes by 3e-4
+    # bilinear twice; edition 1 rounds the first point to 0.001 degrees, 100 m, over which the field
+    # changes by 3e-4
     assert error < 2 * writers.tolerance(CELL) + 1e-3
     assert present > 0.4  # the part of the box round a turned grid
     assert any("turned" in note or "rotated" in note for note in source.notes) == (
@@ -164,7 +190,9 @@ def test_grids(kind: str, along: bool, edition: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_each_of_many_forecasts_in_a_wind_along_the_grid_is_the_run_of_its_case_alone(tmp_path: Path) -> None:
+def test_each_of_many_forecasts_in_a_wind_along_the_grid_is_the_run_of_its_case_alone(
+    tmp_path: Path,
+) -> None:
     parts = [one for hour in (0.0, 6.0) for one in pair(LAMBERT, along=True, hour=hour)]
     text = f"""
 start = "2024-03-05T00:20Z"
@@ -206,17 +234,29 @@ def test_points_are_eccodes_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("edition", [1, 2])
-@pytest.mark.parametrize("flags", [(0, 0, 0, 0), (1, 0, 0, 0), (0, 1, 1, 0), (1, 0, 1, 0), (0, 1, 0, 1), (1, 0, 0, 1)])
+@pytest.mark.parametrize(
+    "flags", [(0, 0, 0, 0), (1, 0, 0, 0), (0, 1, 1, 0), (1, 0, 1, 0), (0, 1, 0, 1), (1, 0, 0, 1)]
+)
 def test_orders_of_scanning(flags: tuple[int, int, int, int], edition: int, tmp_path: Path) -> None:
     leftwards, upwards, consecutive, alternating = flags
     if alternating and edition == 1:
         pytest.skip("edition 1 has no such order")
     keys = dict(REGULAR)
     if leftwards:
-        keys["longitudeOfFirstGridPointInDegrees"], keys["longitudeOfLastGridPointInDegrees"] = 5.7, 2.2
+        keys["longitudeOfFirstGridPointInDegrees"], keys["longitudeOfLastGridPointInDegrees"] = (
+            5.7,
+            2.2,
+        )
     if not upwards:
-        keys["latitudeOfFirstGridPointInDegrees"], keys["latitudeOfLastGridPointInDegrees"] = 60.0, 57.6
-    keys |= {"iScansNegatively": leftwards, "jScansPositively": upwards, "jPointsAreConsecutive": consecutive}
+        keys["latitudeOfFirstGridPointInDegrees"], keys["latitudeOfLastGridPointInDegrees"] = (
+            60.0,
+            57.6,
+        )
+    keys |= {
+        "iScansNegatively": leftwards,
+        "jScansPositively": upwards,
+        "jPointsAreConsecutive": consecutive,
+    }
     if edition == 2:
         keys["alternativeRowScanning"] = alternating
     lon, lat = np.meshgrid(2.2 + 0.1 * np.arange(36), 57.6 + 0.1 * np.arange(25))
@@ -230,7 +270,9 @@ def test_orders_of_scanning(flags: tuple[int, int, int, int], edition: int, tmp_
         return values.ravel()
 
     u, v = writers.field(lon, lat, 0.0)
-    parts = [message(n, keys, ordered(w), edition=edition) for n, w in zip(BOTH, (u, v), strict=True)]
+    parts = [
+        message(n, keys, ordered(w), edition=edition) for n, w in zip(BOTH, (u, v), strict=True)
+    ]
     source = sources.open_source("wind", written(tmp_path / "a.grib", parts), steady=True)
     assert (source.grid.nlon, source.grid.nlat) == (36, 25)
     np.testing.assert_allclose(source.read(0)[..., 0], u, atol=1e-5)
@@ -250,14 +292,19 @@ def test_round_the_earth_and_across_its_seam(tmp_path: Path) -> None:
     source = sources.open_source("wind", written(tmp_path / "a.grib", parts), steady=True)
     assert source.grid.seamless
     got = grids.sample(
-        source.grid, source.read(0), [-5.0, 355.0, 180.0, -180.0, 130.0], [40.0, 40.0, -35.0, -35.0, 5.0]
+        source.grid,
+        source.read(0),
+        [-5.0, 355.0, 180.0, -180.0, 130.0],
+        [40.0, 40.0, -35.0, -35.0, 5.0],
     )
     wanted = [(u[10, 71], v[10, 71])] * 2 + [(u[25, 36], v[25, 36])] * 2 + [(u[17, 26], v[17, 26])]
     np.testing.assert_allclose(got, wanted, atol=1e-5)
 
 
 def test_reduced_gaussian_grid_is_filled_up_row_by_row(tmp_path: Path) -> None:
-    """N32: rows of at most 128 points; between two of a row the error is h^2 / 8 |f''|, h up to 5.6 degrees of 30 N."""
+    """N32: rows of at most 128 points; between two of a row the error is h^2 / 8 |f''|, h up to 5.6
+    degrees of 30 N.
+    """
     parts, sample = [], "reduced_gg_sfc_grib2"
     lon, lat = gribs.points(sample, {})
     for name, values in zip(BOTH, (5 + 3 * np.sin(np.radians(lon + 30)), lat / 20), strict=True):
@@ -267,7 +314,10 @@ def test_reduced_gaussian_grid_is_filled_up_row_by_row(tmp_path: Path) -> None:
     near = np.abs(lat) < 60
     got = source.read(0).astype(float)
     assert source.grid.seamless
-    assert np.abs(got[..., 0] - (5 + 3 * np.sin(np.radians(lon + 30))))[near].max() < 3 * np.radians(4.5) ** 2 / 8 * 2
+    assert (
+        np.abs(got[..., 0] - (5 + 3 * np.sin(np.radians(lon + 30))))[near].max()
+        < 3 * np.radians(4.5) ** 2 / 8 * 2
+    )
     assert np.abs(got[..., 1] - lat / 20)[near].max() < 1e-3
 
 
@@ -282,16 +332,22 @@ def test_a_grid_without_rows_is_refused_by_name(tmp_path: Path) -> None:
 
 
 def test_times_joined_from_files_of_both_editions(tmp_path: Path) -> None:
-    first = written(tmp_path / "a.grib", pair(REGULAR, hour=3.0) + pair(REGULAR, hour=0.0, edition=1))
+    first = written(
+        tmp_path / "a.grib", pair(REGULAR, hour=3.0) + pair(REGULAR, hour=0.0, edition=1)
+    )
     second = written(tmp_path / "b.grib", pair(REGULAR, hour=6.0))
     source = sources.open_source("wind", [second, first])
     assert (source.times == writers.TIMES.astype("datetime64[s]")).all()
     for k in range(3):
         assert worst(source, k, 3.0 * k)[0] < 2e-3  # edition 1: to 0.001 degrees
     steps = written(
-        tmp_path / "c.grib", [m for k in (1, 2) for m in pair(REGULAR, stepUnits=1, endStep=6 * k, startStep=6 * k)]
+        tmp_path / "c.grib",
+        [m for k in (1, 2) for m in pair(REGULAR, stepUnits=1, endStep=6 * k, startStep=6 * k)],
     )
-    assert (sources.open_source("wind", steps).times == np.array(["2024-03-05T06", "2024-03-05T12"], "M8[s]")).all()
+    assert (
+        sources.open_source("wind", steps).times
+        == np.array(["2024-03-05T06", "2024-03-05T12"], "M8[s]")
+    ).all()
 
 
 LEVELS = {"typeOfFirstFixedSurface": 100, "scaleFactorOfFirstFixedSurface": 0}
@@ -304,11 +360,16 @@ def test_ten_metres_among_many_levels(tmp_path: Path) -> None:
             "scaleFactorOfFirstFixedSurface": 0,
             "scaledValueOfFirstFixedSurface": metres,
         }
-        return [message("", REGULAR, values, parameterCategory=2, parameterNumber=k, **fixed) for k in (2, 3)]
+        return [
+            message("", REGULAR, values, parameterCategory=2, parameterNumber=k, **fixed)
+            for k in (2, 3)
+        ]
 
     still = np.full(900, 25.0)
     upper = [
-        message(n, REGULAR, still, **LEVELS, scaledValueOfFirstFixedSurface=p) for p in (50000, 85000) for n in "uv"
+        message(n, REGULAR, still, **LEVELS, scaledValueOfFirstFixedSurface=p)
+        for p in (50000, 85000)
+        for n in "uv"
     ]
     ten = [message("", REGULAR, None, parameterCategory=2, parameterNumber=k, typeOfFirstFixedSurface=103,
                    scaleFactorOfFirstFixedSurface=0, scaledValueOfFirstFixedSurface=10) for k in (2, 3)]  # fmt: skip
@@ -318,7 +379,9 @@ def test_ten_metres_among_many_levels(tmp_path: Path) -> None:
     told = refusal("wind", written(tmp_path / "b.grib", upper), steady=True)
     assert "500, 850 hPa" in told
     assert "variables.isobaricInhPa" in told
-    aloft = sources.open_source("wind", tmp_path / "b.grib", steady=True, variables={"isobaricInhPa": "1"})
+    aloft = sources.open_source(
+        "wind", tmp_path / "b.grib", steady=True, variables={"isobaricInhPa": "1"}
+    )
     assert float(aloft.read(0)[3, 3, 0]) == pytest.approx(25.0)
     told = refusal("wind", written(tmp_path / "c.grib", at(80, still)), steady=True)
     assert "80 m" in told
@@ -327,7 +390,9 @@ def test_ten_metres_among_many_levels(tmp_path: Path) -> None:
 
 
 def test_currents_and_stokes_drift(tmp_path: Path) -> None:
-    """NCEP's currents, whose names eccodes does not know, ECMWF's, and Stokes drift, in both editions."""
+    """NCEP's currents, whose names eccodes does not know, ECMWF's, and Stokes drift, in both
+    editions.
+    """
     sea = {"discipline": 10, "parameterCategory": 1, "scaleFactorOfFirstFixedSurface": 0}
     for k, (kind, depth) in enumerate([(1, 0), (160, 0), (160, 3)]):
         fixed = {"typeOfFirstFixedSurface": kind, "scaledValueOfFirstFixedSurface": depth}
@@ -335,10 +400,14 @@ def test_currents_and_stokes_drift(tmp_path: Path) -> None:
         path = written(tmp_path / f"{k}.grib", parts)
         assert worst(sources.open_source("current", path, steady=True))[0] < 1e-5
     deep = {"typeOfFirstFixedSurface": 160, "scaledValueOfFirstFixedSurface": 200}
-    both = parts + [message("", REGULAR, np.ones(900), parameterNumber=n, **sea, **deep) for n in (2, 3)]
+    both = parts + [
+        message("", REGULAR, np.ones(900), parameterNumber=n, **sea, **deep) for n in (2, 3)
+    ]
     path = written(tmp_path / "several.grib", both)
     assert worst(sources.open_source("current", path, steady=True))[0] < 1e-5
-    assert float(sources.open_source("current", path, steady=True, depth=200.0).read(0)[3, 3, 0]) == pytest.approx(1.0)
+    assert float(
+        sources.open_source("current", path, steady=True, depth=200.0).read(0)[3, 3, 0]
+    ) == pytest.approx(1.0)
     path = written(tmp_path / "deep.grib", both[2:])
     assert "200 m" in refusal("current", path, steady=True)
     for names, quantity in ((("ocu", "ocv"), "current"), (("ust", "vst"), "stokes")):
@@ -346,7 +415,8 @@ def test_currents_and_stokes_drift(tmp_path: Path) -> None:
             if names[0] == "ocu" and edition == 2:
                 continue
             path = written(
-                tmp_path / f"{names[0]}{edition}.grib", [message(n, REGULAR, edition=edition) for n in names]
+                tmp_path / f"{names[0]}{edition}.grib",
+                [message(n, REGULAR, edition=edition) for n in names],
             )
             assert worst(sources.open_source(quantity, path, steady=True))[0] < 2e-3
 
@@ -356,8 +426,13 @@ def test_missing_values(tmp_path: Path) -> None:
     u, v = writers.field(lon, lat, 0.0)
     u[3:9, 5:7] = v[3:9, 5:7] = np.nan
     for edition in (1, 2):
-        parts = [message(n, REGULAR, w.ravel(), edition=edition) for n, w in zip(BOTH, (u, v), strict=True)]
-        source = sources.open_source("wind", written(tmp_path / f"{edition}.grib", parts), steady=True)
+        parts = [
+            message(n, REGULAR, w.ravel(), edition=edition)
+            for n, w in zip(BOTH, (u, v), strict=True)
+        ]
+        source = sources.open_source(
+            "wind", written(tmp_path / f"{edition}.grib", parts), steady=True
+        )
         np.testing.assert_array_equal(np.isnan(source.read(0)[..., 0]), np.isnan(u))
         np.testing.assert_allclose(source.read(0)[..., 1], v, atol=1e-5)
 
@@ -365,7 +440,11 @@ def test_missing_values(tmp_path: Path) -> None:
 def test_members_of_an_ensemble_must_be_chosen(tmp_path: Path) -> None:
     parts = []
     for member in (1, 2, 3):
-        own = {"productDefinitionTemplateNumber": 1, "perturbationNumber": member, "numberOfForecastsInEnsemble": 3}
+        own = {
+            "productDefinitionTemplateNumber": 1,
+            "perturbationNumber": member,
+            "numberOfForecastsInEnsemble": 3,
+        }
         fixed = {
             "typeOfFirstFixedSurface": 103,
             "scaleFactorOfFirstFixedSurface": 0,
@@ -374,7 +453,13 @@ def test_members_of_an_ensemble_must_be_chosen(tmp_path: Path) -> None:
         for k in (2, 3):
             parts.append(
                 message(
-                    "", REGULAR, np.full(900, member + k / 10), **own, parameterCategory=2, parameterNumber=k, **fixed
+                    "",
+                    REGULAR,
+                    np.full(900, member + k / 10),
+                    **own,
+                    parameterCategory=2,
+                    parameterNumber=k,
+                    **fixed,
                 )
             )
     path = written(tmp_path / "a.grib", parts)
@@ -385,10 +470,16 @@ def test_members_of_an_ensemble_must_be_chosen(tmp_path: Path) -> None:
     assert any("10u_member2" in note for note in lone.notes)
     every = sources.open_source("wind", path, steady=True, members=True)
     assert [member.label for member in every.members] == ["1", "2", "3"]
-    assert [float(member.read(0)[3, 3, 0]) for member in every.members] == pytest.approx([1.2, 2.2, 3.2])
+    assert [float(member.read(0)[3, 3, 0]) for member in every.members] == pytest.approx(
+        [1.2, 2.2, 3.2]
+    )
     entries = [[str(written(tmp_path / f"{k}.grib", parts[2 * k : 2 * k + 2]))] for k in range(3)]
-    apart = sources.open_source("wind", [p for (p,) in entries], steady=True, members=True, entries=entries)
-    assert [float(member.read(0)[3, 3, 1]) for member in apart.members] == pytest.approx([1.3, 2.3, 3.3])
+    apart = sources.open_source(
+        "wind", [p for (p,) in entries], steady=True, members=True, entries=entries
+    )
+    assert [float(member.read(0)[3, 3, 1]) for member in apart.members] == pytest.approx(
+        [1.3, 2.3, 3.3]
+    )
 
 
 def test_two_grids_of_one_wind_are_not_confused(tmp_path: Path) -> None:
@@ -405,8 +496,17 @@ def test_two_grids_of_one_wind_are_not_confused(tmp_path: Path) -> None:
 
 def test_one_time_given_twice(tmp_path: Path) -> None:
     once = pair(REGULAR)
-    assert worst(sources.open_source("wind", written(tmp_path / "a.grib", once + once), steady=True))[0] < 1e-5
-    told = refusal("wind", written(tmp_path / "b.grib", [*once, message("10u", REGULAR, np.ones(900))]), steady=True)
+    assert (
+        worst(sources.open_source("wind", written(tmp_path / "a.grib", once + once), steady=True))[
+            0
+        ]
+        < 1e-5
+    )
+    told = refusal(
+        "wind",
+        written(tmp_path / "b.grib", [*once, message("10u", REGULAR, np.ones(900))]),
+        steady=True,
+    )
     assert "twice" in told
     assert "messages 1 and 3" in told
 
@@ -439,7 +539,10 @@ def test_nothing_is_written_beside_a_file_and_nothing_is_imported_here(tmp_path:
     written(tmp_path / "a.grib", pair(REGULAR))
     code = "import sys; from geo.forcing import sources; s = sources.open_source('wind', sys.argv[1], steady=True); s.read(0); print('eccodes' in sys.modules)"
     told = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "a.grib")], capture_output=True, text=True, timeout=120
+        [sys.executable, "-c", code, str(tmp_path / "a.grib")],
+        capture_output=True,
+        text=True,
+        timeout=120,
     )
     assert told.stdout.strip() == "False", told.stderr
     assert told.stderr == ""
@@ -469,7 +572,8 @@ def test_bytes_between_messages(tmp_path: Path) -> None:
     )  # no other backend of xarray's is asked, cfgrib above all
     assert "unknown format" in refusal("wind", late, steady=True)
     assert not list(tmp_path.glob("*.idx"))
-    lost = written(tmp_path / "b.grib", [one, b"grib" + two[4:], one])  # a message whose first bytes are damaged
+    # a message whose first bytes are damaged
+    lost = written(tmp_path / "b.grib", [one, b"grib" + two[4:], one])
     assert "belong to no message" in refusal("wind", lost, steady=True)
 
 
@@ -480,7 +584,9 @@ def outcome(path: Path, quantity: str = "wind") -> str:
         for k in range(max(1, len(source.times))):
             source.read(k)
     except UserError as error:
-        one = "\n" not in str(error) and (path.name in str(error) or f"[[{quantity}]]" in str(error))
+        one = "\n" not in str(error) and (
+            path.name in str(error) or f"[[{quantity}]]" in str(error)
+        )
         return "refused" if one else f"refused badly: {error}"
     return "read"
 
@@ -499,13 +605,16 @@ def test_damaged_bytes_never_end_the_process(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_a_library_that_crashes_or_hangs_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_library_that_crashes_or_hangs_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = written(tmp_path / "a.grib", pair(REGULAR))
     raw = messages.whole(messages.split_messages(str(path))[0])
     first = decoder._running().process
     first.kill()
     first.wait()
-    assert decoder.values(raw).size == 900  # a helper that went away between two questions is started anew
+    # a helper that went away between two questions is started anew
+    assert decoder.values(raw).size == 900
     assert decoder._running().process.pid != first.pid
 
     os.kill(decoder._running().process.pid, 19)  # stopped: it will never answer
@@ -556,7 +665,9 @@ def test_a_signal_ends_a_wait_for_a_library_that_hangs(name: str, tmp_path: Path
         f"decoder.START = {start!r}; sys.exit(main(['info', sys.argv[1]]))"
     )
     held = os.open(tmp_path / "held", os.O_RDONLY | os.O_NONBLOCK)
-    ours = subprocess.Popen([sys.executable, "-c", code, str(path)], stderr=subprocess.PIPE, text=True)
+    ours = subprocess.Popen(
+        [sys.executable, "-c", code, str(path)], stderr=subprocess.PIPE, text=True
+    )
     try:
         assert select.select([held], [], [], 60)[0]
         assert os.read(held, 5) == b"asked"
@@ -591,7 +702,9 @@ def test_limits_hold_under_a_limit_of_the_system() -> None:
 
 
 def test_nam(data: Path) -> None:
-    """NAM's 10 m wind counts along a Lambert grid of 81 km: turned by differences of eccodes' own points."""
+    """NAM's 10 m wind counts along a Lambert grid of 81 km: turned by differences of eccodes' own
+    points.
+    """
     path = data / "grib" / "nam_lambert.grib2"
     raw = gribs.unpack(str(path), BOTH)
     angle = np.radians(direction(raw["lon"], raw["lat"]))
@@ -599,7 +712,9 @@ def test_nam(data: Path) -> None:
     v = raw["10u"] * np.sin(angle) + raw["10v"] * np.cos(angle)
     source = sources.open_source("wind", path, steady=True)
     inner = slice(3, -3), slice(3, -3)
-    got = grids.sample(source.grid, source.read(0), raw["lon"][inner].ravel(), raw["lat"][inner].ravel())
+    got = grids.sample(
+        source.grid, source.read(0), raw["lon"][inner].ravel(), raw["lat"][inner].ravel()
+    )
     error = got - np.stack((u[inner].ravel(), v[inner].ravel()), axis=-1)
     speed = np.sqrt(np.mean(u**2 + v**2))
     rms = np.sqrt(np.nanmean(np.sum(error**2, axis=-1)))
@@ -607,7 +722,8 @@ def test_nam(data: Path) -> None:
     assert rms < 0.08 * speed  # bilinear twice on cells of 81 km; unturned it is 0.2
     # a turn the wrong way, or none, leaves a mean angle: that of ours is below a tenth of a degree
     turned = np.angle(
-        np.sum((got[:, 0] + 1j * got[:, 1]) * np.conj(u[inner].ravel() + 1j * v[inner].ravel())), deg=True
+        np.sum((got[:, 0] + 1j * got[:, 1]) * np.conj(u[inner].ravel() + 1j * v[inner].ravel())),
+        deg=True,
     )
     assert abs(turned) < 0.1
     assert "10u, 10v" in source.notes[0]
@@ -636,11 +752,19 @@ def test_averages_stand_at_the_middle_of_their_steps(edition: int, tmp_path: Pat
             else {"stepRange": f"{begin}-{begin + 6}"}
         )
         for side, name in enumerate(BOTH):
-            lon, lat = gribs.points(f"GRIB{edition}", settings(REGULAR, edition, 0.0, False, name, {}))
+            lon, lat = gribs.points(
+                f"GRIB{edition}", settings(REGULAR, edition, 0.0, False, name, {})
+            )
             values = writers.field((lon + 180.0) % 360.0 - 180.0, lat, begin + 3.0)[side]
-            keys = {"shortName": name} if edition == 1 else WIND_AT_10 | {"parameterNumber": 2 + side}
+            keys = (
+                {"shortName": name} if edition == 1 else WIND_AT_10 | {"parameterNumber": 2 + side}
+            )
             parts.append(
-                gribs.pack(f"GRIB{edition}", settings(REGULAR, edition, 0.0, False, "", more | keys | steps), values)
+                gribs.pack(
+                    f"GRIB{edition}",
+                    settings(REGULAR, edition, 0.0, False, "", more | keys | steps),
+                    values,
+                )
             )
     source = sources.open_source("wind", written(tmp_path / "a.grib", parts))
     start = np.datetime64("2024-03-05T00:00:00", "s")

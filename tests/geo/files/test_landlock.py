@@ -1,4 +1,6 @@
-"""The kernel's fence: files that libraries open by themselves, in a process as `drift serve` starts them."""
+"""The kernel's fence: files that libraries open by themselves, in a process as `drift serve` starts
+them.
+"""
 
 import re
 import subprocess
@@ -26,7 +28,13 @@ def done(code: str, *given: str, folder: Path, monkeypatch: pytest.MonkeyPatch) 
     """Return what a process prints whose fence is a folder."""
     monkeypatch.setenv(fence.NAME, fence.fence_text(fence.Fence((folder,))))
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    one = subprocess.run([sys.executable, "-c", code, *given], cwd=folder, capture_output=True, text=True, timeout=120)
+    one = subprocess.run(
+        [sys.executable, "-c", code, *given],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     return one.stdout + one.stderr
 
 
@@ -42,18 +50,31 @@ needs = pytest.mark.skipif(not landlock.version(), reason="this system has no La
 
 @needs
 @pytest.mark.parametrize(
-    "how", [pytest.param(how, marks=[pytest.mark.thorough] * (how == "storage")) for how in hostile_netcdf.FILES]
+    "how",
+    [
+        pytest.param(how, marks=[pytest.mark.thorough] * (how == "storage"))
+        for how in hostile_netcdf.FILES
+    ],
 )
-def test_no_file_that_a_netcdf_file_names_is_read(inside: Path, monkeypatch: pytest.MonkeyPatch, how: str) -> None:
-    """The library reads it where the kernel does not hold the fence, and where it lies in the folder."""
+def test_no_file_that_a_netcdf_file_names_is_read(
+    inside: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    """The library reads it where the kernel does not hold the fence, and where it lies in the
+    folder.
+    """
     hostile_netcdf.secret(inside.parent / "secret.nc", how)
     hostile_netcdf.write(inside / "x.nc", how, inside.parent / "secret.nc")
-    assert done(READ, "open", str(inside / "x.nc"), folder=inside, monkeypatch=monkeypatch) == "read\n"
+    assert (
+        done(READ, "open", str(inside / "x.nc"), folder=inside, monkeypatch=monkeypatch) == "read\n"
+    )
     told = done(READ, "enclosed", str(inside / "x.nc"), folder=inside, monkeypatch=monkeypatch)
     assert re.search("NetCDF: HDF error|truncated or damaged", told.splitlines()[-1])
     hostile_netcdf.secret(inside / "own.nc", how)
     hostile_netcdf.write(inside / "y.nc", how, inside / "own.nc")
-    assert done(READ, "enclosed", str(inside / "y.nc"), folder=inside, monkeypatch=monkeypatch) == "read\n"
+    assert (
+        done(READ, "enclosed", str(inside / "y.nc"), folder=inside, monkeypatch=monkeypatch)
+        == "read\n"
+    )
 
 
 TRY = """
@@ -75,7 +96,9 @@ print(os.listdir("b"), tempfile.TemporaryFile().write(b"12"))
 
 @needs
 def test_what_is_outside_is_closed(inside: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also to processes that it starts; what it works with is open: moving files from folder to folder, other files."""
+    """Also to processes that it starts; what it works with is open: moving files from folder to
+    folder, other files.
+    """
     (inside / "in").write_text("", encoding="utf-8")
     (inside / "link").symlink_to(inside.parent / "secret.nc")
     monkeypatch.setenv("TMPDIR", str(inside))
@@ -86,7 +109,9 @@ def test_what_is_outside_is_closed(inside: Path, monkeypatch: pytest.MonkeyPatch
         "/proc/self/mem",
         "/etc/passwd",
     ]
-    told = done(TRY, *closed, str(inside / "in"), "/dev/null", folder=inside, monkeypatch=monkeypatch).splitlines()
+    told = done(
+        TRY, *closed, str(inside / "in"), "/dev/null", folder=inside, monkeypatch=monkeypatch
+    ).splitlines()
     assert told == [str([False] * len(closed) + [True, True]), "1", "['x'] 2"]
 
 
@@ -119,13 +144,17 @@ print([name for name, act in acts.items() if not fails(act)])
 
 
 @needs
-def test_nothing_outside_the_served_folder_is_written(inside: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_outside_the_served_folder_is_written(
+    inside: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Not even into a folder that may be read: results go into the served one."""
     allowed = inside.parent / "allowed"
     allowed.mkdir()
     (allowed / "own").write_text("own", encoding="utf-8")
     (inside / "out").symlink_to(allowed / "own")
-    monkeypatch.setenv(fence.NAME, fence.fence_text(fence.Fence((inside, allowed), writable=(inside,))))
+    monkeypatch.setenv(
+        fence.NAME, fence.fence_text(fence.Fence((inside, allowed), writable=(inside,)))
+    )
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     (inside.parent / "scratch").mkdir()
     one = subprocess.run(
@@ -141,11 +170,17 @@ def test_nothing_outside_the_served_folder_is_written(inside: Path, monkeypatch:
     assert (inside / "forecast" / "map.png").read_text(encoding="utf-8") == "shorter"
 
 
-def test_the_home_folder_is_not_opened_for_a_module(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """`python -m drift serve` looks for modules where it was started; that may be the home folder, or that served."""
+def test_the_home_folder_is_not_opened_for_a_module(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """`python -m drift serve` looks for modules where it was started; that may be the home folder,
+    or that served.
+    """
     served = tmp_path / "at" / "served"
     monkeypatch.setattr(
-        sys, "path", [str(tmp_path / "at"), str(served), str(Path.home()), "/", "", str(tmp_path / "modules")]
+        sys,
+        "path",
+        [str(tmp_path / "at"), str(served), str(Path.home()), "/", "", str(tmp_path / "modules")],
     )
     own = set(landlock._own([served]))
     assert tmp_path / "modules" in own
@@ -186,4 +221,7 @@ def test_graphics_cards_are_still_listed_and_other_files_are_not_read(
     from kernels.runtime import drivers
 
     none = drivers.ask("vulkan").devices == ()
-    assert done(CARDS, str(inside.parent / "secret.nc"), folder=inside, monkeypatch=monkeypatch) == f"{none} held\n"
+    assert (
+        done(CARDS, str(inside.parent / "secret.nc"), folder=inside, monkeypatch=monkeypatch)
+        == f"{none} held\n"
+    )

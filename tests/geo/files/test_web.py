@@ -1,4 +1,6 @@
-"""Questions to web servers, against servers on this machine: bounds in time and size, words, passwords and other addresses."""
+"""Questions to web servers, against servers on this machine: bounds in time and size, words,
+passwords and other addresses.
+"""
 
 import base64
 import socket
@@ -20,7 +22,10 @@ ANN = f"Basic {base64.b64encode(b'ann:sesame').decode()}"
 def known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A netrc with names and passwords of two machines."""
     monkeypatch.setenv("HOME", str(tmp_path))
-    lines = (f"machine {machine} login ann password sesame\n" for machine in ("sea.example.org", "127.0.0.1"))
+    lines = (
+        f"machine {machine} login ann password sesame\n"
+        for machine in ("sea.example.org", "127.0.0.1")
+    )
     (tmp_path / ".netrc").write_text("".join(lines))
     (tmp_path / ".netrc").chmod(0o600)
 
@@ -40,7 +45,9 @@ def test_an_answer_that_drips_is_given_up() -> None:
 
 
 def test_an_answer_may_be_so_large_and_no_larger() -> None:
-    with hostile.serving(lambda connection, target: connection.sendall(hostile.http(b"x" * 50))) as address:
+    with hostile.serving(
+        lambda connection, target: connection.sendall(hostile.http(b"x" * 50))
+    ) as address:
         assert web.get(address, 5.0, 50) == b"x" * 50
         with pytest.raises(UserError, match="more than the 49 bytes"):
             web.get(address, 5.0, 49)
@@ -55,7 +62,9 @@ def test_an_answer_may_be_so_large_and_no_larger() -> None:
     ],
 )  # fmt: skip
 def test_what_stays_and_what_may_pass(status: int, passing: bool, words: str) -> None:
-    with hostile.serving(lambda connection, target: connection.sendall(hostile.http(b"", f"{status} No"))) as address:
+    with hostile.serving(
+        lambda connection, target: connection.sendall(hostile.http(b"", f"{status} No"))
+    ) as address:
         with pytest.raises((web.Passing, UserError), match=words) as refused:
             web.get(address, 5.0, 100)
         assert isinstance(refused.value, web.Passing) == passing

@@ -36,8 +36,17 @@ class Owned:
 
 
 def hostile(place: Path, kind: str, *, together: bool = False) -> Path:
-    """Write a Zarr 2 store whose array runs code when it is read; together: its metadata stand in one file alone."""
-    layout = {"zarr_format": 2, "shape": [1], "chunks": [1], "order": "C", "dtype": "|O", "fill_value": None}
+    """Write a Zarr 2 store whose array runs code when it is read; together: its metadata stand in
+    one file alone.
+    """
+    layout = {
+        "zarr_format": 2,
+        "shape": [1],
+        "chunks": [1],
+        "order": "C",
+        "dtype": "|O",
+        "fill_value": None,
+    }
     array = layout | ARRAYS[kind]
     (place / "lat").mkdir(parents=True)
     (place / "lat" / "0").write_bytes(pickle.dumps(Owned(place.parent / "OWNED")))
@@ -73,7 +82,9 @@ def opened_plainly(place: Path) -> None:
 @pytest.mark.parametrize("kind", ARRAYS)
 @pytest.mark.parametrize("together", [False, True])
 def test_no_code_of_a_store_runs(tmp_path: Path, kind: str, together: bool) -> None:
-    """xarray alone runs it, which shows that the store is hostile; drift rejects it before a codec is built."""
+    """xarray alone runs it, which shows that the store is hostile; drift rejects it before a codec
+    is built.
+    """
     before = registry.codec_registry.get("pickle")
     store = hostile(tmp_path / "a.zarr", kind, together=together)
     with pytest.raises(UserError, match=r"pickle|Python objects") as refused:
@@ -81,7 +92,8 @@ def test_no_code_of_a_store_runs(tmp_path: Path, kind: str, together: bool) -> N
     assert f"{store}/{'.zmetadata' if together else 'lat/.zarray'}" in str(refused.value)
     assert not (tmp_path / "OWNED").exists()
     assert zarr_store.UNSAFE not in os.environ
-    assert registry.codec_registry.get("pickle") is before  # other programs in this process keep theirs
+    # other programs in this process keep theirs
+    assert registry.codec_registry.get("pickle") is before
     with suppress(Exception):  # what the code returns is no value
         opened_plainly(store)
     assert (tmp_path / "OWNED").exists()
@@ -103,14 +115,19 @@ def test_a_store_that_changes_after_it_was_looked_at_runs_nothing(
 @pytest.mark.parametrize(
     ("array", "said"),
     [
-        ({"codecs": [{"name": "numcodecs.pickle", "configuration": {}}]}, 'the codec "numcodecs.pickle"'),
+        (
+            {"codecs": [{"name": "numcodecs.pickle", "configuration": {}}]},
+            'the codec "numcodecs.pickle"',
+        ),
         ({"dtype": "<f4", "filters": [{"id": "delta", "dtype": "|O"}]}, "of Python objects"),
         ({"dtype": [["a", "<f4"], ["b", "|O"]], "filters": []}, "of Python objects"),
         ({"dtype": "|O", "filters": [{"id": "msgpack2"}]}, "of Python objects"),
         ({"dtype": "object", "filters": [{"id": "vlen-utf8"}]}, "of Python objects"),
     ],
 )
-def test_codecs_and_types_of_objects_are_refused(tmp_path: Path, array: dict[str, Any], said: str) -> None:
+def test_codecs_and_types_of_objects_are_refused(
+    tmp_path: Path, array: dict[str, Any], said: str
+) -> None:
     (tmp_path / "lat").mkdir()
     (tmp_path / ".zgroup").write_text('{"zarr_format": 2}', encoding="utf-8")
     (tmp_path / "lat" / ".zarray").write_text(json.dumps(array), encoding="utf-8")
@@ -126,7 +143,10 @@ def test_texts_and_attributes_are_read(tmp_path: Path, edition: int) -> None:
     names = np.array(["Hollum", "Nes"], object)
     data = xr.Dataset({"station": ("x", names)}, attrs={"id": "pickle", "dtype": "object"})
     data.to_zarr(tmp_path / "a.zarr", zarr_format=edition, consolidated=edition == 2)
-    assert list(dataset.open_one(str(tmp_path / "a.zarr"), "current")["station"].values) == ["Hollum", "Nes"]
+    assert list(dataset.open_one(str(tmp_path / "a.zarr"), "current")["station"].values) == [
+        "Hollum",
+        "Nes",
+    ]
 
 
 DAMAGE = {
@@ -160,6 +180,8 @@ def test_what_is_damaged_is_named(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize("field", ["id", "codec"])
 def test_deep_metadata_are_refused_in_a_line(tmp_path: Path, field: str) -> None:
-    (tmp_path / ".zgroup").write_text('{"' + field + '":' + "[" * 100_000 + "]" * 100_000 + "}", encoding="utf-8")
+    (tmp_path / ".zgroup").write_text(
+        '{"' + field + '":' + "[" * 100_000 + "]" * 100_000 + "}", encoding="utf-8"
+    )
     with pytest.raises(UserError, match="is no JSON"):
         zarr_store.check(str(tmp_path))

@@ -12,9 +12,13 @@ GULF = Box(-97.0, 22.0, -80.0, 30.0)
 START, END = np.datetime64("2026-11-21T18:30:00"), np.datetime64("2026-11-23T06:00:00")
 
 
-def velocity(kind: str, box: Box, x: float, y: float, seconds: float, **parameters: float) -> np.ndarray:
+def velocity(
+    kind: str, box: Box, x: float, y: float, seconds: float, **parameters: float
+) -> np.ndarray:
     quantity = "wind" if kind == "breeze" else "current"
-    return np.array([float(v) for v in analytic.build_flow(quantity, kind, box, **parameters)[0](x, y)(seconds)])
+    return np.array(
+        [float(v) for v in analytic.build_flow(quantity, kind, box, **parameters)[0](x, y)(seconds)]
+    )
 
 
 @pytest.mark.parametrize("kind", ["gulf", "stommel_gyre"])
@@ -25,9 +29,11 @@ def test_currents_have_no_divergence(kind: str) -> None:
     seconds = 3.3e5
     east = (flow(lon + h, lat)(seconds)[0] - flow(lon - h, lat)(seconds)[0]) / (2 * h)
     north = [flow(lon, lat + d)(seconds)[1] * np.cos(np.radians(lat + d)) for d in (h, -h)]
-    divergence = (east + (north[0] - north[1]) / (2 * h)) / np.cos(np.radians(lat))  # [m/s per degree]
+    # [m/s per degree]
+    divergence = (east + (north[0] - north[1]) / (2 * h)) / np.cos(np.radians(lat))
     shear = np.abs(flow(lon, lat + h)(seconds)[0] - flow(lon, lat - h)(seconds)[0]) / (2 * h)
-    # the streamfunction is continuous everywhere; only on the kinks of the jet's axis do differences see a jump
+    # the streamfunction is continuous everywhere; only on the kinks of the jet's axis do
+    # differences see a jump
     assert np.quantile(np.abs(divergence), 0.97) < 0.01 * shear.max()
 
 
@@ -45,7 +51,10 @@ def test_gulf_looks_like_the_gulf() -> None:
 
 def test_hours_are_absolute_and_cover_the_run() -> None:
     first = sources.analytic("current", "gulf", GULF, START, END)
-    assert (first.times[0], first.times[-1]) == (np.datetime64("2026-11-21T18:00"), np.datetime64("2026-11-23T06:00"))
+    assert (first.times[0], first.times[-1]) == (
+        np.datetime64("2026-11-21T18:00"),
+        np.datetime64("2026-11-23T06:00"),
+    )
     assert (np.diff(first.times) == np.timedelta64(1, "h")).all()
     later = sources.analytic("current", "gulf", GULF, END, START + np.timedelta64(5, "h"))
     k = int(np.nonzero(first.times == later.times[2])[0][0])
@@ -60,7 +69,9 @@ def test_hours_are_absolute_and_cover_the_run() -> None:
 
 def test_solid_rotation_is_omega_cross_r() -> None:
     axis = np.radians([25.0, 50.0])
-    omega = np.array([np.cos(axis[1]) * np.cos(axis[0]), np.cos(axis[1]) * np.sin(axis[0]), np.sin(axis[1])])
+    omega = np.array(
+        [np.cos(axis[1]) * np.cos(axis[0]), np.cos(axis[1]) * np.sin(axis[0]), np.sin(axis[1])]
+    )
     for lon, lat in ((13.0, 7.0), (-170.0, -60.0), (25.0, 50.0)):
         x, y = np.radians([lon, lat])
         r = np.array([np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y)])
@@ -69,15 +80,22 @@ def test_solid_rotation_is_omega_cross_r() -> None:
             np.array([-np.sin(x), np.cos(x), 0.0]),
             np.array([-np.sin(y) * np.cos(x), -np.sin(y) * np.sin(x), np.cos(y)]),
         )
-        got = velocity("solid_rotation", GULF, lon, lat, 0.0, speed=0.7, pole_lon=25.0, pole_lat=50.0)
+        got = velocity(
+            "solid_rotation", GULF, lon, lat, 0.0, speed=0.7, pole_lon=25.0, pole_lat=50.0
+        )
         np.testing.assert_allclose(got, (v @ east, v @ north), atol=1e-12)
 
 
 def test_inertial_circle() -> None:
-    """One inertial period at 26 N is 12 h / sin(lat) of the sidereal day, and the velocity comes back."""
+    """One inertial period at 26 N is 12 h / sin(lat) of the sidereal day, and the velocity comes
+    back.
+    """
     period = np.pi / (analytic.ROTATION * np.sin(np.radians(26.0)))
     assert period == pytest.approx(86_164.1 / 2 / np.sin(np.radians(26.0)), rel=1e-4)
-    a, b, c = (velocity("inertial", GULF, -90.0, 24.0, t, lat=26.0, mean_east=0.0) for t in (0.0, period / 4, period))
+    a, b, c = (
+        velocity("inertial", GULF, -90.0, 24.0, t, lat=26.0, mean_east=0.0)
+        for t in (0.0, period / 4, period)
+    )
     np.testing.assert_allclose(a, c, atol=1e-12)
     np.testing.assert_allclose(b, (0.0, -a[0]), atol=1e-12)  # east, then south: clockwise
 
@@ -104,7 +122,10 @@ def test_breeze_is_a_trade_wind_that_turns_daily() -> None:
 def test_a_flow_is_the_same_whatever_box_asks_for_it(kind: str) -> None:
     """But a gyre, which fills its box."""
     at = (-86.3, 25.7, 9.1e6)
-    assert velocity(kind, GULF, *at).tolist() == velocity(kind, Box(-88.0, 25.0, -71.0, 41.5), *at).tolist()
+    assert (
+        velocity(kind, GULF, *at).tolist()
+        == velocity(kind, Box(-88.0, 25.0, -71.0, 41.5), *at).tolist()
+    )
 
 
 def test_nodes_stand_where_they_stand_in_any_box() -> None:
@@ -119,14 +140,20 @@ def test_nodes_stand_where_they_stand_in_any_box() -> None:
     ny, nx = narrow.grid.nlat, narrow.grid.nlon
     np.testing.assert_array_equal(narrow.read(3), wide.read(3)[j : j + ny, i : i + nx])
     for source in (narrow, wide):
-        np.testing.assert_allclose(source.grid.lon / 0.7, np.round(source.grid.lon / 0.7), atol=1e-9)
+        np.testing.assert_allclose(
+            source.grid.lon / 0.7, np.round(source.grid.lon / 0.7), atol=1e-9
+        )
     assert narrow.grid.lon[0] <= -90.3 < narrow.grid.lon[1]
     assert narrow.grid.lat[-2] < 26.9 <= narrow.grid.lat[-1]
-    assert sources.analytic("current", "solid_rotation", Box(-180, -90, 180, 90), START, END, spacing=0.7).grid.seamless
+    assert sources.analytic(
+        "current", "solid_rotation", Box(-180, -90, 180, 90), START, END, spacing=0.7
+    ).grid.seamless
 
 
 def test_antimeridian_and_poles() -> None:
-    source = sources.analytic("current", "solid_rotation", Box(175.0, 85.0, 190.0, 90.0), START, END)
+    source = sources.analytic(
+        "current", "solid_rotation", Box(175.0, 85.0, 190.0, 90.0), START, END
+    )
     lat = source.grid.lat
     assert np.isnan(source.read(0)[lat > 89]).all()
     assert np.isfinite(source.read(0)[lat <= 89]).all()

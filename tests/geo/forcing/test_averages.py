@@ -1,7 +1,9 @@
-"""Means: placed at the middle of their interval, wherever they are stamped and however the file says so.
+"""Means: placed at the middle of their interval, wherever they are stamped and however the file
+says so.
 
-Every file holds means of a current that is linear in time, u = 0.0005 m/s an hour since EPOCH: the mean over an interval is
-the value at its middle, so that a mean at any other time has the wrong value.
+Every file holds means of a current that is linear in time, u = 0.0005 m/s an hour since EPOCH: the
+mean over an interval is the value at its middle, so that a mean at any other time has the wrong
+value.
 """
 
 from pathlib import Path
@@ -31,7 +33,9 @@ def written(
     whole: dict[str, Any] | None = None,
     **more: Any,
 ) -> Path:
-    """Write means between edges [h since EPOCH]; stamp: 0 at the start of an interval, 1 at its end."""
+    """Write means between edges [h since EPOCH]; stamp: 0 at the start of an interval, 1 at its
+    end.
+    """
     lon, lat = np.arange(-31.0, -28.9, 0.5), np.arange(39.0, 41.1, 0.5)
     edges = np.asarray(edges, float)
     begin, end = edges[:-1], edges[1:]
@@ -40,7 +44,11 @@ def written(
     numbers = begin + stamp * (end - begin)
     data = xr.Dataset(
         {"uo": (dims, u, writers.EAST | about), "vo": (dims, 0 * u - 0.2, writers.NORTH | about)},
-        {"time": ("time", numbers, {"units": "hours since 2024-03-10"} | (axis or {})), "lat": lat, "lon": lon},
+        {
+            "time": ("time", numbers, {"units": "hours since 2024-03-10"} | (axis or {})),
+            "lat": lat,
+            "lon": lon,
+        },
         whole,
     )
     if bounds:
@@ -74,11 +82,23 @@ def test_bounds_say_it(stamp: float, tmp_path: Path) -> None:
     source = sources.open_source("current", path)
     check(source, DAYS)
     with xr.open_dataset(path) as data:
-        np.testing.assert_array_equal(sources.open_source("current", memory.Held("x", data)).times, source.times)
-    check(sources.open_source("current", written(tmp_path / "b.nc", DAYS, stamp, bounds=True, about={})), DAYS)
+        np.testing.assert_array_equal(
+            sources.open_source("current", memory.Held("x", data)).times, source.times
+        )
+    check(
+        sources.open_source(
+            "current", written(tmp_path / "b.nc", DAYS, stamp, bounds=True, about={})
+        ),
+        DAYS,
+    )
     told = "\n".join(describe.describe(source))
-    assert "101200ZMAR24 to 151200ZMAR24, 6 slices every 24 h, held from 100000ZMAR24 to 160000ZMAR24" in told
-    assert "means over 24 h, each placed at the middle of its interval (by their time bounds)" in told
+    assert (
+        "101200ZMAR24 to 151200ZMAR24, 6 slices every 24 h, held from 100000ZMAR24 to 160000ZMAR24"
+        in told
+    )
+    assert (
+        "means over 24 h, each placed at the middle of its interval (by their time bounds)" in told
+    )
 
 
 def test_bounds_in_other_units_packed_or_turned(tmp_path: Path) -> None:
@@ -89,7 +109,9 @@ def test_bounds_in_other_units_packed_or_turned(tmp_path: Path) -> None:
     days = ("time", "nv"), pairs / 24, {"units": "days since 2024-03-10"}
     data.assign(time_bnds=days).to_netcdf(tmp_path / "days.nc")
     data.assign(time_bnds=(("time", "nv"), pairs[:, ::-1])).to_netcdf(tmp_path / "turned.nc")
-    packing = {"time_bnds": {"dtype": "i2", "scale_factor": 12.0, "add_offset": 24.0, "_FillValue": -32768}}
+    packing = {
+        "time_bnds": {"dtype": "i2", "scale_factor": 12.0, "add_offset": 24.0, "_FillValue": -32768}
+    }
     data.to_netcdf(tmp_path / "packed.nc", encoding=packing)
     data.assign(time_bnds=(("nv", "time"), pairs.T)).to_netcdf(tmp_path / "across.nc")
     for name in ("days", "turned", "packed", "across"):
@@ -99,7 +121,9 @@ def test_bounds_in_other_units_packed_or_turned(tmp_path: Path) -> None:
 def test_months_have_lengths_of_their_own(tmp_path: Path) -> None:
     firsts = np.arange("2024-01", "2024-07", dtype="datetime64[M]").astype("datetime64[s]")
     edges = (firsts - EPOCH) / HOUR
-    check(sources.open_source("current", written(tmp_path / "a.nc", edges, 0.0, bounds=True)), edges)
+    check(
+        sources.open_source("current", written(tmp_path / "a.nc", edges, 0.0, bounds=True)), edges
+    )
     for stamp, where in ((0.0, "start"), (1.0, "end")):
         path = written(tmp_path / f"{where}.nc", edges, stamp)
         check(sources.open_source("current", path, times={"stamp": where}), edges)
@@ -151,10 +175,13 @@ def test_copernicus_stamps_means_at_their_start(where: str, tmp_path: Path) -> N
     whole = {"id": called} if where == "attribute" else None
     area = {"cell_methods": "area: mean"}
     check(sources.open_source("current", written(path, DAYS, 0.0, about=area, whole=whole)), DAYS)
-    noon = sources.open_source("current", written(path, DAYS, 0.5, about=area, whole=whole))  # files as they are made
+    # files as they are made
+    noon = sources.open_source("current", written(path, DAYS, 0.5, about=area, whole=whole))
     check(noon, DAYS)
     instant = tmp_path / "cmems_mod_glo_wav_anfc_0.083deg_PT3H-i_x.nc"
-    source = sources.open_source("current", written(instant, np.arange(0.0, 19.0, 3.0), 0.0, about=area))
+    source = sources.open_source(
+        "current", written(instant, np.arange(0.0, 19.0, 3.0), 0.0, about=area)
+    )
     np.testing.assert_array_equal((source.times - EPOCH) / HOUR, np.arange(0.0, 18.0, 3.0))
 
 
@@ -167,7 +194,13 @@ def test_nemo_is_read_by_the_times_that_its_coordinates_name(tmp_path: Path) -> 
     )
     pairs = ("time", "axis_nbounds"), np.stack([DAYS[:-1], DAYS[1:]], axis=1)
     path = written(
-        tmp_path / "a.nc", DAYS, 1.0, axis={"axis": "T"}, about=about, time_centered=centred, time_centered_bounds=pairs
+        tmp_path / "a.nc",
+        DAYS,
+        1.0,
+        axis={"axis": "T"},
+        about=about,
+        time_centered=centred,
+        time_centered_bounds=pairs,
     )
     check(sources.open_source("current", path), DAYS)
 
@@ -181,7 +214,9 @@ def test_what_is_no_mean_stays_where_it_is(tmp_path: Path) -> None:
         source = sources.open_source("current", written(tmp_path / "a.nc", DAYS, 1.0, about=about))
         np.testing.assert_array_equal((source.times - EPOCH) / HOUR, DAYS[1:])
     point = {"cell_methods": "time: point"}
-    source = sources.open_source("current", written(tmp_path / "b.nc", DAYS, 1.0, bounds=True, about=point))
+    source = sources.open_source(
+        "current", written(tmp_path / "b.nc", DAYS, 1.0, bounds=True, about=point)
+    )
     np.testing.assert_array_equal((source.times - EPOCH) / HOUR, DAYS[1:])
 
 
@@ -196,7 +231,9 @@ def test_what_is_no_mean_stays_where_it_is(tmp_path: Path) -> None:
 )
 def test_what_is_no_velocity_at_a_time_is_refused(method: str, tmp_path: Path) -> None:
     path = written(tmp_path / "a.nc", DAYS, 1.0, about={"cell_methods": method})
-    with pytest.raises(UserError, match=r'no velocity at a time.*variables = .*stamp = "instant".*steady = true'):
+    with pytest.raises(
+        UserError, match=r'no velocity at a time.*variables = .*stamp = "instant".*steady = true'
+    ):
         sources.open_source("current", path)
     source = sources.open_source("current", path, times={"stamp": "instant"})
     np.testing.assert_array_equal((source.times - EPOCH) / HOUR, DAYS[1:])
@@ -206,10 +243,16 @@ def test_what_is_no_velocity_at_a_time_is_refused(method: str, tmp_path: Path) -
 def test_what_grib_says_of_a_step_holds_in_netcdf_too(tmp_path: Path) -> None:
     path = written(tmp_path / "a.nc", DAYS, 1.0, about={"GRIB_stepType": "avg"})
     check(sources.open_source("current", path), DAYS)
-    with pytest.raises(UserError, match=r"is the max over a time \(GRIB_stepType max\), no velocity"):
-        sources.open_source("current", written(tmp_path / "b.nc", DAYS, 1.0, about={"GRIB_stepType": "max"}))
+    with pytest.raises(
+        UserError, match=r"is the max over a time \(GRIB_stepType max\), no velocity"
+    ):
+        sources.open_source(
+            "current", written(tmp_path / "b.nc", DAYS, 1.0, about={"GRIB_stepType": "max"})
+        )
     sloppy = written(tmp_path / "c.nc", DAYS, 1.0, about={"cell_methods": "time: snapshot"})
-    np.testing.assert_array_equal((sources.open_source("current", sloppy).times - EPOCH) / HOUR, DAYS[1:])
+    np.testing.assert_array_equal(
+        (sources.open_source("current", sloppy).times - EPOCH) / HOUR, DAYS[1:]
+    )
 
 
 def test_bounds_that_contradict_their_times_are_refused(tmp_path: Path) -> None:
@@ -223,7 +266,8 @@ def test_bounds_that_contradict_their_times_are_refused(tmp_path: Path) -> None:
     data.assign(time_bnds=ages).to_netcdf(tmp_path / "c.nc")
     for name in ("b", "c"):
         with pytest.raises(
-            UserError, match=r'"time_bnds".*times = \{ stamp = "instant" \}.*"start", "middle" or "end"'
+            UserError,
+            match=r'"time_bnds".*times = \{ stamp = "instant" \}.*"start", "middle" or "end"',
         ):
             sources.open_source("current", tmp_path / f"{name}.nc")
         check(sources.open_source("current", tmp_path / f"{name}.nc", times={"stamp": "end"}), DAYS)
@@ -238,7 +282,9 @@ def test_stated_times_may_be_those_of_means(tmp_path: Path) -> None:
     path = written(tmp_path / "a.nc", DAYS, 0.0)
     told = {"start": EPOCH, "interval": np.timedelta64(24, "h")}
     check(sources.open_source("current", path, times=told | {"stamp": "start"}), DAYS)
-    np.testing.assert_array_equal((sources.open_source("current", path, times=told).times - EPOCH) / HOUR, DAYS[:-1])
+    np.testing.assert_array_equal(
+        (sources.open_source("current", path, times=told).times - EPOCH) / HOUR, DAYS[:-1]
+    )
 
 
 @pytest.mark.parametrize("spacing", [1.0, 3.0, 6.0])

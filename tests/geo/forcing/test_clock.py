@@ -1,7 +1,8 @@
-"""Times of slices: units of time against UDUNITS, zones, dates, orders, and times that are not there.
+"""Times of slices: units of time against UDUNITS, zones, dates, orders, and times that are not
+there.
 
-Every file holds a current that is linear in time, u = 0.01 m/s an hour since EPOCH: a slice that stands at the wrong time
-has the wrong value.
+Every file holds a current that is linear in time, u = 0.01 m/s an hour since EPOCH: a slice that
+stands at the wrong time has the wrong value.
 """
 
 from pathlib import Path
@@ -21,7 +22,8 @@ from geo.forcing.times import epoch
 EPOCH = np.datetime64("2024-03-10T00:00:00", "s")
 HOURS = np.arange(6.0)
 
-# [s] from EPOCH to the number 0, by UDUNITS 2.2.28 through cf-units 3.3.1; None: it rejects the units.
+# [s] from EPOCH to the number 0, by UDUNITS 2.2.28 through cf-units 3.3.1; None: it rejects the
+# units.
 UDUNITS = {
     "hours since 2024-03-10 00:00:00-6": 21600, "hours since 2024-03-10 00:00:00 -6": 21600,
     "hours since 2024-03-10 00:00:00 -6:00": 21600, "hours since 2024-03-10 00:00:00 +1:00": -3600,
@@ -59,10 +61,14 @@ def test_units_of_time_are_read_as_udunits_reads_them(units: str) -> None:
     date = cftime.num2date(0.0, since.units, "standard", only_use_cftime_datetimes=True)
     zero = np.datetime64(date.isoformat(), "s") - np.timedelta64(since.zone, "s")
     assert (zero - EPOCH).astype(int) == expected
-    assert since.seconds == next((s for text, s in LENGTHS.items() if units.startswith(text)), 3600.0)
+    assert since.seconds == next(
+        (s for text, s in LENGTHS.items() if units.startswith(text)), 3600.0
+    )
 
 
-@pytest.mark.parametrize("units", ["hours since 2024/03/10", "hours since 2024 03 10", "hours since 2024/3/10 00:00"])
+@pytest.mark.parametrize(
+    "units", ["hours since 2024/03/10", "hours since 2024 03 10", "hours since 2024/3/10 00:00"]
+)
 def test_dates_with_slashes_or_blanks(units: str, tmp_path: Path) -> None:
     check(sources.open_source("current", written(tmp_path, units=units)))
 
@@ -99,9 +105,13 @@ def check(source: sources.Source, first: float = 0.0, last: float = 5.0, count: 
 
 
 def test_zones_in_files_and_in_memory(tmp_path: Path) -> None:
-    for units, ahead in (("-6", -6), (" +1:00", 1), (" 6:00", 6), (" -600", -6)):  # xarray misreads the last two
+    # xarray misreads the last two
+    for units, ahead in (("-6", -6), (" +1:00", 1), (" 6:00", 6), (" -600", -6)):
         path = written(
-            tmp_path, units=f"hours since 2024-03-10 00:00:00{units}", shift=ahead, name=f"{ahead}{units[0]}.nc"
+            tmp_path,
+            units=f"hours since 2024-03-10 00:00:00{units}",
+            shift=ahead,
+            name=f"{ahead}{units[0]}.nc",
         )
         check(sources.open_source("current", path))
         with xr.open_dataset(path) as data:
@@ -132,11 +142,15 @@ def test_times_in_any_order_are_sorted(tmp_path: Path) -> None:
         assert any(words in note and "sorted" in note for note in source.notes)
 
 
-@pytest.mark.parametrize("units", ["hours since 2024-03-10", "hours since 2024-03-10 00:00 MDT", "day as %Y%m%d"])
+@pytest.mark.parametrize(
+    "units", ["hours since 2024-03-10", "hours since 2024-03-10 00:00 MDT", "day as %Y%m%d"]
+)
 def test_stated_times_never_run_data_backward(units: str, tmp_path: Path) -> None:
     told = {"start": EPOCH, "interval": np.timedelta64(3600, "s")}
     for name, hours in (("up.nc", HOURS), ("down.nc", HOURS[::-1])):
-        check(sources.open_source("current", written(tmp_path, hours, units, name=name), times=told))
+        check(
+            sources.open_source("current", written(tmp_path, hours, units, name=name), times=told)
+        )
     early = written(tmp_path, HOURS[:3][::-1], units, name="z1.nc")
     late = written(tmp_path, HOURS[3:][::-1], units, name="b2.nc")
     if "since" in units:  # the files' own numbers tell which is earlier
@@ -167,14 +181,17 @@ def test_slices_of_one_time(tmp_path: Path) -> None:
     data.uo[:] = 0.01 * np.arange(7.0)[:, None, None]
     data.to_netcdf(tmp_path / "other.nc")
     with pytest.raises(
-        UserError, match=r"slices 2 and 3 have one time, 100100ZMAR24, and other values.*times = \{ start"
+        UserError,
+        match=r"slices 2 and 3 have one time, 100100ZMAR24, and other values.*times = \{ start",
     ):
         sources.open_source("current", tmp_path / "other.nc")
     told = {"start": EPOCH, "interval": np.timedelta64(3600, "s")}
     check(sources.open_source("current", tmp_path / "other.nc", times=told), last=6.0, count=7)
 
 
-@pytest.mark.parametrize("rest", ["/06:00:00", ", 06:00:00", "_06:00:00", " at 06:00", " 06:00:00 PM"])
+@pytest.mark.parametrize(
+    "rest", ["/06:00:00", ", 06:00:00", "_06:00:00", " at 06:00", " 06:00:00 PM"]
+)
 @pytest.mark.parametrize("zone", [None, 0])
 def test_a_time_of_day_that_is_not_read_is_no_zone(rest: str, zone: int | None) -> None:
     """Stated with `zone`, it would be dropped as if it were one: six hours of the track."""

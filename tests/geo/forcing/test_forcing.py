@@ -1,4 +1,6 @@
-"""Readers of real files against netCDF4 and pyproj, the odd ways of files, and what is refused and how."""
+"""Readers of real files against netCDF4 and pyproj, the odd ways of files, and what is refused and
+how.
+"""
 
 import shutil
 import threading
@@ -48,7 +50,14 @@ def turned(crs: str, x: float, y: float, u: float, v: float) -> tuple[float, flo
 
 PROJECTED = {
     "current": ("norkyst800_subset_16Nov2015.nc", "u", "v", "X", "Y", "projection_stere"),
-    "wind": ("arome_subset_16Nov2015.nc", "x_wind_10m", "y_wind_10m", "x", "y", "projection_lambert"),
+    "wind": (
+        "arome_subset_16Nov2015.nc",
+        "x_wind_10m",
+        "y_wind_10m",
+        "x",
+        "y",
+        "projection_lambert",
+    ),
 }
 
 
@@ -76,7 +85,8 @@ def test_norkyst_is_true_east_and_north(quantity: str, data: Path) -> None:
             error.append(np.hypot(*(got - (e, n))))
             speed.append(np.hypot(e, n))
     assert len(error) > 330
-    # bilinear twice at the points, where it is worst: 3 to 4 % measured; a degree of rotation would be 1.7 % more
+    # bilinear twice at the points, where it is worst: 3 to 4 % measured; a degree of rotation would
+    # be 1.7 % more
     assert np.sqrt(np.mean(np.square(error)) / np.mean(np.square(speed))) < 0.06
     got_angle = np.median(error) / np.median(speed)
     assert got_angle < 0.03
@@ -86,7 +96,10 @@ def test_norkyst_cost_is_what_the_design_says(data: Path) -> None:
     """0.7 % of the rms speed a component is 1.0 % for both together; 3.2 % of the wet points lost."""
     source = forcing.open_source("current", data / "norkyst" / PROJECTED["current"][0])
     note = next(n for n in source.notes if "cost" in n)
-    between, lost = float(note.split("rms error ")[1].split("%")[0]), float(note.split("them, ")[1].split("%")[0])
+    between, lost = (
+        float(note.split("rms error ")[1].split("%")[0]),
+        float(note.split("them, ")[1].split("%")[0]),
+    )
     assert between <= 1.1
     assert lost <= 3.3
 
@@ -97,8 +110,18 @@ def test_arome_axes_agree_with_its_own_longitudes(data: Path) -> None:
     source = forcing.open_source("wind", path, box=Box(4.0, 60.0, 5.0, 61.0))
     lon, lat = raw(path, "longitude"), raw(path, "latitude")
     j, i = 75, 40
-    east = np.array([(lon[j, i + 1] - lon[j, i - 1]) * np.cos(np.radians(lat[j, i])), lat[j, i + 1] - lat[j, i - 1]])
-    north = np.array([(lon[j + 1, i] - lon[j - 1, i]) * np.cos(np.radians(lat[j, i])), lat[j + 1, i] - lat[j - 1, i]])
+    east = np.array(
+        [
+            (lon[j, i + 1] - lon[j, i - 1]) * np.cos(np.radians(lat[j, i])),
+            lat[j, i + 1] - lat[j, i - 1],
+        ]
+    )
+    north = np.array(
+        [
+            (lon[j + 1, i] - lon[j - 1, i]) * np.cos(np.radians(lat[j, i])),
+            lat[j + 1, i] - lat[j - 1, i],
+        ]
+    )
     u, v = raw(path, "x_wind_10m"), raw(path, "y_wind_10m")
     total = []
     for k in range(0, 67, 6):
@@ -114,7 +137,15 @@ REGULAR: dict[str, tuple[str, str, str, str, str, str, Any]] = {
     "gfs": ("wind", "washington/gridded_wind.nc", "air_u", "air_v", "lon", "lat", ()),
     "rtofs": ("current", "washington/wa_RTOFS_global.nc", "water_u", "water_v", "lon", "lat", ()),
     "era5": ("wind", "florida/era5_moda_2000.nc", "u10", "v10", "longitude", "latitude", ()),
-    "mercator": ("current", "paria/Sea_Med_slice_20170424_Paria.nc", "uo", "vo", "lon", "lat", (0,)),
+    "mercator": (
+        "current",
+        "paria/Sea_Med_slice_20170424_Paria.nc",
+        "uo",
+        "vo",
+        "lon",
+        "lat",
+        (0,),
+    ),
     "ecmwf": ("wind", "paria/Wind_Med_slice_24_Paria.nc", "U10M", "V10M", "lon", "lat", ()),
 }
 
@@ -133,7 +164,9 @@ def test_regular_files_are_taken_as_they_are(key: str, data: Path) -> None:
         for i in range(0, len(lon), 5):
             row = round((lat[j] - source.grid.lat0) / source.grid.dlat)
             column = round(((lon[i] - source.grid.lon0) % 360) / source.grid.dlon)
-            np.testing.assert_allclose(values[row, column], (u[(k, *level, j, i)], v[(k, *level, j, i)]), atol=1e-5)
+            np.testing.assert_allclose(
+                values[row, column], (u[(k, *level, j, i)], v[(k, *level, j, i)]), atol=1e-5
+            )
             assert abs(source.grid.lat[row] - lat[j]) < 1e-4
     assert source.missing == pytest.approx(np.isnan(u[(0, *level)]).mean(), abs=1e-9)
 
@@ -149,7 +182,9 @@ def test_paria_joins_daily_files(data: Path) -> None:
 
 
 def test_biscay_components_stand_at_their_own_points(data: Path) -> None:
-    """The u file's points lie 0.0125 degrees west of the layer file's, the v file's half a native cell south."""
+    """The u file's points lie 0.0125 degrees west of the layer file's, the v file's half a native
+    cell south.
+    """
     u_path, v_path = data / "biscay" / "hycom.gdp.u.nc", data / "biscay" / "hycom.gdp.v.nc"
     source = forcing.open_source("current", [u_path, v_path])
     assert any("staggered" in note for note in source.notes)
@@ -162,7 +197,10 @@ def test_biscay_components_stand_at_their_own_points(data: Path) -> None:
     lon, lat = raw(v_path, "lon"), raw(v_path, "lat")
     got = sample(source.grid, values, lon[inner].ravel(), lat[inner].ravel())[:, 1]
     assert np.sqrt(np.nanmean((got - v[inner].ravel()) ** 2)) < 0.05 * np.sqrt(np.mean(v**2))
-    assert (source.times[0], source.times[-1]) == (np.datetime64("2021-03-01"), np.datetime64("2021-03-25T12"))
+    assert (source.times[0], source.times[-1]) == (
+        np.datetime64("2021-03-01"),
+        np.datetime64("2021-03-25T12"),
+    )
     deeper = forcing.open_source("current", [u_path, v_path], variables={"lev": "3"})
     got = sample(deeper.grid, deeper.read(20), [-2.8], [44.95])[0, 0]
     assert abs(got - sample(source.grid, values, [-2.8], [44.95])[0, 0]) > 1e-4
@@ -176,7 +214,8 @@ def test_florida_climatology_must_be_said_to_be_one(data: Path) -> None:
     assert len(source.times) == 0
     u, v = raw(paths[0], "water_u")[0, 0], raw(paths[1], "water_v")[0, 0]
     lat, lon = raw(paths[0], "lat"), raw(paths[0], "lon")
-    j, i = int(np.argmin(np.abs(lat - 25.5))), int(np.argmin(np.abs(lon - 280.3)))  # the Florida Current
+    # the Florida Current
+    j, i = int(np.argmin(np.abs(lat - 25.5))), int(np.argmin(np.abs(lon - 280.3)))
     got = sample(source.grid, source.read(0), [lon[i]], [lat[j]])[0]
     np.testing.assert_allclose(got, (u[j, i], v[j, i]), atol=2e-3)
     assert got[1] > 1.0
@@ -191,17 +230,24 @@ def test_crop_reads_what_the_whole_holds(data: Path) -> None:
     whole = forcing.open_source("current", path)
     part = forcing.open_source("current", path, box=Box(-125.0, 47.6, -124.5, 48.2))
     assert part.grid.nlon < whole.grid.nlon
-    i, j = round((part.grid.lon0 - whole.grid.lon0) / 0.08), round((part.grid.lat0 - whole.grid.lat0) / 0.04)
+    i, j = (
+        round((part.grid.lon0 - whole.grid.lon0) / 0.08),
+        round((part.grid.lat0 - whole.grid.lat0) / 0.04),
+    )
     rows, columns = slice(j, j + part.grid.nlat), slice(i, i + part.grid.nlon)
     np.testing.assert_array_equal(part.read(5), whole.read(5)[rows, columns])
     assert part.grid.lon[2] == pytest.approx(-125.04, abs=1e-3) or part.grid.lon[1] <= -125.0
 
 
 def test_threads_read_the_same(data: Path) -> None:
-    source = forcing.open_source("current", data / "norkyst" / PROJECTED["current"][0], box=Box(3.5, 60.0, 4.5, 61.0))
+    source = forcing.open_source(
+        "current", data / "norkyst" / PROJECTED["current"][0], box=Box(3.5, 60.0, 4.5, 61.0)
+    )
     alone = [source.read(k) for k in range(6)]
     together: dict[int, Any] = {}
-    threads = [threading.Thread(target=lambda k=k: together.update({k: source.read(k)})) for k in range(6)]
+    threads = [
+        threading.Thread(target=lambda k=k: together.update({k: source.read(k)})) for k in range(6)
+    ]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -249,13 +295,17 @@ def test_global_seam(lon: Any, tmp_path: Path) -> None:
     assert (source.grid.nlon - 1) * source.grid.dlon == pytest.approx(360, abs=1e-9)
     values = source.read(0)
     np.testing.assert_array_equal(values[:, 0], values[:, -1])
-    np.testing.assert_allclose(values, np.stack(ramp(source.grid.lon, source.grid.lat), -1), atol=1e-5)
+    np.testing.assert_allclose(
+        values, np.stack(ramp(source.grid.lon, source.grid.lat), -1), atol=1e-5
+    )
     for west in (-181.0 + 360, -3.0, 177.0, 17.0):
         box = Box((west + 180) % 360 - 180, -10.0, (west + 180) % 360 - 180 + 6.0, 20.0)
         part = forcing.open_source("current", path, steady=True, box=box)
         assert part.grid.nlon <= 8
         assert share_covered(part.grid, box) == pytest.approx(1.0)
-        np.testing.assert_allclose(part.read(0), np.stack(ramp(part.grid.lon, part.grid.lat), -1), atol=1e-5)
+        np.testing.assert_allclose(
+            part.read(0), np.stack(ramp(part.grid.lon, part.grid.lat), -1), atol=1e-5
+        )
 
 
 @pytest.mark.parametrize(
@@ -272,14 +322,18 @@ def test_antimeridian_inside_a_region(lon: Any, tmp_path: Path) -> None:
         assert not source.grid.seamless
         assert source.grid.nlon == 41 or box is not None
         assert source.grid.nlon < 60
-        np.testing.assert_allclose(source.read(0), np.stack(ramp(source.grid.lon, source.grid.lat), -1), atol=1e-5)
+        np.testing.assert_allclose(
+            source.read(0), np.stack(ramp(source.grid.lon, source.grid.lat), -1), atol=1e-5
+        )
         if box:
             assert share_covered(source.grid, box) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("row", ["vector", "constant", "zero"])
 def test_the_row_of_a_pole_is_one_vector(row: str, tmp_path: Path) -> None:
-    """A uniform flow over the pole; files write the pole's row as that vector, as one number for all columns, or as nothing."""
+    """A uniform flow over the pole; files write the pole's row as that vector, as one number for
+    all columns, or as nothing.
+    """
     lon, lat = np.arange(0.0, 360.0, 5.0), np.arange(-90.0, 90.1, 0.5)
     turn = np.radians(lon)[None, :] * np.sign(lat)[:, None]
     u, v = 0.4 * np.cos(turn) - 0.1 * np.sin(turn), -0.1 * np.cos(turn) - 0.4 * np.sin(turn)
@@ -298,7 +352,9 @@ def test_the_row_of_a_pole_is_one_vector(row: str, tmp_path: Path) -> None:
 def test_single_precision_axes_are_uniform(tmp_path: Path) -> None:
     lon = np.linspace(-75.04, -60.0, 189).astype(np.float32)
     lat = np.linspace(31.0, 42.0, 276).astype(np.float32)
-    source = forcing.open_source("current", written(tmp_path / "a.nc", lon, lat, *ramp(lon, lat)), steady=True)
+    source = forcing.open_source(
+        "current", written(tmp_path / "a.nc", lon, lat, *ramp(lon, lat)), steady=True
+    )
     assert (source.grid.nlon, source.grid.nlat) == (189, 276)
 
 
@@ -323,7 +379,9 @@ def test_zeros_are_land_whether_or_not_other_values_are_missing(tmp_path: Path) 
     u[:3, :2] = v[:3, :2] = 0.0
     path = written(tmp_path / "a.nc", *AXES, u, v)
     assert forcing.open_source("current", path, steady=True).missing == pytest.approx(6 / u.size)
-    assert forcing.open_source("current", path, steady=True, variables={"mask": "none"}).missing == 0
+    assert (
+        forcing.open_source("current", path, steady=True, variables={"mask": "none"}).missing == 0
+    )
     u[-1, -1] = np.nan
     path = written(tmp_path / "b.nc", *AXES, u, v)
     assert forcing.open_source("current", path, steady=True).missing == pytest.approx(7 / u.size)
@@ -363,7 +421,9 @@ def test_units_refused_or_stated(tmp_path: Path) -> None:
      ([-30.0, -10.0, -0.5], {"units": "m"}, 12.0, 1), ([-0.9, -0.5, -0.1], {"standard_name": "ocean_s_coordinate_g2"}, None, 2),
      ([1, 2, 3], {"positive": "down"}, None, 0), ([1, 2, 3], {"positive": "up"}, None, 2)],
 )  # fmt: skip
-def test_levels(levels: Any, attributes: Any, depth: float | None, chosen: int, tmp_path: Path) -> None:
+def test_levels(
+    levels: Any, attributes: Any, depth: float | None, chosen: int, tmp_path: Path
+) -> None:
     u, v = ramp(*AXES)
     weight = np.array([0.1, 0.2, 0.3])[:, None, None]
     dims = ("depth", "lat", "lon")
@@ -392,7 +452,9 @@ def test_ensembles_must_be_chosen(tmp_path: Path) -> None:
         forcing.open_source("current", tmp_path / "a.nc", steady=True, variables={"member": "3"})
     data.isel(member=[2]).to_netcdf(tmp_path / "b.nc")
     np.testing.assert_allclose(
-        forcing.open_source("current", tmp_path / "b.nc", steady=True).read(0)[..., 0], u * 0.3, atol=1e-6
+        forcing.open_source("current", tmp_path / "b.nc", steady=True).read(0)[..., 0],
+        u * 0.3,
+        atol=1e-6,
     )
 
 
@@ -400,7 +462,11 @@ def test_ensembles_must_be_chosen(tmp_path: Path) -> None:
 
 
 def timed(
-    path: Path, values: Any, units: str = "hours since 2024-03-05", calendar: str = "standard", **more: Any
+    path: Path,
+    values: Any,
+    units: str = "hours since 2024-03-05",
+    calendar: str = "standard",
+    **more: Any,
 ) -> Path:
     """A current with a time axis stored just so; u is the number of the slice."""
     u, v = ramp(*AXES)
@@ -408,10 +474,18 @@ def timed(
     dims = ("time", "lat", "lon")
     xr.Dataset(
         {
-            "uo": (dims, u + np.arange(n)[:, None, None] * 0.1 + more.get("plus", 0.0), writers.EAST),
+            "uo": (
+                dims,
+                u + np.arange(n)[:, None, None] * 0.1 + more.get("plus", 0.0),
+                writers.EAST,
+            ),
             "vo": (dims, v + np.zeros((n, 1, 1)), writers.NORTH),
         },
-        {"time": ("time", values, {"units": units, "calendar": calendar}), "lat": AXES[1], "lon": AXES[0]},
+        {
+            "time": ("time", values, {"units": units, "calendar": calendar}),
+            "lat": AXES[1],
+            "lon": AXES[0],
+        },
     ).to_netcdf(path)
     return path
 
@@ -427,17 +501,28 @@ def test_calendars_and_rounding(tmp_path: Path) -> None:
     assert source.times[1] == np.datetime64("2024-03-01")  # its own 29 February does not exist
     assert any("noleap" in note for note in source.notes)
     with pytest.raises(UserError, match=r"360_day.*do not exist.*times"):
-        forcing.open_source("current", timed(tmp_path / "c.nc", [28.0, 29.0, 30.0], "days since 2023-02-01", "360_day"))
+        forcing.open_source(
+            "current",
+            timed(tmp_path / "c.nc", [28.0, 29.0, 30.0], "days since 2023-02-01", "360_day"),
+        )
     # Half a second and more goes up, also where a day's fraction is cut by float64.
-    source = forcing.open_source("current", timed(tmp_path / "e.nc", [0.6, 10.4, 3599.7], "seconds since 2024-03-05"))
-    assert (source.times == np.array(["2024-03-05T00:00:01", "2024-03-05T00:00:10", "2024-03-05T01:00:00"], Z)).all()
-    # Single precision: days since 1950 are told to 169 s, so that whole hours come back however they were cut.
+    source = forcing.open_source(
+        "current", timed(tmp_path / "e.nc", [0.6, 10.4, 3599.7], "seconds since 2024-03-05")
+    )
+    assert (
+        source.times
+        == np.array(["2024-03-05T00:00:01", "2024-03-05T00:00:10", "2024-03-05T01:00:00"], Z)
+    ).all()
+    # Single precision: days since 1950 are told to 169 s, so that whole hours come back however
+    # they were cut.
     late = np.array(["2024-03-05T01", "2024-03-05T02", "2024-03-05T05", "2024-03-06T13"], Z)
     cut = ((late - np.datetime64("1950-01-01")) / np.timedelta64(1, "D")).astype(np.float32)
     assert np.ptp((cut * 86_400.0) % 3600) > 300  # below and above their hours
     source = forcing.open_source("current", timed(tmp_path / "f.nc", cut, "days since 1950-01-01"))
     assert (source.times == late).all()
-    days = ((writers.TIMES - np.datetime64("1858-11-17")) / np.timedelta64(1, "D")).astype(np.float32)
+    days = ((writers.TIMES - np.datetime64("1858-11-17")) / np.timedelta64(1, "D")).astype(
+        np.float32
+    )
     source = forcing.open_source("current", timed(tmp_path / "d.nc", days, "days since 1858-11-17"))
     assert (source.times == writers.TIMES.astype(Z)).all()
 
@@ -450,9 +535,14 @@ def test_meaningless_times_are_refused_or_stated(tmp_path: Path) -> None:
         path = timed(tmp_path / f"{name}.nc", values, units)
         with pytest.raises(UserError, match=r"\[\[current\]\] times = .*steady = true"):
             forcing.open_source("current", path)
-        told = {"start": np.datetime64("2024-03-05T06:00:00"), "interval": np.timedelta64(3600, "s")}
+        told = {
+            "start": np.datetime64("2024-03-05T06:00:00"),
+            "interval": np.timedelta64(3600, "s"),
+        }
         source = forcing.open_source("current", path, times=told)
-        assert (source.times == np.array(["2024-03-05T06", "2024-03-05T07", "2024-03-05T08"], Z)).all()
+        assert (
+            source.times == np.array(["2024-03-05T06", "2024-03-05T07", "2024-03-05T08"], Z)
+        ).all()
         np.testing.assert_allclose(source.read(2)[..., 0], ramp(*AXES)[0] + 0.2, atol=1e-6)
         assert len(forcing.open_source("current", path, steady=True).times) == 0
     with pytest.raises(UserError, match=r"states 2 times.*3 slices"):
@@ -466,7 +556,8 @@ def test_joined_times_must_increase(tmp_path: Path) -> None:
     np.testing.assert_allclose(source.read(3)[..., 0], ramp(*AXES)[0] + 0.3, atol=1e-6)
     source = forcing.open_source("current", [a, b, timed(tmp_path / "c3.nc", [9.0, 12.0])])
     assert (np.diff(source.times) == np.timedelta64(3, "h")).all()
-    np.testing.assert_allclose(source.read(3)[..., 0], ramp(*AXES)[0], atol=1e-6)  # c3 began later: it counts
+    # c3 began later: it counts
+    np.testing.assert_allclose(source.read(3)[..., 0], ramp(*AXES)[0], atol=1e-6)
     with pytest.raises(UserError, match="do not increase"):
         forcing.open_source("current", timed(tmp_path / "d.nc", [0.0, 3.0, 3.0]))
     with pytest.raises(UserError, match="named twice"):
@@ -504,7 +595,8 @@ def test_files_that_cannot_be_read(tmp_path: Path, data: Path) -> None:
     refused("current", text, "is not a netCDF file", "text.nc", key)
     (tmp_path / "nothing.nc").touch()
     refused("current", tmp_path / "nothing.nc", "it is empty", key)
-    for name in ("norkyst/norkyst800_subset_16Nov2015.nc", "washington/gridded_current.nc"):  # HDF5 and classic
+    # HDF5 and classic
+    for name in ("norkyst/norkyst800_subset_16Nov2015.nc", "washington/gridded_current.nc"):
         whole = (data / name).read_bytes()
         cut = tmp_path / "cut.nc"
         cut.write_bytes(whole[: int(0.7 * len(whole))])
@@ -542,8 +634,12 @@ def test_wrong_quantity(data: Path, tmp_path: Path) -> None:
         "wind (air_u, air_v)",
         "[[current]] files",
     )
-    refused("current", data / "norkyst" / "arome_subset_16Nov2015.nc", "wind (x_wind_10m, y_wind_10m)")
-    refused("wind", [data / "biscay" / f"hycom.gdp.{c}.nc" for c in "uv"], "no wind", "current (u, v)")
+    refused(
+        "current", data / "norkyst" / "arome_subset_16Nov2015.nc", "wind (x_wind_10m, y_wind_10m)"
+    )
+    refused(
+        "wind", [data / "biscay" / f"hycom.gdp.{c}.nc" for c in "uv"], "no wind", "current (u, v)"
+    )
     refused("current", data / "biscay" / "hycom.gdp.h.nc", "no current", "bathymetry")
     refused("current", data / "barents" / "barents.nc", "no current")
     refused("stokes", wash / "gridded_wind.nc", "no Stokes drift")
@@ -552,29 +648,71 @@ def test_wrong_quantity(data: Path, tmp_path: Path) -> None:
     with xr.open_dataset(path) as file:
         renamed = file.rename(uo="u10", vo="v10").load()
     renamed.to_netcdf(tmp_path / "b.nc")
-    refused("wind", tmp_path / "b.nc", "no wind", "current (u10, v10)")  # what it says of itself beats its name
-    source = forcing.open_source("wind", tmp_path / "b.nc", variables={"east": "u10", "north": "v10"}, steady=True)
-    np.testing.assert_allclose(source.read(0)[..., 0], u, atol=1e-6)  # and the case's word beats both
-    refused("current", path, 'no variable "q"', "uo", variables={"east": "q", "north": "vo"}, steady=True)
+    # what it says of itself beats its name
+    refused("wind", tmp_path / "b.nc", "no wind", "current (u10, v10)")
+    source = forcing.open_source(
+        "wind", tmp_path / "b.nc", variables={"east": "u10", "north": "v10"}, steady=True
+    )
+    # and the case's word beats both
+    np.testing.assert_allclose(source.read(0)[..., 0], u, atol=1e-6)
+    refused(
+        "current",
+        path,
+        'no variable "q"',
+        "uo",
+        variables={"east": "q", "north": "vo"},
+        steady=True,
+    )
 
 
 def test_variables_keys(tmp_path: Path) -> None:
     path = written(tmp_path / "a.nc", *AXES, *ramp(*AXES))
-    refused("current", path, 'no variable "q"', "variables.lon", variables={"lon": "q"}, steady=True)
-    refused("current", path, "variables.eastt", "allowed are east, north", variables={"eastt": "uo"}, steady=True)
+    refused(
+        "current", path, 'no variable "q"', "variables.lon", variables={"lon": "q"}, steady=True
+    )
+    refused(
+        "current",
+        path,
+        "variables.eastt",
+        "allowed are east, north",
+        variables={"eastt": "uo"},
+        steady=True,
+    )
     refused("current", path, "true", "grid", variables={"axes": "x"}, steady=True)
-    assert forcing.open_source("current", path, variables={"lon": "lon", "lat": "lat"}, steady=True).missing == 0
+    assert (
+        forcing.open_source(
+            "current", path, variables={"lon": "lon", "lat": "lat"}, steady=True
+        ).missing
+        == 0
+    )
 
 
 def test_empty_and_apart(tmp_path: Path) -> None:
     u, v = ramp(*AXES)
-    refused("current", written(tmp_path / "a.nc", *AXES, u * np.nan, v), "every value is missing", "a.nc", steady=True)
     refused(
-        "current", written(tmp_path / "c.nc", *AXES, u + 500, v), "every value is missing", "units right?", steady=True
+        "current",
+        written(tmp_path / "a.nc", *AXES, u * np.nan, v),
+        "every value is missing",
+        "a.nc",
+        steady=True,
+    )
+    refused(
+        "current",
+        written(tmp_path / "c.nc", *AXES, u + 500, v),
+        "every value is missing",
+        "units right?",
+        steady=True,
     )
     u[2:5, 2:5] = np.nan
     path = written(tmp_path / "b.nc", *AXES, u, v)
-    refused("current", path, "no overlap", "0.00 to 2.00 E", steady=True, box=Box(20.0, 50.0, 21.0, 51.0))
+    refused(
+        "current",
+        path,
+        "no overlap",
+        "0.00 to 2.00 E",
+        steady=True,
+        box=Box(20.0, 50.0, 21.0, 51.0),
+    )
     refused("current", path, "no overlap", steady=True, box=Box(0.0, 55.0, 1.0, 56.0))
 
 
@@ -639,7 +777,13 @@ def test_understand_and_describe(data: Path, tmp_path: Path) -> None:
     sources = describe.understand(data / "paria" / "Sea_Med_slice_20170422_Paria.nc")
     assert [s.quantity for s in sources] == ["current"]
     text = "\n".join(describe.describe(sources[0]) + describe.sketch(sources[0]))
-    for words in ("current: Sea_Med", "66.00 W to 62.00 W, 9.00 N to 13.00 N", "221200ZAPR17 only", "34.1 %", "·"):
+    for words in (
+        "current: Sea_Med",
+        "66.00 W to 62.00 W, 9.00 N to 13.00 N",
+        "221200ZAPR17 only",
+        "34.1 %",
+        "·",
+    ):
         assert words in text
     both = xr.merge([xr.open_dataset(timed(tmp_path / "a.nc", [0.0, 3.0]), decode_times=False)])
     both["u10"] = both.uo.assign_attrs(standard_name="eastward_wind") * 9.0

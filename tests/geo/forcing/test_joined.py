@@ -1,4 +1,6 @@
-"""Files of one source that overlap in time, or say the same in other ways: joined, without a hole, to the right field."""
+"""Files of one source that overlap in time, or say the same in other ways: joined, without a hole,
+to the right field.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -57,33 +59,47 @@ def test_a_boundary_that_files_share_counts_once(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_the_later_run_wins_from_its_first_time_on(order: Any, tmp_path: Path) -> None:
-    """Every other hour of the later run has no time in common with the earlier one: slices must not alternate."""
+    """Every other hour of the later run has no time in common with the earlier one: slices must not
+    alternate.
+    """
     earlier = run(tmp_path / "z.nc", np.arange(0.0, 25.0), plus=0.1)
     later = run(tmp_path / "a.nc", np.arange(6.0, 31.0, 2.0))
     source = opened(*[(earlier, later)[k] for k in order])
     wanted = dict.fromkeys(range(6), 0.1) | dict.fromkeys(range(6, 31, 2), 0.0)
     assert shifts(source) == wanted
-    assert any("a.nc instead of z.nc from 100600ZMAR24 to 110000ZMAR24" in note for note in source.notes)
+    assert any(
+        "a.nc instead of z.nc from 100600ZMAR24 to 110000ZMAR24" in note for note in source.notes
+    )
 
 
 def test_equal_runs_keep_all_their_times(tmp_path: Path) -> None:
-    source = opened(run(tmp_path / "a.nc", np.arange(0.0, 25.0)), run(tmp_path / "b.nc", np.arange(6.0, 31.0, 2.0)))
+    source = opened(
+        run(tmp_path / "a.nc", np.arange(0.0, 25.0)),
+        run(tmp_path / "b.nc", np.arange(6.0, 31.0, 2.0)),
+    )
     assert len(source.times) == 25 + 3
     assert linear.worst(source) < NEAR
 
 
 def test_a_run_inside_another_and_three_that_overlap(tmp_path: Path) -> None:
-    outer, inner = run(tmp_path / "a.nc", np.arange(0.0, 25.0), 0.1), run(tmp_path / "b.nc", np.arange(8.0, 13.0), 0.2)
+    outer, inner = (
+        run(tmp_path / "a.nc", np.arange(0.0, 25.0), 0.1),
+        run(tmp_path / "b.nc", np.arange(8.0, 13.0), 0.2),
+    )
     assert shifts(opened(outer, inner)) == {h: 0.2 if 8 <= h <= 12 else 0.1 for h in range(25)}
     runs = [run(tmp_path / f"r{k}.nc", np.arange(6.0 * k, 6.0 * k + 19), 0.1 * k) for k in range(3)]
     assert shifts(opened(*runs)) == {h: round(0.1 * min(h // 6, 2), 5) for h in range(31)}
 
 
 def test_runs_say_when_they_began(tmp_path: Path) -> None:
-    """A hindcast that was made later reaches further back: its reference time counts, not its first slice."""
+    """A hindcast that was made later reaches further back: its reference time counts, not its first
+    slice.
+    """
     said = {"standard_name": "forecast_reference_time", "units": linear.UNITS}
     old = run(tmp_path / "a.nc", np.arange(6.0, 25.0), 0.1, forecast_reference_time=((), 6.0, said))
-    new = run(tmp_path / "b.nc", np.arange(0.0, 13.0), 0.0, forecast_reference_time=((), 12.0, said))
+    new = run(
+        tmp_path / "b.nc", np.arange(0.0, 13.0), 0.0, forecast_reference_time=((), 12.0, said)
+    )
     assert shifts(opened(old, new)) == {h: 0.1 if h > 12 else 0.0 for h in range(25)}
 
 
@@ -95,7 +111,9 @@ def test_info_knows_the_names_of_every_file(tmp_path: Path) -> None:
     ]
     current, wind = describe.understand([str(path) for path in paths])
     assert (len(current.times), len(wind.times)) == (25, 13)
-    assert any("b.nc: ucur, vcur are called uo, vo in other files" in note for note in current.notes)
+    assert any(
+        "b.nc: ucur, vcur are called uo, vo in other files" in note for note in current.notes
+    )
     assert not any("b.nc" in note for note in wind.notes)
 
 
@@ -115,7 +133,12 @@ def renamed(data: xr.Dataset) -> xr.Dataset:
 
 
 def in_knots(data: xr.Dataset) -> xr.Dataset:
-    return data.assign({n: data[n].copy(data=data[n] * 3600 / 1852).assign_attrs(units="knots") for n in ("uo", "vo")})
+    return data.assign(
+        {
+            n: data[n].copy(data=data[n] * 3600 / 1852).assign_attrs(units="knots")
+            for n in ("uo", "vo")
+        }
+    )
 
 
 def crosswise(data: xr.Dataset) -> xr.Dataset:
@@ -152,11 +175,17 @@ def test_files_that_say_it_otherwise_are_joined(other: Any, turn: bool, tmp_path
 
 
 def test_all_of_it_at_once_across_the_antimeridian(tmp_path: Path) -> None:
-    """The second file runs 0 to 360, from Greenwich, with rising longitudes that meet in the middle of the field."""
+    """The second file runs 0 to 360, from Greenwich, with rising longitudes that meet in the middle
+    of the field.
+    """
     lon, lat = np.arange(176.0, 184.1, 0.5), linear.LAT
-    first = linear.dataset(FIRST, lon - 210.0, lat).assign_coords(lon=("lon", lon, {"units": "degrees_east"}))
+    first = linear.dataset(FIRST, lon - 210.0, lat).assign_coords(
+        lon=("lon", lon, {"units": "degrees_east"})
+    )
     turned = (lon + 180.0) % 360.0 - 180.0
-    second = linear.dataset(AFTER, lon - 210.0, lat).assign_coords(lon=("lon", turned, {"units": "degrees_east"}))
+    second = linear.dataset(AFTER, lon - 210.0, lat).assign_coords(
+        lon=("lon", turned, {"units": "degrees_east"})
+    )
     paths = [
         linear.written(tmp_path / "a.nc", first),
         linear.written(tmp_path / "b.nc", in_knots(falling(second.sortby("lon")))),
@@ -184,7 +213,9 @@ def test_curved_grids_turned_and_counted_from_zero(tmp_path: Path) -> None:
                 "time": held.time,
             }
         )
-        paths.append(linear.written(tmp_path / f"{k}.nc", data.isel(y=slice(None, None, -1)) if k else data))
+        paths.append(
+            linear.written(tmp_path / f"{k}.nc", data.isel(y=slice(None, None, -1)) if k else data)
+        )
     assert linear.worst(opened(*paths)) < 1e-4  # edges are great circles
 
 
@@ -204,7 +235,12 @@ def test_packed_by_other_scales(tmp_path: Path) -> None:
     for k, scale in enumerate((0.0001, 0.0002, 0.00005)):
         how = {"dtype": "i2", "scale_factor": scale, "add_offset": 0.3, "_FillValue": -32768}
         paths.append(
-            linear.written(tmp_path / f"{k}.nc", linear.dataset(np.arange(8.0 * k, 8.0 * k + 9)), uo=how, vo=how)
+            linear.written(
+                tmp_path / f"{k}.nc",
+                linear.dataset(np.arange(8.0 * k, 8.0 * k + 9)),
+                uo=how,
+                vo=how,
+            )
         )
     source = opened(*paths)
     assert len(source.times) == 25
@@ -215,7 +251,11 @@ def test_packed_by_other_scales(tmp_path: Path) -> None:
 def test_grids_of_other_points_are_refused_still(tmp_path: Path) -> None:
     first = run(tmp_path / "a.nc", FIRST)
     for k, (lon, lat) in enumerate(
-        ((linear.LON + 0.2, linear.LAT), (linear.LON, linear.LAT[::2]), (linear.LON[::2], linear.LAT))
+        (
+            (linear.LON + 0.2, linear.LAT),
+            (linear.LON, linear.LAT[::2]),
+            (linear.LON[::2], linear.LAT),
+        )
     ):
         second = linear.written(tmp_path / f"b{k}.nc", linear.dataset(AFTER, lon, lat))
         with pytest.raises(UserError, match="another grid"):
@@ -226,7 +266,9 @@ def test_grids_of_other_points_are_refused_still(tmp_path: Path) -> None:
 
 
 def versions(hours: Any, final: Any, labels: Any) -> xr.Dataset:
-    """Return a file of the old format: final values in the first of two versions, preliminary ones in the second."""
+    """Return a file of the old format: final values in the first of two versions, preliminary ones
+    in the second.
+    """
     data = linear.dataset(hours, names=linear.WIND)
     there = np.isin(hours, final)[:, None, None]
     held = {}
@@ -244,7 +286,9 @@ def test_final_and_preliminary_values_are_joined(labels: Any, tmp_path: Path) ->
     assert source.missing == 0
     assert linear.worst(source) < NEAR
     assert any("expver" in note for note in source.notes)
-    one = opened(path, quantity="wind", variables={"expver": list(map(str, labels)).index(str(labels[0]))})
+    one = opened(
+        path, quantity="wind", variables={"expver": list(map(str, labels)).index(str(labels[0]))}
+    )
     assert np.isnan(one.read(12 if str(labels[0]).endswith("1") else 0)).all()
     plain = linear.written(tmp_path / "b.nc", linear.dataset(AFTER, names=linear.WIND))
     assert linear.worst(opened(path, plain, quantity="wind")) < NEAR
@@ -254,10 +298,16 @@ def test_the_new_format_says_the_version_of_each_time(tmp_path: Path) -> None:
     """Preliminary values of the file that begins later do not replace final ones."""
     paths = []
     for k, (hours, plus) in enumerate(((np.arange(0.0, 13.0), 0.0), (np.arange(6.0, 25.0), 0.7))):
-        data = linear.dataset(hours, names=linear.WIND).rename(time="valid_time", lon="longitude", lat="latitude")
+        data = linear.dataset(hours, names=linear.WIND).rename(
+            time="valid_time", lon="longitude", lat="latitude"
+        )
         for name in ("u10", "v10"):
             data[name].values += plus
             data[name].attrs["coordinates"] = "number valid_time latitude longitude expver"
         said = np.array(["0005" if k else "0001"] * len(hours), object)
-        paths.append(linear.written(tmp_path / f"{k}.nc", data.assign(expver=("valid_time", said), number=((), 0))))
+        paths.append(
+            linear.written(
+                tmp_path / f"{k}.nc", data.assign(expver=("valid_time", said), number=((), 0))
+            )
+        )
     assert shifts(opened(*paths, quantity="wind")) == {h: 0.7 if h > 12 else 0.0 for h in range(25)}

@@ -1,4 +1,6 @@
-"""Levels that are not the surface's are refused wherever they are written, and the surface is found where it is there."""
+"""Levels that are not the surface's are refused wherever they are written, and the surface is found
+where it is there.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -16,26 +18,43 @@ LON, LAT = np.arange(3.0, 5.01, 0.25), np.arange(57.0, 58.51, 0.25)
 NAMES = {
     "wind": ("eastward_wind", "northward_wind"),
     "current": ("eastward_sea_water_velocity", "northward_sea_water_velocity"),
-    "stokes": ("sea_surface_wave_stokes_drift_eastward_velocity", "sea_surface_wave_stokes_drift_northward_velocity"),
+    "stokes": (
+        "sea_surface_wave_stokes_drift_eastward_velocity",
+        "sea_surface_wave_stokes_drift_northward_velocity",
+    ),
 }
 
 
 def saved(
-    path: Path, quantity: str, name: str, values: Any, attributes: dict[str, Any], lone: str = "", long_name: str = ""
+    path: Path,
+    quantity: str,
+    name: str,
+    values: Any,
+    attributes: dict[str, Any],
+    lone: str = "",
+    long_name: str = "",
 ) -> Path:
     """A field whose value on level k is (k + 1) / 10 east and (k + 1) / 20 north.
 
-    lone: "" for a dimension, "scalar" or "size 1" for a coordinate beside the variables, "listed" in their attributes.
+    lone: "" for a dimension, "scalar" or "size 1" for a coordinate beside the variables, "listed"
+    in their attributes.
     """
     levels = np.atleast_1d(np.asarray(values, float))
     block = (np.arange(len(levels)) + 1.0)[:, None, None] / 10 * np.ones((len(LAT), len(LON)))
     dims = ("lat", "lon") if lone else (name, "lat", "lon")
     block = block[0] if lone else block
     more = {"coordinates": f"lat lon {name}"} if lone == "listed" else {}
-    about = [{"standard_name": n, "units": "m s-1", "long_name": long_name, **more} for n in NAMES[quantity]]
-    data = xr.Dataset({"a": (dims, block, about[0]), "b": (dims, block / 2, about[1])}, {"lat": LAT, "lon": LON})
+    about = [
+        {"standard_name": n, "units": "m s-1", "long_name": long_name, **more}
+        for n in NAMES[quantity]
+    ]
+    data = xr.Dataset(
+        {"a": (dims, block, about[0]), "b": (dims, block / 2, about[1])}, {"lat": LAT, "lon": LON}
+    )
     if name:
-        level = (name, levels, attributes) if lone in ("", "size 1") else ((), levels[0], attributes)
+        level = (
+            (name, levels, attributes) if lone in ("", "size 1") else ((), levels[0], attributes)
+        )
         data = xr.Dataset({**data.variables, name: level})
     data.to_netcdf(path)
     return path
@@ -157,7 +176,8 @@ def test_a_lone_depth_is_accepted_by_the_depth_that_the_case_wants(tmp_path: Pat
     assert east(several, "current", depth=60.0) == pytest.approx(0.3)
     assert "no level near" in refusal(several, "current", depth=200.0)
     uneven = saved(tmp_path / "d.nc", "current", "depth", [3.0, 7.5, 16.0, 31.0], {"units": "m"})
-    wanted = {1.0: 1, 5.0: 1, 5.5: 2, 11.0: 2, 12.3: 3, 23.0: 3, 24.0: 4, 33.0: 4}  # the nearest, above or below
+    # the nearest, above or below
+    wanted = {1.0: 1, 5.0: 1, 5.5: 2, 11.0: 2, 12.3: 3, 23.0: 3, 24.0: 4, 33.0: 4}
     assert {depth: round(10 * east(uneven, "current", depth=depth)) for depth in wanted} == wanted
     assert east(uneven, "current", depth=-12.3) == pytest.approx(0.3)  # whichever way it counts
     sigma = saved(tmp_path / "c.nc", "current", "s_rho", [-0.9, -0.05], {})
@@ -173,7 +193,9 @@ def test_a_lone_depth_is_accepted_by_the_depth_that_the_case_wants(tmp_path: Pat
      ("wind", {"long_name": "wind, mean over 10 min, error 5 m/s"}, ""), ("wind", {"level": "10 m above ground"}, ""),
      ("current", {"long_name": "eastward current at 15 m depth"}, "15"), ("current", {"long_name": "current at 1 m"}, "")],
 )  # fmt: skip
-def test_in_attributes_alone(quantity: str, attributes: dict[str, Any], word: str, tmp_path: Path) -> None:
+def test_in_attributes_alone(
+    quantity: str, attributes: dict[str, Any], word: str, tmp_path: Path
+) -> None:
     path = saved(tmp_path / "a.nc", quantity, "", [0.0], {}, "scalar")
     with xr.open_dataset(path) as data:
         data.load()
@@ -187,7 +209,9 @@ def test_in_attributes_alone(quantity: str, attributes: dict[str, Any], word: st
     assert east(tmp_path / "b.nc", quantity, variables={"level": "0"}) == pytest.approx(0.1)
 
 
-def test_a_case_names_a_level_by_a_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_case_names_a_level_by_a_number(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     saved(tmp_path / "aloft.nc", "wind", "isobaricInhPa", [1000.0, 850.0], {"units": "hPa"})
     case = """
         start = "050000ZMAR24"
@@ -213,7 +237,9 @@ def test_a_case_names_a_level_by_a_number(tmp_path: Path, capsys: pytest.Capture
     assert "variables.isobaricInhPa" in told
     path.write_text(case.format(variables="variables = { isobaricInhPa = 1 }"))
     assert main(["check", str(path)]) == 0
-    assert "index 1 of 2 along isobaricInhPa, as the case says" in " ".join(capsys.readouterr().out.split())
+    assert "index 1 of 2 along isobaricInhPa, as the case says" in " ".join(
+        capsys.readouterr().out.split()
+    )
 
 
 def test_a_coordinate_of_another_variable_is_not_ours(tmp_path: Path) -> None:
@@ -245,7 +271,9 @@ def test_files_that_hold_other_levels_are_not_joined(tmp_path: Path) -> None:
 def test_an_auxiliary_coordinate_gives_a_dimension_its_depths(tmp_path: Path) -> None:
     path = saved(tmp_path / "a.nc", "current", "layer", [1, 2, 3], {})
     with xr.open_dataset(path) as data:
-        data.drop_vars("layer").assign(z_t=("layer", [40.0, 20.0, 2.0], {"units": "m"})).to_netcdf(tmp_path / "b.nc")
+        data.drop_vars("layer").assign(z_t=("layer", [40.0, 20.0, 2.0], {"units": "m"})).to_netcdf(
+            tmp_path / "b.nc"
+        )
     assert east(tmp_path / "b.nc", "current") == pytest.approx(0.3)
 
 
@@ -256,7 +284,9 @@ def test_an_auxiliary_coordinate_gives_a_dimension_its_depths(tmp_path: Path) ->
 )  # fmt: skip
 def test_real_files_give_the_surface(folder: str, pattern: str, level: str, data: Path) -> None:
     extra = [str(data / folder / "hycom.gdp.h.nc")] if folder == "biscay" else []
-    source = sources.open_source("current", [str(data / folder / pattern), *extra], steady=folder == "biscay")
+    source = sources.open_source(
+        "current", [str(data / folder / pattern), *extra], steady=folder == "biscay"
+    )
     assert level in " ".join(source.notes)
 
 
@@ -270,7 +300,11 @@ def winds(path: Path, *names: str, speeds: Any = (5.0, 20.0, 30.0)) -> Path:
     for name, speed in zip(names, speeds, strict=False):
         for letter, standard in zip("uv", AIR, strict=True):
             values = np.full(data.uo.shape, speed)
-            held[name.replace("?", letter)] = (data.uo.dims, values, {"standard_name": standard, "units": "m s-1"})
+            held[name.replace("?", letter)] = (
+                data.uo.dims,
+                values,
+                {"standard_name": standard, "units": "m s-1"},
+            )
     return linear.written(path, data.drop_vars(["uo", "vo"]).assign(held))
 
 

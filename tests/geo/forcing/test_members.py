@@ -1,4 +1,6 @@
-"""Ensembles in files: members along a dimension or by file, held against the values that were written; and refusals."""
+"""Ensembles in files: members along a dimension or by file, held against the values that were
+written; and refusals.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -16,11 +18,14 @@ from geo.forcing.reading import memory
 LON, LAT = np.linspace(4.0, 6.0, 9), np.linspace(59.0, 61.0, 11)
 HOURS = np.arange(0, 10, 3)
 RNG = np.random.default_rng(4)
-VALUES = RNG.normal(0, 0.3, (5, 2, HOURS.size, LAT.size, LON.size)).astype(np.float32)  # members, components, ...
+# members, components, ...
+VALUES = RNG.normal(0, 0.3, (5, 2, HOURS.size, LAT.size, LON.size)).astype(np.float32)
 NAMES = (("uo", "eastward_sea_water_velocity"), ("vo", "northward_sea_water_velocity"))
 
 
-def dataset(values: Array, dims: tuple[str, ...], hours: Array = HOURS, lon: Array = LON, **more: Any) -> xr.Dataset:
+def dataset(
+    values: Array, dims: tuple[str, ...], hours: Array = HOURS, lon: Array = LON, **more: Any
+) -> xr.Dataset:
     """Return a file of currents; values: (2, ...) over dims."""
     coords = {
         "time": ("time", hours, {"units": "hours since 2026-01-01"}),
@@ -56,7 +61,9 @@ def held(source: sources.Source, values: Array = VALUES) -> None:
             np.testing.assert_array_equal(member.read(i), np.moveaxis(own[:, i], 0, -1))
 
 
-@pytest.mark.parametrize("dim", ["number", "realization", "member", "ensemble", "ens", "ensemble_member"])
+@pytest.mark.parametrize(
+    "dim", ["number", "realization", "member", "ensemble", "ens", "ensemble_member"]
+)
 def test_members_along_a_dimension(tmp_path: Path, dim: str) -> None:
     together(dim).to_netcdf(tmp_path / "a.nc")
     source = sources.open_source("current", tmp_path / "a.nc", members=True)
@@ -81,16 +88,18 @@ def test_a_dimension_is_known_by_its_standard_name_or_by_the_case(tmp_path: Path
 
 def test_files_of_members_along_a_dimension_are_joined_in_time(tmp_path: Path) -> None:
     for k, part in enumerate((slice(0, 2), slice(2, 4))):
-        dataset(VALUES[..., part, :, :].swapaxes(0, 1), ("number", "time", "lat", "lon"), HOURS[part]).to_netcdf(
-            tmp_path / f"{k}.nc"
-        )
+        dataset(
+            VALUES[..., part, :, :].swapaxes(0, 1), ("number", "time", "lat", "lon"), HOURS[part]
+        ).to_netcdf(tmp_path / f"{k}.nc")
     paths = [str(tmp_path / f"{k}.nc") for k in range(2)]
     held(sources.open_source("current", paths, members=True, entries=[[path] for path in paths]))
 
 
 def test_members_by_file(tmp_path: Path) -> None:
     entries = apart(tmp_path)
-    source = sources.open_source("current", [path for (path,) in entries], members=True, entries=entries)
+    source = sources.open_source(
+        "current", [path for (path,) in entries], members=True, entries=entries
+    )
     held(source)
     assert [member.label for member in source.members] == [f"run_{k}" for k in range(5)]
 
@@ -118,14 +127,20 @@ def test_members_have_the_times_that_all_have(tmp_path: Path) -> None:
     for k in range(3):
         dataset(VALUES[k], ("time", "lat", "lon"), HOURS + 3 * k).to_netcdf(tmp_path / f"{k}.nc")
         entries.append([str(tmp_path / f"{k}.nc")])
-    source = sources.open_source("current", [path for (path,) in entries], members=True, entries=entries)
+    source = sources.open_source(
+        "current", [path for (path,) in entries], members=True, entries=entries
+    )
     assert (
         source.times.tolist()
-        == (np.datetime64("2026-01-01", "s") + np.array([6, 9]) * np.timedelta64(3600, "s")).tolist()
+        == (
+            np.datetime64("2026-01-01", "s") + np.array([6, 9]) * np.timedelta64(3600, "s")
+        ).tolist()
     )
     for k, member in enumerate(source.members):
         for i in range(2):
-            np.testing.assert_array_equal(member.read(i), np.moveaxis(VALUES[k][:, 2 - k + i], 0, -1))
+            np.testing.assert_array_equal(
+                member.read(i), np.moveaxis(VALUES[k][:, 2 - k + i], 0, -1)
+            )
     dataset(VALUES[0], ("time", "lat", "lon"), HOURS + 9).to_netcdf(tmp_path / "late.nc")
     entries[2] = [str(tmp_path / "late.nc")]
     with pytest.raises(UserError, match=r"have 1 time in common; must have two at least"):
@@ -137,7 +152,9 @@ def test_steady_members(tmp_path: Path) -> None:
     for k in range(2):
         dataset(VALUES[k][:, 0], ("lat", "lon")).to_netcdf(tmp_path / f"{k}.nc")
         entries.append([str(tmp_path / f"{k}.nc")])
-    source = sources.open_source("current", [p for (p,) in entries], members=True, entries=entries, steady=True)
+    source = sources.open_source(
+        "current", [p for (p,) in entries], members=True, entries=entries, steady=True
+    )
     for k, member in enumerate(source.members):
         np.testing.assert_array_equal(member.read(0), np.moveaxis(VALUES[k][:, 0], 0, -1))
 
@@ -161,7 +178,9 @@ def test_members_on_a_curved_grid_share_its_weights(tmp_path: Path) -> None:
         )  # fmt: skip
         data.to_netcdf(tmp_path / f"{k}.nc")
         entries.append([str(tmp_path / f"{k}.nc")])
-    source = sources.open_source("current", [path for (path,) in entries], members=True, entries=entries)
+    source = sources.open_source(
+        "current", [path for (path,) in entries], members=True, entries=entries
+    )
     for (path,), member in zip(entries, source.members, strict=True):
         np.testing.assert_array_equal(member.read(1), sources.open_source("current", path).read(1))
 
@@ -175,7 +194,9 @@ def test_a_member_that_lacks_something_is_one_line(tmp_path: Path) -> None:
         changed.to_netcdf(tmp_path / f"wrong_{number}.nc")
         entries = [*written[:2], [str(tmp_path / f"wrong_{number}.nc")], *written[3:]]
         with pytest.raises(UserError) as refused:
-            sources.open_source("current", [path for (path,) in entries], members=True, entries=entries)
+            sources.open_source(
+                "current", [path for (path,) in entries], members=True, entries=entries
+            )
         assert len(refused.value.lines) == 1
         return str(refused.value)
 
@@ -190,7 +211,9 @@ def test_a_member_that_lacks_something_is_one_line(tmp_path: Path) -> None:
         assert f"member 3 of 5 (wrong_{number})" in told
         assert why in told
     paths, entries = [path for (path,) in written], written
-    with pytest.raises(UserError, match=r"there are no members.*several files; name a file for each member"):
+    with pytest.raises(
+        UserError, match=r"there are no members.*several files; name a file for each member"
+    ):
         sources.open_source("current", paths[0], members=True, entries=entries[:1])
 
 
@@ -207,7 +230,8 @@ def test_a_member_without_values_along_a_dimension_is_one_line(tmp_path: Path) -
     half["vo"] = half["vo"].isel(number=slice(0, 4)).rename(number="ens")
     half.to_netcdf(tmp_path / "b.nc")
     with pytest.raises(
-        UserError, match=r"uo has 5 along number and vo has 4 along ens; both components must have the same"
+        UserError,
+        match=r"uo has 5 along number and vo has 4 along ens; both components must have the same",
     ):
         sources.open_source("current", tmp_path / "b.nc", members=True)
 
@@ -224,14 +248,20 @@ def test_members_along_two_dimensions_are_not_paired(tmp_path: Path) -> None:
 def test_points_of_members_may_differ_by_what_rounding_leaves(tmp_path: Path) -> None:
     entries = []
     for k in range(3):
-        dataset(VALUES[k], ("time", "lat", "lon"), lon=LON + 2e-6 * k).to_netcdf(tmp_path / f"{k}.nc")
+        dataset(VALUES[k], ("time", "lat", "lon"), lon=LON + 2e-6 * k).to_netcdf(
+            tmp_path / f"{k}.nc"
+        )
         entries.append([str(tmp_path / f"{k}.nc")])
-    source = sources.open_source("current", [path for (path,) in entries], members=True, entries=entries)
+    source = sources.open_source(
+        "current", [path for (path,) in entries], members=True, entries=entries
+    )
     held(source, VALUES[:3])
 
 
 @pytest.mark.parametrize(
-    "gone", [slice(0, 1), slice(0, 3), slice(1, 4)], ids=["first", "all but the last", "all but the first"]
+    "gone",
+    [slice(0, 1), slice(0, 3), slice(1, 4)],
+    ids=["first", "all but the last", "all but the first"],
 )
 def test_a_member_that_has_values_at_one_end_is_taken(tmp_path: Path, gone: slice) -> None:
     """A run that begins later than the others, or ends sooner, has missing values there."""
@@ -252,7 +282,9 @@ def test_members_have_land(tmp_path: Path) -> None:
 
 def test_members_must_be_asked_for(tmp_path: Path) -> None:
     together().to_netcdf(tmp_path / "a.nc")
-    with pytest.raises(UserError, match=r"variables\.number to an index, or members = true to drift in each"):
+    with pytest.raises(
+        UserError, match=r"variables\.number to an index, or members = true to drift in each"
+    ):
         sources.open_source("current", tmp_path / "a.nc")
     one = sources.open_source("current", tmp_path / "a.nc", variables={"number": 3})
     assert one.members == (one,)
@@ -262,7 +294,10 @@ def test_members_must_be_asked_for(tmp_path: Path) -> None:
 def test_info_tells_of_members(tmp_path: Path) -> None:
     together().to_netcdf(tmp_path / "a.nc")
     (source,) = describe.understand(str(tmp_path / "a.nc"))
-    assert any("5 members of an ensemble along number: 0, 1, 2, ..., 4; members = true" in n for n in source.notes)
+    assert any(
+        "5 members of an ensemble along number: 0, 1, 2, ..., 4; members = true" in n
+        for n in source.notes
+    )
 
 
 def test_the_fingerprint_tells_members_from_one(tmp_path: Path) -> None:

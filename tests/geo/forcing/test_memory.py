@@ -1,4 +1,6 @@
-"""Datasets in memory as forcing: the same bits as from a file, however they were opened; and what is refused."""
+"""Datasets in memory as forcing: the same bits as from a file, however they were opened; and what
+is refused.
+"""
 
 import gc
 import threading
@@ -26,8 +28,15 @@ from geo.forcing.sources import Source
 HELD = "roms"
 
 
-def curved(path: Path, units: str = "hours since 2026-11-21 12:00:00", calendar: str = "standard", **time: Any) -> Path:
-    """Write a turned grid across the antimeridian: packed, with land, rotated vectors, a level and coordinates by name."""
+def curved(
+    path: Path,
+    units: str = "hours since 2026-11-21 12:00:00",
+    calendar: str = "standard",
+    **time: Any,
+) -> Path:
+    """Write a turned grid across the antimeridian: packed, with land, rotated vectors, a level and
+    coordinates by name.
+    """
     j, i = np.mgrid[0:14, 0:17].astype(float)
     lon, lat = 179.2 + 0.11 * i - 0.03 * j, -17.9 + 0.02 * i + 0.1 * j
     hours = np.arange(0.0, 37.0, 3.0)
@@ -44,7 +53,11 @@ def curved(path: Path, units: str = "hours since 2026-11-21 12:00:00", calendar:
             "salt": (dims, 35 + u[:, None], {"units": "1"}),
         },
         {
-            "longitude": (("y", "x"), (lon + 180) % 360 - 180, {"units": "degrees_east", "standard_name": "longitude"}),
+            "longitude": (
+                ("y", "x"),
+                (lon + 180) % 360 - 180,
+                {"units": "degrees_east", "standard_name": "longitude"},
+            ),
             "latitude": (("y", "x"), lat, {"units": "degrees_north", "standard_name": "latitude"}),
             "depth": ("depth", [0.0], {"units": "m", "positive": "down"}),
             "time": ("time", hours, {"units": units, "calendar": calendar}),
@@ -62,7 +75,9 @@ WAYS: dict[str, Callable[[Path], xr.Dataset]] = {
     "raw and lazy": lambda path: xr.open_dataset(path, decode_cf=False),
     "dask": lambda path: xr.open_dataset(path, chunks={"time": 1, "x": 5}),
     "raw dask": lambda path: xr.open_dataset(path, decode_cf=False, chunks={"time": 2}),
-    "cftime": lambda path: xr.load_dataset(path, decode_times=xr.coders.CFDatetimeCoder(use_cftime=True)),
+    "cftime": lambda path: xr.load_dataset(
+        path, decode_times=xr.coders.CFDatetimeCoder(use_cftime=True)
+    ),
     "all coordinates": lambda path: xr.load_dataset(path, decode_coords="all"),
     "no index": lambda path: xr.load_dataset(path).drop_indexes("time"),
     "not masked": lambda path: xr.load_dataset(path, mask_and_scale=False),
@@ -77,7 +92,9 @@ def same(one: Source, other: Source) -> None:
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_a_dataset_gives_the_bits_of_its_file_however_it_was_opened(tmp_path: Path, way: str) -> None:
+def test_a_dataset_gives_the_bits_of_its_file_however_it_was_opened(
+    tmp_path: Path, way: str
+) -> None:
     path = curved(tmp_path / "roms.nc")
     data = WAYS[way](path)
     before = data.copy(deep=False)
@@ -107,7 +124,9 @@ def test_calendars_and_single_precision_are_read_as_from_the_file(
         run_setup = cftime.datetime(2026, 11, 21, 12, calendar=calendar)
         dates = [run_setup + pd.Timedelta(hours=h).to_pytimedelta() for h in hours]
         numbers = np.asarray(cftime.date2num(dates, units, calendar)).astype(kind)
-        data = data.assign_coords(time=("time", numbers, {"units": units, "calendar": calendar})).load()
+        data = data.assign_coords(
+            time=("time", numbers, {"units": units, "calendar": calendar})
+        ).load()
     other = tmp_path / "dated.nc"
     data.to_netcdf(other)
     file = sources.open_source("current", str(other))
@@ -131,7 +150,10 @@ def test_dates_that_are_none_are_refused(tmp_path: Path) -> None:
         held(data.assign_coords(time=holed))
     with pytest.raises(UserError, match=r'dataset "roms": "time" has units ""'):
         held(data.assign_coords(time=[f"day {k}" for k in range(data.time.size)]))
-    thirtieth = [cftime.datetime(2026, 2, 28 + k % 3, k // 3, calendar="360_day") for k in range(data.time.size)]
+    thirtieth = [
+        cftime.datetime(2026, 2, 28 + k % 3, k // 3, calendar="360_day")
+        for k in range(data.time.size)
+    ]
     with pytest.raises(UserError, match=r'dataset "roms": .* calendar "360_day" that do not exist'):
         held(data.assign_coords(time=sorted(thirtieth)))
 
@@ -145,26 +167,37 @@ def test_times_of_a_zone_are_brought_to_utc(tmp_path: Path) -> None:
         assert (held(data.assign_coords(time=times)).times == utc).all()
 
 
-def test_a_digest_tells_contents_apart_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_digest_tells_contents_apart_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = curved(tmp_path / "roms.nc")
     data = xr.load_dataset(path)
     first = held(data).fingerprint
     assert held(data.copy(deep=True)).fingerprint == first
     assert held(xr.open_dataset(path, chunks={"time": 1})).fingerprint == first
     assert held(data.assign(salt=data.salt + 1)).fingerprint == first  # not what is read
-    changed = {"value": data.copy(deep=True), "place": data.copy(deep=True), "words": data.copy(deep=True)}
+    changed = {
+        "value": data.copy(deep=True),
+        "place": data.copy(deep=True),
+        "words": data.copy(deep=True),
+    }
     changed["value"].u[-1, 0, 2, 5] += 0.01
     changed["place"] = data.assign_coords(latitude=data.latitude + 1e-4)
     changed["words"].u.attrs["units"] = "cm/s"
     changed["time"] = data.assign_coords(time=data.time + np.timedelta64(1, "h"))
     prints = {first} | {held(one).fingerprint for one in changed.values()}
     assert len(prints) == 5
-    monkeypatch.setattr(memory, "WHOLE", 100)  # so that all are large: by samples, of the last slice too
+    # so that all are large: by samples, of the last slice too
+    monkeypatch.setattr(memory, "WHOLE", 100)
     assert len({held(one).fingerprint for one in (data, *changed.values())}) == 5
 
 
-def test_what_is_lazy_is_read_slice_by_slice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No one computation of dask ever holds more than the two slices between which a hash's piece begins and ends."""
+def test_what_is_lazy_is_read_slice_by_slice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No one computation of dask ever holds more than the two slices between which a hash's piece
+    begins and ends.
+    """
     monkeypatch.setattr(memory, "PIECE", 14 * 17 * 4)
     data = xr.load_dataset(curved(tmp_path / "roms.nc"))
     seen: list[set[int]] = [set()]
@@ -214,14 +247,19 @@ def case_of(folder: Path, source: str) -> drift.Case:
     return drift.load(folder / "case.toml")
 
 
-def test_a_run_gives_the_bits_of_a_run_from_the_file_and_lets_the_dataset_go(tmp_path: Path) -> None:
+def test_a_run_gives_the_bits_of_a_run_from_the_file_and_lets_the_dataset_go(
+    tmp_path: Path,
+) -> None:
     path = curved(tmp_path / "roms.nc")
     file = drift.run(case_of(tmp_path, 'files = "roms.nc"'))
     data = xr.load_dataset(path)
     before, gone, values = data.copy(deep=True), weakref.ref(data), weakref.ref(data.u.values)
     result = drift.run(case_of(tmp_path, 'dataset = "roms"'), datasets={HELD: data})
     for name in ("lon", "lat", "status"):
-        assert getattr(result.trajectories, name).tobytes() == getattr(file.trajectories, name).tobytes()
+        assert (
+            getattr(result.trajectories, name).tobytes()
+            == getattr(file.trajectories, name).tobytes()
+        )
     assert result.probability.values.tobytes() == file.probability.values.tobytes()
     (told,) = result.summary["forcing"]
     assert told["name"] == "model"
@@ -253,18 +291,24 @@ def test_names_and_types_that_do_not_fit_are_refused_in_one_line(tmp_path: Path)
         with pytest.raises(UserError, match=message) as refused:
             check.check(case, given)
         assert "\n" not in str(refused.value)
-    with pytest.raises(UserError, match="steady belongs to files and to a dataset; this source is constant"):
+    with pytest.raises(
+        UserError, match="steady belongs to files and to a dataset; this source is constant"
+    ):
         case_of(tmp_path, "constant = { east = 0.1, north = 0.2 }\nsteady = true")
     with pytest.raises(UserError, match="found files and dataset"):
         case_of(tmp_path, 'dataset = "roms"\nfiles = "roms.nc"')
 
 
 def test_the_keys_of_files_belong_to_a_dataset_too(tmp_path: Path) -> None:
-    """Names, units, a level, times and steadiness as the case says; a name that is no text; two sources of one dataset."""
+    """Names, units, a level, times and steadiness as the case says; a name that is no text; two
+    sources of one dataset.
+    """
     data = xr.load_dataset(curved(tmp_path / "roms.nc")).rename(u=0, v=1)
     for name in (0, 1):
         del data[name].attrs["units"], data[name].attrs["standard_name"]
-    keys = 'dataset = "roms"\nvariables = { east = "0", north = "1", axes = "grid" }\nunits = "cm/s"\n'
+    keys = (
+        'dataset = "roms"\nvariables = { east = "0", north = "1", axes = "grid" }\nunits = "cm/s"\n'
+    )
     twice = keys + '[[current]]\nname = "again"\nadd = true\n' + keys + "steady = true\n"
     found = run_setup.open_for(case_of(tmp_path, twice), {HELD: data})
     one, two = found.sources

@@ -1,4 +1,6 @@
-"""Grids that move: every slice is read at its own places, and the nest has no value where it is not."""
+"""Grids that move: every slice is read at its own places, and the nest has no value where it is
+not.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -20,7 +22,9 @@ NEAR = 5e-6  # [m/s] float32 of the places is 2e-6 deg, of the speeds 1e-7
 
 
 def nest(hours: Any, turn: float = 0.0, drift: float = 0.1, quantity: str = "wind") -> xr.Dataset:
-    """Return WRF's layout, whose 33 x 33 points move east and north with the hours; turn: of its axes from east [rad]."""
+    """Return WRF's layout, whose 33 x 33 points move east and north with the hours; turn: of its
+    axes from east [rad].
+    """
     i, j = np.meshgrid(0.25 * NODES, 0.2 * NODES)
     east, north = i * np.cos(turn) - j * np.sin(turn), i * np.sin(turn) + j * np.cos(turn)
     hours = np.asarray(hours, float)[:, None, None]
@@ -51,9 +55,13 @@ def test_one_file_a_time_and_places_that_come_again(tmp_path: Path) -> None:
     """WRF writes a file a time; the nest stands still between its moves, and may go back."""
     for k, place in enumerate((0.0, 0.0, 3.0, 5.0, 3.0)):
         data = nest([place])
-        right = linear.field(data.XLONG.values.astype(float), data.XLAT.values.astype(float), float(k))
+        right = linear.field(
+            data.XLONG.values.astype(float), data.XLAT.values.astype(float), float(k)
+        )
         data = data.assign(U10=data.U10.copy(data=right[0]), V10=data.V10.copy(data=right[1]))
-        linear.written(tmp_path / f"wrfout_{k}.nc", data.assign_coords(Time=data.Time.copy(data=[float(k)])))
+        linear.written(
+            tmp_path / f"wrfout_{k}.nc", data.assign_coords(Time=data.Time.copy(data=[float(k)]))
+        )
     source = sources.open_source("wind", str(tmp_path / "wrfout_*.nc"))
     assert linear.worst(source) < NEAR
     assert any("3 positions" in note for note in source.notes)
@@ -63,7 +71,9 @@ def test_one_file_a_time_whose_axes_know_no_time(tmp_path: Path) -> None:
     """Hurricane nests: every file has one time and its own longitudes and latitudes."""
     for k in range(4):
         lon, lat = linear.LON + 0.37 * k, linear.LAT - 0.11 * k
-        linear.written(tmp_path / f"storm_{k}.nc", linear.dataset([float(k)], lon, lat, names=linear.WIND))
+        linear.written(
+            tmp_path / f"storm_{k}.nc", linear.dataset([float(k)], lon, lat, names=linear.WIND)
+        )
     source = sources.open_source("wind", str(tmp_path / "storm_*.nc"))
     assert linear.worst(source) < NEAR
     assert any("4 positions" in note for note in source.notes)
@@ -85,10 +95,13 @@ def test_axes_that_move_and_a_time_that_does_not(tmp_path: Path) -> None:
 
 
 def test_a_turned_nest_has_its_vectors_turned(tmp_path: Path) -> None:
-    """Its axes lie 20 degrees from east on a plane of degrees, which no projection is: true components are stated."""
+    """Its axes lie 20 degrees from east on a plane of degrees, which no projection is: true
+    components are stated.
+    """
     path = linear.written(tmp_path / "nest.nc", nest(HOURS, turn=0.35))
     source = sources.open_source("wind", path, variables={"axes": "true"})
-    assert linear.worst(source) < 2e-3  # bilinear in cells that are no rectangles of degrees, edges of great circles
+    # bilinear in cells that are no rectangles of degrees, edges of great circles
+    assert linear.worst(source) < 2e-3
 
 
 LAMBERT = "+proj=lcc +lat_1=30 +lat_2=50 +lat_0=40 +lon_0=-50 +R=6370000"
@@ -96,7 +109,9 @@ LAMBERT = "+proj=lcc +lat_1=30 +lat_2=50 +lat_0=40 +lon_0=-50 +R=6370000"
 
 @pytest.mark.parametrize("staggered", [False, True])
 def test_a_lambert_nest_turns_its_vectors_at_each_place(staggered: bool, tmp_path: Path) -> None:
-    """20 degrees from its central meridian the axes lie 13 degrees from east; u and v may have places of their own."""
+    """20 degrees from its central meridian the axes lie 13 degrees from east; u and v may have
+    places of their own.
+    """
     to = pyproj.Proj(LAMBERT)
     data: dict[str, Any] = {"Time": ("Time", HOURS, {"units": linear.UNITS})}
     half = 0.5 if staggered else 0.0
@@ -109,14 +124,27 @@ def test_a_lambert_nest_turns_its_vectors_at_each_place(staggered: bool, tmp_pat
         lon, lat = to(x, y, inverse=True)
         u, v = linear.field(lon, lat, HOURS[:, None, None])
         angle = np.radians(to.get_factors(lon, lat).meridian_convergence)
-        value = u * np.cos(angle) - v * np.sin(angle) if side == 0 else u * np.sin(angle) + v * np.cos(angle)
-        dims = ("Time", "south_north_stag" if along_y else "south_north", "west_east_stag" if along_x else "west_east")
+        value = (
+            u * np.cos(angle) - v * np.sin(angle)
+            if side == 0
+            else u * np.sin(angle) + v * np.cos(angle)
+        )
+        dims = (
+            "Time",
+            "south_north_stag" if along_y else "south_north",
+            "west_east_stag" if along_x else "west_east",
+        )
         tail = f"_{'UV'[side]}" if staggered else ""
-        data[name] = (dims, value, {"units": "m s-1", "coordinates": f"XLONG{tail} XLAT{tail} XTIME"})
+        data[name] = (
+            dims,
+            value,
+            {"units": "m s-1", "coordinates": f"XLONG{tail} XLAT{tail} XTIME"},
+        )
         data[f"XLONG{tail}"] = (dims, lon, {"units": "degree_east"})
         data[f"XLAT{tail}"] = (dims, lat, {"units": "degree_north"})
     source = sources.open_source("wind", linear.written(tmp_path / "nest.nc", xr.Dataset(data)))
-    assert linear.worst(source, (-30.3, -29.7, -29.9), (40.1, 40.6, 39.6)) < 3e-4  # in cells of 20 km
+    # in cells of 20 km
+    assert linear.worst(source, (-30.3, -29.7, -29.9), (40.1, 40.6, 39.6)) < 3e-4
     assert any("rotated" in note for note in source.notes)
 
 
@@ -128,7 +156,9 @@ def test_outside_the_nest_there_is_nothing(tmp_path: Path) -> None:
         assert np.isnan(sample(source.grid, source.read(k), [lon], [lat])).all()
     for k, (lon, lat) in ((12, ahead), (0, behind)):
         right = linear.field(lon, lat, float(k))
-        np.testing.assert_allclose(sample(source.grid, source.read(k), [lon], [lat])[0], right, atol=NEAR)
+        np.testing.assert_allclose(
+            sample(source.grid, source.read(k), [lon], [lat])[0], right, atol=NEAR
+        )
     with pytest.raises(UserError, match="no overlap"):
         sources.open_source("wind", path, box=Box(10.0, 40.0, 11.0, 41.0))
     early = sources.open_source("wind", path, box=Box(-34.4, 37.0, -33.5, 37.8))

@@ -1,7 +1,8 @@
-"""Every remedy that an error of forcing names works: the test meets the error, follows it, and gets the field.
+"""Every remedy that an error of forcing names works: the test meets the error, follows it, and gets
+the field.
 
-The field is linear in longitude, latitude and time, so that every node and slice has one right value. A remedy that ran
-data backward, took another level or another variable would give another.
+The field is linear in longitude, latitude and time, so that every node and slice has one right
+value. A remedy that ran data backward, took another level or another variable would give another.
 """
 
 import re
@@ -26,14 +27,21 @@ OWN = {"east": "uo", "north": "vo"}
 
 def field(lon: Any, lat: Any, hour: Any) -> tuple[Any, Any]:
     """East and north [m/s]: all four derivatives in space differ."""
-    return 0.3 + 0.05 * (lon + 30) + 0.02 * (lat - 40) + 0.01 * hour, -0.2 + 0.03 * (lon + 30) - 0.04 * (lat - 40)
+    return 0.3 + 0.05 * (lon + 30) + 0.02 * (lat - 40) + 0.01 * hour, -0.2 + 0.03 * (
+        lon + 30
+    ) - 0.04 * (lat - 40)
 
 
 def base(hours: Any = range(4)) -> xr.Dataset:
     t = np.asarray(list(hours), float)[:, None, None]
-    u, v = (np.broadcast_to(w, (t.size, LAT.size, LON.size)).copy() for w in field(LON, LAT[:, None], t))
+    u, v = (
+        np.broadcast_to(w, (t.size, LAT.size, LON.size)).copy() for w in field(LON, LAT[:, None], t)
+    )
     return xr.Dataset(
-        {"uo": (("time", "lat", "lon"), u, dict(writers.EAST)), "vo": (("time", "lat", "lon"), v, dict(writers.NORTH))},
+        {
+            "uo": (("time", "lat", "lon"), u, dict(writers.EAST)),
+            "vo": (("time", "lat", "lon"), v, dict(writers.NORTH)),
+        },
         {
             "time": ("time", t.ravel(), {"units": "hours since 2024-03-10"}),
             "lat": ("lat", LAT, {"units": "degrees_north"}),
@@ -52,7 +60,9 @@ def about(data: xr.Dataset, names: str, **attributes: Any) -> xr.Dataset:
     return data
 
 
-def stacked(data: xr.Dataset, dim: str, right: int, count: int = 3, **coordinate: Any) -> xr.Dataset:
+def stacked(
+    data: xr.Dataset, dim: str, right: int, count: int = 3, **coordinate: Any
+) -> xr.Dataset:
     """Add a dimension along which one index holds the field, and the others something else."""
     parts = [data[["uo", "vo"]] + 0.3 * (k - right) for k in range(count)]
     wide = xr.concat(parts, dim).transpose("time", dim, "lat", "lon")
@@ -60,12 +70,15 @@ def stacked(data: xr.Dataset, dim: str, right: int, count: int = 3, **coordinate
         wide[name].attrs = dict(own)
     for name in ("time", "lat", "lon"):
         wide[name].attrs = data[name].attrs
-    return wide.assign_coords({dim: (dim, coordinate["values"], coordinate.get("attrs", {}))} if coordinate else {})
+    return wide.assign_coords(
+        {dim: (dim, coordinate["values"], coordinate.get("attrs", {}))} if coordinate else {}
+    )
 
 
 def twice(data: xr.Dataset) -> xr.Dataset:
     return data.assign(
-        other_u=(data.uo + 1).assign_attrs(writers.EAST), other_v=(data.vo - 1).assign_attrs(writers.NORTH)
+        other_u=(data.uo + 1).assign_attrs(writers.EAST),
+        other_v=(data.vo - 1).assign_attrs(writers.NORTH),
     )
 
 
@@ -185,7 +198,10 @@ def check(source: sources.Source) -> None:
     held = slice(1, -1) if source.edges else slice(None)
     assert list(hours[held]) == ([0.0, 1.0, 2.0, 3.0] if source.times.size else [0.0])
     for k in range(len(hours))[held]:
-        expected = np.stack(np.broadcast_arrays(*field(source.grid.lon, source.grid.lat[:, None], hours[k])), axis=-1)
+        expected = np.stack(
+            np.broadcast_arrays(*field(source.grid.lon, source.grid.lat[:, None], hours[k])),
+            axis=-1,
+        )
         np.testing.assert_allclose(source.read(k), expected, atol=2e-6)
 
 
@@ -206,16 +222,23 @@ def test_what_a_refusal_advises_gives_the_field(kind: str, tmp_path: Path) -> No
 def test_more_files_are_the_other_remedies(tmp_path: Path) -> None:
     for k in range(4):
         base([k]).to_netcdf(tmp_path / f"a{k}.nc")
-    check(sources.open_source("current", str(tmp_path / "a*.nc")))  # "one time only": files of other times
+    # "one time only": files of other times
+    check(sources.open_source("current", str(tmp_path / "a*.nc")))
     base()[["uo"]].to_netcdf(tmp_path / "u.nc")
-    with pytest.raises(UserError, match=r"northward one is missing; name the files of both in \[\[current\]\] files"):
+    with pytest.raises(
+        UserError,
+        match=r"northward one is missing; name the files of both in \[\[current\]\] files",
+    ):
         sources.open_source("current", tmp_path / "u.nc")
     base([4, 5])[["vo"]].to_netcdf(tmp_path / "late.nc")
     with pytest.raises(
-        UserError, match=r"100000ZMAR24 to 100300ZMAR24.*no time in common; name files of the same times"
+        UserError,
+        match=r"100000ZMAR24 to 100300ZMAR24.*no time in common; name files of the same times",
     ):
         sources.open_source("current", [tmp_path / "u.nc", tmp_path / "late.nc"])
-    with pytest.raises(UserError, match=r"different numbers of slices, 4 and 2; name files of as many"):
+    with pytest.raises(
+        UserError, match=r"different numbers of slices, 4 and 2; name files of as many"
+    ):
         sources.open_source("current", [tmp_path / "u.nc", tmp_path / "late.nc"], times=HOURLY)
     base()[["vo"]].to_netcdf(tmp_path / "v.nc")
     check(sources.open_source("current", [tmp_path / "u.nc", tmp_path / "v.nc"]))

@@ -1,4 +1,5 @@
-"""Forecasts along two dimensions: valid times, the later run where they overlap, one run chosen by its index.
+"""Forecasts along two dimensions: valid times, the later run where they overlap, one run chosen by
+its index.
 
 Run r is u = 0.01 m/s an hour since EPOCH, and v = -0.1 m/s times the number of the run.
 """
@@ -22,7 +23,12 @@ UNITS = {"units": "hours since 2024-03-10"}
 
 
 def written(
-    path: Path, starts: Any, reference: str = "init_time", lead: str = "step", valid: bool = True, **about: Any
+    path: Path,
+    starts: Any,
+    reference: str = "init_time",
+    lead: str = "step",
+    valid: bool = True,
+    **about: Any,
 ) -> Path:
     """Write runs that start at hours since EPOCH, with their valid times or without."""
     starts = np.asarray(starts, float)
@@ -57,7 +63,8 @@ def check(source: sources.Source, hours: Any, runs: Any) -> None:
 
 @pytest.mark.parametrize("valid", [True, False])
 @pytest.mark.parametrize(
-    ("reference", "lead"), [("init_time", "step"), ("time", "prediction_timedelta"), ("run", "lead")]
+    ("reference", "lead"),
+    [("init_time", "step"), ("time", "prediction_timedelta"), ("run", "lead")],
 )
 def test_one_run(valid: bool, reference: str, lead: str, tmp_path: Path) -> None:
     path = written(tmp_path / "a.nc", [6.0], reference, lead, valid)
@@ -74,7 +81,10 @@ def test_the_later_run_wins_and_one_can_be_chosen(tmp_path: Path) -> None:
         path = written(tmp_path / f"{name}.nc", starts)
         source = sources.open_source("current", path)
         check(source, np.arange(0.0, 19.0, 3.0), [early] * 2 + [late] * 5)
-        assert any("2 runs from 100000ZMAR24 to 100600ZMAR24: where they overlap the later" in n for n in source.notes)
+        assert any(
+            "2 runs from 100000ZMAR24 to 100600ZMAR24: where they overlap the later" in n
+            for n in source.notes
+        )
         for run in (0, 1):
             chosen = sources.open_source("current", path, variables={"init_time": str(run)})
             check(chosen, starts[run] + LEADS, [run + 1] * 5)
@@ -84,7 +94,9 @@ def test_the_later_run_wins_and_one_can_be_chosen(tmp_path: Path) -> None:
 
 def test_runs_in_files_of_their_own_and_a_lone_start(tmp_path: Path) -> None:
     for k, start in enumerate((0.0, 15.0)):
-        with xr.open_dataset(written(tmp_path / f"x{k}.nc", [start], valid=False), decode_times=False) as data:
+        with xr.open_dataset(
+            written(tmp_path / f"x{k}.nc", [start], valid=False), decode_times=False
+        ) as data:
             data.isel(init_time=0).to_netcdf(tmp_path / f"a{k}.nc")
     hours = np.concatenate([LEADS, 15 + LEADS])
     check(sources.open_source("current", str(tmp_path / "a*.nc")), hours, [1] * 10)
@@ -93,10 +105,17 @@ def test_runs_in_files_of_their_own_and_a_lone_start(tmp_path: Path) -> None:
 def test_runs_whose_starts_nothing_says(tmp_path: Path) -> None:
     path = written(tmp_path / "a.nc", [0.0, 6.0], valid=False, without=["init_time"])
     with pytest.raises(
-        UserError, match=r"nothing says when.*variables.init_time, and state \[\[current\]\] times = \{ start"
+        UserError,
+        match=r"nothing says when.*variables.init_time, and state \[\[current\]\] times = \{ start",
     ):
         sources.open_source("current", path)
     told = {"start": EPOCH + 6 * HOUR, "interval": 3 * HOUR}
-    with pytest.raises(UserError, match=r"2 along init_time; choose one by its index.*variables.init_time"):
+    with pytest.raises(
+        UserError, match=r"2 along init_time; choose one by its index.*variables.init_time"
+    ):
         sources.open_source("current", path, times=told)
-    check(sources.open_source("current", path, variables={"init_time": "1"}, times=told), 6 + LEADS, [2] * 5)
+    check(
+        sources.open_source("current", path, variables={"init_time": "1"}, times=told),
+        6 + LEADS,
+        [2] * 5,
+    )

@@ -1,4 +1,6 @@
-"""Slices on disk: made once for all processes, every bit as it was; what was cut short, altered or did not fit is made again."""
+"""Slices on disk: made once for all processes, every bit as it was; what was cut short, altered or
+did not fit is made again.
+"""
 
 import os
 import subprocess
@@ -13,7 +15,8 @@ from geo.array import Array
 from geo.forcing.reading.kept import Finished, Shelf
 from geo.forcing.reading.stored import Stored
 
-VALUES = np.array([[[0.1, -0.0], [np.nan, np.inf], [3e-39, 7.0]]], np.float32)  # a denormal number too
+# a denormal number too
+VALUES = np.array([[[0.1, -0.0], [np.nan, np.inf], [3e-39, 7.0]]], np.float32)
 KEY = ("current", 0.1, 3)
 
 
@@ -29,7 +32,9 @@ class Maker:
 
 
 def same(got: Array) -> bool:
-    return got.shape == VALUES.shape and got.dtype == np.float32 and got.tobytes() == VALUES.tobytes()
+    return (
+        got.shape == VALUES.shape and got.dtype == np.float32 and got.tobytes() == VALUES.tobytes()
+    )
 
 
 def slice_of(folder: Path) -> Path:
@@ -88,9 +93,12 @@ SHAPE = -16 - 16  # the middle of three numbers of eight bytes before the digest
 
 
 @pytest.mark.parametrize(
-    "fault", [cut, emptied, lengthened, flipped(3), flipped(-1), flipped(SHAPE), of_another, Path.unlink]
+    "fault",
+    [cut, emptied, lengthened, flipped(3), flipped(-1), flipped(SHAPE), of_another, Path.unlink],
 )
-def test_what_is_not_as_it_was_written_is_made_again(tmp_path: Path, fault: Callable[[Path], None]) -> None:
+def test_what_is_not_as_it_was_written_is_made_again(
+    tmp_path: Path, fault: Callable[[Path], None]
+) -> None:
     make = Maker()
     Stored(tmp_path).get(KEY, make)
     fault(slice_of(tmp_path))
@@ -133,7 +141,10 @@ def make():
     os._exit(9)
 print(Stored(folder).get("key", make).sum())
 """
-    together = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(4)]
+    together = [
+        subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        for _ in range(4)
+    ]
     told = sorted(process.communicate(timeout=60)[0].strip() for process in together)
     assert told == ["", "66.0", "66.0", "66.0"]
     assert (tmp_path / "made").read_text() == "x"

@@ -1,4 +1,6 @@
-"""What is judged once a source, whatever the domain: zeros that are land, undeclared fill values, speeds that can't be."""
+"""What is judged once a source, whatever the domain: zeros that are land, undeclared fill values,
+speeds that can't be.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -37,7 +39,9 @@ def fields(lon: Any = LON, lat: Any = LAT, hours: Any = HOURS) -> tuple[Any, Any
     return np.stack([u for u, _ in both]), np.stack([v for _, v in both])
 
 
-def saved(path: Path, u: Any, v: Any, lon: Any = LON, lat: Any = LAT, hours: Any = HOURS, **more: Any) -> Path:
+def saved(
+    path: Path, u: Any, v: Any, lon: Any = LON, lat: Any = LAT, hours: Any = HOURS, **more: Any
+) -> Path:
     """A file of currents over (time, lat, lon); more: encoding of both, or attributes."""
     attributes = more.pop("attributes", {})
     dims = ("time", "lat", "lon")
@@ -60,7 +64,9 @@ def shore(lon: Any, lat: Any) -> Any:
 
 
 def zero_land(path: Path) -> tuple[Path, Any, Any, Any]:
-    """A file whose land is zero and whose south-west corner is missing; its values, and where the land is."""
+    """A file whose land is zero and whose south-west corner is missing; its values, and where the
+    land is.
+    """
     u, v = fields()
     land = shore(*np.meshgrid(LON, LAT))
     u[:, land], v[:, land] = 0.0, 0.0
@@ -101,15 +107,18 @@ def ends(folder: Path, files: Path, domain: str) -> Any:
 
 @pytest.mark.thorough
 def test_zeros_that_are_land_are_land_whatever_the_domain(tmp_path: Path) -> None:
-    """Land is zero and a far corner is missing: two domains, one with that corner, give the same tracks.
+    """Land is zero and a far corner is missing: two domains, one with that corner, give the same
+    tracks.
 
-    Taken as still water, land within one domain alone moved these tracks by kilometres. Places in a tile are float32
-    numbers of cells from its own corner, here up to 60, so 4e-6 of a cell: 0.02 m in a field that changes by a tenth a cell.
+    Taken as still water, land within one domain alone moved these tracks by kilometres. Places in a
+    tile are float32 numbers of cells from its own corner, here up to 60, so 4e-6 of a cell: 0.02 m
+    in a field that changes by a tenth a cell.
     """
     path = zero_land(tmp_path / "a.nc")[0]
     small, wide = ends(tmp_path, path, SMALL), ends(tmp_path, path, WIDE)
     assert (small[2][:, -1] == 0).sum() > 20
-    afloat = (small[2] == wide[2]).all(axis=1) & (small[2][:, -1] == 0)  # those that stay inside both
+    # those that stay inside both
+    afloat = (small[2] == wide[2]).all(axis=1) & (small[2][:, -1] == 0)
     assert afloat.sum() > 20
     for a, b in zip(small[:2], wide[:2], strict=True):
         assert np.abs(a[afloat].astype(int) - b[afloat])[:, -1].max() * 0.0093 < 0.1  # [m]
@@ -119,11 +128,15 @@ def test_zeros_that_are_land_are_land_whatever_the_domain(tmp_path: Path) -> Non
         lon, lat = np.meshgrid(source.grid.lon, source.grid.lat)
         inside = lat > 58.0
         np.testing.assert_array_equal(np.isnan(values[..., 0])[inside], shore(lon, lat)[inside])
-        assert any("exactly zero at all 8 times looked at: taken as land" in note for note in source.notes)
+        assert any(
+            "exactly zero at all 8 times looked at: taken as land" in note for note in source.notes
+        )
 
 
 def test_tracks_beside_zero_land_are_those_of_a_float64_integration(tmp_path: Path) -> None:
-    """Where three nodes round a particle are wet, RK4 in float64 on the raw values gives the same track to metres."""
+    """Where three nodes round a particle are wet, RK4 in float64 on the raw values gives the same
+    track to metres.
+    """
     path, u, v, land = zero_land(tmp_path / "a.nc")
     (tmp_path / "a.toml").write_text(CASE.format(domain=WIDE, files=path))
     tracks = drift.run(drift.load(tmp_path / "a.toml", {"uncertainty": "none"})).trajectories
@@ -146,10 +159,16 @@ def test_tracks_beside_zero_land_are_those_of_a_float64_integration(tmp_path: Pa
     for n in range(192):
         stages = []
         for back, t in ((None, 0.0), (0, h / 2), (1, h / 2), (2, h)):
-            at = (lon, lat) if back is None else (lon + t * stages[back][0], lat + t * stages[back][1])
+            at = (
+                (lon, lat)
+                if back is None
+                else (lon + t * stages[back][0], lat + t * stages[back][1])
+            )
             e, nn = velocity(*at, n * h + t).T * 3600 * degrees
             stages.append((e / np.cos(np.radians(at[1])), nn))
-        step = [sum(w * s[i] for w, s in zip((1, 2, 2, 1), stages, strict=True)) * h / 6 for i in (0, 1)]
+        step = [
+            sum(w * s[i] for w, s in zip((1, 2, 2, 1), stages, strict=True)) * h / 6 for i in (0, 1)
+        ]
         way += np.hypot(step[0] * np.cos(np.radians(lat)), step[1]) / degrees
         lon, lat = lon + step[0], lat + step[1]
     last = [np.asarray(c[:, -1], float) * 360 / 2**32 for c in (tracks.lon, tracks.lat)]
@@ -159,8 +178,8 @@ def test_tracks_beside_zero_land_are_those_of_a_float64_integration(tmp_path: Pa
     print(
         f"median {np.median(apart[free]):.2f} m, worst {apart[free].max():.2f} m, {(apart / way)[free].max():.2e} of the way"
     )
-    # 192 steps of float32 increments (1e-7 of some 700 m each) and of 9 mm positions, grown by the shear and by
-    # velocities off by 4e-7 m/s for 96 h, 0.14 m
+    # 192 steps of float32 increments (1e-7 of some 700 m each) and of 9 mm positions, grown by the
+    # shear and by velocities off by 4e-7 m/s for 96 h, 0.14 m
     assert apart[free].max() < 0.3
 
 
@@ -170,7 +189,12 @@ def test_zeros_packed_with_an_offset_are_zeros_too(tmp_path: Path) -> None:
     land = shore(x, y)
     u[:, land], v[:, land] = 0.0, 0.0
     path = saved(
-        tmp_path / "a.nc", u, v, dtype="int16", scale_factor=np.float32(0.00031), add_offset=np.float32(0.2337)
+        tmp_path / "a.nc",
+        u,
+        v,
+        dtype="int16",
+        scale_factor=np.float32(0.00031),
+        add_offset=np.float32(0.2337),
     )
     with netCDF4.Dataset(path) as raw:
         assert (raw["uo"][0][land] != 0).all()  # none of them decodes to zero
@@ -201,17 +225,23 @@ def test_undeclared_fill_values_are_found_and_named(fill: float, tmp_path: Path)
     source = sources.open_source("current", saved(tmp_path / "a.nc", u, v, dtype="float32"))
     np.testing.assert_array_equal(np.isnan(source.read(0)[..., 0]), land)
     assert source.read(0)[5, 5, 0] == np.float32(1.7)
-    assert any(f'"uo" holds {fill:g} at {100 * land.mean():.1f} % of its points' in note for note in source.notes)
+    assert any(
+        f'"uo" holds {fill:g} at {100 * land.mean():.1f} % of its points' in note
+        for note in source.notes
+    )
 
 
 def test_a_packed_field_that_saturates_keeps_its_extreme(tmp_path: Path) -> None:
-    """The largest number of int8 recurs where the current is faster than can be packed: no gap sets it apart."""
+    """The largest number of int8 recurs where the current is faster than can be packed: no gap sets
+    it apart.
+    """
     u, v = fields()
     path = saved(tmp_path / "a.nc", np.minimum(u, 0.4), v, dtype="int8", scale_factor=0.4 / 127)
     source = sources.open_source("current", path)
     assert source.missing == 0
     assert (source.read(2)[..., 0] > 0.399).sum() > 100
-    two = saved(tmp_path / "b.nc", np.where(u > 0.3, 0.99, 0.1), v)  # two values, far apart, both real
+    # two values, far apart, both real
+    two = saved(tmp_path / "b.nc", np.where(u > 0.3, 0.99, 0.1), v)
     assert sources.open_source("current", two).missing == 0
 
 
@@ -240,11 +270,14 @@ def test_a_wind_is_no_current_and_a_current_hardly_a_wind(tmp_path: Path) -> Non
     path = saved(tmp_path / "wind.nc", *WIND)
     speed = np.hypot(*WIND)
     with pytest.raises(
-        UserError, match=r"wind\.nc: uo, vo can't be a current: mean (\S+), 99\.9th .*plausible = true"
+        UserError,
+        match=r"wind\.nc: uo, vo can't be a current: mean (\S+), 99\.9th .*plausible = true",
     ) as told:
         sources.open_source("current", path)
     # of 8 of 17 slices, 39,000 points: mean and rounding to two digits within 2 %
-    assert float(str(told.value).split("mean ")[1].split(",")[0]) == pytest.approx(speed.mean(), rel=0.02)
+    assert float(str(told.value).split("mean ")[1].split(",")[0]) == pytest.approx(
+        speed.mean(), rel=0.02
+    )
     vouched = sources.open_source("current", path, plausible=True)
     assert any("as the case vouches" in note for note in vouched.notes)
     np.testing.assert_allclose(vouched.read(4)[..., 0], WIND[0][4], rtol=1e-6)
@@ -261,7 +294,9 @@ def test_a_wind_is_no_current_and_a_current_hardly_a_wind(tmp_path: Path) -> Non
      ("stokes", 4.7, False)],
 )  # fmt: skip
 def test_ceilings(quantity: str, factor: float, good: bool, tmp_path: Path) -> None:
-    """The field's mean is 0.377 and its largest speed 0.658 m/s: at 6.63 times that the mean is 2.5, at 137 and 4.56 the largest 90 and 3."""
+    """The field's mean is 0.377 and its largest speed 0.658 m/s: at 6.63 times that the mean is
+    2.5, at 137 and 4.56 the largest 90 and 3.
+    """
     u, v = fields()
     path = saved(tmp_path / "a.nc", factor * u, factor * v)
     chosen = {"east": "uo", "north": "vo"}
@@ -302,15 +337,21 @@ def test_large_sources_are_sampled(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_typed_speeds_have_ceilings(tmp_path: Path) -> None:
-    text = CASE.format(domain=SMALL, files="").replace('files = ""', "constant = {{ speed = {speed}, toward = 31 }}")
+    text = CASE.format(domain=SMALL, files="").replace(
+        'files = ""', "constant = {{ speed = {speed}, toward = 31 }}"
+    )
     path = tmp_path / "a.toml"
     path.write_text(text.replace("{{", "{").replace("}}", "}").replace("{speed}", "7.9"))
     drift.load(path)
-    with pytest.raises(UserError, match=r"constant: 8\.1 m/s is too fast for a current; at most 8 m/s"):
+    with pytest.raises(
+        UserError, match=r"constant: 8\.1 m/s is too fast for a current; at most 8 m/s"
+    ):
         drift.load(path, {"current.0.constant.speed": "8.1"})
     calm = drift.load(path, {"current.0.constant.speed": "0"})
     assert calm.forcing["current"][0].constant == (0.0, 0.0)
-    gust = {"wind": '[{table = [{time = "+0 h", east = 1, north = 2}, {time = "+9 h", east = -60, north = 68}]}]'}
+    gust = {
+        "wind": '[{table = [{time = "+0 h", east = 1, north = 2}, {time = "+9 h", east = -60, north = 68}]}]'
+    }
     with pytest.raises(UserError, match=r"row 2: 90\.69 m/s is too fast for a wind"):
         drift.load(path, gust)
     for key, value, most in (("current", "2.6", "2.5"), ("wind", "21", "20")):
@@ -336,7 +377,9 @@ def test_a_bad_slice_between_those_looked_at_is_met_where_it_is_read(tmp_path: P
         assert np.isnan(source.read(51)[3, 4, 1]) == (quantity == "current")
 
 
-def test_a_slow_number_of_nines_is_a_fill_value_only_where_both_components_have_it(tmp_path: Path) -> None:
+def test_a_slow_number_of_nines_is_a_fill_value_only_where_both_components_have_it(
+    tmp_path: Path,
+) -> None:
     u, v = fields()
     cm = {"attributes": {"units": "cm s-1"}}
     x, y = np.meshgrid(LON, LAT)
@@ -347,9 +390,12 @@ def test_a_slow_number_of_nines_is_a_fill_value_only_where_both_components_have_
     source = sources.open_source("current", saved(tmp_path / "b.nc", *filled, **cm))
     np.testing.assert_array_equal(np.isnan(source.read(4)[..., 0]), land)
     assert any("both components hold 99 at" in note for note in source.notes)
-    front = np.where(land, 9.9, 4 * u), np.where(land, 0.0, 4 * v)  # a wind that is the same behind a front
+    # a wind that is the same behind a front
+    front = np.where(land, 9.9, 4 * u), np.where(land, 0.0, 4 * v)
     chosen = {"east": "uo", "north": "vo"}
-    assert sources.open_source("wind", saved(tmp_path / "c.nc", *front), variables=chosen).missing == 0
+    assert (
+        sources.open_source("wind", saved(tmp_path / "c.nc", *front), variables=chosen).missing == 0
+    )
 
 
 def test_what_a_packed_number_is_by_default_is_a_fill_value(tmp_path: Path) -> None:
@@ -393,7 +439,9 @@ def test_files_of_one_source_are_in_the_same_units_and_places(tmp_path: Path) ->
                 "lat": (("y", "x"), y + 0.03 * x),
             },
         ).to_netcdf(tmp_path / name)
-    with pytest.raises(UserError, match=r"d\.nc has another grid than .*c\.nc: other values of .lon"):
+    with pytest.raises(
+        UserError, match=r"d\.nc has another grid than .*c\.nc: other values of .lon"
+    ):
         sources.open_source("current", [tmp_path / "c.nc", tmp_path / "d.nc"])
 
 
@@ -406,7 +454,15 @@ def test_zeros_of_files_that_are_packed_differently(later: int, tmp_path: Path) 
     u[:, land], v[:, land] = 0.0, 0.0
     packings = ((0.00031, 0.2337), (0.00047, 0.0))
     paths = [
-        saved(tmp_path / f"{k}.nc", u, v, hours=HOURS + 100 * (k == later), dtype="int16", scale_factor=a, add_offset=b)
+        saved(
+            tmp_path / f"{k}.nc",
+            u,
+            v,
+            hours=HOURS + 100 * (k == later),
+            dtype="int16",
+            scale_factor=a,
+            add_offset=b,
+        )
         for k, (a, b) in enumerate(packings)
     ]
     source = sources.open_source("current", paths)
@@ -414,7 +470,9 @@ def test_zeros_of_files_that_are_packed_differently(later: int, tmp_path: Path) 
         np.testing.assert_array_equal(np.isnan(source.read(k)[..., 0]), land)
 
 
-def test_only_both_components_at_zero_are_land_and_missing_values_are_not_called_zero(tmp_path: Path) -> None:
+def test_only_both_components_at_zero_are_land_and_missing_values_are_not_called_zero(
+    tmp_path: Path,
+) -> None:
     u, v = fields()
     x, y = np.meshgrid(LON, LAT)
     land = shore(x, y)
@@ -425,33 +483,48 @@ def test_only_both_components_at_zero_are_land_and_missing_values_are_not_called
     source = sources.open_source("current", missing)
     np.testing.assert_array_equal(np.isnan(source.read(4)[..., 0]), land | both)
     zero = saved(tmp_path / "b.nc", np.where(land, 0.0, u + 1e-3 * both), np.where(land, 0.0, v))
-    np.testing.assert_array_equal(np.isnan(sources.open_source("current", zero).read(4)[..., 0]), land)
+    np.testing.assert_array_equal(
+        np.isnan(sources.open_source("current", zero).read(4)[..., 0]), land
+    )
     plain = fields()
-    source = sources.open_source("current", saved(tmp_path / "c.nc", *(np.where(land, np.nan, w) for w in plain)))
+    source = sources.open_source(
+        "current", saved(tmp_path / "c.nc", *(np.where(land, np.nan, w) for w in plain))
+    )
     assert not any("exactly zero" in note for note in source.notes)
 
 
-def test_a_mask_says_which_of_its_values_is_water_and_one_of_ones_says_nothing(tmp_path: Path) -> None:
+def test_a_mask_says_which_of_its_values_is_water_and_one_of_ones_says_nothing(
+    tmp_path: Path,
+) -> None:
     u, v = fields()
     x, y = np.meshgrid(LON, LAT)
     land = shore(x, y)
     u[:, land], v[:, land] = 0.0, 0.0
     masks = {
         "plain": ((~land).astype("int8"), {}),
-        "flags": (land.astype("int8"), {"flag_values": np.int8([0, 1]), "flag_meanings": "water land"}),
+        "flags": (
+            land.astype("int8"),
+            {"flag_values": np.int8([0, 1]), "flag_meanings": "water land"},
+        ),
         "ones": (np.ones(land.shape, "int8"), {}),
     }
     for name, (values, said) in masks.items():
         path = saved(tmp_path / f"{name}.nc", u, v)
         with xr.open_dataset(path, decode_times=False) as data:
-            data.load().assign(tmask=(("lat", "lon"), values, said)).to_netcdf(tmp_path / f"{name}2.nc")
+            data.load().assign(tmask=(("lat", "lon"), values, said)).to_netcdf(
+                tmp_path / f"{name}2.nc"
+            )
         source = sources.open_source("current", tmp_path / f"{name}2.nc")
         np.testing.assert_array_equal(np.isnan(source.read(2)[..., 0]), land, err_msg=name)
 
 
 @pytest.mark.parametrize(("points", "dry"), [(61, True), (30, False)])
-def test_over_half_a_percent_of_zeros_is_land_and_less_is_not(points: int, dry: bool, tmp_path: Path) -> None:
-    """61 points of 7,381 are 0.8 %, 30 are 0.4 %; at the first time, which is looked at, they are missing."""
+def test_over_half_a_percent_of_zeros_is_land_and_less_is_not(
+    points: int, dry: bool, tmp_path: Path
+) -> None:
+    """61 points of 7,381 are 0.8 %, 30 are 0.4 %; at the first time, which is looked at, they are
+    missing.
+    """
     u, v = fields()
     u[:, -1, :points], v[:, -1, :points] = 0.0, 0.0
     u[0, -1], v[0, -1] = np.nan, np.nan
@@ -471,7 +544,8 @@ def test_a_lee_of_stokes_drift_is_no_land_where_land_is_missing(tmp_path: Path) 
 
 
 def test_what_stands_still_until_the_last_times_is_water(tmp_path: Path) -> None:
-    """A river that starts to flow after three quarters of the file: all eight slices count, to the last.
+    """A river that starts to flow after three quarters of the file: all eight slices count, to the
+    last.
 
     It does not make land of 30 points that are still all the time: they are too few.
     """
@@ -484,7 +558,9 @@ def test_what_stands_still_until_the_last_times_is_water(tmp_path: Path) -> None
 
 
 def test_water_that_flows_due_east_makes_no_land_of_a_few_still_points(tmp_path: Path) -> None:
-    """A quarter of one component is zero, but only 30 points of 7,381 are in both: too few to be land."""
+    """A quarter of one component is zero, but only 30 points of 7,381 are in both: too few to be
+    land.
+    """
     u, v = fields()
     u[:, 10:40] = 0.0
     v[:, 12, 10:40] = 0.0
@@ -513,7 +589,9 @@ def test_what_is_filled_does_not_depend_on_the_box(tmp_path: Path) -> None:
     def filled(box: Box | None) -> tuple[Any, Any]:
         source = sources.open_source("current", path, box=box)
         grid = source.grid
-        return grid, fill.fill(source.read(3), 3, reach=fill.REACH, bands=fill.bands(grid), within=source.domain)
+        return grid, fill.fill(
+            source.read(3), 3, reach=fill.REACH, bands=fill.bands(grid), within=source.domain
+        )
 
     grid, whole = filled(None)
     for box in (Box(4.3, 59.4, 5.4, 60.8), Box(4.0, 58.0, 4.35, 61.0), Box(4.4, 60.0, 7.0, 60.6)):

@@ -49,7 +49,9 @@ def test_values_outside_their_range_are_missing(key: str, tmp_path: Path) -> Non
     missing, error = held(source)
     assert missing
     assert error < NEAR
-    assert any(next(iter(LIMITS[key])) in note and "plausible = true" in note for note in source.notes)
+    assert any(
+        next(iter(LIMITS[key])) in note and "plausible = true" in note for note in source.notes
+    )
     vouched = sources.open_source("current", path, plausible=True)
     assert vouched.read(SPOT[0])[SPOT[1:]] == pytest.approx((WRONG, WRONG))
 
@@ -83,7 +85,9 @@ def test_a_value_at_its_limit_is_valid(tmp_path: Path) -> None:
     top = float(data.uo.max())
     how = {"dtype": "i2", "scale_factor": top / 9999, "_FillValue": -32768}
     data.uo.attrs["valid_max"] = np.int16(9999)
-    assert sources.open_source("current", linear.written(tmp_path / "a.nc", data, uo=how)).missing == 0
+    assert (
+        sources.open_source("current", linear.written(tmp_path / "a.nc", data, uo=how)).missing == 0
+    )
     data.uo.attrs["valid_max"] = np.float32(top)
     path = linear.written(tmp_path / "b.nc", data, uo={"dtype": "f4"})
     source = sources.open_source("current", path)
@@ -93,14 +97,22 @@ def test_a_value_at_its_limit_is_valid(tmp_path: Path) -> None:
 def test_unsigned_limits(tmp_path: Path) -> None:
     """Bytes that are unsigned by an attribute: -56 stands for 200, which unpacks to 1.5 m/s."""
     data = spoilt(valid_range=np.array([0, -56], np.int8))
-    how = {"dtype": "u1", "scale_factor": 0.02, "add_offset": -2.5, "_FillValue": 255, "_Unsigned": "true"}
+    how = {
+        "dtype": "u1",
+        "scale_factor": 0.02,
+        "add_offset": -2.5,
+        "_FillValue": 255,
+        "_Unsigned": "true",
+    }
     path = linear.written(tmp_path / "a.nc", data, uo=how, vo=how)
     missing, error = held(sources.open_source("current", path))
     assert missing
     assert error < 0.0101
 
 
-def flagged(data: xr.Dataset, numbers: Any, dims: tuple[str, ...] = ("time", "lat", "lon"), **said: Any) -> xr.Dataset:
+def flagged(
+    data: xr.Dataset, numbers: Any, dims: tuple[str, ...] = ("time", "lat", "lon"), **said: Any
+) -> xr.Dataset:
     """Return the dataset with a variable of flags, `qc`, that both components list."""
     for name in ("uo", "vo"):
         data[name].attrs["ancillary_variables"] = "error qc"
@@ -165,8 +177,12 @@ def test_flags_by_their_standard_name_and_of_all_times(tmp_path: Path) -> None:
         got = source.read(0)
         assert np.isnan(got[SPOT[1:]]).all()
         assert np.isnan(got[..., 0]).sum() == 1
-    data = spoilt().assign(sst_qc=(("lon", "lat"), numbers, said | {"standard_name": "quality_flag"}))
-    data["sst"] = data.uo.assign_attrs(standard_name="sea_surface_temperature", ancillary_variables="sst_qc")
+    data = spoilt().assign(
+        sst_qc=(("lon", "lat"), numbers, said | {"standard_name": "quality_flag"})
+    )
+    data["sst"] = data.uo.assign_attrs(
+        standard_name="sea_surface_temperature", ancillary_variables="sst_qc"
+    )
     source = sources.open_source("current", linear.written(tmp_path / "sst.nc", data))
     assert source.missing == 0  # flags of another variable
 

@@ -10,20 +10,30 @@ from geo.grids.layout import Curved
 
 
 def bent(ny: int = 16, nx: int = 20) -> tuple[np.ndarray, np.ndarray]:
-    """A grid on the sphere whose rows and columns are bent, with cells of some 10 km near 69 N; (lon, lat) [deg]."""
+    """A grid on the sphere whose rows and columns are bent, with cells of some 10 km near 69 N;
+    (lon, lat) [deg].
+    """
     i, j = np.meshgrid(np.arange(nx), np.arange(ny))
-    return 14.0 + 0.25 * i + 0.09 * j + 0.004 * i * j, 68.5 + 0.08 * j - 0.03 * i + 0.0007 * i * i + 0.0011 * j * j
+    return (
+        14.0 + 0.25 * i + 0.09 * j + 0.004 * i * j,
+        68.5 + 0.08 * j - 0.03 * i + 0.0007 * i * i + 0.0011 * j * j,
+    )
 
 
 def test_coordinates_go_on_as_straight_lines_and_parallelograms_would() -> None:
-    """Within what the grid bends in a cell: second differences, below 3 % of a cell here; neighbours alone are off by half of one."""
+    """Within what the grid bends in a cell: second differences, below 3 % of a cell here;
+    neighbours alone are off by half of one.
+    """
     lon, lat = bent()
     gone = np.zeros(lon.shape, bool)
     gone[9:12, 5:9] = gone[0, 15:] = True
-    curved = Curved(np.where(gone, np.nan, lon), np.where(gone, np.nan, lat), np.arange(20), np.arange(16))
+    curved = Curved(
+        np.where(gone, np.nan, lon), np.where(gone, np.nan, lat), np.arange(20), np.arange(16)
+    )
     told = absent.extended(curved)
     found = gone & np.isfinite(told.lon)
-    assert found.sum() == gone.sum() - 2  # all but the two in the middle of the block, which stand beside none
+    # all but the two in the middle of the block, which stand beside none
+    assert found.sum() == gone.sum() - 2
     there = sphere.distance(*np.radians([told.lon[found], told.lat[found], lon[found], lat[found]]))
     place = np.stack(
         [
@@ -42,7 +52,8 @@ def test_coordinates_go_on_as_straight_lines_and_parallelograms_would() -> None:
 
 def test_a_block_at_one_place_is_no_place_but_a_single_point_there_is() -> None:
     i, j = np.meshgrid(np.arange(20), np.arange(16))
-    lon, lat = -1.5 + 0.25 * i + 0.0 * j, -2.0 + 0.25 * j + 0.0 * i  # its point (8, 6) is at 0 N 0 E
+    # its point (8, 6) is at 0 N 0 E
+    lon, lat = -1.5 + 0.25 * i + 0.0 * j, -2.0 + 0.25 * j + 0.0 * i
     assert lon[8, 6] == lat[8, 6] == 0
     filled = np.zeros(lon.shape, bool)
     filled[1:4, 10:15] = True

@@ -1,4 +1,6 @@
-"""What fills missing values, and small questions to grids, against plain search and closed forms on the sphere."""
+"""What fills missing values, and small questions to grids, against plain search and closed forms on
+the sphere.
+"""
 
 import numpy as np
 import pytest
@@ -10,7 +12,9 @@ from geo.grids.grid import Grid, sample, share_covered
 
 
 def test_the_nearest_wet_node_fills_up_to_a_distance_in_metres() -> None:
-    """Across the edge of a band of latitude at 65 N, where a degree of longitude is less than half of one of latitude."""
+    """Across the edge of a band of latitude at 65 N, where a degree of longitude is less than half
+    of one of latitude.
+    """
     grid = Grid(5.0, 64.3, 0.09, 0.05, 60, 30)
     rng = np.random.default_rng(8)
     wet = rng.random((grid.nlat, grid.nlon)) < 0.02
@@ -23,7 +27,8 @@ def test_the_nearest_wet_node_fills_up_to_a_distance_in_metres() -> None:
     lon, lat = np.radians(np.meshgrid(grid.lon, grid.lat))
     away = sphere.distance(lon[..., None], lat[..., None], lon[wet], lat[wet])  # (nlat, nlon, wet)
     nearest = away.min(axis=-1)
-    # A degree of longitude counts as in the middle of its band of 5 degrees: 4.7 % at 65 N, and as much on the way back.
+    # A degree of longitude counts as in the middle of its band of 5 degrees: 4.7 % at 65 N, and as
+    # much on the way back.
     off = np.cos(np.radians(65.0)) / np.cos(np.radians(67.5))
     assert np.isfinite(filled[nearest < reach / off]).all()
     assert np.isnan(filled[nearest > reach * off]).all()
@@ -38,14 +43,20 @@ def test_the_nearest_wet_node_fills_up_to_a_distance_in_metres() -> None:
 def test_a_point_a_hair_west_of_the_first_column_is_on_it() -> None:
     grid = Grid(-179.7, -12.0, 0.7, 0.4, 9, 8)
     values = np.random.default_rng(2).normal(size=(8, 9)).astype(np.float32)
-    np.testing.assert_allclose(sample(grid, values, np.full(8, -179.7 - 1e-10), grid.lat), values[:, 0], rtol=1e-6)
+    np.testing.assert_allclose(
+        sample(grid, values, np.full(8, -179.7 - 1e-10), grid.lat), values[:, 0], rtol=1e-6
+    )
     assert np.isnan(sample(grid, values, -179.71, -11.0)).all()
 
 
 @pytest.mark.parametrize("south", [31.0, 62.0])
 def test_the_share_of_a_box_is_that_of_its_area_on_the_sphere(south: float) -> None:
-    """Zones are as large as the differences of their latitudes' sines; 5 of the box's 9 degrees of longitude are covered."""
+    """Zones are as large as the differences of their latitudes' sines; 5 of the box's 9 degrees of
+    longitude are covered.
+    """
     grid = Grid(-183.0, south, 0.5, 0.25, 11, 41)  # to 178 W and 10 degrees north
     box = Box(177.0, south - 13.0, 186.0, south + 7.0)
     low, middle, high = np.sin(np.radians([south - 13.0, south, south + 7.0]))
-    assert share_covered(grid, box) == pytest.approx((high - middle) / (high - low) * 5 / 9, rel=1e-9)
+    assert share_covered(grid, box) == pytest.approx(
+        (high - middle) / (high - low) * 5 / 9, rel=1e-9
+    )

@@ -13,7 +13,9 @@ RNG = np.random.default_rng(11)
 
 
 def span(axis: np.ndarray, low: float, high: float) -> tuple[int, int]:
-    """Return the first and the last node that are kept: two before a span and two after it, as far as there are any."""
+    """Return the first and the last node that are kept: two before a span and two after it, as far
+    as there are any.
+    """
     before, after = np.flatnonzero(axis <= low), np.flatnonzero(axis >= high)
     first = before[-2] if before.size > 1 else 0
     last = after[1] if after.size > 1 else axis.size - 1
@@ -29,7 +31,9 @@ def test_axes(lon0: float, seed: int) -> None:
     lat = 31.2 + np.cumsum(random.uniform(0.2, 0.6, 25))
     west, south = lon0 + random.uniform(-0.3, 12), lat[0] + random.uniform(-0.2, 6)
     turn = 360.0 * (west > 180)
-    box = Box(west - turn, south, west - turn + random.uniform(0.3, 5), south + random.uniform(0.3, 3))
+    box = Box(
+        west - turn, south, west - turn + random.uniform(0.3, 5), south + random.uniform(0.3, 3)
+    )
     rows, columns = 300 - np.arange(25), 7 + 2 * np.arange(40)  # as they are in the file
     made = layout.crop(Axes(lon, lat, columns, rows, round=False), box)
     assert isinstance(made, Axes)
@@ -47,10 +51,19 @@ def test_axes(lon0: float, seed: int) -> None:
 def test_axes_round_the_earth(west: float, wide: float) -> None:
     """Columns go on where the axis ends, as many as there are: two before the box and two after it."""
     step, many, first = 2.5, 144, 1.25
-    axes = Axes(first + step * np.arange(many), np.arange(-60, 61, 3.0), np.arange(many) + 5, np.arange(41), round=True)
+    axes = Axes(
+        first + step * np.arange(many),
+        np.arange(-60, 61, 3.0),
+        np.arange(many) + 5,
+        np.arange(41),
+        round=True,
+    )
     made = layout.crop(axes, Box(west, -7.7, west + wide, 20.2))
     assert isinstance(made, Axes)
-    low, high = int(np.floor((west - first) / step)) - 1, int(np.ceil((west + wide - first) / step)) + 1
+    low, high = (
+        int(np.floor((west - first) / step)) - 1,
+        int(np.ceil((west + wide - first) / step)) + 1,
+    )
     if high - low + 1 >= many:
         assert made.round
         np.testing.assert_array_equal(made.lon, axes.lon)
@@ -62,13 +75,21 @@ def test_axes_round_the_earth(west: float, wide: float) -> None:
 
 
 def test_a_box_off_the_axes() -> None:
-    axes = Axes(np.arange(3.0, 9.0, 0.5), np.arange(50.0, 54.0, 0.5), np.arange(12), np.arange(8), round=False)
+    axes = Axes(
+        np.arange(3.0, 9.0, 0.5),
+        np.arange(50.0, 54.0, 0.5),
+        np.arange(12),
+        np.arange(8),
+        round=False,
+    )
     for west, south in ((11.2, 51.3), (-1.4, 51.3), (4.1, 55.3), (4.1, 47.2)):
         assert layout.crop(axes, Box(west, south, west + 0.7, south + 0.9)) is None
 
 
 def grown(box: Box, metres: float) -> tuple[float, float, float, float]:
-    """Return west, south, east, north [deg] of a box with so much more on every side, at its latitude farthest from the equator."""
+    """Return west, south, east, north [deg] of a box with so much more on every side, at its
+    latitude farthest from the equator.
+    """
     degrees = np.degrees(metres / 6_371_000)
     wide = degrees / np.cos(np.radians(max(abs(box.south), abs(box.north)) + degrees))
     return box.west - wide, box.south - degrees, box.east + wide, box.north + degrees
@@ -102,7 +123,9 @@ def test_plane(east: float, north: float) -> None:
 
 
 def swirled(lon0: float, lat0: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a curved grid (60, 110) [deg] turned by 0.6 rad about its middle, with cells of about 0.05 degrees."""
+    """Return a curved grid (60, 110) [deg] turned by 0.6 rad about its middle, with cells of about
+    0.05 degrees.
+    """
     j, i = np.mgrid[-30:30, -55:55] + 0.5
     x, y = 0.052 * i + 4e-5 * j**2, 0.047 * j + 3e-5 * i**2
     lon = lon0 + (np.cos(0.6) * x - np.sin(0.6) * y) / np.cos(np.radians(lat0))
@@ -111,10 +134,13 @@ def swirled(lon0: float, lat0: float) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("lon0", [21.7, 179.8])
 @pytest.mark.parametrize(
-    ("east", "north"), [(0.1, 0.05), (2.2, -0.3), (-1.9, 0.4), (1.6, 1.4), (-4.2, -1.55), (4.3, 1.6)]
+    ("east", "north"),
+    [(0.1, 0.05), (2.2, -0.3), (-1.9, 0.4), (1.6, 1.4), (-4.2, -1.55), (4.3, 1.6)],
 )
 def test_curved(lon0: float, east: float, north: float) -> None:
-    """By shapely: the cells whose extents meet the box and three cells around it, and one more row and column on each side."""
+    """By shapely: the cells whose extents meet the box and three cells around it, and one more row
+    and column on each side.
+    """
     lon, lat = swirled(lon0, 57.3)
     columns, rows = 400 - np.arange(110), 3 + np.arange(60)
     curved = Curved(lon, lat, columns, rows, angle=lon + 2 * lat)
@@ -135,7 +161,10 @@ def test_curved(lon0: float, east: float, north: float) -> None:
     j, i = np.nonzero(
         shapely.intersects(shapely.envelope(shapely.polygons(corners)), wide)
     )  # first row and column of each
-    low, high = (max(v.min() - 1, 0) for v in (j, i)), (min(v.max() + 2, n - 1) for v, n in ((j, 60), (i, 110)))
+    low, high = (
+        (max(v.min() - 1, 0) for v in (j, i)),
+        (min(v.max() + 2, n - 1) for v, n in ((j, 60), (i, 110))),
+    )
     (bottom, left), (top, right) = low, high
     assert right - left < 109
     np.testing.assert_array_equal(made.rows, rows[bottom : top + 1])
@@ -146,12 +175,16 @@ def test_curved(lon0: float, east: float, north: float) -> None:
 
 @pytest.mark.parametrize("at_centres", [False, True], ids=["at nodes", "at centres"])
 def test_triangles(at_centres: bool) -> None:
-    """By shapely: those whose extents meet the box and three sides around it; their nodes are where they were."""
+    """By shapely: those whose extents meet the box and three sides around it; their nodes are where
+    they were.
+    """
     j, i = np.mgrid[0:24, 0:31]
     lon, lat = (-30.7 + 0.06 * i + RNG.uniform(-0.01, 0.01, i.shape)).ravel(), (38.4 + 0.05 * j + RNG.uniform(-0.01, 0.01, j.shape)).ravel()  # fmt: skip
     k = np.arange(24 * 31).reshape(24, 31)
     a, b, c, d = k[:-1, :-1].ravel(), k[:-1, 1:].ravel(), k[1:, 1:].ravel(), k[1:, :-1].ravel()
-    cells = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])[np.argsort(np.tile(a, 2), kind="stable")]
+    cells = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])[
+        np.argsort(np.tile(a, 2), kind="stable")
+    ]
     middle = (lon[cells].mean(1), lat[cells].mean(1)) if at_centres else (None, None)
     mesh = Triangles(lon, lat, cells, 7, *middle)
     box = Box(-29.97, 38.83, -29.52, 39.11)
@@ -166,7 +199,9 @@ def test_triangles(at_centres: bool) -> None:
     wide = degrees / np.cos(np.radians(box.north))
     around = shapely.box(box.west - wide, box.south - degrees, box.east + wide, box.north + degrees)
     node = np.stack([lon, lat], axis=-1)
-    met = np.flatnonzero(shapely.intersects(shapely.envelope(shapely.polygons(node[cells])), around))
+    met = np.flatnonzero(
+        shapely.intersects(shapely.envelope(shapely.polygons(node[cells])), around)
+    )
     places = np.stack([made.lon, made.lat], axis=-1)[made.cells]
     if at_centres:
         np.testing.assert_array_equal(places, node[cells[met[0] : met[-1] + 1]])
@@ -181,7 +216,13 @@ def test_triangles(at_centres: bool) -> None:
 
 def test_a_box_beside_the_axes_has_their_last_two_columns() -> None:
     """As far as two cells off."""
-    axes = Axes(np.arange(3.0, 9.0, 0.5), np.arange(50.0, 54.0, 0.5), np.arange(12), np.arange(8), round=False)
+    axes = Axes(
+        np.arange(3.0, 9.0, 0.5),
+        np.arange(50.0, 54.0, 0.5),
+        np.arange(12),
+        np.arange(8),
+        round=False,
+    )
     for west, expected in ((1.7, [0, 1]), (9.27, [10, 11])):
         made = layout.crop(axes, Box(west, 51.2, west + 0.53, 51.9))
         assert isinstance(made, Axes)
@@ -190,9 +231,11 @@ def test_a_box_beside_the_axes_has_their_last_two_columns() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_extents_hold_edges_that_are_great_circles(seed: int) -> None:
-    """Of quadrilaterals on both halves of the Earth and about both poles, by points all along their edges.
+    """Of quadrilaterals on both halves of the Earth and about both poles, by points all along their
+    edges.
 
-    Along parallels the farther edge bulges as it is told to the last; there and for a pole it is no more than that.
+    Along parallels the farther edge bulges as it is told to the last; there and for a pole it is no
+    more than that.
     """
     random = np.random.default_rng(seed)
     middle = random.uniform([-180, -89.5], [180, 89.5], (400, 2))
@@ -200,7 +243,9 @@ def test_extents_hold_edges_that_are_great_circles(seed: int) -> None:
     size = random.uniform(0.5, 9, (400, 4))
     geod = pyproj.Geod(a=6_371_000, b=6_371_000)
     lon, lat, _ = geod.fwd(
-        *(np.repeat(v, 4) for v in middle.T), np.degrees(angle).ravel(), np.radians(size).ravel() * 6_371_000
+        *(np.repeat(v, 4) for v in middle.T),
+        np.degrees(angle).ravel(),
+        np.radians(size).ravel() * 6_371_000,
     )
     lon, lat = np.reshape(lon, (400, 4)), np.reshape(lat, (400, 4))
     wide = random.uniform(1, 80, 100)  # along parallels, in turn from the south-west
@@ -229,7 +274,9 @@ def test_extents_hold_edges_that_are_great_circles(seed: int) -> None:
 
 
 def test_of_columns_that_are_needed_here_and_there_the_widest_gaps_are_left_out() -> None:
-    """Of a grid of 300 columns round the Earth: gaps of 61, 54, 41, 27, 18 and 9 between what is needed, and one column on each side."""
+    """Of a grid of 300 columns round the Earth: gaps of 61, 54, 41, 27, 18 and 9 between what is
+    needed, and one column on each side.
+    """
     needed = np.zeros(300, bool)
     gaps, place = [61, 27, 9, 54, 18, 41], 20
     for gap in gaps:
@@ -240,7 +287,12 @@ def test_of_columns_that_are_needed_here_and_there_the_widest_gaps_are_left_out(
     taken = layout._pieces(needed, around=True)
     left_out = set(range(300)) - set(taken.tolist())
     begin = np.cumsum([20] + [15 + gap for gap in gaps])[:-1] + 15
-    expected = {(b + k) % 300 for b, gap in zip(begin, gaps, strict=True) if gap > 30 for k in range(1, gap - 1)}
+    expected = {
+        (b + k) % 300
+        for b, gap in zip(begin, gaps, strict=True)
+        if gap > 30
+        for k in range(1, gap - 1)
+    }
     assert left_out == expected
     assert taken[0] == (begin[0] + 60) % 300  # after the widest
     assert (np.diff(taken) % 300 >= 1).all()
@@ -254,7 +306,9 @@ def test_of_a_grid_that_does_not_go_round_its_ends_are_no_neighbours() -> None:
     assert sorted(layout._pieces(needed, around=True).tolist()) == [0, 1, 2, 3, 99]
 
 
-@pytest.mark.parametrize(("share", "even"), [(0.0, True), (0.004, True), (0.009, True), (0.013, False), (0.3, False)])
+@pytest.mark.parametrize(
+    ("share", "even"), [(0.0, True), (0.004, True), (0.009, True), (0.013, False), (0.3, False)]
+)
 def test_an_axis_that_jitters_by_a_hundredth_of_a_cell_is_even(share: float, even: bool) -> None:
     axis = -31.7 + 0.17 * np.arange(40)
     for k in (7, 31):

@@ -1,4 +1,7 @@
-"""Unstructured files as models write them: UGRID meshes by what they say, and FVCOM's own attributes."""
+"""Unstructured files as models write them:
+
+UGRID meshes by what they say, and FVCOM's own attributes.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -20,7 +23,9 @@ NORTH = {"standard_name": "latitude", "units": "degrees_north"}
 
 
 def check(source: Source, places: str, factor: float = 1.0) -> None:
-    """The field of the writers, within what its triangles cost: twice that from centres (see test_regrid)."""
+    """The field of the writers, within what its triangles cost: twice that from centres (see
+    test_regrid).
+    """
     rng = np.random.default_rng(3)
     lon, lat = rng.uniform(*writers.LON, 2000), rng.uniform(*writers.LAT, 2000)
     got = sample(source.grid, source.read(0), lon, lat)
@@ -32,14 +37,22 @@ def ugrid(
     path: Path, place: str, *, names: str = "mesh_{}_lon mesh_{}_lat", coordinates: str = "node face", transposed: bool = False,
     start: int = 1, fill: int = -999, declared: bool = True, says: bool = True, attributes: bool = True,
 ) -> Path:  # fmt: skip
-    """A mesh of triangles in rows of four, with edges and a second, coarser mesh in the same file; u, v at one place."""
+    """A mesh of triangles in rows of four, with edges and a second, coarser mesh in the same file;
+    u, v at one place.
+    """
     lon, lat, cells = writers.mesh()
     edges = np.unique(np.sort(np.concatenate((cells[:, :2], cells[:, 1:])), axis=1), axis=0)
-    at = {"node": (lon, lat)} | {k: (lon[n].mean(1), lat[n].mean(1)) for k, n in (("face", cells), ("edge", edges))}
+    at = {"node": (lon, lat)} | {
+        k: (lon[n].mean(1), lat[n].mean(1)) for k, n in (("face", cells), ("edge", edges))
+    }
     table = np.concatenate((cells + start, np.full((len(cells), 1), fill)), axis=1).astype(np.int32)
     dims = ("corner", "cell") if transposed else ("cell", "corner")
     dim = {"node": "point", "face": "cell", "edge": "side"}
-    topology = {"cf_role": "mesh_topology", "topology_dimension": 2, "face_node_connectivity": "table"}
+    topology = {
+        "cf_role": "mesh_topology",
+        "topology_dimension": 2,
+        "face_node_connectivity": "table",
+    }
     topology |= {"edge_node_connectivity": "sides", "face_dimension": "cell"}
     topology |= {f"{k}_coordinates": names.format(k, k) for k in coordinates.split()}
     u, v = writers.slices(*at[place])
@@ -48,7 +61,11 @@ def ugrid(
         "other": (
             (),
             0,
-            {"cf_role": "mesh_topology", "node_coordinates": "olon olat", "face_node_connectivity": "otable"},
+            {
+                "cf_role": "mesh_topology",
+                "node_coordinates": "olon olat",
+                "face_node_connectivity": "otable",
+            },
         ),
         "olon": ("opoint", [0.0, 1.0, 0.0, 1.0], EAST),
         "olat": ("opoint", [0.0, 0.0, 1.0, 1.5], NORTH),
@@ -56,11 +73,21 @@ def ugrid(
         "mesh": ((), 0, topology),
         "table": (dims, table.T if transposed else table, {"start_index": start}),
         "sides": (("side", "two_ends"), edges + start),
-        "u": (("time", dim[place]), u, {"units": "m/s", "standard_name": "eastward_sea_water_velocity"} | more),
-        "v": (("time", dim[place]), v, {"units": "m/s", "standard_name": "northward_sea_water_velocity"} | more),
+        "u": (
+            ("time", dim[place]),
+            u,
+            {"units": "m/s", "standard_name": "eastward_sea_water_velocity"} | more,
+        ),
+        "v": (
+            ("time", dim[place]),
+            v,
+            {"units": "m/s", "standard_name": "northward_sea_water_velocity"} | more,
+        ),
     }
     for k in coordinates.split():
-        for name, values, said in zip(names.format(k, k).split(), at[k], (EAST, NORTH), strict=True):
+        for name, values, said in zip(
+            names.format(k, k).split(), at[k], (EAST, NORTH), strict=True
+        ):
             data[name] = (dim[k], values, said if attributes else {})
     encoding = {"table": {"_FillValue": fill if declared else None}}
     xr.Dataset(data, {"time": writers.TIMES}).to_netcdf(path, encoding=encoding)
@@ -74,7 +101,11 @@ KINDS: dict[str, dict[str, Any]] = {
     "latitude first": {"names": "a{} b{}"},
     "neither names nor attributes": {"names": "a{} b{}", "attributes": False},
     "transposed": {"transposed": True},
-    "start_index 0, a fill value that nothing declares": {"start": 0, "fill": 2_000_000_000, "declared": False},
+    "start_index 0, a fill value that nothing declares": {
+        "start": 0,
+        "fill": 2_000_000_000,
+        "declared": False,
+    },
     "start_index 1, 0 for none": {"fill": 0, "declared": False},
     "no mesh at the variable": {"says": False},
     "nodes alone": {"coordinates": "node"},
@@ -82,7 +113,8 @@ KINDS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize(
-    ("kind", "place"), [(kind, "face") for kind in KINDS] + [(kind, "node") for kind in ("transposed", "nodes alone")]
+    ("kind", "place"),
+    [(kind, "face") for kind in KINDS] + [(kind, "node") for kind in ("transposed", "nodes alone")],
 )
 def test_ugrid(kind: str, place: str, tmp_path: Path) -> None:
     path = ugrid(tmp_path / "a.nc", place, **KINDS[kind])
@@ -99,7 +131,9 @@ def test_ugrid(kind: str, place: str, tmp_path: Path) -> None:
 def test_edges_are_refused(tmp_path: Path) -> None:
     for says in (True, False):
         path = ugrid(tmp_path / f"{says}.nc", "edge", says=says, coordinates="node face edge")
-        with pytest.raises(UserError, match=r'"u" stands on the edges of its mesh \(side\).*variables = \{ east'):
+        with pytest.raises(
+            UserError, match=r'"u" stands on the edges of its mesh \(side\).*variables = \{ east'
+        ):
             sources.open_source("current", path)
 
 
@@ -108,7 +142,10 @@ def test_a_mesh_in_another_file(tmp_path: Path) -> None:
     fields = ["u", "v", "time"]
     data[fields].to_netcdf(tmp_path / "his.nc")
     data.drop_vars([*fields, "sides"]).to_netcdf(tmp_path / "grid.nc")
-    check(sources.open_source("current", [tmp_path / "his.nc", tmp_path / "grid.nc"], box=AREA), "face")
+    check(
+        sources.open_source("current", [tmp_path / "his.nc", tmp_path / "grid.nc"], box=AREA),
+        "face",
+    )
 
 
 def test_the_key_that_a_refusal_names_works(tmp_path: Path) -> None:
@@ -119,12 +156,16 @@ def test_the_key_that_a_refusal_names_works(tmp_path: Path) -> None:
     data.to_netcdf(tmp_path / "b.nc")
     with pytest.raises(UserError, match=r"variables = \{ lon = \.\.\., lat = \.\.\. \}"):
         sources.open_source("current", tmp_path / "b.nc")
-    source = sources.open_source("current", tmp_path / "b.nc", variables={"lon": "aface", "lat": "bface"}, box=AREA)
+    source = sources.open_source(
+        "current", tmp_path / "b.nc", variables={"lon": "aface", "lat": "bface"}, box=AREA
+    )
     check(source, "face")
 
 
 def fvcom(path: Path, **more: Any) -> Path:
-    """An FVCOM history file's variables and attributes: winds whose standard name holds a space, exact times apart."""
+    """An FVCOM history file's variables and attributes: winds whose standard name holds a space,
+    exact times apart.
+    """
     lon, lat, cells = writers.mesh()
     lonc, latc = lon[cells].mean(1), lat[cells].mean(1)
     u, v = writers.slices(lonc, latc)
@@ -188,7 +229,9 @@ def test_errors_of_a_wind_are_no_wind(tmp_path: Path) -> None:
 
 
 def test_points_without_a_place_are_left_out_of_a_triangulation(tmp_path: Path) -> None:
-    """No connectivity, and coordinates of which some are missing: the rest is joined; too few are refused in a line."""
+    """No connectivity, and coordinates of which some are missing: the rest is joined; too few are
+    refused in a line.
+    """
     rng = np.random.default_rng(5)
     lon, lat = rng.uniform(3.0, 6.0, 300), rng.uniform(59.0, 61.0, 300)
     u, v = 0.2 + 0.1 * (lon - 4.0) + 0.03 * (lat - 60.0), 0.1 - 0.05 * (lon - 4.0)
@@ -208,23 +251,33 @@ def test_points_without_a_place_are_left_out_of_a_triangulation(tmp_path: Path) 
     x, y = np.meshgrid(source.grid.lon, source.grid.lat)
     inside = np.isfinite(values[..., 0]) & (abs(x - 4.5) < 0.8) & (abs(y - 60.0) < 0.5)
     assert inside.sum() > 100
-    # Linear in longitude, interpolated in tangent planes: edges of half a degree at 60 N bow by h^2 tan(lat) / 8 = 1e-3
-    # degrees, times the slope of 0.1 a degree.
-    np.testing.assert_allclose(values[inside][:, 0], (0.2 + 0.1 * (x - 4.0) + 0.03 * (y - 60.0))[inside], atol=1e-4)
-    with pytest.raises(UserError, match="2 points with a longitude and a latitude span no triangle"):
+    # Linear in longitude, interpolated in tangent planes: edges of half a degree at 60 N bow by h^2
+    # tan(lat) / 8 = 1e-3 degrees, times the slope of 0.1 a degree.
+    np.testing.assert_allclose(
+        values[inside][:, 0], (0.2 + 0.1 * (x - 4.0) + 0.03 * (y - 60.0))[inside], atol=1e-4
+    )
+    with pytest.raises(
+        UserError, match="2 points with a longitude and a latitude span no triangle"
+    ):
         sources.open_source("current", saved(3), steady=True)
 
 
 def linear(lon: Any, lat: Any) -> tuple[Any, Any]:
     """A current [m/s] that is linear in degrees, longitudes taken from 180."""
     x = np.asarray(lon) % 360.0 - 180.0
-    return 0.3 + 0.2 * x - 0.1 * (np.asarray(lat) - 40.0), -0.1 + 0.15 * x + 0.25 * (np.asarray(lat) - 40.0)
+    return 0.3 + 0.2 * x - 0.1 * (np.asarray(lat) - 40.0), -0.1 + 0.15 * x + 0.25 * (
+        np.asarray(lat) - 40.0
+    )
 
 
 def polygons(path: Path, *, centred: bool, corners: int, start_index: bool = True) -> Path:
-    """Cells of four or six corners over the antimeridian at 40 N, with values at nodes or at centres that the file does not give."""
+    """Cells of four or six corners over the antimeridian at 40 N, with values at nodes or at
+    centres that the file does not give.
+    """
     columns, rows = 25, 17
-    x, y = np.meshgrid(180.0 + 0.08 * (np.arange(columns) - 12), 40.0 + 0.07 * (np.arange(rows) - 8))
+    x, y = np.meshgrid(
+        180.0 + 0.08 * (np.arange(columns) - 12), 40.0 + 0.07 * (np.arange(rows) - 8)
+    )
     y = y + 0.004 * np.sin(7 * x)  # cells lie askew
     number = np.arange(x.size).reshape(x.shape)
     wide = corners // 2 - 1  # a cell takes so many steps along its row
@@ -254,27 +307,37 @@ def polygons(path: Path, *, centred: bool, corners: int, start_index: bool = Tru
 
 @pytest.mark.parametrize("corners", [4, 6])
 @pytest.mark.parametrize("centred", [False, True])
-def test_polygons_over_the_antimeridian_are_covered_whole(corners: int, centred: bool, tmp_path: Path) -> None:
-    """A linear field comes back everywhere inside; polygons cut into the wrong triangles leave holes, or overlap."""
+def test_polygons_over_the_antimeridian_are_covered_whole(
+    corners: int, centred: bool, tmp_path: Path
+) -> None:
+    """A linear field comes back everywhere inside; polygons cut into the wrong triangles leave
+    holes, or overlap.
+    """
     path = polygons(tmp_path / "a.nc", centred=centred, corners=corners, start_index=corners == 4)
     source = sources.open_source("current", path, steady=True)
     rng = np.random.default_rng(2)
     lon, lat = 180.0 + rng.uniform(-0.6, 0.6, 3000), 40.0 + rng.uniform(-0.35, 0.35, 3000)
     got = sample(source.grid, source.read(0), lon, lat)
     assert np.isfinite(got).all()
-    # Edges of 0.16 degrees at 40 N bow by h^2 tan(lat) / 8 = 5e-5 degrees; centres of a row of nodes lie 1e-5 off their mean.
+    # Edges of 0.16 degrees at 40 N bow by h^2 tan(lat) / 8 = 5e-5 degrees; centres of a row of
+    # nodes lie 1e-5 off their mean.
     assert np.abs(got - np.stack(linear(lon, lat), -1)).max() < (5e-4 if not centred else 3e-3)
 
 
 def test_points_round_a_bay_are_not_joined_across_it(tmp_path: Path) -> None:
-    """Without connectivity the triangulation of a horseshoe of points has long edges over the land inside: nothing is there."""
+    """Without connectivity the triangulation of a horseshoe of points has long edges over the land
+    inside: nothing is there.
+    """
     rng = np.random.default_rng(4)
     lon, lat = 0.05 * np.arange(60)[:, None] + 3.0, 0.04 * np.arange(50)[None] + 58.0
     lon, lat = (np.broadcast_to(v, (60, 50)).ravel() for v in (lon, lat))
     land = (np.abs(lon - 4.5) < 0.7) & (lat > 58.5)
     lon, lat = (v[~land] + 0.006 * rng.standard_normal((~land).sum()) for v in (lon, lat))
     xr.Dataset(
-        {"u": ("node", 0.2 + 0.1 * (lon - 4.0), writers.EAST), "v": ("node", 0.1 + 0.05 * (lat - 59.0), writers.NORTH)},
+        {
+            "u": ("node", 0.2 + 0.1 * (lon - 4.0), writers.EAST),
+            "v": ("node", 0.1 + 0.05 * (lat - 59.0), writers.NORTH),
+        },
         {"lon": ("node", lon), "lat": ("node", lat)},
     ).to_netcdf(tmp_path / "a.nc")
     source = sources.open_source("current", tmp_path / "a.nc", steady=True)

@@ -1,4 +1,6 @@
-"""Meshes and curved grids whose coordinates are metres in a plane: by the projection that a file or the case names."""
+"""Meshes and curved grids whose coordinates are metres in a plane: by the projection that a file or
+the case names.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,8 @@ from geo.forcing import sources
 
 UTM = "EPSG:32625"
 HOURS = np.array([0.0, 6.0, 12.0])
-NEAR = 3e-4  # [m/s] edges of triangles are great circles, and its cells' centres are carried to its nodes
+# [m/s] edges of triangles are great circles, and its cells' centres are carried to its nodes
+NEAR = 3e-4
 X = {"standard_name": "projection_x_coordinate", "units": "m"}
 Y = {"standard_name": "projection_y_coordinate", "units": "m"}
 
@@ -27,7 +30,9 @@ def along(crs: str, lon: Any, lat: Any, u: Any, v: Any) -> tuple[Any, Any]:
 
 
 def mesh(place: str = "face", axes: str = "grid", scale: float = 1.0, crs: str = UTM) -> xr.Dataset:
-    """Return Delft3D FM's layout; axes: along which its components count; scale: of its coordinates, 0.001 for km."""
+    """Return Delft3D FM's layout; axes: along which its components count; scale: of its
+    coordinates, 0.001 for km.
+    """
     rng = np.random.default_rng(8)
     lon, lat = (v.ravel() for v in np.meshgrid(np.linspace(-34, -26, 33), np.linspace(37, 43, 29)))
     lon, lat = lon + rng.uniform(-0.05, 0.05, lon.size), lat + rng.uniform(-0.05, 0.05, lon.size)
@@ -45,7 +50,9 @@ def mesh(place: str = "face", axes: str = "grid", scale: float = 1.0, crs: str =
         "face_coordinates": "mesh2d_face_x mesh2d_face_y", "face_node_connectivity": "mesh2d_face_nodes",
     }  # fmt: skip
     places = {
-        f"mesh2d_{k}_{n}": (k, scale * v[j], (X, Y)[j] | units) for k, v in at.items() for j, n in enumerate("xy")
+        f"mesh2d_{k}_{n}": (k, scale * v[j], (X, Y)[j] | units)
+        for k, v in at.items()
+        for j, n in enumerate("xy")
     }
     return xr.Dataset(
         {
@@ -61,14 +68,22 @@ def mesh(place: str = "face", axes: str = "grid", scale: float = 1.0, crs: str =
 
 def test_a_mesh_without_a_projection_is_refused_with_keys_that_work(tmp_path: Path) -> None:
     path = linear.written(tmp_path / "a.nc", mesh())
-    with pytest.raises(UserError, match=r'lengths in a plane.*variables = \{ crs = "EPSG:32631", axes = "grid" \}'):
+    with pytest.raises(
+        UserError, match=r'lengths in a plane.*variables = \{ crs = "EPSG:32631", axes = "grid" \}'
+    ):
         sources.open_source("current", path)
-    assert linear.worst(sources.open_source("current", path, variables={"crs": UTM, "axes": "grid"})) < NEAR
+    assert (
+        linear.worst(sources.open_source("current", path, variables={"crs": UTM, "axes": "grid"}))
+        < NEAR
+    )
     source = sources.open_source("current", path, variables={"crs": UTM})
     assert linear.worst(source) < NEAR
     assert any("rotated from the projection's axes" in note for note in source.notes)
     true = linear.written(tmp_path / "b.nc", mesh(axes="true"))
-    assert linear.worst(sources.open_source("current", true, variables={"crs": UTM, "axes": "true"})) < NEAR
+    assert (
+        linear.worst(sources.open_source("current", true, variables={"crs": UTM, "axes": "true"}))
+        < NEAR
+    )
     with pytest.raises(UserError, match="is no projection"):
         sources.open_source("current", path, variables={"crs": "EPSG:4326"})
 
@@ -82,7 +97,11 @@ def test_nodes_and_kilometres(place: str, scale: float, tmp_path: Path) -> None:
 SPELT: dict[str, dict[str, Any]] = {
     "epsg": {"epsg": 32625},
     "float": {"epsg": 32625.0},
-    "EPSG_code": {"grid_mapping_name": "Unknown projected", "EPSG_code": "EPSG:32625", "proj4_params": ""},
+    "EPSG_code": {
+        "grid_mapping_name": "Unknown projected",
+        "EPSG_code": "EPSG:32625",
+        "proj4_params": "",
+    },
     "urn": {"epsg_code": "urn:ogc:def:crs:EPSG::32625"},
     "wkt": {"crs_wkt": pyproj.CRS(UTM).to_wkt()},
     "proj": {"proj4_params": "+proj=utm +zone=25 +datum=WGS84 +units=m"},
@@ -90,17 +109,23 @@ SPELT: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize(("key", "named"), [*((key, True) for key in SPELT), ("EPSG_code", False), ("wkt", False)])
+@pytest.mark.parametrize(
+    ("key", "named"), [*((key, True) for key in SPELT), ("EPSG_code", False), ("wkt", False)]
+)
 def test_projections_as_files_spell_them(key: str, named: bool, tmp_path: Path) -> None:
     data = mesh().assign(projected_coordinate_system=((), 0, SPELT[key]))
     data["wgs84"] = ((), 0, pyproj.CRS("EPSG:4326").to_cf() | {"epsg": 4326})
     for name in ("mesh2d_ucx", "mesh2d_ucy") if named else ():
         data[name].attrs["grid_mapping"] = "projected_coordinate_system"
-    assert linear.worst(sources.open_source("current", linear.written(tmp_path / "a.nc", data))) < NEAR
+    assert (
+        linear.worst(sources.open_source("current", linear.written(tmp_path / "a.nc", data))) < NEAR
+    )
 
 
 def test_fvcom_with_cartesian_coordinates(tmp_path: Path) -> None:
-    """Longitudes and latitudes are zero everywhere; the global attributes name the projection, or none."""
+    """Longitudes and latitudes are zero everywhere; the global attributes name the projection, or
+    none.
+    """
     held = mesh("face")
     zero = np.zeros(held.sizes["node"])
     data = xr.Dataset(
@@ -118,10 +143,26 @@ def test_fvcom_with_cartesian_coordinates(tmp_path: Path) -> None:
             "nv": (("three", "nele"), held.mesh2d_face_nodes.values.T + 1),
             "lon": ("node", zero, {"units": "degrees_east"}),
             "lat": ("node", zero, {"units": "degrees_north"}),
-            "x": ("node", held.mesh2d_node_x.values, {"long_name": "nodal x-coordinate", "units": "meters"}),
-            "y": ("node", held.mesh2d_node_y.values, {"long_name": "nodal y-coordinate", "units": "meters"}),
-            "xc": ("nele", held.mesh2d_face_x.values, {"long_name": "zonal x-coordinate", "units": "meters"}),
-            "yc": ("nele", held.mesh2d_face_y.values, {"long_name": "zonal y-coordinate", "units": "meters"}),
+            "x": (
+                "node",
+                held.mesh2d_node_x.values,
+                {"long_name": "nodal x-coordinate", "units": "meters"},
+            ),
+            "y": (
+                "node",
+                held.mesh2d_node_y.values,
+                {"long_name": "nodal y-coordinate", "units": "meters"},
+            ),
+            "xc": (
+                "nele",
+                held.mesh2d_face_x.values,
+                {"long_name": "zonal x-coordinate", "units": "meters"},
+            ),
+            "yc": (
+                "nele",
+                held.mesh2d_face_y.values,
+                {"long_name": "zonal y-coordinate", "units": "meters"},
+            ),
             "time": held.time,
         },
         attrs={"CoordinateSystem": "Cartesian", "CoordinateProjection": "none"},
@@ -131,9 +172,13 @@ def test_fvcom_with_cartesian_coordinates(tmp_path: Path) -> None:
         sources.open_source("current", path)
     assert linear.worst(sources.open_source("current", path, variables={"crs": UTM})) < NEAR
     data.attrs["CoordinateProjection"] = "proj=utm +ellps=WGS84 +zone=25"
-    assert linear.worst(sources.open_source("current", linear.written(tmp_path / "b.nc", data))) < NEAR
+    assert (
+        linear.worst(sources.open_source("current", linear.written(tmp_path / "b.nc", data))) < NEAR
+    )
     bare = data.drop_vars(["lon", "lat"])
-    assert linear.worst(sources.open_source("current", linear.written(tmp_path / "c.nc", bare))) < NEAR
+    assert (
+        linear.worst(sources.open_source("current", linear.written(tmp_path / "c.nc", bare))) < NEAR
+    )
 
 
 def test_components_along_the_plane_beside_longitudes(tmp_path: Path) -> None:
@@ -144,7 +189,9 @@ def test_components_along_the_plane_beside_longitudes(tmp_path: Path) -> None:
     data["lat"] = ("node", lat, {"standard_name": "latitude", "units": "degrees_north"})
     data["mesh2d"].attrs["node_coordinates"] += " lon lat"
     data["crs"] = ((), 0, {"epsg": 32625})
-    assert linear.worst(sources.open_source("current", linear.written(tmp_path / "a.nc", data))) < NEAR
+    assert (
+        linear.worst(sources.open_source("current", linear.written(tmp_path / "a.nc", data))) < NEAR
+    )
 
 
 def test_curved_grids_in_a_plane(tmp_path: Path) -> None:
@@ -173,6 +220,10 @@ def test_joined_meshes_have_the_same_points(tmp_path: Path) -> None:
     later = mesh().assign_coords(time=("time", HOURS + 18, {"units": linear.UNITS}))
     moved = later.assign(mesh2d_face_x=later.mesh2d_face_x + 5000.0)
     with pytest.raises(UserError, match="another grid"):
-        sources.open_source("current", [first, linear.written(tmp_path / "b.nc", moved)], variables={"crs": UTM})
-    both = sources.open_source("current", [first, linear.written(tmp_path / "c.nc", later)], variables={"crs": UTM})
+        sources.open_source(
+            "current", [first, linear.written(tmp_path / "b.nc", moved)], variables={"crs": UTM}
+        )
+    both = sources.open_source(
+        "current", [first, linear.written(tmp_path / "c.nc", later)], variables={"crs": UTM}
+    )
     assert len(both.times) == 6

@@ -1,4 +1,6 @@
-"""The same field on every kind of grid reads back the same, within the error of bilinear interpolation."""
+"""The same field on every kind of grid reads back the same, within the error of bilinear
+interpolation.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -24,7 +26,9 @@ KINDS: dict[str, Callable[[Path], Any]] = {
     "packed cm/s": lambda p: writers.packed(p / "a.nc"),
     "projected": lambda p: writers.projected(p / "a.nc"),
     "ROMS, rho points and angle": lambda p: writers.roms(p / "a.nc"),
-    "ROMS, own points, angle in degrees": lambda p: writers.roms(p / "a.nc", own_points=True, angle="deg"),
+    "ROMS, own points, angle in degrees": lambda p: writers.roms(
+        p / "a.nc", own_points=True, angle="deg"
+    ),
     "ROMS, no angle": lambda p: writers.roms(p / "a.nc", own_points=True, angle=""),
     "NEMO, U and V files": writers.nemo,
     "curved, true components": lambda p: writers.curved_true(p / "a.nc"),
@@ -52,13 +56,15 @@ def worst(source: Source, i: int) -> float:
 
 
 @pytest.mark.parametrize(
-    "box", [pytest.param(None, id="whole", marks=pytest.mark.thorough), pytest.param(AREA, id="cropped")]
+    "box",
+    [pytest.param(None, id="whole", marks=pytest.mark.thorough), pytest.param(AREA, id="cropped")],
 )
 @pytest.mark.parametrize("kind", KINDS)
 def test_same_field_on_every_grid(kind: str, box: Box | None, tmp_path: Path) -> None:
     source = sources.open_source("current", KINDS[kind](tmp_path), box=box)
     assert (source.times == writers.TIMES.astype("datetime64[s]")).all()
-    # elements' centres carried to nodes first: means over 3 elements round a node, each 2/3 of a cell away
+    # elements' centres carried to nodes first: means over 3 elements round a node, each 2/3 of a
+    # cell away
     extra = 2.0 if kind in ("FVCOM", "D-Flow FM") else 1.0
     assert worst(source, 0) < writers.tolerance() * extra
     assert worst(source, 2) < writers.tolerance() * extra
@@ -73,14 +79,20 @@ def test_same_field_on_every_grid(kind: str, box: Box | None, tmp_path: Path) ->
 
 @pytest.mark.parametrize("angle", ["rad", "deg"])
 def test_a_files_own_angle_is_taken_in_radians_or_degrees(angle: str, tmp_path: Path) -> None:
-    """It has no units where it is in degrees; without a word on it directions would be computed from the points."""
-    source = sources.open_source("current", writers.roms(tmp_path / "a.nc", own_points=True, angle=angle))
+    """It has no units where it is in degrees; without a word on it directions would be computed
+    from the points.
+    """
+    source = sources.open_source(
+        "current", writers.roms(tmp_path / "a.nc", own_points=True, angle=angle)
+    )
     said = '"angle", in degrees, gives' if angle == "deg" else '"angle" gives'
     assert any(f"{said} the direction of the grid's x axis" in note for note in source.notes)
 
 
 def test_tolerance_can_fail() -> None:
-    """A rotation wrong by one degree would not pass: the tolerance is below what it does to 0.9 m/s."""
+    """A rotation wrong by one degree would not pass: the tolerance is below what it does to 0.9
+    m/s.
+    """
     assert writers.tolerance() < 0.9 * np.radians(1.0)
 
 
@@ -92,7 +104,9 @@ def test_cost_is_told(tmp_path: Path) -> None:
 
 
 def test_plane_axes_against_pyproj_convergence() -> None:
-    """The x axis lies at minus PROJ's meridian convergence from east, whose sign is checked by a step to the north."""
+    """The x axis lies at minus PROJ's meridian convergence from east, whose sign is checked by a
+    step to the north.
+    """
     crs = pyproj.CRS.from_user_input(writers.STEREO)
     to = pyproj.Transformer.from_crs(crs, crs.geodetic_crs, always_xy=True)
     plane = layout.Plane(np.arange(2.0), np.arange(2.0), np.arange(2), np.arange(2), to)
@@ -100,8 +114,10 @@ def test_plane_axes_against_pyproj_convergence() -> None:
     axes = rotation.plane_axes(plane, lon, lat)
     convergence = pyproj.Proj(writers.STEREO).get_factors(lon, lat).meridian_convergence
     north = pyproj.Proj(writers.STEREO)(lon, lat + 1e-5), pyproj.Proj(writers.STEREO)(lon, lat)
-    checked = np.degrees(np.arctan2(north[0][0] - north[1][0], north[0][1] - north[1][1]))  # of true north, clockwise
-    np.testing.assert_allclose((checked + convergence + 180) % 360 - 180, 0, atol=1e-3)  # two ways to the sign
+    # of true north, clockwise
+    checked = np.degrees(np.arctan2(north[0][0] - north[1][0], north[0][1] - north[1][1]))
+    # two ways to the sign
+    np.testing.assert_allclose((checked + convergence + 180) % 360 - 180, 0, atol=1e-3)
     angle = np.degrees(np.arctan2(axes[:, 1], axes[:, 0]))
     np.testing.assert_allclose((angle - checked + 180) % 360 - 180, 0, atol=1e-3)
     np.testing.assert_allclose(axes[:, 2], -axes[:, 1], atol=1e-6)  # conformal: y is x turned left
@@ -111,7 +127,9 @@ def test_plane_axes_against_pyproj_convergence() -> None:
 def test_axes_of_a_plane_whose_x_grows_to_the_west() -> None:
     """By small steps of the plane itself, on the sphere: x and y are left-handed there."""
     crs = "+proj=laea +lat_0=70 +lon_0=-20 +R=6371007 +axis=wnu +type=crs"
-    projection = pyproj.Transformer.from_crs(crs, "+proj=longlat +R=6371007 +type=crs", always_xy=False)
+    projection = pyproj.Transformer.from_crs(
+        crs, "+proj=longlat +R=6371007 +type=crs", always_xy=False
+    )
     plane = layout.Plane(np.zeros(2), np.zeros(2), np.zeros(2, int), np.zeros(2, int), projection)
     lon, lat = np.array([-31.0, -12.0, 4.0]), np.array([66.0, 74.0, 59.0])
     axes = rotation.plane_axes(plane, lon, lat)
@@ -120,7 +138,9 @@ def test_axes_of_a_plane_whose_x_grows_to_the_west() -> None:
     for k, (dx, dy) in enumerate(((1.0, 0.0), (0.0, 1.0))):
         ahead, behind = plane.to_lonlat(x + dx, y + dy), plane.to_lonlat(x - dx, y - dy)
         way = np.stack(sphere.offset(*np.radians(behind), *np.radians(ahead)), -1)
-        np.testing.assert_allclose(axes[:, 2 * k : 2 * k + 2], way / np.hypot(*way.T)[:, None], atol=2e-6)
+        np.testing.assert_allclose(
+            axes[:, 2 * k : 2 * k + 2], way / np.hypot(*way.T)[:, None], atol=2e-6
+        )
 
 
 def test_curved_angle_at_80_north_and_over_the_antimeridian() -> None:
@@ -161,18 +181,22 @@ def test_curved_grid_over_the_antimeridian(tmp_path: Path) -> None:
         rng = np.random.default_rng(1)
         lon, lat = rng.uniform(179.0, 181.0, 500), rng.uniform(-18.0, -16.0, 500)
         got = sample(source.grid, source.read(0), lon, lat)
-        # linear field: only components turning within a cell are left, 6 km / R * tan(17) * 0.5 m/s and float32
+        # linear field: only components turning within a cell are left, 6 km / R * tan(17) * 0.5 m/s
+        # and float32
         np.testing.assert_allclose(got, np.stack(field(lon, lat), -1), atol=5e-4)
 
 
 def test_a_plane_that_holds_the_pole(tmp_path: Path) -> None:
     """All longitudes round the pole: the tile is seamless, and has values up to the pole."""
     to = pyproj.Proj(writers.STEREO)
-    x, y = np.arange(-2.475e6, 2.5e6, 50e3), np.arange(-1.975e6, 2.6e6, 50e3)  # the pole lies amid a cell
+    # the pole lies amid a cell
+    x, y = np.arange(-2.475e6, 2.5e6, 50e3), np.arange(-1.975e6, 2.6e6, 50e3)
     lon, lat = to(*np.meshgrid(x, y), inverse=True)
 
     def field(lon: Any, lat: Any) -> tuple[Any, Any]:
-        return 0.3 + 0.1 * np.cos(np.radians(lon)), 0.2 * np.sin(np.radians(2 * lon)) + 0.01 * (lat - 80)
+        return 0.3 + 0.1 * np.cos(np.radians(lon)), 0.2 * np.sin(np.radians(2 * lon)) + 0.01 * (
+            lat - 80
+        )
 
     a, b = writers.in_plane(to, lon, lat, *field(lon, lat))
     mapping = pyproj.CRS.from_user_input(writers.STEREO).to_cf()
@@ -191,19 +215,27 @@ def test_a_plane_that_holds_the_pole(tmp_path: Path) -> None:
         source = sources.open_source("current", tmp_path / "a.nc", steady=True, box=box)
         assert source.grid.seamless == (box is None)
         assert (source.grid.lat[-1] == pytest.approx(90.0)) == (box is None)
-        lon, lat = rng.uniform(*((170.0, 200.0) if box else (-180.0, 180.0)), 2000), rng.uniform(78.0, 85.0, 2000)
+        lon, lat = (
+            rng.uniform(*((170.0, 200.0) if box else (-180.0, 180.0)), 2000),
+            rng.uniform(78.0, 85.0, 2000),
+        )
         got = sample(source.grid, source.read(0), lon, lat)
-        # a 50 km cell is 5 degrees of longitude at 85 N: (0.09 rad)^2 / 8 of vectors that turn once and twice round
-        np.testing.assert_allclose(got, np.stack(field(lon, lat), -1), atol=(3**2 * 0.3) * 0.09**2 / 8 * 2)
+        # a 50 km cell is 5 degrees of longitude at 85 N: (0.09 rad)^2 / 8 of vectors that turn once
+        # and twice round
+        np.testing.assert_allclose(
+            got, np.stack(field(lon, lat), -1), atol=(3**2 * 0.3) * 0.09**2 / 8 * 2
+        )
 
 
 def test_mercator_spacing_is_carried(tmp_path: Path) -> None:
-    lat = np.degrees(np.arctan(np.sinh(np.radians(np.arange(70.0, 76.0, 0.1)))))  # Mercator's own steps
+    # Mercator's own steps
+    lat = np.degrees(np.arctan(np.sinh(np.radians(np.arange(70.0, 76.0, 0.1)))))
     lon = np.arange(1.0, 7.0, 0.1)
     u, v = writers.slices(*np.meshgrid(lon, lat))
     dims = ("time", "lat", "lon")
     xr.Dataset(
-        {"uo": (dims, u, writers.EAST), "vo": (dims, v, writers.NORTH)}, {"time": writers.TIMES, "lat": lat, "lon": lon}
+        {"uo": (dims, u, writers.EAST), "vo": (dims, v, writers.NORTH)},
+        {"time": writers.TIMES, "lat": lat, "lon": lon},
     ).to_netcdf(tmp_path / "a.nc")
     source = sources.open_source("current", tmp_path / "a.nc")
     assert source.grid.dlon == pytest.approx(0.1)
@@ -212,7 +244,9 @@ def test_mercator_spacing_is_carried(tmp_path: Path) -> None:
 
 
 def test_land_keeps_its_outline(tmp_path: Path) -> None:
-    """Nodes whose weight on water is under one half are missing; the loss is told; water never turns to zero."""
+    """Nodes whose weight on water is under one half are missing; the loss is told; water never
+    turns to zero.
+    """
     path = writers.roms(tmp_path / "a.nc", own_points=True)
     data = xr.open_dataset(path).load()
     data.close()
@@ -236,7 +270,9 @@ def test_land_keeps_its_outline(tmp_path: Path) -> None:
 
 
 def test_coarse_triangles_larger_than_the_box(tmp_path: Path) -> None:
-    source = sources.open_source("current", writers.schism(tmp_path / "a.nc"), box=Box(4.01, 59.01, 4.02, 59.015))
+    source = sources.open_source(
+        "current", writers.schism(tmp_path / "a.nc"), box=Box(4.01, 59.01, 4.02, 59.015)
+    )
     got = sample(source.grid, source.read(0), [4.015], [59.012])
     np.testing.assert_allclose(got[0], writers.field(4.015, 59.012, 0.0), atol=writers.tolerance())
 
@@ -251,7 +287,8 @@ def test_triangles_are_capped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize(
-    "earth", [{}, {"earth_radius": 6.371e6}, {"semi_major_axis": 6378137.0, "semi_minor_axis": 6356752.0}]
+    "earth",
+    [{}, {"earth_radius": 6.371e6}, {"semi_major_axis": 6378137.0, "semi_minor_axis": 6356752.0}],
 )
 def test_a_reference_system_is_that_of_pyproj(earth: dict[str, float]) -> None:
     """Though pyproj is told where Greenwich is, which it would look up in half a second."""
@@ -264,12 +301,16 @@ def test_a_reference_system_is_that_of_pyproj(earth: dict[str, float]) -> None:
         )
 
 
-@pytest.mark.parametrize(("kind", "times"), [("curved, true components", 1), ("ROMS, own points, angle in degrees", 2)])
+@pytest.mark.parametrize(
+    ("kind", "times"), [("curved, true components", 1), ("ROMS, own points, angle in degrees", 2)]
+)
 def test_points_that_both_components_share_are_weighed_once(
     kind: str, times: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made: list[Any] = []
     weights = regrid.weights
-    monkeypatch.setattr(regrid, "weights", lambda *given: (made.append(given[0]), weights(*given))[1])
+    monkeypatch.setattr(
+        regrid, "weights", lambda *given: (made.append(given[0]), weights(*given))[1]
+    )
     sources.open_source("current", KINDS[kind](tmp_path))
     assert len(made) == times

@@ -1,4 +1,6 @@
-"""Components of a staggered grid whose own points have no usable coordinates: taken from the points between them."""
+"""Components of a staggered grid whose own points have no usable coordinates: taken from the points
+between them.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -37,7 +39,9 @@ def roms(folder: Path, spoil: Any) -> Path:
     """A ROMS file whose lon_u, lat_u, lon_v, lat_v are spoiled, or absent for None."""
     data = xr.load_dataset(writers.roms(folder / "good.nc", own_points=True), decode_times=False)
     named = [f"{axis}_{side}" for axis in ("lon", "lat") for side in "uv"]
-    data = data.drop_vars(named) if spoil is None else data.assign({n: spoil(data[n]) for n in named})
+    data = (
+        data.drop_vars(named) if spoil is None else data.assign({n: spoil(data[n]) for n in named})
+    )
     for side in "uv":
         data[side].attrs["coordinates"] = f"lon_{side} lat_{side} s_rho ocean_time"
     data.to_netcdf(folder / "a.nc", encoding={n: {"_FillValue": None} for n in data.variables})
@@ -55,17 +59,23 @@ def apart(a: Any, b: Any) -> float:
     return float(np.max(sphere.distance(*np.radians(a), *np.radians(b))))
 
 
-@pytest.mark.parametrize("spoil", [None, zero, fill, nothing], ids=["absent", "zero", "undeclared fill", "missing"])
+@pytest.mark.parametrize(
+    "spoil", [None, zero, fill, nothing], ids=["absent", "zero", "undeclared fill", "missing"]
+)
 def test_roms_without_usable_points(spoil: Any, tmp_path: Path) -> None:
     path = roms(tmp_path, spoil)
     good = xr.load_dataset(tmp_path / "good.nc", decode_times=False)
     for side, name in enumerate("uv"):
         true = good[f"lon_{name}"].values, good[f"lat_{name}"].values
-        # the writer's points are midway in a plane 300 km wide: its straight lines bend by x / R^2, over h / 2 twice
+        # the writer's points are midway in a plane 300 km wide: its straight lines bend by x / R^2,
+        # over h / 2 twice
         bound = (SPACING / 2) ** 2 * 400e3 / sphere.RADIUS**2
         assert apart(places(path, name, side), true) < bound
     source = sources.open_source("current", path, box=AREA)
-    assert any("u has no places of its own: taken midway between the points of lon_rho" in n for n in source.notes)
+    assert any(
+        "u has no places of its own: taken midway between the points of lon_rho" in n
+        for n in source.notes
+    )
     rng = np.random.default_rng(3)
     lon, lat = rng.uniform(*writers.LON, 2000), rng.uniform(*writers.LAT, 2000)
     got = sample(source.grid, source.read(0), lon, lat)
@@ -73,19 +83,28 @@ def test_roms_without_usable_points(spoil: Any, tmp_path: Path) -> None:
 
 
 def nemo(
-    path: Path, names: tuple[str, str] = ("vozocrtx", "vomecrty"), t: str = "glamt gphit", mask: bool = False
+    path: Path,
+    names: tuple[str, str] = ("vozocrtx", "vomecrty"),
+    t: str = "glamt gphit",
+    mask: bool = False,
 ) -> Path:
-    """u and v half a cell after their T points, of the same sizes; the file holds the T points alone."""
+    """u and v half a cell after their T points, of the same sizes; the file holds the T points
+    alone.
+    """
     to, x, y, turn = writers.oblique()
     step = x[0, 1] - x[0, 0]
     held: dict[str, Any] = {}
-    for k, (name, east, north) in enumerate(zip(names, (step / 2, 0.0), (0.0, step / 2), strict=True)):
+    for k, (name, east, north) in enumerate(
+        zip(names, (step / 2, 0.0), (0.0, step / 2), strict=True)
+    ):
         held[name] = (
             ("time", "y", "x"),
             writers.along(to, *writers.turned(to, x + east, y + north, turn), turn)[k],
             {"units": "m/s"},
         )
-    for name, values, units in zip(t.split(), writers.turned(to, x, y, turn), ("east", "north"), strict=True):
+    for name, values, units in zip(
+        t.split(), writers.turned(to, x, y, turn), ("east", "north"), strict=True
+    ):
         held[name] = (("y", "x"), values, {"units": f"degrees_{units}"})
     if mask:
         held |= {name: (("y", "x"), np.ones(x.shape)) for name in ("umask", "vmask", "tmask")}
@@ -96,7 +115,9 @@ def nemo(
 def own_points(side: int) -> tuple[Any, Any]:
     to, x, y, turn = writers.oblique()
     step = x[0, 1] - x[0, 0]
-    return writers.turned(to, x + (step / 2 if side == 0 else 0), y + (step / 2 if side else 0), turn)
+    return writers.turned(
+        to, x + (step / 2 if side == 0 else 0), y + (step / 2 if side else 0), turn
+    )
 
 
 @pytest.mark.parametrize("how", ["names", "masks", "stated"])
@@ -107,11 +128,17 @@ def test_nemo_from_t_points(how: str, tmp_path: Path) -> None:
     if how == "stated":
         data = xr.load_dataset(path, decode_times=False)
         for name in names:
-            data[name].attrs["standard_name"] = f"sea_water_{'xy'[name == 'v']}_velocity_at_{name}_location"
+            data[name].attrs["standard_name"] = (
+                f"sea_water_{'xy'[name == 'v']}_velocity_at_{name}_location"
+            )
         data.to_netcdf(path)
     for side, name in enumerate(names):
-        # at the last column and row a straight line goes on by half a cell: h^2 of the plane's bending there
-        assert apart(places(path, name, side, **chosen), own_points(side)) < SPACING**2 * 400e3 / sphere.RADIUS**2
+        # at the last column and row a straight line goes on by half a cell: h^2 of the plane's
+        # bending there
+        assert (
+            apart(places(path, name, side, **chosen), own_points(side))
+            < SPACING**2 * 400e3 / sphere.RADIUS**2
+        )
     source = sources.open_source("current", path, variables=chosen, box=AREA)
     rng = np.random.default_rng(3)
     lon, lat = rng.uniform(*writers.LON, 2000), rng.uniform(*writers.LAT, 2000)
@@ -141,11 +168,15 @@ def test_what_a_case_states_wins_over_names(tmp_path: Path) -> None:
 
 def test_side_that_nothing_tells_is_asked_for(tmp_path: Path) -> None:
     """ROMS's names with u and v as large as rho: half a cell, but which way?"""
-    data = xr.load_dataset(nemo(tmp_path / "a.nc", ("u", "v"), "lon_rho lat_rho"), decode_times=False)
+    data = xr.load_dataset(
+        nemo(tmp_path / "a.nc", ("u", "v"), "lon_rho lat_rho"), decode_times=False
+    )
     held = {"u": data["u"].rename(x="xi_u", y="eta_u"), "v": data["v"].rename(x="xi_v", y="eta_v")}
     points = {n: data[n].rename(x="xi_rho", y="eta_rho") for n in ("lon_rho", "lat_rho")}
     xr.Dataset(held | points).to_netcdf(tmp_path / "b.nc")
-    with pytest.raises(UserError, match=r'"u" stands half a cell beside.*variables\.stagger = "after"') as caught:
+    with pytest.raises(
+        UserError, match=r'"u" stands half a cell beside.*variables\.stagger = "after"'
+    ) as caught:
         sources.open_source("current", tmp_path / "b.nc")
     assert "\n" not in str(caught.value)
     with pytest.raises(UserError, match="allowed are after, before, none"):
@@ -157,7 +188,9 @@ def test_side_that_nothing_tells_is_asked_for(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("shift", [-0.5, 0.5])
 def test_axis_shifts_tell_the_side(shift: float, tmp_path: Path) -> None:
-    """MITgcm's u stands before its centre, in the words of xgcm: c_grid_axis_shift of the dimension's variable."""
+    """MITgcm's u stands before its centre, in the words of xgcm: c_grid_axis_shift of the
+    dimension's variable.
+    """
     data = xr.load_dataset(nemo(tmp_path / "a.nc", ("u", "v"), "XC YC"), decode_times=False)
     count = {d: np.arange(data.sizes[d]) for d in ("x", "y")}
     held = {"u": data["u"].rename(x="i_g", y="j"), "v": data["v"].rename(x="i", y="j_g")}
@@ -180,7 +213,11 @@ def test_points_beyond_both_ends(tmp_path: Path) -> None:
     dims = ("Time", "south_north", "west_east")
     data = xr.Dataset(
         {
-            "U10": (("Time", "south_north", "west_east_stag"), np.ones((1, *wide.shape)), {"units": "m/s"}),
+            "U10": (
+                ("Time", "south_north", "west_east_stag"),
+                np.ones((1, *wide.shape)),
+                {"units": "m/s"},
+            ),
             "XLONG": (dims, lon[None], {"units": "degree_east"}),
             "XLAT": (dims, lat[None], {"units": "degree_north"}),
         }
@@ -194,6 +231,8 @@ def test_midway_round_the_earth() -> None:
     lon, lat = np.meshgrid(np.arange(5.0, 360.0, 10.0), [60.0, 89.0])
     x, y = stagger.midpoints(lon, lat, lon.shape, (0.0, 0.5), 0)
     np.testing.assert_allclose((x - lon + 180.0) % 360.0 - 180.0, 5.0, atol=1e-9)
-    np.testing.assert_allclose(np.tan(np.radians(y)), np.tan(np.radians(lat)) / np.cos(np.radians(5.0)), rtol=1e-12)
+    np.testing.assert_allclose(
+        np.tan(np.radians(y)), np.tan(np.radians(lat)) / np.cos(np.radians(5.0)), rtol=1e-12
+    )
     x, y = stagger.midpoints(lon, lat, lon.shape, (0.0, -0.5), 0)
     np.testing.assert_allclose((x - lon + 180.0) % 360.0 - 180.0, -5.0, atol=1e-9)

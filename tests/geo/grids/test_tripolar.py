@@ -1,4 +1,5 @@
-"""Grids that go round the Earth and over its pole: nothing is missing that is inside, and vectors are right.
+"""Grids that go round the Earth and over its pole: nothing is missing that is inside, and vectors
+are right.
 
 The oracle is a rigid rotation about a tilted axis, smooth everywhere, at the pole as well.
 """
@@ -33,22 +34,27 @@ SOUTH = -84.0  # row, counted from the fold: 67 S
 def place(lon: Array, lat: Array) -> Array:
     """Unit vectors (..., 3) of points [deg]."""
     x, y = np.radians(lon), np.radians(lat)
-    return np.stack(np.broadcast_arrays(np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y)), -1)
+    return np.stack(
+        np.broadcast_arrays(np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y)), -1
+    )
 
 
 def truth(lon: Array, lat: Array) -> Array:
     """True (east, north) [m/s] of the rotation, (..., 2)."""
     here, velocity = np.radians(lon), np.cross(AXIS, place(lon, lat))
     east = np.stack((-np.sin(here), np.cos(here), 0 * here), -1)
-    return np.stack(((velocity * east).sum(-1), (velocity * np.cross(place(lon, lat), east)).sum(-1)), -1)
+    return np.stack(
+        ((velocity * east).sum(-1), (velocity * np.cross(place(lon, lat), east)).sum(-1)), -1
+    )
 
 
 def tripolar(i: Array, r: Array) -> tuple[Array, Array]:
-    """(lon, lat) [deg] of points i columns east of the seam and r rows north of the fold, both any real numbers.
+    """(lon, lat) [deg] of points i columns east of the seam and r rows north of the fold, both any
+    real numbers.
 
-    Mercator's rows up to JOINT; then Murray's (1996, doi:10.1006/jcph.1996.0136) bipolar cap: in the stereographic plane
-    whose unit circle is JOINT, z = tanh(zeta / 2) maps the strip |Im zeta| < pi / 2 to the disc, its middle line to
-    the fold. Both are conformal.
+    Mercator's rows up to JOINT; then Murray's (1996, doi:10.1006/jcph.1996.0136) bipolar cap: in
+    the stereographic plane whose unit circle is JOINT, z = tanh(zeta / 2) maps the strip |Im zeta|
+    < pi / 2 to the disc, its middle line to the fold. Both are conformal.
     """
     x, rise = np.broadcast_arrays(np.asarray(i) * STEP % (2 * np.pi), np.asarray(r) * STEP)
     top = np.arctanh(np.sin(np.radians(JOINT)))
@@ -63,18 +69,27 @@ def tripolar(i: Array, r: Array) -> tuple[Array, Array]:
 
 
 def along(i: Array, r: Array) -> tuple[Array, Array]:
-    """The rotation's components along the grid's own axes, whose x axis is found by a small step along the row."""
+    """The rotation's components along the grid's own axes, whose x axis is found by a small step
+    along the row.
+    """
     here = place(*tripolar(i, r))
     axis = place(*tripolar(i + 1e-5, r)) - place(*tripolar(i - 1e-5, r))
-    axis /= np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-30)  # none at the poles of the cap
+    # none at the poles of the cap
+    axis /= np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-30)
     velocity = np.cross(AXIS, here)
     return (velocity * axis).sum(-1), (velocity * np.cross(here, axis)).sum(-1)
 
 
 def dry(lon: Array, lat: Array, radius: float = LAND) -> Array:
     """Land round both poles of the cap and a continent over the equator, at the seam."""
-    islands = [(POLE, JOINT, radius), (POLE - 180.0, JOINT, radius), (POLE + 4.0, -20.0, radius - 2.0)]
-    near = [(place(lon, lat) * place(x, y)).sum(-1) > np.cos(np.radians(size)) for x, y, size in islands]
+    islands = [
+        (POLE, JOINT, radius),
+        (POLE - 180.0, JOINT, radius),
+        (POLE + 4.0, -20.0, radius - 2.0),
+    ]
+    near = [
+        (place(lon, lat) * place(x, y)).sum(-1) > np.cos(np.radians(size)) for x, y, size in islands
+    ]
     return np.any(near, axis=0)
 
 
@@ -82,7 +97,9 @@ def orca(
     path: Path, *, pivot: str = "T", halo: int = 1, axes: str = "grid", staggered: bool = True, blocks: bool = False,
     north_first: bool = False,
 ) -> list[Path]:  # fmt: skip
-    """NEMO's grid_U and grid_V files; pivot: which points lie on the fold; halo: columns and rows stored twice."""
+    """NEMO's grid_U and grid_V files; pivot: which points lie on the fold; halo: columns and rows
+    stored twice.
+    """
     column = np.arange(-halo, NX + halo) + 0.5
     row = np.arange(SOUTH, 0.5 if pivot == "T" else 0.0) + (0.0 if pivot == "T" else 0.5)
     row = np.append(row, row[-1] + 1 + np.arange(halo))
@@ -97,7 +114,9 @@ def orca(
             values[:, :halo] = values[:, -halo:] = values[-halo:] = -0.7
         if blocks:
             inner = dry(lon, lat, LAND - 6.0)
-            lon, lat, values = (np.where(inner, fill, v) for v, fill in ((lon, 0.0), (lat, 0.0), (values, np.nan)))
+            lon, lat, values = (
+                np.where(inner, fill, v) for v, fill in ((lon, 0.0), (lat, 0.0), (values, np.nan))
+            )
         order = slice(None, None, -1) if north_first else slice(None)
         named = (X, Y)[k] if axes == "grid" else (EAST, NORTH)[k]
         data = xr.Dataset(
@@ -127,7 +146,9 @@ BOXES = {
 def wet(box: Box | None, count: int = 4000) -> tuple[Array, Array]:
     """Random points in a box, evenly over the sphere, away from land by two cells."""
     rng = np.random.default_rng(11)
-    west, south, east, north = (box.west, box.south, box.east, box.north) if box else (-180.0, -65.0, 180.0, 89.0)
+    west, south, east, north = (
+        (box.west, box.south, box.east, box.north) if box else (-180.0, -65.0, 180.0, 89.0)
+    )
     lon = rng.uniform(west, east, count)
     edges = np.sin(np.radians([south, min(north, 89.0 - 1e-6)]))
     lat = np.degrees(np.arcsin(rng.uniform(*edges, count)))
@@ -136,10 +157,12 @@ def wet(box: Box | None, count: int = 4000) -> tuple[Array, Array]:
 
 
 def check(source: Source, box: Box | None, true: bool = False) -> float:
-    """Nothing that is inside is missing, and vectors are right within what both interpolations cost; the largest error.
+    """Nothing that is inside is missing, and vectors are right within what both interpolations
+    cost; the largest error.
 
-    h^2 / 8 |f''| for the grid and for the tile: f'' is 1 for the rotation, and 2 / d^2 more for east and north, which turn
-    round the pole at a distance d: in the tile, and in files of true components. The grid's own axes cost nothing.
+    h^2 / 8 |f''| for the grid and for the tile: f'' is 1 for the rotation, and 2 / d^2 more for
+    east and north, which turn round the pole at a distance d: in the tile, and in files of true
+    components. The grid's own axes cost nothing.
     """
     lon, lat = wet(box)
     got = sample(source.grid, source.read(0), lon, lat)
@@ -172,12 +195,16 @@ KINDS = {
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("box", [pytest.param("whole", marks=pytest.mark.thorough), "the fold"])
 def test_tripolar_kinds(kind: str, box: str, tmp_path: Path) -> None:
-    source = sources.open_source("current", orca(tmp_path, **KINDS[kind]), steady=True, box=BOXES[box])
+    source = sources.open_source(
+        "current", orca(tmp_path, **KINDS[kind]), steady=True, box=BOXES[box]
+    )
     check(source, BOXES[box], KINDS[kind].get("axes") == "true")
 
 
 def regular(path: Path, *, halo: int, descending: bool, first: float, wave: bool) -> Path:
-    """Longitudes and latitudes in two dimensions, regular in index; wave: rows that are no parallels."""
+    """Longitudes and latitudes in two dimensions, regular in index; wave: rows that are no
+    parallels.
+    """
     lon, lat = np.meshgrid(first + 2.5 * np.arange(-halo, 144 + halo), np.arange(-70.0, 89.1, 2.5))
     if wave:
         lat = lat + 0.5 * np.sin(np.radians(3 * lon)) * np.cos(np.radians(lat)) ** 2
@@ -198,7 +225,8 @@ def regular(path: Path, *, halo: int, descending: bool, first: float, wave: bool
 @pytest.mark.parametrize("wave", [False, True], ids=["rectilinear", "curved"])
 @pytest.mark.parametrize("box", [None, Box(172.0, -12.0, 191.0, 9.0)], ids=["whole", "180"])
 @pytest.mark.parametrize(
-    ("halo", "descending", "first"), [(0, False, 0.0), (1, True, 0.0), (2, False, -180.0), (0, True, 74.0)]
+    ("halo", "descending", "first"),
+    [(0, False, 0.0), (1, True, 0.0), (2, False, -180.0), (0, True, 74.0)],
 )
 def test_regular_in_index(
     halo: int, descending: bool, first: float, box: Box | None, wave: bool, tmp_path: Path
@@ -209,25 +237,40 @@ def test_regular_in_index(
     lon, lat = wet(box or Box(-180.0, -65.0, 180.0, 80.0), 1000)
     got = sample(source.grid, source.read(0), lon, lat)
     assert np.isfinite(got).all()
-    # east and north turn round the pole, which is 10 degrees away or more: in the source's cells and in the tile's
+    # east and north turn round the pole, which is 10 degrees away or more: in the source's cells
+    # and in the tile's
     turning = 1 + 2 / np.radians(90.0 - np.abs(lat)) ** 2
     limit = 2 * np.radians(2.5) ** 2 * turning / 8
     assert (np.linalg.norm(got - truth(lon, lat), axis=-1) < limit).all()
 
 
 def turned(lon: float, lat: float, hours: float) -> Array:
-    """Where the rotation carries a point in some hours: Rodrigues's formula in float64, a unit vector."""
-    here, axis, angle = place(lon, lat), AXIS / np.linalg.norm(AXIS), np.linalg.norm(AXIS) * hours * 3600 / RADIUS
+    """Where the rotation carries a point in some hours:
+
+    Rodrigues's formula in float64, a unit vector.
+    """
+    here, axis, angle = (
+        place(lon, lat),
+        AXIS / np.linalg.norm(AXIS),
+        np.linalg.norm(AXIS) * hours * 3600 / RADIUS,
+    )
     along_axis = axis * (axis * here).sum() * (1 - np.cos(angle))
     return here * np.cos(angle) + np.cross(axis, here) * np.sin(angle) + along_axis
 
 
 @pytest.mark.parametrize(
     ("name", "lon", "lat"),
-    [("seam", POLE - 0.3, -45.0), ("antimeridian", 179.2, -8.0), ("fold", -40.0, 82.5), ("near the pole", 150.0, 86.6)],
+    [
+        ("seam", POLE - 0.3, -45.0),
+        ("antimeridian", 179.2, -8.0),
+        ("fold", -40.0, 82.5),
+        ("near the pole", 150.0, 86.6),
+    ],
 )
 def test_a_drifter_of_48_hours(name: str, lon: float, lat: float, tmp_path: Path) -> None:
-    """Runge and Kutta's steps of 15 minutes through the tile as particles see it, against the closed form."""
+    """Runge and Kutta's steps of 15 minutes through the tile as particles see it, against the
+    closed form.
+    """
     box = Box(lon - 12.0, max(lat - 5.0, -89.0), lon + 12.0, min(lat + 5.0, 89.0))
     box = Box(-180.0, 79.0, 180.0, 89.0) if lat > 80.0 else box
     source = sources.open_source("current", orca(tmp_path), steady=True, box=box)

@@ -1,4 +1,6 @@
-"""The point functions of the shore against plane geometry in float64, shapely, and the laws of Brownian motion by SciPy."""
+"""The point functions of the shore against plane geometry in float64, shapely, and the laws of
+Brownian motion by SciPy.
+"""
 
 import numpy as np
 import pytest
@@ -26,7 +28,9 @@ REACH = 3000.0
 def built(*polygons: shapely.Polygon) -> shoreline.Coast:
     """Return a coast about (0, LAT); polygons in metres about it."""
     degrees = [
-        shapely.transform(p, lambda x: x / METRE * 360 / sphere.TURN / np.array([COS, 1.0]) + np.array([0.0, LAT]))
+        shapely.transform(
+            p, lambda x: x / METRE * 360 / sphere.TURN / np.array([COS, 1.0]) + np.array([0.0, LAT])
+        )
         for p in polygons
     ]
     box = Box(-0.4, LAT - 0.3, 0.4, LAT + 0.3)
@@ -36,7 +40,9 @@ def built(*polygons: shapely.Polygon) -> shoreline.Coast:
 def binary(east: np.ndarray, north: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return points [m about (0, LAT)] as binary angles."""
     lat0 = int(sphere.to_binary(LAT))
-    return (np.round(east / METRE / COS)).astype(np.int32), (lat0 + np.round(north / METRE)).astype(np.int32)
+    return (np.round(east / METRE / COS)).astype(np.int32), (lat0 + np.round(north / METRE)).astype(
+        np.int32
+    )
 
 
 def about(coast: shoreline.Coast, lon: int, lat: int) -> np.ndarray:
@@ -49,7 +55,11 @@ def wavy() -> shapely.Polygon:
     """Land in the east, off a shore in uneven edges of some 300 m."""
     north = np.arange(-9000.0, 9000.0, 300.0) + RNG.uniform(-90, 90, 60)
     return shapely.Polygon(
-        [(15_000, 9500), *zip(RNG.uniform(-500, 500, 60), north[::-1], strict=True), (15_000, -9500)]
+        [
+            (15_000, 9500),
+            *zip(RNG.uniform(-500, 500, 60), north[::-1], strict=True),
+            (15_000, -9500),
+        ]
     )
 
 
@@ -97,27 +107,43 @@ def _facing(lon: Ints, lat: Ints, number: Ints, coast: Coast, out: Reals):
 
 
 def test_the_line_of_an_edge_faces_the_point() -> None:
-    """Distance from the straight line through an edge, and its unit normal, which leads from the line to the point."""
+    """Distance from the straight line through an edge, and its unit normal, which leads from the
+    line to the point.
+    """
     coast = built(wavy())
     edges = shoreline.edges(coast)
     lon, lat = binary(RNG.uniform(-4000, 4000, 500), RNG.uniform(-8000, 8000, 500))
     number = RNG.integers(0, len(edges), 500).astype(np.int32)
     out = np.zeros(1500, np.float32)
     _facing(lon, lat, number, device_coast.upload(coast).pack, out)
-    for x, y, e, (away, east, north) in zip(lon, lat, number, out.reshape(-1, 3).astype(float), strict=True):
+    for x, y, e, (away, east, north) in zip(
+        lon, lat, number, out.reshape(-1, 3).astype(float), strict=True
+    ):
         a, b = about(coast, x, y)[e]
         along = (b - a) / np.hypot(*(b - a))
         foot = a - (a @ along) * along  # of the perpendicular from the point
         assert away == pytest.approx(np.hypot(*foot), rel=16 * EPS, abs=1e-3)
         assert np.hypot(east, north) == pytest.approx(1, abs=8 * EPS)
-        assert np.allclose(away * np.array([east, north]), -foot, rtol=0, atol=32 * EPS * np.hypot(*foot) + 1e-3)
+        assert np.allclose(
+            away * np.array([east, north]), -foot, rtol=0, atol=32 * EPS * np.hypot(*foot) + 1e-3
+        )
 
 
 @ti.kernel
-def _touch(lon: Ints, lat: Ints, dlon: Ints, dlat: Ints, chance: Reals, c: ti.f32, coast: Coast, out: Reals):
+def _touch(
+    lon: Ints, lat: Ints, dlon: Ints, dlat: Ints, chance: Reals, c: ti.f32, coast: Coast, out: Reals
+):
     for i in range(lon.shape[0]):
-        touched, before, after, nx, ny = shore.touch(lon[i], lat[i], dlon[i], dlat[i], chance[i], c, coast)
-        out[5 * i], out[5 * i + 1], out[5 * i + 2], out[5 * i + 3], out[5 * i + 4] = touched, before, after, nx, ny
+        touched, before, after, nx, ny = shore.touch(
+            lon[i], lat[i], dlon[i], dlat[i], chance[i], c, coast
+        )
+        out[5 * i], out[5 * i + 1], out[5 * i + 2], out[5 * i + 3], out[5 * i + 4] = (
+            touched,
+            before,
+            after,
+            nx,
+            ny,
+        )
 
 
 def test_a_bridge_touches_a_straight_shore_where_the_product_of_its_distances_falls_short() -> None:
@@ -132,7 +158,8 @@ def test_a_bridge_touches_a_straight_shore_where_the_product_of_its_distances_fa
         for d, s in zip(distance, run, strict=True)
     ]
     (lon, lat), (to_lon, to_lat) = (binary(*p.T) for p in at)
-    # A latitude off LAT, a metre of longitude has another length: the distances are those at LAT within this share.
+    # A latitude off LAT, a metre of longitude has another length: the distances are those at LAT
+    # within this share.
     slack = 2 * 1700 / sphere.RADIUS * np.tan(np.radians(LAT)) * 2000 + 0.1
     chance = (distance[0] * distance[1] * RNG.uniform(0.3, 1.7, n)).astype(np.float32)
     out = np.zeros(5 * n, np.float32)
@@ -150,7 +177,9 @@ def test_a_bridge_touches_a_straight_shore_where_the_product_of_its_distances_fa
 
 
 @ti.kernel
-def _landing(fraction: ti.f32, before: ti.f32, variance: ti.f32, normal: Reals, uniform: Reals, out: Reals):
+def _landing(
+    fraction: ti.f32, before: ti.f32, variance: ti.f32, normal: Reals, uniform: Reals, out: Reals
+):
     for i in range(normal.shape[0]):
         out[i] = shore.landing(fraction, before, variance, normal[i], uniform[i])
 
@@ -158,8 +187,12 @@ def _landing(fraction: ti.f32, before: ti.f32, variance: ti.f32, normal: Reals, 
 @pytest.mark.parametrize(
     ("fraction", "before", "sigma"), [(0.3, 400.0, 150.0), (0.85, 60.0, 210.0), (0.05, 900.0, 80.0)]
 )
-def test_a_landing_is_inverse_gaussian_in_the_bridges_clock(fraction: float, before: float, sigma: float) -> None:
-    """share / (1 - share), by Kolmogorov and Smirnov; without diffusion it is the share of the straight way."""
+def test_a_landing_is_inverse_gaussian_in_the_bridges_clock(
+    fraction: float, before: float, sigma: float
+) -> None:
+    """share / (1 - share), by Kolmogorov and Smirnov; without diffusion it is the share of the
+    straight way.
+    """
     n = 40_000
     normal, uniform = RNG.normal(size=n).astype(np.float32), RNG.uniform(size=n).astype(np.float32)
     out = np.zeros(n, np.float32)
@@ -181,18 +214,24 @@ def _pushed(sx: Reals, sy: Reals, before: Reals, nx: ti.f32, ny: ti.f32, chance:
 
 
 def test_a_step_is_pushed_by_the_lowest_point_of_its_bridge() -> None:
-    """Below a line the bridge's lowest point m has the law exp(-2 (a - m)(b - m) / v): (a - m)(b - m) is the chance. Along: none is left."""
+    """Below a line the bridge's lowest point m has the law exp(-2 (a - m)(b - m) / v): (a - m)(b -
+    m) is the chance. Along: none is left.
+    """
     n = 5000
     nx, ny = np.sin(0.7), np.cos(0.7)
     sx, sy = RNG.normal(0, 300, (2, n)).astype(np.float32)
-    before, chance = RNG.uniform(1, 500, n).astype(np.float32), RNG.exponential(4e4, n).astype(np.float32)
+    before, chance = (
+        RNG.uniform(1, 500, n).astype(np.float32),
+        RNG.exponential(4e4, n).astype(np.float32),
+    )
     chance[::4] = 0
     out = np.zeros(4 * n, np.float32)
     _pushed(sx, sy, before, nx, ny, chance, out)
     got = out.reshape(-1, 4).astype(float)
     a, b = before.astype(float), before + sx * nx + sy * ny
     push = (got[:, 0] - sx) * nx + (got[:, 1] - sy) * ny
-    assert np.abs((got[:, 0] - sx) * ny - (got[:, 1] - sy) * nx).max() < 32 * EPS * 2000  # none along the shore
+    # none along the shore
+    assert np.abs((got[:, 0] - sx) * ny - (got[:, 1] - sy) * nx).max() < 32 * EPS * 2000
     lowest = shore.OFF - push
     below = lowest < -0.01
     product = (a - lowest) * (b - lowest)
@@ -201,29 +240,54 @@ def test_a_step_is_pushed_by_the_lowest_point_of_its_bridge() -> None:
     assert (a * b > chance - slack)[~below].all()
     assert 0.2 < below.mean() < 0.9
     still = below & (chance == 0)
-    assert np.abs(b + push - shore.OFF)[still].max() < 0.01  # without diffusion it ends on the line, but for OFF
+    # without diffusion it ends on the line, but for OFF
+    assert np.abs(b + push - shore.OFF)[still].max() < 0.01
     assert np.abs(got[:, 2] * nx + got[:, 3] * ny - shore.OFF).max() < 0.01
     assert np.abs((got[:, 2] - sx) * ny - (got[:, 3] - sy) * nx).max() < 0.01
 
 
 @ti.kernel
-def _leave(lon: Ints, lat: Ints, offing: ti.f32, number: Ints, c: ti.f32, coast: Coast, x: Ints, y: Ints, out: Reals):
+def _leave(
+    lon: Ints,
+    lat: Ints,
+    offing: ti.f32,
+    number: Ints,
+    c: ti.f32,
+    coast: Coast,
+    x: Ints,
+    y: Ints,
+    out: Reals,
+):
     for i in range(lon.shape[0]):
-        x[i], y[i], out[2 * i], out[2 * i + 1] = shore.leave(lon[i], lat[i], c, offing, number[i], coast)
+        x[i], y[i], out[2 * i], out[2 * i + 1] = shore.leave(
+            lon[i], lat[i], c, offing, number[i], coast
+        )
 
 
 @pytest.mark.parametrize(("width", "expected"), [(900.0, 300.0), (200.0, 100.0)])
-def test_what_refloats_leaves_straight_off_the_beach_or_half_way_over(width: float, expected: float) -> None:
-    """300 m off, unless another shore lies nearer: then half-way there, to a unit each way and the half of one metre it began off."""
+def test_what_refloats_leaves_straight_off_the_beach_or_half_way_over(
+    width: float, expected: float
+) -> None:
+    """300 m off, unless another shore lies nearer: then half-way there, to a unit each way and the
+    half of one metre it began off.
+    """
     off = -np.array([np.cos(ANGLE), -np.sin(ANGLE)])
     other = shapely.transform(straight(), lambda p: -p + width * off)
     coast = built(straight(), other)
-    beach = 1.0 * off[:, None] + RNG.uniform(-3000, 3000, 50) * np.array([[np.sin(ANGLE)], [np.cos(ANGLE)]])
+    beach = 1.0 * off[:, None] + RNG.uniform(-3000, 3000, 50) * np.array(
+        [[np.sin(ANGLE)], [np.cos(ANGLE)]]
+    )
     lon, lat = binary(*beach)
     ends = about(coast, 0, int(sphere.to_binary(LAT)))
-    own = int(np.argmin(np.abs(ends @ off).max(axis=1) + (np.hypot(*(ends[:, 1] - ends[:, 0]).T) < 20_000) * 1e9))
+    own = int(
+        np.argmin(
+            np.abs(ends @ off).max(axis=1) + (np.hypot(*(ends[:, 1] - ends[:, 0]).T) < 20_000) * 1e9
+        )
+    )
     x, y, out = np.zeros(50, np.int32), np.zeros(50, np.int32), np.zeros(100, np.float32)
-    _leave(lon, lat, 300.0, np.full(50, own, np.int32), COS, device_coast.upload(coast).pack, x, y, out)
+    _leave(
+        lon, lat, 300.0, np.full(50, own, np.int32), COS, device_coast.upload(coast).pack, x, y, out
+    )
     way = np.stack([(x - lon) * METRE * COS, (y - lat) * METRE])
     assert np.abs(off @ way - expected).max() < 2.0
     assert np.abs(off[::-1] * [1, -1] @ way).max() < 0.5
@@ -238,12 +302,27 @@ def _meet(
     for i in range(lon.shape[0]):
         own = curve.f32x4([bend[4 * i + k] for k in ti.static(range(4))])
         met[i], x[i], y[i], part[i], number[i] = shore.meet(
-            False, slides, lon[i], lat[i], dlon[i], dlat[i], own, c, 0.0, ti.u32(0), ti.u32(0), i, 0, coast
+            False,
+            slides,
+            lon[i],
+            lat[i],
+            dlon[i],
+            dlat[i],
+            own,
+            c,
+            0.0,
+            ti.u32(0),
+            ti.u32(0),
+            i,
+            0,
+            coast,
         )
 
 
 def test_a_bent_way_meets_the_land_where_its_curve_does() -> None:
-    """Shapely on the curve itself, finely cut: only ways within a chord's tolerance of the shore may differ."""
+    """Shapely on the curve itself, finely cut: only ways within a chord's tolerance of the shore
+    may differ.
+    """
     n = 800
     coast = built(wavy())
     land = shapely.polygonize(shapely.linestrings(shoreline.edges(coast).reshape(-1, 2, 2)))
@@ -252,10 +331,26 @@ def test_a_bent_way_meets_the_land_where_its_curve_does() -> None:
     bend = (RNG.normal(0, 9000, (n, 4)) / METRE).astype(np.float32)  # bulges of some 2 km
     met, x, y, number = (np.zeros(n, np.int32) for _ in range(4))
     part = np.zeros(n, np.float32)
-    _meet(False, lon, lat, dlon, dlat, bend.reshape(-1), COS, device_coast.upload(coast).pack, met, x, y, part, number)
+    _meet(
+        False,
+        lon,
+        lat,
+        dlon,
+        dlat,
+        bend.reshape(-1),
+        COS,
+        device_coast.upload(coast).pack,
+        met,
+        x,
+        y,
+        part,
+        number,
+    )
     s = np.linspace(0, 1, 401)[:, None]
     off = [s * (1 - s) ** 2 * bend[:, k] - s**2 * (1 - s) * bend[:, 2 + k] for k in range(2)]
-    places = np.stack([lon + s * dlon + off[0], lat + s * dlat + off[1]], axis=-1).transpose(1, 0, 2)
+    places = np.stack([lon + s * dlon + off[0], lat + s * dlat + off[1]], axis=-1).transpose(
+        1, 0, 2
+    )
     # In metres, so that a tolerance is one: the land and the ways are squeezed alike.
     scale = np.array([METRE * COS, METRE])
     shore_m = shapely.transform(shapely.boundary(land), lambda p: (p - [lon[0], lat[0]]) * scale)
@@ -269,9 +364,12 @@ def test_a_bent_way_meets_the_land_where_its_curve_does() -> None:
     assert met[deep & hit].all()
     assert not met[clear & ~hit].any()
     assert (met == hit).mean() > 0.97
-    # Where both meet it, the share of the way is that of the first crossing, to a chord's tolerance along it.
+    # Where both meet it, the share of the way is that of the first crossing, to a chord's tolerance
+    # along it.
     both = (met == 1) & deep
-    inside = shapely.contains_xy(land_m, *((places[both] - [lon[0], lat[0]]) * scale).transpose(2, 0, 1))
+    inside = shapely.contains_xy(
+        land_m, *((places[both] - [lon[0], lat[0]]) * scale).transpose(2, 0, 1)
+    )
     first = np.argmax(inside, axis=1) / 400
     assert np.percentile(np.abs(part[both] - first), 90) < 0.02
 
@@ -281,7 +379,8 @@ def test_a_straight_step_ends_where_it_meets_the_land_or_slides_along_it(slides:
     """Shapely says which steps meet the land, where, and that all end in the water."""
     coast = built(wavy())
     land = shapely.transform(
-        shapely.polygonize(shapely.linestrings(shoreline.edges(coast).reshape(-1, 2, 2))), lambda p: p
+        shapely.polygonize(shapely.linestrings(shoreline.edges(coast).reshape(-1, 2, 2))),
+        lambda p: p,
     )
     lon, lat = binary(RNG.uniform(-2500, -600, 800), RNG.uniform(-6000, 6000, 800))
     dlon, dlat = (np.round(RNG.normal(0, 1500, (2, 800)) / METRE)).astype(np.int32)
@@ -311,20 +410,33 @@ def test_a_straight_step_ends_where_it_meets_the_land_or_slides_along_it(slides:
     assert ((x == lon + dlon) & (y == lat + dlat))[~hit].all()
     if slides:
         assert (met == 0).all()
-        assert shapely.distance(land, shapely.points(x[hit].astype(float), y[hit].astype(float))).max() * METRE < 1500
+        assert (
+            shapely.distance(land, shapely.points(x[hit].astype(float), y[hit].astype(float))).max()
+            * METRE
+            < 1500
+        )
         assert ((x != lon + dlon) | (y != lat + dlat))[hit].all()
         return
     assert ((met == 1) == hit).all()
     touch = shapely.distance(
-        shapely.intersection(ways[hit], land), shapely.points(lon[hit].astype(float), lat[hit].astype(float))
+        shapely.intersection(ways[hit], land),
+        shapely.points(lon[hit].astype(float), lat[hit].astype(float)),
     )
     np.testing.assert_allclose(part[hit], touch / shapely.length(ways[hit]), atol=4 * EPS)
-    struck = shapely.linestrings(shoreline.edges(coast)[number[hit]].reshape(-1, 2, 2).astype(float))
-    assert shapely.distance(struck, shapely.points(x[hit].astype(float), y[hit].astype(float))).max() < 3  # units
+    struck = shapely.linestrings(
+        shoreline.edges(coast)[number[hit]].reshape(-1, 2, 2).astype(float)
+    )
+    # units
+    assert (
+        shapely.distance(struck, shapely.points(x[hit].astype(float), y[hit].astype(float))).max()
+        < 3
+    )
 
 
 def test_a_step_slides_along_a_straight_shore_as_far_as_it_would_have_gone_along_it() -> None:
-    """Its end is the projection of the step's onto the shore, but for OFF, two roundings and the first way's stop before it."""
+    """Its end is the projection of the step's onto the shore, but for OFF, two roundings and the
+    first way's stop before it.
+    """
     n = 500
     off, run = -np.array([np.cos(ANGLE), -np.sin(ANGLE)]), np.array([np.sin(ANGLE), np.cos(ANGLE)])
     away, start, inward, way = RNG.uniform([10, -3000, 50, -2000], [600, 3000, 900, 2000], (n, 4)).T
@@ -356,7 +468,14 @@ def test_a_step_slides_along_a_straight_shore_as_far_as_it_would_have_gone_along
 
 @ti.kernel
 def _pieces(
-    pieces: ti.i32, v: ti.f32, dlon: ti.i32, dlat: ti.i32, seed: ti.u32, east: Ints, north: Ints, chance: Reals
+    pieces: ti.i32,
+    v: ti.f32,
+    dlon: ti.i32,
+    dlat: ti.i32,
+    seed: ti.u32,
+    east: Ints,
+    north: Ints,
+    chance: Reals,
 ):
     for i in range(east.shape[0] // pieces):
         rest_lon, rest_lat = dlon, dlat
@@ -378,7 +497,9 @@ def _pieces(
 
 
 def test_the_pieces_of_a_walk_are_a_brownian_bridge() -> None:
-    """They add up to the step; each has the mean of an equal share and the covariance v (1 - 1/m), -v/m; within 4.5 standard errors."""
+    """They add up to the step; each has the mean of an equal share and the covariance v (1 - 1/m),
+    -v/m; within 4.5 standard errors.
+    """
     n, pieces, v, step = 40_000, 4, 130.0**2, (90_000, -50_000)
     east, north, chance = (
         np.zeros(n * pieces, np.int32),
@@ -392,10 +513,13 @@ def test_the_pieces_of_a_walk_are_a_brownian_bridge() -> None:
         apart = (each - whole / pieces) * unit
         expected = v * (np.eye(pieces) - 1 / pieces)
         found = apart.T @ apart / n
-        spread = np.sqrt((np.outer(np.diag(expected), np.diag(expected)) + expected**2) / n)  # of a product of normals
+        # of a product of normals
+        spread = np.sqrt((np.outer(np.diag(expected), np.diag(expected)) + expected**2) / n)
         assert (np.abs(found - expected) < 4.5 * spread).all()
         assert (np.abs(apart.mean(axis=0)) < 4.5 * np.sqrt(np.diag(expected) / n)).all()
-    assert stats.kstest(chance, stats.expon(scale=v / 2).cdf).statistic < 1.95 / np.sqrt(chance.size)
+    assert stats.kstest(chance, stats.expon(scale=v / 2).cdf).statistic < 1.95 / np.sqrt(
+        chance.size
+    )
 
 
 @ti.kernel
@@ -405,7 +529,9 @@ def _mirrored(dlon: Ints, dlat: Ints, after: Reals, nx: ti.f32, ny: ti.f32, x: I
 
 
 def test_a_mirrored_step_ends_as_far_behind_the_line() -> None:
-    """The line half-way between both ends is the shore's: they differ along its normal alone, by twice the distance, to two units."""
+    """The line half-way between both ends is the shore's: they differ along its normal alone, by
+    twice the distance, to two units.
+    """
     dlon, dlat = RNG.integers(-200_000, 200_000, (2, 2000)).astype(np.int32)
     after, angle = RNG.uniform(1, 900, 2000).astype(np.float32), 2.2
     x, y = np.zeros(2000, np.int32), np.zeros(2000, np.int32)

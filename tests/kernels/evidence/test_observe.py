@@ -1,4 +1,5 @@
-"""What sensors tell of pieces of way, against paths in steps so fine that straight lines will do, in NumPy.
+"""What sensors tell of pieces of way, against paths in steps so fine that straight lines will do,
+in NumPy.
 
 The places of coarse steps are some of the fine ones, so that every step sees the same paths.
 """
@@ -40,8 +41,12 @@ def _pieces(
     for i in range(lon.shape[0]):
         out[i, 0], out[i, 1], out[i, 2] = 1.0, 0.0, -1.0
         for j in range(lon.shape[1] - 1):
-            piece = pieces.Piece(lon[i, j], lat[i, j], lon[i, j + 1], lat[i, j + 1], j * dt, (j + 1) * dt, k)
-            r = observe.observe(kind, besides, piece, sensor, corners, Chance(seed, ti.u32(7), i, i, j, 0))
+            piece = pieces.Piece(
+                lon[i, j], lat[i, j], lon[i, j + 1], lat[i, j + 1], j * dt, (j + 1) * dt, k
+            )
+            r = observe.observe(
+                kind, besides, piece, sensor, corners, Chance(seed, ti.u32(7), i, i, j, 0)
+            )
             out[i, 1] += out[i, 0] * r[1]
             if r[2] >= 0.0 and out[i, 2] < 0.0:
                 out[i, 2] = r[2]
@@ -56,7 +61,9 @@ def rectangle(half):
 def sensor(reach, half=(1.0, 1.0), turn=0.0, tau=0.0, error=1.0, at=(LON, LAT)):
     """Return a sensor whose shape lies within a reach [m] of its middle."""
     tall = math.ceil(reach / observe.METRES)
-    wide = math.ceil(tall / math.cos(math.radians(at[1]) + math.copysign(reach / sphere.RADIUS, at[1])))
+    wide = math.ceil(
+        tall / math.cos(math.radians(at[1]) + math.copysign(reach / sphere.RADIUS, at[1]))
+    )
     x, y = (int(sphere.to_binary(degrees)) for degrees in at)
     west = (x - wide + 2**31) % 2**32 - 2**31
     return observe.Sensor(
@@ -65,34 +72,48 @@ def sensor(reach, half=(1.0, 1.0), turn=0.0, tau=0.0, error=1.0, at=(LON, LAT)):
     )  # fmt: skip
 
 
-def told(kind, path, hours, where, corners=None, k=K, besides=observe.WHETHER, seed=5, at=(LON, LAT)):
+def told(
+    kind, path, hours, where, corners=None, k=K, besides=observe.WHETHER, seed=5, at=(LON, LAT)
+):
     """Return (stayed, fits, when) of each path (n, m + 1, 2) [m] east and north of a place, (n, 3)."""
     x, y = sphere.destination(*np.radians(at), path[..., 0], path[..., 1])
-    lon, lat = (np.ascontiguousarray(sphere.to_binary(np.degrees(angle)).astype(np.int32)) for angle in (x, y))
+    lon, lat = (
+        np.ascontiguousarray(sphere.to_binary(np.degrees(angle)).astype(np.int32))
+        for angle in (x, y)
+    )
     out = np.zeros((len(path), 3), np.float32)
     corners = np.zeros((2, 2)) if corners is None else corners
     dt = 3600 * hours / (path.shape[1] - 1)
-    _pieces(kind, besides, lon, lat, dt, k, where, corners.astype(np.float32).reshape(-1), seed, out)
+    _pieces(
+        kind, besides, lon, lat, dt, k, where, corners.astype(np.float32).reshape(-1), seed, out
+    )
     return out
 
 
 def turned(path):
     """Return places in axes turned by TURN clockwise from north."""
     c, s = math.cos(TURN), math.sin(TURN)
-    return np.stack([path[..., 0] * c - path[..., 1] * s, path[..., 0] * s + path[..., 1] * c], axis=-1)
+    return np.stack(
+        [path[..., 0] * c - path[..., 1] * s, path[..., 0] * s + path[..., 1] * c], axis=-1
+    )
 
 
 def side(u, v, w):
     """Return on which side of the line from u to v a place w lies: its sign."""
-    return (v[..., 0] - u[..., 0]) * (w[..., 1] - u[..., 1]) - (v[..., 1] - u[..., 1]) * (w[..., 0] - u[..., 0])
+    return (v[..., 0] - u[..., 0]) * (w[..., 1] - u[..., 1]) - (v[..., 1] - u[..., 1]) * (
+        w[..., 0] - u[..., 0]
+    )
 
 
 def crossings(path, corners):
-    """Return which steps of paths (n, m + 1, 2), straight from place to place, cross a line of straight parts, (n, m)."""
+    """Return which steps of paths (n, m + 1, 2), straight from place to place, cross a line of
+    straight parts, (n, m).
+    """
     found = np.zeros((path.shape[0], path.shape[1] - 1), bool)
     for p, q in itertools.pairwise(corners):
         left = side(p, q, path) > 0
-        which = np.nonzero(left[:, 1:] != left[:, :-1])  # they cross the whole line through both corners
+        # they cross the whole line through both corners
+        which = np.nonzero(left[:, 1:] != left[:, :-1])
         a, b = path[:, :-1][which], path[:, 1:][which]
         found[which] |= (side(a, b, p) > 0) != (side(a, b, q) > 0)
     return found
@@ -111,7 +132,8 @@ def walks(n, steps, spread, seed, k=K):
     return np.cumsum(path, axis=1)
 
 
-# By kind: the sensor, its corners, the spread of the cloud at the begin [m], and which fine paths keep things as they are.
+# By kind: the sensor, its corners, the spread of the cloud at the begin [m], and which fine paths
+# keep things as they are.
 KINDS = {
     observe.LINE: (sensor(30 * NMI), BENT, 18 * NMI, lambda path: ~crossed(path, BENT)),
     observe.BOX: (
@@ -133,10 +155,15 @@ KINDS = {
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_step_does_not_matter(kind: int) -> None:
-    """The mean over 40,000 paths seen in 3, 6 and 12 steps changes by less than 1 % of what happens."""
+    """The mean over 40,000 paths seen in 3, 6 and 12 steps changes by less than 1 % of what
+    happens.
+    """
     where, corners, spread, _ = KINDS[kind]
     path = walks(40_000, 12, spread, seed=kind + 31)
-    seen = [told(kind, path[:, ::every], HOURS, where, corners)[:, 0].astype(float) for every in (4, 2, 1)]
+    seen = [
+        told(kind, path[:, ::every], HOURS, where, corners)[:, 0].astype(float)
+        for every in (4, 2, 1)
+    ]
     if kind in (observe.LINE, observe.BOX, observe.DISC):
         seen = [1 - stayed for stayed in seen]
     last = seen[-1].mean()
@@ -164,7 +191,9 @@ def _fine(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_paths_in_fine_steps_do_the_same(kind: int) -> None:
-    """What paths of 2,048 steps miss falls as the root of the step: by twice that of 2,048 less that of 512 it is gone."""
+    """What paths of 2,048 steps miss falls as the root of the step: by twice that of 2,048 less
+    that of 512 it is gone.
+    """
     where, corners, _, _ = KINDS[kind]
     path, fine, coarse = _fine(kind)
     stayed = told(kind, path, HOURS, where, corners)[:, 0].astype(float)
@@ -176,18 +205,26 @@ def test_paths_in_fine_steps_do_the_same(kind: int) -> None:
 
 @pytest.mark.parametrize("steps", [1, 5])
 def test_five_hours_in_a_box_on_the_way(steps: int) -> None:
-    """A bridge of 100 h, 12 nmi a root hour, in a box of 60 nmi over hours 35 to 40: quadrature says 0.01640."""
+    """A bridge of 100 h, 12 nmi a root hour, in a box of 60 nmi over hours 35 to 40: quadrature
+    says 0.01640.
+    """
     n, half = 60_000, 30 * NMI
     random = np.random.default_rng(8)
     times = np.linspace(35, 40, steps + 1)
     path, here, before = [], np.zeros((n, 2)), 0.0
     for time in times:  # a bridge from 0 at hour 0 to 0 at hour 100
         share = (time - before) / (100 - before)
-        here = here * (1 - share) + random.normal(size=(n, 2)) * K * math.sqrt(3600 * (time - before) * (1 - share))
+        here = here * (1 - share) + random.normal(size=(n, 2)) * K * math.sqrt(
+            3600 * (time - before) * (1 - share)
+        )
         before = time
         path.append(here)
     stayed = told(
-        observe.IN_BOX, np.stack(path, axis=1), 5.0, sensor(1.5 * half, (half, half)), rectangle((half, half))
+        observe.IN_BOX,
+        np.stack(path, axis=1),
+        5.0,
+        sensor(1.5 * half, (half, half)),
+        rectangle((half, half)),
     )
     stayed = stayed[:, 0].astype(float)
     exact = _in_strip(2 * half) ** 2
@@ -199,7 +236,9 @@ def test_five_hours_in_a_box_on_the_way(steps: int) -> None:
 
 @functools.cache
 def _in_strip(width):
-    """Return the probability that one component of that bridge is in a strip over hours 35 to 40, by quadrature."""
+    """Return the probability that one component of that bridge is in a strip over hours 35 to 40,
+    by quadrature.
+    """
     n, m = 500, np.arange(-4, 5)[:, None, None]
     a = (np.arange(n) + 0.5) / n * width
     walk = K * math.sqrt(3600 * 5)
@@ -212,8 +251,12 @@ def _in_strip(width):
 
 @pytest.mark.parametrize(("k", "exact"), [(12, 5.576e-4), (24, 0.1537)])
 @pytest.mark.parametrize("steps", [25, pytest.param(100, marks=pytest.mark.thorough)])
-def test_a_bridge_crosses_a_line_with_the_probability_of_equation_10(k: int, exact: float, steps: int) -> None:
-    """323 nmi off the equator at the begin, 167 nmi at the end, 100 h apart; the time of the touch as equation 11 has it."""
+def test_a_bridge_crosses_a_line_with_the_probability_of_equation_10(
+    k: int, exact: float, steps: int
+) -> None:
+    """323 nmi off the equator at the begin, 167 nmi at the end, 100 h apart; the time of the touch
+    as equation 11 has it.
+    """
     n, wanders, end = 30_000, k * NMI / 60, 100 * 3600.0
     random = np.random.default_rng(k + steps)
     time = np.linspace(0, end, steps + 1)
@@ -224,29 +267,39 @@ def test_a_bridge_crosses_a_line_with_the_probability_of_equation_10(k: int, exa
     path[..., 1] += 323 * NMI + time / end * (167 - 323) * NMI
     far = np.array([[-1500.0, 0.0], [1500.0, 0.0]]) * NMI
     at = (LON, 0.0)
-    found = told(observe.LINE, path, 100.0, sensor(1500 * NMI, at=at), far, wanders, observe.WHEN, at=at)
+    found = told(
+        observe.LINE, path, 100.0, sensor(1500 * NMI, at=at), far, wanders, observe.WHEN, at=at
+    )
     touched = 1 - found[:, 0].astype(float)
     error = touched.std() / math.sqrt(n)
     assert np.exp(-2 * 323 * 167 / (k**2 * 100)) == pytest.approx(exact, rel=5e-4)
-    # 300 nmi from the middle of its plane the bridge's places are 0.13 % off, and K by as much: 0.5 % of the probability
+    # 300 nmi from the middle of its plane the bridge's places are 0.13 % off, and K by as much: 0.5
+    # % of the probability
     assert abs(touched.mean() - exact) < 3 * error + 0.005 * exact
     when = found[found[:, 2] >= 0, 2]
     assert abs(len(when) / n - exact) < 3 * math.sqrt(exact / n) + 0.005 * exact
     if k == 24:
-        scale = (323 * NMI / wanders) ** 2 / end  # equation 11 in the clock u / (1 - u), given the touch
+        # equation 11 in the clock u / (1 - u), given the touch
+        scale = (323 * NMI / wanders) ** 2 / end
         law = stats.invgauss(mu=323 / 167 / scale, scale=scale)
         share = when / end
-        assert stats.kstest(law.cdf(share / (1 - share)), "uniform").statistic < 1.63 / math.sqrt(len(when))
+        assert stats.kstest(law.cdf(share / (1 - share)), "uniform").statistic < 1.63 / math.sqrt(
+            len(when)
+        )
 
 
 def test_a_report_finds_the_first_touch_in_time() -> None:
-    """Fits are the mean density of the report over the time of the first touch, drawn from fine paths; any step tells the same."""
+    """Fits are the mean density of the report over the time of the first touch, drawn from fine
+    paths; any step tells the same.
+    """
     where, corners, spread, _ = KINDS[observe.LINE]
     tau, error = 2.4 * 3600, 900.0
     where = sensor(30 * NMI, tau=tau, error=error)
     path = walks(12_000, 12, spread, seed=77)
     fits = [
-        told(observe.LINE, path[:, ::every], HOURS, where, corners, besides=observe.REPORT)[:, 1].astype(float)
+        told(observe.LINE, path[:, ::every], HOURS, where, corners, besides=observe.REPORT)[
+            :, 1
+        ].astype(float)
         for every in (4, 2, 1)
     ]
     when = told(observe.LINE, path, HOURS, where, corners, besides=observe.WHEN)[:, 2].astype(float)
@@ -258,7 +311,9 @@ def test_a_report_finds_the_first_touch_in_time() -> None:
     fine = walks(1_500, 3072, spread, seed=78)
     at = crossings(fine, BENT)
     first = np.where(at.any(axis=1), (at.argmax(axis=1) + 0.5) * HOURS * 3600 / 3072, -1.0)
-    own = told(observe.LINE, fine[:, ::768], HOURS, where, corners, besides=observe.WHEN)[:, 2].astype(float)
+    own = told(observe.LINE, fine[:, ::768], HOURS, where, corners, besides=observe.WHEN)[
+        :, 2
+    ].astype(float)
     for low, high in ((0, 3600), (3600, 7200), (7200, 21600)):
         p, q = (((t >= low) & (t < high)).mean() for t in (first, own))
         # 3 standard errors of both, and what steps of 7 s see late and miss: 1 in 50
@@ -290,7 +345,9 @@ def test_noise_is_that_of_its_key() -> None:
     """The same seed gives the same bits; another one others, and the same mean."""
     where, corners, spread, _ = KINDS[observe.LINE]
     path = walks(40_000, 2, spread, seed=3)
-    one, same, other = (told(observe.LINE, path, HOURS, where, corners, seed=seed)[:, 0] for seed in (1, 1, 2))
+    one, same, other = (
+        told(observe.LINE, path, HOURS, where, corners, seed=seed)[:, 0] for seed in (1, 1, 2)
+    )
     assert (one == same).all()
     assert (one != other).mean() > 0.1
     apart = one.astype(float) - other
@@ -307,9 +364,17 @@ def test_what_is_passed_over_as_far_away_touches_nothing() -> None:
         path = np.concatenate([begin, begin + random.normal(size=(n, 1, 2)) * 40 * NMI], axis=1)
         near = sensor(30 * NMI, at=at)
         everywhere = sensor(30 * NMI, at=at)
-        everywhere.west, everywhere.width, everywhere.south, everywhere.height = -(2**31), 2**32 - 1, -(2**30), 2**31
+        everywhere.west, everywhere.width, everywhere.south, everywhere.height = (
+            -(2**31),
+            2**32 - 1,
+            -(2**30),
+            2**31,
+        )
         for k in (0.0, K / 4, K):
-            one, other = (told(observe.LINE, path, 1.0, where, BENT, k, at=at)[:, 0] for where in (near, everywhere))
+            one, other = (
+                told(observe.LINE, path, 1.0, where, BENT, k, at=at)[:, 0]
+                for where in (near, everywhere)
+            )
             assert 0.01 < (one < 1).mean() < 0.6
             # what is passed over would have touched with at most exp(-18) = 2e-8 a part
             np.testing.assert_allclose(one, other, atol=1e-6)

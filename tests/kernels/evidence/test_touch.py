@@ -27,10 +27,17 @@ def _asked(before, after, variance, share):
 
 
 def test_the_time_of_the_first_touch_is_inverse_gaussian() -> None:
-    """In the clock u / (1 - u) a bridge is Brownian motion with drift: SciPy has its law, also for bridges that come back."""
+    """In the clock u / (1 - u) a bridge is Brownian motion with drift:
+
+    SciPy has its law, also for bridges that come back.
+    """
     n = 3000
     before = RNG.uniform(20, 1500, n) * RNG.choice([-1, 1], n)
-    after, variance, share = RNG.normal(0, 900, n), RNG.uniform(150, 1600, n) ** 2, RNG.uniform(0.02, 0.98, n)
+    after, variance, share = (
+        RNG.normal(0, 900, n),
+        RNG.uniform(150, 1600, n) ** 2,
+        RNG.uniform(0.02, 0.98, n),
+    )
     touched, gone, _ = _asked(before, after, variance, share)
     other_side = before * after < 0
     whole = np.where(other_side, 1.0, np.exp(-2 * before * after / variance))
@@ -39,7 +46,8 @@ def test_the_time_of_the_first_touch_is_inverse_gaussian() -> None:
     law = stats.invgauss(mu=np.abs(before / after) / scale, scale=scale)
     exact = whole * law.cdf(share / (1 - share))
     np.testing.assert_allclose(touched, whole, atol=2e-6)
-    np.testing.assert_allclose(gone, exact, atol=4e-6)  # float32 and an erfc right to 1.2e-7, in sums of two
+    # float32 and an erfc right to 1.2e-7, in sums of two
+    np.testing.assert_allclose(gone, exact, atol=4e-6)
     assert 0.2 < other_side.mean() < 0.8
     assert (gone > 0.05).mean() > 0.2
 
@@ -54,15 +62,23 @@ def test_a_straight_way_touches_a_line_where_it_crosses_it() -> None:
 
 
 def test_a_strip_is_stayed_in_by_all_its_images() -> None:
-    """All images of a float64 sum; far beyond where the kernel changes to eigenfunctions, which see no images."""
+    """All images of a float64 sum; far beyond where the kernel changes to eigenfunctions, which see
+    no images.
+    """
     n, width = 6000, 1700.0
     before, after = RNG.uniform(0, width, (2, n))
     ratio = np.exp(RNG.uniform(np.log(1e-4), np.log(6), n))  # variance by the square of the width
     _, _, stays = _asked(before, after, ratio * width**2, np.ones(n))
-    m, (a, b) = np.arange(-60, 61)[:, None], (x.astype(np.float32) / np.float64(width) for x in (before, after))
+    m, (a, b) = (
+        np.arange(-60, 61)[:, None],
+        (x.astype(np.float32) / np.float64(width) for x in (before, after)),
+    )
     a, b = np.asarray(a), np.asarray(b)
-    exact = (np.exp(-2 * m * (m + b - a) / ratio) - np.exp(-2 * (m + a) * (m + b) / ratio)).sum(axis=0)
-    # float32: the exponent 2 a b / ratio is right to 1e-6 of itself, and counts while it is below 10
+    exact = (np.exp(-2 * m * (m + b - a) / ratio) - np.exp(-2 * (m + a) * (m + b) / ratio)).sum(
+        axis=0
+    )
+    # float32: the exponent 2 a b / ratio is right to 1e-6 of itself, and counts while it is below
+    # 10
     np.testing.assert_allclose(stays, exact, atol=1e-5)
     large = (exact > 1e-4) & (ratio > 0.5)
     assert large.sum() > 200

@@ -41,7 +41,12 @@ def double2(own: ti.template(), y: F64, x: F64, out: F64):
 def of(function: Callable, *values: np.ndarray) -> np.ndarray:
     """Return a function's values, in the type of its arguments."""
     runtime.start()
-    kernels = {(np.float32, 1): reals, (np.float32, 2): reals2, (np.float64, 1): double, (np.float64, 2): double2}
+    kernels = {
+        (np.float32, 1): reals,
+        (np.float32, 2): reals2,
+        (np.float64, 1): double,
+        (np.float64, 2): double2,
+    }
     out = np.zeros_like(values[0])
     kernels[values[0].dtype.type, len(values)](function, *values, out)
     return out
@@ -51,7 +56,9 @@ def of(function: Callable, *values: np.ndarray) -> np.ndarray:
 def test_sine_and_cosine(kind: type) -> None:
     """Twelve turns, every quarter's end, and 0: within three roundings of 1."""
     module = angles if kind is np.float32 else doubles
-    x = np.concatenate([np.linspace(-75, 77, 100_001), np.arange(-40, 41) * np.pi / 2, [0, 1e-6, -1e-12]]).astype(kind)
+    x = np.concatenate(
+        [np.linspace(-75, 77, 100_001), np.arange(-40, 41) * np.pi / 2, [0, 1e-6, -1e-12]]
+    ).astype(kind)
     for own, exact in ((module.sin, np.sin), (module.cos, np.cos)):
         error = np.abs(of(own, x).astype(np.float64) - exact(x.astype(np.float64)))
         assert error.max() < 3 * EPSILON[kind]
@@ -67,7 +74,9 @@ def test_sine_of_a_small_angle_keeps_its_digits(kind: type) -> None:
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_arc_tangent(kind: type) -> None:
-    """All round, over 24 powers of ten of the length, on the axes and diagonals: within six roundings of the angle."""
+    """All round, over 24 powers of ten of the length, on the axes and diagonals: within six
+    roundings of the angle.
+    """
     module = angles if kind is np.float32 else doubles
     angle = np.concatenate([np.linspace(-3.1415, 3.1415, 100_001), np.arange(-3, 5) * np.pi / 4])
     length = 10.0 ** np.linspace(-12, 12, angle.size)
@@ -81,7 +90,9 @@ def test_arc_tangent(kind: type) -> None:
 def test_arc_tangent_on_the_axes(kind: type) -> None:
     module = angles if kind is np.float32 else doubles
     y, x = np.array([0, 0, 0, 2, -3], kind), np.array([0, 5, -7, 0, 0], kind)
-    assert np.allclose(of(module.atan2, y, x), [0, 0, np.pi, np.pi / 2, -np.pi / 2], rtol=2 * EPSILON[kind], atol=0)
+    assert np.allclose(
+        of(module.atan2, y, x), [0, 0, np.pi, np.pi / 2, -np.pi / 2], rtol=2 * EPSILON[kind], atol=0
+    )
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

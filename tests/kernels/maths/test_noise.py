@@ -11,9 +11,21 @@ from kernels.runtime import runtime
 
 # Random123 1.14.0, tests/kat_vectors, philox4x32 10 rounds: counter, key, answer.
 KNOWN = [
-    ("00000000 00000000 00000000 00000000", "00000000 00000000", "6627e8d5 e169c58d bc57ac4c 9b00dbd8"),
-    ("ffffffff ffffffff ffffffff ffffffff", "ffffffff ffffffff", "408f276d 41c83b0e a20bc7c6 6d5451fd"),
-    ("243f6a88 85a308d3 13198a2e 03707344", "a4093822 299f31d0", "d16cfe09 94fdcceb 5001e420 24126ea1"),
+    (
+        "00000000 00000000 00000000 00000000",
+        "00000000 00000000",
+        "6627e8d5 e169c58d bc57ac4c 9b00dbd8",
+    ),
+    (
+        "ffffffff ffffffff ffffffff ffffffff",
+        "ffffffff ffffffff",
+        "408f276d 41c83b0e a20bc7c6 6d5451fd",
+    ),
+    (
+        "243f6a88 85a308d3 13198a2e 03707344",
+        "a4093822 299f31d0",
+        "d16cfe09 94fdcceb 5001e420 24126ea1",
+    ),
 ]
 U32 = ti.types.ndarray(dtype=ti.u32, ndim=1)
 
@@ -28,7 +40,12 @@ def _philox(counter: U32, key: U32, out: U32):
 
 @ti.kernel
 def _draw(
-    seed0: ti.u32, seed1: ti.u32, stream: ti.i32, step: ti.i32, first: ti.i32, out: ti.types.ndarray(ti.f32, ndim=2)
+    seed0: ti.u32,
+    seed1: ti.u32,
+    stream: ti.i32,
+    step: ti.i32,
+    first: ti.i32,
+    out: ti.types.ndarray(ti.f32, ndim=2),
 ):
     for i in range(out.shape[0]):
         w = noise.noise_words(seed0, seed1, stream, first + i, step)
@@ -42,7 +59,12 @@ def _pairs(seed0: ti.u32, seed1: ti.u32, out: ti.types.ndarray(ti.f32, ndim=2)):
     for i in range(out.shape[0]):
         w = noise.noise_words(seed0, seed1, 1, i, 0)
         n = noise.normals(w[0], w[1])
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = noise.uniform(w[0]), noise.uniform(w[1]), n[0], n[1]
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = (
+            noise.uniform(w[0]),
+            noise.uniform(w[1]),
+            n[0],
+            n[1],
+        )
 
 
 def draw(n: int, seed: int = 1, stream: int = 4, step: int = 0, first: int = 0) -> np.ndarray:
@@ -72,7 +94,9 @@ def test_normals_and_uniforms_have_their_moments() -> None:
     assert 0 < x[:, 4].min() < x[:, 4].max() < 1
 
 
-@pytest.mark.parametrize("other", [{"seed": 2}, {"seed": 1 + 2**40}, {"stream": 5}, {"step": 1}, {"step": -1}])
+@pytest.mark.parametrize(
+    "other", [{"seed": 2}, {"seed": 1 + 2**40}, {"stream": 5}, {"step": 1}, {"step": -1}]
+)
 def test_seeds_streams_and_steps_are_independent(other: dict[str, int]) -> None:
     n = 100_000
     a, b = draw(n)[:, 0], draw(n, **other)[:, 0]
@@ -80,14 +104,18 @@ def test_seeds_streams_and_steps_are_independent(other: dict[str, int]) -> None:
 
 
 def test_every_use_has_a_stream_of_its_own() -> None:
-    """Two uses of one stream would draw the same numbers; classes of debris count on from the last one."""
+    """Two uses of one stream would draw the same numbers; classes of debris count on from the last
+    one.
+    """
     streams = {name: number for name, number in vars(noise).items() if name.startswith("STREAM_")}
     assert len(set(streams.values())) == len(streams) > 8
     assert max(streams, key=lambda name: streams[name]) == "STREAM_DEBRIS"
 
 
 def test_seeds_of_purposes_are_hashes_by_splitmix64() -> None:
-    """Its first numbers from the state 0, as Vigna's splitmix64.c (public domain) and java.util.SplittableRandom(0) give them."""
+    """Its first numbers from the state 0, as Vigna's splitmix64.c (public domain) and
+    java.util.SplittableRandom(0) give them.
+    """
     golden = 0x9E3779B97F4A7C15
     known = [0xE220A8397B1DCDAF, 0x6E789E6AA1B965F4, 0x06C45D188009454F]
     assert [noise._mixed(k * golden % 2**64) for k in range(3)] == known

@@ -1,6 +1,8 @@
-"""Beams and sonars among places with losses of their own, against SciPy's interpolation and the closed form of lambda-sigma.
+"""Beams and sonars among places with losses of their own, against SciPy's interpolation and the
+closed form of lambda-sigma.
 
-Of a signal excess that stays the same, nothing is heard in a time T with probability (1 - p) exp(-rate p T).
+Of a signal excess that stays the same, nothing is heard in a time T with probability (1 - p)
+exp(-rate p T).
 """
 
 import numpy as np
@@ -17,7 +19,8 @@ from kernels.planning.stations import Swarm, Tables, Ways
 GEOD = pyproj.Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 RANDOM = np.random.default_rng(21)
 RINGS = np.linspace(500.0, 90_000.0, 180)
-LOSS = 62 + 15 * np.log10(1 + RINGS / 900) + RANDOM.uniform(-7, 7, (4, 6, 1))  # (places, rays, rings)
+# (places, rays, rings)
+LOSS = 62 + 15 * np.log10(1 + RINGS / 900) + RANDOM.uniform(-7, 7, (4, 6, 1))
 GAIN = RANDOM.uniform(-6, 9, (3, 12))  # of beams, by relative bearing
 NOISE = RANDOM.uniform(66, 72, (3, 5))  # by bin and true bearing
 LEVEL = np.array([[141.0, 148.0], [152.5, 157.0]])
@@ -31,40 +34,60 @@ HEADING = np.array([0.4, 2.9, 5.1])
 
 
 def binary(degrees: np.ndarray) -> np.ndarray:
-    return np.round((np.asarray(degrees) + 180) % 360 * 2**32 / 360 - 2**31).astype(np.int64).astype(np.int32)
+    return (
+        np.round((np.asarray(degrees) + 180) % 360 * 2**32 / 360 - 2**31)
+        .astype(np.int64)
+        .astype(np.int32)
+    )
 
 
 def around(table: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """Return what a table has at an angle [rad], straight between entries that go round."""
-    return np.interp(turn % (2 * np.pi), np.linspace(0, 2 * np.pi, table.size + 1), np.append(table, table[0]))
+    return np.interp(
+        turn % (2 * np.pi), np.linspace(0, 2 * np.pi, table.size + 1), np.append(table, table[0])
+    )
 
 
 def swarm(m: int, scenario: np.ndarray) -> tuple[Swarm, np.ndarray, np.ndarray]:
-    """Return particles that lie still, and their ranges [m] and bearings [rad] from the sonar, across the antimeridian."""
+    """Return particles that lie still, and their ranges [m] and bearings [rad] from the sonar,
+    across the antimeridian.
+    """
     far, turn = np.random.default_rng(4).uniform([[2e3], [0]], [[85e3], [360]], (2, m))
     lon, lat, _ = GEOD.fwd(np.full(m, HERE[0]), np.full(m, HERE[1]), turn, far)
     columns = (np.repeat(binary(x)[:, None], TIME.size, axis=1) for x in (lon, lat))
-    return Swarm(TIME.astype(np.float32), *columns, np.ones((m, TIME.size), np.uint8), scenario), far, np.radians(turn)
+    return (
+        Swarm(TIME.astype(np.float32), *columns, np.ones((m, TIME.size), np.uint8), scenario),
+        far,
+        np.radians(turn),
+    )
 
 
-def chances(far: np.ndarray, turn: np.ndarray, level: np.ndarray, bin_: int, gain: np.ndarray) -> np.ndarray:
+def chances(
+    far: np.ndarray, turn: np.ndarray, level: np.ndarray, bin_: int, gain: np.ndarray
+) -> np.ndarray:
     """Return the probability that the excess and a fluctuation drawn anew are above 0."""
     closed = np.linspace(0, 2 * np.pi, LOSS.shape[1] + 1)
     lost = np.zeros(far.size)
     for place, weight in zip(WHICH[bin_], WEIGHT[bin_], strict=True):
         table = np.vstack([LOSS[place], LOSS[place][:1]])
-        lost += weight * RegularGridInterpolator((closed, RINGS), table)(np.stack([turn, far], axis=1))
+        lost += weight * RegularGridInterpolator((closed, RINGS), table)(
+            np.stack([turn, far], axis=1)
+        )
     excess = level - lost - around(NOISE[bin_], turn) + around(gain, turn - HEADING[bin_])
     return norm.cdf(excess / SPREAD)
 
 
 def tables(gain: np.ndarray, offsets: np.ndarray) -> Tables:
     float32 = (np.asarray(x, np.float32) for x in (gain, NOISE, LEVEL, PACE))
-    return Tables(LOSS.astype(np.float32), RINGS[0], RINGS[1] - RINGS[0], *float32, SPREAD, RATE, offsets)
+    return Tables(
+        LOSS.astype(np.float32), RINGS[0], RINGS[1] - RINGS[0], *float32, SPREAD, RATE, offsets
+    )
 
 
 def agree(log: np.ndarray, p: np.ndarray, lasting: float) -> None:
-    """Hold logs of misses of float32 against the closed form, where bearings are right to 1e-5 rad and losses to 1e-4 dB."""
+    """Hold logs of misses of float32 against the closed form, where bearings are right to 1e-5 rad
+    and losses to 1e-4 dB.
+    """
     expected = np.log1p(-p) - RATE * p * lasting
     assert np.ptp(p) > 0.5
     np.testing.assert_allclose(log, expected, rtol=2e-3, atol=2e-5)
@@ -87,7 +110,11 @@ def test_losses_of_a_beam_are_those_of_all_places_by_their_weights(bin_: int) ->
         if row < 0:
             assert (own == 0).all()
         else:
-            agree(own, chances(far, turn, LEVEL[scenario, 0] + offset, bin_, GAIN[row]), TIME[bin_ + 1] - TIME[bin_])
+            agree(
+                own,
+                chances(far, turn, LEVEL[scenario, 0] + offset, bin_, GAIN[row]),
+                TIME[bin_ + 1] - TIME[bin_],
+            )
 
 
 @pytest.mark.parametrize("bin_", range(3))

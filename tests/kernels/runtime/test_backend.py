@@ -1,4 +1,6 @@
-"""Which backend runs: what auto takes and says, what is refused, and a card that is full on the way."""
+"""Which backend runs: what auto takes and says, what is refused, and a card that is full on the
+way.
+"""
 
 import os
 import subprocess
@@ -89,7 +91,9 @@ except Exception as error:
 
 @pytest.mark.parametrize("full", [False, True])
 def test_auto_falls_back_to_the_processor_in_one_line(tmp_path: Path, full: bool) -> None:
-    """From a card that its driver lists and Taichi cannot start, and from one that is full: here there is none."""
+    """From a card that its driver lists and Taichi cannot start, and from one that is full: here
+    there is none.
+    """
     why = (
         ", '', 'discrete', 'CUDA 12.4', 2**33, 2**20, *devices.fullness(2**20)"
         if full
@@ -104,39 +108,58 @@ def test_auto_falls_back_to_the_processor_in_one_line(tmp_path: Path, full: bool
     assert done.stdout.split("\n")[-2] == "[3.0, 3.0, 3.0] ''"
     assert done.stderr.count("\n") == 1
     assert done.stderr.startswith('drift: backend = "auto" takes cpu: ')
-    wanted = "1.0 MiB of its memory are free, and a run needs 1.0 GiB" if full else "Card, CUDA 12.4 does not start ("
+    wanted = (
+        "1.0 MiB of its memory are free, and a run needs 1.0 GiB"
+        if full
+        else "Card, CUDA 12.4 does not start ("
+    )
     assert wanted in done.stderr
 
 
-def test_a_software_device_is_taken_where_it_is_asked_for_and_said_to_be_for_tests(tmp_path: Path) -> None:
+def test_a_software_device_is_taken_where_it_is_asked_for_and_said_to_be_for_tests(
+    tmp_path: Path,
+) -> None:
     if lavapipe().kind != "software":
         pytest.skip("the driver of Vulkan is a card's")
     done = program(tmp_path, "runtime.start('vulkan'); print(doubled())")
     assert done.stdout == "[3.0, 3.0, 3.0]\n"
-    assert done.stderr == f'drift: backend = "vulkan": {lavapipe().name} is a software device: for tests\n'
+    assert (
+        done.stderr
+        == f'drift: backend = "vulkan": {lavapipe().name} is a software device: for tests\n'
+    )
 
 
 def test_a_software_device_that_may_compute_wrongly_is_refused_and_the_remedies_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where Mesa is as old as is said; with one that is new enough it starts (above), and so does the processor."""
+    """Where Mesa is as old as is said; with one that is new enough it starts (above), and so does
+    the processor.
+    """
     if lavapipe().kind != "software":
         pytest.skip("the driver of Vulkan is a card's")
     done = program(tmp_path, "devices.MESA = 1000\nruntime.start('vulkan')")
     last = done.stderr.splitlines()[-1]
-    assert "which may compute wrongly and say nothing; install Mesa 1000 or later (Debian 12: " in last
+    assert (
+        "which may compute wrongly and say nothing; install Mesa 1000 or later (Debian 12: " in last
+    )
     assert last.endswith('or use backend = "cpu"')
     assert (
-        program(tmp_path, "devices.MESA = 1000\nruntime.start('cpu'); print(doubled())").stdout == "[3.0, 3.0, 3.0]\n"
+        program(tmp_path, "devices.MESA = 1000\nruntime.start('cpu'); print(doubled())").stdout
+        == "[3.0, 3.0, 3.0]\n"
     )
 
 
 def test_a_card_that_fills_up_on_the_way_is_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the words of Taichi 1.7.4 on a CUDA driver that grants 2 GiB; other errors stay what they are."""
-    monkeypatch.setattr(runtime, "_started", {"backend": "cuda", "threads": 2, "thread": -1, "device": CARD})
+    """In the words of Taichi 1.7.4 on a CUDA driver that grants 2 GiB; other errors stay what they
+    are.
+    """
+    monkeypatch.setattr(
+        runtime, "_started", {"backend": "cuda", "threads": 2, "thread": -1, "device": CARD}
+    )
     with (
         pytest.raises(
-            UserError, match=r'^backend = "cuda": Card is full; end other .* more shards, or use backend = "cpu"$'
+            UserError,
+            match=r'^backend = "cuda": Card is full; end other .* more shards, or use backend = "cpu"$',
         ),
         runtime.telling_full(),
     ):
@@ -150,8 +173,12 @@ def test_a_card_that_fills_up_on_the_way_is_a_line(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="copies of a process draw where there is fork")
 @pytest.mark.parametrize(("backend", "frees"), [("vulkan", False), ("cpu", True)])
-def test_a_copy_of_the_process_frees_no_array_of_a_card(tmp_path: Path, backend: str, frees: bool) -> None:
-    """As copies that draw pictures are: they end well, and the original still has its arrays, and frees them itself."""
+def test_a_copy_of_the_process_frees_no_array_of_a_card(
+    tmp_path: Path, backend: str, frees: bool
+) -> None:
+    """As copies that draw pictures are: they end well, and the original still has its arrays, and
+    frees them itself.
+    """
     lavapipe()
     code = f"""
 import os
@@ -172,8 +199,18 @@ print(held.to_numpy().tolist(), ti.ScalarNdarray.__del__ is whose)
 def test_the_page_of_backends_has_the_messages() -> None:
     """Each, but for its numbers and names."""
     page = (ROOT / "docs" / "backends.md").read_text(encoding="utf-8")
-    cards = (devices.cuda_unfit((5, 2), 12040, None), devices.cuda_unfit((9, 0), 9020, None), devices.fullness(0))
-    modern = {"version": (1, 3), "lacks": (), "buffers": 100, "kind": "discrete", "driver": "llvmpipe Mesa 22.3.6"}
+    cards = (
+        devices.cuda_unfit((5, 2), 12040, None),
+        devices.cuda_unfit((9, 0), 9020, None),
+        devices.fullness(0),
+    )
+    modern = {
+        "version": (1, 3),
+        "lacks": (),
+        "buffers": 100,
+        "kind": "discrete",
+        "driver": "llvmpipe Mesa 22.3.6",
+    }
     told = [why.removeprefix("0.0 MiB ") for why, _ in cards]
     for differs in ({"version": (1, 0)}, {"kind": "software"}):
         told.append(devices.vulkan_unfit(**(modern | differs))[0])
@@ -186,7 +223,9 @@ def test_the_page_of_backends_has_the_messages() -> None:
 def test_the_room_of_a_card_is_asked_for_each_time(monkeypatch: pytest.MonkeyPatch) -> None:
     now = Device("cuda", 0, "Card", "discrete", "CUDA 12.4", 8 * 2**30, 2 * 2**30)
     monkeypatch.setattr(drivers, "ask", lambda backend: Listed(backend, (now,)))
-    monkeypatch.setattr(runtime, "_started", {"backend": "cuda", "threads": 2, "thread": -1, "device": CARD})
+    monkeypatch.setattr(
+        runtime, "_started", {"backend": "cuda", "threads": 2, "thread": -1, "device": CARD}
+    )
     assert runtime.room() == 2 * 2**30
     assert runtime.about() == {"backend": "cuda", "device": "Card, CUDA 12.4"}
     monkeypatch.setattr(drivers, "ask", lambda backend: Listed(backend, (), "gone"))
@@ -197,7 +236,9 @@ def test_the_room_of_a_card_is_asked_for_each_time(monkeypatch: pytest.MonkeyPat
 
 
 def test_the_threshold_of_auto_is_that_of_the_docs() -> None:
-    """And its arithmetic: a step's host time over a particle's on a processor of 16 cores, rounded up."""
+    """And its arithmetic: a step's host time over a particle's on a processor of 16 cores, rounded
+    up.
+    """
     page = (ROOT / "docs" / "backends.md").read_text(encoding="utf-8")
     assert f"below {devices.WORTH:,} particles" in page
     assert 1e-3 / 12e-9 <= devices.WORTH < 2 * 1e-3 / 12e-9

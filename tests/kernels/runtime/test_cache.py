@@ -47,18 +47,25 @@ def test_a_cache_that_cannot_be_written_costs_a_line(tmp_path: Path, named: bool
     """Of the home, and of the variable; the remedy that the line names works."""
     (tmp_path / "file").write_text("", encoding="utf-8")
     place = tmp_path / "file" / ".cache"
-    done = launched(tmp_path, **({"TI_OFFLINE_CACHE_FILE_PATH": str(place)} if named else {"HOME": str(place.parent)}))
+    done = launched(
+        tmp_path,
+        **({"TI_OFFLINE_CACHE_FILE_PATH": str(place)} if named else {"HOME": str(place.parent)}),
+    )
     assert (done.returncode, done.stdout) == (0, "[3. 3. 3.]\n")
     assert done.stderr.count("\n") == 1
     assert f"cache {place}" in done.stderr
-    mended = launched(tmp_path, HOME=str(tmp_path / "file"), TI_OFFLINE_CACHE_FILE_PATH=str(tmp_path / "kept"))
+    mended = launched(
+        tmp_path, HOME=str(tmp_path / "file"), TI_OFFLINE_CACHE_FILE_PATH=str(tmp_path / "kept")
+    )
     assert (mended.returncode, mended.stdout, mended.stderr) == (0, "[3. 3. 3.]\n", "")
     assert list((tmp_path / "kept").glob("*.tic"))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
 def test_too_little_memory_to_start_is_told_and_the_remedy_helps(tmp_path: Path) -> None:
-    """The line does not advise the backend that has just failed; with the limit that it names the backend starts."""
+    """The line does not advise the backend that has just failed; with the limit that it names the
+    backend starts.
+    """
     code = "import sys, resource; resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2); sys.argv[:] = ['launch.py']; "
     code += "exec(compile(open('launch.py').read(), 'launch.py', 'exec'))"
     (tmp_path / "launch.py").write_text(LAUNCH, encoding="utf-8")

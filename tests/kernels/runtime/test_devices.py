@@ -1,4 +1,7 @@
-"""What is judged of graphics cards: which one auto takes, and why one cannot be used. Records are made by hand."""
+"""What is judged of graphics cards: which one auto takes, and why one cannot be used.
+
+Records are made by hand.
+"""
 
 from collections.abc import Callable
 
@@ -19,7 +22,10 @@ def asking(*listed: Listed) -> Callable[[str], Listed]:
 
 
 def vulkan(*kinds: str, unfit: str = "") -> Listed:
-    made = [Device("vulkan", k, f"{kind} {k}", kind, "Mesa 25", unfit=unfit) for k, kind in enumerate(kinds)]
+    made = [
+        Device("vulkan", k, f"{kind} {k}", kind, "Mesa 25", unfit=unfit)
+        for k, kind in enumerate(kinds)
+    ]
     return Listed("vulkan", tuple(made))
 
 
@@ -36,7 +42,9 @@ def test_a_run_below_the_threshold_stays_on_the_processor_and_no_driver_is_asked
 
     choice = devices.automatic(devices.WORTH - 1, never)
     assert choice.device is None
-    assert choice.why == "a card is worth it from 100,000 particles or clouds on, and this has 99,999"
+    assert (
+        choice.why == "a card is worth it from 100,000 particles or clouds on, and this has 99,999"
+    )
     assert devices.automatic(devices.WORTH, asking(Listed("cuda", (CARD,)))).device is CARD
 
 
@@ -49,12 +57,18 @@ def test_auto_takes_no_device_that_is_no_card_of_its_own(kind: str) -> None:
     assert not choice.missed
 
 
-def test_a_card_that_cannot_be_used_is_missed_with_what_to_do_and_the_next_backend_is_asked() -> None:
-    old = Device("cuda", 0, "Old card", "discrete", "CUDA 9.1", unfit="too old", remedy="take another")
+def test_a_card_that_cannot_be_used_is_missed_with_what_to_do_and_the_next_backend_is_asked() -> (
+    None
+):
+    old = Device(
+        "cuda", 0, "Old card", "discrete", "CUDA 9.1", unfit="too old", remedy="take another"
+    )
     choice = devices.automatic(None, asking(Listed("cuda", (old,))))
     assert choice.missed
     assert "cuda: Old card: too old (take another)" in choice.why
-    other = devices.automatic(None, asking(Listed("cuda", (old,)), vulkan("integrated", "discrete")))
+    other = devices.automatic(
+        None, asking(Listed("cuda", (old,)), vulkan("integrated", "discrete"))
+    )
     assert other.device is not None
     assert (other.device.backend, other.device.number) == ("vulkan", 1)
 
@@ -64,7 +78,8 @@ def test_a_card_that_cannot_be_used_is_missed_with_what_to_do_and_the_next_backe
     [
         (("software", "integrated", "discrete"), "", 2),
         (("software", "integrated", "discrete"), "1", 1),
-        (("software", "virtual"), "7", 1),  # Taichi says that there is no such device, and ranks them itself
+        # Taichi says that there is no such device, and ranks them itself
+        (("software", "virtual"), "7", 1),
         (("discrete", "discrete"), "", 0),
     ],
 )
@@ -98,13 +113,21 @@ def test_cuda_takes_its_first_card_whatever_is_named(monkeypatch: pytest.MonkeyP
         ((9, 0), 12040, None, ""),
     ],
 )
-def test_why_a_card_of_cuda_cannot_be_used(capability: tuple, version: int, free: int | None, why: str) -> None:
+def test_why_a_card_of_cuda_cannot_be_used(
+    capability: tuple, version: int, free: int | None, why: str
+) -> None:
     found, remedy = devices.cuda_unfit(capability, version, free)
     assert found == why
     assert bool(remedy) == bool(why)
 
 
-MODERN = {"version": (1, 3), "lacks": (), "buffers": 1024, "kind": "discrete", "driver": "radv Mesa 22.3.6"}
+MODERN = {
+    "version": (1, 3),
+    "lacks": (),
+    "buffers": 1024,
+    "kind": "discrete",
+    "driver": "radv Mesa 22.3.6",
+}
 
 
 @pytest.mark.parametrize(
@@ -114,10 +137,16 @@ MODERN = {"version": (1, 3), "lacks": (), "buffers": 1024, "kind": "discrete", "
         ({"version": (1, 0)}, "it knows Vulkan 1.0, and kernels need 1.1"),
         ({"lacks": ("float64", "int8")}, "it lacks float64, int8, which kernels need"),
         ({"buffers": 30}, "it hands 30 buffers to a kernel, and kernels take up to 31"),
-        ({"kind": "software"}, "software of radv Mesa 22.3.6, which may compute wrongly and say nothing"),
+        (
+            {"kind": "software"},
+            "software of radv Mesa 22.3.6, which may compute wrongly and say nothing",
+        ),
         ({"kind": "software", "driver": "llvmpipe Mesa 25.0.7-2~bpo12+1 (LLVM 15.0.6)"}, ""),
         ({"kind": "software", "driver": "llvmpipe Mesa 100.1"}, ""),
-        ({"kind": "software", "driver": "SwiftShader driver 5"}, "software of SwiftShader driver 5, which may"),
+        (
+            {"kind": "software", "driver": "SwiftShader driver 5"},
+            "software of SwiftShader driver 5, which may",
+        ),
     ],
 )
 def test_why_a_device_of_vulkan_cannot_be_used(differs: dict, why: str) -> None:
@@ -128,17 +157,28 @@ def test_why_a_device_of_vulkan_cannot_be_used(differs: dict, why: str) -> None:
 
 def test_a_backend_that_is_asked_for_and_cannot_be_used_is_refused_with_what_to_do() -> None:
     assert devices.usable(Listed("cuda", (CARD,))) is CARD
-    with pytest.raises(UserError, match=r'^backend = "cuda": no cuda; install cuda, or use backend = "cpu"$'):
+    with pytest.raises(
+        UserError, match=r'^backend = "cuda": no cuda; install cuda, or use backend = "cpu"$'
+    ):
         devices.usable(NONE["cuda"])
-    with pytest.raises(UserError, match=r"""^backend = "metal": it is macOS's; use backend = "cpu"$"""):
+    with pytest.raises(
+        UserError, match=r"""^backend = "metal": it is macOS's; use backend = "cpu"$"""
+    ):
         devices.usable(Listed("metal", (), "it is macOS's"))
     full = Device("cuda", 0, "Card", "discrete", "CUDA 12.4", 8 * GIB, 0, *devices.fullness(0))
-    with pytest.raises(UserError, match=r"Card: 0\.0 MiB of its memory are free, .*; end other programs on the card"):
+    with pytest.raises(
+        UserError,
+        match=r"Card: 0\.0 MiB of its memory are free, .*; end other programs on the card",
+    ):
         devices.usable(Listed("cuda", (full,)))
 
 
 def test_only_a_card_has_memory_of_its_own() -> None:
     assert CARD.room == 6 * GIB
-    assert Device("cuda", 0, "", "discrete", "", 8 * GIB).room == 8 * GIB  # nobody says what is free
+    # nobody says what is free
+    assert Device("cuda", 0, "", "discrete", "", 8 * GIB).room == 8 * GIB
     assert Device("vulkan", 0, "", "software", "", 8 * GIB, 6 * GIB).room is None
-    assert Device("vulkan", 0, "", "integrated", "", 8 * GIB, 6 * GIB).memory == "the processor's memory"
+    assert (
+        Device("vulkan", 0, "", "integrated", "", 8 * GIB, 6 * GIB).memory
+        == "the processor's memory"
+    )

@@ -1,4 +1,6 @@
-"""What drivers list: by libraries made of stub_drivers.c, whose structures the C compiler lays out, and by a real one."""
+"""What drivers list: by libraries made of stub_drivers.c, whose structures the C compiler lays out,
+and by a real one.
+"""
 
 import json
 import os
@@ -41,11 +43,19 @@ def ask(stub: Path, tmp_path: Path) -> Ask:
         for name in names:
             shutil.copy(stub, tmp_path / name)
         own = {
-            key: value for key, value in os.environ.items() if key not in ("CUDA_VISIBLE_DEVICES", "TI_VISIBLE_DEVICE")
+            key: value
+            for key, value in os.environ.items()
+            if key not in ("CUDA_VISIBLE_DEVICES", "TI_VISIBLE_DEVICE")
         }
-        own |= {"PYTHONPATH": str(ROOT), "LD_LIBRARY_PATH": str(tmp_path)} | {key: str(says[key]) for key in says}
+        own |= {"PYTHONPATH": str(ROOT), "LD_LIBRARY_PATH": str(tmp_path)} | {
+            key: str(says[key]) for key in says
+        }
         done = subprocess.run(
-            [sys.executable, "-c", LIST, backend], env=own, capture_output=True, text=True, check=True
+            [sys.executable, "-c", LIST, backend],
+            env=own,
+            capture_output=True,
+            text=True,
+            check=True,
         )
         return json.loads(done.stdout)
 
@@ -86,7 +96,9 @@ def test_a_card_of_cuda_that_cannot_be_used(ask: Ask, says: dict, why: str) -> N
 
 
 def test_no_card_of_cuda(ask: Ask) -> None:
-    """What the driver says is told, and a variable that hides cards is named: without it they are there."""
+    """What the driver says is told, and a variable that hides cards is named: without it they are
+    there.
+    """
     if ask("cuda")["devices"]:
         pytest.skip("there is a card here")
     assert ask("cuda")["why"] == "no NVIDIA driver is found"
@@ -129,7 +141,10 @@ def test_devices_of_vulkan_with_their_memory(ask: Ask) -> None:
         ({"STUB_INT8": 0, "STUB_INT64": 0}, "it lacks int64, int8, which"),
         ({"STUB_BUFFERS": 30}, "it hands 30 buffers to a kernel, and kernels take up to 31"),
         ({"STUB_FREE": 2**20}, "1.0 MiB of its memory are free"),
-        ({"STUB_TYPES": 4, "STUB_INFO": "Mesa 22.3.6 (LLVM 15.0.6)"}, "software of stubv Mesa 22.3.6 (LLVM 15.0.6)"),
+        (
+            {"STUB_TYPES": 4, "STUB_INFO": "Mesa 22.3.6 (LLVM 15.0.6)"},
+            "software of stubv Mesa 22.3.6 (LLVM 15.0.6)",
+        ),
         ({"STUB_NAME": "SwiftShader Device"}, "software of stubv Mesa 24.1.2"),
     ],
 )
@@ -165,12 +180,15 @@ def test_metal_is_for_apple(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_tracks_are_refused_on_metal_which_has_no_float64(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runtime, "backend", lambda: "metal")
     with pytest.raises(
-        UserError, match=r'^backend = "metal": tracks are followed in float64, .*; use backend = "cpu"$'
+        UserError,
+        match=r'^backend = "metal": tracks are followed in float64, .*; use backend = "cpu"$',
     ):
         clouds.follow(False, 1, 1, {}, {}, {}, {}, {}, None)
 
 
-@pytest.mark.skipif(shutil.which("vulkaninfo") is None, reason="needs vulkaninfo (Debian: vulkan-tools)")
+@pytest.mark.skipif(
+    shutil.which("vulkaninfo") is None, reason="needs vulkaninfo (Debian: vulkan-tools)"
+)
 def test_a_real_driver_of_vulkan_says_what_vulkaninfo_prints() -> None:
     """Name, kind, driver, heaps and limits of the first device, from another program (Khronos)."""
     told = subprocess.run(["vulkaninfo"], capture_output=True, text=True, timeout=60).stdout
@@ -185,7 +203,12 @@ def test_a_real_driver_of_vulkan_says_what_vulkaninfo_prints() -> None:
     assert device.name == first(r"^\s*deviceName\s*=\s*(.*)$")
     assert device.driver == f"{first(r'driverName +=? *(.*)$')} {first(r'driverInfo +=? *(.*)$')}"
     kind = first(r"deviceType\s*=\s*PHYSICAL_DEVICE_TYPE_(\w+)")
-    kinds = {"CPU": "software", "INTEGRATED_GPU": "integrated", "DISCRETE_GPU": "discrete", "VIRTUAL_GPU": "virtual"}
+    kinds = {
+        "CPU": "software",
+        "INTEGRATED_GPU": "integrated",
+        "DISCRETE_GPU": "discrete",
+        "VIRTUAL_GPU": "virtual",
+    }
     assert device.kind == kinds[kind]
     if told.count("memoryHeaps[") == 1:
         assert device.total == int(first(r"memoryHeaps\[0\]:\s*\n\s*size\s*=\s*(\d+)"))

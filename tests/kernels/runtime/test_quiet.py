@@ -10,6 +10,11 @@ WRAPPED = "import io, sys; sys.stdout = io.StringIO(); from kernels.runtime impo
 
 def test_nothing_is_said_where_standard_output_is_wrapped() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", WRAPPED], cwd=ROOT, capture_output=True, text=True, check=True, timeout=120
+        [sys.executable, "-c", WRAPPED],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
     )
     assert done.stdout == done.stderr == ""

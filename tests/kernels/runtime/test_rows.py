@@ -51,7 +51,9 @@ def test_each_array_is_made_once() -> None:
 
 
 def test_ensembles_inherit_and_join_row_by_row() -> None:
-    """Each column of an ensemble is as it would be alone: copies, samples and joins of slots do not mix rows."""
+    """Each column of an ensemble is as it would be alone: copies, samples and joins of slots do not
+    mix rows.
+    """
     spec = (Column("x", np.float32, 2, "", "", "both"), Column("y", np.int32, 1, "", ""), Column("z", np.float32, 3, "", "", "both"))  # fmt: skip
     ensemble = record.empty(1, (0, 2, 5), spec)
     assert list(ensemble.own) == ["x", "y", "z"]

@@ -1,4 +1,5 @@
-"""A fork of Taichi in place of it, in processes of its own: what moves, is searched for, steers and follows agrees.
+"""A fork of Taichi in place of it, in processes of its own: what moves, is searched for, steers and
+follows agrees.
 
 Skipped where the fork is not installed: `pip install quadrants`.
 """
@@ -56,7 +57,9 @@ for scale in (2, 5):
     added(launch.pack(Two, both, both, (9, scale, 9)), 0)
     print(two.to_numpy().tolist(), both.to_numpy().tolist())
 """
-pytestmark = pytest.mark.skipif(importlib.util.find_spec(FORK) is None, reason=f"{FORK} is not installed")
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec(FORK) is None, reason=f"{FORK} is not installed"
+)
 
 
 def printed(code: str, folder: Path, *arguments: str, fork: str = FORK) -> list[str]:
@@ -64,13 +67,21 @@ def printed(code: str, folder: Path, *arguments: str, fork: str = FORK) -> list[
     file = folder / "program.py"  # a kernel's source is read from its file
     file.write_text(code, encoding="utf-8")
     own = os.environ | {"PYTHONPATH": str(ROOT), "DRIFT_TAICHI": fork}
-    done = subprocess.run([sys.executable, str(file), *arguments], env=own, capture_output=True, text=True, timeout=280)
+    done = subprocess.run(
+        [sys.executable, str(file), *arguments],
+        env=own,
+        capture_output=True,
+        text=True,
+        timeout=280,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 
 
 def test_groups_are_told_apart_from_launch_to_launch(tmp_path: Path) -> None:
-    """Other arrays and numbers, without compiling anew; and one array that stands twice in its group."""
+    """Other arrays and numbers, without compiling anew; and one array that stands twice in its
+    group.
+    """
     assert printed(GROUPS, tmp_path) == [
         "[212.0, 212.0, 212.0] [9.0, 9.0, 9.0]",
         "[515.0, 515.0, 515.0] [18.0, 18.0, 18.0]",
@@ -79,12 +90,15 @@ def test_groups_are_told_apart_from_launch_to_launch(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_fork_moves_and_weighs_as_taichi_does(tmp_path: Path) -> None:
-    """Another release of LLVM rounds sums of products elsewhere: a few last bits of float32, 6e-8 each."""
+    """Another release of LLVM rounds sums of products elsewhere: a few last bits of float32, 6e-8
+    each.
+    """
     assert printed(RUN, tmp_path, str(tmp_path / "fork.npz")) == ["True"]
     assert printed(RUN, tmp_path, str(tmp_path / "taichi.npz"), fork="") == ["False"]
     fork, taichi = np.load(tmp_path / "fork.npz"), np.load(tmp_path / "taichi.npz")
     for name in ("overdue_boat", "smuggler_bridge"):
         for column in ("lon", "lat"):
-            assert np.abs(fork[f"{name} {column}"] - taichi[f"{name} {column}"]).max() < 1e-5  # [deg], a metre
+            # [deg], a metre
+            assert np.abs(fork[f"{name} {column}"] - taichi[f"{name} {column}"]).max() < 1e-5
         assert (fork[f"{name} status"] == taichi[f"{name} status"]).all()
         assert np.allclose(fork[f"{name} weight"], taichi[f"{name} weight"], rtol=1e-5, atol=1e-9)

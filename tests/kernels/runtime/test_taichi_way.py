@@ -34,7 +34,11 @@ for made in drift.run_many([drift.vary(drift.load(name), changes) for name, chan
 
 def done(code: str, **environment: str) -> list[str]:
     """Return what a process of its own prints."""
-    own = {name: value for name, value in os.environ.items() if name not in ("DRIFT_PLAIN_TAICHI", "XDG_CACHE_HOME")}
+    own = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("DRIFT_PLAIN_TAICHI", "XDG_CACHE_HOME")
+    }
     one = subprocess.run(
         [sys.executable, "-c", code],
         env=own | {"PYTHONPATH": str(ROOT)} | environment,
@@ -48,11 +52,15 @@ def done(code: str, **environment: str) -> list[str]:
 
 @pytest.mark.thorough
 def test_both_ways_give_the_same_bits() -> None:
-    """Drift, coast, sorties, resampling; targets that steer, looks and bridges: columns, groups, nodes and launches."""
+    """Drift, coast, sorties, resampling; targets that steer, looks and bridges: columns, groups,
+    nodes and launches.
+    """
     public = done(RUN, DRIFT_PLAIN_TAICHI="1")
     assert (taichi_way.inside, public[0]) == (True, "public")
     inside = []
-    for made in drift.run_many([drift.vary(drift.load(name), changes) for name, changes in CASES.items()]):
+    for made in drift.run_many(
+        [drift.vary(drift.load(name), changes) for name, changes in CASES.items()]
+    ):
         assert made.error is None
         parts = [x.tobytes() for x in (made.lon, made.lat, made.status, made.probability)]
         inside.append(hashlib.sha256(b"".join(parts)).hexdigest())
@@ -82,9 +90,15 @@ def test_insides_are_used_of_the_release_that_is_known_alone(
 
 
 def test_no_other_file_reaches_into_taichi() -> None:
-    """By imports from below the package's top; what compiles kernels is reached through `taichi_way.way`."""
+    """By imports from below the package's top; what compiles kernels is reached through
+    `taichi_way.way`.
+    """
     reaching = set()
-    for path in [*(ROOT / "kernels").rglob("*.py"), *(ROOT / "drift").rglob("*.py"), *(ROOT / "geo").rglob("*.py")]:
+    for path in [
+        *(ROOT / "kernels").rglob("*.py"),
+        *(ROOT / "drift").rglob("*.py"),
+        *(ROOT / "geo").rglob("*.py"),
+    ]:
         text = path.read_text(encoding="utf-8")
         if not any(word in text for word in ("taichi", "_primal", "lang", "_lib")):
             continue
@@ -92,7 +106,9 @@ def test_no_other_file_reaches_into_taichi() -> None:
             if isinstance(node, ast.ImportFrom | ast.Import):
                 first = getattr(node, "module", None) or ""
                 names = [first, *(f"{first}.{alias.name}".strip(".") for alias in node.names)]
-                if any(name.startswith(("taichi._", "taichi.lang", "taichi.types")) for name in names):
+                if any(
+                    name.startswith(("taichi._", "taichi.lang", "taichi.types")) for name in names
+                ):
                     reaching.add(path.name)
             if isinstance(node, ast.Attribute) and node.attr in ("_primal", "lang", "_lib"):
                 reaching.add(path.name)
@@ -113,7 +129,9 @@ def test_both_ways_have_the_same_functions() -> None:
         node.attr
         for name in ("runtime.py", "launch.py")
         for node in ast.walk(ast.parse((KERNELS / name).read_text(encoding="utf-8")))
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "way"
+        if isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "way"
     }
     assert used == {"begin", "bind", "cache", "column", "copy_into", "nodes", "pack", "pairs"}
 

@@ -62,10 +62,16 @@ def path(tmp_path: Path) -> Path:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("program", [pytest.param(AT_ONCE, id="threads"), pytest.param(ASYNC, id="asyncio")])
+@pytest.mark.parametrize(
+    "program", [pytest.param(AT_ONCE, id="threads"), pytest.param(ASYNC, id="asyncio")]
+)
 def test_threads_of_a_program_run_cases_one_after_another(path: Path, program: str) -> None:
-    """Whether Taichi was started by the main thread or by neither; the maps are those of the main thread, bit for bit."""
-    made = subprocess.run([sys.executable, "-c", HEAD + program, str(path)], capture_output=True, text=True)
+    """Whether Taichi was started by the main thread or by neither; the maps are those of the main
+    thread, bit for bit.
+    """
+    made = subprocess.run(
+        [sys.executable, "-c", HEAD + program, str(path)], capture_output=True, text=True
+    )
     assert (made.returncode, made.stdout) == (0, "as one after another\n"), made.stderr
 
 
@@ -130,20 +136,32 @@ def test_more_threads_than_cores_are_announced_before_the_run(
 def test_more_threads_than_cores_are_capped_with_a_word(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A billion threads run as all cores do, and change no bit. No pictures are drawn: they are of the same numbers."""
+    """A billion threads run as all cores do, and change no bit.
+
+    No pictures are drawn: they are of the same numbers.
+    """
     words = ["run", str(path), "--out", str(tmp_path / "out"), "--threads", "1000000000"]
-    made = subprocess.run([sys.executable, "-c", PLAIN, *words], capture_output=True, text=True, check=True)
-    assert made.stderr == f"drift: --threads 1000000000: runs on {runtime.cores()}, all the cores it may use here\n"
+    made = subprocess.run(
+        [sys.executable, "-c", PLAIN, *words], capture_output=True, text=True, check=True
+    )
+    assert (
+        made.stderr
+        == f"drift: --threads 1000000000: runs on {runtime.cores()}, all the cores it may use here\n"
+    )
     monkeypatch.setattr(chapter, "PICTURES", {})
     monkeypatch.setattr(chapter, "SCENARIO_PICTURES", {})
     result = drift.run(drift.load(path), out=tmp_path / "few")
     assert result.summary["run"]["particles"] == 1000
-    tables = [(tmp_path / folder / "track.csv").read_text().splitlines() for folder in ("out", "few")]
+    tables = [
+        (tmp_path / folder / "track.csv").read_text().splitlines() for folder in ("out", "few")
+    ]
     without_id = [[line.rpartition(",")[0] for line in table] for table in tables]
     assert without_id[0] == without_id[1]
 
 
-def test_cores_follow_the_container_s_quota(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cores_follow_the_container_s_quota(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(runtime.os, "sched_getaffinity", lambda process: range(12), raising=False)
     monkeypatch.setattr(runtime, "CGROUPS", tmp_path)
     assert runtime.cores() == 12

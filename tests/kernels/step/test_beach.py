@@ -1,4 +1,6 @@
-"""What the shore does: landings under diffusion, sliding, refloating; sinking, shared bias, divergence. Closed forms."""
+"""What the shore does: landings under diffusion, sliding, refloating; sinking, shared bias,
+divergence. Closed forms.
+"""
 
 from pathlib import Path
 
@@ -38,8 +40,12 @@ def land(*polygons: shapely.Polygon, lat: float = 0.0) -> shoreline.Coast:
 
 
 def jagged(edge: float) -> shapely.Polygon:
-    """Land east of lon 0, its straight shore in many edges of uneven length, numbered at random by the polygon's start."""
-    lat = np.concatenate([[-1.4], np.arange(-1.0, 1.0, edge) + 0.3 * edge * np.sin(np.arange(int(2 / edge))), [1.4]])
+    """Land east of lon 0, its straight shore in many edges of uneven length, numbered at random by
+    the polygon's start.
+    """
+    lat = np.concatenate(
+        [[-1.4], np.arange(-1.0, 1.0, edge) + 0.3 * edge * np.sin(np.arange(int(2 / edge))), [1.4]]
+    )
     return shapely.Polygon([(1.4, 1.4), (1.4, -1.4), *[(0.0, y) for y in lat]])
 
 
@@ -56,7 +62,9 @@ def drift_on(
     direction: int = 1,
     **place,
 ):
-    """Return the ensemble and its moments after drifting in a uniform current [m/s] from (lon, lat) [deg]."""
+    """Return the ensemble and its moments after drifting in a uniform current [m/s] from (lon, lat)
+    [deg].
+    """
     ensemble = record.empty(3, (0, n), COLUMNS)
     ensemble.lon.fill(int(sphere.to_binary(start[0])))
     ensemble.lat.fill(int(sphere.to_binary(start[1])))
@@ -69,27 +77,41 @@ def drift_on(
         (Motion(DRIFT, physics),),
         kernel.Surroundings(EVERYWHERE, device, **place),
     )
-    moments = list(simulate.run(ensemble, scene, Clock(T0, duration, direction, step), np.array(outputs or [duration])))
+    moments = list(
+        simulate.run(
+            ensemble, scene, Clock(T0, duration, direction, step), np.array(outputs or [duration])
+        )
+    )
     scene.forcing.close()
     return ensemble, moments
 
 
 @pytest.mark.parametrize("step", [pytest.param(900, marks=pytest.mark.thorough), 3600])
 def test_arrivals_with_diffusion_follow_the_inverse_gaussian_law(step: int) -> None:
-    """Brownian motion with drift first meets a line at distance a after IG(a / u, a^2 / 2D) (Schroedinger 1915).
+    """Brownian motion with drift first meets a line at distance a after IG(a / u, a^2 / 2D)
+    (Schroedinger 1915).
 
-    In one step of an hour the walk spreads 850 m; without the bridge arrivals would come 490 m, 82 min late.
+    In one step of an hour the walk spreads 850 m; without the bridge arrivals would come 490 m, 82
+    min late.
     """
     away, speed, diffusivity, n = 5000.0, 0.1, 100.0, 40_000
     shore = land(jagged(0.004))
     ensemble, _ = drift_on(
-        shore, (speed, 0.0), n, (-away * METRE, 0.1), 600_000, step, physics=kernel.Physics(diffusivity=diffusivity)
+        shore,
+        (speed, 0.0),
+        n,
+        (-away * METRE, 0.1),
+        600_000,
+        step,
+        physics=kernel.Physics(diffusivity=diffusivity),
     )
     status, ended = ensemble.status.to_numpy(), ensemble.status_since.to_numpy()
     mean, shape = away / speed, away**2 / (2 * diffusivity)
     law = stats.invgauss(mean / shape, scale=shape)
     arrived = np.where(status == Status.ASHORE, ended + 0.5, np.inf)
-    assert (status == Status.ASHORE).mean() == pytest.approx(law.cdf(600_000), abs=4.5 * np.sqrt(0.25 / n))
+    assert (status == Status.ASHORE).mean() == pytest.approx(
+        law.cdf(600_000), abs=4.5 * np.sqrt(0.25 / n)
+    )
     times = np.sort(arrived[np.isfinite(arrived)])
     apart = np.abs(np.arange(1, times.size + 1) / n - law.cdf(times)).max()
     print(step, apart, times.mean() - mean)
@@ -98,18 +120,23 @@ def test_arrivals_with_diffusion_follow_the_inverse_gaussian_law(step: int) -> N
 
 
 @pytest.mark.parametrize(
-    ("away", "speed", "lat"), [(800.0, 0.2, 0.1), (150.0, -0.02, 0.1), (1500.0, 0.4, -48.7), (150.0, -0.02, 67.3)]
+    ("away", "speed", "lat"),
+    [(800.0, 0.2, 0.1), (150.0, -0.02, 0.1), (1500.0, 0.4, -48.7), (150.0, -0.02, 67.3)],
 )
 def test_one_step_lands_by_the_inverse_gaussian_law(away: float, speed: float, lat: float) -> None:
-    """Whether the shore is met within a single step of an hour, and when: near its begin, near its end, or by going over it.
+    """Whether the shore is met within a single step of an hour, and when: near its begin, near its
+    end, or by going over it.
 
-    Brownian motion with drift u meets a line at distance a by time t with the distribution of an inverse Gaussian time; where the
-    drift leads away, with that of its mirror times exp(2 a u / sigma^2).
+    Brownian motion with drift u meets a line at distance a by time t with the distribution of an
+    inverse Gaussian time; where the drift leads away, with that of its mirror times exp(2 a u /
+    sigma^2).
     """
     n, dt, diffusivity = 100_000, 3600, 3.0  # a step's walk of 147 m
     shore = land(shapely.box(0, lat - 1.4, 1.4, lat + 1.4), lat=lat)
     west = -away * METRE / np.cos(np.radians(lat))
-    ensemble, _ = drift_on(shore, (speed, 0.0), n, (west, lat), dt, dt, physics=kernel.Physics(diffusivity=diffusivity))
+    ensemble, _ = drift_on(
+        shore, (speed, 0.0), n, (west, lat), dt, dt, physics=kernel.Physics(diffusivity=diffusivity)
+    )
     ashore = ensemble.status.to_numpy() == Status.ASHORE
     sigma2 = 2 * diffusivity
     shape, mean = away**2 / sigma2, away / abs(speed)
@@ -118,15 +145,26 @@ def test_one_step_lands_by_the_inverse_gaussian_law(away: float, speed: float, l
     assert 0.02 < share < 0.98
     assert abs(ashore.mean() - share) < 4.5 * np.sqrt(share * (1 - share) / n)
     when = ensemble.status_since.to_numpy()[ashore] + 0.5  # whole seconds, cut
-    assert stats.kstest(when, lambda t: law.cdf(t) / law.cdf(dt)).statistic < 1.95 / np.sqrt(when.size) + 0.5 * 2 / dt
+    assert (
+        stats.kstest(when, lambda t: law.cdf(t) / law.cdf(dt)).statistic
+        < 1.95 / np.sqrt(when.size) + 0.5 * 2 / dt
+    )
 
 
 def test_arrivals_do_not_depend_on_where_the_edges_of_a_straight_shore_end() -> None:
-    """Noise being keyed by slot and step, one long edge and hundreds of short ones stop the same particles."""
+    """Noise being keyed by slot and step, one long edge and hundreds of short ones stop the same
+    particles.
+    """
     ends = []
     for edge in (1.0, 0.004):
         ensemble, _ = drift_on(
-            land(jagged(edge)), (0.1, 0.02), 5000, (-0.02, 0.1), 86_400, 1800, physics=kernel.Physics(diffusivity=50.0)
+            land(jagged(edge)),
+            (0.1, 0.02),
+            5000,
+            (-0.02, 0.1),
+            86_400,
+            1800,
+            physics=kernel.Physics(diffusivity=50.0),
         )
         ends.append((ensemble.status.to_numpy(), ensemble.status_since.to_numpy()))
     assert (ends[0][0] == ends[1][0]).mean() > 0.999  # float32 near the threshold of a touch
@@ -146,21 +184,28 @@ def test_without_diffusion_arrivals_are_those_of_the_straight_way(step: int) -> 
 
 @pytest.mark.parametrize("step", [pytest.param(900, marks=pytest.mark.thorough), 3600])
 def test_sliding_follows_the_shore_at_the_drift_along_it(step: int) -> None:
-    """A shore that leans 30 degrees: beyond the landing the way is the drift's part along it, whatever the step."""
+    """A shore that leans 30 degrees: beyond the landing the way is the drift's part along it,
+    whatever the step.
+    """
     lean = np.radians(30)
     along = np.array([np.sin(lean), np.cos(lean)])
     ends = [(-1.3 * along[0], -1.3 * along[1]), (1.3 * along[0], 1.3 * along[1])]
-    shore = land(shapely.Polygon([*ends, (1.4, 1.3 * along[1]), (1.4, -1.4), (-1.3 * along[0], -1.4)]))
+    shore = land(
+        shapely.Polygon([*ends, (1.4, 1.3 * along[1]), (1.4, -1.4), (-1.3 * along[0], -1.4)])
+    )
     u, hours = np.array([0.3, 0.1]), 48
     start = np.array([-0.15, 0.1])
-    ensemble, (end,) = drift_on(shore, tuple(u), 3, tuple(start), hours * 3600, step, beach=kernel.Beach(slides=True))
+    ensemble, (end,) = drift_on(
+        shore, tuple(u), 3, tuple(start), hours * 3600, step, beach=kernel.Beach(slides=True)
+    )
     assert (ensemble.status.to_numpy() == Status.ADRIFT).all()
     across = np.array([along[1], -along[0]])  # towards the land
     landing = -(start @ across) / METRE / (u @ across)
     expected = (start @ along) / METRE + (u @ along) * hours * 3600
     place = np.array([end.lon[0], end.lat[0]]) * (360 / sphere.TURN) / METRE
     assert 0 < landing < hours * 3600
-    # On the plane lon-lat of this test the way along is exact; cos(lat) < 1 adds 0.02 % of it, and 0.5 m off the shore.
+    # On the plane lon-lat of this test the way along is exact; cos(lat) < 1 adds 0.02 % of it, and
+    # 0.5 m off the shore.
     assert place @ along == pytest.approx(expected, rel=4e-4)
     assert -5 < place @ across < 0
     assert not shoreline.is_land(shore, end.lon, end.lat).any()
@@ -168,8 +213,8 @@ def test_sliding_follows_the_shore_at_the_drift_along_it(step: int) -> None:
 
 @pytest.mark.parametrize("step", [pytest.param(900, marks=pytest.mark.thorough), 3600])
 def test_sliding_with_diffusion_is_reflected_brownian_motion(step: int) -> None:
-    """The law of the distance from a wall, from which it starts, with a drift u onto it (Harrison 1985, Brownian Motion
-    and Stochastic Flow Systems, eq. 1.8.11)."""
+    """The law of the distance from a wall, from which it starts, with a drift u onto it (Harrison
+    1985, Brownian Motion and Stochastic Flow Systems, eq. 1.8.11)."""
     shore, n, diffusivity, t = land(jagged(0.01)), 20_000, 50.0, 86_400
     physics = kernel.Physics(diffusivity=diffusivity)
     spread = np.sqrt(2 * diffusivity * t)
@@ -180,7 +225,14 @@ def test_sliding_with_diffusion_is_reflected_brownian_motion(step: int) -> None:
             return stats.norm.cdf((z + u * t) / spread) - back
 
         _, (end,) = drift_on(
-            shore, (speed, 0.0), n, (-METRE, 0.1), 86_400, step, physics=physics, beach=kernel.Beach(slides=True)
+            shore,
+            (speed, 0.0),
+            n,
+            (-METRE, 0.1),
+            86_400,
+            step,
+            physics=physics,
+            beach=kernel.Beach(slides=True),
         )
         away = -end.lon * (360 / sphere.TURN) / METRE
         assert (away > 0).all()
@@ -202,7 +254,10 @@ def test_refloating_has_its_half_life_and_waits_for_a_drift_off_the_beach(step: 
         ensemble = record.empty(3, (0, n), COLUMNS)
         ensemble.lon.fill(int(sphere.to_binary(-100 * METRE)))
         scene = Scene(
-            Forcing([Sources({"current": (sources.uniform_field("current", times, east, 0 * east),)})], 1),
+            Forcing(
+                [Sources({"current": (sources.uniform_field("current", times, east, 0 * east),)})],
+                1,
+            ),
             (Motion(DRIFT, kernel.Physics()),),
             kernel.Surroundings(EVERYWHERE, device_coast.upload(shore), beach),
         )
@@ -211,8 +266,8 @@ def test_refloating_has_its_half_life_and_waits_for_a_drift_off_the_beach(step: 
         scene.forcing.close()
         return ensemble, [(m.status == Status.ASHORE).mean() for m in moments]
 
-    # Onto the beach for two hours and a half (landing after 100 m / 0.1 m/s = 1000 s), then off it: those whose wait is over
-    # leave at once, the others one by one.
+    # Onto the beach for two hours and a half (landing after 100 m / 0.1 m/s = 1000 s), then off it:
+    # those whose wait is over leave at once, the others one by one.
     ensemble, ashore = drifted(-0.1)
     assert ashore[0] == 1
     for share, time in zip(ashore[1:], (36_000, 86_400), strict=True):
@@ -225,13 +280,17 @@ def test_refloating_has_its_half_life_and_waits_for_a_drift_off_the_beach(step: 
 
 
 def test_object_and_debris_land_and_refloat_each_by_its_own_chance() -> None:
-    """From one place by walks of their own: who lands, when, and how long it stays there; noise in common would correlate."""
+    """From one place by walks of their own: who lands, when, and how long it stays there; noise in
+    common would correlate.
+    """
     n = 20_000
     landed, first, waits = [], [], []
     for debris in (0, 1, 2):
         beach = kernel.Beach(3600 / np.log(2), 100.0)
         walk = {"physics": kernel.Physics(diffusivity=60.0), "beach": beach, "debris": debris}
-        one, _ = drift_on(land(jagged(0.004)), (0.0, 0.0), n, (-450 * METRE, 0.1), 1800, 1800, **walk)
+        one, _ = drift_on(
+            land(jagged(0.004)), (0.0, 0.0), n, (-450 * METRE, 0.1), 1800, 1800, **walk
+        )
         landed.append(one.status.to_numpy() == Status.ASHORE)
         first.append(one.status_since.to_numpy())
 
@@ -242,8 +301,11 @@ def test_object_and_debris_land_and_refloat_each_by_its_own_chance() -> None:
             ensemble.lon.from_numpy(np.full(n, one.lon.to_numpy()[landed[-1]][0]))  # noqa: B023
             ensemble.lat.from_numpy(np.full(n, one.lat.to_numpy()[landed[-1]][0]))  # noqa: B023
 
-        walk["physics"] = kernel.Physics(diffusivity=1e-9)  # nothing, by the kernel that is compiled already
-        back, _ = drift_on(land(jagged(0.004)), (-0.3, 0.0), n, (0.0, 0.1), 7200, 1800, prepare=ashore, **walk)
+        # nothing, by the kernel that is compiled already
+        walk["physics"] = kernel.Physics(diffusivity=1e-9)
+        back, _ = drift_on(
+            land(jagged(0.004)), (-0.3, 0.0), n, (0.0, 0.1), 7200, 1800, prepare=ashore, **walk
+        )
         waits.append(back.moving_since.to_numpy().astype(float))
     assert 0.1 < np.mean(landed) < 0.9
     assert np.abs(np.corrcoef(landed) - np.eye(3)).max() < 4.5 / np.sqrt(n)
@@ -255,7 +317,9 @@ def test_object_and_debris_land_and_refloat_each_by_its_own_chance() -> None:
 
 
 def test_half_of_refloating_under_diffusion_does_not_depend_on_the_step() -> None:
-    """An offing of fixed length makes the chance of going ashore again exp(-u d / D), not a matter of the step."""
+    """An offing of fixed length makes the chance of going ashore again exp(-u d / D), not a matter
+    of the step.
+    """
     found = []
     for step in (450, 3600):
         ensemble, _ = drift_on(
@@ -281,7 +345,9 @@ def test_what_sinks_does_so_at_its_time_and_nowhere_else() -> None:
         ensemble.sink_time.from_numpy(times)
         ensemble.release.from_numpy(np.full(n, 500, np.int32))
 
-    ensemble, (end,) = drift_on(None, (0.5, 0.0), n, (-1.0, 0.1), 60_000, 1000, prepare=prepare, sinks=True)
+    ensemble, (end,) = drift_on(
+        None, (0.5, 0.0), n, (-1.0, 0.1), 60_000, 1000, prepare=prepare, sinks=True
+    )
     status, ended = end.status, ensemble.status_since.to_numpy()
     assert (status == np.where(times <= 60_000, Status.SUNK, Status.ADRIFT)).all()
     sunk = times < 60_000
@@ -303,19 +369,39 @@ def test_a_world_shares_its_bias() -> None:
 
 
 def test_an_islet_smaller_than_the_steps_spread_is_met_as_often_as_it_should() -> None:
-    """100 m of radius, in a walk that spreads 850 m a step, against the probability that such a walk ever meets a disc.
+    """100 m of radius, in a walk that spreads 850 m a step, against the probability that such a
+    walk ever meets a disc.
 
-    Where D lap p + u dp/dx = 0, p exp(k x) with k = u / 2D is a sum of K_n(k r) cos(n angle); on the disc it is exp(k x)
-    (Abramowitz and Stegun 1964, eq. 9.6.34). After 120,000 s they are 11 km beyond: exp(-11) of them come back.
+    Where D lap p + u dp/dx = 0, p exp(k x) with k = u / 2D is a sum of K_n(k r) cos(n angle); on
+    the disc it is exp(k x) (Abramowitz and Stegun 1964, eq. 9.6.34). After 120,000 s they are 11 km
+    beyond: exp(-11) of them come back.
     """
-    turn, n, radius, away, speed, diffusivity = np.linspace(0, 2 * np.pi, 25)[:-1], 20_000, 100.0, 1000.0, 0.1, 100.0
+    turn, n, radius, away, speed, diffusivity = (
+        np.linspace(0, 2 * np.pi, 25)[:-1],
+        20_000,
+        100.0,
+        1000.0,
+        0.1,
+        100.0,
+    )
     islet = land(shapely.Polygon(radius * METRE * np.column_stack([np.cos(turn), np.sin(turn)])))
     ensemble, _ = drift_on(
-        islet, (speed, 0.0), n, (-away * METRE, 0.0), 120_000, 3600, physics=kernel.Physics(diffusivity=diffusivity)
+        islet,
+        (speed, 0.0),
+        n,
+        (-away * METRE, 0.0),
+        120_000,
+        3600,
+        physics=kernel.Physics(diffusivity=diffusivity),
     )
     met = (ensemble.status.to_numpy() == Status.ASHORE).mean()
     order, k = np.arange(20), speed / (2 * diffusivity)
-    terms = np.where(order, 2, 1) * (-1.0) ** order * special.iv(order, k * radius) / special.kn(order, k * radius)
+    terms = (
+        np.where(order, 2, 1)
+        * (-1.0) ** order
+        * special.iv(order, k * radius)
+        / special.kn(order, k * radius)
+    )
     share = np.exp(k * away) * (terms * special.kn(order, k * away)).sum()
     print(met, share)
     # Pieces of 150 m leave 3 % at most of an islet of 100 m.
@@ -324,21 +410,32 @@ def test_an_islet_smaller_than_the_steps_spread_is_met_as_often_as_it_should() -
 
 @pytest.mark.parametrize("step", [300, 1800])
 def test_both_banks_of_a_narrow_channel_are_met_as_they_should(step: int) -> None:
-    """From a quarter of the width of 300 m: the near bank is met with probability 3/4 (gambler's ruin), nobody is across."""
+    """From a quarter of the width of 300 m: the near bank is met with probability 3/4 (gambler's
+    ruin), nobody is across.
+    """
     half = 150 * METRE
     banks = land(shapely.box(-1.4, half, 1.4, 1.4), shapely.box(-1.4, -1.4, 1.4, -half))
     n = 20_000
     ensemble, _ = drift_on(
-        banks, (0.0, 0.0), n, (0.0, 0.5 * half), 7200, step, physics=kernel.Physics(diffusivity=100.0)
+        banks,
+        (0.0, 0.0),
+        n,
+        (0.0, 0.5 * half),
+        7200,
+        step,
+        physics=kernel.Physics(diffusivity=100.0),
     )
     lat = ensemble.lat.to_numpy() * (360 / sphere.TURN)
     assert (ensemble.status.to_numpy() == Status.ASHORE).all()
     assert np.abs(lat).max() < half + 0.01 * METRE
-    assert (lat > 0).mean() == pytest.approx(0.75, abs=4.5 * np.sqrt(0.1875 / n) + 0.01)  # pieces of 150 m
+    # pieces of 150 m
+    assert (lat > 0).mean() == pytest.approx(0.75, abs=4.5 * np.sqrt(0.1875 / n) + 0.01)
 
 
 def test_a_half_life_is_the_time_after_which_half_is_afloat(tmp_path: Path) -> None:
-    """From the case's words to what lies ashore: an even hazard whose half-life they state, so of mean half-life / ln 2."""
+    """From the case's words to what lies ashore: an even hazard whose half-life they state, so of
+    mean half-life / ln 2.
+    """
     n, half, hours = 20_000, 4.0, 10.0
     text = f"""
 start = "2026-11-21T00:00Z"

@@ -14,7 +14,9 @@ from kernels.step.sample import Tiles
 EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 
 
-def end_of(flow: Flow, scheme: str, step: int, direction: int = 1, start=None) -> tuple[np.ndarray, np.ndarray]:
+def end_of(
+    flow: Flow, scheme: str, step: int, direction: int = 1, start=None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return where the kernel leads (lon, lat) [rad]."""
     lon, lat = start or (sphere.to_binary(flow.lon), sphere.to_binary(flow.lat))
     ensemble = record.empty(1, (0, lon.size), COLUMNS)
@@ -53,7 +55,9 @@ def errors(flow: Flow, scheme: str) -> np.ndarray:
 @pytest.mark.parametrize("flow", FLOWS, ids=lambda f: f.name)
 @pytest.mark.parametrize(("scheme", "order"), [("rk4", 4), ("rk2", 2)])
 def test_order(flow: Flow, scheme: str, order: int) -> None:
-    """Slope of log error over log step: at least the declared order less 0.3 (a flow may be kinder: inertial is)."""
+    """Slope of log error over log step: at least the declared order less 0.3 (a flow may be kinder:
+    inertial is).
+    """
     found = errors(flow, scheme)
     slope = np.polyfit(np.log(flow.steps[scheme]), np.log(found), 1)[0]
     print(flow.name, scheme, found, slope)
@@ -62,7 +66,9 @@ def test_order(flow: Flow, scheme: str, order: int) -> None:
 
 @pytest.mark.parametrize("flow", FLOWS, ids=lambda f: f.name)
 def test_there_and_back(flow: Flow) -> None:
-    """A backward run is the same code with a negative step: it returns within the error and the rounding."""
+    """A backward run is the same code with a negative step: it returns within the error and the
+    rounding.
+    """
     step = flow.steps["rk4"][-1] // 4
     there = end_of(flow, "rk4", step)
     lon, lat = end_of(flow, "rk4", step, -1, there)

@@ -1,4 +1,6 @@
-"""A particle's life within a step, second by second: an oracle that follows each particle through the step in plain Python."""
+"""A particle's life within a step, second by second: an oracle that follows each particle through
+the step in plain Python.
+"""
 
 import numpy as np
 import taichi as ti
@@ -14,14 +16,30 @@ END = MOMENT + STEP
 
 
 @ti.kernel
-def _ahead(status: Ints, release: Ints, due: Ints, sinks: Ints, elapsed: ti.i32, duration: ti.i32, out: Ints):
+def _ahead(
+    status: Ints,
+    release: Ints,
+    due: Ints,
+    sinks: Ints,
+    elapsed: ti.i32,
+    duration: ti.i32,
+    out: Ints,
+):
     for i in range(status.shape[0]):
         moves, left, finish = life.ahead(status[i], release[i], due[i], sinks[i], elapsed, duration)
         out[3 * i], out[3 * i + 1], out[3 * i + 2] = ti.cast(moves, ti.i32), left, finish
 
 
 @ti.kernel
-def _behind(status: Ints, release: Ints, ended: Ints, afloat: Ints, elapsed: ti.i32, duration: ti.i32, out: Ints):
+def _behind(
+    status: Ints,
+    release: Ints,
+    ended: Ints,
+    afloat: Ints,
+    elapsed: ti.i32,
+    duration: ti.i32,
+    out: Ints,
+):
     for i in range(status.shape[0]):
         times = life.behind(status[i], release[i], ended[i], afloat[i], elapsed, duration)
         for k in ti.static(range(4)):
@@ -67,16 +85,22 @@ def followed(status: int, release: int, due: int, sinks: int) -> tuple[bool, int
 
 
 def test_what_moves_in_a_step_does_so_from_its_release_to_its_end() -> None:
-    """All states; releases, ends of waits and sinkings before, in and after the step, and at its very begin and end."""
+    """All states; releases, ends of waits and sinkings before, in and after the step, and at its
+    very begin and end.
+    """
     n = 4000
     status = RNG.integers(0, 6, n).astype(np.int32)
     times = RNG.integers(MOMENT - 9, END + 9, (3, n)).astype(np.int32)
     times[:, ::5] = RNG.choice([MOMENT, END, END - 1, life.NEVER], times[:, ::5].shape)
     release, due, sinks = times
-    release = np.where(status == life.PENDING, release, np.minimum(release, MOMENT)).astype(np.int32)
+    release = np.where(status == life.PENDING, release, np.minimum(release, MOMENT)).astype(
+        np.int32
+    )
     out = np.zeros(3 * n, np.int32)
     _ahead(status, release, due, sinks, MOMENT, STEP, out)
-    for own, got in zip(zip(status, release, due, sinks, strict=True), out.reshape(-1, 3), strict=True):
+    for own, got in zip(
+        zip(status, release, due, sinks, strict=True), out.reshape(-1, 3), strict=True
+    ):
         moves, left, finish = followed(*(int(x) for x in own))
         assert got[0] == moves, own
         if moves:
@@ -84,14 +108,22 @@ def test_what_moves_in_a_step_does_so_from_its_release_to_its_end() -> None:
     assert 0 < (out[::3] == 1).sum() < n
 
 
-def test_a_step_ends_on_the_shore_or_where_nothing_is_known_or_outside_or_under_water_or_adrift() -> None:
-    """In this order, against plain integers: a box over the antimeridian, with places on its very edges and just beyond."""
+def test_a_step_ends_on_the_shore_or_where_nothing_is_known_or_outside_or_under_water_or_adrift() -> (
+    None
+):
+    """In this order, against plain integers: a box over the antimeridian, with places on its very
+    edges and just beyond.
+    """
     n, west, south, width, height = 4000, 2**31 - 40, -7, 90, 25
     box = {"west": west, "south": south, "width": width, "height": height}
     met, known = RNG.integers(0, 2, (2, n)).astype(np.int32)
     met[: n // 2] = 0
-    east, north = RNG.integers(-3, width + 4, n), RNG.integers(-3, height + 4, n)  # from the box's corner
-    lon, lat = ((east + west + 2**31) % 2**32 - 2**31).astype(np.int32), (north + south).astype(np.int32)
+    # from the box's corner
+    east, north = RNG.integers(-3, width + 4, n), RNG.integers(-3, height + 4, n)
+    lon, lat = (
+        ((east + west + 2**31) % 2**32 - 2**31).astype(np.int32),
+        (north + south).astype(np.int32),
+    )
     left, finish = np.sort(RNG.integers(MOMENT, END + 1, (2, n)), axis=0).astype(np.int32)
     finish[::3] = END
     number, part = RNG.integers(0, 99, n).astype(np.int32), RNG.random(n).astype(np.float32)
@@ -123,17 +155,27 @@ def test_a_step_ends_on_the_shore_or_where_nothing_is_known_or_outside_or_under_
 
 
 def test_what_has_moved_was_seen_from_its_release_to_its_end() -> None:
-    """Of each second of a part of a step: was it there, and did it move, once it had left a beach? Ashore it is still there."""
+    """Of each second of a part of a step: was it there, and did it move, once it had left a beach?
+    Ashore it is still there.
+    """
     n = 4000
-    status = RNG.choice([life.ADRIFT, life.ASHORE, life.OUTSIDE, life.LEFT, life.SUNK], n).astype(np.int32)
+    status = RNG.choice([life.ADRIFT, life.ASHORE, life.OUTSIDE, life.LEFT, life.SUNK], n).astype(
+        np.int32
+    )
     release, ended, afloat = RNG.integers(MOMENT - 9, END, (3, n)).astype(np.int32)
     ended = np.maximum(ended, release)  # it ends after it began
     out = np.zeros(4 * n, np.int32)
     _behind(status, release, ended, afloat, MOMENT, STEP, out)
-    for own, got in zip(zip(status, release, ended, afloat, strict=True), out.reshape(-1, 4), strict=True):
+    for own, got in zip(
+        zip(status, release, ended, afloat, strict=True), out.reshape(-1, 4), strict=True
+    ):
         state, begun, over, since = (int(x) for x in own)
         stop = END if state == life.ADRIFT else over
-        there = [s for s in range(MOMENT, END) if s >= begun and (state in (life.ADRIFT, life.ASHORE) or s < over)]
+        there = [
+            s
+            for s in range(MOMENT, END)
+            if s >= begun and (state in (life.ADRIFT, life.ASHORE) or s < over)
+        ]
         moved = [s for s in range(MOMENT, END) if s >= max(begun, since) and s < stop]
         seen, left, finish, gone = (int(x) for x in got)
         assert list(range(seen, gone)) == there
@@ -141,7 +183,9 @@ def test_what_has_moved_was_seen_from_its_release_to_its_end() -> None:
 
 
 def test_a_wait_on_the_beach_is_exponential() -> None:
-    """Of a number u it is -ln(u) times its mean, in float64, but for seconds that are cut off and 24 bits; it never overflows."""
+    """Of a number u it is -ln(u) times its mean, in float64, but for seconds that are cut off and
+    24 bits; it never overflows.
+    """
     n, stay = 20_000, 31_000.0
     uniform = ((RNG.integers(0, 2**23, n) + 0.5) / 2**23).astype(np.float32)
     ended = RNG.integers(0, 900_000, n).astype(np.int32)
@@ -149,7 +193,10 @@ def test_a_wait_on_the_beach_is_exponential() -> None:
     _refloats(ended, uniform, stay, due)
     exact = -np.log(uniform.astype(float)) * stay
     assert np.abs(due - ended - exact).max() <= 1 + exact.max() * 4 * 2.0**-24
-    assert stats.kstest(due - ended + 0.5, stats.expon(scale=stay).cdf).statistic < 1.95 / np.sqrt(n) + 0.5 / stay
+    assert (
+        stats.kstest(due - ended + 0.5, stats.expon(scale=stay).cdf).statistic
+        < 1.95 / np.sqrt(n) + 0.5 / stay
+    )
     late = np.full(n, 1_900_000_000, np.int32)
     _refloats(late, uniform, 1e30, due)
     assert (due >= late).all()

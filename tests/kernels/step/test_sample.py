@@ -19,8 +19,12 @@ def field(grid: Grid, seed: int = 0) -> np.ndarray:
     return values
 
 
-def points(west: float, east: float, south: float, north: float, n: int = 5000) -> tuple[np.ndarray, np.ndarray]:
-    return sphere.to_binary(RNG.uniform(west, east, n)), sphere.to_binary(RNG.uniform(south, north, n))
+def points(
+    west: float, east: float, south: float, north: float, n: int = 5000
+) -> tuple[np.ndarray, np.ndarray]:
+    return sphere.to_binary(RNG.uniform(west, east, n)), sphere.to_binary(
+        RNG.uniform(south, north, n)
+    )
 
 
 @pytest.mark.parametrize(
@@ -41,12 +45,18 @@ def test_bilinear_in_space_and_linear_in_time(grid: Grid, fraction: float) -> No
     tiles.place(1, late, later=True)
     tiles.blend([None, (0.2, 0.7)])
     lon, lat = points(
-        grid.lon0, grid.lon0 + (grid.nlon - 1) * grid.dlon, grid.lat0, grid.lat0 + (grid.nlat - 1) * grid.dlat
+        grid.lon0,
+        grid.lon0 + (grid.nlon - 1) * grid.dlon,
+        grid.lat0,
+        grid.lat0 + (grid.nlat - 1) * grid.dlat,
     )
     found = tiles.at(1, 2, lon, lat, fraction)
     weight = 0.2 + 0.5 * fraction
     values = (1 - weight) * early.astype(float) + weight * late
-    axes = (grid.lat0 + grid.dlat * np.arange(grid.nlat), grid.lon0 + grid.dlon * np.arange(grid.nlon))
+    axes = (
+        grid.lat0 + grid.dlat * np.arange(grid.nlat),
+        grid.lon0 + grid.dlon * np.arange(grid.nlon),
+    )
     x = grid.lon0 + (sphere.to_degrees(lon) - grid.lon0) % 360
     expected = RegularGridInterpolator(axes, values)(np.stack([sphere.to_degrees(lat), x], axis=1))
     assert (found[:, 2] == 1).all()
@@ -67,7 +77,9 @@ def test_a_shift_makes_the_later_slice_the_earlier() -> None:
     assert (moved.nodes.to_numpy() == fresh.nodes.to_numpy()).all()
 
 
-def test_the_next_source_answers_where_the_first_is_missing_or_absent_and_nowhere_is_never_zero() -> None:
+def test_the_next_source_answers_where_the_first_is_missing_or_absent_and_nowhere_is_never_zero() -> (
+    None
+):
     small, large = Grid(2.0, 60.0, 1.0, 1.0, 4, 3), Grid(0.0, 58.0, 2.0, 2.0, 6, 5)
     tiles = Tiles([small, large])
     hole = np.full((3, 4, 2), 1.0, np.float32)
@@ -94,12 +106,16 @@ def test_a_steady_vector_covers_the_globe() -> None:
     tiles.place(0, values, later=True)
     tiles.blend([(0.0, 0.0)])
     lon, lat = points(-180, 180, -90, 90)
-    assert tiles.at(0, 1, lon, lat, 0.9) == pytest.approx(np.tile([0.25, -0.5, 1.0], (lon.size, 1)), rel=1e-6)
+    assert tiles.at(0, 1, lon, lat, 0.9) == pytest.approx(
+        np.tile([0.25, -0.5, 1.0], (lon.size, 1)), rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("lon0", [0.0, -180.0, 20.3, 359.9])
 @pytest.mark.parametrize("nlon", [361, 4321])
-def test_no_unit_of_longitude_falls_between_the_ends_of_a_global_tile(lon0: float, nlon: int) -> None:
+def test_no_unit_of_longitude_falls_between_the_ends_of_a_global_tile(
+    lon0: float, nlon: int
+) -> None:
     grid = Grid(lon0, -1.0, 360 / (nlon - 1), 1.0, nlon, 3)
     tiles = Tiles([grid])
     wave = np.stack([np.sin(np.radians(grid.lon)), np.cos(np.radians(grid.lon))], axis=-1)

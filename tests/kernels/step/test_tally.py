@@ -1,4 +1,6 @@
-"""Sums by block and by cell, by the kernel and by NumPy, against whole numbers and fsum, a particle at a time."""
+"""Sums by block and by cell, by the kernel and by NumPy, against whole numbers and fsum, a particle
+at a time.
+"""
 
 import itertools
 from collections import Counter
@@ -39,7 +41,9 @@ def swarm() -> Swarm:
     probability[5], probability[6] = tally.LEAST, np.nextafter(tally.LEAST, 1.0)
     status = random.integers(0, STATUSES, N)
     status[5:7] = 0
-    return Swarm(lon.astype(np.int32), lat.astype(np.int32), probability, status.astype(np.int32), KINDS)
+    return Swarm(
+        lon.astype(np.int32), lat.astype(np.int32), probability, status.astype(np.int32), KINDS
+    )
 
 
 def spread_out() -> Swarm:
@@ -54,7 +58,11 @@ def test_sums_of_blocks_are_those_of_their_particles(way: str) -> None:
     found = tally.summed(own, EDGES)
     for b, (first, last) in enumerate(itertools.pairwise(EDGES)):
         rows = [tuple(column[i].item() for column in own[:4]) for i in range(first, last)]
-        seen = [(x * sphere.UNIT, y * sphere.UNIT, p, KINDS[s]) for x, y, p, s in rows if KINDS[s] and p > tally.LEAST]
+        seen = [
+            (x * sphere.UNIT, y * sphere.UNIT, p, KINDS[s])
+            for x, y, p, s in rows
+            if KINDS[s] and p > tally.LEAST
+        ]
         weight = [p for _, _, p, _ in seen]
         expected = [
             fsum(p for *_, p, _ in rows),
@@ -62,17 +70,29 @@ def test_sums_of_blocks_are_those_of_their_particles(way: str) -> None:
             fsum(weight),
             fsum(p * p for p in weight),
         ]
-        expected += [fsum(p * cos(x) for x, _, p, _ in seen), fsum(p * sin(x) for x, _, p, _ in seen)]
+        expected += [
+            fsum(p * cos(x) for x, _, p, _ in seen),
+            fsum(p * sin(x) for x, _, p, _ in seen),
+        ]
         for kind in (MOVING, RESTING):
             vectors = [
-                (p * cos(y) * cos(x), p * cos(y) * sin(x), p * sin(y)) for x, y, p, own_kind in seen if own_kind == kind
+                (p * cos(y) * cos(x), p * cos(y) * sin(x), p * sin(y))
+                for x, y, p, own_kind in seen
+                if own_kind == kind
             ]
             expected += [fsum(vector[axis] for vector in vectors) for axis in range(3)]
         for power in (1, 2):
-            expected += [fsum(p**power for *_, p, s in rows if s == status) for status in range(STATUSES)]
+            expected += [
+                fsum(p**power for *_, p, s in rows if s == status) for status in range(STATUSES)
+            ]
         # A sum of n numbers is off by n units in the last place of the sum of their sizes, at most.
-        np.testing.assert_allclose(found.sums[b], expected, rtol=0, atol=N * 2.3e-16 * fsum(p for *_, p, _ in rows))
-        assert (found.lightest[b], found.heaviest[b]) == (min(weight, default=1.0), max(weight, default=0.0))
+        np.testing.assert_allclose(
+            found.sums[b], expected, rtol=0, atol=N * 2.3e-16 * fsum(p for *_, p, _ in rows)
+        )
+        assert (found.lightest[b], found.heaviest[b]) == (
+            min(weight, default=1.0),
+            max(weight, default=0.0),
+        )
 
 
 def cell_of(lon: int, lat: int) -> int | None:
@@ -100,16 +120,24 @@ def test_what_lies_in_cells_is_what_falls_into_them(way: str, shown: int, square
             continue
         sums[0][int(group[i]), int(MEDIUM[status]), cell] += rounded(Fraction(p) * cells.ONE)
         if squared:
-            sums[1][int(group[i]), int(MEDIUM[status]), cell] += rounded(Fraction(p * (p / heaviest)) * cells.ONE)
+            sums[1][int(group[i]), int(MEDIUM[status]), cell] += rounded(
+                Fraction(p * (p / heaviest)) * cells.ONE
+            )
         if shown > 1:
-            sums[2][int(places[scenario[i]]), int(MEDIUM[status]), cell] += rounded(Fraction(p) * cells.ONE)
+            sums[2][int(places[scenario[i]]), int(MEDIUM[status]), cell] += rounded(
+                Fraction(p) * cells.ONE
+            )
     parts = [slice(0, 640), slice(640, N)]
     swarms = [Swarm(*(column[part] for column in own[:4]), KINDS) for part in parts]
     marks = [Marks(group[part], MEDIUM, scenario[part], places) for part in parts]
     held = tally.held(swarms, WINDOW)
     np.testing.assert_array_equal(held, sorted({cell for _, _, cell in sums[0]}))
-    found = tally.laid(zip(swarms, marks, strict=True), WINDOW, held, GROUPS, MEDIA, shown, heaviest)
-    assert [one.shape for one in found] == [(GROUPS, MEDIA, held.size)] * 2 + [(shown, MEDIA, held.size)]
+    found = tally.laid(
+        zip(swarms, marks, strict=True), WINDOW, held, GROUPS, MEDIA, shown, heaviest
+    )
+    assert [one.shape for one in found] == [(GROUPS, MEDIA, held.size)] * 2 + [
+        (shown, MEDIA, held.size)
+    ]
     for array, expected in zip(found, sums, strict=True):
         there = {key: value for key, value in expected.items() if value}
         first, second, third = np.nonzero(array)
@@ -130,7 +158,15 @@ def test_cells_on_the_far_side_of_a_wide_map_hold_what_falls_into_them(way: str)
     own = spread_out()
     expected = set()
     for lon, lat, p, status in zip(*(column.tolist() for column in own[:4]), strict=True):
-        column, row = (lon - window.lon0) % 2**32 // window.width, (lat - window.lat0) // window.height
-        if column < window.nlon and row < window.nlat and KINDS[status] != HIDDEN and p > tally.LEAST:
+        column, row = (
+            (lon - window.lon0) % 2**32 // window.width,
+            (lat - window.lat0) // window.height,
+        )
+        if (
+            column < window.nlon
+            and row < window.nlat
+            and KINDS[status] != HIDDEN
+            and p > tally.LEAST
+        ):
             expected.add(row * window.nlon + column)
     np.testing.assert_array_equal(tally.held([own], window), sorted(expected))

@@ -13,7 +13,13 @@ N = 400
 LEFT = 3  # a status: the particle has left
 # Values that would change a step which read the column; all others get 1 more.
 UNIT = 2.0**32 / 360  # binary angle units of a degree
-OTHER = {"status": LEFT, "release": 900, "sink_time": 1_000, "lon": round(-90 * UNIT), "lat": round(25 * UNIT)}
+OTHER = {
+    "status": LEFT,
+    "release": 900,
+    "sink_time": 1_000,
+    "lon": round(-90 * UNIT),
+    "lat": round(25 * UNIT),
+}
 PHYSICS = throughput.FULL._replace(jibe_rate=1e-3)
 BEACH = kernel.Beach(stay=3_600.0, offing=50.0)
 CASES = {
@@ -55,10 +61,16 @@ def _stepped(
     if changed:
         column = ensemble.columns[changed]
         values = column.to_numpy()
-        column.from_numpy(np.full_like(values, OTHER[changed]) if changed in OTHER else values + values.dtype.type(1))
+        column.from_numpy(
+            np.full_like(values, OTHER[changed])
+            if changed in OTHER
+            else values + values.dtype.type(1)
+        )
     begin = {name: column.to_numpy() for name, column in ensemble.columns.items()}
     own = batch.batch_of((0, N), (0,), (0,))
-    kernel.mover(ensemble, own, tiles, throughput.RANGES, (physics,), place, 1)(kernel.Step(1, 600, 600, 1))
+    kernel.mover(ensemble, own, tiles, throughput.RANGES, (physics,), place, 1)(
+        kernel.Step(1, 600, 600, 1)
+    )
     return begin, {name: column.to_numpy() for name, column in ensemble.columns.items()}
 
 

@@ -1,4 +1,6 @@
-"""Targets that act at times of their own, seek a tracker or flee from it: every act against pyproj, SciPy and NumPy."""
+"""Targets that act at times of their own, seek a tracker or flee from it: every act against pyproj,
+SciPy and NumPy.
+"""
 
 from dataclasses import replace
 from functools import cache
@@ -16,7 +18,8 @@ from geo import sphere
 FREE, SEEKING, HIDING = 1, 2, 3
 GLOBE = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 AT = (179.71, -60.8)  # the targets; the tracker crosses 180 degrees
-VERTICES = ((0.0, 179.91, -61.3), (1100.0, -179.98, -61.28), (2000.0, -179.93, -61.33))  # [s], [deg]; then it stays
+# [s], [deg]; then it stays
+VERTICES = ((0.0, 179.91, -61.3), (1100.0, -179.98, -61.28), (2000.0, -179.93, -61.33))
 TRACKER = Followed(
     PERIOD.start,
     tuple(v[0] for v in VERTICES), tuple(np.radians(v[1]) for v in VERTICES), tuple(np.radians(v[2]) for v in VERTICES),
@@ -30,7 +33,9 @@ N, LASTING = 2500, 2400
 
 
 def tracker(time: int) -> tuple[float, float, float, float]:
-    """Return (lon, lat) [deg], course [rad] and speed [m/s] of the tracker at a time, by geodesics of the sphere."""
+    """Return (lon, lat) [deg], course [rad] and speed [m/s] of the tracker at a time, by geodesics
+    of the sphere.
+    """
     for (t0, x0, y0), (t1, x1, y1) in pairwise(VERTICES):
         if t0 <= time < t1:
             toward, _, far = GLOBE.inv(x0, y0, x1, y1)
@@ -41,7 +46,9 @@ def tracker(time: int) -> tuple[float, float, float, float]:
 
 @cache
 def acts(law: Acts = LAW) -> dict[str, np.ndarray]:
-    """Return what each act found and made, a row each: steps are of a second, so that it is at a step's end."""
+    """Return what each act found and made, a row each: steps are of a second, so that it is at a
+    step's end.
+    """
     fleet, found = Fleet(Itinerary((law,), land="ignore"), N, at=AT), []
     names = ("lon", "lat", "leg", "course", "speed", "to_time")
     before = {name: fleet[name] for name in names}
@@ -72,8 +79,12 @@ def turned(angle: np.ndarray) -> np.ndarray:
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
-def sight(found: dict[str, np.ndarray], which: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return bearings to the tracker [rad], and what the tracker makes good across the line of sight, to its right, and along it, away [m/s]."""
+def sight(
+    found: dict[str, np.ndarray], which: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return bearings to the tracker [rad], and what the tracker makes good across the line of
+    sight, to its right, and along it, away [m/s].
+    """
     bearing, across, away = [], [], []
     for k in np.flatnonzero(which):
         x, y, toward, speed = tracker(int(found["time"][k]))
@@ -85,7 +96,9 @@ def sight(found: dict[str, np.ndarray], which: np.ndarray) -> tuple[np.ndarray, 
 
 
 def test_what_seeks_meets_the_tracker() -> None:
-    """Across the line of sight both make good the same; who is too slow for that goes straight; the speed stays."""
+    """Across the line of sight both make good the same; who is too slow for that goes straight; the
+    speed stays.
+    """
     found = acts()
     seeks = found["leg"] == SEEKING
     assert seeks.sum() > 1000
@@ -95,7 +108,8 @@ def test_what_seeks_meets_the_tracker() -> None:
     able = np.abs(across) < speed  # to keep the bearing, and to come nearer by it
     able &= np.sqrt(np.maximum(speed**2 - across**2, 0)) > away
     assert 50 < (~able & (across != 0)).sum() < able.sum()
-    # Half a unit of 9.3 mm in each position, on a line of sight of 3 km or more; single precision of angles up to 2 pi.
+    # Half a unit of 9.3 mm in each position, on a line of sight of 3 km or more; single precision
+    # of angles up to 2 pi.
     np.testing.assert_allclose(off[~able], 0, atol=1e-5)
     sure = np.abs(np.abs(across) - speed) > 1e-3  # arcsin is steep at 1
     assert (~able & (np.abs(across) < speed)).sum() > 20
@@ -132,15 +146,22 @@ def test_how_often_each_act_is_made() -> None:
     was = found["was"] == FREE
     n, leg = was.sum(), found["leg"]
     same = found["course"] == found["old_course"]
-    counts = {0.25: leg[was] == SEEKING, 0.15: leg[was] == HIDING, 0.35: (leg[was] == FREE) & ~same[was]}
+    counts = {
+        0.25: leg[was] == SEEKING,
+        0.15: leg[was] == HIDING,
+        0.35: (leg[was] == FREE) & ~same[was],
+    }
     for share, those in counts.items():
         assert stats.binomtest(int(those.sum()), int(n), share).pvalue > 1e-3
-    assert stats.binomtest(int((leg[~was] == FREE).sum()), int((~was).sum()), LAW.leave).pvalue > 1e-3
+    assert (
+        stats.binomtest(int((leg[~was] == FREE).sum()), int((~was).sum()), LAW.leave).pvalue > 1e-3
+    )
     assert set(zip(found["was"][~was], leg[~was], strict=True)) == {(2, 2), (2, 1), (3, 3), (3, 1)}
 
 
 def test_clocks_are_private_and_uniform() -> None:
-    """Waits are uniform between the least and the longest, the first one too; none depends on the one before.
+    """Waits are uniform between the least and the longest, the first one too; none depends on the
+    one before.
 
     Of the acts within LASTING those early enough that the longest wait would have ended by then.
     """
@@ -157,11 +178,17 @@ def test_clocks_are_private_and_uniform() -> None:
     order = np.lexsort((found["time"], found["slot"]))
     slot, waited = found["slot"][order], found["waited"][order]
     pairs = (slot[1:] == slot[:-1]) & (found["time"][order][1:] - waited[1:] <= LASTING - 900)
-    assert abs(stats.spearmanr(waited[:-1][pairs], waited[1:][pairs]).statistic) < 4 / np.sqrt(pairs.sum())
+    assert abs(stats.spearmanr(waited[:-1][pairs], waited[1:][pairs]).statistic) < 4 / np.sqrt(
+        pairs.sum()
+    )
 
 
-def brute(rng: np.random.Generator, law: Acts, n: int, until: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return where targets of a law without a lead are [m east, north of AT]: in a plane, each by itself, by NumPy."""
+def brute(
+    rng: np.random.Generator, law: Acts, n: int, until: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where targets of a law without a lead are [m east, north of AT]: in a plane, each by
+    itself, by NumPy.
+    """
     x, y = np.zeros(n), np.zeros(n)
     course, speed = rng.uniform(0, 2 * np.pi, n), rng.uniform(0, law.fastest, n)
     time, free = np.zeros(n), np.ones(n, bool)
@@ -180,9 +207,20 @@ def brute(rng: np.random.Generator, law: Acts, n: int, until: float) -> tuple[np
 
 @pytest.mark.parametrize("step", [60, 700])
 def test_where_they_are_after_two_hours_at_any_step(step: int) -> None:
-    """Against particles in a plane, by Kolmogorov and Smirnov; over 60 nmi it is 1e-4 off, a hundredth of their spread."""
-    still = Followed(PERIOD.start, (0.0, 8400.0), (np.radians(-179.9),) * 2, (np.radians(-61.0),) * 2)
-    law = replace(LAW, course=Spread(0, 2 * np.pi, 1), speed=Spread(0, FASTEST, 1), seek=0.0, leave=0.0, tracker=still)
+    """Against particles in a plane, by Kolmogorov and Smirnov; over 60 nmi it is 1e-4 off, a
+    hundredth of their spread.
+    """
+    still = Followed(
+        PERIOD.start, (0.0, 8400.0), (np.radians(-179.9),) * 2, (np.radians(-61.0),) * 2
+    )
+    law = replace(
+        LAW,
+        course=Spread(0, 2 * np.pi, 1),
+        speed=Spread(0, FASTEST, 1),
+        seek=0.0,
+        leave=0.0,
+        tracker=still,
+    )
     fleet = Fleet(Itinerary((law,), land="ignore"), 20_000, seed=9, at=AT).go(8400, step)
     found = sphere.offset(*np.radians(AT), np.radians(fleet["lon"]), np.radians(fleet["lat"]))
     expected = brute(np.random.default_rng(4), law, 100_000, 8400)

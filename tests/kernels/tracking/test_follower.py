@@ -1,4 +1,6 @@
-"""One particle that follows, by itself: ways of any length, where its tracker is at any time, what an act leaves and changes."""
+"""One particle that follows, by itself: ways of any length, where its tracker is at any time, what
+an act leaves and changes.
+"""
 
 import numpy as np
 import pytest
@@ -36,9 +38,13 @@ def _along(place: Table, way: Table, angle: Table, found: Table):
 
 
 def test_a_way_of_any_length_is_a_great_circle() -> None:
-    """By complex numbers in its plane; of the series up to a tenth of a radian 1e-12 is promised, beyond that the sine's own error."""
+    """By complex numbers in its plane; of the series up to a tenth of a radian 1e-12 is promised,
+    beyond that the sine's own error.
+    """
     random = np.random.default_rng(3)
-    angle = np.concatenate([np.linspace(0, 0.3, 61), random.uniform(0.0999, 0.1001, 40), random.uniform(0.3, 40, 99)])
+    angle = np.concatenate(
+        [np.linspace(0, 0.3, 61), random.uniform(0.0999, 0.1001, 40), random.uniform(0.3, 40, 99)]
+    )
     place = random.normal(0, 1, (angle.size, 3))
     place /= np.linalg.norm(place, axis=1, keepdims=True)
     way = np.cross(place, random.normal(0, 1, place.shape))
@@ -46,8 +52,12 @@ def test_a_way_of_any_length_is_a_great_circle() -> None:
     found = np.zeros((angle.size, 6))
     _along(place, way, angle[:, None], found)
     turn = np.exp(1j * angle)[:, None]
-    np.testing.assert_allclose(found[:, :3], turn.real * place + turn.imag * way, rtol=0, atol=5e-12)
-    np.testing.assert_allclose(found[:, 3:], turn.real * way - turn.imag * place, rtol=0, atol=5e-12)
+    np.testing.assert_allclose(
+        found[:, :3], turn.real * place + turn.imag * way, rtol=0, atol=5e-12
+    )
+    np.testing.assert_allclose(
+        found[:, 3:], turn.real * way - turn.imag * place, rtol=0, atol=5e-12
+    )
 
 
 @ti.kernel
@@ -71,7 +81,21 @@ def test_a_tracker_stays_before_its_way_and_after_it() -> None:
     """Places by slerp between what it passes; velocities by differences."""
     table = tables.upload(following.legs(ways()))
     time = np.array(
-        [-5000.0, 0.0, 900.0, 1000.0, 1700.0, 4099.0, 4100.0, 4600.0, 5000.0, 5123.0, 7311.0, 9700.0, 20_000.0]
+        [
+            -5000.0,
+            0.0,
+            900.0,
+            1000.0,
+            1700.0,
+            4099.0,
+            4100.0,
+            4600.0,
+            5000.0,
+            5123.0,
+            7311.0,
+            9700.0,
+            20_000.0,
+        ]
     )
     found = np.zeros((time.size, 6))
     _tracker(launch.pack(Legs, table), 2, 6, time[:, None], found)
@@ -82,7 +106,9 @@ def test_a_tracker_stays_before_its_way_and_after_it() -> None:
         k = np.clip(np.searchsorted(own.time, when, side="right") - 1, 0, 2)
         share = ((when - own.time[k]) / (own.time[k + 1] - own.time[k]))[:, None]
         a, b = own.place[k], own.place[k + 1]
-        whole = np.maximum(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1)), 1e-9)[:, None]
+        whole = np.maximum(
+            np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1)), 1e-9
+        )[:, None]
         mixed = (np.sin((1 - share) * whole) * a + np.sin(share * whole) * b) / np.sin(whole)
         return np.where(k[:, None] == 1, a, mixed)
 
@@ -105,10 +131,15 @@ LAW = {
 
 
 def acted(mode: int, n: int = 20_000) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return particles before they act and after, real numbers and whole ones; all alike, but for their serial numbers."""
+    """Return particles before they act and after, real numbers and whole ones; all alike, but for
+    their serial numbers.
+    """
     real, whole = np.zeros((n, Own.REAL)), np.zeros((n, Own.WHOLE), np.int32)
     place = unit(10.4, 50.9)
-    real[:, Own.PLACE : Own.PLACE + 3], real[:, Own.WAY : Own.WAY + 3] = place, heading(place, 213.0)
+    real[:, Own.PLACE : Own.PLACE + 3], real[:, Own.WAY : Own.WAY + 3] = (
+        place,
+        heading(place, 213.0),
+    )
     real[:, Own.RATE], real[:, Own.SINCE], real[:, Own.DUE] = 1.3e-6, 100.0, 2500.0
     whole[:, Own.MODE], whole[:, Own.SERIAL], whole[:, Own.ACTS] = mode, np.arange(n), 4
     rule = np.zeros((1, Rule.REAL))
@@ -137,21 +168,29 @@ def test_one_that_leaves_what_it_was_about_keeps_course_and_speed(mode: int) -> 
     gone = np.exp(1j * 1.3e-6 * 2400.0)
     p, u = (before[0, k : k + 3] for k in (Own.PLACE, Own.WAY))
     np.testing.assert_allclose(
-        after[:, Own.PLACE : Own.PLACE + 3], np.tile(gone.real * p + gone.imag * u, (n, 1)), atol=1e-12
+        after[:, Own.PLACE : Own.PLACE + 3],
+        np.tile(gone.real * p + gone.imag * u, (n, 1)),
+        atol=1e-12,
     )
     np.testing.assert_allclose(
-        after[left, Own.WAY : Own.WAY + 3], np.tile(gone.real * u - gone.imag * p, (left.sum(), 1)), atol=1e-12
+        after[left, Own.WAY : Own.WAY + 3],
+        np.tile(gone.real * u - gone.imag * p, (left.sum(), 1)),
+        atol=1e-12,
     )
     assert (after[:, Own.SINCE] == 2500.0).all()
 
 
 def test_one_that_is_free_does_one_thing_of_four() -> None:
-    """Shares by the law; only who takes another course has another speed; when each acts next is uniform and says nothing of it."""
+    """Shares by the law; only who takes another course has another speed; when each acts next is
+    uniform and says nothing of it.
+    """
     before, _, after, whole = acted(ACTING)
     n = len(after)
     gone = np.exp(1j * 1.3e-6 * 2400.0)
     p, u = (before[0, k : k + 3] for k in (Own.PLACE, Own.WAY))
-    same = np.abs(after[:, Own.WAY : Own.WAY + 3] - (gone.real * u - gone.imag * p)).max(axis=1) < 1e-9
+    same = (
+        np.abs(after[:, Own.WAY : Own.WAY + 3] - (gone.real * u - gone.imag * p)).max(axis=1) < 1e-9
+    )
     free = whole[:, Own.MODE] == ACTING
     shares = {
         "changes": (free & ~same, 0.35), "keeps": (free & same, 0.3), "seeks": (whole[:, Own.MODE] == SEEKING, 0.2),
@@ -181,7 +220,9 @@ def _places(angle: Ints, course: Table, found: Table, back: Ints):
 
 
 def test_places_and_courses_are_those_of_the_sphere() -> None:
-    """And back to the binary angle, but for one where it is rounded; at a pole north is along the meridian of 0."""
+    """And back to the binary angle, but for one where it is rounded; at a pole north is along the
+    meridian of 0.
+    """
     random = np.random.default_rng(4)
     angle = random.integers([-(2**31), -(2**30)], [2**31, 2**30], (2000, 2)).astype(np.int32)
     angle[:3] = [[0, 2**30], [-(2**31), 5], [7, -(2**30) + 9]]

@@ -1,4 +1,6 @@
-"""`--resume`: results of exactly this run are left alone, those of another are replaced once the new ones are complete."""
+"""`--resume`: results of exactly this run are left alone, those of another are replaced once the
+new ones are complete.
+"""
 
 import json
 import os
@@ -66,7 +68,9 @@ def left(out: Path) -> list[str]:
     return sorted(path.name for path in out.parent.iterdir() if path != out)
 
 
-def test_results_that_stand_are_left_alone(case: drift.Case, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_that_stand_are_left_alone(
+    case: drift.Case, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     before = held(out)
     monkeypatch.setattr(flow, "forecasted", lambda *given: pytest.fail("it is run"))
     assert drift.run(case, out, resume=True) is None
@@ -78,22 +82,44 @@ def test_results_that_stand_are_left_alone(case: drift.Case, out: Path, monkeypa
 def test_the_command_line_says_so_in_a_line(
     case: drift.Case, out: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    asked = ["run", str(folder / "case.toml"), "--set", "particles=9000", "--out", str(out), "--resume"]
-    assert commands.main(["run", str(folder / "case.toml"), "--set", "particles=9000", "--out", str(out)]) == 2
+    asked = [
+        "run",
+        str(folder / "case.toml"),
+        "--set",
+        "particles=9000",
+        "--out",
+        str(out),
+        "--resume",
+    ]
+    assert (
+        commands.main(
+            ["run", str(folder / "case.toml"), "--set", "particles=9000", "--out", str(out)]
+        )
+        == 2
+    )
     assert "is not empty" in capsys.readouterr().err
     # The text of a case tells how it was changed, from Python or from here.
     assert commands.main([*asked, "--quiet"]) == 0
     capsys.readouterr()
     assert commands.main(asked) == 0
-    assert capsys.readouterr().out.split() == f"{out} holds the results of exactly this run: nothing to do".split()
+    assert (
+        capsys.readouterr().out.split()
+        == f"{out} holds the results of exactly this run: nothing to do".split()
+    )
     assert commands.main([*asked, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == {"command": "run", "unchanged": True, "results": str(out)}
+    assert json.loads(capsys.readouterr().out) == {
+        "command": "run",
+        "unchanged": True,
+        "results": str(out),
+    }
 
 
 def test_results_of_another_run_stand_until_the_new_ones_are_complete(
     case: drift.Case, out: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Stopped in the middle; then stopped as nothing but the unfinished folder was left to take away; then at rest."""
+    """Stopped in the middle; then stopped as nothing but the unfinished folder was left to take
+    away; then at rest.
+    """
     other, before = drift.vary(case, {"seed": 78}), held(out)
 
     def half(phase: str, share: float) -> None:
@@ -122,8 +148,12 @@ def test_results_of_another_run_stand_until_the_new_ones_are_complete(
 
 
 @pytest.mark.thorough
-def test_killed_while_the_results_are_exchanged(case: drift.Case, out: Path, folder: Path, tmp_path: Path) -> None:
-    """The new manifest does not stand: the next run puts the old files back, and replaces them from its finished shards."""
+def test_killed_while_the_results_are_exchanged(
+    case: drift.Case, out: Path, folder: Path, tmp_path: Path
+) -> None:
+    """The new manifest does not stand: the next run puts the old files back, and replaces them from
+    its finished shards.
+    """
     before = {name: contents for name, (_, contents) in held(out).items()}
     asked = f"drift.run(drift.vary(drift.load({str(folder / 'case.toml')!r}), {{'particles': 9000, 'seed': 78}}), {str(out)!r}"
     dying = f"""
@@ -139,13 +169,21 @@ def last(source, goal):
 os.rename = last
 {asked}, shards=2, resume=True)
 """
-    assert subprocess.run([sys.executable, "-c", dying], check=False, stderr=subprocess.DEVNULL).returncode == 9
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", dying], check=False, stderr=subprocess.DEVNULL
+        ).returncode
+        == 9
+    )
     assert not (out / "manifest.json").exists()
     assert {path.name for path in drift.results(out)} == {*before}
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
     other = drift.vary(case, {"seed": 78})
     moved: list[int] = []
-    assert drift.run(other, out, shards=2, resume=True, report=lambda phase, share: moved.append(1)) is not None
+    assert (
+        drift.run(other, out, shards=2, resume=True, report=lambda phase, share: moved.append(1))
+        is not None
+    )
     assert left(out) == []
     drift.run(other, tmp_path / "fresh")
     assert same_files.differences(tmp_path / "fresh", out) == []
@@ -164,7 +202,9 @@ def test_results_that_are_not_as_they_were_written_are_made_anew(
         assert drift.run(case, out, resume=True) is not None
     else:
         path.unlink()
-        with pytest.raises(UserError, match="is in the way: it is a file that no run of ours lists"):
+        with pytest.raises(
+            UserError, match="is in the way: it is a file that no run of ours lists"
+        ):
             drift.run(case, out, resume=True)
         return
     assert same_files.differences(finished, out) == []
@@ -172,9 +212,14 @@ def test_results_that_are_not_as_they_were_written_are_made_anew(
 
 
 def test_what_a_run_follows_from_is_asked(
-    finished: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    finished: Path,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A file of the same name but other bytes, other versions, and a plan's folder, whose forecast is another."""
+    """A file of the same name but other bytes, other versions, and a plan's folder, whose forecast
+    is another.
+    """
 
     class Begun(Exception):
         pass
@@ -197,7 +242,10 @@ def test_what_a_run_follows_from_is_asked(
         caplog.clear()
         summary = json.loads((out / "summary.json").read_text())
         assert summary["command"] == "run"
-        for key, value, said in (("versions", "casp-drift 0", "the versions"), ("backend", "cuda", "the backend")):
+        for key, value, said in (
+            ("versions", "casp-drift 0", "the versions"),
+            ("backend", "cuda", "the backend"),
+        ):
             patch.setattr(flow.publication, "summary", lambda *given, s={**summary, key: value}: s)
             with pytest.raises(Begun):
                 drift.run(own, out, resume=True)
@@ -217,7 +265,9 @@ def test_nothing_to_go_on_with(case: drift.Case) -> None:
         drift.run(case, resume=True)  # type: ignore[call-overload]
 
 
-def test_forcing_of_files_is_asked_by_its_bytes(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_forcing_of_files_is_asked_by_its_bytes(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     import writers
 
     writers.projected(tmp_path / "current.nc")
@@ -242,5 +292,7 @@ position = { at = [4.0, 59.0], error = "4 km", time = "+0 h" }
     one = drift.run(case, tmp_path / "out", resume=True)
     assert "the forcing and the files changed since" in caplog.text
     assert one is not None
-    assert not np.array_equal(one.trajectories.lon, drift.run(drift.vary(case, {"seed": 4})).trajectories.lon)
+    assert not np.array_equal(
+        one.trajectories.lon, drift.run(drift.vary(case, {"seed": 4})).trajectories.lon
+    )
     assert os.listdir(tmp_path / "out")

@@ -1,4 +1,6 @@
-"""Workers of a dask cluster write the same as one process; what they lose is done again; what cannot be is one line."""
+"""Workers of a dask cluster write the same as one process; what they lose is done again; what
+cannot be is one line.
+"""
 
 import asyncio
 import contextlib
@@ -70,7 +72,9 @@ def unwritten(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(flow, "write", lambda *given, **more: None)
 
 
-def test_two_workers_make_the_same(case: drift.Case, made: drift.Result, client: Any, tmp_path: Path) -> None:
+def test_two_workers_make_the_same(
+    case: drift.Case, made: drift.Result, client: Any, tmp_path: Path
+) -> None:
     shares: list[float] = []
     done = drift.run(
         case,
@@ -87,9 +91,15 @@ def test_two_workers_make_the_same(case: drift.Case, made: drift.Result, client:
 
 @pytest.mark.thorough
 def test_workers_see_whether_there_is_forcing_as_the_run_begins(
-    case: drift.Case, made: drift.Result, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    case: drift.Case,
+    made: drift.Result,
+    client: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Not the process that waits for them; what they refuse is refused in the same words, before anything is moved."""
+    """Not the process that waits for them; what they refuse is refused in the same words, before
+    anything is moved.
+    """
     monkeypatch.setattr(divide, "begun", lambda *given: pytest.fail("the one process draws"))
     runs.same(drift.run(case, tmp_path / "out", client=client, shards=5), made)
     monkeypatch.undo()
@@ -128,7 +138,9 @@ def test_a_worker_that_is_killed_costs_its_shards_only(
 
 
 @pytest.mark.thorough
-def test_a_run_after_one_that_was_stopped_is_its_own(case: drift.Case, client: Any, tmp_path: Path) -> None:
+def test_a_run_after_one_that_was_stopped_is_its_own(
+    case: drift.Case, client: Any, tmp_path: Path
+) -> None:
     """On the same workers, while somebody still holds what was raised."""
 
     def report(phase: str, share: float) -> None:
@@ -147,7 +159,9 @@ def test_workers_of_another_kind_are_refused(
 ) -> None:
     mine = version.versions()
     monkeypatch.setattr(version, "versions", lambda: {**mine, "numpy": "1.0"})
-    with pytest.raises(drift.UserError, match=r"worker tcp.*: the versions: .*; here: .*numpy 1\.0"):
+    with pytest.raises(
+        drift.UserError, match=r"worker tcp.*: the versions: .*; here: .*numpy 1\.0"
+    ):
         drift.run(case, tmp_path / "out", client=client, shards=3)
     monkeypatch.undo()
     monkeypatch.setattr(machine, "arithmetic", lambda: "vax 0")
@@ -159,9 +173,15 @@ def test_a_worker_that_comes_late_is_asked_too(client: Any, case: drift.Case) ->
     """What does not see the same is refused with the shard that it was given, whenever it came."""
     where = run_setup.open_for(case)
     mark = fingerprint.fingerprint_of(case, where, 3)
-    for name, other in (("the processor's arithmetic", "vax 0"), ("the forcing", "another"), ("the coast", "none")):
+    for name, other in (
+        ("the processor's arithmetic", "vax 0"),
+        ("the forcing", "another"),
+        ("the coast", "none"),
+    ):
         told = client.submit(worker.begun, case, {**mark, name: other}, None, None, pure=False)
-        with pytest.raises(drift.UserError, match=f"{name} is not what it is where the run was started"):
+        with pytest.raises(
+            drift.UserError, match=f"{name} is not what it is where the run was started"
+        ):
             told.result()
 
 
@@ -169,7 +189,9 @@ def test_a_worker_that_comes_late_is_asked_too(client: Any, case: drift.Case) ->
 def test_a_worker_opens_a_file_that_has_changed_again(
     client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It is the same case to the letter, and the worker has it open, as after a run that was killed."""
+    """It is the same case to the letter, and the worker has it open, as after a run that was
+    killed.
+    """
     monkeypatch.setattr(cluster, "release", lambda client: None)
     (tmp_path / "case.toml").write_text(FEW_WATERS.replace("61.5", "59.2"))
     current = xr.load_dataset(writers.regular(tmp_path / "current.nc"))
@@ -183,7 +205,11 @@ def test_a_worker_opens_a_file_that_has_changed_again(
 
 @pytest.mark.thorough
 def test_the_folder_may_be_named_from_here(
-    case: drift.Case, made: drift.Result, client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    case: drift.Case,
+    made: drift.Result,
+    client: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Workers may have begun elsewhere."""
     monkeypatch.chdir(tmp_path)
@@ -191,10 +217,16 @@ def test_the_folder_may_be_named_from_here(
 
 
 @pytest.mark.thorough
-def test_workers_let_go_of_a_run_that_is_over(case: drift.Case, client: Any, tmp_path: Path) -> None:
+def test_workers_let_go_of_a_run_that_is_over(
+    case: drift.Case, client: Any, tmp_path: Path
+) -> None:
     drift.run(case, tmp_path / "out", client=client, shards=3)
     until = time.monotonic() + 30
-    while any(client.run(lambda: len(importlib.import_module("drift.pipeline.shards.worker")._open)).values()):
+    while any(
+        client.run(
+            lambda: len(importlib.import_module("drift.pipeline.shards.worker")._open)
+        ).values()
+    ):
         assert time.monotonic() < until
         time.sleep(0.05)
 
@@ -209,7 +241,10 @@ def test_a_client_that_is_closed_is_one_line(case: drift.Case, tmp_path: Path) -
 
 @pytest.mark.thorough
 def test_a_cluster_without_workers(
-    case: drift.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    case: drift.Case,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     """The first is waited for; where none comes, or all go for good, that is one line."""
     monkeypatch.setattr(cluster, "WAIT", 2)
@@ -230,7 +265,8 @@ def test_a_cluster_without_workers(
                 client.cluster.scale(0)
 
         with pytest.raises(
-            drift.UserError, match=r"(lost all of its workers|is lost).*kept there: the same command goes on"
+            drift.UserError,
+            match=r"(lost all of its workers|is lost).*kept there: the same command goes on",
         ):
             drift.run(case, tmp_path / "out", client=client, shards=9, report=report)
 
@@ -238,16 +274,24 @@ def test_a_cluster_without_workers(
 @pytest.mark.thorough
 @pytest.mark.parametrize("another", [True, False])
 def test_a_worker_that_is_lost_before_it_hands_over_what_it_did(
-    case: drift.Case, made: drift.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, another: bool
+    case: drift.Case,
+    made: drift.Result,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    another: bool,
 ) -> None:
-    """All shards are done, one is fetched, and the only worker goes: others do them again; where none comes, a line."""
+    """All shards are done, one is fetched, and the only worker goes: others do them again; where
+    none comes, a line.
+    """
     monkeypatch.setattr(cluster, "LOOK", 0.2)
     out, gone = tmp_path / "out", list[bool]()
     with cluster.connected(1, None) as client:
 
         def report(phase: str, share: float) -> None:
             if phase == "drift" and not gone:
-                while len(list(out.parent.glob(f".{out.name}{hidden.UNFINISHED}/shard-*.json"))) < 9:
+                while (
+                    len(list(out.parent.glob(f".{out.name}{hidden.UNFINISHED}/shard-*.json"))) < 9
+                ):
                     time.sleep(0.05)
                 time.sleep(0.5)  # all have been told of as finished
                 client.cluster.scale(0)
@@ -263,14 +307,17 @@ def test_a_worker_that_is_lost_before_it_hands_over_what_it_did(
             runs.same(drift.run(case, out, client=client, shards=9, report=report), made)
         else:
             with pytest.raises(
-                drift.UserError, match=r"lost all of its workers; .*: 9 shards .* the same command goes on"
+                drift.UserError,
+                match=r"lost all of its workers; .*: 9 shards .* the same command goes on",
             ):
                 drift.run(case, out, client=client, shards=9, report=report)
     assert gone
 
 
 @pytest.mark.thorough
-def test_the_scheduler_is_lost_where_shards_meet(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_scheduler_is_lost_where_shards_meet(
+    client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Between two stretches of a search nothing is under way."""
     searched, check = runs.searched(tmp_path), cluster.check
 
@@ -280,21 +327,46 @@ def test_the_scheduler_is_lost_where_shards_meet(client: Any, tmp_path: Path, mo
         check(client, folder)
 
     monkeypatch.setattr(cluster, "check", lost)
-    with pytest.raises(drift.UserError, match=r"the cluster is lost .* kept there: the same command goes on"):
+    with pytest.raises(
+        drift.UserError, match=r"the cluster is lost .* kept there: the same command goes on"
+    ):
         drift.run(searched, tmp_path / "out", client=client, shards=3)
 
 
 @pytest.mark.thorough
-def test_the_schedulers_loss_is_one_line(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:
-    """Killed in the middle: what is finished is kept, and the same run goes on from there without a cluster."""
+def test_the_schedulers_loss_is_one_line(
+    case: drift.Case, made: drift.Result, tmp_path: Path
+) -> None:
+    """Killed in the middle: what is finished is kept, and the same run goes on from there without a
+    cluster.
+    """
     out, address = tmp_path / "out", tmp_path / "scheduler.json"
-    module = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--scheduler-file", str(address), "--port", "0"]
+    module = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_scheduler",
+        "--scheduler-file",
+        str(address),
+        "--port",
+        "0",
+    ]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with contextlib.ExitStack() as stack:
-        scheduler = stack.enter_context(subprocess.Popen([*module, "--dashboard-address", "127.0.0.1:0"], **quiet))
+        scheduler = stack.enter_context(
+            subprocess.Popen([*module, "--dashboard-address", "127.0.0.1:0"], **quiet)
+        )
         stack.callback(scheduler.kill)
-        asked = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(address), "--no-nanny"]
-        helper = stack.enter_context(subprocess.Popen([*asked, "--nthreads", "1", "--no-dashboard"], **quiet))
+        asked = [
+            sys.executable,
+            "-m",
+            "distributed.cli.dask_worker",
+            "--scheduler-file",
+            str(address),
+            "--no-nanny",
+        ]
+        helper = stack.enter_context(
+            subprocess.Popen([*asked, "--nthreads", "1", "--no-dashboard"], **quiet)
+        )
         stack.callback(helper.kill)
         while not address.exists():
             time.sleep(0.1)
@@ -311,7 +383,8 @@ def test_the_schedulers_loss_is_one_line(case: drift.Case, made: drift.Result, t
             ) as error:
                 drift.run(case, out, client=client, shards=9, report=report)
     assert "\n" not in str(error.value)
-    assert dask.config.get("scheduler", None) is None  # else all that xarray writes from now on would ask the dead one
+    # else all that xarray writes from now on would ask the dead one
+    assert dask.config.get("scheduler", None) is None
     assert len(list((out.parent / f".{out.name}{hidden.UNFINISHED}").glob(work.INDICES))) >= 1
     runs.same(drift.run(case, out), made)
 
@@ -326,7 +399,9 @@ def test_the_schedulers_loss_is_one_line(case: drift.Case, made: drift.Result, t
         (None, "nonsense", r"nonsense: no cluster answers there \(missing port"),
     ],
 )
-def test_no_such_cluster(workers: int | None, address: str | None, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_such_cluster(
+    workers: int | None, address: str | None, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(cluster, "PATIENCE", 1)
     with pytest.raises(drift.UserError, match=said), cluster.connected(workers, address):
         pass
@@ -343,14 +418,18 @@ def test_a_worker_that_dies_while_all_are_asked_is_no_fault(client: Any) -> None
 
 
 @pytest.mark.thorough
-def test_a_worker_that_hangs_is_not_waited_for_for_ever(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_that_hangs_is_not_waited_for_for_ever(
+    client: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It takes the question, and never answers."""
     client.wait_for_workers(2, timeout=60)
     hangs = max(client.run(os.getpid, on_error="ignore").values())
     monkeypatch.setattr(cluster, "WAIT", 1)
     os.kill(hangs, signal.SIGSTOP)
     try:
-        with pytest.raises(drift.UserError, match=r"^the cluster is lost \(.*\); nothing is kept yet$"):
+        with pytest.raises(
+            drift.UserError, match=r"^the cluster is lost \(.*\); nothing is kept yet$"
+        ):
             cluster.workers_of(client)
     finally:
         os.kill(hangs, signal.SIGCONT)
@@ -375,7 +454,9 @@ def test_a_local_cluster_that_does_not_end_is_left_behind(monkeypatch: pytest.Mo
     assert left.status.name == "closed"
 
 
-def test_a_worker_that_cannot_answer_is_refused(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_that_cannot_answer_is_refused(
+    client: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """That is another matter than one that is gone: it would be given shards."""
 
     def refuses(*given: object) -> None:
@@ -383,7 +464,9 @@ def test_a_worker_that_cannot_answer_is_refused(client: Any, monkeypatch: pytest
 
     client.wait_for_workers(1, timeout=60)
     monkeypatch.setattr(worker, "about", refuses)
-    with pytest.raises(drift.UserError, match=r"worker tcp.*: .*Permission denied.*; install the same versions"):
+    with pytest.raises(
+        drift.UserError, match=r"worker tcp.*: .*Permission denied.*; install the same versions"
+    ):
         cluster.check(client)
     monkeypatch.setattr(worker, "room", refuses)
     with pytest.raises(drift.UserError, match=r"worker tcp.*: .*Permission denied"):
@@ -391,7 +474,9 @@ def test_a_worker_that_cannot_answer_is_refused(client: Any, monkeypatch: pytest
 
 
 @pytest.mark.thorough
-def test_workers_say_how_much_memory_they_have(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workers_say_how_much_memory_they_have(
+    client: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Two on this machine, and the process that was started."""
     client.wait_for_workers(2, timeout=60)
     found = cluster.workers_of(client)
@@ -421,13 +506,19 @@ def test_workers_search(client: Any, tmp_path: Path) -> None:
 
 
 def test_workers_have_no_gpu(case: drift.Case, client: Any) -> None:
-    with pytest.raises(drift.UserError, match='backend = "cuda": workers move particles on processors'):
+    with pytest.raises(
+        drift.UserError, match='backend = "cuda": workers move particles on processors'
+    ):
         drift.run(case, client=client, backend="cuda")
 
 
 def test_threads_of_this_process_are_no_workers(case: drift.Case, tmp_path: Path) -> None:
     with (
-        distributed.Client(processes=False, n_workers=1, set_as_default=False, dashboard_address=None) as threads,
-        pytest.raises(drift.UserError, match="threads of this process; begin it with processes=True"),
+        distributed.Client(
+            processes=False, n_workers=1, set_as_default=False, dashboard_address=None
+        ) as threads,
+        pytest.raises(
+            drift.UserError, match="threads of this process; begin it with processes=True"
+        ),
     ):
         drift.run(case, tmp_path / "out", client=threads, shards=3)

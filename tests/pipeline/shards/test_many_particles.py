@@ -54,14 +54,17 @@ def test_what_is_needed(tmp_path):
 def test_no_room_is_refused_before_anything_is_drawn(tmp_path, full_disk):
     begun = time.process_time()
     with pytest.raises(
-        UserError, match=r"the particles at all output times need .* GiB, and 953.7 MiB are free; free some space"
+        UserError,
+        match=r"the particles at all output times need .* GiB, and 953.7 MiB are free; free some space",
     ):
         drift.run(case_file.load(written(tmp_path, 10**9)), out=tmp_path / "out")
     assert time.process_time() - begun < 30  # [s]; to draw them once takes minutes
 
 
 def test_the_command_line_says_it_first(tmp_path, full_disk, capsys):
-    assert commands.main(["run", str(written(tmp_path, 10**9)), "--out", str(tmp_path / "out")]) == 2
+    assert (
+        commands.main(["run", str(written(tmp_path, 10**9)), "--out", str(tmp_path / "out")]) == 2
+    )
     first, *_ = capsys.readouterr().err.splitlines()
     assert first.startswith("drift: 1,000,000,000 particles are moved in ")
 

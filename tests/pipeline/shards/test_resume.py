@@ -1,4 +1,6 @@
-"""A run in shards writes the same files as in one piece; stopped at any moment it goes on; what is altered is done again."""
+"""A run in shards writes the same files as in one piece; stopped at any moment it goes on; what is
+altered is done again.
+"""
 
 import json
 import os
@@ -118,7 +120,9 @@ def test_no_number_of_shards_changes_a_bit(case: drift.Case, made: drift.Result,
 
 
 @pytest.mark.parametrize("members", [False, True])
-def test_where_and_when_particles_begin_is_drawn_alike_without_how_they_move(tmp_path: Path, members: bool) -> None:
+def test_where_and_when_particles_begin_is_drawn_alike_without_how_they_move(
+    tmp_path: Path, members: bool
+) -> None:
     case = runs.case(tmp_path, members=members)
     runtime.start()
     where = run_setup.open_for(case)
@@ -164,7 +168,9 @@ def test_a_run_that_was_stopped_goes_on(
         assert len([name for name in shards_of(out) if name.endswith(".json")]) == kept
     moved: list[int] = []
     fill = unit.Unit._fill
-    monkeypatch.setattr(unit.Unit, "_fill", lambda *given: (moved.append(given[0].number), fill(*given))[1])
+    monkeypatch.setattr(
+        unit.Unit, "_fill", lambda *given: (moved.append(given[0].number), fill(*given))[1]
+    )
     done = drift.run(case, out, shards=4)
     assert moved == [3]
     assert "3 shards of this run were finished before: it goes on from there" in caplog.text
@@ -185,7 +191,12 @@ def test_a_run_that_was_stopped_goes_on(
     ],
 )
 def test_a_file_that_was_cut_short_or_altered_is_made_again(
-    case: drift.Case, half: Path, made: drift.Result, tmp_path: Path, caplog: pytest.LogCaptureFixture, fault: str
+    case: drift.Case,
+    half: Path,
+    made: drift.Result,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    fault: str,
 ) -> None:
     out = tmp_path / "out"
     put(half, out)
@@ -206,7 +217,9 @@ def test_a_file_that_was_cut_short_or_altered_is_made_again(
         index.write_text(json.dumps(told))
     elif fault == "foreign":  # of a run with another seed
         with pytest.raises(Stopped):
-            drift.run(drift.vary(case, {"seed": 78}), tmp_path / "other", shards=4, report=stopping(0.6))
+            drift.run(
+                drift.vary(case, {"seed": 78}), tmp_path / "other", shards=4, report=stopping(0.6)
+            )
         for path in (data, index):
             shutil.copy(unfinished(tmp_path / "other") / path.name, path)
     elif fault == "renamed":  # another shard's
@@ -257,11 +270,14 @@ def test_what_is_made_afterwards_may_change(
     put(half, out)
     (tmp_path / "land.geojson").write_text(runs.SHORE)
     (tmp_path / "case.toml").write_text(
-        'title = "As told at noon" # a remark\n' + case.text.replace("output = {", "output = { areas = [40, 80],")
+        'title = "As told at noon" # a remark\n'
+        + case.text.replace("output = {", "output = { areas = [40, 80],")
     )
     other, moved = drift.load(tmp_path / "case.toml"), []
     fill = unit.Unit._fill
-    monkeypatch.setattr(unit.Unit, "_fill", lambda *given: (moved.append(given[0].number), fill(*given))[1])
+    monkeypatch.setattr(
+        unit.Unit, "_fill", lambda *given: (moved.append(given[0].number), fill(*given))[1]
+    )
     done = drift.run(other, out)
     assert moved == [2, 3]
     runs.same(done, drift.run(other))
@@ -278,7 +294,9 @@ def test_the_memory_counts_where_a_run_goes_on(
     monkeypatch.setattr(divide, "LEAST", 8192)
     monkeypatch.setattr(divide, "HELD", 2**17)
     asked, prepare = [], divide.prepare
-    monkeypatch.setattr(divide, "prepare", lambda *given: (asked.append(given[2]), prepare(*given))[1])
+    monkeypatch.setattr(
+        divide, "prepare", lambda *given: (asked.append(given[2]), prepare(*given))[1]
+    )
     runs.same(drift.run(case, out, memory=(divide.BASE + 8192 * 2**17) / 2**30), made)
     assert asked == [4]
 
@@ -300,7 +318,9 @@ def test_results_in_the_folder_itself(
 
 
 @pytest.mark.usefixtures("unwritten")
-def test_a_refused_run_leaves_nothing(case: drift.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refused_run_leaves_nothing(
+    case: drift.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*given: object) -> None:
         raise drift.UserError("too much was lost by the end")
 
@@ -318,17 +338,26 @@ def test_another_case_begins_anew_and_says_what_changed(
     put(half, out)
     other = drift.vary(case, {"seed": 78})
     done = drift.run(other, out, shards=4)
-    assert "an unfinished run is there, but the case and the seed changed since: it starts again" in caplog.text
+    assert (
+        "an unfinished run is there, but the case and the seed changed since: it starts again"
+        in caplog.text
+    )
     runs.same(done, drift.run(other))
 
 
 def test_another_processor_is_noticed(
-    case: drift.Case, half: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    case: drift.Case,
+    half: Path,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     out = tmp_path / "out"
     put(half, out)
     exact = np.exp
-    monkeypatch.setattr(machine, "FUNCTIONS", (lambda x: np.nextafter(exact(x), 9.0), *machine.FUNCTIONS[1:]))
+    monkeypatch.setattr(
+        machine, "FUNCTIONS", (lambda x: np.nextafter(exact(x), 9.0), *machine.FUNCTIONS[1:])
+    )
     with pytest.raises(Stopped):
         drift.run(case, out, shards=4, report=stopping(0.1))
     assert "the processor's arithmetic changed since" in caplog.text
@@ -344,7 +373,9 @@ def test_two_runs_on_one_folder(
     refused: list[str] = []
 
     def report(phase: str, share: float) -> None:
-        if (phase == "drift" and share >= 0.5 and not refused) or (phase == "map" and len(refused) == 1):
+        if (phase == "drift" and share >= 0.5 and not refused) or (
+            phase == "map" and len(refused) == 1
+        ):
             with pytest.raises(drift.UserError) as error:
                 drift.run(case, out, shards=4)
             refused.append(str(error.value))
@@ -361,7 +392,9 @@ def test_a_full_disk_keeps_what_is_finished(
 ) -> None:
     out = tmp_path / "out"
     usage = work.shutil.disk_usage
-    monkeypatch.setattr(work.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 999})())
+    monkeypatch.setattr(
+        work.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 999})()
+    )
     with pytest.raises(drift.UserError, match=r"need 1\.8 MiB, and 0\.0 MiB"):
         drift.run(case, out, shards=4)
     monkeypatch.setattr(work.shutil, "disk_usage", usage)
@@ -373,9 +406,13 @@ def test_a_full_disk_keeps_what_is_finished(
         return keep(self, name, values)
 
     monkeypatch.setattr(work.ShardFile, "_keep", full)
-    with pytest.raises(drift.UserError, match=r"No space left on device; 2 shards are finished and kept there"):
+    with pytest.raises(
+        drift.UserError, match=r"No space left on device; 2 shards are finished and kept there"
+    ):
         drift.run(case, out, shards=4)
-    assert shards_of(out) == [f"shard-0000{k}-000.{kind}" for k in (0, 1) for kind in ("bin", "json")]
+    assert shards_of(out) == [
+        f"shard-0000{k}-000.{kind}" for k in (0, 1) for kind in ("bin", "json")
+    ]
     monkeypatch.setattr(work.ShardFile, "_keep", keep)
     runs.same(drift.run(case, out, shards=4), made)
 
@@ -429,17 +466,22 @@ def test_the_memory_of_workers_chooses_the_shards(case: drift.Case) -> None:
     limited = divide.Workers(2, 3, 8 * gib, 0.8 * gib)  # dask lets each take no more
     room = 0.8 * gib - divide.BASE
     assert divide.number(many, 1e6, None, limited) == -(-100_000_000 // int(room / divide.HELD))
-    with pytest.raises(drift.UserError, match=r"shards = 4: so large they take 5\.4 GiB, and memory is 1 \(GiB\)"):
+    with pytest.raises(
+        drift.UserError, match=r"shards = 4: so large they take 5\.4 GiB, and memory is 1 \(GiB\)"
+    ):
         divide.number(many, 1, 4)
     assert divide.number(many, 1, 400) == 400
     with pytest.raises(drift.UserError, match=r"memory = '4 GB': give a number of GiB"):
         divide.number(many, "4 GB", None)  # type: ignore[arg-type]
 
 
-def test_one_piece_that_does_not_fit_is_one_line(case: drift.Case, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_piece_that_does_not_fit_is_one_line(
+    case: drift.Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(memory, "free", lambda: 30_000 * 250 - 1)
     with pytest.raises(
-        drift.UserError, match=r"30,000 particles in one piece .* of memory are free; .* in shards that fit"
+        drift.UserError,
+        match=r"30,000 particles in one piece .* of memory are free; .* in shards that fit",
     ):
         drift.run(case, shards=1)
     monkeypatch.setattr(memory, "free", lambda: 30_000 * 250)
@@ -450,7 +492,9 @@ def test_one_piece_that_does_not_fit_is_one_line(case: drift.Case, monkeypatch: 
 def test_a_folder_beside_which_nothing_can_be_made(
     case: drift.Case, made: drift.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A mount, or one in a folder of others: what is finished lies in it, and does not count as results."""
+    """A mount, or one in a folder of others: what is finished lies in it, and does not count as
+    results.
+    """
     out = tmp_path / "mount"
     out.mkdir()
     monkeypatch.setattr(shelf.os.path, "ismount", lambda path: Path(path) == out)
@@ -463,7 +507,9 @@ def test_a_folder_beside_which_nothing_can_be_made(
 
 
 @pytest.mark.usefixtures("unwritten")
-def test_a_link_to_a_disk_with_more_room(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:
+def test_a_link_to_a_disk_with_more_room(
+    case: drift.Case, made: drift.Result, tmp_path: Path
+) -> None:
     """Many results may share it, and its owner's files stay, whatever they are called."""
     roomy = tmp_path / "roomy"
     for path in ("forcing/norkyst.nc", "state-of-play.txt", "shard-00000-000.bin"):
@@ -478,19 +524,32 @@ def test_a_link_to_a_disk_with_more_room(case: drift.Case, made: drift.Result, t
     runs.same(drift.run(case, tmp_path / "other", shards=4), made)
     assert sorted(path.name for path in roomy.glob("one-*/shard-*")) == kept
     runs.same(drift.run(case, tmp_path / "one", shards=4), made)
-    assert sorted(path.name for path in roomy.iterdir()) == ["forcing", "shard-00000-000.bin", "state-of-play.txt"]
+    assert sorted(path.name for path in roomy.iterdir()) == [
+        "forcing",
+        "shard-00000-000.bin",
+        "state-of-play.txt",
+    ]
     assert [path.read_text() for path in roomy.rglob("*") if path.is_file()] == ["mine"] * 3
     unfinished(tmp_path / "third").symlink_to(tmp_path / "no disk")
-    with pytest.raises(drift.UserError, match=r"\.third\.unfinished: the folder to which this link leads is not there"):
+    with pytest.raises(
+        drift.UserError,
+        match=r"\.third\.unfinished: the folder to which this link leads is not there",
+    ):
         drift.run(case, tmp_path / "third", shards=4)
 
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unwritten")
 @pytest.mark.parametrize("where", ["data", "index"])
-def test_killed_while_a_file_is_written(case: drift.Case, made: drift.Result, tmp_path: Path, where: str) -> None:
-    """Nothing that Python could clean up after: the process is gone in the middle of the third shard's files."""
-    killed = subprocess.run([sys.executable, "-c", KILLED, str(case.path), str(tmp_path / "out"), where])
+def test_killed_while_a_file_is_written(
+    case: drift.Case, made: drift.Result, tmp_path: Path, where: str
+) -> None:
+    """Nothing that Python could clean up after: the process is gone in the middle of the third
+    shard's files.
+    """
+    killed = subprocess.run(
+        [sys.executable, "-c", KILLED, str(case.path), str(tmp_path / "out"), where]
+    )
     assert killed.returncode == -signal.SIGKILL
     left = {path.name for path in unfinished(tmp_path / "out").glob("shard-*")}
     assert {"shard-00001-000.json", "shard-00002-000.bin"} <= left
@@ -502,7 +561,13 @@ def test_killed_while_a_file_is_written(case: drift.Case, made: drift.Result, tm
 def test_what_is_kept_names_no_machine(case: drift.Case, half: Path, tmp_path: Path) -> None:
     put(half, tmp_path / "out")
     about = json.loads((unfinished(tmp_path / "out") / work.ABOUT).read_text())
-    assert set(about) >= {"the case", "the seed", "the versions", "the forcing", "the processor's arithmetic"}
+    assert set(about) >= {
+        "the case",
+        "the seed",
+        "the versions",
+        "the forcing",
+        "the processor's arithmetic",
+    }
     told = "".join(path.read_text() for path in unfinished(tmp_path / "out").glob("*.json"))
     assert socket.gethostname() not in told
     assert str(case.path.parent) not in told

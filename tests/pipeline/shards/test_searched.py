@@ -1,4 +1,6 @@
-"""A search in shards tells and writes what it does in one piece, also where its particles have to meet on the way."""
+"""A search in shards tells and writes what it does in one piece, also where its particles have to
+meet on the way.
+"""
 
 import gc
 import logging
@@ -18,9 +20,10 @@ from drift.pipeline import flow
 from drift.pipeline.shards import unit, work
 from drift.products.files import hidden
 
-# Two ways that steer and one that drifts, of blocks of its own each; every kind of sensor; contacts that are certain,
-# doubtful, doubtful at the same time, of debris, of motion, and at the begin; a sortie under way at each; two that share
-# an unknown factor; lines; what is overdue. A contact and a sortie's end are within one step.
+# Two ways that steer and one that drifts, of blocks of its own each; every kind of sensor; contacts
+# that are certain, doubtful, doubtful at the same time, of debris, of motion, and at the begin; a
+# sortie under way at each; two that share an unknown factor; lines; what is overdue. A contact and
+# a sortie's end are within one step.
 STEERED = """
 start = "2026-03-05T00:20Z"
 duration = "20 h"
@@ -148,7 +151,8 @@ points = [[-179.9, 43.9], [-179.8, 43.1]]
 """
 
 
-# Contacts of a sonar whose unknown they share with a look of it and a watch, of one source, and doubtful ones at once with others.
+# Contacts of a sonar whose unknown they share with a look of it and a watch, of one source, and
+# doubtful ones at once with others.
 HEARD = """
 [[sensor]]
 name = "array"
@@ -233,7 +237,9 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> tuple[drift.Case, drif
 @pytest.fixture(scope="module")
 def resampled(tmp_path_factory: pytest.TempPathFactory) -> tuple[drift.Case, drift.Result]:
     """Return the case that steers, resampled within its scenarios, and its result in one piece."""
-    case = load(tmp_path_factory.mktemp("resampled"), STEERED.replace("below = 0\n", "below = 0.6\n"))
+    case = load(
+        tmp_path_factory.mktemp("resampled"), STEERED.replace("below = 0\n", "below = 0.6\n")
+    )
     return case, drift.run(case)
 
 
@@ -276,7 +282,9 @@ def test_what_a_sonar_heard_is_as_in_one_piece(tmp_path: Path) -> None:
     case = load(tmp_path, STEERED.replace("below = 0\n", "below = 0.6\n") + HEARD)
     whole = drift.run(case)
     assert whole.updates is not None
-    assert {"first", "heard, in doubt", "last", "listened"} <= {update.name for update in whole.updates.all}
+    assert {"first", "heard, in doubt", "last", "listened"} <= {
+        update.name for update in whole.updates.all
+    }
     assert sum(update.resampled for update in whole.updates.all) > 1
     same(whole, drift.run(case, shards=3))
 
@@ -288,7 +296,9 @@ def test_what_drifts_is_searched_as_in_one_piece(searched: tuple[drift.Case, dri
 
 
 @pytest.mark.thorough
-def test_what_drifts_is_resampled_as_in_one_piece(searched: tuple[drift.Case, drift.Result]) -> None:
+def test_what_drifts_is_resampled_as_in_one_piece(
+    searched: tuple[drift.Case, drift.Result],
+) -> None:
     case, _ = searched
     anew = drift.vary(case, {"resampling": {"below": 0.9}})
     again = drift.run(anew)
@@ -311,7 +321,10 @@ class Killed(Exception):
 @pytest.mark.parametrize("after", [1, 8, 14])
 @pytest.mark.thorough
 def test_a_search_that_was_killed_goes_on(
-    after: int, resampled: tuple[drift.Case, drift.Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    after: int,
+    resampled: tuple[drift.Case, drift.Result],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Killed as its files come to stand, one more of them at a time: the same comes of it."""
     (case, whole), out, put, stood = resampled, tmp_path / "out", work.replace, []
@@ -344,11 +357,17 @@ def test_a_stretch_whose_begin_is_gone_begins_anew(
     monkeypatch.undo()
     monkeypatch.setattr(flow, "write", lambda *given, **more: None)
     kept = sorted(path.name for path in (tmp_path / f".out{hidden.UNFINISHED}").glob("*.bin"))
-    late = tmp_path / f".out{hidden.UNFINISHED}" / next(name for name in kept if name.startswith("shard-00001-001"))
+    late = (
+        tmp_path
+        / f".out{hidden.UNFINISHED}"
+        / next(name for name in kept if name.startswith("shard-00001-001"))
+    )
     late.write_bytes(late.read_bytes()[:-1])
     filled: list[int] = []
     fill = unit.Unit._fill
-    monkeypatch.setattr(unit.Unit, "_fill", lambda *given: (filled.append(given[0].stretch), fill(*given))[1])
+    monkeypatch.setattr(
+        unit.Unit, "_fill", lambda *given: (filled.append(given[0].stretch), fill(*given))[1]
+    )
     with caplog.at_level(logging.WARNING, "drift"):
         same(whole, drift.run(case, out, shards=3))
     assert "it starts again" in caplog.text
@@ -356,7 +375,9 @@ def test_a_stretch_whose_begin_is_gone_begins_anew(
 
 
 def test_a_search_that_contradicts_all_keeps_nothing(tmp_path: Path) -> None:
-    text = runs.FEWER + runs.SEARCHED.replace("belief = 0.7\n", "").replace("[0.03, 0.05]", "[-0.5, -0.5]")
+    text = runs.FEWER + runs.SEARCHED.replace("belief = 0.7\n", "").replace(
+        "[0.03, 0.05]", "[-0.5, -0.5]"
+    )
     case, out = load(tmp_path, text), tmp_path / "out"
     with pytest.raises(drift.UserError, match='contact "seen" contradicts every scenario') as whole:
         drift.run(case)
@@ -418,7 +439,9 @@ class Nothing:
 def test_a_shard_that_is_done_leaves_nothing_in_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
 ) -> None:
-    """Its columns go with it, and do not wait for the garbage collector, which does not see how large they are."""
+    """Its columns go with it, and do not wait for the garbage collector, which does not see how
+    large they are.
+    """
     (tmp_path / "land.geojson").write_text(runs.SHORE)
     (tmp_path / "case.toml").write_text(text)
     left = []

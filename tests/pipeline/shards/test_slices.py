@@ -1,4 +1,6 @@
-"""Winds and currents of files are read and regridded once for all shards, and no bit of a result differs for it."""
+"""Winds and currents of files are read and regridded once for all shards, and no bit of a result
+differs for it.
+"""
 
 import logging
 from pathlib import Path
@@ -77,7 +79,9 @@ def slices_of(out: Path) -> list[Path]:
     return sorted((out.parent / f".{out.name}{hidden.UNFINISHED}" / work.FORCING).glob("*.slice"))
 
 
-def test_each_slice_is_regridded_once(case: drift.Case, made: drift.Result, tmp_path: Path, read: list[int]) -> None:
+def test_each_slice_is_regridded_once(
+    case: drift.Case, made: drift.Result, tmp_path: Path, read: list[int]
+) -> None:
     runs.same(drift.run(case, tmp_path / "out", shards=4), made)
     assert sorted(read) == [0, 1, 2]
     assert list(tmp_path.iterdir()) == []
@@ -125,7 +129,9 @@ def test_without_room_for_them_shards_read_for_themselves(
 ) -> None:
     out = tmp_path / "out"
     room = shelf.need(case, 20_000)
-    monkeypatch.setattr(work.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": room})())
+    monkeypatch.setattr(
+        work.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": room})()
+    )
     with caplog.at_level(logging.WARNING, "drift"), pytest.raises(Stopped):
         drift.run(case, out, shards=4, report=half)
     assert "no space to cache the regridded forcing" in caplog.text
@@ -149,13 +155,16 @@ def test_another_forcing_takes_nothing_over(case: drift.Case, tmp_path: Path) ->
     with pytest.raises(Stopped):
         drift.run(own, out, shards=4, report=half)
     assert before
-    assert not before & {path for path in slices_of(out) if path.stat().st_size > 1000}  # the wind is the same
+    # the wind is the same
+    assert not before & {path for path in slices_of(out) if path.stat().st_size > 1000}
     runs.same(drift.run(own, out, shards=4), drift.run(own))
 
 
 @pytest.mark.thorough
 def test_workers_share_them(case: drift.Case, made: drift.Result, tmp_path: Path) -> None:
-    """What a worker reads for the first shard is there for the others: the files are those of one run."""
+    """What a worker reads for the first shard is there for the others: the files are those of one
+    run.
+    """
     from drift.pipeline.shards import cluster
 
     out, seen = tmp_path / "out", []

@@ -1,4 +1,6 @@
-"""A spill in shards writes the same files as in one piece, whichever rounds the finds ask for; stopped anywhere it goes on."""
+"""A spill in shards writes the same files as in one piece, whichever rounds the finds ask for;
+stopped anywhere it goes on.
+"""
 
 import json
 import os
@@ -160,7 +162,9 @@ def unfinished(out: Path) -> Path:
 
 def kept(out: Path) -> list[int]:
     """Return the numbers of the shards that are finished."""
-    return sorted(int(path.stem.removeprefix("shard-")) for path in unfinished(out).glob(work.INDICES))
+    return sorted(
+        int(path.stem.removeprefix("shard-")) for path in unfinished(out).glob(work.INDICES)
+    )
 
 
 class Stopped(Exception):
@@ -184,7 +188,9 @@ def moved(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Return the numbers of the shards that are moved from now on."""
     numbers: list[int] = []
     fill = spilled.Unit._fill
-    monkeypatch.setattr(spilled.Unit, "_fill", lambda *given: (numbers.append(given[0].number), fill(*given)))
+    monkeypatch.setattr(
+        spilled.Unit, "_fill", lambda *given: (numbers.append(given[0].number), fill(*given))
+    )
     return numbers
 
 
@@ -196,14 +202,18 @@ def test_no_number_of_shards_changes_a_bit(case: drift.Case, made: drift.Result,
 def test_no_more_than_a_part_is_read_at_once(
     case: drift.Case, made: drift.Result, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nor does what is made of a part depend on how large it is: here one block of worlds, in one piece all of them.
+    """Nor does what is made of a part depend on how large it is: here one block of worlds, in one
+    piece all of them.
 
-    Products read as many and, where they cut a class, up to a block of it more: 6,000 are in a shard.
+    Products read as many and, where they cut a class, up to a block of it more: 6,000 are in a
+    shard.
     """
     most, block = 32 * 70, 32 * 42
     read, noted, sizes = spool.ShardFile.read, spool.ShardFile.noted, []
 
-    def reading(reel: spool.ShardFile, name: str, at: int | None, first: int, last: int) -> np.ndarray:
+    def reading(
+        reel: spool.ShardFile, name: str, at: int | None, first: int, last: int
+    ) -> np.ndarray:
         sizes.append(last - first)
         return read(reel, name, at, first, last)
 
@@ -253,10 +263,17 @@ def test_the_step_is_chosen_on_the_same_particles(case: drift.Case) -> None:
 
 
 @pytest.mark.thorough
-def test_no_file_differs(case: drift.Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_file_differs(
+    case: drift.Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Of a plan of patrols, which has all the files of a forecast and its own."""
     patrol.patrol(case, tmp_path / "whole")
-    assert commands.main(["plan", str(case.path), "--out", str(tmp_path / "out"), "--shards", "3", "--quiet"]) == 0
+    assert (
+        commands.main(
+            ["plan", str(case.path), "--out", str(tmp_path / "out"), "--shards", "3", "--quiet"]
+        )
+        == 0
+    )
     assert (tmp_path / "out" / "patrols.csv").read_text().count("horse") >= 1
     assert same_files.differences(tmp_path / "whole", tmp_path / "out") == []
     assert not unfinished(tmp_path / "out").exists()
@@ -320,7 +337,9 @@ def test_an_altered_file_of_a_round_is_made_again(
 
 
 def elsewhere(case: drift.Case, out: Path, many: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Stop a run when all is moved, of which a proposal differs in its last bit, by another library's sums say."""
+    """Stop a run when all is moved, of which a proposal differs in its last bit, by another
+    library's sums say.
+    """
     around = drawn_worlds.around
 
     def nearly(*given: Any) -> drawn_worlds.Proposal:
@@ -389,7 +408,9 @@ def test_two_workers_make_the_same(
 
 @pytest.mark.usefixtures("unwritten")
 def test_one_that_loses_too_much_keeps_nothing(tmp_path: Path) -> None:
-    """What finds leave cannot mend it: the same refusal as in one piece, and the next run begins anew."""
+    """What finds leave cannot mend it: the same refusal as in one piece, and the next run begins
+    anew.
+    """
     case = case_of(tmp_path, FINDS)
     lossy = drift.vary(case, {"domain.south": -0.04, "domain.north": 0.15, "max_lost": 0.05})
     out, said = tmp_path / "out", []
@@ -405,10 +426,17 @@ def test_one_that_loses_too_much_keeps_nothing(tmp_path: Path) -> None:
 def test_no_water_is_refused_as_in_one_piece(tmp_path: Path) -> None:
     case = case_of(tmp_path, "")
     west, south, east, north = -0.1503, 0.0297, -0.1497, 0.0303  # of a pond
-    boxes = [(-3, -3, 3, south), (-3, north, 3, 3), (-3, south, west, north), (east, south, 3, north)]
+    boxes = [
+        (-3, -3, 3, south),
+        (-3, north, 3, 3),
+        (-3, south, west, north),
+        (east, south, 3, north),
+    ]
     rings = [[[w, s], [e, s], [e, n], [w, n], [w, s]] for w, s, e, n in boxes]
     land = {"type": "MultiPolygon", "coordinates": [[ring] for ring in rings]}
-    (tmp_path / "land.geojson").write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": land}))
+    (tmp_path / "land.geojson").write_text(
+        json.dumps({"type": "Feature", "properties": {}, "geometry": land})
+    )
     few = {"spill.worlds": 50, "spill.per_world": 30}
     dry = drift.vary(case, {**few, "spill.position.std": "1 m", "spill.release_std": "10 km"})
     said = []
@@ -419,7 +447,9 @@ def test_no_water_is_refused_as_in_one_piece(tmp_path: Path) -> None:
     assert said[0] == said[1]
 
 
-def test_shards_are_blocks_of_worlds(case: drift.Case, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_shards_are_blocks_of_worlds(
+    case: drift.Case, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     for command in ("run", "plan"):
         given = [command, str(case.path), "--out", str(tmp_path / "out"), "--shards", "6"]
         assert commands.main(given) == 2
@@ -433,7 +463,8 @@ def test_shards_are_blocks_of_worlds(case: drift.Case, capsys: pytest.CaptureFix
 
 @pytest.mark.thorough
 def test_memory_that_the_finds_need_is_told(case: drift.Case) -> None:
-    many = drift.vary(case, {"spill.worlds": 100_000})  # 6,600 bytes each at 4 outputs, whatever their particles
+    # 6,600 bytes each at 4 outputs, whatever their particles
+    many = drift.vary(case, {"spill.worlds": 100_000})
     for particles in (35, 70):
         more = drift.vary(many, {"spill.per_world": particles})
         with pytest.raises(drift.UserError, match=r"to weigh a spill's 100,000 worlds takes 1\.3 "):

@@ -1,4 +1,6 @@
-"""What beams hear of particles, against NumPy and SciPy from the same tables, and the integral equation of lambda-sigma."""
+"""What beams hear of particles, against NumPy and SciPy from the same tables, and the integral
+equation of lambda-sigma.
+"""
 
 import math
 
@@ -24,7 +26,9 @@ RINGS = np.linspace(0, 120_000, 61)
 # 20 log r with a zone at 60 km, deeper to the east; west of it 3 dB more is lost everywhere.
 LOSS = np.stack(
     [
-        20 * np.log10(np.maximum(RINGS, 1000)) + extra - gain * np.exp(-(((RINGS - 60_000) / 5000) ** 2))
+        20 * np.log10(np.maximum(RINGS, 1000))
+        + extra
+        - gain * np.exp(-(((RINGS - 60_000) / 5000) ** 2))
         for extra, gain in ((0, 6), (0, 10), (1, 6), (3, 6))
     ]
 )
@@ -72,7 +76,8 @@ def toward(here, there) -> tuple[float, float]:
     (x, y), (u, v) = np.radians(here), np.radians(there)
     a = math.sin((v - y) / 2) ** 2 + math.cos(y) * math.cos(v) * math.sin((u - x) / 2) ** 2
     bearing = math.atan2(
-        math.sin(u - x) * math.cos(v), math.cos(y) * math.sin(v) - math.sin(y) * math.cos(v) * math.cos(u - x)
+        math.sin(u - x) * math.cos(v),
+        math.cos(y) * math.sin(v) - math.sin(y) * math.cos(v) * math.cos(u - x),
     )
     return 2 * RADIUS * math.asin(math.sqrt(a)), bearing % (2 * math.pi)
 
@@ -94,7 +99,9 @@ def chance_now(own: Sonar, beam: int, here, heading: float, there, level: float)
 
 
 def missed(p, lasting: float) -> float:
-    """Return M at the end by the integral equation (McCabe and Belkin 1973); p: chances at evenly spaced times."""
+    """Return M at the end by the integral equation (McCabe and Belkin 1973); p: chances at evenly
+    spaced times.
+    """
     p = np.asarray(p, float)
     n, dt = len(p), lasting / (len(p) - 1)
     m = np.empty(n)
@@ -102,7 +109,9 @@ def missed(p, lasting: float) -> float:
         highest = np.maximum.accumulate(p[k::-1])[::-1]  # of all from s to now
         kernel = RATE * np.exp(-RATE * dt * (k - np.arange(k + 1))) * (1 - highest)
         known = 0.0 if k == 0 else dt * (kernel[1:k] @ m[1:k] + 0.5 * kernel[0] * m[0])
-        m[k] = (math.exp(-RATE * k * dt) * (1 - highest[0]) + known) / (1 - (0.5 * dt * kernel[k] if k else 0.0))
+        m[k] = (math.exp(-RATE * k * dt) * (1 - highest[0]) + known) / (
+            1 - (0.5 * dt * kernel[k] if k else 0.0)
+        )
     return float(m[-1])
 
 
@@ -111,7 +120,10 @@ def test_of_a_particle_that_lies_still():
     own = sonar(line())
     there = (180.3, 41.2)
     field = beams.field(
-        [Listener("a", Sensor("a", own, PLACE, HEADING, "a"))], tracks([(*there, *there)]), edges(0, 1.3, 4), 1
+        [Listener("a", Sensor("a", own, PLACE, HEADING, "a"))],
+        tracks([(*there, *there)]),
+        edges(0, 1.3, 4),
+        1,
     )
     found = [table.toarray() for table in beams.chances(field)]
     chances = np.array([chance_now(own, beam, PLACE, HEADING, there, 158.0) for beam in range(5)])
@@ -126,12 +138,19 @@ def test_of_a_particle_that_lies_still():
     "passing", [(178.9, 40.7, 180.6, 41.9), (179.2, 42.0, 180.5, 40.2), (180.6, 40.9, 180.35, 41.9)]
 )
 def test_of_a_particle_that_passes(passing):
-    """By the integral equation, at times of 12 s; one goes through the zone, one close by, one faster than its level changes."""
+    """By the integral equation, at times of 12 s; one goes through the zone, one close by, one
+    faster than its level changes.
+    """
     own = sonar(line())
-    field = beams.field([Listener("a", Sensor("a", own, PLACE, HEADING, "a"))], tracks([passing]), edges(0, 4), 1)
+    field = beams.field(
+        [Listener("a", Sensor("a", own, PLACE, HEADING, "a"))], tracks([passing]), edges(0, 4), 1
+    )
     found = beams.chances(field)[0].toarray()[0]
     share = np.linspace(0, 1, 1201)
-    places = [(passing[0] + s * (passing[2] - passing[0]), passing[1] + s * (passing[3] - passing[1])) for s in share]
+    places = [
+        (passing[0] + s * (passing[2] - passing[0]), passing[1] + s * (passing[3] - passing[1]))
+        for s in share
+    ]
     speed = toward(places[600], places[601])[0] / 12
     level = np.interp(speed, [0, 10], [158, 166])
     expected = []
@@ -145,20 +164,33 @@ def test_of_a_particle_that_passes(passing):
 def test_of_an_array_that_is_towed_and_turns():
     """Its heading is its course, and it listens while it is on its way; the particle lies still."""
     own = sonar(line())
-    legs = polyline.through([START + 1800, START + 5400, START + 9000], [179.2, 179.7, 179.7], [41.0, 41.0, 41.35])
+    legs = polyline.through(
+        [START + 1800, START + 5400, START + 9000], [179.2, 179.7, 179.7], [41.0, 41.0, 41.35]
+    )
     there = (180.2, 41.3)
     field = beams.field(
-        [Listener("tail", Sensor("tail", own, None, 0.0, "tail"), legs)], tracks([(*there, *there)]), edges(0, 4), 1
+        [Listener("tail", Sensor("tail", own, None, 0.0, "tail"), legs)],
+        tracks([(*there, *there)]),
+        edges(0, 4),
+        1,
     )
     found = beams.chances(field)[0].toarray()[0]
     times = np.linspace(1800, 9000, 601)
-    at = [(179.2 + 0.5 * min((t - 1800) / 3600, 1), 41 + 0.35 * max((t - 5400) / 3600, 0)) for t in times]
-    # The great circle between two places of a parallel leaves it by 140 m here; its course turns by 0.3 degrees.
+    at = [
+        (179.2 + 0.5 * min((t - 1800) / 3600, 1), 41 + 0.35 * max((t - 5400) / 3600, 0))
+        for t in times
+    ]
+    # The great circle between two places of a parallel leaves it by 140 m here; its course turns by
+    # 0.3 degrees.
     heading = [toward((179.2, 41.0), (179.7, 41.0))[1] if t < 5400 else 0.0 for t in times]
     expected = [
         1
         - missed(
-            [chance_now(own, beam, here, ahead, there, 158.0) for here, ahead in zip(at, heading, strict=True)], 7200
+            [
+                chance_now(own, beam, here, ahead, there, 158.0)
+                for here, ahead in zip(at, heading, strict=True)
+            ],
+            7200,
         )
         for beam in range(5)
     ]
@@ -168,27 +200,36 @@ def test_of_an_array_that_is_towed_and_turns():
 
 
 def test_an_image_is_heard_as_the_target_is():
-    """A line cannot tell port from starboard: in water that is the same all round both are heard alike."""
+    """A line cannot tell port from starboard: in water that is the same all round both are heard
+    alike.
+    """
     own = sonar(line())
     even = Sonar(own.levels, Losses(np.zeros(1), RINGS, LOSS[None, :1].astype(np.float32), np.zeros(0), np.zeros(0)),
                  Noise(np.zeros(1), np.full((1, 1), 70, np.float32), np.zeros(0, "datetime64[s]")), own.gain, 5.0, 6.0, RATE)  # fmt: skip
     both = [
-        sphere.destination(*np.radians(PLACE), 40_000 * math.sin(HEADING + side), 40_000 * math.cos(HEADING + side))
+        sphere.destination(
+            *np.radians(PLACE), 40_000 * math.sin(HEADING + side), 40_000 * math.cos(HEADING + side)
+        )
         for side in (1.0, -1.0)
     ]
     ways = [(*np.degrees([float(x), float(y)]), *np.degrees([float(x), float(y)])) for x, y in both]
-    field = beams.field([Listener("a", Sensor("a", even, PLACE, HEADING, "a"))], tracks(ways), edges(0, 4), 1)
+    field = beams.field(
+        [Listener("a", Sensor("a", even, PLACE, HEADING, "a"))], tracks(ways), edges(0, 4), 1
+    )
     found = beams.chances(field)[0].toarray()
     assert found[0] == pytest.approx(found[1], abs=2e-5)
     assert found[0].max() > 0.1
 
 
 def test_an_unknown_is_shared_by_a_group_and_by_all_slots():
-    """The mean over many particles at one place is the integral over the unknown, of products of misses."""
+    """The mean over many particles at one place is the integral over the unknown, of products of
+    misses.
+    """
     own = sonar(line(), unknown=5.0)
     there, m = (180.3, 41.2), 4000
     listeners = [
-        Listener(name, Sensor(name, own, PLACE, heading, "pair")) for name, heading in (("a", HEADING), ("b", 0.5))
+        Listener(name, Sensor(name, own, PLACE, heading, "pair"))
+        for name, heading in (("a", HEADING), ("b", 0.5))
     ]
     field = beams.field(listeners, tracks([(*there, *there)] * m), edges(0, 2, 4), 1)
     tables = [table.toarray().astype(float) for table in beams.chances(field)]
@@ -202,16 +243,22 @@ def test_an_unknown_is_shared_by_a_group_and_by_all_slots():
                 silent *= (1 - p) * math.exp(-RATE * p * 7200)
             return silent * stats.norm.pdf(u, 0, 5)
 
-        # Each 4000th part of the distribution has one value: what is monotone in it errs by less than its range / 8000 at the middle of each.
+        # Each 4000th part of the distribution has one value: what is monotone in it errs by less
+        # than its range / 8000 at the middle of each.
         assert found == pytest.approx(1 - integrate.quad(both, -40, 40)[0], abs=1 / m)
 
 
 def test_what_is_carried_from_slot_to_slot():
-    """The same beam in every slot is one watch of all of them; two beams of an array are one that hears as its best."""
+    """The same beam in every slot is one watch of all of them; two beams of an array are one that
+    hears as its best.
+    """
     own = sonar(line())
     there = (180.3, 41.2)
     field = beams.field(
-        [Listener("a", Sensor("a", own, PLACE, HEADING, "a"))], tracks([(*there, *there)]), edges(0, 1, 2, 3, 4), 1
+        [Listener("a", Sensor("a", own, PLACE, HEADING, "a"))],
+        tracks([(*there, *there)]),
+        edges(0, 1, 2, 3, 4),
+        1,
     )
     chances = [chance_now(own, beam, PLACE, HEADING, there, 158.0) for beam in range(5)]
     best, second = np.argsort(chances)[::-1][:2]
@@ -221,7 +268,9 @@ def test_what_is_carried_from_slot_to_slot():
         assert beams.carried(field, chosen)[0] == pytest.approx(expected, abs=2e-5)
     # In two slots of four, one after the other: what it was deaf to in between may have changed.
     now = np.repeat([p, 0, p, 0], 300)
-    assert beams.carried(field, ((best,), (), (best,), ()))[0] == pytest.approx(1 - missed(now, 4 * 3600), abs=WIDE)
+    assert beams.carried(field, ((best,), (), (best,), ()))[0] == pytest.approx(
+        1 - missed(now, 4 * 3600), abs=WIDE
+    )
     assert beams.carried(field, ((),) * 4)[0] == 0
 
 
@@ -229,7 +278,11 @@ def test_beams_are_called_by_where_they_look():
     own = sonar(line(3))
     stands = Listener("a", Sensor("a", own, PLACE, math.radians(30), "a"))
     assert beams.looks(stands) == ["000R 030T", "090R 120/300T", "180R 210T"]
-    assert beams.looks(Listener("t", Sensor("t", own, None, 0.0, "t"), tow="ship")) == ["000R", "090R", "180R"]
+    assert beams.looks(Listener("t", Sensor("t", own, None, 0.0, "t"), tow="ship")) == [
+        "000R",
+        "090R",
+        "180R",
+    ]
 
 
 def test_tracks_at_other_edges_are_the_same_tracks():

@@ -21,7 +21,9 @@ def table(slots: int, many: int, beams: int, seed: int = 1) -> np.ndarray:
     return (rng.random((slots, many, beams)) < 0.3) * rng.random((slots, many, beams))
 
 
-def test_cells_that_are_filled_are_those_that_are_processed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cells_that_are_filled_are_those_that_are_processed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     hearing = records.hearing(table(5, 60, 9), np.ones(60), np.repeat([0, 1], [4, 5]), 2)
     found = processing.allocate(hearing)
     names = records.names(hearing, START, 3600.0)
@@ -40,14 +42,19 @@ def test_cells_that_are_filled_are_those_that_are_processed(tmp_path: Path, monk
 
     monkeypatch.setattr(Axes, "barh", seen)
     monkeypatch.setattr(Axes, "text", said)
-    processing_map.plot_processing(found, hearing, names, tmp_path / "a.png", Imprint("Nine beams", "a foot"))
+    processing_map.plot_processing(
+        found, hearing, names, tmp_path / "a.png", Imprint("Nine beams", "a foot")
+    )
     heights = sorted({y for _, y in bars}, reverse=True)  # the first beam on top
     used = sorted({beam for beams in found.chosen for beam in beams})
     edges = names.edges.astype("datetime64[s]").astype(float)
     drawn = {(edges.tolist().index(x), used[heights.index(y)]) for x, y in bars}
     assert drawn == {(slot, beam) for slot, beams in enumerate(found.chosen) for beam in beams}
     labels = {
-        (int(np.searchsorted(edges, x)) - 1, used[int(np.argmin([abs(y - h) for h in heights]))]): words
+        (
+            int(np.searchsorted(edges, x)) - 1,
+            used[int(np.argmin([abs(y - h) for h in heights]))],
+        ): words
         for x, y, words in texts
         if any(abs(y - h) < 0.02 for h in heights) and words[0].isdigit()
     }
@@ -59,16 +66,26 @@ def test_cells_that_are_filled_are_those_that_are_processed(tmp_path: Path, monk
 
 @pytest.mark.parametrize(
     ("slots", "beams"),
-    [(12, 80), (1, 1), *(pytest.param(*one, marks=pytest.mark.thorough) for one in ((300, 3), (2, 260)))],
+    [
+        (12, 80),
+        (1, 1),
+        *(pytest.param(*one, marks=pytest.mark.thorough) for one in ((300, 3), (2, 260))),
+    ],
 )
 def test_it_is_drawn_at_any_size_and_twice_the_same(tmp_path: Path, slots: int, beams: int) -> None:
-    hearing = records.hearing(table(slots, 40, beams), np.ones(40), np.arange(beams) * 4 // beams, min(6, beams))
+    hearing = records.hearing(
+        table(slots, 40, beams), np.ones(40), np.arange(beams) * 4 // beams, min(6, beams)
+    )
     found = processing.allocate(hearing)
     names = records.names(hearing, START, 6 * 3600.0)
     for name in ("a.png", "b.png"):
         with matplotlib.rc_context({"text.parse_math": False}):
             processing_map.plot_processing(
-                found, hearing, names, tmp_path / name, Imprint("A $ title", "foot", {}, "SYNTHETIC")
+                found,
+                hearing,
+                names,
+                tmp_path / name,
+                Imprint("A $ title", "foot", {}, "SYNTHETIC"),
             )
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     with Image.open(tmp_path / "a.png") as image:

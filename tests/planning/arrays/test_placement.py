@@ -43,7 +43,12 @@ def tracks(seed, m=4000, hours=18, bins=18):
     lon, lat = sphere.destination(*MIDDLE, x + gone * np.sin(course), y + gone * np.cos(course))
     places = (sphere.to_binary(np.degrees(angle)) for angle in (lon, lat))
     return Tracks(
-        time, *places, np.ones((bins + 1, m), bool), np.full(m, 1 / m), which.astype(np.int32), np.full(m, BEGIN)
+        time,
+        *places,
+        np.ones((bins + 1, m), bool),
+        np.full(m, 1 / m),
+        which.astype(np.int32),
+        np.full(m, BEGIN),
     )
 
 
@@ -60,7 +65,14 @@ def sonar(seed, groups=3, **more):
 
 def ship(seed, name="ship", where=(-70, -60, 55, 65), **more):
     """Return a ship that tows at 5 knots."""
-    own = Tow(name, Sensor("array", sonar(seed)), box(*where), 5 * KNOT, np.datetime64(int(BEGIN), "s"), legs=1)
+    own = Tow(
+        name,
+        Sensor("array", sonar(seed)),
+        box(*where),
+        5 * KNOT,
+        np.datetime64(int(BEGIN), "s"),
+        legs=1,
+    )
     return replace(own, **more)
 
 
@@ -69,7 +81,9 @@ def grid(sea, side, courses, time):
     west, south, east, north = sea.begins.shape.bounds
     share = np.linspace(1e-3, 1 - 1e-3, side)  # what lies on the edge of the area counts as outside
     x, y, course = np.meshgrid(
-        west + (east - west) * share, south + (north - south) * share, np.arange(courses) * 2 * math.pi / courses
+        west + (east - west) * share,
+        south + (north - south) * share,
+        np.arange(courses) * 2 * math.pi / courses,
     )
     lon, lat = sphere.destination(*sea.middle, x.ravel(), y.ravel())
     some = Ways(lon, lat, course.ravel(), course.ravel(), np.ones(course.size))
@@ -95,7 +109,9 @@ def test_no_way_of_a_grid_is_better(seed, m, side, courses):
 
 
 def test_what_a_way_hears_is_what_the_search_hears():
-    """The planner's kernel against the same process in plain NumPy: ranges by the haversine, parts of 15 s, G by its recursion."""
+    """The planner's kernel against the same process in plain NumPy: ranges by the haversine, parts
+    of 15 s, G by its recursion.
+    """
     some = tracks(5, m=12)
     own = ship(5, sensor=Sensor("array", sonar(5, unknown=2.0)))
     sea = ways.sea(own, BEGIN, BEGIN + 18 * 3600)
@@ -110,13 +126,18 @@ def test_what_a_way_hears_is_what_the_search_hears():
         track = [(x[:, i] * sphere.UNIT) for x in (some.lon, some.lat)]
         excess = []
         for t in range(some.bins):
-            a, b = (np.array(geodesic(at[0][k], at[1][k], track[0][k], track[1][k])) for k in (t, t + 1))
+            a, b = (
+                np.array(geodesic(at[0][k], at[1][k], track[0][k], track[1][k])) for k in (t, t + 1)
+            )
             heading = math.atan2(*geodesic(at[0][t], at[1][t], at[0][t + 1], at[1][t + 1]))
             east, north = (a + part[:, None] * (b - a)).T
             excess.append(equation(sees, np.hypot(east, north), np.arctan2(east, north), heading))
         for f, offset in enumerate(hearer.tables.offsets):
-            told[i, f] = recursion(np.concatenate(excess) + offset, sees.fluctuation, rate, 3600 / 240)
-    # Eight stairs cost 1 % of a miss (kernels.evidence.jumps); of the array's lobes, 300 m wide at 3 nmi, parts of 100 m cost as much.
+            told[i, f] = recursion(
+                np.concatenate(excess) + offset, sees.fluctuation, rate, 3600 / 240
+            )
+    # Eight stairs cost 1 % of a miss (kernels.evidence.jumps); of the array's lobes, 300 m wide at
+    # 3 nmi, parts of 100 m cost as much.
     assert ours == pytest.approx(told, rel=0.02)
 
 
@@ -124,7 +145,9 @@ def geodesic(lon, lat, to_lon, to_lat):
     """Return (east, north) [m] along the great circle, by its distance and azimuth."""
     from pyproj import Geod
 
-    azimuth, _, far = Geod(a=sphere.RADIUS, b=sphere.RADIUS).inv(*np.degrees([lon, lat, to_lon, to_lat]))
+    azimuth, _, far = Geod(a=sphere.RADIUS, b=sphere.RADIUS).inv(
+        *np.degrees([lon, lat, to_lon, to_lat])
+    )
     return far * math.sin(math.radians(azimuth)), far * math.cos(math.radians(azimuth))
 
 
@@ -139,11 +162,14 @@ def equation(sees, far, bearing, heading):
 
 
 def recursion(excess, spread, rate, part):
-    """Return G of parts in which the excess is constant; tests/kernels/evidence/test_jumps.py has the formula."""
+    """Return G of parts in which the excess is constant; tests/kernels/evidence/test_jumps.py has
+    the formula.
+    """
     from scipy.stats import norm
 
     p = np.minimum(norm.cdf(excess / spread), 1 - 1e-12)
-    ended, highest = np.empty(len(p)), np.zeros(len(p))  # of each part: who jumped in it; the highest chance from it on
+    # of each part: who jumped in it; the highest chance from it on
+    ended, highest = np.empty(len(p)), np.zeros(len(p))
     inner = (np.exp(-rate * p * part) - math.exp(-rate * part)) / (1 - p)
     ages = np.exp(-rate * part * np.arange(len(p))[::-1])  # the last are of k - 1 parts, ..., 0
     for k in range(len(p)):
@@ -171,12 +197,16 @@ def test_two_ships_share_the_work():
 
 
 def test_arrays_of_one_group_share_an_unknown():
-    """Against sums over the values of each group's unknown, written out; and a plan is worth what these say."""
+    """Against sums over the values of each group's unknown, written out; and a plan is worth what
+    these say.
+    """
     some = tracks(7, m=40)
     of = {"a": 3.0, "b": 2.0}
     seas = [
         ways.sea(
-            ship(7, name, sensor=Sensor("array", sonar(7, unknown=of[group]), group=group)), BEGIN, BEGIN + 18 * 3600
+            ship(7, name, sensor=Sensor("array", sonar(7, unknown=of[group]), group=group)),
+            BEGIN,
+            BEGIN + 18 * 3600,
         )
         for name, group in (("one", "a"), ("two", "b"), ("three", "a"))
     ]
@@ -184,36 +214,55 @@ def test_arrays_of_one_group_share_an_unknown():
     rng = np.random.default_rng(7)
     missed = [rng.uniform(0, 1, (some.m, hearer.chances.size)) for hearer in hearers]
     told = np.zeros(some.m)
-    for (f, p), (g, q) in itertools.product(*(list(enumerate(hearer.chances)) for hearer in hearers[:2])):
+    for (f, p), (g, q) in itertools.product(
+        *(list(enumerate(hearer.chances)) for hearer in hearers[:2])
+    ):
         told += p * q * missed[0][:, f] * missed[1][:, g] * missed[2][:, f]
     assert placement.together(hearers, missed) == pytest.approx(told, rel=1e-12)
     for number in range(3):
         rest = placement.besides(hearers, [*missed[:number], None, *missed[number + 1 :]], number)
         assert (rest * missed[number]).sum(axis=1) == pytest.approx(told, rel=1e-12)
-    apart = np.prod([own @ hearer.chances for own, hearer in zip(missed, hearers, strict=True)], axis=0)
+    apart = np.prod(
+        [own @ hearer.chances for own, hearer in zip(missed, hearers, strict=True)], axis=0
+    )
     assert np.abs(apart - told).max() > 0.01
 
 
-@pytest.mark.parametrize("seed", [*(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(3)), 3])
+@pytest.mark.parametrize(
+    "seed", [*(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(3)), 3]
+)
 def test_bound_holds_against_what_is_better_than_any_ship(seed):
-    """A ship that jumps at each slot to the best of all places still hears no more than the bound says."""
+    """A ship that jumps at each slot to the best of all places still hears no more than the bound
+    says.
+    """
     some = tracks(seed, m=300)
-    sea = ways.sea(ship(seed, where=(-40, -40, 40, 40), allowed=box(-90, -90, 90, 90)), BEGIN, BEGIN + 18 * 3600)
+    sea = ways.sea(
+        ship(seed, where=(-40, -40, 40, 40), allowed=box(-90, -90, 90, 90)),
+        BEGIN,
+        BEGIN + 18 * 3600,
+    )
     plan = placement.best_ways([sea], some, seed)
     found = placement_bound.bound([sea], some, plan)
     assert found.plan <= found.value
     hearer = heard.hearer(sea, planning_tracks.coarser(some, placement.BINS))
     every = grid(sea, 9, 12, some.time)
-    assert placement.worth(hearer, every, hearer.tracks.weight[:, None], placement.FINE).max() <= found.value
+    assert (
+        placement.worth(hearer, every, hearer.tracks.weight[:, None], placement.FINE).max()
+        <= found.value
+    )
 
 
 def test_a_bound_that_says_something():
-    """In a small sea without zones and with a loud target cells lose little; in others the bound is loose, and says so."""
+    """In a small sea without zones and with a loud target cells lose little; in others the bound is
+    loose, and says so.
+    """
     some = tracks(11, m=400, hours=6, bins=12)
     water = spreading.losses(120 * NMI, transition=8000.0, absorption=0.012)
     loud = Levels(np.zeros(1), np.full((3, 1), 158.0, np.float32))
     own = sonar(11, losses=water, levels=loud)
-    tow = ship(11, sensor=Sensor("array", own), where=(-20, -20, 20, 20), allowed=box(-30, -30, 30, 30))
+    tow = ship(
+        11, sensor=Sensor("array", own), where=(-20, -20, 20, 20), allowed=box(-30, -30, 30, 30)
+    )
     sea = ways.sea(tow, BEGIN, BEGIN + 6 * 3600)
     found = placement_bound.bound([sea], some, placement.best_ways([sea], some, 1))
     assert 0.85 < found.plan / found.value <= 1
@@ -231,7 +280,12 @@ def test_ways_keep_to_what_is_asked():
     way = plan.placed[0].way
     legs = ways.legs(sea, way, 0)
     lon, lat = np.radians(legs.lon), np.radians(legs.lat)
-    assert legs.time[0] >= BEGIN + sphere.distance(*np.radians(asked.base), lon[0], lat[0]) / asked.transit_speed - 1
+    assert (
+        legs.time[0]
+        >= BEGIN
+        + sphere.distance(*np.radians(asked.base), lon[0], lat[0]) / asked.transit_speed
+        - 1
+    )
     assert legs.time[-1] - legs.time[0] <= 9 * 3600
     for course in (float(way.course[0]), float(way.second[0])):
         assert np.mod(course - math.radians(300), 2 * math.pi) <= math.radians(100) + 1e-6

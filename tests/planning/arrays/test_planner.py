@@ -75,7 +75,9 @@ def test_a_plan_is_worth_what_its_watches_hear(tmp_path, planned):
     told = json.loads((tmp_path / "out" / "arrays.json").read_text())
     assert told["pod"] == plan.pos
     # Another sample of particles than that on which it was made: both have a standard error.
-    error = np.hypot(plan.placement.standard_error, np.sqrt(plan.pos * (1 - plan.pos) / case.particles))
+    error = np.hypot(
+        plan.placement.standard_error, np.sqrt(plan.pos * (1 - plan.pos) / case.particles)
+    )
     assert plan.pos == pytest.approx(plan.placement.value, abs=3 * error)
     assert all(value <= plan.placement.value + 1e-9 for _, value in plan.placement.alternatives)
     assert plan.bound.plan <= plan.bound.value
@@ -83,7 +85,8 @@ def test_a_plan_is_worth_what_its_watches_hear(tmp_path, planned):
     kept = load(tmp_path, of + (tmp_path / "out" / "arrays.toml").read_text())
     result = drift.run(kept)
     missed = np.prod([1 - np.asarray(update.pos)[-1] for update in result.updates.all])
-    assert 1 - missed == pytest.approx(plan.pos, abs=2e-3)  # of places rounded to a metre and times to a second
+    # of places rounded to a metre and times to a second
+    assert 1 - missed == pytest.approx(plan.pos, abs=2e-3)
     two = next(sortie for sortie in plan.sorties if sortie.name.startswith("two"))
     far = sphere.distance(*np.radians([179.0, 37.0, two.legs.lon[0], two.legs.lat[0]]))
     begun = (two.start - case.plan.begin) / np.timedelta64(1, "s")
@@ -129,7 +132,8 @@ def test_a_case_without_ships_has_nothing_to_place(tmp_path):
 
 def test_a_ship_without_a_way_is_named(tmp_path):
     text = CASE.replace(
-        'speed = "4 kn"\ncourses', 'allowed = { polygon = ["10N 10W", "10N 9W", "9N 9W"] }\nspeed = "4 kn"\ncourses'
+        'speed = "4 kn"\ncourses',
+        'allowed = { polygon = ["10N 10W", "10N 9W", "9N 9W"] }\nspeed = "4 kn"\ncourses',
     )
     with pytest.raises(UserError, match='tow "one": one has no way'):
         drift.place(load(tmp_path, text))

@@ -1,4 +1,6 @@
-"""Allocation of processing: against brute force over all choices, HiGHS where it is linear, and closed forms."""
+"""Allocation of processing: against brute force over all choices, HiGHS where it is linear, and
+closed forms.
+"""
 
 import itertools
 from collections.abc import Callable
@@ -14,12 +16,16 @@ from geo.errors import UserError
 
 
 def options(hearing: Hearing, slot: int) -> list[tuple[int, ...]]:
-    """Return every set of beams to which different processors can be given in a slot, by trying all."""
+    """Return every set of beams to which different processors can be given in a slot, by trying
+    all.
+    """
     crew = hearing.serves[hearing.manned[slot]]
     found = set()
     for given in itertools.product(range(-1, hearing.beams), repeat=len(crew)):
         beams = [beam for beam in given if beam >= 0]
-        if len(set(beams)) == len(beams) and all(b < 0 or crew[k][hearing.array[b]] for k, b in enumerate(given)):
+        if len(set(beams)) == len(beams) and all(
+            b < 0 or crew[k][hearing.array[b]] for k, b in enumerate(given)
+        ):
             found.add(tuple(sorted(beams)))
     return sorted(found)
 
@@ -47,14 +53,18 @@ def brute_force(hearing: Hearing) -> float:
 
 
 def small(seed: int) -> Hearing:
-    """Return a random case that brute force can do; its beams overlap within slots and from slot to slot."""
+    """Return a random case that brute force can do; its beams overlap within slots and from slot to
+    slot.
+    """
     for attempt in itertools.count():
         rng = np.random.default_rng((seed, attempt))
         slots, beams, arrays = (int(rng.integers(*ends)) for ends in ((1, 4), (3, 7), (1, 4)))
         many, processors = int(rng.integers(3, 40)), int(rng.integers(1, 3))
         array = np.append(np.sort(rng.integers(0, arrays, beams - 1)), arrays - 1)
         share, power = rng.choice([0.2, 0.5, 0.9]), rng.choice([0.2, 1.0, 3.0])
-        chance = (rng.random((slots, many, beams)) < share) * rng.random((slots, many, beams)) ** power
+        chance = (rng.random((slots, many, beams)) < share) * rng.random(
+            (slots, many, beams)
+        ) ** power
         if seed % 5 == 0:
             chance = np.where(chance > 0.5, 1.0, 0.0)  # all or nothing
         if seed % 7 == 0:
@@ -64,13 +74,17 @@ def small(seed: int) -> Hearing:
         weight = rng.gamma(0.5, 1, many)
         serves = rng.random((processors, arrays)) < 0.7
         try:
-            return records.hearing(chance, weight / weight.sum(), array, serves, manned=manned, cost=cost)
+            return records.hearing(
+                chance, weight / weight.sum(), array, serves, manned=manned, cost=cost
+            )
         except UserError:
             continue  # more processors than beams
     raise AssertionError
 
 
-@pytest.mark.parametrize("block", [0, *(pytest.param(block, marks=pytest.mark.thorough) for block in (1, 2))])
+@pytest.mark.parametrize(
+    "block", [0, *(pytest.param(block, marks=pytest.mark.thorough) for block in (1, 2))]
+)
 def test_it_finds_what_brute_force_finds_and_the_bound_holds(block: int) -> None:
     shares = []
     for seed in range(25 * block, 25 * block + 25):
@@ -92,12 +106,16 @@ def test_exchange_alone_would_be_trapped(seed: int) -> None:
     """Cases in which the best of all single exchanges is 1 to 3 % short of the best."""
     hearing = small(seed)
     most = brute_force(hearing)
-    assert choosing.value(hearing, choosing.exchanged(hearing, choosing.greedy(hearing))) < 0.99 * most
+    assert (
+        choosing.value(hearing, choosing.exchanged(hearing, choosing.greedy(hearing))) < 0.99 * most
+    )
     assert processing.allocate(hearing).value == pytest.approx(most, rel=1e-9)
 
 
 def highs(hearing: Hearing) -> float:
-    """Return the best sum of single gains by HiGHS: which processor works on which beam, as an integer programme."""
+    """Return the best sum of single gains by HiGHS: which processor works on which beam, as an
+    integer programme.
+    """
     total = 0.0
     for slot, table in enumerate(hearing.chance):
         gain = table.toarray().astype(float) @ hearing.weight - hearing.cost[slot]
@@ -110,19 +128,26 @@ def highs(hearing: Hearing) -> float:
         rows = [[k == p for k, _ in pairs] for p in range(len(hearing.serves))]
         rows += [[b == beam for _, b in pairs] for beam in range(hearing.beams)]
         limits = optimize.LinearConstraint(np.array(rows, float), ub=1)
-        solved = optimize.milp([-gain[b] for _, b in pairs], constraints=limits, integrality=1, bounds=(0, 1))
+        solved = optimize.milp(
+            [-gain[b] for _, b in pairs], constraints=limits, integrality=1, bounds=(0, 1)
+        )
         total -= solved.fun
     return total
 
 
 @pytest.mark.parametrize("block", [1, pytest.param(0, marks=pytest.mark.thorough)])
 def test_beams_that_share_a_level_count_by_their_best(block: int) -> None:
-    """What the allocation tells is what NumPy makes of it, no choice of brute force is above the bound, and few are better."""
+    """What the allocation tells is what NumPy makes of it, no choice of brute force is above the
+    bound, and few are better.
+    """
     for seed in range(15 * block, 15 * block + 15):
         hearing = replace(small(seed), shared=small(seed).array)
         found, best = processing.allocate(hearing), brute_force(hearing)
         tables = [table.toarray().astype(float) for table in hearing.chance]
-        missed = np.prod([silent(t, o, hearing.shared) for t, o in zip(tables, found.chosen, strict=True)], axis=0)
+        missed = np.prod(
+            [silent(t, o, hearing.shared) for t, o in zip(tables, found.chosen, strict=True)],
+            axis=0,
+        )
         assert found.heard == pytest.approx(hearing.weight @ (1 - missed), abs=1e-9)
         assert 0.98 * best - 1e-9 <= found.value <= best + 1e-9
         assert best <= found.bound + 1e-9
@@ -131,7 +156,11 @@ def test_beams_that_share_a_level_count_by_their_best(block: int) -> None:
                 other = [set(one) for one in found.chosen]
                 other[slot] ^= {beam}
                 rest = np.prod(
-                    [silent(t, tuple(o), hearing.shared) for t, o in zip(tables, other, strict=True)], axis=0
+                    [
+                        silent(t, tuple(o), hearing.shared)
+                        for t, o in zip(tables, other, strict=True)
+                    ],
+                    axis=0,
                 )
                 change = hearing.weight @ (rest - missed) * (1 if beam in beams else -1)
                 if np.isfinite(found.gain[slot, beam]):
@@ -144,7 +173,9 @@ def test_where_nothing_is_heard_twice_it_is_highs_optimum(slots: int) -> None:
         rng = np.random.default_rng(seed)
         array = np.repeat([0, 1, 2], [5, 3, 4])
         chance = np.zeros((slots, 200, 12))
-        chance[rng.integers(0, slots, 200), np.arange(200), rng.integers(0, 12, 200)] = rng.random(200)
+        chance[rng.integers(0, slots, 200), np.arange(200), rng.integers(0, 12, 200)] = rng.random(
+            200
+        )
         serves = np.array([[1, 1, 0], [0, 1, 1], [1, 0, 0], [0, 1, 0]], bool)
         manned = rng.random((slots, 4)) < 0.9
         hearing = records.hearing(
@@ -183,7 +214,9 @@ def test_greedy_alone_would_be_trapped() -> None:
 
 
 def plane(power: float) -> Hearing:
-    """Return the lines of the projective plane of order 2 as beams: any two hear one point in common."""
+    """Return the lines of the projective plane of order 2 as beams: any two hear one point in
+    common.
+    """
     lines = [[0, 1, 2], [0, 3, 4], [0, 5, 6], [1, 3, 5], [1, 4, 6], [2, 3, 6], [2, 4, 5]]
     chance = np.zeros((7, 7))
     for beam, points in enumerate(lines):
@@ -198,12 +231,23 @@ ADVERSARIES: dict[str, Callable[[], Hearing]] = {
     "next to nothing": lambda: plane(1e-30),
     "all alike": lambda: records.hearing(np.full((3, 5, 4), 0.3), np.ones(5), [0, 0, 1, 1], 2),
     "one for sure and many hardly": lambda: records.hearing(
-        [np.hstack([np.full((9, 1), 1e-7), np.eye(9)[:, :5]])] * 2, 10.0 ** np.arange(-4, 5), [0] * 6, 2
+        [np.hstack([np.full((9, 1), 1e-7), np.eye(9)[:, :5]])] * 2,
+        10.0 ** np.arange(-4, 5),
+        [0] * 6,
+        2,
     ),
-    "hazards that add up": lambda: records.hearing(np.full((3, 4, 3), 1 - 1e-6), np.array([1, 2, 3, 1e9]), [0] * 3, 2),
-    "weights near nothing": lambda: records.hearing(np.eye(5)[None] * 0.4 + 0.2, np.full(5, 1e-200), [0] * 5, 2),
-    "dear": lambda: records.hearing(np.full((2, 3, 4), 0.5), np.ones(3), [0] * 4, 2, cost=np.full((2, 4), 0.7)),
-    "too dear": lambda: records.hearing(np.full((2, 3, 4), 0.5), np.ones(3), [0] * 4, 2, cost=np.full((2, 4), 9.0)),
+    "hazards that add up": lambda: records.hearing(
+        np.full((3, 4, 3), 1 - 1e-6), np.array([1, 2, 3, 1e9]), [0] * 3, 2
+    ),
+    "weights near nothing": lambda: records.hearing(
+        np.eye(5)[None] * 0.4 + 0.2, np.full(5, 1e-200), [0] * 5, 2
+    ),
+    "dear": lambda: records.hearing(
+        np.full((2, 3, 4), 0.5), np.ones(3), [0] * 4, 2, cost=np.full((2, 4), 0.7)
+    ),
+    "too dear": lambda: records.hearing(
+        np.full((2, 3, 4), 0.5), np.ones(3), [0] * 4, 2, cost=np.full((2, 4), 9.0)
+    ),
     "nothing heard": lambda: records.hearing(np.zeros((2, 3, 4)), np.ones(3), [0] * 4, 2),
 }
 
@@ -227,7 +271,8 @@ def test_the_relaxations_bound_is_what_a_general_solver_finds() -> None:
     """Where the exponential alone is the lesser side: its maximum over sum x = 2 by SLSQP."""
     rng = np.random.default_rng(3)
     chance, weight = 0.05 * rng.random((30, 6)) ** 3, rng.random(30)
-    hearing = records.hearing([chance] * 12, weight, [0] * 6, 2)  # many slots alike: little in each, much in all
+    # many slots alike: little in each, much in all
+    hearing = records.hearing([chance] * 12, weight, [0] * 6, 2)
     hazard = -np.log1p(-hearing.chance[0].toarray().T.astype(float))
 
     def lost(x: np.ndarray) -> float:
@@ -262,9 +307,14 @@ def test_what_it_tells_of_a_choice_adds_up() -> None:
         assert found.by_slot[slot] == pytest.approx(hearing.weight.sum() - rest.sum())
     assert found.heard == pytest.approx(found.by_slot[-1])
     for slot, beam in itertools.product(range(hearing.slots), range(hearing.beams)):
-        others = [set(beams) - {beam} if s == slot else set(beams) for s, beams in enumerate(found.chosen)]
+        others = [
+            set(beams) - {beam} if s == slot else set(beams) for s, beams in enumerate(found.chosen)
+        ]
         without = tuple(tuple(sorted(beams)) for beams in others)
-        together = tuple(tuple(sorted(beams | {beam})) if s == slot else without[s] for s, beams in enumerate(others))
+        together = tuple(
+            tuple(sorted(beams | {beam})) if s == slot else without[s]
+            for s, beams in enumerate(others)
+        )
         if not np.isnan(found.gain[slot, beam]):
             added = choosing.heard(hearing, together) - choosing.heard(hearing, without)
             assert found.gain[slot, beam] == pytest.approx(added, abs=1e-14)
@@ -296,7 +346,9 @@ def test_processors_work_on_what_they_serve() -> None:
 
 
 def test_sets_that_fit_are_those_that_can_be_matched() -> None:
-    """Independent sets, their rank and the best of them, by trying all ways to give processors to beams."""
+    """Independent sets, their rank and the best of them, by trying all ways to give processors to
+    beams.
+    """
     for seed in range(60):
         hearing, rng = small(seed), np.random.default_rng(seed)
         score = rng.normal(0.3, 1, hearing.beams).round(1)
@@ -353,14 +405,20 @@ def test_sparse_and_dense_tables_are_the_same() -> None:
     weight, array = rng.random(30), [0, 0, 1, 1, 1, 2]
     found = [
         processing.allocate(records.hearing(tables, weight, array, 2))
-        for tables in (chance, [sparse.coo_array(t) for t in chance], [sparse.csr_matrix(t) for t in chance])
+        for tables in (
+            chance,
+            [sparse.coo_array(t) for t in chance],
+            [sparse.csr_matrix(t) for t in chance],
+        )
     ]
     assert all(np.array_equal(found[0].processing, other.processing) for other in found)
     assert len({other.bound for other in found}) == 1
 
 
 def passing(many: int, arrays: int, per: int, slots: int, processors: int) -> Hearing:
-    """Return line arrays that targets pass on straight ways: beams leak into those beside them, port and starboard are one."""
+    """Return line arrays that targets pass on straight ways: beams leak into those beside them,
+    port and starboard are one.
+    """
     rng = np.random.default_rng(1)
     place, velocity = rng.normal(0, 300, (many, 2)), rng.normal(0, 8, (many, 2))
     where, heading = rng.normal(0, 250, (arrays, 2)), rng.uniform(0, np.pi, arrays)
@@ -372,11 +430,17 @@ def passing(many: int, arrays: int, per: int, slots: int, processors: int) -> He
             east, north = (place + 6 * slot * velocity - site).T
             r = np.hypot(east, north)
             cosine = np.cos(np.arctan2(east, north) - head - 0.02 * slot)
-            hears = 0.7 * np.exp(-((r / 250) ** 2)) * (0.4 + 0.6 * (np.cos(2 * np.pi * r / 60) > 0.3))
+            hears = (
+                0.7 * np.exp(-((r / 250) ** 2)) * (0.4 + 0.6 * (np.cos(2 * np.pi * r / 60) > 0.3))
+            )
             beam = np.exp(-((per * (cosine[:, None] - middle)) ** 2))
-            columns.append(sparse.csc_array(np.where(beam * hears[:, None] < 0.003, 0, beam * hears[:, None])))
+            columns.append(
+                sparse.csc_array(np.where(beam * hears[:, None] < 0.003, 0, beam * hears[:, None]))
+            )
         chance.append(sparse.hstack(columns))
-    return records.hearing(chance, rng.gamma(1, 1, many) / many, np.repeat(np.arange(arrays), per), processors)
+    return records.hearing(
+        chance, rng.gamma(1, 1, many) / many, np.repeat(np.arange(arrays), per), processors
+    )
 
 
 def test_it_comes_near_the_bound_on_a_sample_and_on_all(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -84,7 +84,9 @@ def changed(*pairs):
 
 
 def heard(plan, choice):
-    """Return what a choice hears, by NumPy on dense tables: the best beam of an array in a slot, all of these apart."""
+    """Return what a choice hears, by NumPy on dense tables: the best beam of an array in a slot,
+    all of these apart.
+    """
     missed = np.array(plan.hearing.weight)
     for slot, beams in enumerate(choice):
         chance = plan.hearing.chance[slot].toarray().astype(float)
@@ -115,8 +117,12 @@ def test_a_plan_by_the_command_is_the_best_of_all(tmp_path, capsys):
     rows = list(csv.DictReader((tmp_path / "out" / "processing.csv").read_text().splitlines()))
     first = {(row["array"], row["beam"]) for row in rows if row["time"] == "2026-06-01T04:00:00Z"}
     names = plan.names
-    assert first == {(names.arrays[beam // 3], names.beams[beam]) for beam in plan.allocation.chosen[0]}
-    assert {"processing.txt", "processing.png"} <= {path.name for path in (tmp_path / "out").iterdir()}
+    assert first == {
+        (names.arrays[beam // 3], names.beams[beam]) for beam in plan.allocation.chosen[0]
+    }
+    assert {"processing.txt", "processing.png"} <= {
+        path.name for path in (tmp_path / "out").iterdir()
+    }
     text = (tmp_path / "out" / "processing.txt").read_text()
     assert max(map(len, text.splitlines())) <= 78
     assert f"POD {100 * plan.pod:.1f} %" in " ".join(text.split())
@@ -146,7 +152,9 @@ def test_its_pod_is_that_of_the_watch_that_was_planned(tmp_path):
     assert pos == pytest.approx(plan.pod, abs=3 * error)
     assert plan.pod > 0.1
     # One slot, one beam: nothing is carried, nothing shared.
-    assert plan.allocation.heard == pytest.approx(plan.pod, abs=3 * np.sqrt(2) * 0.5 / np.sqrt(plan.made_on))
+    assert plan.allocation.heard == pytest.approx(
+        plan.pod, abs=3 * np.sqrt(2) * 0.5 / np.sqrt(plan.made_on)
+    )
     assert plan.allocation.exact
 
 
@@ -181,9 +189,19 @@ def test_an_array_that_is_towed_on_a_known_way(tmp_path):
     assert plan.names.arrays == ("west", "ship")
     assert plan.names.beams[3:] == ("000R", "090R", "180R")
     assert plan.hearing.chance[0][3:].sum() > 0
-    late = load(tmp_path, changed(('["west", "east"]', f'["west", {way}]'), ('slot = "3 h"', 'slot = "1 h"')))
+    late = load(
+        tmp_path,
+        changed(('["west", "east"]', f'["west", {way}]'), ('slot = "3 h"', 'slot = "1 h"')),
+    )
     plan, _ = drift.allocate(late)
-    assert [float(table[3:].sum()) > 0 for table in plan.hearing.chance] == [False, True, True, True, False, False]
+    assert [float(table[3:].sum()) > 0 for table in plan.hearing.chance] == [
+        False,
+        True,
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
 @pytest.mark.thorough
@@ -202,16 +220,24 @@ def test_ships_of_the_same_plan_are_placed_first(tmp_path):
     assert begin < 3  # the ship listens in the first slot alone
     assert plan.hearing.chance[0][3:].sum() > 0
     assert plan.hearing.chance[1][3:].sum() == 0
-    assert {"arrays.txt", "arrays.toml", "processing.txt", "processing.csv", "processing.json", "processing.png"} <= {
-        path.name for path in (tmp_path / "out").iterdir()
-    }
+    assert {
+        "arrays.txt",
+        "arrays.toml",
+        "processing.txt",
+        "processing.csv",
+        "processing.json",
+        "processing.png",
+    } <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
 TWICE = '[[tow]]\nname = "{}"\nsensor = "tail"\nbegin = {{ centre = "35 30N 180E", length = "40 nmi", width = "40 nmi" }}\nspeed = "5 kn"\n'
 
 
 def test_an_array_that_two_ships_tow_is_two(tmp_path):
-    text = changed(("[plan]", TWICE.format("one") + TWICE.format("two") + "[plan]"), ('["west", "east"]', '["tail"]'))
+    text = changed(
+        ("[plan]", TWICE.format("one") + TWICE.format("two") + "[plan]"),
+        ('["west", "east"]', '["tail"]'),
+    )
     asked = load(tmp_path, text).processing
     assert [(one.name, one.tow) for one in asked.listeners] == [("one", "one"), ("two", "two")]
     asked = load(tmp_path, text.replace('["tail"]', '["two", "west"]')).processing
@@ -271,11 +297,19 @@ def test_processors_that_have_too_few_beams_between_them(tmp_path):
     """Enough beams in all, but not of the sensor that four of them serve."""
     some = ", ".join(f'{{ name = "W{k}", sensors = ["west"] }}' for k in range(4))
     with pytest.raises(
-        UserError, match=r"plan\.processing\.processors: 4 that work from 010400ZJUN26 on can serve 3 beams"
+        UserError,
+        match=r"plan\.processing\.processors: 4 that work from 010400ZJUN26 on can serve 3 beams",
     ):
         drift.allocate(load(tmp_path, changed(("processors = 2", f"processors = [{some}]"))))
-    with pytest.raises(UserError, match=r"plan\.processing\.today: 3 beams, for which there are no processors"):
-        drift.allocate(load(tmp_path, changed(('slot = "3 h"', 'slot = "3 h"\ntoday = { west = [1, 2], east = [1] }'))))
+    with pytest.raises(
+        UserError, match=r"plan\.processing\.today: 3 beams, for which there are no processors"
+    ):
+        drift.allocate(
+            load(
+                tmp_path,
+                changed(('slot = "3 h"', 'slot = "3 h"\ntoday = { west = [1, 2], east = [1] }')),
+            )
+        )
 
 
 def test_a_case_without_processing_has_nothing_to_allocate(tmp_path):
@@ -298,7 +332,8 @@ speed = "3 kn"
 legs = 1
 """
     manned = CASE.replace(
-        "processors = 2", 'processors = [{ name = "P", sensors = ["west", "east"], manned = [["+4 h", "+7 h"]] }]'
+        "processors = 2",
+        'processors = [{ name = "P", sensors = ["west", "east"], manned = [["+4 h", "+7 h"]] }]',
     )
     said = drift.check(load(tmp_path, manned + "cost = 0.01\n" + tows))
     assert said["processing"] == (

@@ -10,7 +10,8 @@ from drift.planning.arrays import processing, processing_text, records
 from drift.planning.arrays.records import Allocation, Hearing, Names
 from drift.products.files import formats
 
-# Two arrays of two beams; a target on the left is heard by the first beam of each, one on the right by the second.
+# Two arrays of two beams; a target on the left is heard by the first beam of each, one on the right
+# by the second.
 CHANCE = np.array([[[0.5, 0, 0.4, 0], [0, 0.3, 0, 0.2]], [[0.25, 0, 0.1, 0], [0, 0.6, 0, 0.1]]])
 WEIGHT = np.array([3.0, 1.0])
 
@@ -29,14 +30,16 @@ def made(**more: object) -> tuple[Hearing, Allocation, Names]:
 def test_the_table_says_what_is_processed_and_what_it_is_worth() -> None:
     hearing, found, names = made()
     text = processing_text.processing_as_text(found, hearing, names, "Four beams", "abc-s1")
-    # First slot: left beam, 3 * 0.5 of 4. Second: left would add 3 * 0.5 * 0.25 = 0.375, right 0.6: right.
+    # First slot: left beam, 3 * 0.5 of 4. Second: left would add 3 * 0.5 * 0.25 = 0.375, right 0.6:
+    # right.
     assert found.chosen == ((0,), (1,))
     assert "Heard at least once: 0.525; no choice of beams is worth more" in text
     assert "010000ZJUN26  heard by its end: 0.375" in text
     assert "P1: SOSUS west north, gain 0.3750" in text
     assert "010600ZJUN26  heard by its end: 0.525" in text
     assert "P1: SOSUS west south, gain 0.1500  NEW" in text
-    assert "the same beams all the time: 0.469, 0.056 less" in text  # 3 * (1 - 0.5 * 0.75) = 1.875 of 4
+    # 3 * (1 - 0.5 * 0.75) = 1.875 of 4
+    assert "the same beams all the time: 0.469, 0.056 less" in text
     assert "SOSUS west north at 010600ZJUN26 (0.0938)" in " ".join(text.split())  # 0.375 / 4
     assert max(map(len, text.splitlines())) <= processing_text.WIDE
 
@@ -44,7 +47,9 @@ def test_the_table_says_what_is_processed_and_what_it_is_worth() -> None:
 def test_rows_are_for_programs_and_no_spreadsheet_runs_them() -> None:
     hearing, found, names = made()
     rows = list(csv.DictReader(io.StringIO(processing_text.csv(found, hearing, names, "abc-s1"))))
-    assert [(row["time"], row["array"], row["beam"], row["gain"], row["heard"]) for row in rows] == [
+    assert [
+        (row["time"], row["array"], row["beam"], row["gain"], row["heard"]) for row in rows
+    ] == [
         ("2026-06-01T00:00:00Z", "SOSUS west", "north", "0.375", "0.375"),
         ("2026-06-01T06:00:00Z", "SOSUS west", "south", "0.15", "0.525"),
     ]
@@ -62,7 +67,9 @@ def test_what_a_processor_does_that_works_on_nothing() -> None:
     assert "What would add most on top of all this: no beam." in text
     assert processing_text.csv(found, hearing, names, "x").count("\n") == 1
     hearing, found, names = made(cost=np.full((2, 4), 0.3))
-    assert processing_text.worth(found).startswith("Heard at least once: 0.525, 0.375 less what the beams cost")
+    assert processing_text.worth(found).startswith(
+        "Heard at least once: 0.525, 0.375 less what the beams cost"
+    )
 
 
 def test_numbers_are_shares_that_json_holds() -> None:

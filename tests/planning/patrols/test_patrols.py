@@ -1,4 +1,6 @@
-"""Planned patrols: against brute force over all choices, particle by particle, and the closed form of a straight coast."""
+"""Planned patrols: against brute force over all choices, particle by particle, and the closed form
+of a straight coast.
+"""
 
 import itertools
 import json
@@ -44,7 +46,9 @@ reach = "17 km"
 """
 
 
-def slot(name: str, length: float, detection: float, day: float, reachable: tuple[int, ...]) -> Slot:
+def slot(
+    name: str, length: float, detection: float, day: float, reachable: tuple[int, ...]
+) -> Slot:
     team = Team(name, length, detection, (START,))
     return Slot(team, START + np.timedelta64(round(day * 24), "h"), round(day * DAY), reachable)
 
@@ -57,7 +61,9 @@ SLOTS = (
 
 
 def ashore(worlds: int, n: int, seed: int):
-    """Return fates of particles that come to one of three stretches for good, most to the first, and their arrivals by stretch."""
+    """Return fates of particles that come to one of three stretches for good, most to the first,
+    and their arrivals by stretch.
+    """
     rng = np.random.default_rng(seed)
     place = rng.choice(4, worlds * n, p=[0.45, 0.2, 0.25, 0.1])
     when = rng.integers(0, 6 * DAY, worlds * n)
@@ -71,7 +77,9 @@ def tabled(stays, worth):
 
 
 def by_hand(place, when, worth, factor, visits) -> float:
-    """Return the expected number that visits, {stretch: numbers of slots}, find: each particle by itself."""
+    """Return the expected number that visits, {stretch: numbers of slots}, find: each particle by
+    itself.
+    """
     total = 0.0
     for k in range(len(place)):
         missed = 1.0
@@ -79,7 +87,9 @@ def by_hand(place, when, worth, factor, visits) -> float:
             one = SLOTS[j]
             if when[k] <= one.time:
                 rate = RATE[place[k]] * factor[k] + LOSS
-                total += worth[k] * missed * one.team.detection * math.exp(-rate * (one.time - when[k]))
+                total += (
+                    worth[k] * missed * one.team.detection * math.exp(-rate * (one.time - when[k]))
+                )
                 missed *= 1 - one.team.detection
     return total
 
@@ -104,7 +114,9 @@ def valued():
     worth = np.random.default_rng(4).uniform(0.2, 2, len(place))
     stays = exposure.expose(fates, Reporting(RATE, LOSS, factor), ())
     tables = tabled(stays, worth)
-    return tables, {tuple(v.values()): by_hand(place, when, worth, factor[fates.world], v) for v in choices()}
+    return tables, {
+        tuple(v.values()): by_hand(place, when, worth, factor[fates.world], v) for v in choices()
+    }
 
 
 def worth_of(tables, chosen) -> float:
@@ -129,7 +141,9 @@ def test_the_plan_is_the_best_of_all_choices(valued) -> None:
 
 
 def test_a_stretch_that_only_fills_a_day_is_not_visited() -> None:
-    """10, 0.05 and 0.2 objects on one patrol are 97.6, 0.5 and 2 % of it; on a second patrol, that meets nothing else, 0.05 is all."""
+    """10, 0.05 and 0.2 objects on one patrol are 97.6, 0.5 and 2 % of it; on a second patrol, that
+    meets nothing else, 0.05 is all.
+    """
     tables = {s: np.array([[lies, 0.0], [0.0, 0.0]]) for s, lies in enumerate((10.0, 0.05, 0.2))}
     tables[1][1, 1] = 0.03
     left = patrol_planner.worthwhile(tables, SLOTS[:2], {0: (0,), 1: (0, 1), 2: (0,)})
@@ -147,16 +161,21 @@ def test_day_by_day_the_bound_holds(valued, monkeypatch) -> None:
 
 
 def test_what_refloats_is_never_worth_more_than_the_bound() -> None:
-    """Particles that come to two stretches: each choice computed over all visits at once stays under the bound."""
+    """Particles that come to two stretches: each choice computed over all visits at once stays
+    under the bound.
+    """
     fates = scattered(3, [40])
     reporting = Reporting(RATE, LOSS, np.ones(3))
     stays = exposure.expose(fates, reporting, ())
     worth = np.random.default_rng(1).uniform(0.2, 2, fates.world.size)
     tables = tabled(stays, worth)
-    for s, j in itertools.product(range(3), range(3)):  # a lone visit is worth what it finds, in closed form elsewhere
+    # a lone visit is worth what it finds, in closed form elsewhere
+    for s, j in itertools.product(range(3), range(3)):
         flown = exposure.expose(fates, reporting, (Walk((s,), SLOTS[j].time, 0.4),))
         rows, chance = exposure.searched(flown, s, 0)
-        assert tables[s][: j + 1, j].sum() == pytest.approx(float(chance @ worth[flown.slot[rows]]) / 0.4, rel=1e-12)
+        assert tables[s][: j + 1, j].sum() == pytest.approx(
+            float(chance @ worth[flown.slot[rows]]) / 0.4, rel=1e-12
+        )
     _, bound, _ = patrol_planner.choose(tables, LENGTH, SLOTS)
     for chosen in choices():
         visits = [(j, s) for s, some in chosen.items() for j in some]
@@ -179,7 +198,9 @@ def planned(tmp_path_factory: pytest.TempPathFactory):
 
 
 def test_a_straight_coast_is_found_as_its_closed_form_says(planned) -> None:
-    """Visits by what an independent sampler of the coast finds, report rates 0.02 a day: three standard errors."""
+    """Visits by what an independent sampler of the coast finds, report rates 0.02 a day: three
+    standard errors.
+    """
     plan, result, _ = planned
     rng, worlds = np.random.default_rng(3), 5000  # 300 of the plan err four times as much
     time, place = sampled(worlds, 60, rng)
@@ -198,7 +219,10 @@ def test_a_straight_coast_is_found_as_its_closed_form_says(planned) -> None:
     assert plan.found == pytest.approx(sum(visit.found for visit in plan.visits))
     assert abs(plan.found - whole.mean()) <= 3 * np.hypot(plan.error, whole.std() / np.sqrt(worlds))
     assert 0.1 < plan.found <= plan.bound * (1 + 1e-9)
-    by_team = {slot.team.name: [v.segment for v in visits] for slot, visits in patrol_planner.by_patrol(plan)}
+    by_team = {
+        slot.team.name: [v.segment for v in visits]
+        for slot, visits in patrol_planner.by_patrol(plan)
+    }
     near = np.abs(segments.lat[by_team["horse"]] + 0.2) / METRE
     assert (near < 17_000).all()
     for slot, visits in patrol_planner.by_patrol(plan):
@@ -214,7 +238,9 @@ def test_patrols_made_as_planned_find_as_many(planned, tmp_path: Path) -> None:
     case = drift.load(tmp_path / "case.toml")
     slots = [slot for slot, _ in patrol_planner.by_patrol(plan)]
     assert [patrol.time for patrol in case.spill.patrols] == [slot.when for slot in slots]
-    assert [patrol.detection for patrol in case.spill.patrols] == [slot.team.detection for slot in slots]
+    assert [patrol.detection for patrol in case.spill.patrols] == [
+        slot.team.detection for slot in slots
+    ]
     walked = [row["segments"] for row in renewal.patrols(case.spill, result.aftermath.segments)]
     assert walked == [[v.segment for v in visits] for _, visits in patrol_planner.by_patrol(plan)]
     table = (folder / "out" / "patrols.csv").read_text().splitlines()
@@ -226,10 +252,16 @@ def test_patrols_made_as_planned_find_as_many(planned, tmp_path: Path) -> None:
 
 
 def test_patrols_and_stretches_for_other_programs(planned, tmp_path: Path) -> None:
-    """GPX, KML and GeoJSON hold the line of each stretch that is visited, by its id, as long as it is."""
+    """GPX, KML and GeoJSON hold the line of each stretch that is visited, by its id, as long as it
+    is.
+    """
     plan, result, folder = planned
     segments = result.aftermath.segments
-    visited = [(v.slot.team.name, v.segment) for _, visits in patrol_planner.by_patrol(plan) for v in visits]
+    visited = [
+        (v.slot.team.name, v.segment)
+        for _, visits in patrol_planner.by_patrol(plan)
+        for v in visits
+    ]
     made = {
         form: {path.name: path for path in drift.export(folder / "out", form, tmp_path / form)}
         for form in ("gpx", "kml", "geojson")
@@ -241,13 +273,15 @@ def test_patrols_and_stretches_for_other_programs(planned, tmp_path: Path) -> No
     tracks = ET.parse(made["gpx"]["patrols.gpx"]).getroot().findall("{*}trk")
     places = ET.parse(made["kml"]["forecast.kml"]).getroot().findall(".//{*}Placemark")
     named = {p.findtext("{*}name"): p for p in places}
-    assert [track.findtext("{*}name") for track in tracks] == [f"{team} {segments.id[s]}" for team, s in visited]
+    assert [track.findtext("{*}name") for track in tracks] == [
+        f"{team} {segments.id[s]}" for team, s in visited
+    ]
     for track, feature, (team, s) in zip(tracks, features, visited, strict=True):
         points = [(float(p.get("lon")), float(p.get("lat"))) for p in track.findall(".//{*}trkpt")]
         assert abs(shapely.LineString(points).length / METRE - segments.length[s]) < 1
-        assert shapely.from_geojson(json.dumps(feature["geometry"])).length / METRE == pytest.approx(
-            segments.length[s], abs=1
-        )
+        assert shapely.from_geojson(
+            json.dumps(feature["geometry"])
+        ).length / METRE == pytest.approx(segments.length[s], abs=1)
         text = named[f"{team} {segments.id[s]}"].findtext(".//{*}coordinates")
         assert len(text.split()) == len(points)
     stretches = ET.parse(made["gpx"]["stretches.gpx"]).getroot().findall("{*}trk")
@@ -256,7 +290,9 @@ def test_patrols_and_stretches_for_other_programs(planned, tmp_path: Path) -> No
 
 
 def test_what_is_longer_than_a_teams_day_is_told(tmp_path: Path, monkeypatch) -> None:
-    """Of two named stretches one is longer than the walkers' day: its length and what lies there, in all that a plan hands out."""
+    """Of two named stretches one is longer than the walkers' day: its length and what lies there,
+    in all that a plan hands out.
+    """
     from matplotlib.figure import Figure
 
     case = case_of(tmp_path, duration="3 d", worlds=100)
@@ -265,14 +301,20 @@ def test_what_is_longer_than_a_teams_day_is_told(tmp_path: Path, monkeypatch) ->
         "coordinates": [[0, -0.15], [0, 0.15]],
     }  # 33.4 km and the ends of edges, where most comes ashore
     feature = {"type": "Feature", "properties": {"name": "Long beach"}, "geometry": line}
-    (tmp_path / "beaches.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
-    text = case.path.read_text().replace('stretches.length = "10 km"', 'stretches = { file = "beaches.geojson" }')
+    (tmp_path / "beaches.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": [feature]})
+    )
+    text = case.path.read_text().replace(
+        'stretches.length = "10 km"', 'stretches = { file = "beaches.geojson" }'
+    )
     case.path.write_text(text + TEAMS.split('[[patrol_unit]]\nname = "horse"')[0])
     written: list[str] = []
     draw = Figure.text
     monkeypatch.setattr(drawing, "MOST", 1)  # what a copy of the process draws is not seen here
     monkeypatch.setattr(
-        Figure, "text", lambda self, x, y, s, *a, **k: written.append(s) or draw(self, x, y, s, *a, **k)
+        Figure,
+        "text",
+        lambda self, x, y, s, *a, **k: written.append(s) or draw(self, x, y, s, *a, **k),
     )
     plan, result = patrol.patrol(drift.load(case.path), tmp_path / "out")
     after = result.aftermath
@@ -280,7 +322,8 @@ def test_what_is_longer_than_a_teams_day_is_told(tmp_path: Path, monkeypatch) ->
     assert after.segments.name[row.segment] == "Long beach"
     there = after.washup["segment"].values == row.segment
     arrived = float(after.washup["arrived"].isel(time=-1).values[there][0])
-    assert 0.5 * arrived < row.lying < arrived  # by its first patrol at 40 h of 72, reported at 0.02 a day
+    # by its first patrol at 40 h of 72, reported at 0.02 a day
+    assert 0.5 * arrived < row.lying < arrived
     words = files.patrol_facts(plan, after)["warning 1"]
     long = f"{after.segments.length[row.segment] / 1000:.1f} km"
     assert words.startswith(f"walkers leaves out 1 stretch, {long}, where ")

@@ -1,4 +1,6 @@
-"""The upper bound against optimal search theory: closed forms, water-filling, brute force, and plans that it must not fall below."""
+"""The upper bound against optimal search theory: closed forms, water-filling, brute force, and
+plans that it must not fall below.
+"""
 
 import itertools
 from collections.abc import Callable
@@ -24,13 +26,17 @@ STD = 5 * NMI
 LAWS = [Law(), Law("random"), Law("definite_range"), Law("m_beta", beta=0.7)]
 
 
-def found(u: float, law: Law, drift: tuple[float, float] = (0.0, 0.0), m: int = 2**14) -> bound.Bound:
+def found(
+    u: float, law: Law, drift: tuple[float, float] = (0.0, 0.0), m: int = 2**14
+) -> bound.Bound:
     some = cloud(m, STD, drift=drift)
     return bound.bound(some, [unit(speed_for(u, STD, 4, NMI), 4, NMI, law)], spec(), [None])
 
 
 def filled(u: float, b: Callable[[np.ndarray], np.ndarray]) -> float:
-    """Water-filling: b'(C(r)) rho(r) = price wherever C > 0; radii in units of the standard deviation."""
+    """Water-filling: b'(C(r)) rho(r) = price wherever C > 0; radii in units of the standard
+    deviation.
+    """
     grid = np.linspace(0, 6, 6001)
     found = b(grid)
     slope = np.gradient(found, grid)
@@ -44,7 +50,11 @@ def filled(u: float, b: Callable[[np.ndarray], np.ndarray]) -> float:
         return float(integrate.trapezoid(2 * np.pi * radius * coverage(price), radius))
 
     price = optimize.brentq(lambda p: effort(p) - np.pi * u * u, 1e-7, 1 / (2 * np.pi))
-    return float(integrate.trapezoid(2 * np.pi * radius * rho * np.interp(coverage(price), grid, found), radius))
+    return float(
+        integrate.trapezoid(
+            2 * np.pi * radius * rho * np.interp(coverage(price), grid, found), radius
+        )
+    )
 
 
 def any_legs(c: np.ndarray) -> np.ndarray:
@@ -54,26 +64,40 @@ def any_legs(c: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("u", [pytest.param(0.6, marks=pytest.mark.thorough), 1.9])
 def test_a_circular_normal(u: float) -> None:
-    """Koopman 1957: 1 - (1 + u) e^-u; a disc searched once: 1 - exp(-u^2 / 2). Never below, and little above."""
-    optima = [(Law("random"), 1 - (1 + u) * np.exp(-u)), (Law("definite_range"), 1 - np.exp(-u * u / 2))]
+    """Koopman 1957: 1 - (1 + u) e^-u; a disc searched once: 1 - exp(-u^2 / 2).
+
+    Never below, and little above.
+    """
+    optima = [
+        (Law("random"), 1 - (1 + u) * np.exp(-u)),
+        (Law("definite_range"), 1 - np.exp(-u * u / 2)),
+    ]
     for law, optimum in [*optima, (Law(), filled(u, any_legs))]:
         assert 1 < found(u, law).value / optimum < 1.05
-    assert filled(u, lambda c: laws.pod(Law(), c)) < filled(u, any_legs)  # parallel sweeps find less
+    # parallel sweeps find less
+    assert filled(u, lambda c: laws.pod(Law(), c)) < filled(u, any_legs)
 
 
 @pytest.mark.parametrize("grows", [4.0, 0.25])
 def test_a_circular_normal_that_grows_or_shrinks(grows: float) -> None:
-    """As Koopman's that stands still, an hour's search counting by 1 over the square of how wide the cloud is then: 1 / grows in all."""
+    """As Koopman's that stands still, an hour's search counting by 1 over the square of how wide
+    the cloud is then: 1 / grows in all.
+    """
     u, std = 1.1, 20 * NMI
     still = cloud(2**14, std, bins=12)
     wide = np.linspace(1, grows, 13)[:, None]
-    x, y = sphere.offset(*np.radians(PLACE), *(np.radians(sphere.to_degrees(v[0])) for v in (still.lon, still.lat)))
+    x, y = sphere.offset(
+        *np.radians(PLACE), *(np.radians(sphere.to_degrees(v[0])) for v in (still.lon, still.lat))
+    )
     lon, lat = sphere.destination(*np.radians(PLACE), x * wide, y * wide)
-    some = replace(still, lon=sphere.to_binary(np.degrees(lon)), lat=sphere.to_binary(np.degrees(lat)))
+    some = replace(
+        still, lon=sphere.to_binary(np.degrees(lon)), lat=sphere.to_binary(np.degrees(lat))
+    )
     one = unit(speed_for(u, std, 4, NMI) * grows, 4, NMI, Law("random"))
     optimum = 1 - (1 + u) * np.exp(-u)
     value = bound.bound(some, [one], spec(), [None]).value
-    # Above it by what a standing cloud's is, and by bins that count as when the cloud is densest in them; particles' own speed is 1.3 % of the unit's.
+    # Above it by what a standing cloud's is, and by bins that count as when the cloud is densest in
+    # them; particles' own speed is 1.3 % of the unit's.
     w = u * np.sqrt(max(grows, 1 / grows) ** (1 / binned.FEWEST) * 1.013)
     assert optimum < value < 1.05 * (1 - (1 + w) * np.exp(-w))
 
@@ -84,21 +108,29 @@ def test_few_particles_leave_it_above() -> None:
     for u in (0.5, 1.0, 2.0):
         one = unit(speed_for(u, STD, 4, NMI), 4, NMI, Law("random"))
         values = [
-            bound.bound(tracks(*(STD * rng.standard_normal((2, 1000))), 4, 4, (0.1, 0.0)), [one], spec(), [None]).value
+            bound.bound(
+                tracks(*(STD * rng.standard_normal((2, 1000))), 4, 4, (0.1, 0.0)),
+                [one],
+                spec(),
+                [None],
+            ).value
             for _ in range(2)
         ]
         assert np.mean(values) > 1 - (1 + u) * np.exp(-u)
 
 
 def test_a_box_that_can_be_swept_once() -> None:
-    """An even prior with sharp edges, definite range: what is swept, to the edge; tight boxes lose none of it outside."""
+    """An even prior with sharp edges, definite range: what is swept, to the edge; tight boxes lose
+    none of it outside.
+    """
     rng = np.random.default_rng(4)
     for share in (0.5, 0.97):
         x, y = rng.uniform(-1, 1, (2, 20_000)) * np.array([[8 * NMI], [3 * NMI]])
         cos, sin = np.cos(0.3), np.sin(0.3)
         some = tracks(x * cos - y * sin, x * sin + y * cos, 4, 4, (0.0, 0.0))
         one = unit(share * 96 * NMI**2 / (NMI * 4 * HOUR), 4, NMI, Law("definite_range"))
-        # Boxes of 78 particles: as tight as these, (1 + 2 / 77)^2 too dense; the half that looks densest by 0.8 / sqrt(78) more.
+        # Boxes of 78 particles: as tight as these, (1 + 2 / 77)^2 too dense; the half that looks
+        # densest by 0.8 / sqrt(78) more.
         dense = (1 + 2 / 77) ** 2 * (1 + 0.8 / np.sqrt(78))
         assert share < bound.bound(some, [one], spec(), [None]).value < min(dense * share, 1.0001)
 
@@ -110,12 +142,18 @@ def hazards(path: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         long = np.hypot(x1 - x0, y1 - y0)
         ex, ey = (x1 - x0) / long, (y1 - y0) / long
         along, aside = (x - x0) * ex + (y - y0) * ey, (x - x0) * ey - (y - y0) * ex
-        total += 0.5 * (along / np.hypot(along, aside) - (along - long) / np.hypot(along - long, aside)) / aside**2
+        total += (
+            0.5
+            * (along / np.hypot(along, aside) - (along - long) / np.hypot(along - long, aside))
+            / aside**2
+        )
     return total
 
 
 def test_no_legs_find_more_than_the_curve() -> None:
-    """Brute force: legs parallel, crossing, at random, short squares; what they find inside and outside of an area counts as in it."""
+    """Brute force: legs parallel, crossing, at random, short squares; what they find inside and
+    outside of an area counts as in it.
+    """
     rng = np.random.default_rng(8)
     width, side = 2 * np.sqrt(np.pi), 40.0
     grid = (np.arange(250) + 0.5) / 250 * side
@@ -145,7 +183,9 @@ def test_no_legs_find_more_than_the_curve() -> None:
 
 
 def test_what_a_leg_that_ends_adds() -> None:
-    """min(H, h) of a straight leg over the plane, by brute force: 2 sqrt(h / pi) W L, and at most W^2 / 4 for its ends."""
+    """min(H, h) of a straight leg over the plane, by brute force: 2 sqrt(h / pi) W L, and at most
+    W^2 / 4 for its ends.
+    """
     width = 2 * np.sqrt(np.pi)
     u = (np.arange(800) + 0.5) / 800
     far = 200.0
@@ -161,7 +201,9 @@ def test_what_a_leg_that_ends_adds() -> None:
 
 
 def test_a_cloud_that_drifts_as_one_is_as_hard_as_one_that_stays() -> None:
-    still, moving = (found(1.0, Law("random"), drift, 2**12).value for drift in ((0.0, 0.0), (0.4, -0.3)))
+    still, moving = (
+        found(1.0, Law("random"), drift, 2**12).value for drift in ((0.0, 0.0), (0.4, -0.3))
+    )
     assert moving == pytest.approx(still, rel=0.03)
     assert moving > still * 0.995
 
@@ -171,7 +213,10 @@ def test_legs_against_the_drift_count_for_more() -> None:
     knot = NMI / HOUR
     fast = bound.bound(cloud(2**12, STD), [unit(9 * knot, 4, NMI, Law())], spec(), [None]).value
     slow = bound.bound(
-        cloud(2**12, STD, drift=(0.6 * knot, 0.8 * knot)), [unit(8 * knot, 4, NMI, Law())], spec(), [None]
+        cloud(2**12, STD, drift=(0.6 * knot, 0.8 * knot)),
+        [unit(8 * knot, 4, NMI, Law())],
+        spec(),
+        [None],
     )
     assert slow.value == pytest.approx(fast, rel=0.02)
 
@@ -185,7 +230,9 @@ def test_soral() -> None:
         np.arange(4)[None, :], 4, none + 1, none, np.zeros(4), chance, np.ones((1, 1)), np.ones(1),
         (curve.value, curve.slope, curve.conjugate), concave.STEP,
     )  # fmt: skip
-    budget = bound.Budget(np.array([0, 4]), np.full((1, 1), 40.0), np.array([40.0]), np.ones((4, 1), bool))
+    budget = bound.Budget(
+        np.array([0, 4]), np.full((1, 1), 40.0), np.array([40.0]), np.ones((4, 1), bool)
+    )
     made = bound.ascend(field, budget, area)
     assert made.spread == pytest.approx(0.4493, abs=2e-3)
     assert 0.4493 - 1e-4 < made.value < 0.4493 + 2e-3
@@ -193,7 +240,9 @@ def test_soral() -> None:
 
 
 def test_it_is_a_bound_at_any_effort() -> None:
-    """At efforts drawn at random, however bad, the dual value is no less than the best that was found."""
+    """At efforts drawn at random, however bad, the dual value is no less than the best that was
+    found.
+    """
     some = cloud(2**12, STD)
     units = [unit(30.0, 3, NMI, Law()), unit(60.0, 1, 2 * NMI, Law(), name="B")]
     best = bound.bound(some, units, spec(), [None])
@@ -220,12 +269,19 @@ def test_mixed_laws_never_exceed_the_curve() -> None:
     """Any split of coverage over laws and sorties finds no more than the curve at its sum."""
     rng = np.random.default_rng(2)
     bumpy = Law("curve", ranges=(0.0, 900.0, 1000.0, 1400.0), chances=(0.2, 0.2, 0.9, 0.0))
-    for used in ([Law()], [Law("m_beta", beta=0.6)], [*LAWS, bumpy], [Law("random"), Law("m_beta", beta=0.9)], [bumpy]):
+    for used in (
+        [Law()],
+        [Law("m_beta", beta=0.6)],
+        [*LAWS, bumpy],
+        [Law("random"), Law("m_beta", beta=0.9)],
+        [bumpy],
+    ):
         curve = concave.curve(tuple(used))
         for _ in range(300):
             parts = rng.exponential(0.4, rng.integers(1, 5))
             miss = np.prod([1 - laws.pod(used[rng.integers(len(used))], c) for c in parts])
-            # laws.pod averages a curve at 2,000 offsets of up to 40 W: 0.02 W, of which its kinks notice a hundredth part
+            # laws.pod averages a curve at 2,000 offsets of up to 40 W: 0.02 W, of which its kinks
+            # notice a hundredth part
             rough = 1e-4 if bumpy in used else 1e-12
             assert 1 - miss <= limit_of(curve, parts.sum()) * (1 + rough)
 
@@ -240,7 +296,9 @@ def test_laws_whose_bound_is_known() -> None:
 
 @pytest.mark.parametrize("wander", [0.05, 0.6])
 def test_no_more_is_found_of_what_wanders_than_its_curve(wander: float) -> None:
-    """Brownian motion past a sensor of inverse cube, by small steps: min(H, h) over the area swept, and 1 - e^-H, from below."""
+    """Brownian motion past a sensor of inverse cube, by small steps: min(H, h) over the area swept,
+    and 1 - e^-H, from below.
+    """
     rng = np.random.default_rng(4)
     long, dt, aside = 30.0, 0.02, 3 + 4 * np.sqrt(wander * 30)
     side = np.array([long + 2 * aside, 2 * aside])
@@ -268,7 +326,9 @@ def test_unknown_sweep_width_lowers_the_bound_as_gamma_does() -> None:
 
 
 def test_alive_is_worth_what_is_left_of_life(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One box, random search as fast as can be: sum of a(t) (e^-C(t-1) - e^-C(t)), a at each bin's begin."""
+    """One box, random search as fast as can be: sum of a(t) (e^-C(t-1) - e^-C(t)), a at each bin's
+    begin.
+    """
     monkeypatch.setattr(bound, "LEAST", 1e9)
     rng = np.random.default_rng(0)
     x, y = rng.uniform(-1e4, 1e4, (2, 200))
@@ -294,7 +354,9 @@ def test_a_unit_that_arrives_late_can_do_less() -> None:
 
 
 def chased(some: Tracks, one: Unit, hours: float, against: bool) -> float:
-    """Return what a unit finds that goes from particle to particle among the densest, or to and fro against their drift."""
+    """Return what a unit finds that goes from particle to particle among the densest, or to and fro
+    against their drift.
+    """
     plane = record.plane(some)
     x, y = plane.flat(some.lon * record.sphere.UNIT, some.lat * record.sphere.UNIT)
     time = some.time - some.time[0]
@@ -315,7 +377,10 @@ def chased(some: Tracks, one: Unit, hours: float, against: bool) -> float:
     while now < end - 1:
         here = at(now)
         apart = np.hypot(*(here - place[:, None]))
-        near = np.exp(-((np.hypot(*(here[:, :, None] - here[:, None, :])) / one.sweep_width[0]) ** 2)) @ left
+        near = (
+            np.exp(-((np.hypot(*(here[:, :, None] - here[:, None, :])) / one.sweep_width[0]) ** 2))
+            @ left
+        )
         best = int(np.argmax(left * near / (apart + one.sweep_width[0])))
         drift = at(min(now + 60, time[-1])).mean(axis=1) - here.mean(axis=1)
         goals = [here[:, best]]
@@ -326,12 +391,18 @@ def chased(some: Tracks, one: Unit, hours: float, against: bool) -> float:
             share = min(1.0, (end - now) * one.search_speed / long)
             place, now = place + share * (goal - place), now + share * long / one.search_speed
             nodes.append((now, *place, 1.0))
-            left *= 1 - 0.8 * (np.hypot(*(at(min(now, time[-1])) - place[:, None])) < one.sweep_width[0])
+            left *= 1 - 0.8 * (
+                np.hypot(*(at(min(now, time[-1])) - place[:, None])) < one.sweep_width[0]
+            )
     swarm = rectangles.swarm(time, x, y, np.ones(x.shape), some.scenario)
-    return float(some.weight @ sweeps.found(swarm, crew.table, np.array(nodes), crew.width, np.ones(1))[0][:, 0])
+    return float(
+        some.weight
+        @ sweeps.found(swarm, crew.table, np.array(nodes), crew.width, np.ones(1))[0][:, 0]
+    )
 
 
-# What moves: (standard deviation [m], errors [m/s] of 6 h, convergence [1/s], hours, speed [m/s], hours of search).
+# What moves: (standard deviation [m], errors [m/s] of 6 h, convergence [1/s], hours, speed [m/s],
+# hours of search).
 MOVING = {
     "spreads tenfold": (1.0 * NMI, 0.45, 0.0, 18.0, 60.0, 0.6),
     "converges on a strait": (8.0 * NMI, 0.05, 6e-5, 12.0, 8.0, 5.0),
@@ -342,12 +413,16 @@ MOVING = {
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[pytest.mark.thorough] * (name in ("mixes", "spreads tenfold"))) for name in MOVING],
+    [
+        pytest.param(name, marks=[pytest.mark.thorough] * (name in ("mixes", "spreads tenfold")))
+        for name in MOVING
+    ],
 )
 def test_what_moves_is_bounded(name: str) -> None:
     """Legs laid by hand, and the optimiser's plan, on the very particles of the bound: no slack."""
     std, error, convergence, hours, speed, search = MOVING[name]
-    some = moving(4500, std, error, convergence, hours)  # a third of which only chooses between plans
+    # a third of which only chooses between plans
+    some = moving(4500, std, error, convergence, hours)
     one = unit(speed, search, 0.6 * NMI, Law())
     limit = bound.bound(some, [one], spec(hours), [None]).value
     assert chased(some, one, hours, against=False) <= limit
@@ -364,7 +439,8 @@ def voyage(m: int, corners: np.ndarray, std: float, rng: np.random.Generator) ->
     return np.array([np.interp(at, way, v) for v in corners.T]) + std * rng.standard_normal((2, m))
 
 
-# A unit that goes once along a line on which the object was lost: (corners [nmi], standard deviation [nmi], particles).
+# A unit that goes once along a line on which the object was lost: (corners [nmi], standard
+# deviation [nmi], particles).
 LINES = {
     "straight, to the north-east": ([(-105, -104), (105, 104)], 0.1, 4096),
     "straight, to the north": ([(0, -25), (0, 25)], 0.1, 4096),
@@ -374,7 +450,11 @@ LINES = {
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.thorough] * (name == "an arc" or "east" in name)) for name in LINES]
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.thorough] * (name == "an arc" or "east" in name))
+        for name in LINES
+    ],
 )
 def test_a_prior_along_a_line_much_narrower_than_long(name: str) -> None:
     """Squares of a cloud's length count the sea beside it: it was 0.46 where one leg finds 0.69."""
@@ -391,14 +471,21 @@ def test_a_prior_along_a_line_much_narrower_than_long(name: str) -> None:
     for law in (Law(), Law("definite_range")):
         one = unit(way[-1] / (2 * HOUR), 2, 3 * std * NMI, law)
         crew = rectangle.crew(
-            one, availability.of_unit(one, spec(), (plane.lon, plane.lat)), plane, float(some.time[0]), np.ones(1)
+            one,
+            availability.of_unit(one, spec(), (plane.lon, plane.lat)),
+            plane,
+            float(some.time[0]),
+            np.ones(1),
         )
         seen = sweeps.found(swarm, crew.table, one_way, crew.width, np.ones(1))[0][:, 0]
         assert some.weight @ seen <= bound.bound(some, [one], spec(), [None]).value
 
 
 def test_a_cloud_much_smaller_than_a_sweep_width() -> None:
-    """Three tenths of a sweep width of legs look at all of it more than once: M-beta 0.8 finds more than 0.8, which is all it could be."""
+    """Three tenths of a sweep width of legs look at all of it more than once:
+
+    M-beta 0.8 finds more than 0.8, which is all it could be.
+    """
     rng = np.random.default_rng(7)
     some = tracks(*(0.05 * NMI * rng.standard_normal((2, 2500))), 4, 4, (0.0, 0.0))
     one = unit(0.3 * NMI / (2 * HOUR), 2, NMI, Law("m_beta", beta=0.8))
@@ -406,18 +493,24 @@ def test_a_cloud_much_smaller_than_a_sweep_width() -> None:
 
 
 def test_bins_are_as_short_as_motion_asks_for() -> None:
-    """A point that spreads: the first bins take minutes, the last hours; what drifts as one needs no more than the least."""
+    """A point that spreads: the first bins take minutes, the last hours; what drifts as one needs
+    no more than the least.
+    """
     wide = moving(3000, 0.3 * NMI, 0.7, 0.0, 48.0)
     edge = binned.of_drift(wide, record.plane(wide)).edge
     assert len(edge) == binned.MOST + 1
     assert np.diff(edge)[0] < HOUR / 4
     assert np.diff(edge)[-1] > HOUR
     as_one = cloud(2**12, STD, drift=(0.7, -1.1))
-    np.testing.assert_allclose(np.diff(binned.of_drift(as_one, record.plane(as_one)).edge), 4 * HOUR / binned.FEWEST)
+    np.testing.assert_allclose(
+        np.diff(binned.of_drift(as_one, record.plane(as_one)).edge), 4 * HOUR / binned.FEWEST
+    )
 
 
 def test_boxes_of_a_bent_line_are_as_narrow_as_it() -> None:
-    """Even along a parabola and across it: the strip's own area, whichever way it lies; a normal cloud keeps its squares."""
+    """Even along a parabola and across it: the strip's own area, whichever way it lies; a normal
+    cloud keeps its squares.
+    """
     rng = np.random.default_rng(3)
     s, c = rng.uniform(-1, 1, (2, 20_000)) * np.array([[9e4], [150.0]])
     u, v = s, c + 0.4 * s * s / 9e4
@@ -430,12 +523,15 @@ def test_boxes_of_a_bent_line_are_as_narrow_as_it() -> None:
     made = quadtree.fit(x, y, np.full(20_000, 5e-5), 125.0, 16.0, 1.0)
     plain = quadtree.grow(x, y, np.full(20_000, 5e-5), 125.0)
     assert made.count < 2 * plain.count
-    # The mean logarithm of a normal density; boxes as tight as n = 78 particles are 4 / n too dense, and too wide for its curvature.
+    # The mean logarithm of a normal density; boxes as tight as n = 78 particles are 4 / n too
+    # dense, and too wide for its curvature.
     mean = -1 - np.log(2 * np.pi * 5e3**2)
     assert abs(quadtree.likelihood(made, np.full(20_000, 5e-5), 1.0) - mean) < 4 / 78
 
 
-def cut(points: np.ndarray, weight: np.ndarray, fewest: float, least: float) -> tuple[np.ndarray, np.ndarray]:
+def cut(
+    points: np.ndarray, weight: np.ndarray, fewest: float, least: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return axes of cuts and numbers of points below them, for boxes of points (2, boxes, n)."""
     boxes, n = points.shape[1:]
     order = np.argsort(points, axis=2, kind="stable") + n * np.arange(boxes)[:, None]
@@ -444,7 +540,10 @@ def cut(points: np.ndarray, weight: np.ndarray, fewest: float, least: float) -> 
 
 
 def test_boxes_are_cut_where_they_are_plainly_uneven() -> None:
-    """Half of the particles in a tenth of the box: cut there. Even ones hardly ever: 0.4 % of 3,000 boxes of 80 were."""
+    """Half of the particles in a tenth of the box: cut there.
+
+    Even ones hardly ever: 0.4 % of 3,000 boxes of 80 were.
+    """
     rng = np.random.default_rng(9)
     for axis in (0, 1):
         points = rng.uniform(0, 1, (2, 1, 120)) * np.array([900.0, 2100.0])[:, None, None]
@@ -463,15 +562,22 @@ def test_boxes_are_cut_where_they_are_plainly_uneven() -> None:
 # (share that is close together, price of the densest place at which search stops)
 @pytest.mark.parametrize(("share", "price"), [(0.01, 0.1), (0.2, 0.1), (0.2, 0.4)])
 def test_a_few_particles_close_together_in_a_wide_cloud(share: float, price: float) -> None:
-    """An unlikely story that says where: spread over boxes of the whole, it was bounded by 0.6 to 0.9 of what finds it.
+    """An unlikely story that says where: spread over boxes of the whole, it was bounded by 0.6 to
+    0.9 of what finds it.
 
-    Random search of a radial density: coverage log(rho / price) where that is above 0 (Koopman 1957).
+    Random search of a radial density: coverage log(rho / price) where that is above 0 (Koopman
+    1957).
     """
     radius = np.concatenate([[0.0], np.geomspace(1e-3, 60, 20_001)])
-    inside = 1 - share * np.exp(-(radius**2) / (2 * 0.3**2)) - (1 - share) * np.exp(-(radius**2) / (2 * 10.0**2))
+    inside = (
+        1
+        - share * np.exp(-(radius**2) / (2 * 0.3**2))
+        - (1 - share) * np.exp(-(radius**2) / (2 * 10.0**2))
+    )
     area, chance = np.diff(np.pi * radius**2), np.diff(inside)
     rng = np.random.default_rng(5)
-    even = (np.arange(20_000) + rng.random(20_000)) / 20_000  # as many close together as there should be
+    # as many close together as there should be
+    even = (np.arange(20_000) + rng.random(20_000)) / 20_000
     far, turn = np.interp(even, inside, radius) * NMI, rng.uniform(0, 2 * np.pi, 20_000)
     some = tracks(far * np.cos(turn), far * np.sin(turn), 4, 4, (0.0, 0.0))
     coverage = np.maximum(np.log(chance / area / (price * chance[0] / area[0])), 0.0)
@@ -481,10 +587,12 @@ def test_a_few_particles_close_together_in_a_wide_cloud(share: float, price: flo
 
 
 def test_sixteen_particles_a_box(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few particles, of unequal weight, against Koopman's optimum 1 - (1 + u) e^-u of a circular normal.
+    """Few particles, of unequal weight, against Koopman's optimum 1 - (1 + u) e^-u of a circular
+    normal.
 
-    Boxes of many are wider than the density's curvature allows: too low. Boxes of n are ((n + 1) / (n - 1))^2 too dense, which is as good as so much
-    more effort: of 8, as good as two thirds more, and chance adds to that.
+    Boxes of many are wider than the density's curvature allows: too low. Boxes of n are ((n + 1) /
+    (n - 1))^2 too dense, which is as good as so much more effort: of 8, as good as two thirds more,
+    and chance adds to that.
     """
     rng = np.random.default_rng(11)
     draws = [(STD * rng.standard_normal((2, 2000)), rng.exponential(size=2000)) for _ in range(2)]
@@ -494,7 +602,10 @@ def test_sixteen_particles_a_box(monkeypatch: pytest.MonkeyPatch) -> None:
         one = unit(speed_for(u, STD, 4, NMI), 4, NMI, Law("random"))
         values = [
             bound.bound(
-                replace(tracks(*place, 4, 4, (0.1, 0.0)), weight=weight / weight.sum()), [one], spec(), [None]
+                replace(tracks(*place, 4, 4, (0.1, 0.0)), weight=weight / weight.sum()),
+                [one],
+                spec(),
+                [None],
             ).value
             for place, weight in draws
         ]
@@ -520,7 +631,8 @@ def test_boxes_hold_what_they_say() -> None:
         assert (x[at].max(), y[at].max()) == tuple(made.high[k])
         assert weight[at].sum() ** 2 <= 64 * np.sum(weight[at] ** 2)
     assert 5000 / 128 < made.count < 5000 / 16
-    pile = quadtree.grow(np.zeros(500), np.zeros(500), np.ones(500), 16.0)  # all in one place: no end of halving
+    # all in one place: no end of halving
+    pile = quadtree.grow(np.zeros(500), np.zeros(500), np.ones(500), 16.0)
     assert pile.count == 1
 
 
@@ -531,7 +643,8 @@ def test_where_it_tells_nothing_it_says_why() -> None:
     assert "unsure by 0.12" in bound.silent(0.8, 5000, 0.06, 0.7, 0.7)
     for seen, scored in ((0.81, 0.7), (0.7, 0.83)):
         assert "more than the estimate" in bound.silent(0.8, 5000, 0.01, seen, scored)
-    # It speaks up to where these begin: as many particles, as high, as unsure, and a plan that is all that was reckoned.
+    # It speaks up to where these begin: as many particles, as high, as unsure, and a plan that is
+    # all that was reckoned.
     assert bound.silent(0.8, 1000, 0.01, 0.7, 0.7) == ""
     assert bound.silent(0.995, 5000, 0.01, 0.7, 0.7) == ""
     assert bound.silent(0.8, 5000, 0.05, 0.7, 0.7) == ""

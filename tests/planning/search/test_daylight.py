@@ -11,7 +11,9 @@ def seconds(text: str) -> float:
 
 
 def test_sun_of_meeus() -> None:
-    """Meeus 1998, examples 25.a and 28.b: 13 October 1992, 0h TD: declination -7.78507 degrees, equation of time 13 min 42.6 s."""
+    """Meeus 1998, examples 25.a and 28.b: 13 October 1992, 0h TD: declination -7.78507 degrees,
+    equation of time 13 min 42.6 s.
+    """
     declination, ahead = daylight.sun(seconds("1992-10-13T00:00:00") - 59)  # TD was 59 s ahead
     assert np.degrees(declination) == pytest.approx(-7.78507, abs=0.01)
     assert ahead == pytest.approx(13 * 60 + 42.6, abs=2)
@@ -22,7 +24,9 @@ def test_sun_of_meeus() -> None:
     [("2024-03-20T03:06:00", 0.0), ("2024-06-20T20:51:00", 23.436), ("2025-09-22T18:19:00", 0.0)],
 )
 def test_equinox_and_solstice(time: str, declination: float) -> None:
-    """Equinoxes and a solstice at the minute that almanacs print: a degree of declination takes 2.5 days at an equinox."""
+    """Equinoxes and a solstice at the minute that almanacs print: a degree of declination takes 2.5
+    days at an equinox.
+    """
     assert np.degrees(daylight.sun(seconds(time))[0]) == pytest.approx(declination, abs=0.01)
 
 
@@ -37,7 +41,9 @@ def test_extremes_of_the_equation_of_time() -> None:
 
 
 def test_sunrise_is_the_hour_angle_of_the_printed_declination() -> None:
-    """cos H = (sin(-0.833) - sin phi sin d) / (cos phi cos d) with declination and equation of time of almanacs."""
+    """cos H = (sin(-0.833) - sin phi sin d) / (cos phi cos d) with declination and equation of time
+    of almanacs.
+    """
     lon, lat, declination, ahead = -105.0, 40.0, 23.436, -(1 * 60 + 48)  # 21 June 2010 at Boulder
     h = np.degrees(
         np.arccos(
@@ -53,7 +59,8 @@ def test_sunrise_is_the_hour_angle_of_the_printed_declination() -> None:
 
 def test_windows_are_cut_and_cross_the_antimeridian() -> None:
     begin = seconds("2024-03-20T00:00:00")
-    found = daylight.windows(begin, begin + 3 * 86_400, 179.9, 0.0)  # noon at 00:07 UTC: the day began before
+    # noon at 00:07 UTC: the day began before
+    found = daylight.windows(begin, begin + 3 * 86_400, 179.9, 0.0)
     assert found[0][0] == begin
     assert len(found) == 4
     assert found[1][0] == pytest.approx(begin + 18 * 3600 + 7.5 * 60 - 3.3 * 60, abs=60)

@@ -23,12 +23,16 @@ STD = 5 * NMI
 
 @pytest.mark.parametrize(("u", "best"), [(1.0, 0.2542), (2.0, 0.5649)])
 def test_best_square_on_a_circular_normal(u: float, best: float) -> None:
-    """Random search of a rectangle: what its sides hold, times 1 - e^-C; the best is a square (SEARCH.md)."""
+    """Random search of a rectangle: what its sides hold, times 1 - e^-C; the best is a square
+    (SEARCH.md).
+    """
     one = unit(speed_for(u, STD, 4, NMI), 4, NMI, Law("random"))
     made = optimiser.plan(cloud(2**12, STD), [one], spec(), 1, [None])
     (task,) = made.taskings
     assert task.sortie.legs is None
-    assert task.sortie.coverage[0] == pytest.approx(u * u * math.pi * STD**2 / (task.length * task.width))
+    assert task.sortie.coverage[0] == pytest.approx(
+        u * u * math.pi * STD**2 / (task.length * task.width)
+    )
     away = sphere.offset(*np.radians(PLACE), *np.radians(task.centre))
     sin, cos = math.sin(task.orientation), math.cos(task.orientation)
     middle = (away[0] * sin + away[1] * cos, away[0] * cos - away[1] * sin)
@@ -43,7 +47,10 @@ def test_best_square_on_a_circular_normal(u: float, best: float) -> None:
 
 def several() -> tuple[record.Tracks, list, object]:
     """Return two clouds that drift apart, and three units."""
-    left, right = cloud(2048, 4 * NMI, hours=10, bins=20, drift=(0.3, 0.1)), cloud(2048, 3 * NMI, hours=10, bins=20)
+    left, right = (
+        cloud(2048, 4 * NMI, hours=10, bins=20, drift=(0.3, 0.1)),
+        cloud(2048, 3 * NMI, hours=10, bins=20),
+    )
     x, y = sphere.destination(right.lon * sphere.UNIT, right.lat * sphere.UNIT, 18 * NMI, -9 * NMI)
     two = replace(
         left,
@@ -59,7 +66,14 @@ def several() -> tuple[record.Tracks, list, object]:
     units = [
         unit(60.0, 2.5, NMI, Law(), name="plane", base=base, transit_speed=90.0, sweep_width=width),
         unit(
-            40.0, 2.0, NMI, Law("m_beta", beta=0.8), name="helicopter", base=base, transit_speed=60.0, sweep_width=width
+            40.0,
+            2.0,
+            NMI,
+            Law("m_beta", beta=0.8),
+            name="helicopter",
+            base=base,
+            transit_speed=60.0,
+            sweep_width=width,
         ),
         unit(
             9.0,
@@ -106,7 +120,9 @@ def test_a_plan_keeps_the_rules(planned: tuple) -> None:
         assert lengths.sum() > 0.99 * room * one.search_speed
         first = (sortie.legs.lon[0], sortie.legs.lat[0])
         transit = sphere.distance(*np.radians(one.base), *np.radians(first)) / one.transit_speed
-        assert (task.on_scene - task.takeoff) / np.timedelta64(1, "s") == pytest.approx(transit, abs=2)
+        assert (task.on_scene - task.takeoff) / np.timedelta64(1, "s") == pytest.approx(
+            transit, abs=2
+        )
         assert 0 <= task.orientation < math.pi
     for a in made.taskings:
         for b in made.taskings:
@@ -114,7 +130,11 @@ def test_a_plan_keeps_the_rules(planned: tuple) -> None:
                 shapes = []
                 for task in (a, b):
                     corners = np.radians(task.sortie.area.ring)
-                    shapes.append(shapely.Polygon(np.column_stack(sphere.offset(*np.radians(PLACE), *corners.T))))
+                    shapes.append(
+                        shapely.Polygon(
+                            np.column_stack(sphere.offset(*np.radians(PLACE), *corners.T))
+                        )
+                    )
                 assert shapes[0].distance(shapes[1]) > asked.separation * 0.999
 
 
@@ -124,7 +144,11 @@ def test_a_plan_is_near_the_bound_and_beats_what_is_done_by_hand(planned: tuple)
     assert 0.75 < made.seen / limit.value < 1
     product = np.prod([1 - task.pos for task in made.taskings])
     assert 1 - product == pytest.approx(made.seen, rel=1e-4)
-    assert [alternative.name.split()[0] for alternative in made.alternatives] == ["each", "one", "patterns"]
+    assert [alternative.name.split()[0] for alternative in made.alternatives] == [
+        "each",
+        "one",
+        "patterns",
+    ]
     for alternative in made.alternatives:
         assert alternative.value == pytest.approx(made.seen - alternative.difference)
         assert alternative.difference > 3 * alternative.standard_error > 0
@@ -134,14 +158,18 @@ def test_a_plan_is_near_the_bound_and_beats_what_is_done_by_hand(planned: tuple)
 def test_a_plan_is_never_worse_than_another_that_was_computed(
     monkeypatch: pytest.MonkeyPatch, separation: float
 ) -> None:
-    """An optimiser that ends up somewhere bad (0.30 where each alone found 0.36): what is known to be better is handed out."""
+    """An optimiser that ends up somewhere bad (0.30 where each alone found 0.36): what is known to
+    be better is handed out.
+    """
     two, units, asked = several()
     few = record.sample(two, 1500)
     for name, number in FEW_TRIALS.items():
         monkeypatch.setattr(optimiser, name, number)
 
     def astray(plans: list, crews: list, stage: candidates.Stage, rng: np.random.Generator) -> list:
-        rows = [np.array([40 * NMI * k, 60 * NMI, 0.3, math.log(NMI), 0.5, 0.0, 1, 1]) for k in range(3)]
+        rows = [
+            np.array([40 * NMI * k, 60 * NMI, 0.3, math.log(NMI), 0.5, 0.0, 1, 1]) for k in range(3)
+        ]
         return [candidates.choose(crew, row, stage) for crew, row in zip(crews, rows, strict=True)]
 
     monkeypatch.setattr(optimiser, "_polished", astray)
@@ -151,13 +179,17 @@ def test_a_plan_is_never_worse_than_another_that_was_computed(
         if other.apart:  # plans are compared on a third of these particles
             assert other.difference >= -2 * other.standard_error
     assert made.seen > 0.8 * max(other.value for other in made.alternatives)
-    assert made.seen == pytest.approx(1 - np.prod([1 - task.pos for task in made.taskings]), rel=1e-4)
+    assert made.seen == pytest.approx(
+        1 - np.prod([1 - task.pos for task in made.taskings]), rel=1e-4
+    )
     for a, b in itertools.combinations(made.taskings, 2):
         if a.on_scene < b.off_scene and b.on_scene < a.off_scene:
             shapes = []
             for task in (a, b):
                 corners = np.radians(task.sortie.area.ring)
-                shapes.append(shapely.Polygon(np.column_stack(sphere.offset(*np.radians(PLACE), *corners.T))))
+                shapes.append(
+                    shapely.Polygon(np.column_stack(sphere.offset(*np.radians(PLACE), *corners.T)))
+                )
             assert shapes[0].distance(shapes[1]) >= separation * 0.999
 
 
@@ -169,51 +201,87 @@ def test_the_same_seed_gives_the_same_plan() -> None:
 
 
 def test_daylight_and_spacing() -> None:
-    """Night falls at 06:17 UTC at 180 E at the equinox: a visual search is over by then or waits for the morning."""
+    """Night falls at 06:17 UTC at 180 E at the equinox: a visual search is over by then or waits
+    for the morning.
+    """
     some = cloud(1024, STD, hours=20, bins=20)
     one = unit(40.0, 5, NMI, Law(), daylight=True, least_spacing=1.5 * NMI, transit_speed=60.0)
     (task,) = optimiser.plan(some, [one], spec(20), 3, [None]).taskings
     assert task.on_scene > np.datetime64("2024-03-20T17:30:00")
     assert task.spacing >= 1.5 * NMI * (1 - 1e-9)
-    none = optimiser.plan(cloud(512, STD), [one], replace(spec(), begin=BEGIN + np.timedelta64(1, "h")), 3, [None])
+    none = optimiser.plan(
+        cloud(512, STD), [one], replace(spec(), begin=BEGIN + np.timedelta64(1, "h")), 3, [None]
+    )
     assert none.taskings == ()
     assert none.seen == 0
 
 
 def test_a_unit_that_comes_when_all_is_found_finds_nothing() -> None:
-    """Definite range, far wider than the cloud: the first finds all. The second found 1 - 0 / 0, which is no probability."""
+    """Definite range, far wider than the cloud: the first finds all.
+
+    The second found 1 - 0 / 0, which is no probability.
+    """
     one, place = unit(30.0, 2, 5 * NMI, Law("definite_range")), record.Plane(*np.radians(PLACE))
-    crew = rectangle.crew(one, availability.of_unit(one, spec(), PLACE), place, float(BEGIN.astype(int)), np.ones(1))
+    crew = rectangle.crew(
+        one, availability.of_unit(one, spec(), PLACE), place, float(BEGIN.astype(int)), np.ones(1)
+    )
     x, y = np.random.default_rng(6).normal(0, 100, (2, 50))
     swarm = rectangles.swarm(
-        np.array([0, 4 * HOUR]), x + np.zeros((2, 1)), y + np.zeros((2, 1)), np.ones((2, 50)), np.zeros(50)
+        np.array([0, 4 * HOUR]),
+        x + np.zeros((2, 1)),
+        y + np.zeros((2, 1)),
+        np.ones((2, 50)),
+        np.zeros(50),
     )
     stage = candidates.Stage(50, swarm, np.full(50, 0.02), np.ones(1), True, 0.0)
-    rows = [np.array([300.0, -200, 0.4, math.log(5 * NMI), math.log(1.5), wait, 1, -1]) for wait in (0.0, 1800.0)]
+    rows = [
+        np.array([300.0, -200, 0.4, math.log(5 * NMI), math.log(1.5), wait, 1, -1])
+        for wait in (0.0, 1800.0)
+    ]
     made = candidates.taskings([candidates.choose(crew, row, stage) for row in rows], stage)
     assert [one.pos for one in made] == [1, 0]
 
 
 def test_a_wait_is_told_with_its_own_reason() -> None:
-    """All three that might apply were told. At 180 E the sun sets at 06:17 UTC; the plan begins at 06:00."""
+    """All three that might apply were told.
+
+    At 180 E the sun sets at 06:17 UTC; the plan begins at 06:00.
+    """
     place = record.Plane(*np.radians(PLACE))
     x, y = np.random.default_rng(6).normal(0, 3 * NMI, (2, 50))
     swarm = rectangles.swarm(
-        np.array([0, 20 * HOUR]), x + np.zeros((2, 1)), y + np.zeros((2, 1)), np.ones((2, 50)), np.zeros(50)
+        np.array([0, 20 * HOUR]),
+        x + np.zeros((2, 1)),
+        y + np.zeros((2, 1)),
+        np.ones((2, 50)),
+        np.zeros(50),
     )
 
     stage = candidates.Stage(50, swarm, np.full(50, 0.02), np.ones(1), True, 2 * NMI)
 
     def chosen(name: str, wait: float, daylight: bool, ready: int) -> candidates.Choice:
-        one = unit(30.0, 2, NMI, Law(), name=name, daylight=daylight, ready=BEGIN + np.timedelta64(ready, "h"))
+        one = unit(
+            30.0,
+            2,
+            NMI,
+            Law(),
+            name=name,
+            daylight=daylight,
+            ready=BEGIN + np.timedelta64(ready, "h"),
+        )
         can = availability.of_unit(one, spec(20), (place.lon, place.lat))
         crew = rectangle.crew(one, can, place, float(BEGIN.astype(int)), np.ones(1))
         row = np.array([300.0, -200, 0.4, math.log(NMI), math.log(1.5), wait, 1, -1])
         return candidates.choose(crew, row, stage)
 
     def told(wait: float, daylight: bool = False, other: bool = False, ready: int = 0) -> str:
-        company = [chosen("one", wait, daylight, ready), *([chosen("the helicopter", 0.0, False, 0)] * other)]
-        return next(task.waits for task in candidates.taskings(company, stage) if task.unit.name == "one")
+        company = [
+            chosen("one", wait, daylight, ready),
+            *([chosen("the helicopter", 0.0, False, 0)] * other),
+        ]
+        return next(
+            task.waits for task in candidates.taskings(company, stage) if task.unit.name == "one"
+        )
 
     assert told(0) == ""
     assert told(3 * HOUR) == "more is found then"
@@ -230,7 +298,9 @@ def test_alive_is_worth_going_at_once() -> None:
     """A cloud that draws together is best searched late, unless nobody lives that long."""
     tight, wide = cloud(1024, 2 * NMI, hours=10, bins=10), cloud(1024, 12 * NMI, hours=10, bins=10)
     share = np.linspace(0, 1, 11)[:, None]
-    lon = np.rint(wide.lon + ((tight.lon.astype(np.int64) - wide.lon + 2**31) % 2**32 - 2**31) * share)
+    lon = np.rint(
+        wide.lon + ((tight.lon.astype(np.int64) - wide.lon + 2**31) % 2**32 - 2**31) * share
+    )
     closing = replace(
         wide,
         lon=((lon.astype(np.int64) + 2**31) % 2**32 - 2**31).astype(np.int32),
@@ -253,17 +323,26 @@ def test_rectangles_are_as_far_apart_as_shapely_says() -> None:
 
     def flown(k: slice) -> rectangle.Sweeps:
         zero = np.zeros(len(rows[k]))
-        return rectangle.Sweeps(zero, zero + 1, zero, zero, *sides[:, k], zero == 0, zero, np.zeros((len(zero), 2)))
+        return rectangle.Sweeps(
+            zero, zero + 1, zero, zero, *sides[:, k], zero == 0, zero, np.zeros((len(zero), 2))
+        )
 
     def shape(k: int) -> shapely.Polygon:
         sin, cos = np.sin(rows[k, rectangle.TURN]), np.cos(rows[k, rectangle.TURN])
-        a, b = np.array([-1, 1, 1, -1]) * sides[0, k] / 2, np.array([-1, -1, 1, 1]) * sides[1, k] / 2
-        return shapely.Polygon(np.column_stack([rows[k, 0] + a * sin + b * cos, rows[k, 1] + a * cos - b * sin]))
+        a, b = (
+            np.array([-1, 1, 1, -1]) * sides[0, k] / 2,
+            np.array([-1, -1, 1, 1]) * sides[1, k] / 2,
+        )
+        return shapely.Polygon(
+            np.column_stack([rows[k, 0] + a * sin + b * cos, rows[k, 1] + a * cos - b * sin])
+        )
 
     shapes = np.array([shape(k) for k in range(200)])
     for k in range(20):
         found = rectangle.apart(rows, flown(slice(None)), rows[k], flown(slice(k, k + 1)))
-        np.testing.assert_allclose(np.maximum(found, 0), shapely.distance(shapes[k], shapes), atol=1e-9)
+        np.testing.assert_allclose(
+            np.maximum(found, 0), shapely.distance(shapes[k], shapes), atol=1e-9
+        )
         np.testing.assert_array_equal(found < 1e-9, shapely.intersects(shapes[k], shapes))
     later = flown(slice(0, 1))._replace(start=np.array([500.0]))
     assert np.all(np.isinf(rectangle.apart(rows, flown(slice(None)), rows[0], later)))
@@ -273,16 +352,26 @@ def test_legs_on_moving_particles_as_by_brute_force() -> None:
     """The hazard a / (2 r^3) of ds integrated in small steps."""
     rng = np.random.default_rng(5)
     time = np.array([0.0, 1800, 3600, 5400])
-    x, y = (rng.uniform(-6000, 6000, 40) + np.cumsum(rng.normal(0, 400, (4, 40)), axis=0) for _ in range(2))
+    x, y = (
+        rng.uniform(-6000, 6000, 40) + np.cumsum(rng.normal(0, 400, (4, 40)), axis=0)
+        for _ in range(2)
+    )
     swarm = rectangles.swarm(time, x, y, np.ones((4, 40)), np.zeros(40))
     node = np.array(
-        [[600.0, -5000, -2000], [1400, 5000, -2000], [1500, 5000, -500], [2300, -5000, -500], [4000, 5000, 3000]]
+        [
+            [600.0, -5000, -2000],
+            [1400, 5000, -2000],
+            [1500, 5000, -500],
+            [2300, -5000, -500],
+            [4000, 5000, 3000],
+        ]
     )
     node = np.column_stack([node, np.ones(5)])
     width = 1500.0
     t = np.linspace(600.0, 4000.0, 17_001)  # a fifth of a second; turns fall on it
     apart = [
-        np.stack([np.interp(t, time, v[:, i]) for i in range(40)]) - np.interp(t, node[:, 0], node[:, k])
+        np.stack([np.interp(t, time, v[:, i]) for i in range(40)])
+        - np.interp(t, node[:, 0], node[:, k])
         for k, v in ((1, x), (2, y))
     ]
     middle = [(v[:, 1:] + v[:, :-1]) / 2 for v in apart]
@@ -293,13 +382,22 @@ def test_legs_on_moving_particles_as_by_brute_force() -> None:
     np.testing.assert_allclose(chance[near, 0], want[near], atol=2e-4)
     assert np.all((worth == 1) | (chance[:, 0] == 0))
     gains = sweeps.gains(
-        swarm, None, [node, node[:3]], np.array([width]), np.ones(1), np.ones((40, 1)), np.zeros((40, 1))
+        swarm,
+        None,
+        [node, node[:3]],
+        np.array([width]),
+        np.ones(1),
+        np.ones((40, 1)),
+        np.zeros((40, 1)),
     )
     assert gains[0] == pytest.approx(chance.sum(), rel=1e-5)
     assert gains[1] < gains[0]
     # A leg that does not search finds nothing: the exposures of the others add up
     node[1, 3] = 0
-    parts = [sweeps.found(swarm, None, some, np.array([width]), np.ones(1))[0] for some in (node[:2], node[2:])]
+    parts = [
+        sweeps.found(swarm, None, some, np.array([width]), np.ones(1))[0]
+        for some in (node[:2], node[2:])
+    ]
     both, _ = sweeps.found(swarm, None, node, np.array([width]), np.ones(1))
     np.testing.assert_allclose(1 - both, (1 - parts[0]) * (1 - parts[1]), atol=2e-6)
     assert both.sum() < chance.sum()
@@ -307,28 +405,43 @@ def test_legs_on_moving_particles_as_by_brute_force() -> None:
     with pytest.raises(ValueError, match=r"shape \(5, 3\)"):
         sweeps.found(swarm, None, short, np.array([width]), np.ones(1))
     with pytest.raises(ValueError, match=r"shape \(5, 3\)"):
-        sweeps.gains(swarm, None, [short], np.array([width]), np.ones(1), np.ones((40, 1)), np.zeros((40, 1)))
+        sweeps.gains(
+            swarm, None, [short], np.array([width]), np.ones(1), np.ones((40, 1)), np.zeros((40, 1))
+        )
 
 
 def test_smeared_legs_are_the_mean_of_legs() -> None:
-    """Over a wide field of particles that drift along with the creep or against it, legs and the front find alike."""
+    """Over a wide field of particles that drift along with the creep or against it, legs and the
+    front find alike.
+    """
     one = unit(40.0, 3, NMI, Law())
     plane = record.Plane(*np.radians(PLACE))
     rng = np.random.default_rng(6)
     x, y = rng.uniform(-40, 40, (2, 20_000)) * NMI
     time = np.linspace(0, 4 * HOUR, 9)
-    crew = rectangle.crew(one, availability.of_unit(one, spec(), PLACE), plane, float(BEGIN.astype(int)), np.ones(1))
+    crew = rectangle.crew(
+        one, availability.of_unit(one, spec(), PLACE), plane, float(BEGIN.astype(int)), np.ones(1)
+    )
     row = np.array([1000.0, -2000, 0.4, math.log(1.3 * NMI), math.log(1.5), 0, 1, -1])
     for drift in (-0.5, 0.0, 0.8):
         east, north = drift * math.cos(0.4), -drift * math.sin(0.4)
         swarm = rectangles.swarm(
-            time, x + east * time[:, None], y + north * time[:, None], np.ones((9, len(x))), np.zeros(len(x))
+            time,
+            x + east * time[:, None],
+            y + north * time[:, None],
+            np.ones((9, len(x))),
+            np.zeros(len(x)),
         )
         flown = rectangle.fly(crew, row[None, :])
         table, coverage = rectangle.smeared(crew, row[None, :], flown)
-        smeared, _ = rectangles.found(swarm, False, table, coverage[0], np.ones(1), rectangle.STEP, crew.curve)
-        legs, _ = sweeps.found(swarm, None, rectangle.path(crew, row, flown, 0), crew.width, np.ones(1))
-        assert smeared.mean() == pytest.approx(legs.mean(), rel=0.08)  # what spills over its edge is left out
+        smeared, _ = rectangles.found(
+            swarm, False, table, coverage[0], np.ones(1), rectangle.STEP, crew.curve
+        )
+        legs, _ = sweeps.found(
+            swarm, None, rectangle.path(crew, row, flown, 0), crew.width, np.ones(1)
+        )
+        # what spills over its edge is left out
+        assert smeared.mean() == pytest.approx(legs.mean(), rel=0.08)
         share = (flown.length * flown.width)[0] / (80 * NMI) ** 2
         if drift == 0:
             assert smeared.mean() == pytest.approx(
@@ -337,10 +450,14 @@ def test_smeared_legs_are_the_mean_of_legs() -> None:
 
 
 def test_units_of_one_group_share_what_is_not_known() -> None:
-    """Twenty looks at C = 0.3, nu = 4: chance of a miss 0.026 if the factor is shared, 0.0031 if not (SEARCH.md)."""
+    """Twenty looks at C = 0.3, nu = 4: chance of a miss 0.026 if the factor is shared, 0.0031 if
+    not (SEARCH.md).
+    """
     looks = [unit(10, 1, 1, Law("random"), name=f"{k}", group="eye", shape=4.0) for k in range(20)]
     factor, weight = joint.nodes(looks)
-    finds = [joint.Find(float(k), -np.expm1(-0.3 * factor[k])[None, :], np.ones(1)) for k in range(20)]
+    finds = [
+        joint.Find(float(k), -np.expm1(-0.3 * factor[k])[None, :], np.ones(1)) for k in range(20)
+    ]
     assert 1 - joint.worth(finds, weight)[0] == pytest.approx((1 + 6 / 4) ** -4, rel=0.01)
     pair, _ = joint.nodes([looks[0], replace(looks[1], group="other")])
     assert pair.shape == (2, 16)
@@ -354,4 +471,6 @@ def test_what_one_adds_to_others_is_the_difference_of_the_whole() -> None:
         rest = finds[:k] + finds[k + 1 :]
         before, later = joint.others(rest, one.time, weight, 50)
         adds = np.sum(before * one.chance * (one.worth[:, None] - later), axis=1)
-        np.testing.assert_allclose(adds, joint.worth(finds, weight) - joint.worth(rest, weight), atol=1e-12)
+        np.testing.assert_allclose(
+            adds, joint.worth(finds, weight) - joint.worth(rest, weight), atol=1e-12
+        )

@@ -13,8 +13,8 @@ from drift.planning.search.products import text
 
 pytestmark = pytest.mark.usefixtures("few_trials")
 
-# A current of 1 knot leads east to a shore; all begin within 10 nautical miles of it. After 7 h 70 % are ashore on 6 nmi of beach, the others on
-# 18 square miles off it.
+# A current of 1 knot leads east to a shore; all begin within 10 nautical miles of it. After 7 h 70
+# % are ashore on 6 nmi of beach, the others on 18 square miles off it.
 CASE = """
 title = "onto the beach"
 start = "2026-03-05T00:00Z"
@@ -58,11 +58,14 @@ def test_legs_are_spent_on_what_is_afloat(tmp_path: Path) -> None:
     assert 0.5 < off < 3.5
     assert made.ashore == pytest.approx(0.7, abs=3 * np.sqrt(0.7 * 0.3 / 4000))
     assert 0 < made.pos <= 1 - made.ashore
-    assert made.pos_ashore < 0.3 / 10  # no more than what lands while the unit is there: it was seen before
+    # no more than what lands while the unit is there: it was seen before
+    assert made.pos_ashore < 0.3 / 10
     assert not task.sortie.ashore
     words = text.stranded(made)
     assert "this plan covers only what is afloat" in words
-    assert " ".join(words.split()[:5]) in " ".join((tmp_path / "out" / "plan.txt").read_text().split())
+    assert " ".join(words.split()[:5]) in " ".join(
+        (tmp_path / "out" / "plan.txt").read_text().split()
+    )
     # What it is worth is one less the evidence of executing it, as written for the case.
     (tmp_path / "flown.toml").write_text(
         (tmp_path / "case.toml").read_text() + (tmp_path / "out" / "plan.toml").read_text()

@@ -72,13 +72,22 @@ def place(folder: Path, text: str = CASE) -> Case:
     """Return the case in a folder, with its coast."""
     rings = [
         BAY,
-        *([(x + 0.006 * math.cos(a), y + 0.004 * math.sin(a)) for a in np.arange(7) * 0.9] for x, y in ISLETS),
+        *(
+            [(x + 0.006 * math.cos(a), y + 0.004 * math.sin(a)) for a in np.arange(7) * 0.9]
+            for x, y in ISLETS
+        ),
     ]
     features = [
-        {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}}
+        {
+            "type": "Feature",
+            "properties": {},
+            "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]]]},
+        }
         for ring in rings
     ]
-    (folder / "islands.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    (folder / "islands.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": features})
+    )
     (folder / "boat.toml").write_text(text)
     return drift.load(folder / "boat.toml")
 
@@ -139,9 +148,9 @@ def test_what_is_told_is_what_is_scored(planned: tuple[Path, Plan]) -> None:
     whole.write_text(
         CASE
         + "\n"
-        + "\n".join(line for line in text.splitlines() if not line.startswith("transit_legs")).replace(
-            'speed = "12 kn"', 'speed = "24 kn"'
-        )
+        + "\n".join(
+            line for line in text.splitlines() if not line.startswith("transit_legs")
+        ).replace('speed = "12 kn"', 'speed = "24 kn"')
     )
     more = drift.run(drift.load(whole))
     assert more.updates is not None
@@ -156,7 +165,11 @@ def test_files_and_sheets_carry_the_way(planned: tuple[Path, Plan]) -> None:
     assert "Cut legs" in text
     assert " in pieces of up to " in text
     assert "check the ways on a chart" in " ".join(text.split())
-    told = next(task for task in json.loads((out / "plan.json").read_text())["taskings"] if task["unit"] == "boat")
+    told = next(
+        task
+        for task in json.loads((out / "plan.json").read_text())["taskings"]
+        if task["unit"] == "boat"
+    )
     assert told["legs_cut"] == list(boat.cut)
     assert told["transit"][0]["by_sea_nmi"] > told["transit"][0]["straight_nmi"]
     _, _, lines, columns = pyogrio.raw.read(out / "plan.gpx", layer="routes")
@@ -165,7 +178,9 @@ def test_files_and_sheets_carry_the_way(planned: tuple[Path, Plan]) -> None:
     points[:, 0] %= 360
     legs = boat.sortie.legs
     assert legs is not None
-    want = np.concatenate([np.array(boat.out)[:-1], np.column_stack([legs.lon, legs.lat]), np.array(boat.back)[1:]])
+    want = np.concatenate(
+        [np.array(boat.out)[:-1], np.column_stack([legs.lon, legs.lat]), np.array(boat.back)[1:]]
+    )
     want[:, 0] %= 360
     np.testing.assert_allclose(points, want, atol=1e-6)
     shapes = {f["properties"]["shape"]: f["geometry"] for f in json.loads((out / "plan.geojson").read_text())["features"]
@@ -176,7 +191,9 @@ def test_files_and_sheets_carry_the_way(planned: tuple[Path, Plan]) -> None:
         ends = np.column_stack([legs.lon, legs.lat])[:-1][mine]
         assert np.all(
             np.abs(
-                (lines[None, :, 0] - ends[:, None, 0] + 180) % 360 - 180 + 1j * (lines[None, :, 1] - ends[:, None, 1])
+                (lines[None, :, 0] - ends[:, None, 0] + 180) % 360
+                - 180
+                + 1j * (lines[None, :, 1] - ends[:, None, 1])
             ).min(axis=1)
             < 2e-7
         )
@@ -195,8 +212,13 @@ def test_a_long_search_goes_on_on_further_pages(planned: tuple[Path, Plan], tmp_
     assert legs is not None
     many = 300
     time = tuple(legs.time[0] + 10.0 * k for k in range(many))
-    turns = [legs.lon[0] + 0.01 * (k % 2) for k in range(many)], [legs.lat[0] + 1e-4 * k for k in range(many)]
-    long = replace(legs, time=time, lon=tuple(turns[0]), lat=tuple(turns[1]), searching=(True,) * (many - 1))
+    turns = (
+        [legs.lon[0] + 0.01 * (k % 2) for k in range(many)],
+        [legs.lat[0] + 1e-4 * k for k in range(many)],
+    )
+    long = replace(
+        legs, time=time, lon=tuple(turns[0]), lat=tuple(turns[1]), searching=(True,) * (many - 1)
+    )
     plan = replace(made, taskings=(replace(boat, sortie=replace(boat.sortie, legs=long)),))
     names = unit_sheet.pages(plan)
     assert [name for name, _, _ in names] == ["plan-A-1.png", "plan-A-1-2.png"]
@@ -207,17 +229,33 @@ def test_a_long_search_goes_on_on_further_pages(planned: tuple[Path, Plan], tmp_
 def test_a_boat_that_cannot_get_there_is_said_by_name(tmp_path: Path) -> None:
     walled = CASE.replace('source = "islands.geojson"', 'source = "wall.geojson"')
     ring = [(178.9, 19.0), (179.88, 19.0), (179.88, 21.0), (178.9, 21.0)]
-    feature = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}}
-    (tmp_path / "wall.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
-    few = walled.replace("particles = 4000", "particles = 1000").replace("particles = 2000", "particles = 1000")
+    feature = {
+        "type": "Feature",
+        "properties": {},
+        "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]]]},
+    }
+    (tmp_path / "wall.geojson").write_text(
+        json.dumps({"type": "FeatureCollection", "features": [feature]})
+    )
+    few = walled.replace("particles = 4000", "particles = 1000").replace(
+        "particles = 2000", "particles = 1000"
+    )
     made, _ = planner.plan(place(tmp_path, few))
     assert made.idle == ("boat",)
-    assert any(words.startswith("boat is not sent: no way by sea leads from 20-01.2N 179-47.2E") for words in made.said)
+    assert any(
+        words.startswith("boat is not sent: no way by sea leads from 20-01.2N 179-47.2E")
+        for words in made.said
+    )
 
 
 def test_keys_of_boats_are_refused_of_what_flies(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r'unit "plane".*clear_of_land is of boats: what flies goes straight on'):
-        place(tmp_path, CASE.replace('endurance = "0.4 h"', 'endurance = "0.4 h"\nclear_of_land = "1 nmi"'))
+    with pytest.raises(
+        UserError, match=r'unit "plane".*clear_of_land is of boats: what flies goes straight on'
+    ):
+        place(
+            tmp_path,
+            CASE.replace('endurance = "0.4 h"', 'endurance = "0.4 h"\nclear_of_land = "1 nmi"'),
+        )
 
 
 def test_legs_that_do_not_search_are_named_by_number(tmp_path: Path) -> None:
@@ -234,13 +272,15 @@ transit_legs = [2]
     assert flown.legs is not None
     assert flown.legs.searching == (True, False, True)
     for wrong in ("[4]", "[0]", "[1, 2, 3]", "[]"):
-        with pytest.raises(UserError, match="must be numbers of some of its 3 legs, from 1, not of all"):
+        with pytest.raises(
+            UserError, match="must be numbers of some of its 3 legs, from 1, not of all"
+        ):
             place(tmp_path, CASE + sortie.replace("[2]", wrong))
     with pytest.raises(UserError, match="give them with waypoints"):
         place(
             tmp_path,
             CASE
-            + sortie.replace("waypoints = ", 'pattern = { kind = "trackline", waypoints = ').replace(
-                "]]\ntr", "]] }\ntr"
-            ),
+            + sortie.replace(
+                "waypoints = ", 'pattern = { kind = "trackline", waypoints = '
+            ).replace("]]\ntr", "]] }\ntr"),
         )

@@ -1,4 +1,6 @@
-"""Files of a plan: read by GDAL and tomllib, in the order of elements of their standards, and back by our own input."""
+"""Files of a plan: read by GDAL and tomllib, in the order of elements of their standards, and back
+by our own input.
+"""
 
 import json
 import math
@@ -85,7 +87,9 @@ def test_routes_lead_from_base_over_the_legs_home(tmp_path, lon, lat):
         assert len(set(told["name"][mine])) == mine.sum()
         times = told["time"][mine].astype("datetime64[s]")
         assert (np.diff(times) >= np.timedelta64(0, "s")).all()
-        assert times[[0, 1, -1]].tolist() == [t.item() for t in (one.takeoff, one.on_scene, one.home)]
+        assert times[[0, 1, -1]].tolist() == [
+            t.item() for t in (one.takeoff, one.on_scene, one.home)
+        ]
     assert len(points) == sum(len(one.sortie.legs.lon) + 2 for one in plan.taskings)
     waypoints, named = read(path, "waypoints")
     assert named["name"].tolist() == ["A-1 CSP", "A-2 CSP", "A-3 CSP", "B-1 CSP"]
@@ -126,7 +130,9 @@ def test_geojson_is_cut_and_turns_left(tmp_path, lon, lat):
     assert fields["shape"].tolist() == ["area", "legs", "transit", "csp"] * 3
     assert fields["area"].tolist() == [name for name in ("A-1", "A-2", "A-3") for _ in range(4)]
     for shape, one in zip(shapes[::4], plan.taskings, strict=True):
-        assert GEOD.geometry_area_perimeter(shape)[0] / (one.length * one.width) == pytest.approx(1, rel=2e-3)
+        assert GEOD.geometry_area_perimeter(shape)[0] / (one.length * one.width) == pytest.approx(
+            1, rel=2e-3
+        )
         west, _, east, _ = shape.bounds
         assert -180 <= west < east <= 180
     if lon > 179:
@@ -134,13 +140,24 @@ def test_geojson_is_cut_and_turns_left(tmp_path, lon, lat):
 
 
 def test_the_numbers_are_json():
-    told = json.loads(json.dumps(formats.plain(plan_files.plan_as_json(searches.plan())), allow_nan=False))
+    told = json.loads(
+        json.dumps(formats.plain(plan_files.plan_as_json(searches.plan())), allow_nan=False)
+    )
     assert told["share_of_bound"] == pytest.approx(0.471 / 0.528)  # on the same particles
     assert (told["bound"], told["bound_error"], told["no_bound"]) == (0.528, 0.004, None)
     none = json.loads(
-        json.dumps(formats.plain(plan_files.plan_as_json(replace(searches.plan(), bound=None, unbounded="few"))))
+        json.dumps(
+            formats.plain(
+                plan_files.plan_as_json(replace(searches.plan(), bound=None, unbounded="few"))
+            )
+        )
     )
-    assert (none["bound"], none["bound_error"], none["share_of_bound"], none["no_bound"]) == (None, None, None, "few")
+    assert (none["bound"], none["bound_error"], none["share_of_bound"], none["no_bound"]) == (
+        None,
+        None,
+        None,
+        "few",
+    )
     assert told["optimism"] == pytest.approx(0.008)
     assert told["taskings"][0]["spacing_nmi"] == pytest.approx(3)
     assert told["taskings"][0]["altitude_ft"] == pytest.approx(500)
@@ -151,8 +168,13 @@ def test_the_numbers_are_json():
 def sorties(text):
     """Return the records that a case file's reader makes of tables."""
     rows = [sortie_table.SortieTable.model_validate(row) for row in tomllib.loads(text)["sortie"]]
-    scenarios = [SimpleNamespace(name=name, search_object=None, itinerary=None, family=None) for name in searches.NAMES]
-    return sortie_table.build_sorties(rows, sortie_table.Run(searches.BEGIN, searches.hours(48), scenarios, Path()))
+    scenarios = [
+        SimpleNamespace(name=name, search_object=None, itinerary=None, family=None)
+        for name in searches.NAMES
+    ]
+    return sortie_table.build_sorties(
+        rows, sortie_table.Run(searches.BEGIN, searches.hours(48), scenarios, Path())
+    )
 
 
 @pytest.mark.parametrize(("lon", "lat"), PLACES)
@@ -160,12 +182,19 @@ def test_the_tables_give_the_sorties_back(lon, lat):
     plan = searches.plan(lon, lat, rounds=2)
     text = plan_files.toml(plan, taken=["A-1 CG 1503"])
     names = [row["name"] for row in tomllib.loads(text)["sortie"]]
-    assert names == ["A-1 CG 1503 (2)", "A-2 Rescue 6021, a helicopter", "A-3 Cutter Venturous", "B-1 CG 1503"]
+    assert names == [
+        "A-1 CG 1503 (2)",
+        "A-2 Rescue 6021, a helicopter",
+        "A-3 Cutter Venturous",
+        "B-1 CG 1503",
+    ]
     assert all(row["pattern"]["kind"] == "parallel" for row in tomllib.loads(text)["sortie"])
     back = {sortie.name: sortie for sortie in sorties(text)}
     for name, one in zip(names, plan.taskings, strict=True):
         made, sortie = back[name], one.sortie
-        apart = sphere.distance(*np.radians([made.legs.lon, made.legs.lat, sortie.legs.lon, sortie.legs.lat]))
+        apart = sphere.distance(
+            *np.radians([made.legs.lon, made.legs.lat, sortie.legs.lon, sortie.legs.lat])
+        )
         assert apart.max() < 3  # [m]
         np.testing.assert_allclose(made.legs.time, sortie.legs.time, atol=1.0)
         np.testing.assert_allclose(made.sweep_width, sortie.sweep_width)
@@ -181,14 +210,18 @@ def test_other_legs_are_written_as_waypoints_and_areas_with_their_coverage():
     legs = first.sortie.legs
     odd = replace(legs, lon=(legs.lon[0] + 0.01, *legs.lon[1:]))
     ring = third.sortie.area
-    areas = replace(third.sortie, legs=None, law=Law("random"), coverage=(0.5, 0.5, 0.8125), area=ring)
+    areas = replace(
+        third.sortie, legs=None, law=Law("random"), coverage=(0.5, 0.5, 0.8125), area=ring
+    )
     curve = Law("curve", ranges=(0.0, 1000.0, 2000.0), chances=(0.9, 0.4, 0.0))
     taskings = (
         replace(first, sortie=replace(first.sortie, legs=odd)),
         replace(second, sortie=replace(second.sortie, law=curve)),
         replace(third, sortie=areas),
     )
-    back = {sortie.name: sortie for sortie in sorties(plan_files.toml(replace(plan, taskings=taskings)))}
+    back = {
+        sortie.name: sortie for sortie in sorties(plan_files.toml(replace(plan, taskings=taskings)))
+    }
     np.testing.assert_allclose(back["A-1 CG 1503"].legs.lon, odd.lon, atol=2e-6)
     np.testing.assert_allclose(back["A-1 CG 1503"].legs.time, odd.time, atol=1.0)
     assert back["A-2 Rescue 6021, a helicopter"].law == curve
@@ -213,13 +246,19 @@ def test_names_that_are_hard_to_write_are_kept():
     (row,) = tomllib.loads(plan_files.toml(odd))["sortie"]
     assert row["name"] == f"A-1 {name}"
     assert list(row["sweep_width"]) == ['a "b"', "c.d", "é\n"]
-    assert ET.fromstring(plan_files.gpx(odd)).find(".//{*}rte/{*}name").text == f"A-1 {name}".replace("\t", "")
+    assert ET.fromstring(plan_files.gpx(odd)).find(
+        ".//{*}rte/{*}name"
+    ).text == f"A-1 {name}".replace("\t", "")
     assert "Sæbjørn" in ET.fromstring(plan_files.kml(odd)).find(".//{*}Folder/{*}name").text
 
 
 def test_sweep_widths_of_a_family_are_written_once() -> None:
-    """A family has that of most of its scenarios; one that differs, and one of no family, has its own."""
-    plan = replace(searches.plan(), scenarios=("f, a", "f, b", "f, c", "own"), families=("f", "f", "f", None))
+    """A family has that of most of its scenarios; one that differs, and one of no family, has its
+    own.
+    """
+    plan = replace(
+        searches.plan(), scenarios=("f, a", "f, b", "f, c", "own"), families=("f", "f", "f", None)
+    )
     told = plan_files._widths([1852.0, 3704.0, 1852.0, 0.0], plan)
     assert told == '{ "f" = "1 nmi", "f, b" = "2 nmi", "own" = "0 nmi" }'
     assert plan_files._widths([1852.0] * 4, plan) == '"1 nmi"'

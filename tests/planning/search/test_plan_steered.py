@@ -1,4 +1,6 @@
-"""Plans against what steers: a drifting raft, a yacht under way and then adrift, a smuggler on a Brownian bridge."""
+"""Plans against what steers: a drifting raft, a yacht under way and then adrift, a smuggler on a
+Brownian bridge.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +15,16 @@ from drift.case.record import Case
 from drift.evidence.filter.records import Law, Sortie
 from drift.pipeline import flow
 from drift.pipeline.run_options import Job, Options, open_job
-from drift.planning.search import bins, bound, candidates, follow, joint, optimiser, planner, rectangle
+from drift.planning.search import (
+    bins,
+    bound,
+    candidates,
+    follow,
+    joint,
+    optimiser,
+    planner,
+    rectangle,
+)
 from drift.planning.search import planning_tracks as record
 from drift.planning.search.boats import availability
 from drift.planning.search.candidates import Stage
@@ -101,7 +112,8 @@ sweep_width_under_way = { raft = "1 nmi", yacht = "2 nmi", smuggler = "1.5 nmi" 
 """
 )
 
-# Where each unit searches: x, y [nmi] of the middle, orientation [rad], spacing [nmi], logarithm of length over width, wait [h].
+# Where each unit searches: x, y [nmi] of the middle, orientation [rad], spacing [nmi], logarithm of
+# length over width, wait [h].
 AREAS = {
     "plane": (2.0, 3.0, 1.83, 2.1, 0.4, 0.3),
     "boat": (9.0, 3.0, 1.38, 2.3, 0.9, 0.1),
@@ -118,7 +130,9 @@ def mixture(tmp_path_factory: pytest.TempPathFactory) -> tuple[Job, Tracks]:
 
 
 def scored(case: Case, tracks: Tracks, name: str) -> tuple[np.ndarray, Sortie]:
-    """Return the POS by scenario that the planner reckons of an area of AREAS, and the sortie that it makes of it."""
+    """Return the POS by scenario that the planner reckons of an area of AREAS, and the sortie that
+    it makes of it.
+    """
     plane = record.plane(tracks)
     (one,) = [unit for unit in case.units if unit.name == name]
     can = availability.of_unit(one, case.plan, (plane.lon, plane.lat))
@@ -135,12 +149,16 @@ def scored(case: Case, tracks: Tracks, name: str) -> tuple[np.ndarray, Sortie]:
     return pos, tasking.sortie
 
 
-def test_what_a_sortie_is_reckoned_to_find_it_finds_when_executed(mixture: tuple[Job, Tracks]) -> None:
-    """On the same particles: each sortie alone is executed by the filter on a run with the planning particles' own seed.
+def test_what_a_sortie_is_reckoned_to_find_it_finds_when_executed(
+    mixture: tuple[Job, Tracks],
+) -> None:
+    """On the same particles: each sortie alone is executed by the filter on a run with the planning
+    particles' own seed.
 
-    Drifters and yachts take the same ways in both. What is left is that tracks are straight for five minutes, and the
-    flat plane: 1 %. A bridge is drawn anew between the ends of its steps: K sqrt(30 min) / 2 = 2.8 nmi, about an area's
-    margin; the two then differ by less than four standard errors of independent draws.
+    Drifters and yachts take the same ways in both. What is left is that tracks are straight for
+    five minutes, and the flat plane: 1 %. A bridge is drawn anew between the ends of its steps: K
+    sqrt(30 min) / 2 = 2.8 nmi, about an area's margin; the two then differ by less than four
+    standard errors of independent draws.
     """
     job, tracks = mixture
     same = replace(
@@ -157,14 +175,23 @@ def test_what_a_sortie_is_reckoned_to_find_it_finds_when_executed(mixture: tuple
 
 
 def test_legs_see_each_state_by_its_own_width() -> None:
-    """A leg past ten particles, of which each goes adrift at a time of its own: Koopman's hazard in steps of 0.2 s."""
+    """A leg past ten particles, of which each goes adrift at a time of its own:
+
+    Koopman's hazard in steps of 0.2 s.
+    """
     rng = np.random.default_rng(8)
     time, m = np.array([0.0, 700.0, 1500.0, 2400.0]), 10
     x, y = (np.cumsum(rng.normal(0, 900, (4, m)), axis=0) for _ in range(2))
     turn = rng.uniform(200, 2200, m)
     width = np.array([[700.0, 1500.0], [2600.0, 400.0]])  # (state, scenario)
     scenario = np.arange(m) % 2
-    path = np.array([[150.0, -6000.0, 800.0, 1.0], [1300.0, 5000.0, -300.0, 1.0], [2300.0, -4000.0, -1500.0, 1.0]])
+    path = np.array(
+        [
+            [150.0, -6000.0, 800.0, 1.0],
+            [1300.0, 5000.0, -300.0, 1.0],
+            [2300.0, -4000.0, -1500.0, 1.0],
+        ]
+    )
     swarm = rectangles.swarm(time, x, y, np.ones((4, m)), scenario, turn)
     chance, _ = sweeps.found(swarm, None, path, width, np.ones(1))
     fine = np.arange(150.0, 2300.0, 0.2) + 0.1
@@ -183,7 +210,9 @@ def test_legs_see_each_state_by_its_own_width() -> None:
 def test_random_search_counts_the_time_in_each_state() -> None:
     """Two particles at rest inside, one of which goes adrift after 30 % of the search."""
     time, rest = np.array([0.0, 500.0, 1000.0]), np.zeros((3, 2))
-    swarm = rectangles.swarm(time, rest + 20.0, rest - 30.0, np.ones((3, 2)), np.zeros(2), np.array([300.0, -np.inf]))
+    swarm = rectangles.swarm(
+        time, rest + 20.0, rest - 30.0, np.ones((3, 2)), np.zeros(2), np.array([300.0, -np.inf])
+    )
     box = np.array([[0.0, 0.0, 0.6, 0.8, 400.0, 300.0, 0.0, 1000.0, 1.0]])
     curve = np.arange(400) * 0.01  # the coverage itself
     found, _ = rectangles.found(swarm, True, box, np.array([[0.5], [2.0]]), np.ones(1), 0.01, curve)
@@ -207,7 +236,9 @@ def test_bins_end_where_steps_do_and_are_short(mixture: tuple[Job, Tracks]) -> N
 def test_the_bound_counts_the_wider_of_both_states(
     mixture: tuple[Job, Tracks], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A unit that sees only what is under way, and one that sees only what is adrift: neither bound is 0, both are below that of one that sees both."""
+    """A unit that sees only what is under way, and one that sees only what is adrift: neither bound
+    is 0, both are below that of one that sees both.
+    """
     monkeypatch.setattr(bins, "FINEST", follow.SHORTEST)  # as tracks have them
     job, tracks = mixture
     few = record.sample(tracks, 1000)
@@ -232,10 +263,11 @@ def placed(some: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def hunted(some: Tracks, speed: float, search: float, width: np.ndarray, count: int) -> float:
-    """Return the most that legs by hand find of tracks in some hours of search, which may begin anywhere and at any time.
+    """Return the most that legs by hand find of tracks in some hours of search, which may begin
+    anywhere and at any time.
 
-    Half of them go from one particle that they can meet to the next, at most half an hour away; the others go to and fro
-    in a place where one is some time, along its course, across it, or with it.
+    Half of them go from one particle that they can meet to the next, at most half an hour away; the
+    others go to and fro in a place where one is some time, along its course, across it, or with it.
     """
     rng = np.random.default_rng(2)
     time, x, y = placed(some)
@@ -274,10 +306,16 @@ def hunted(some: Tracks, speed: float, search: float, width: np.ndarray, count: 
 
 
 def strait(m: int) -> Tracks:
-    """Return ships from far and wide at 4 to 7 m/s through a gap of 0.3 nmi, one after the other, and on fanwise."""
+    """Return ships from far and wide at 4 to 7 m/s through a gap of 0.3 nmi, one after the other,
+    and on fanwise.
+    """
     rng = np.random.default_rng(6)
     time = np.arange(49) * 300.0
-    passes, gap, speed = rng.uniform(0.5, 3.5, m) * HOUR, rng.normal(0, 0.3 * NMI, m), rng.uniform(4, 7, m)
+    passes, gap, speed = (
+        rng.uniform(0.5, 3.5, m) * HOUR,
+        rng.normal(0, 0.3 * NMI, m),
+        rng.uniform(4, 7, m),
+    )
     before, after = rng.uniform(-0.8, 0.8, m), rng.uniform(-0.5, 1.2, m)
     ahead = speed * (time[:, None] - passes)
     turn = np.where(ahead < 0, before, after)
@@ -285,17 +323,24 @@ def strait(m: int) -> Tracks:
 
 
 def burst(m: int) -> Tracks:
-    """Return boats that leave a place of 0.4 nmi by all courses at 2 to 6 m/s: a cloud that spreads more than tenfold."""
+    """Return boats that leave a place of 0.4 nmi by all courses at 2 to 6 m/s: a cloud that spreads
+    more than tenfold.
+    """
     rng = np.random.default_rng(3)
     time = np.arange(37) * 300.0
     turn, speed = rng.uniform(0, 2 * np.pi, m), rng.uniform(2, 6, m)
-    x, y = (0.4 * NMI * rng.standard_normal(m) + time[:, None] * speed * part(turn) for part in (np.sin, np.cos))
+    x, y = (
+        0.4 * NMI * rng.standard_normal(m) + time[:, None] * speed * part(turn)
+        for part in (np.sin, np.cos)
+    )
     assert np.hypot(x[-1].std(), y[-1].std()) > 10 * np.hypot(x[0].std(), y[0].std())
     return plans.steered(time, x, y)
 
 
 def mixed(m: int) -> Tracks:
-    """Return yachts of one course at 3 m/s through rafts that drift; most yachts go adrift some time."""
+    """Return yachts of one course at 3 m/s through rafts that drift; most yachts go adrift some
+    time.
+    """
     rng = np.random.default_rng(4)
     time = np.arange(37) * 300.0
     sails = np.arange(m) % 3 > 0
@@ -303,17 +348,25 @@ def mixed(m: int) -> Tracks:
     x = np.where(sails, rng.normal(-8, 4, m), rng.normal(0, 5, m)) * NMI
     y = np.where(sails, rng.normal(0, 0.7, m), rng.normal(1, 4, m)) * NMI
     sailed = np.clip(time[:, None], None, np.maximum(turn, 0.0))
-    return plans.steered(time, x + 3.0 * sailed + 0.3 * time[:, None], y - 0.2 * time[:, None], turn)
+    return plans.steered(
+        time, x + 3.0 * sailed + 0.3 * time[:, None], y - 0.2 * time[:, None], turn
+    )
 
 
 @pytest.mark.parametrize(
     ("targets", "speed", "search"),
-    [pytest.param(strait, 9.0, 1.4, marks=pytest.mark.thorough), (burst, 14.0, 0.75), (mixed, 16.0, 2.4)],
+    [
+        pytest.param(strait, 9.0, 1.4, marks=pytest.mark.thorough),
+        (burst, 14.0, 0.75),
+        (mixed, 16.0, 2.4),
+    ],
 )
 def test_no_legs_by_hand_find_more_than_the_bound(
     targets: Callable[[int], Tracks], speed: float, search: float
 ) -> None:
-    """On the same particles, seen farther while under way: below the bound, and that below 1, or it would tell nothing."""
+    """On the same particles, seen farther while under way: below the bound, and that below 1, or it
+    would tell nothing.
+    """
     some = targets(1200)
     width = np.array([[0.3], [0.5]]) * NMI
     one = replace(plans.unit(speed, search, width[0, 0], Law()), width_under_way=(width[1, 0],))
@@ -323,23 +376,34 @@ def test_no_legs_by_hand_find_more_than_the_bound(
 
 
 def test_what_stands_still_is_bounded_as_what_drifts() -> None:
-    """A circular normal, random search: 1 - (1 + u) e^-u. Chance makes the bound higher: boxes of 51 by less than a tenth."""
+    """A circular normal, random search: 1 - (1 + u) e^-u.
+
+    Chance makes the bound higher: boxes of 51 by less than a tenth.
+    """
     u, std = 1.1, 5 * NMI
     still = plans.cloud(2**13, std, hours=1)
     one = plans.unit(plans.speed_for(u, std, 1, NMI), 1, NMI, Law("random"))
-    value = bound.bound(replace(still, turn=np.full(still.m, np.inf)), [one], plans.spec(1), [None]).value
+    value = bound.bound(
+        replace(still, turn=np.full(still.m, np.inf)), [one], plans.spec(1), [None]
+    ).value
     assert 1 < value / (1 - (1 + u) * np.exp(-u)) < 1.1
 
 
 def test_bins_of_a_convoy_are_short_and_of_a_stream_long() -> None:
-    """What goes by as one is less dense in boxes that stand still; a stream is as dense all the time."""
+    """What goes by as one is less dense in boxes that stand still; a stream is as dense all the
+    time.
+    """
     rng = np.random.default_rng(5)
     time, m = np.arange(13) * 300.0, 2500
     convoy = plans.steered(
-        time, 900 * rng.standard_normal(m) + 8 * time[:, None], 900 * rng.standard_normal((1, m)) + 0 * time[:, None]
+        time,
+        900 * rng.standard_normal(m) + 8 * time[:, None],
+        900 * rng.standard_normal((1, m)) + 0 * time[:, None],
     )
     stream = plans.steered(
-        time, rng.uniform(-9e4, 9e4, m) + 8 * time[:, None], 900 * rng.standard_normal((1, m)) + 0 * time[:, None]
+        time,
+        rng.uniform(-9e4, 9e4, m) + 8 * time[:, None],
+        900 * rng.standard_normal((1, m)) + 0 * time[:, None],
     )
     long = {
         name: np.diff(bins.of_streams(some, record.plane(some)).first)
@@ -352,7 +416,9 @@ def test_bins_of_a_convoy_are_short_and_of_a_stream_long() -> None:
 def test_there_is_no_bound_where_it_could_be_beaten(
     mixture: tuple[Job, Tracks], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Rows in which targets go farther than a sweep width; a sensor that counts first passes of each leg on a bridge."""
+    """Rows in which targets go farther than a sweep width; a sensor that counts first passes of
+    each leg on a bridge.
+    """
     job, tracks = mixture
     few = record.sample(tracks, 300)
     units = {one.name: one for one in job.case.units}
@@ -371,6 +437,10 @@ def test_there_is_no_bound_where_it_could_be_beaten(
 
 def test_a_plan_does_not_begin_before_it_is_known_what_is_overdue(tmp_path: Path) -> None:
     text = MIXTURE.replace('name = "yacht"\n', 'name = "yacht"\noverdue = "+8 h"\n')
-    with pytest.raises(UserError, match='before the time by which scenario "yacht" is overdue, 011400ZJUN26'):
+    with pytest.raises(
+        UserError, match='before the time by which scenario "yacht" is overdue, 011400ZJUN26'
+    ):
         planner.plan(plans.loaded(tmp_path, text))
-    assert plans.loaded(tmp_path, text.replace('begin = "+6 h"\n', "")).plan.begin == np.datetime64("2026-06-01T14:00")
+    assert plans.loaded(tmp_path, text.replace('begin = "+6 h"\n', "")).plan.begin == np.datetime64(
+        "2026-06-01T14:00"
+    )

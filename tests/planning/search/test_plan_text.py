@@ -1,4 +1,6 @@
-"""The search action plan: that what crews read leads to the rectangle and the times of the plan, by pyproj's geodesics."""
+"""The search action plan: that what crews read leads to the rectangle and the times of the plan, by
+pyproj's geodesics.
+"""
 
 import math
 import re
@@ -22,7 +24,10 @@ READ = 0.05 * math.sqrt(2) + 0.01  # [nmi] by which a position to a tenth of a m
 def places(text):
     """Return positions (lon, lat) as a crew would read them."""
     return [
-        ((int(e) + float(f) / 60) * (1 if g == "E" else -1), (int(a) + float(b) / 60) * (1 if c == "N" else -1))
+        (
+            (int(e) + float(f) / 60) * (1 if g == "E" else -1),
+            (int(a) + float(b) / 60) * (1 if c == "N" else -1),
+        )
         for a, b, c, e, f, g in POSITION.findall(text)
     ]
 
@@ -42,27 +47,45 @@ def test_a_crew_can_fly_it(lon, lat):
     for name, one in zip(("A-1", "A-2", "A-3"), plan.taskings, strict=True):
         told = block(text, name)
         corners = places(told)[:4]
-        sides = [GEOD.inv(*a, *b)[2] / NMI for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+        sides = [
+            GEOD.inv(*a, *b)[2] / NMI
+            for a, b in zip(corners, corners[1:] + corners[:1], strict=True)
+        ]
         for k, side in enumerate(sides):
-            nearest = min((one.length, one.width), key=lambda size: abs(size / NMI - sides[k])) / NMI
+            nearest = (
+                min((one.length, one.width), key=lambda size: abs(size / NMI - sides[k])) / NMI
+            )
             assert side == pytest.approx(nearest, abs=2 * READ + 0.01 * nearest)
         csp = places(line(told, "CSP"))[0]
         # half a spacing inside in both directions of the corner that is named first
-        assert GEOD.inv(*corners[0], *csp)[2] == pytest.approx(one.spacing / math.sqrt(2), abs=2 * READ * NMI)
+        assert GEOD.inv(*corners[0], *csp)[2] == pytest.approx(
+            one.spacing / math.sqrt(2), abs=2 * READ * NMI
+        )
         assert GEOD.inv(*csp, one.sortie.legs.lon[0], one.sortie.legs.lat[0])[2] < READ * NMI
-        course = GEOD.inv(*(v for k in (0, 1) for v in (one.sortie.legs.lon[k], one.sortie.legs.lat[k])))[0]
-        assert int(re.search(r"(\d{3})T", line(told, "First leg"))[1]) == pytest.approx(course % 360, abs=1)
+        course = GEOD.inv(
+            *(v for k in (0, 1) for v in (one.sortie.legs.lon[k], one.sortie.legs.lat[k]))
+        )[0]
+        assert int(re.search(r"(\d{3})T", line(told, "First leg"))[1]) == pytest.approx(
+            course % 360, abs=1
+        )
         legs = [int(v) for v in re.findall(r"(\d+) legs?", line(told, "First leg"))]
         assert legs == [one.legs]
-        assert float(line(told, "Track spacing").split()[2]) == pytest.approx(one.spacing / NMI, abs=0.005)
+        assert float(line(told, "Track spacing").split()[2]) == pytest.approx(
+            one.spacing / NMI, abs=0.005
+        )
         fourth = one.sortie.legs.lon[3], one.sortie.legs.lat[3]
-        creep = GEOD.inv(one.sortie.legs.lon[0], one.sortie.legs.lat[0], *fourth)[0]  # from the first leg to the second
-        assert int(re.search(r"(\d{3})T", line(told, "Creep"))[1]) == pytest.approx(creep % 360, abs=1)
+        # from the first leg to the second
+        creep = GEOD.inv(one.sortie.legs.lon[0], one.sortie.legs.lat[0], *fourth)[0]
+        assert int(re.search(r"(\d{3})T", line(told, "Creep"))[1]) == pytest.approx(
+            creep % 360, abs=1
+        )
 
 
 def test_the_worth_and_the_bound_stand_at_the_head():
     plan = searches.plan()
-    text = plan_text.plan_text(plan, "Overdue boat", "run-s1", ["a note"], datum=(-88.25, 27.5, searches.hours(17)))
+    text = plan_text.plan_text(
+        plan, "Overdue boat", "run-s1", ["a note"], datum=(-88.25, 27.5, searches.hours(17))
+    )
     assert "POS 0.46; estimated bound 0.53" in text
     told = " ".join(text.split())
     assert (
@@ -90,7 +113,9 @@ def test_warnings_come_first():
 
 def test_it_goes_through_any_line():
     """Mail and telex take ASCII of 80 columns; the names are the coordinator's own."""
-    text = plan_text.plan_text(searches.plan(rounds=2), "A title " * 30, "run-s1", ["a note " * 40], synthetic=True)
+    text = plan_text.plan_text(
+        searches.plan(rounds=2), "A title " * 30, "run-s1", ["a note " * 40], synthetic=True
+    )
     assert text.isascii()
     assert max(map(len, text.splitlines())) <= 78
     assert "\t" not in text
@@ -103,20 +128,32 @@ def test_pod_is_the_textbooks():
     """Inverse cube erf(sqrt(pi)/2 C); M-beta with a gamma factor against 400,000 draws."""
     plan = searches.plan()
     c = np.array([0.8, 0.8, 1.3]) / 3.0
-    np.testing.assert_allclose(subareas.pods(plan.taskings[0]), [math.erf(math.sqrt(math.pi) / 2 * v) for v in c])
+    np.testing.assert_allclose(
+        subareas.pods(plan.taskings[0]), [math.erf(math.sqrt(math.pi) / 2 * v) for v in c]
+    )
     factor = np.random.default_rng(3).gamma(11.0, 1 / 11.0, 400_000)
     looks = np.multiply.outer(np.array([0.8, 0.8, 1.3]) / 1.5 / 0.8, factor)
     whole = np.floor(looks)
     expected = (1 - 0.2**whole * (1 - 0.8 * (looks - whole))).mean(axis=1)
-    np.testing.assert_allclose(subareas.pods(plan.taskings[1]), expected, atol=5e-3)  # 16 nodes for a kinked law
+    # 16 nodes for a kinked law
+    np.testing.assert_allclose(subareas.pods(plan.taskings[1]), expected, atol=5e-3)
 
 
 def test_directions_are_said_as_crews_say_them():
-    assert [subareas.degrees(math.radians(v)) for v in (0, 0.4, 359.7, -90, 725, 359.4)] == [360, 360, 360, 270, 5, 359]
+    assert [subareas.degrees(math.radians(v)) for v in (0, 0.4, 359.7, -90, 725, 359.4)] == [
+        360,
+        360,
+        360,
+        270,
+        5,
+        359,
+    ]
 
 
 def test_a_plan_of_nothing_is_said():
-    text = plan_text.plan_text(replace(searches.plan(), taskings=(), alternatives=()), "Overdue boat", "run-s1")
+    text = plan_text.plan_text(
+        replace(searches.plan(), taskings=(), alternatives=()), "Overdue boat", "run-s1"
+    )
     assert "no unit can search" in text
     assert "ALTERNATIVES" not in text
     assert re.findall(r"^(\d)  [A-Z]", text, re.MULTILINE) == ["1", "2", "3", "4", "5"]
@@ -131,7 +168,9 @@ def test_one_unit_may_have_one_alternative_only():
 
 
 def test_what_else_could_be_done_stands_beside_the_plan_on_the_same_particles():
-    """The plan's figure was of other particles than those of the alternatives; one that is better is warned of."""
+    """The plan's figure was of other particles than those of the alternatives; one that is better
+    is warned of.
+    """
     plan = searches.plan()
     text = plan_text.plan_text(plan, "Overdue boat", "run-s1")
     told = text.split("4  ALTERNATIVES")[1].split("\n5  ")[0]
@@ -141,7 +180,9 @@ def test_what_else_could_be_done_stands_beside_the_plan_on_the_same_particles():
     gaps = [float(gap) for gap in re.findall(r"better\s+by (\S+)", told)]
     assert [values[0] - value for value in values[1:]] == pytest.approx(gaps)
     spec = replace(plan.spec, separation=2 * NMI)
-    near = replace(plan.alternatives[1], difference=-0.03, value=0.501, standard_error=0.01, apart=False)
+    near = replace(
+        plan.alternatives[1], difference=-0.03, value=0.501, standard_error=0.01, apart=False
+    )
     better = replace(plan, spec=spec, alternatives=(plan.alternatives[0], near))
     head, tail = plan_text.plan_text(better, "Overdue boat", "run-s1").split("1  WORTH")
     assert "finds 0.030 +- 0.010 more than this plan" in " ".join(head.split())
@@ -157,15 +198,27 @@ def test_one_reason_of_a_wait_is_told():
     ready = first.takeoff - np.timedelta64(3, "h")
     plan = replace(plan, spec=replace(plan.spec, begin=ready))
     late = replace(first, unit=replace(first.unit, ready=ready), waits="for daylight")
-    told = block(plan_text.plan_text(replace(plan, taskings=(late,)), "Overdue boat", "run-s1"), "A-1")
-    assert line(told, "Departs").split("Departs")[1].strip() == "3.0 h after it is ready: for daylight"
+    told = block(
+        plan_text.plan_text(replace(plan, taskings=(late,)), "Overdue boat", "run-s1"), "A-1"
+    )
+    assert (
+        line(told, "Departs").split("Departs")[1].strip() == "3.0 h after it is ready: for daylight"
+    )
     soon = replace(late, unit=replace(first.unit, ready=first.takeoff))
-    assert "Departs" not in plan_text.plan_text(replace(plan, taskings=(soon,)), "Overdue boat", "run-s1")
+    assert "Departs" not in plan_text.plan_text(
+        replace(plan, taskings=(soon,)), "Overdue boat", "run-s1"
+    )
 
 
 def test_pod_is_a_table_with_whole_names():
-    plan = replace(searches.plan(), scenarios=("swamped while fishing", "a", "adrift with engine failure"))
-    told = block(plan_text.plan_text(plan, "Overdue boat", "run-s1"), "A-1").split("Expected POD")[1].splitlines()
+    plan = replace(
+        searches.plan(), scenarios=("swamped while fishing", "a", "adrift with engine failure")
+    )
+    told = (
+        block(plan_text.plan_text(plan, "Overdue boat", "run-s1"), "A-1")
+        .split("Expected POD")[1]
+        .splitlines()
+    )
     assert told[0].split() == ["POD", "W", "[nmi]", "Coverage"]
     pods = subareas.pods(plan.taskings[0])
     for row, name, pod, width in zip(told[1:], plan.scenarios, pods, (0.8, 0.8, 1.3), strict=True):
@@ -174,25 +227,47 @@ def test_pod_is_a_table_with_whole_names():
 
 
 def test_both_states_of_what_steers_are_told():
-    """A row for each where they differ; one line each where all scenarios are alike; none of it where nothing steers."""
+    """A row for each where they differ; one line each where all scenarios are alike; none of it
+    where nothing steers.
+    """
     plan = searches.plan()
     first = plan.taskings[0]
     width = tuple(v * NMI for v in (0.8, 2.4, 1.3))
     steered = replace(first, sortie=replace(first.sortie, width_under_way=width))
-    told = block(plan_text.plan_text(replace(plan, taskings=(steered, *plan.taskings[1:])), "Yacht", "run-s1"), "A-1")
+    told = block(
+        plan_text.plan_text(
+            replace(plan, taskings=(steered, *plan.taskings[1:])), "Yacht", "run-s1"
+        ),
+        "A-1",
+    )
     rows = [row.split() for row in told.split("Expected POD")[1].splitlines()[1:]]
     names = [name for name in plan.scenarios for _ in range(1 + (name == plan.scenarios[1]))]
     assert [" ".join(row[:-3]).split(",")[0] for row in rows] == names
-    assert rows[1][-4:] == ["adrift", f"{math.erf(math.sqrt(math.pi) / 2 * 0.8 / 3):.2f}", "0.80", "0.27"]
-    assert rows[2][-5:] == ["under", "way", f"{math.erf(math.sqrt(math.pi) / 2 * 0.8):.2f}", "2.40", "0.80"]
+    assert rows[1][-4:] == [
+        "adrift",
+        f"{math.erf(math.sqrt(math.pi) / 2 * 0.8 / 3):.2f}",
+        "0.80",
+        "0.27",
+    ]
+    assert rows[2][-5:] == [
+        "under",
+        "way",
+        f"{math.erf(math.sqrt(math.pi) / 2 * 0.8):.2f}",
+        "2.40",
+        "0.80",
+    ]
     numbers = subareas.summary_of_plan(replace(plan, taskings=(steered,)))["taskings"][0]
     assert numbers["sweep_width_under_way_nmi"] == pytest.approx(
         dict(zip(plan.scenarios, (0.8, 2.4, 1.3), strict=True))
     )
-    assert numbers["pod_under_way"][plan.scenarios[1]] == pytest.approx(math.erf(math.sqrt(math.pi) / 2 * 0.8))
+    assert numbers["pod_under_way"][plan.scenarios[1]] == pytest.approx(
+        math.erf(math.sqrt(math.pi) / 2 * 0.8)
+    )
     same = replace(first.sortie, sweep_width=(0.9 * NMI,) * 3, width_under_way=(1.8 * NMI,) * 3)
     lines = " ".join(
-        plan_text.plan_text(replace(plan, taskings=(replace(first, sortie=same),)), "Yacht", "run-s1").split()
+        plan_text.plan_text(
+            replace(plan, taskings=(replace(first, sortie=same),)), "Yacht", "run-s1"
+        ).split()
     )
     assert "at W 0.9 nmi, coverage 0.30, adrift" in lines
     assert "at W 1.8 nmi, coverage 0.60, under way" in lines
@@ -201,11 +276,16 @@ def test_both_states_of_what_steers_are_told():
 
 def test_a_third_digit_tells_a_plan_from_its_bound():
     plan = replace(searches.plan(), value=0.4551, bound=0.4572)
-    assert plan_text.worth(plan) == "POS 0.455; estimated bound 0.458 (+-0.008)"  # bounds are rounded up
+    # bounds are rounded up
+    assert plan_text.worth(plan) == "POS 0.455; estimated bound 0.458 (+-0.008)"
 
 
 def test_where_there_is_no_bound_no_figure_stands_for_it():
-    plan = replace(searches.plan(), bound=None, unbounded="only 312 effective particles, too few to judge this plan")
+    plan = replace(
+        searches.plan(),
+        bound=None,
+        unbounded="only 312 effective particles, too few to judge this plan",
+    )
     text = " ".join(plan_text.plan_text(plan, "Overdue boat", "run-s1").split())
     assert "POS 0.46; no bound: only 312 effective particles, too few to judge this plan" in text
     assert "estimated" not in text

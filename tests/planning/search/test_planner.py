@@ -1,4 +1,6 @@
-"""A plan against its own execution: its POS is one minus the evidence of having flown it and found nothing."""
+"""A plan against its own execution: its POS is one minus the evidence of having flown it and found
+nothing.
+"""
 
 import math
 from pathlib import Path
@@ -72,13 +74,18 @@ def case_of(folder: Path, rounds: int = 1, objective: str = "pos") -> drift.Case
 
 
 @pytest.fixture(scope="module")
-def planned(tmp_path_factory: pytest.TempPathFactory, few_trials: None) -> tuple[Path, Plan, drift.Result]:  # noqa: F811
+def planned(
+    tmp_path_factory: pytest.TempPathFactory,
+    few_trials: None,  # noqa: F811
+) -> tuple[Path, Plan, drift.Result]:
     """The plan of one round for POS, and the folder of its case."""
     folder = tmp_path_factory.mktemp("planned")
     return folder, *planner.plan(case_of(folder))
 
 
-def test_executing_a_plan_fails_as_often_as_it_said(planned: tuple[Path, Plan, drift.Result]) -> None:
+def test_executing_a_plan_fails_as_often_as_it_said(
+    planned: tuple[Path, Plan, drift.Result],
+) -> None:
     folder, made, result = planned
     assert made.bound is not None
     assert 0.2 < made.seen <= made.bound  # of the same particles: no slack
@@ -89,13 +96,18 @@ def test_executing_a_plan_fails_as_often_as_it_said(planned: tuple[Path, Plan, d
     executed.write_text((folder / "case.toml").read_text() + "\n" + files.toml(made, ["before"]))
     again = drift.run(drift.load(executed))
     assert again.updates is not None
-    evidence = sum(update.log_evidence[-1] for update in again.updates.all if update.name != "before")
-    assert 1 - math.exp(evidence) == pytest.approx(made.pos, abs=2e-4)  # plan.toml's positions are right to 0.2 m
+    evidence = sum(
+        update.log_evidence[-1] for update in again.updates.all if update.name != "before"
+    )
+    # plan.toml's positions are right to 0.2 m
+    assert 1 - math.exp(evidence) == pytest.approx(made.pos, abs=2e-4)
     assert again.updates.all[0].log_evidence[-1] == result.updates.all[0].log_evidence[-1]
     posterior = again.updates.all[-1].posterior
     miss = [1 - pos for pos in made.by_scenario]
     before = again.updates.all[0].posterior
-    assert posterior[0] == pytest.approx(before[0] * miss[0] / (before[0] * miss[0] + before[1] * miss[1]), abs=1e-3)
+    assert posterior[0] == pytest.approx(
+        before[0] * miss[0] / (before[0] * miss[0] + before[1] * miss[1]), abs=1e-3
+    )
 
 
 @pytest.mark.thorough
@@ -116,7 +128,9 @@ def test_rounds_are_planned_on_the_failure_of_those_before(
 def test_a_round_finds_alive_what_those_before_found_neither_alive_nor_dead(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Two rounds find alive a1 + (1 - p1) a2; it was told as 1 - (1 - a1) (1 - a2), as if what is found dead were still to be found."""
+    """Two rounds find alive a1 + (1 - p1) a2; it was told as 1 - (1 - a1) (1 - a2), as if what is
+    found dead were still to be found.
+    """
     rounds, plan = [], planner.optimiser.plan
 
     def told(*given, **more):
@@ -137,50 +151,71 @@ def test_a_round_finds_alive_what_those_before_found_neither_alive_nor_dead(
 def test_finding_alive_is_worth_less_than_finding(tmp_path: Path) -> None:
     made, result = planner.plan(case_of(tmp_path, objective="alive"))
     assert 0.05 < made.value < made.pos
-    told = flow.suspension(result, planner.ahead(made))  # the plan is still to come: told from the sortie before it on
+    # the plan is still to come: told from the sortie before it on
+    told = flow.suspension(result, planner.ahead(made))
     assert told is not None
     assert told.now == np.datetime64("2026-06-01T07:00")
     assert [update.name for update, _ in told.sorties] == ["before"]
     assert len(told.further) == 1
-    assert (told.further[0].pos, told.further[0].alive) == pytest.approx((made.pos, made.value), abs=1e-12)
+    assert (told.further[0].pos, told.further[0].alive) == pytest.approx(
+        (made.pos, made.value), abs=1e-12
+    )
     assert made.bound is not None
     assert made.seen <= made.bound
     assert made.value <= made.bound + 2 * made.bound_error
-    # no later than at the end of the last sortie, no earlier than at the plan's begin: within what that leaves alive
+    # no later than at the end of the last sortie, no earlier than at the plan's begin: within what
+    # that leaves alive
     assert result.updates is not None
     assert all(
-        update.alive is not None and update.alive[1] == pytest.approx(update.pos[1]) for update in result.updates.all
+        update.alive is not None and update.alive[1] == pytest.approx(update.pos[1])
+        for update in result.updates.all
     )
 
 
 def test_nobody_to_send(tmp_path: Path) -> None:
     text = CASE.replace("ROUNDS", "1").replace("OBJECTIVE", "pos")
     (tmp_path / "none.toml").write_text(
-        text[: text.index("[[unit]]")].replace('[plan]\nparticles = 3000\nrounds = 1\nobjective = "pos"\n', "")
+        text[: text.index("[[unit]]")].replace(
+            '[plan]\nparticles = 3000\nrounds = 1\nobjective = "pos"\n', ""
+        )
     )
     with pytest.raises(UserError, match=r"none.toml: has no \[\[unit\]\] to plan with"):
         planner.plan(drift.load(tmp_path / "none.toml"), tmp_path / "out")
     far = text.replace("[179.0, 20.5]", "[90.0, 50.0]").replace("[179.9, 20.1]", "[90.0, 50.0]")
     (tmp_path / "far.toml").write_text(far)
-    with pytest.raises(UserError, match="plan: no unit can search between 010700ZJUN26 and 011400ZJUN26"):
+    with pytest.raises(
+        UserError, match="plan: no unit can search between 010700ZJUN26 and 011400ZJUN26"
+    ):
         planner.plan(drift.load(tmp_path / "far.toml"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_a_plan_begins_when_all_is_known(tmp_path: Path) -> None:
-    text = CASE.replace("ROUNDS", "1").replace("OBJECTIVE", "pos").replace("[plan]", '[plan]\nbegin = "+30 min"')
+    text = (
+        CASE.replace("ROUNDS", "1")
+        .replace("OBJECTIVE", "pos")
+        .replace("[plan]", '[plan]\nbegin = "+30 min"')
+    )
     (tmp_path / "early.toml").write_text(text)
-    with pytest.raises(UserError, match=r'plan.begin 010630ZJUN26 is before the end of sortie "before", 010700ZJUN26'):
+    with pytest.raises(
+        UserError,
+        match=r'plan.begin 010630ZJUN26 is before the end of sortie "before", 010700ZJUN26',
+    ):
         planner.plan(drift.load(tmp_path / "early.toml"))
 
 
 def test_a_case_whose_time_is_over_runs_and_is_not_planned(tmp_path: Path) -> None:
     """After a debrief the last sortie may end with the case: that is the plan's concern alone."""
-    text = CASE.replace("ROUNDS", "1").replace("OBJECTIVE", "pos").replace('end = "+1 h"', 'end = "+8 h"')
+    text = (
+        CASE.replace("ROUNDS", "1")
+        .replace("OBJECTIVE", "pos")
+        .replace('end = "+1 h"', 'end = "+8 h"')
+    )
     (tmp_path / "over.toml").write_text(text)
     case = drift.load(tmp_path / "over.toml")
     with pytest.raises(
-        UserError, match=r"over.toml: plan: the last sortie or contact is at 011400ZJUN26, when the plan"
+        UserError,
+        match=r"over.toml: plan: the last sortie or contact is at 011400ZJUN26, when the plan",
     ):
         planner.plan(case)
 
@@ -236,7 +271,9 @@ def losing(folder: Path, edge: float) -> drift.Case:
 
 
 def test_a_plan_is_not_refused_for_being_good(tmp_path: Path) -> None:
-    """A tenth of the probability leaves the domain; once the rest has been searched, most of what is left has left it."""
+    """A tenth of the probability leaves the domain; once the rest has been searched, most of what
+    is left has left it.
+    """
     made, result = planner.plan(losing(tmp_path, 0.1))
     assert made.pos > 0.8
     account = result.summary["account"]

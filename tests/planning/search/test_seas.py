@@ -1,4 +1,6 @@
-"""Ways of boats against closed forms, brute force on polygons, and Shapely on the coast of Norway in full."""
+"""Ways of boats against closed forms, brute force on polygons, and Shapely on the coast of Norway
+in full.
+"""
 
 import itertools
 import math
@@ -47,7 +49,9 @@ def degrees(shape: shapely.Geometry, at: tuple[float, float] = AT) -> shapely.Ge
 def sea(shapes: list[shapely.Polygon], ends: np.ndarray, keeps: float = 0.0) -> seas.Sea:
     """Return the sea round places [m] among islands [m]."""
     plane = Plane(*np.radians(AT))
-    made = seas.build_sea([degrees(shape) for shape in shapes], seas.region(plane, ends, 9_000.0), keeps)
+    made = seas.build_sea(
+        [degrees(shape) for shape in shapes], seas.region(plane, ends, 9_000.0), keeps
+    )
     assert made is not None
     return made
 
@@ -65,7 +69,9 @@ BEGIN, END = np.array([-11_300.0, -1_900.0]), np.array([9_700.0, 2_300.0])
 
 
 def round_a_circle(r: float) -> float:
-    """Return the shortest way from BEGIN to END round a circle of a radius [m] about the origin: two tangents and an arc."""
+    """Return the shortest way from BEGIN to END round a circle of a radius [m] about the origin:
+    two tangents and an arc.
+    """
     a, b = np.hypot(*BEGIN), np.hypot(*END)
     between = math.acos(np.dot(BEGIN, END) / (a * b))
     arc = between - math.acos(r / a) - math.acos(r / b)
@@ -73,21 +79,33 @@ def round_a_circle(r: float) -> float:
 
 
 def round_a_wall(off: float) -> float:
-    """Return the way round the nearer end of a thin wall from (0, -20 km) to (0, 4 km): past its end, `off` beyond it."""
+    """Return the way round the nearer end of a thin wall from (0, -20 km) to (0, 4 km): past its
+    end, `off` beyond it.
+    """
     tip = [np.array([side, 4000.0 + off]) for side in (-50.0 - off, 50.0 + off)]
-    return float(np.hypot(*(tip[0] - BEGIN)) + np.hypot(*(tip[1] - tip[0])) + np.hypot(*(END - tip[1])))
+    return float(
+        np.hypot(*(tip[0] - BEGIN)) + np.hypot(*(tip[1] - tip[0])) + np.hypot(*(END - tip[1]))
+    )
 
 
 def through_a_gap(off: float) -> float:
-    """Return the way through a gap from 700 to 1500 m north in a wall: the straight line passes south of it, and turns once."""
+    """Return the way through a gap from 700 to 1500 m north in a wall: the straight line passes
+    south of it, and turns once.
+    """
     edge = np.array([-50.0 - off, 700.0 + off])
     return float(np.hypot(*(edge - BEGIN)) + np.hypot(*(END - edge)))
 
 
 def out_of_a_bay(off: float) -> float:
-    """Return the way out of a bay that is open to the west, BEGIN within, to END in the east: round its southern arm."""
+    """Return the way out of a bay that is open to the west, BEGIN within, to END in the east: round
+    its southern arm.
+    """
     south = [np.array([x, -3_200.0 - off]) for x in (-14_000.0 - off,)]
-    tip = [np.array([-14_000.0 - off, -2_800.0 + off]), *south, np.array([-6_000.0 + off, -3_200.0 - off])]
+    tip = [
+        np.array([-14_000.0 - off, -2_800.0 + off]),
+        *south,
+        np.array([-6_000.0 + off, -3_200.0 - off]),
+    ]
     way = [BEGIN, *tip, END]
     return float(sum(np.hypot(*(b - a)) for a, b in itertools.pairwise(way)))
 
@@ -103,11 +121,19 @@ CIRCLE = [shapely.Point(0, 0).buffer(4000.0, quad_segs=90)]
     ("shapes", "length"),
     [(CIRCLE, lambda off: round_a_circle(4000.0 + off)), ([WALL], round_a_wall), (GAP, through_a_gap), (BAY, out_of_a_bay)],
 )  # fmt: skip
-def test_ways_are_as_long_as_geometry_says(shapes: list[shapely.Polygon], length: Callable[[float], float]) -> None:
-    """Between the way that keeps CLEAR from land and the one that turns OFF it, whose corners are mitred: sqrt(2) farther out at most."""
+def test_ways_are_as_long_as_geometry_says(
+    shapes: list[shapely.Polygon], length: Callable[[float], float]
+) -> None:
+    """Between the way that keeps CLEAR from land and the one that turns OFF it, whose corners are
+    mitred: sqrt(2) farther out at most.
+    """
     where = sea(shapes, np.array([BEGIN, END]))
     found, way = by_grid(where, BEGIN, END)
-    assert length(seas.CLEAR) * (1 - 1e-5) < seas.length(where, way) < length(OFF * math.sqrt(2)) * (1 + 1e-4)
+    assert (
+        length(seas.CLEAR) * (1 - 1e-5)
+        < seas.length(where, way)
+        < length(OFF * math.sqrt(2)) * (1 + 1e-4)
+    )
     assert seas.length(where, way) <= found + 1e-6
     place = where.round(way)
     assert courses.on_land(np.array([degrees(shape) for shape in shapes]), *place.T) == 0
@@ -115,8 +141,13 @@ def test_ways_are_as_long_as_geometry_says(shapes: list[shapely.Polygon], length
     assert seas.length(where, way) == pytest.approx(straight, rel=1e-9)
 
 
-def brute(inside: shapely.Geometry, outside: shapely.Geometry, begin: np.ndarray, end: np.ndarray) -> float:
-    """Return the shortest way [m] that keeps off `inside`: Dijkstra on all corners of `outside` that see each other."""
+def brute(
+    inside: shapely.Geometry, outside: shapely.Geometry, begin: np.ndarray, end: np.ndarray
+) -> float:
+    """Return the shortest way [m] that keeps off `inside`:
+
+    Dijkstra on all corners of `outside` that see each other.
+    """
     points = np.concatenate([[begin, end], np.unique(shapely.get_coordinates(outside), axis=0)])
     i, j = np.triu_indices(len(points), 1)
     lines = shapely.linestrings(np.stack([points[i], points[j]], axis=1))
@@ -127,26 +158,40 @@ def brute(inside: shapely.Geometry, outside: shapely.Geometry, begin: np.ndarray
     return float(csgraph.dijkstra(graph, directed=False, indices=0)[1])
 
 
-def shortest(shapes: list[shapely.Polygon], begin: np.ndarray, end: np.ndarray) -> tuple[float, float]:
-    """Return what no way that keeps CLEAR is shorter than (arcs by their chords), and the shortest that turns where ours do."""
+def shortest(
+    shapes: list[shapely.Polygon], begin: np.ndarray, end: np.ndarray
+) -> tuple[float, float]:
+    """Return what no way that keeps CLEAR is shorter than (arcs by their chords), and the shortest
+    that turns where ours do.
+    """
     land = shapely.union_all(shapes)
     arcs = land.buffer(seas.CLEAR, quad_segs=3)
     mitre = {"join_style": "mitre", "mitre_limit": 2.0}
-    barrier = shapely.union_all([shape.buffer(seas.CLEAR + seas.ROUNDING, **mitre) for shape in shapes])
-    return brute(arcs.buffer(-1e-3), arcs, begin, end), brute(barrier, barrier.buffer(seas.SKIN, **mitre), begin, end)
+    barrier = shapely.union_all(
+        [shape.buffer(seas.CLEAR + seas.ROUNDING, **mitre) for shape in shapes]
+    )
+    return brute(arcs.buffer(-1e-3), arcs, begin, end), brute(
+        barrier, barrier.buffer(seas.SKIN, **mitre), begin, end
+    )
 
 
 def islands(count: int) -> list[shapely.Polygon]:
     """Return islands of four or five corners, some of them across each other."""
     rng = np.random.default_rng(12)
-    middles, sizes = rng.uniform([-9500, -6000], [8500, 6000], (count, 2)), rng.uniform(300, 1500, count)
+    middles, sizes = (
+        rng.uniform([-9500, -6000], [8500, 6000], (count, 2)),
+        rng.uniform(300, 1500, count),
+    )
     return [
-        shapely.MultiPoint(m + s * rng.normal(size=(5, 2))).convex_hull for m, s in zip(middles, sizes, strict=True)
+        shapely.MultiPoint(m + s * rng.normal(size=(5, 2))).convex_hull
+        for m, s in zip(middles, sizes, strict=True)
     ]
 
 
 def test_ways_among_many_islands_against_brute_force() -> None:
-    """The side on which an island is passed is chosen by distances that are up to 2.8 % too long; few ways are longer for that."""
+    """The side on which an island is passed is chosen by distances that are up to 2.8 % too long;
+    few ways are longer for that.
+    """
     rng, shapes, shares, exact = np.random.default_rng(2), islands(24), [], 0
     land = shapely.union_all([shape.buffer(OFF + 50) for shape in shapes])
     where = sea(shapes, np.array([BEGIN, END, [-9000, 8000]]))
@@ -238,9 +283,12 @@ def test_arrival_is_never_early_and_hardly_late(norway: np.ndarray) -> None:
 
 def test_a_base_far_from_the_sea_is_refused_and_one_near_it_is_not(norway: np.ndarray) -> None:
     with pytest.raises(
-        ValueError, match=r"no way by sea leads from 60-30.0N 005-57.0E .* nmi away, and it may be 1 nmi"
+        ValueError,
+        match=r"no way by sea leads from 60-30.0N 005-57.0E .* nmi away, and it may be 1 nmi",
     ):
-        courses.prepare(boat(base=(5.95, 60.50), return_to=(5.95, 60.50)), lambda box: norway, np.array([OUT]))
+        courses.prepare(
+            boat(base=(5.95, 60.50), return_to=(5.95, 60.50)), lambda box: norway, np.array([OUT])
+        )
     quay = (4.9713, 60.5532)  # on land
     course, _ = courses.prepare(boat(base=quay), lambda box: norway, np.array([OUT]))
     assert course is not None
@@ -258,7 +306,10 @@ def test_legs_are_cut_at_the_coast_and_sailed_round_it() -> None:
     )
     assert course is not None
     assert said == ""
-    east, north = np.array([-6000, 6000, 6000, -6000, -6000, 6000]), np.array([-200, -200, 400, 400, 3000, 3000])
+    east, north = (
+        np.array([-6000, 6000, 6000, -6000, -6000, 6000]),
+        np.array([-200, -200, 400, 400, 3000, 3000]),
+    )
     lon, lat = local()(east, north, inverse=True)
     lon, lat = AT[0] + (np.asarray(lon) - AT[0] + 180) % 360 - 180, np.asarray(lat)
     (made,) = courses.sail(course, [(lon, lat)], 8.0, 12.0)
@@ -267,7 +318,10 @@ def test_legs_are_cut_at_the_coast_and_sailed_round_it() -> None:
     # What is told of a search is the same in company: reversed, on land, and out of the region
     inland = lon[0] + (lon[1] - lon[0]) * np.array([0.93, 0.99])
     several = [(lon[::-1], lat[::-1]), (inland, lat[:2]), (lon, lat + 5), (lon, lat)]
-    (back,), *others, same = courses.sail(course, several[:1], 8.0, 12.0), *courses.sail(course, several, 8.0, 12.0)
+    (back,), *others, same = (
+        courses.sail(course, several[:1], 8.0, 12.0),
+        *courses.sail(course, several, 8.0, 12.0),
+    )
     assert back is not None
     np.testing.assert_array_equal(back.elapsed, others[0].elapsed)
     np.testing.assert_array_equal(same.elapsed, made.elapsed)
@@ -281,15 +335,27 @@ def test_legs_are_cut_at_the_coast_and_sailed_round_it() -> None:
         piece = shapely.LineString([(x[k], y[k]), (x[k + 1], y[k + 1])])
         if seeks:
             sought += steps[k]
-            assert shapely.hausdorff_distance(piece, shapely.intersection(piece.buffer(5), pattern)) < 6
+            assert (
+                shapely.hausdorff_distance(piece, shapely.intersection(piece.buffer(5), pattern))
+                < 6
+            )
         lasts = made.elapsed[k + 1] - made.elapsed[k]
-        assert steps[k] / (8.0 if seeks else 12.0) <= lasts * (1 + 1e-5) < steps[k] / (8.0 if seeks else 12.0) + 1.01
+        assert (
+            steps[k] / (8.0 if seeks else 12.0)
+            <= lasts * (1 + 1e-5)
+            < steps[k] / (8.0 if seeks else 12.0) + 1.01
+        )
     grown = shapely.union_all([shape.buffer(OFF) for shape in shapes])
     want = shapely.difference(pattern, grown).length
     assert want * (1 - 0.005) < sought < want * (1 + 1e-3)  # corners are mitred, not round
-    # An island round which it takes longer than what lies behind it would take to search: that is left out, and said
-    wide = np.array([degrees(shape) for shape in (shapely.affinity.scale(islet, 2.5, 2.5), shapes[1])])
-    less, _ = courses.prepare(boat(base=base, return_to=base), lambda box: wide, np.array([AT, (AT[0] + 0.2, AT[1])]))
+    # An island round which it takes longer than what lies behind it would take to search: that is
+    # left out, and said
+    wide = np.array(
+        [degrees(shape) for shape in (shapely.affinity.scale(islet, 2.5, 2.5), shapes[1])]
+    )
+    less, _ = courses.prepare(
+        boat(base=base, return_to=base), lambda box: wide, np.array([AT, (AT[0] + 0.2, AT[1])])
+    )
     assert less is not None
     (made,) = courses.sail(less, [(lon, lat)], 8.0, 12.0)
     assert made is not None
@@ -298,10 +364,15 @@ def test_legs_are_cut_at_the_coast_and_sailed_round_it() -> None:
 
 
 @pytest.mark.parametrize(("positive", "sign"), [("down", 1.0), (None, -1.0)])
-def test_a_boat_keeps_out_of_shallow_water(tmp_path: Path, positive: str | None, sign: float) -> None:
-    """A ridge 1 m deep across the straight way, with a gap 6 m deep to the north; a boat of 3 m goes through it, one of 0.5 m over it."""
+def test_a_boat_keeps_out_of_shallow_water(
+    tmp_path: Path, positive: str | None, sign: float
+) -> None:
+    """A ridge 1 m deep across the straight way, with a gap 6 m deep to the north; a boat of 3 m
+    goes through it, one of 0.5 m over it.
+    """
     x, y = np.arange(-14_000, 14_001, 500.0), np.arange(-9000, 9001, 500.0)
-    # A grid on longitude and latitude; at 0.1 degrees from its middle it is the plane of the test to some metres
+    # A grid on longitude and latitude; at 0.1 degrees from its middle it is the plane of the test
+    # to some metres
     lon, lat = (
         AT[0] + np.degrees(x / sphere.RADIUS) / math.cos(math.radians(AT[1])),
         AT[1] + np.degrees(y / sphere.RADIUS),
@@ -311,7 +382,8 @@ def test_a_boat_keeps_out_of_shallow_water(tmp_path: Path, positive: str | None,
     depth[(y > 4000) & (y < 7000), :] = 6.0
     name = "depth" if positive else "elevation"
     data = xr.Dataset(
-        {name: (("lat", "lon"), (sign * depth).astype(np.float32))}, {"lat": lat, "lon": (lon + 180) % 360 - 180}
+        {name: (("lat", "lon"), (sign * depth).astype(np.float32))},
+        {"lat": lat, "lon": (lon + 180) % 360 - 180},
     )
     data.to_netcdf(tmp_path / "depths.nc")
     source = Depth(str(tmp_path / "depths.nc"), None, positive)  # type: ignore[arg-type]
@@ -330,7 +402,10 @@ def test_a_boat_keeps_out_of_shallow_water(tmp_path: Path, positive: str | None,
         ways[draught] = np.array(local()(*way.T))
     assert ways[0.5].shape == (2, 2)
     over = np.abs(ways[3.0][0] - 1000) < 1300
-    # Between the points of the grid it is as shallow as the shallower: no gap within 500 m of the ridge's rows
+    # Between the points of the grid it is as shallow as the shallower: no gap within 500 m of the
+    # ridge's rows
     assert np.all((ways[3.0][1][over] > 4450) & (ways[3.0][1][over] < 7000))
-    with pytest.raises(UserError, match=r'depths.nc": no variable "z"; those on its latitude and longitude: '):
+    with pytest.raises(
+        UserError, match=r'depths.nc": no variable "z"; those on its latitude and longitude: '
+    ):
         shoals(Depth(source.file, "z"), Box(179.0, -42.0, 181.0, -41.0), 3.0)

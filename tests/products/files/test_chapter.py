@@ -6,11 +6,16 @@ from pathlib import Path
 from drift.products.files import chapter, writer
 from drift.products.files.chapter import Chapter
 
-TABLE = {"a.txt": lambda one, stamped: f"{one} of {stamped['seed']}", "b.txt": lambda one, stamped: one.upper()}
+TABLE = {
+    "a.txt": lambda one, stamped: f"{one} of {stamped['seed']}",
+    "b.txt": lambda one, stamped: one.upper(),
+}
 
 
 def test_a_table_is_bound_to_what_its_topic_has_found() -> None:
-    """Each row makes what its function makes of it; two topics of one table do not disturb each other."""
+    """Each row makes what its function makes of it; two topics of one table do not disturb each
+    other.
+    """
     first, second = chapter.bound(TABLE, "salt"), chapter.bound(TABLE, "ice")
     assert list(first) == list(TABLE)
     assert [make({"seed": "7"}) for make in (*first.values(), *second.values())] == [
@@ -19,11 +24,15 @@ def test_a_table_is_bound_to_what_its_topic_has_found() -> None:
 
 
 def test_chapters_become_one_result(tmp_path: Path) -> None:
-    """Numbers in the order of the chapters, the last of one name; every file and picture; warnings of all in every file."""
+    """Numbers in the order of the chapters, the last of one name; every file and picture; warnings
+    of all in every file.
+    """
     drawn: list[str] = []
     run = Chapter({"one": 1, "two": 2}, facts={"title": "t", "seed": "7"}, warnings=("first",))
     topic = Chapter(
-        {"two": 20, "three": 3}, chapter.bound(TABLE, "salt"), {"c.png": lambda path: drawn.append(path.name)}
+        {"two": 20, "three": 3},
+        chapter.bound(TABLE, "salt"),
+        {"c.png": lambda path: drawn.append(path.name)},
     )
     other = Chapter(warnings=("second", "third"))
     topic.pictures["c.png"](tmp_path / "by itself.png")
@@ -32,7 +41,13 @@ def test_chapters_become_one_result(tmp_path: Path) -> None:
         path.write_bytes(b"ink")
 
     paths = writer.write(tmp_path / "out", [run, topic, other, Chapter(pictures={"c.png": draw})])
-    assert {path.name for path in paths} == {"a.txt", "b.txt", "c.png", "summary.json", "manifest.json"}
+    assert {path.name for path in paths} == {
+        "a.txt",
+        "b.txt",
+        "c.png",
+        "summary.json",
+        "manifest.json",
+    }
     assert drawn == ["by itself.png"]
     assert (tmp_path / "out" / "a.txt").read_text() == "salt of 7"
     told = json.loads((tmp_path / "out" / "summary.json").read_text())

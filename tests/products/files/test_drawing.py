@@ -44,8 +44,12 @@ def test_each_picture_is_drawn_once_and_told(tmp_path: Path, processes: int) -> 
 
 
 def children() -> set[str]:
-    """Return the processes that this one has begun and not waited for; tests before may have left some."""
-    return set(" ".join(path.read_text() for path in Path("/proc/self/task").glob("*/children")).split())
+    """Return the processes that this one has begun and not waited for; tests before may have left
+    some.
+    """
+    return set(
+        " ".join(path.read_text() for path in Path("/proc/self/task").glob("*/children")).split()
+    )
 
 
 @linux
@@ -83,7 +87,9 @@ def test_a_copy_warns_as_this_process_does(tmp_path: Path) -> None:
 
 
 @linux
-def test_a_system_that_grants_no_copy_costs_no_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_system_that_grants_no_copy_costs_no_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refused() -> int:
         raise BlockingIOError("no more processes")
 
@@ -97,7 +103,10 @@ def test_copies_end_with_what_failed_here(tmp_path: Path) -> None:
         time.sleep(600)
 
     before = children()
-    with pytest.raises(KeyboardInterrupt), drawing.begun({"a.png": slow, "b.png": slow}, tmp_path, 2):
+    with (
+        pytest.raises(KeyboardInterrupt),
+        drawing.begun({"a.png": slow, "b.png": slow}, tmp_path, 2),
+    ):
         raise KeyboardInterrupt
     assert children() == before
 

@@ -1,4 +1,7 @@
-"""Signals that end a run: Ctrl-C, a request to end, and a terminal that goes, unless the run is to outlive it."""
+"""Signals that end a run:
+
+Ctrl-C, a request to end, and a terminal that goes, unless the run is to outlive it.
+"""
 
 import contextlib
 import os
@@ -29,7 +32,9 @@ def hung_up(during: contextlib.AbstractContextManager[None]) -> None:
 
 @pytest.mark.usefixtures("hangup")
 @pytest.mark.parametrize("during", [contextlib.nullcontext, interrupt.undisturbed])
-def test_a_terminal_that_goes_unwinds_the_run(during: Callable[[], contextlib.AbstractContextManager[None]]) -> None:
+def test_a_terminal_that_goes_unwinds_the_run(
+    during: Callable[[], contextlib.AbstractContextManager[None]],
+) -> None:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     with pytest.raises(interrupt.Terminated) as ended:
         hung_up(during())

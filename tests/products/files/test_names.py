@@ -1,4 +1,6 @@
-"""What users call things, in the files that others open: no cell runs, no markup breaks, no two names become one."""
+"""What users call things, in the files that others open: no cell runs, no markup breaks, no two
+names become one.
+"""
 
 import csv
 import io
@@ -54,14 +56,18 @@ def test_other_texts_stay_as_they_are(text: str) -> None:
     st.sampled_from(["", ".6f", ".8g", "+.3e"]),
 )
 def test_numbers_stay_numbers(value: float, form: str) -> None:
-    """As numbers or as texts made of them, negative ones too. (Taichi has subnormal numbers flushed to zero.)"""
+    """As numbers or as texts made of them, negative ones too. (Taichi has subnormal numbers flushed
+    to zero.)
+    """
     told = format(value, form) if form else repr(value)
     ((number, text),) = cells([[value, told]])
     assert float(number) == float(value)
     assert text == told
 
 
-@given(st.lists(st.lists(st.text(st.characters(exclude_categories=["Cs"])), min_size=1), min_size=1))
+@given(
+    st.lists(st.lists(st.text(st.characters(exclude_categories=["Cs"])), min_size=1), min_size=1)
+)
 def test_a_cell_is_one_line_and_none_runs(rows: list[list[str]]) -> None:
     text = formats.csv_text(["name"], rows)  # type: ignore[arg-type]
     assert len(text.split("\n")) == len(rows) + 2
@@ -73,17 +79,25 @@ def test_a_cell_is_one_line_and_none_runs(rows: list[list[str]]) -> None:
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [('name = "boat"', 'name = "all"'), ('name = "boat"', 'name = "ALL"'), ('name = "boat"', 'name = " All "')],
+    [
+        ('name = "boat"', 'name = "all"'),
+        ('name = "boat"', 'name = "ALL"'),
+        ('name = "boat"', 'name = " All "'),
+    ],
 )
 def test_a_scenario_is_not_called_all(old: str, new: str, tmp_path: Path) -> None:
-    """The table of sorties has a row "all" beside those of the scenarios; spreadsheets find it whatever its case."""
+    """The table of sorties has a row "all" beside those of the scenarios; spreadsheets find it
+    whatever its case.
+    """
     (tmp_path / "trial.toml").write_text(small_case.STEADY.replace(old, new))
     with pytest.raises(UserError, match=r"all scenarios together"):
         case_file.load(tmp_path / "trial.toml")
 
 
 def test_flags_are_words_and_each_another(tmp_path: Path) -> None:
-    """CF 1.11, 3.5: flag_meanings is a list of words of letters, digits and _-.+@, separated by blanks."""
+    """CF 1.11, 3.5: flag_meanings is a list of words of letters, digits and _-.+@, separated by
+    blanks.
+    """
     names = ["raft alone", "raft_alone", "raft  alone", "raft_alone_2", "a,b", "a;b", "x-1.5+@"]
     found = forecast_tracks._flags(names)
     assert len(set(found)) == len(found) == len(names) == len(" ".join(found).split())
@@ -99,14 +113,18 @@ def test_hard_names_in_gpx_kml_and_geojson() -> None:
     """XML's and HTML's own letters come back as they were given; what XML cannot hold is left out."""
     plan = searches.plan(179.9, -61.0, rounds=1)
     first = plan.taskings[0]
-    hard = replace(plan, taskings=(replace(first, unit=replace(first.unit, name=HARD)), *plan.taskings[1:]))
+    hard = replace(
+        plan, taskings=(replace(first, unit=replace(first.unit, name=HARD)), *plan.taskings[1:])
+    )
     shown = HARD.replace("\x07", "")
     for made in (plan_files.gpx(hard, HARD, "run"), plan_files.kml(hard, HARD, "run")):
         texts = [element.text or "" for element in ET.fromstring(made).iter()]
         assert shown in texts
         assert f"A-1 {shown}" in texts
     kml = ET.fromstring(plan_files.kml(hard, HARD, "run"))
-    told = next(e.text for e in kml.iter() if e.tag.endswith("description") and "onclick" in (e.text or ""))
+    told = next(
+        e.text for e in kml.iter() if e.tag.endswith("description") and "onclick" in (e.text or "")
+    )
 
     class Reader(HTMLParser):
         """What a viewer of KML makes of a description."""
@@ -150,12 +168,18 @@ def test_titles_in_netcdf_and_json_come_back(tmp_path: Path) -> None:
     writer.write(tmp_path / "out", [Chapter(files=files, facts=attributes)])
     with xr.open_dataset(tmp_path / "out" / "x.nc") as back:
         assert back.attrs["title"] == attributes["title"]
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["title"] == attributes["title"]
+    assert (
+        json.loads((tmp_path / "out" / "summary.json").read_text())["title"] == attributes["title"]
+    )
 
 
-@pytest.mark.parametrize(("names", "wrong"), [(("drum", "se"), "se"), (("drum", "drum_se"), "drum_se")])
+@pytest.mark.parametrize(
+    ("names", "wrong"), [(("drum", "se"), "se"), (("drum", "drum_se"), "drum_se")]
+)
 def test_no_class_takes_the_heading_of_another_column(names: tuple[str, str], wrong: str) -> None:
-    """washup.csv has expected, expected_se, and expected_NAME, expected_NAME_se of each class: one overwrote the other."""
+    """washup.csv has expected, expected_se, and expected_NAME, expected_NAME_se of each class: one
+    overwrote the other.
+    """
     table = {"objects": 10, "position": {"at": "27 30N 088 00W", "std": "1 nmi"}}
     kinds = [{"name": name, "share": 0.5, "object": "PIW-1"} for name in names]
     with pytest.raises(ValueError, match=f'class "{wrong}": tables call a standard error'):

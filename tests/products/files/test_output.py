@@ -30,7 +30,12 @@ from drift.products.maps.imprint import Imprint, Setting
 from geo import notation, sphere
 from geo.errors import UserError
 
-ATTRIBUTES = {"title": "test", "seed": "7", "source": "casp-drift 0", "case": "[case]\ntitle = 'test'"}
+ATTRIBUTES = {
+    "title": "test",
+    "seed": "7",
+    "source": "casp-drift 0",
+    "case": "[case]\ntitle = 'test'",
+}
 TIMES = np.datetime64("2026-11-21T18:30:00") + np.array([0, 6, 12]) * np.timedelta64(3600, "s")
 
 
@@ -41,8 +46,12 @@ def scene(lon=179.9, lat=-17.2, n=3000):
     scenario = rng.integers(0, 2, n).astype(np.int32)
     snapshots = []
     for i, time in enumerate(TIMES):
-        x, y = sphere.destination(np.radians(lon), np.radians(lat), east + 9000 * i, north + 2000 * i)
-        status = np.where((np.arange(n) % 10 == 0) & (i == 2), Status.ASHORE, Status.ADRIFT).astype(np.int32)
+        x, y = sphere.destination(
+            np.radians(lon), np.radians(lat), east + 9000 * i, north + 2000 * i
+        )
+        status = np.where((np.arange(n) % 10 == 0) & (i == 2), Status.ASHORE, Status.ADRIFT).astype(
+            np.int32
+        )
         snapshots.append(
             clouds.at(
                 time,
@@ -69,7 +78,10 @@ def forecast(snapshots):
 @pytest.fixture(scope="module")
 def tracks(snapshots):
     some = np.arange(0, 3000, 50)
-    columns = (np.stack([getattr(s, k)[some] for s in snapshots], 1) for k in ("lon", "lat", "status", "probability"))
+    columns = (
+        np.stack([getattr(s, k)[some] for s in snapshots], 1)
+        for k in ("lon", "lat", "status", "probability")
+    )
     return Trajectories(TIMES, some, snapshots[0].scenario[some], *columns)
 
 
@@ -97,17 +109,25 @@ def out(written):
 
 
 @pytest.mark.parametrize(("opens", "shown"), [(None, -1), (0, 0), (1, 1)])
-def test_map_png_is_of_the_output_that_matters(monkeypatch, tmp_path, forecast, tracks, opens, shown):
+def test_map_png_is_of_the_output_that_matters(
+    monkeypatch, tmp_path, forecast, tracks, opens, shown
+):
     drawn = []
     monkeypatch.setattr(forecast_map, "draw_map", lambda *_, time, **__: drawn.append(TIMES[time]))
-    setting = Setting(Imprint("test"), opens=None if opens is None else TIMES[opens] + np.timedelta64(5, "s"))
-    pictures = forecast_chapter.chapter(forecast_chapter.ForecastOutputs(forecast, tracks, setting)).pictures
+    setting = Setting(
+        Imprint("test"), opens=None if opens is None else TIMES[opens] + np.timedelta64(5, "s")
+    )
+    pictures = forecast_chapter.chapter(
+        forecast_chapter.ForecastOutputs(forecast, tracks, setting)
+    ).pictures
     pictures["map.png"](tmp_path / "map.png")
     assert drawn == [TIMES[shown]]
 
 
 def write_little(folder, pictures=MappingProxyType({"map.png": ink}), **more):
-    """Write results that are quickly made, for those who look at the folder: the writer knows no topic."""
+    """Write results that are quickly made, for those who look at the folder: the writer knows no
+    topic.
+    """
     files = {
         "forecast.nc": lambda stamped: xr.Dataset({"x": ("n", np.arange(3.0))}),
         "track.csv": lambda stamped: "time,\n",
@@ -135,7 +155,9 @@ def test_forecast_opens_decoded_and_follows_cf(out, forecast):
         data.load()
     np.testing.assert_array_equal(data["time"].values, TIMES.astype("datetime64[ns]"))
     np.testing.assert_array_equal(data["probability"].values, forecast.data["probability"].values)
-    np.testing.assert_array_equal(data["containment_area"].values, forecast.data["containment_area"].values)
+    np.testing.assert_array_equal(
+        data["containment_area"].values, forecast.data["containment_area"].values
+    )
     assert list(data["scenario"].values) == ["raft alone", "boat"]
     assert data.attrs["Conventions"] == "CF-1.11, ACDD-1.3"
     assert {*ATTRIBUTES, "history"} <= set(data.attrs)
@@ -149,7 +171,8 @@ def test_forecast_opens_decoded_and_follows_cf(out, forecast):
             assert "units" in variable.attrs, name
         for other in variable.attrs.get("cell_measures", "").split()[1::2]:
             assert other in data
-    assert data.set_xindex("status").sel(status="ashore")["status_probability"].shape == (3,)  # a label, by one call
+    # a label, by one call
+    assert data.set_xindex("status").sel(status="ashore")["status_probability"].shape == (3,)
     assert data.attrs["time_coverage_start"] == notation.iso(TIMES[0])
     assert data.attrs["geospatial_lon_max"] == data["lon"].values[-1]
     np.testing.assert_allclose(data["lon_bnds"].mean("bnds"), data["lon"], rtol=0, atol=1e-12)
@@ -159,15 +182,22 @@ def test_forecast_opens_decoded_and_follows_cf(out, forecast):
         assert "_FillValue" not in raw["lon"].attrs
 
 
-@pytest.mark.parametrize(("file", "along"), [("forecast.nc", {"lat", "lon"}), ("particles.nc", {"trajectory", "time"})])
+@pytest.mark.parametrize(
+    ("file", "along"), [("forecast.nc", {"lat", "lon"}), ("particles.nc", {"trajectory", "time"})]
+)
 def test_every_file_says_on_which_earth_it_is(out, file, along):
     """PROJ makes the sphere of our distances of it, and leaves positions where they are on a chart."""
-    with xr.open_dataset(out / file, decode_coords="all") as data:  # a reference that is broken is a warning
-        referring = {name for name, v in data.data_vars.items() if v.encoding.get("grid_mapping") == "crs"}
+    # a reference that is broken is a warning
+    with xr.open_dataset(out / file, decode_coords="all") as data:
+        referring = {
+            name for name, v in data.data_vars.items() if v.encoding.get("grid_mapping") == "crs"
+        }
         assert referring == {name for name, v in data.data_vars.items() if along <= set(v.dims)}
         crs = pyproj.CRS.from_cf(data["crs"].attrs)
     assert crs.get_geod().a == crs.get_geod().b == sphere.RADIUS
-    assert pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(179.9, -17.2) == (179.9, -17.2)
+    assert pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(
+        179.9, -17.2
+    ) == (179.9, -17.2)
 
 
 def test_particles_are_cf_trajectories(out, tracks):
@@ -177,13 +207,19 @@ def test_particles_are_cf_trajectories(out, tracks):
     assert data["trajectory"].attrs["cf_role"] == "trajectory_id"
     assert data["lon"].dims == ("trajectory", "time")
     assert set(data["status"].coords) >= {"lon", "lat", "time"}
-    np.testing.assert_allclose((data["lon"].values + 180) % 360 - 180, sphere.to_degrees(tracks.lon), atol=1e-9)
+    np.testing.assert_allclose(
+        (data["lon"].values + 180) % 360 - 180, sphere.to_degrees(tracks.lon), atol=1e-9
+    )
     assert np.abs(np.diff(data["lon"].values, axis=1)).max() < 1  # no jump of 360
     assert data["status"].attrs["flag_meanings"].split()[Status.ASHORE] == "ashore"
 
 
 def test_same_data_bit_for_bit(tmp_path, out, snapshots, tracks):
-    write(tmp_path / "b", forecast_build.build_forecast(snapshots, scenarios=["raft alone", "boat"]), tracks)
+    write(
+        tmp_path / "b",
+        forecast_build.build_forecast(snapshots, scenarios=["raft alone", "boat"]),
+        tracks,
+    )
     for file in ("forecast.nc", "particles.nc"):
         with xr.open_dataset(out / file) as one, xr.open_dataset(tmp_path / "b" / file) as two:
             assert one.equals(two)
@@ -222,14 +258,21 @@ def test_contours_are_valid_geojson(out):
         west, _, east, _ = shape.bounds
         assert west >= -180
         assert east <= 180
-        assert all(part.exterior.is_ccw and not any(hole.is_ccw for hole in part.interiors) for part in shape.geoms)
-        assert all(part.bounds[2] - part.bounds[0] < 10 for part in shape.geoms)  # cut, not drawn round the globe
+        assert all(
+            part.exterior.is_ccw and not any(hole.is_ccw for hole in part.interiors)
+            for part in shape.geoms
+        )
+        # cut, not drawn round the globe
+        assert all(part.bounds[2] - part.bounds[0] < 10 for part in shape.geoms)
         crossing |= west < -179 and east > 179
-        # an equal-area projection of our own: cylinder at this latitude, 0.5 % from contour to cells
+        # an equal-area projection of our own: cylinder at this latitude, 0.5 % from contour to
+        # cells
         size = shapely.transform(
             shape, lambda xy: np.column_stack([np.radians(xy[:, 0]), np.sin(np.radians(xy[:, 1]))])
         ).area
-        assert size * sphere.RADIUS**2 / 1e6 == pytest.approx(feature["properties"]["area_km2"], rel=0.01)
+        assert size * sphere.RADIUS**2 / 1e6 == pytest.approx(
+            feature["properties"]["area_km2"], rel=0.01
+        )
     assert crossing
 
 
@@ -238,13 +281,15 @@ def test_tables(out):
     assert run_id.endswith("-s7")
     rows = list(csv.DictReader(io.StringIO((out / "track.csv").read_text())))
     assert {r["run_id"] for r in rows} == {run_id}
-    assert all(None not in r and None not in r.values() for r in rows)  # as many values as names, in one header row
+    # as many values as names, in one header row
+    assert all(None not in r and None not in r.values() for r in rows)
     assert [r["date_time_group"] for r in rows] == ["211830ZNOV26", "220030ZNOV26", "220630ZNOV26"]
     assert float(rows[-1]["probability_ashore"]) == pytest.approx(0.1)
     assert float(rows[0]["mean_lat"]) == pytest.approx(-17.2, abs=0.02)
     rows = list(csv.DictReader(io.StringIO((out / "ashore.csv").read_text())))
     assert {r["run_id"] for r in rows} == {run_id}
-    assert sum(float(r["probability_ashore"]) for r in rows) == pytest.approx(0.1, rel=1e-2)  # four digits a row
+    # four digits a row
+    assert sum(float(r["probability_ashore"]) for r in rows) == pytest.approx(0.1, rel=1e-2)
     assert {r["first_time"] for r in rows} == {"2026-11-22T06:30:00Z"}
 
 
@@ -272,7 +317,9 @@ def test_a_failure_leaves_nothing(tmp_path):
 
 
 def test_a_kill_leaves_no_half_file(tmp_path):
-    """The process dies while it draws: the target does not exist, and the next run is not disturbed."""
+    """The process dies while it draws: the target does not exist, and the next run is not
+    disturbed.
+    """
     program = """
         import os, sys
         from pathlib import Path
@@ -354,7 +401,11 @@ def test_release_and_end_of_trajectories(tmp_path, forecast, tracks, direction):
     }
     status = tracks.status.copy()
     status[:, -1] = np.where(np.arange(m) % 2 == 0, Status.ASHORE, Status.ADRIFT)
-    write(tmp_path / "out", forecast, replace(tracks, time=TIMES[::direction], status=status, **events))
+    write(
+        tmp_path / "out",
+        forecast,
+        replace(tracks, time=TIMES[::direction], status=status, **events),
+    )
     with xr.open_dataset(tmp_path / "out" / "particles.nc") as data:
         data.load()
     start, second = TIMES[::direction][0], np.timedelta64(direction, "s")
@@ -393,7 +444,9 @@ def test_a_run_that_another_has_overtaken_leaves_its_results_alone(tmp_path):
     assert (tmp_path / "out" / "forecast.nc").read_text() == "the other's"
 
 
-@pytest.mark.parametrize("trouble", [OSError(28, "No space left on device"), RuntimeError("NetCDF: HDF error")])
+@pytest.mark.parametrize(
+    "trouble", [OSError(28, "No space left on device"), RuntimeError("NetCDF: HDF error")]
+)
 def test_a_full_disk_leaves_nothing(tmp_path, monkeypatch, trouble):
     """What netCDF4 and HDF5 raise on a file system of 100 kB."""
 

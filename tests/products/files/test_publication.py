@@ -1,4 +1,6 @@
-"""A folder of results is the whole old run's or the whole new one's: stopped at every step, twice over, and side by side."""
+"""A folder of results is the whole old run's or the whole new one's: stopped at every step, twice
+over, and side by side.
+"""
 
 import importlib.util
 import json
@@ -22,8 +24,18 @@ from geo.errors import UserError
 
 Files = dict[str, str]
 
-OLD: Files = {"map.png": "old map", "same.txt": "same", "summary.json": "old", "only_old.csv": "old"}
-NEW: Files = {"map.png": "new map", "same.txt": "same", "summary.json": "new", "only_new.csv": "new"}
+OLD: Files = {
+    "map.png": "old map",
+    "same.txt": "same",
+    "summary.json": "old",
+    "only_old.csv": "old",
+}
+NEW: Files = {
+    "map.png": "new map",
+    "same.txt": "same",
+    "summary.json": "new",
+    "only_new.csv": "new",
+}
 THIRD: Files = {"third.txt": "third"}
 
 posix = pytest.mark.skipif(os.name != "posix", reason="locks and links of POSIX")
@@ -61,14 +73,20 @@ def held(folder: Path, mine: set[str] = frozenset({"sub", "notes.txt", "link"}))
     if not folder.exists():
         return {}
     left = [
-        p for p in folder.iterdir() if p.name not in mine and not p.name.startswith(".") and p.name != manifest.NAME
+        p
+        for p in folder.iterdir()
+        if p.name not in mine and not p.name.startswith(".") and p.name != manifest.NAME
     ]
     return {path.name: path.read_text() for path in left}
 
 
 def hiding(*folders: Path) -> list[str]:
     return [
-        path.name for folder in folders if folder.exists() for path in folder.iterdir() if path.name.startswith(".")
+        path.name
+        for folder in folders
+        if folder.exists()
+        for path in folder.iterdir()
+        if path.name.startswith(".")
     ]
 
 
@@ -78,7 +96,9 @@ class Death(BaseException):
 
 @contextmanager
 def dying(after: float) -> Iterator[list[str]]:
-    """Count what changes the disk, and raise Death at every such step from one on; gives the names of those done."""
+    """Count what changes the disk, and raise Death at every such step from one on; gives the names
+    of those done.
+    """
     done: list[str] = []
 
     def counted(name: str, real: Callable[..., Any]) -> Callable[..., Any]:
@@ -97,7 +117,8 @@ def dying(after: float) -> Iterator[list[str]]:
         for name in ("rename", "replace", "unlink", "rmdir", "mkdir", "fsync", "open"):
             patch.setattr(os, name, counted(f"os.{name}", getattr(os, name)))
         patch.setattr(hidden, "_self", lambda: dead)
-        patch.setattr(publication, "open", counted("open", open), raising=False)  # it opens nothing to read
+        # it opens nothing to read
+        patch.setattr(publication, "open", counted("open", open), raising=False)
         yield done
 
 
@@ -154,8 +175,14 @@ def test_stopped_at_every_step(kind: str, tmp_path: Path) -> None:
 
 
 def test_stopped_again_while_the_old_result_is_put_back(tmp_path: Path) -> None:
-    """At every step of putting back, for every step at which the run was stopped; then once more, undisturbed."""
-    number, old, new = 0, {"map.png": "old", "only_old.csv": "old"}, {"map.png": "new", "only_new.csv": "new"}
+    """At every step of putting back, for every step at which the run was stopped; then once more,
+    undisturbed.
+    """
+    number, old, new = (
+        0,
+        {"map.png": "old", "only_old.csv": "old"},
+        {"map.png": "new", "only_new.csv": "new"},
+    )
     for first in range(500):
         for second in range(500):
             folder = tmp_path / str(number := number + 1) / "out"
@@ -171,9 +198,15 @@ def test_stopped_again_while_the_old_result_is_put_back(tmp_path: Path) -> None:
     assert number > 100
 
 
-@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="no /proc to ask which file is synced")
-def test_what_a_power_cut_needs_is_on_the_disk_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The journal before anything moves; all moves before the manifest; the manifest before the old files are dropped."""
+@pytest.mark.skipif(
+    not Path("/proc/self/fd").exists(), reason="no /proc to ask which file is synced"
+)
+def test_what_a_power_cut_needs_is_on_the_disk_in_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The journal before anything moves; all moves before the manifest; the manifest before the old
+    files are dropped.
+    """
     scene(tmp_path / "out", OLD)
     steps: list[str] = []
     rename, unlink = os.rename, os.unlink
@@ -189,7 +222,9 @@ def test_what_a_power_cut_needs_is_on_the_disk_in_time(tmp_path: Path, monkeypat
     monkeypatch.setattr(os, "rename", renamed)
     monkeypatch.setattr(os, "unlink", unlinked)
     monkeypatch.setattr(
-        os, "fsync", lambda handle: steps.append(f"sync {Path(os.readlink(f'/proc/self/fd/{handle}')).name}")
+        os,
+        "fsync",
+        lambda handle: steps.append(f"sync {Path(os.readlink(f'/proc/self/fd/{handle}')).name}"),
     )
     publish(tmp_path / "out", NEW)
     staged = {f"sync {name}" for name in (*NEW, "manifest.json", "new")}
@@ -208,8 +243,13 @@ def test_what_a_power_cut_needs_is_on_the_disk_in_time(tmp_path: Path, monkeypat
 
 @posix
 @pytest.mark.parametrize("number", range(12))
-def test_a_rename_that_fails_leaves_all_as_it_was(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file that is a mount of its own, or a disk without room for a name: EBUSY or ENOSPC from one rename of many."""
+def test_a_rename_that_fails_leaves_all_as_it_was(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file that is a mount of its own, or a disk without room for a name:
+
+    EBUSY or ENOSPC from one rename of many.
+    """
     folder = tmp_path / "out"
     scene(folder, OLD)
     before, rename, count = held(folder), os.rename, iter(range(100))
@@ -244,8 +284,12 @@ OBSTACLES: dict[str, tuple[Callable[[Path], object], str]] = {
 @pytest.mark.parametrize("meanwhile", [False, True])
 @pytest.mark.parametrize("name", ["map.png", "only_new.csv", "manifest.json"])
 @pytest.mark.parametrize("kind", OBSTACLES)
-def test_what_is_in_the_way_is_refused_and_stays(kind: str, name: str, meanwhile: bool, tmp_path: Path) -> None:
-    """Before the work starts, and where it comes while the run works; the old result is whole afterwards."""
+def test_what_is_in_the_way_is_refused_and_stays(
+    kind: str, name: str, meanwhile: bool, tmp_path: Path
+) -> None:
+    """Before the work starts, and where it comes while the run works; the old result is whole
+    afterwards.
+    """
     make, words = OBSTACLES[kind]
     folder = tmp_path / "out"
     scene(folder, OLD)
@@ -266,12 +310,20 @@ def test_what_is_in_the_way_is_refused_and_stays(kind: str, name: str, meanwhile
             for file, text in NEW.items():
                 (stage.new / file).write_text(text)
             put()
-            kinds.update({path.name: path.lstat().st_mode for path in folder.iterdir() if path != stage.folder})
+            kinds.update(
+                {
+                    path.name: path.lstat().st_mode
+                    for path in folder.iterdir()
+                    if path != stage.folder
+                }
+            )
             publication.publish(stage, "new", True)
 
     with pytest.raises(UserError) as refusal:
         attempt()
-    assert name in str(refusal.value) or (meanwhile and name == "manifest.json" and "meanwhile" in str(refusal.value))
+    assert name in str(refusal.value) or (
+        meanwhile and name == "manifest.json" and "meanwhile" in str(refusal.value)
+    )
     assert words in str(refusal.value) or "meanwhile" in str(refusal.value)
     assert {path.name: path.lstat().st_mode for path in folder.iterdir()} == kinds
     assert untouched(folder)
@@ -281,7 +333,9 @@ def test_what_is_in_the_way_is_refused_and_stays(kind: str, name: str, meanwhile
 
 @posix
 def test_a_target_that_is_a_link_or_lies_beside_what_cannot_be_written(tmp_path: Path) -> None:
-    """The hidden folder lies in the target: beside the link it would be on another file system, or refused."""
+    """The hidden folder lies in the target: beside the link it would be on another file system, or
+    refused.
+    """
     (tmp_path / "real").mkdir()
     (tmp_path / "above").mkdir()
     (tmp_path / "above" / "out").symlink_to(tmp_path / "real")
@@ -301,7 +355,8 @@ def test_a_target_that_is_a_link_or_lies_beside_what_cannot_be_written(tmp_path:
 
 @posix
 @pytest.mark.skipif(
-    not Path("/dev/shm").is_dir() or os.stat("/dev/shm").st_dev == os.stat("/tmp").st_dev, reason="one file system"
+    not Path("/dev/shm").is_dir() or os.stat("/dev/shm").st_dev == os.stat("/tmp").st_dev,
+    reason="one file system",
 )
 def test_a_target_on_another_file_system_than_its_link(tmp_path: Path) -> None:
     import tempfile
@@ -378,7 +433,9 @@ def test_a_living_owner_keeps_its_folder_and_a_killed_one_does_not(tmp_path: Pat
 
 @posix
 @pytest.mark.parametrize(("age", "gone"), [(3600, False), (90_000, True)])
-def test_a_folder_of_another_machine_is_left_for_a_day(age: int, gone: bool, tmp_path: Path) -> None:
+def test_a_folder_of_another_machine_is_left_for_a_day(
+    age: int, gone: bool, tmp_path: Path
+) -> None:
     """Its locks may say nothing here."""
     other = tmp_path / f"{hidden.PREFIX}00000000-00000000-00000000-17-abc"
     (other / "new").mkdir(parents=True)

@@ -15,11 +15,19 @@ N, OUTPUTS = 3000, 5
 
 
 def outputs() -> list[Snapshot]:
-    """Return a cloud that runs off to the north-east and spreads; at the second output nobody is on the map."""
+    """Return a cloud that runs off to the north-east and spreads; at the second output nobody is on
+    the map.
+    """
     rng, found = np.random.default_rng(5), []
     for k in range(OUTPUTS):
-        east, north = rng.normal(0.02 * k, 0.004 * (k + 1), N), rng.normal(0.03 * k, 0.003 * (k + 1), N)
-        lon, lat = (np.asarray(sphere.to_binary(angle)).astype(np.int32) for angle in (7.3 + east, 54.1 + north))
+        east, north = (
+            rng.normal(0.02 * k, 0.004 * (k + 1), N),
+            rng.normal(0.03 * k, 0.003 * (k + 1), N),
+        )
+        lon, lat = (
+            np.asarray(sphere.to_binary(angle)).astype(np.int32)
+            for angle in (7.3 + east, 54.1 + north)
+        )
         gone = np.full(N, 3 if k == 1 else 0)
         time = np.datetime64("2026-11-21T18:00") + np.timedelta64(k, "h")
         found.append(clouds.at(time, lon, lat, np.full(N, 1 / N), gone, np.arange(N) % 2))

@@ -1,4 +1,6 @@
-"""The gazetteer against positions of harbours from the World Port Index (NGA Pub 150), to a few miles."""
+"""The gazetteer against positions of harbours from the World Port Index (NGA Pub 150), to a few
+miles.
+"""
 
 import numpy as np
 import pytest
@@ -16,7 +18,10 @@ HARBOURS = {  # lon, lat [deg]
 def test_harbours_are_where_they_are(name):
     """Within 8 nmi: a town's middle is not its quay."""
     lon, lat = HARBOURS[name]
-    found = {place.name: place for place in gazetteer.around(Box(lon - 0.6, lat - 0.4, lon + 0.6, lat + 0.4))}
+    found = {
+        place.name: place
+        for place in gazetteer.around(Box(lon - 0.6, lat - 0.4, lon + 0.6, lat + 0.4))
+    }
     assert found[name].harbour
     _, _, metres = Geod(ellps="WGS84").inv(lon, lat, found[name].lon, found[name].lat)
     assert metres < 8 * 1852

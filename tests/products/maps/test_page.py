@@ -20,7 +20,9 @@ def test_what_names_share_is_left_out_first() -> None:
     short = page.names(["adrift since its last report", *STORIES], 26)
     assert short[0] == "adrift since its last …"
     assert short[1:] == [name.replace("transit,", "…") for name in STORIES]
-    assert page.names(STORIES[:4], 20) == [name.replace("transit, north,", "…") for name in STORIES[:4]]
+    assert page.names(STORIES[:4], 20) == [
+        name.replace("transit, north,", "…") for name in STORIES[:4]
+    ]
 
 
 @pytest.mark.parametrize("letters", [8, 12, 17, 23, 30])

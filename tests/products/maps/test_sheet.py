@@ -1,4 +1,6 @@
-"""The words that every picture has: where they stand, that they keep apart, and that the density scale's numbers are those of the shading."""
+"""The words that every picture has: where they stand, that they keep apart, and that the density
+scale's numbers are those of the shading.
+"""
 
 from pathlib import Path
 
@@ -23,7 +25,9 @@ CAUTION = "NO ERROR of wind in this forecast"
 
 @pytest.mark.parametrize("caution", ["", CAUTION])
 def test_words_stand_where_the_sheet_says_and_keep_apart(tmp_path: Path, caution: str) -> None:
-    """Boxes of the texts as Matplotlib draws them: none covers another or leaves the page, but where there is no room left to cut."""
+    """Boxes of the texts as Matplotlib draws them: none covers another or leaves the page, but
+    where there is no room left to cut.
+    """
     on = sheet.begin(SHEET)
     imprint = Imprint(LONG, "casp-drift " * 30, {"case": "Bjørnøya"}, caution)
     sheet.head(on, imprint, "first line", "a second line that is longer than it may be")
@@ -35,7 +39,8 @@ def test_words_stand_where_the_sheet_says_and_keep_apart(tmp_path: Path, caution
     title = next(text for words, text in texts.items() if words.startswith("Raft adrift"))
     assert len(title.get_text()) <= (33 if caution else 90)
     assert title.get_text().endswith(" …")
-    assert [text.get_position()[0] for text in texts.values()].count(0.07) == 5  # all but the banners
+    # all but the banners
+    assert [text.get_position()[0] for text in texts.values()].count(0.07) == 5
     assert texts["1.2 % of the probability is not on the map"].get_color() == RED
     assert next(len(words) for words in texts if words.startswith("a second")) <= 24
     renderer = on.canvas.get_renderer()  # type: ignore[no-untyped-call]
@@ -51,12 +56,18 @@ def test_words_stand_where_the_sheet_says_and_keep_apart(tmp_path: Path, caution
         assert (image.text["Title"], image.text["case"]) == ("another title", "Bjørnøya")  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize(("box", "axis"), [((0.1, 0.1, 0.5, 0.03), "x"), ((0.8, 0.1, 0.03, 0.6), "y")])
-@pytest.mark.parametrize(("top", "unit", "area"), [(37.0, "nmi²", 1.0), (0.0007, "10,000 nmi²", 1e4)])
+@pytest.mark.parametrize(
+    ("box", "axis"), [((0.1, 0.1, 0.5, 0.03), "x"), ((0.8, 0.1, 0.03, 0.6), "y")]
+)
+@pytest.mark.parametrize(
+    ("top", "unit", "area"), [(37.0, "nmi²", 1.0), (0.0007, "10,000 nmi²", 1e4)]
+)
 def test_the_numbers_of_a_density_scale_are_those_of_its_colours(
     box: tuple[float, float, float, float], axis: str, top: float, unit: str, area: float
 ) -> None:
-    """A number v per area stands where the shading's value is v / area [% per nmi2]; the scale ends within its axes."""
+    """A number v per area stands where the shading's value is v / area [% per nmi2]; the scale ends
+    within its axes.
+    """
     on = sheet.begin(SHEET)
     ax = on.figure.add_axes((0.1, 0.3, 0.3, 0.3))
     mesh = ax.pcolormesh(np.linspace(0, top, 12).reshape(3, 4), norm=PowerNorm(0.5, 0, top))
@@ -64,7 +75,9 @@ def test_the_numbers_of_a_density_scale_are_those_of_its_colours(
     assert told == unit
     ticks = bar.get_xticks() if axis == "x" else bar.get_yticks()
     words = bar.get_xticklabels() if axis == "x" else bar.get_yticklabels()
-    assert [float(word.get_text().replace(",", "")) for word in words] == pytest.approx(ticks * area, rel=1e-12)
+    assert [float(word.get_text().replace(",", "")) for word in words] == pytest.approx(
+        ticks * area, rel=1e-12
+    )
     assert ticks[0] == 0
     assert 2 < len(ticks) < 8
     assert ticks[-1] <= top * (1 + 1e-9)
@@ -72,6 +85,11 @@ def test_the_numbers_of_a_density_scale_are_those_of_its_colours(
 
 def test_a_legend_has_no_frame() -> None:
     on = sheet.begin(SHEET)
-    legend = sheet.legend(on.figure, [(Line2D([], []), "one"), (Line2D([], []), "other")], loc="upper left", fontsize=8)
+    legend = sheet.legend(
+        on.figure,
+        [(Line2D([], []), "one"), (Line2D([], []), "other")],
+        loc="upper left",
+        fontsize=8,
+    )
     assert [text.get_text() for text in legend.get_texts()] == ["one", "other"]
     assert not legend.get_frame_on()

@@ -1,4 +1,6 @@
-"""report.html in a real browser, Chromium without a window: what it shows against forecast.nc and cartopy's projections."""
+"""report.html in a real browser, Chromium without a window: what it shows against forecast.nc and
+cartopy's projections.
+"""
 
 import json
 import re
@@ -19,7 +21,8 @@ pytestmark = pytest.mark.browser
 GLOBE = ccrs.Globe(semimajor_axis=sphere.RADIUS, semiminor_axis=sphere.RADIUS, ellipse=None)
 NASTY = "</script><img src=x onerror=alert(1)>"
 
-# Off Taveuni, whose middle 180 degrees crosses: two stories, one with a hostile name, a sortie, a sighting.
+# Off Taveuni, whose middle 180 degrees crosses: two stories, one with a hostile name, a sortie, a
+# sighting.
 SEAM = f"""
 title = "Taveuni {NASTY}"
 start = "160600ZNOV15"
@@ -92,7 +95,9 @@ class Opened:
     """A page that has drawn itself, what it asked for, and what it complained of."""
 
     def __init__(self, browser: Any, folder: Path, **options: Any) -> None:
-        self.context = browser.new_context(**{"viewport": {"width": 1200, "height": 900}, **options})
+        self.context = browser.new_context(
+            **{"viewport": {"width": 1200, "height": 900}, **options}
+        )
         self.page, self.asked, self.complaints = self.context.new_page(), [], []
         self.page.on("request", lambda request: self.asked.append(request.url))
         self.page.on("console", self._heard)
@@ -101,7 +106,8 @@ class Opened:
         self.page.wait_for_selector("html[data-ready=yes]", timeout=30_000)
 
     def _heard(self, message: Any) -> None:
-        if "willReadFrequently" not in message.text:  # advice on how OpenLayers looks for shapes under the pointer
+        # advice on how OpenLayers looks for shapes under the pointer
+        if "willReadFrequently" not in message.text:
             self.complaints.append(message.text)
 
     def __enter__(self) -> Any:
@@ -114,7 +120,9 @@ class Opened:
         self.page.evaluate("k => report.show(k)", index)
 
     def read(self, lon: float, lat: float, crs: Any) -> str:
-        """Return what the page tells with the pointer over a position [deg], which another library projects."""
+        """Return what the page tells with the pointer over a position [deg], which another library
+        projects.
+        """
         x, y = crs.transform_point(lon, lat, ccrs.Geodetic(globe=GLOBE))
         px, py = self.page.evaluate("at => report.chart.getPixelFromCoordinate(at)", [x, y])
         box = self.page.locator("#map").bounding_box()
@@ -123,7 +131,9 @@ class Opened:
 
 
 def middle(opened: Opened) -> dict[str, float]:
-    return dict(opened.page.evaluate("JSON.parse(document.getElementById('data').textContent).projection"))
+    return dict(
+        opened.page.evaluate("JSON.parse(document.getElementById('data').textContent).projection")
+    )
 
 
 def test_it_opens_without_a_request_or_a_complaint(browser: Any, results: Path) -> None:
@@ -133,7 +143,11 @@ def test_it_opens_without_a_request_or_a_complaint(browser: Any, results: Path) 
         assert opened.complaints == []
         assert opened.page.locator("h1").inner_text() == f"Taveuni {NASTY}"
         assert opened.page.locator("img:not([src^='data:image/png;'])").count() == 0
-        assert opened.page.locator("#story option").all_inner_texts() == ["All scenarios", f"raft {NASTY}", "swimmer"]
+        assert opened.page.locator("#story option").all_inner_texts() == [
+            "All scenarios",
+            f"raft {NASTY}",
+            "swimmer",
+        ]
 
 
 def test_nothing_can_be_fetched(browser: Any, results: Path) -> None:
@@ -155,7 +169,9 @@ def test_the_slider_moves_through_the_outputs(browser: Any, results: Path) -> No
         page = opened.page
         now = page.locator("#now")
         # It opens after the only sortie, which is neither the first output nor the last.
-        assert now.inner_text().startswith(notation.group(drift.load(results.parent / "case.toml").sorties[0].end))
+        assert now.inner_text().startswith(
+            notation.group(drift.load(results.parent / "case.toml").sorties[0].end)
+        )
         assert not now.inner_text().startswith((groups[0], groups[-1]))
         page.locator("#slider").focus()
         page.keyboard.press("Home")
@@ -168,7 +184,9 @@ def test_the_slider_moves_through_the_outputs(browser: Any, results: Path) -> No
         page.locator("tr[data-time]").nth(4).click()
         assert now.inner_text().startswith(groups[4])
         # The table's row is marked in a later frame of the browser than the heading is written.
-        page.wait_for_function("group => document.querySelector('tr.current th')?.innerText === group", arg=groups[4])
+        page.wait_for_function(
+            "group => document.querySelector('tr.current th')?.innerText === group", arg=groups[4]
+        )
         area = float(data["containment_area"].sel(share=0.95).values[4]) / 1852**2
         told = re.search(r"95 % area ([\d.,]+) nmi²", page.locator("#spoken").inner_text())
         assert float(told[1].replace(",", "")) == pytest.approx(area, rel=0.006)  # three digits
@@ -197,14 +215,30 @@ def test_values_under_the_pointer(browser: Any, results: Path) -> None:
                 text = opened.read(lon, lat, crs)
                 sides.add(re.match(r"\S+ \S+([EW])", text)[1])
                 degrees = re.match(r"(\d+)-([\d.]+)([NS]) (\d+)-([\d.]+)([EW])", text).groups()
-                told_lat = (int(degrees[0]) + float(degrees[1]) / 60) * (1 if degrees[2] == "N" else -1)
-                told_lon = (int(degrees[3]) + float(degrees[4]) / 60) * (1 if degrees[5] == "E" else -1)
+                told_lat = (int(degrees[0]) + float(degrees[1]) / 60) * (
+                    1 if degrees[2] == "N" else -1
+                )
+                told_lon = (int(degrees[3]) + float(degrees[4]) / 60) * (
+                    1 if degrees[5] == "E" else -1
+                )
                 assert abs(told_lat - lat) * 60 <= 0.05 + pixel
                 assert abs((told_lon - lon + 180) % 360 - 180) * 60 <= 0.05 + pixel
                 value = float(re.search(r"([\d.e-]+) % per nmi²", text)[1])
-                around = density[time, max(rows[k] - 1, 0) : rows[k] + 2, max(columns[k] - 1, 0) : columns[k] + 2] * 100
-                # Half a level and half a digit of two; the pointer is on a whole pixel, perhaps in the next cell.
-                assert around.min() * (1 - 0.0233 - 0.05) <= value <= around.max() * (1 + 0.0233 + 0.05)
+                around = (
+                    density[
+                        time,
+                        max(rows[k] - 1, 0) : rows[k] + 2,
+                        max(columns[k] - 1, 0) : columns[k] + 2,
+                    ]
+                    * 100
+                )
+                # Half a level and half a digit of two; the pointer is on a whole pixel, perhaps in
+                # the next cell.
+                assert (
+                    around.min() * (1 - 0.0233 - 0.05)
+                    <= value
+                    <= around.max() * (1 + 0.0233 + 0.05)
+                )
     assert sides == {"E", "W"}
 
 
@@ -215,14 +249,20 @@ def test_values_near_the_pole(browser: Any, tmp_path: Path) -> None:
     with Opened(browser, results) as opened:
         at = middle(opened)
         assert at["kind"] == "azimuthal"
-        crs = ccrs.LambertAzimuthalEqualArea(central_longitude=at["lon"], central_latitude=at["lat"], globe=GLOBE)
+        crs = ccrs.LambertAzimuthalEqualArea(
+            central_longitude=at["lon"], central_latitude=at["lat"], globe=GLOBE
+        )
         lon, lat = float(data["datum_lon"][-1]), float(data["datum_lat"][-1])
         text = opened.read(lon + 1.5, lat - 0.1, crs)
         here = re.match(r"(\d+)-([\d.]+)N (\d+)-([\d.]+)E", text)
         resolution = opened.page.evaluate("report.view.getResolution()") / 1852
-        assert int(here[1]) * 60 + float(here[2]) == pytest.approx((lat - 0.1) * 60, abs=0.05 + resolution)
+        assert int(here[1]) * 60 + float(here[2]) == pytest.approx(
+            (lat - 0.1) * 60, abs=0.05 + resolution
+        )
         east = int(here[3]) * 60 + float(here[4])
-        assert east == pytest.approx((lon + 1.5) * 60, abs=0.05 + resolution / np.cos(np.radians(lat)))
+        assert east == pytest.approx(
+            (lon + 1.5) * 60, abs=0.05 + resolution / np.cos(np.radians(lat))
+        )
         assert opened.complaints == []
 
 
@@ -233,11 +273,22 @@ def test_layers_can_be_switched(browser: Any, results: Path) -> None:
         opened.show(page.evaluate("report.times.length") - 1)
         titles = page.locator("#layers label").all_inner_texts()
         assert titles[:2] == ["Probability", "Areas"]
-        for wanted in ("Tracks of a sample", "Where it began", "Current", "Wind", "Sorties", "Legs flown", "Contacts"):
+        for wanted in (
+            "Tracks of a sample",
+            "Where it began",
+            "Current",
+            "Wind",
+            "Sorties",
+            "Legs flown",
+            "Contacts",
+        ):
             assert wanted in titles
-        for title in (one for one in titles if one != "Towns and harbours"):  # of which none need lie in view
+        # of which none need lie in view
+        for title in (one for one in titles if one != "Towns and harbours"):
             before = page.locator("#map").screenshot()
-            page.locator("#layers label", has_text=re.compile(f"^{title}$")).locator("input").click()
+            page.locator("#layers label", has_text=re.compile(f"^{title}$")).locator(
+                "input"
+            ).click()
             page.wait_for_timeout(250)
             assert page.locator("#map").screenshot() != before, title
 
@@ -260,13 +311,17 @@ position = { at = [0.85, 0.0], error = "3 nmi" }
 
 
 def test_dots_ashore_have_their_weight(browser: Any, tmp_path: Path) -> None:
-    """The likeliest cells that hold half of what is ashore are drawn largest, and over the others: by ashore.csv, summed in NumPy."""
+    """The likeliest cells that hold half of what is ashore are drawn largest, and over the others:
+    by ashore.csv, summed in NumPy.
+    """
     land = {"type": "Polygon", "coordinates": [[[1, -2], [2, -2], [2, 2], [1, 2], [1, -2]]]}
     (tmp_path / "land.geojson").write_text(json.dumps(land), encoding="utf-8")
     results = ran(tmp_path, BEACH)
-    share = np.sort(np.genfromtxt(results / "ashore.csv", delimiter=",", names=True, usecols=3)["probability_ashore"])[
-        ::-1
-    ]
+    share = np.sort(
+        np.genfromtxt(results / "ashore.csv", delimiter=",", names=True, usecols=3)[
+            "probability_ashore"
+        ]
+    )[::-1]
     before = (np.cumsum(share) - share) / share.sum()
     expected = np.searchsorted([0.5, 0.75, 0.9, 0.97], before, side="right")
     assert len(set(expected)) == 5, "the case is made so that there are dots of every class"
@@ -311,15 +366,26 @@ def test_files_can_be_saved_from_it(browser: Any, results: Path) -> None:
             with opened.page.expect_download() as saved:
                 opened.page.get_by_role("button", name=f"Save {name}").click()
             assert Path(saved.value.path()).read_bytes() == (results / name).read_bytes()
-        assert opened.page.get_by_role("link", name="forecast.nc").get_attribute("href") == "forecast.nc"
+        assert (
+            opened.page.get_by_role("link", name="forecast.nc").get_attribute("href")
+            == "forecast.nc"
+        )
 
 
 def test_on_a_phone_and_in_the_dark(browser: Any, results: Path) -> None:
-    with Opened(browser, results, viewport={"width": 360, "height": 740}, color_scheme="dark") as opened:
+    with Opened(
+        browser, results, viewport={"width": 360, "height": 740}, color_scheme="dark"
+    ) as opened:
         assert opened.page.evaluate("document.documentElement.scrollWidth") <= 360
-        assert opened.page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 25, 31)"
+        assert (
+            opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
+            == "rgb(20, 25, 31)"
+        )
         opened.page.locator("#theme").click()  # light, whatever the system says
-        assert opened.page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+        assert (
+            opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
+            == "rgb(255, 255, 255)"
+        )
 
 
 @pytest.mark.parametrize("colours", ["light", "dark"])
@@ -328,9 +394,13 @@ def test_accessibility(browser: Any, results: Path, colours: str) -> None:
     from axe_playwright_python.sync_playwright import Axe
 
     with Opened(browser, results, color_scheme=colours, bypass_csp=True) as opened:
-        opened.page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true; })")
+        opened.page.evaluate(
+            "document.querySelectorAll('details').forEach(one => { one.open = true; })"
+        )
         found = Axe().run(opened.page)
-        assert [(v["id"], [n["html"] for n in v["nodes"]][:2]) for v in found.response["violations"]] == []
+        assert [
+            (v["id"], [n["html"] for n in v["nodes"]][:2]) for v in found.response["violations"]
+        ] == []
 
 
 KINDS = {

@@ -1,4 +1,6 @@
-"""Release from finds: the weight that divergence asks for, and backward against forward against closed forms."""
+"""Release from finds: the weight that divergence asks for, and backward against forward against
+closed forms.
+"""
 
 import csv
 import io
@@ -50,20 +52,37 @@ def converging() -> Source:
     """u = -k (x - HUB), linear in lon and lat: bilinear sampling adds no error."""
     grid = Grid(-1.5, -1.5, 0.5, 0.5, 7, 7)
     lon, lat = np.meshgrid(grid.lon, grid.lat)
-    flow = np.stack([-CONVERGENCE * (lon * DEGREE - HUB[0]), -CONVERGENCE * (lat * DEGREE - HUB[1])], axis=-1)
+    flow = np.stack(
+        [-CONVERGENCE * (lon * DEGREE - HUB[0]), -CONVERGENCE * (lat * DEGREE - HUB[1])], axis=-1
+    )
     field = np.ascontiguousarray(flow, np.float32)
-    return Source("current", "converging", grid, np.empty(0, "datetime64[s]"), lambda i: field, 0.0, (), "converging")
+    return Source(
+        "current",
+        "converging",
+        grid,
+        np.empty(0, "datetime64[s]"),
+        lambda i: field,
+        0.0,
+        (),
+        "converging",
+    )
 
 
 def weights(
     source: Source, lat_deg: float, direction: int, duration: int, scheme: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return log weights and latitudes [rad] at the end, of particles strewn about the equator or a parallel."""
+    """Return log weights and latitudes [rad] at the end, of particles strewn about the equator or a
+    parallel.
+    """
     ensemble = record.empty(1, (0, 5), COLUMNS)
     ensemble.lon.from_numpy(sphere.to_binary([0.05, -0.1, 0.0, 0.2, -0.2]))
     ensemble.lat.from_numpy(sphere.to_binary(lat_deg + np.array([0.1, 0.15, -0.12, 0.0, -0.03])))
     place = kernel.Surroundings(EVERYWHERE, divergence=True, scheme=scheme)
-    scene = Scene(Forcing([Sources({"current": (source,)})], direction), (Motion(DRIFT, kernel.Physics()),), place)
+    scene = Scene(
+        Forcing([Sources({"current": (source,)})], direction),
+        (Motion(DRIFT, kernel.Physics()),),
+        place,
+    )
     list(simulate.run(ensemble, scene, Clock(T0, duration, direction, 1800), np.array([duration])))
     scene.forcing.close()
     assert (ensemble.status.to_numpy() == Status.ADRIFT).all()
@@ -73,9 +92,11 @@ def weights(
 @pytest.mark.parametrize("scheme", ["rk2", "rk4"])
 @pytest.mark.parametrize("direction", [1, -1])
 def test_log_weights_lose_the_divergence_along_the_track(direction: int, scheme: str) -> None:
-    """In a flow that converges at 1e-5 per s in both axes the weight grows by exp(2 k t), forward as backward.
+    """In a flow that converges at 1e-5 per s in both axes the weight grows by exp(2 k t), forward
+    as backward.
 
-    float32 speeds of 2 m/s are known to 2e-7 m/s, 400 m apart that is 1e-9 per s in a divergence of 2e-5: 0.01 % a step.
+    float32 speeds of 2 m/s are known to 2e-7 m/s, 400 m apart that is 1e-9 per s in a divergence of
+    2e-5: 0.01 % a step.
     """
     duration = 24 * HOUR
     log_weight, _ = weights(converging(), 0.0, direction, duration, scheme)
@@ -84,12 +105,17 @@ def test_log_weights_lose_the_divergence_along_the_track(direction: int, scheme:
 
 @pytest.mark.parametrize("direction", [1, -1])
 def test_on_the_sphere_meridians_converge(direction: int) -> None:
-    """A uniform v has the divergence -v tan(lat) / R, whose integral along a meridian is that of -tan(lat): ln cos."""
-    log_weight, lat = weights(sources.constant("current", 0.0, 1.2), 60.0, direction, 48 * HOUR, "rk4")
+    """A uniform v has the divergence -v tan(lat) / R, whose integral along a meridian is that of
+    -tan(lat): ln cos.
+    """
+    log_weight, lat = weights(
+        sources.constant("current", 0.0, 1.2), 60.0, direction, 48 * HOUR, "rk4"
+    )
     run_setup = np.radians(60.0 + np.array([0.1, 0.15, -0.12, 0.0, -0.03]))
     expected = direction * np.log(np.cos(run_setup) / np.cos(lat))
     assert expected.min() > 0.05
-    assert log_weight == pytest.approx(expected, rel=1e-4)  # the midpoint rule: (v dt / R)^2, and float32
+    # the midpoint rule: (v dt / R)^2, and float32
+    assert log_weight == pytest.approx(expected, rel=1e-4)
     zonal, _ = weights(sources.constant("current", 1.2, 0.0), 60.0, direction, 48 * HOUR, "rk4")
     assert np.abs(zonal).max() < 1e-6
 
@@ -97,7 +123,8 @@ def test_on_the_sphere_meridians_converge(direction: int) -> None:
 START = np.datetime64(T0, "s")
 SPREAD, BIAS, RADIUS, DIFFUSIVITY, SCATTER = 20_000.0, 0.06, 1_000.0, 50.0, 300.0
 WINDOW = 24 * HOUR
-SEEN = ((40 * HOUR, 12_400.0, -2_900.0), (30 * HOUR, 7_500.0, 200.0))  # [s], [m] east and north: two finds
+# [s], [m] east and north: two finds
+SEEN = ((40 * HOUR, 12_400.0, -2_900.0), (30 * HOUR, 7_500.0, 200.0))
 SPILL = f"""
 start = "{np.datetime_as_string(START)}Z"
 duration = "120 h"
@@ -146,9 +173,11 @@ class Exact:
 
 
 def exact(finds: tuple[tuple[int, float, float], ...], shared: bool = True) -> Exact:
-    """Return the posterior by closed form: Gaussian in (x0, bias) given the release, which is summed over.
+    """Return the posterior by closed form: Gaussian in (x0, bias) given the release, which is
+    summed over.
 
-    dx = (-k (x - hub) + b) dt + sqrt(2 D) dW. shared: finds have the same b; otherwise each has its own.
+    dx = (-k (x - hub) + b) dt + sqrt(2 D) dW. shared: finds have the same b; otherwise each has its
+    own.
     """
     times = (np.arange(2000) + 0.5) * WINDOW / 2000
     log_weight, moments = np.zeros(times.size), np.zeros((2, 2, times.size))  # axis; mean, variance
@@ -165,7 +194,9 @@ def exact(finds: tuple[tuple[int, float, float], ...], shared: bool = True) -> E
             of_bias = BIAS**2 * (np.outer(gain, gain) if shared else np.diag(gain**2))
             covariance = SPREAD**2 * np.outer(keep, keep) + of_bias + np.diag(noise)
             apart = drawn - HUB[axis] * (1 - keep)
-            log_weight[n] += stats.multivariate_normal.logpdf(apart, np.zeros(len(finds)), covariance)
+            log_weight[n] += stats.multivariate_normal.logpdf(
+                apart, np.zeros(len(finds)), covariance
+            )
             pull = np.linalg.solve(covariance, SPREAD**2 * keep)
             moments[axis, :, n] = pull @ apart, SPREAD**2 - pull @ (SPREAD**2 * keep)
     share = np.exp(log_weight - log_weight.max())
@@ -184,14 +215,20 @@ def figures(found: backward.Origin) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def forward(case: Case, source: Source, worlds: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean (x, y, release) and its standard error by worlds from the prior, weighted by the finds."""
+    """Return mean (x, y, release) and its standard error by worlds from the prior, weighted by the
+    finds.
+    """
     assert case.spill is not None
-    drawn = drawn_worlds.draw_worlds(case.spill, 9, lambda lon, lat: np.zeros(lon.shape, bool), count=worlds)
+    drawn = drawn_worlds.draw_worlds(
+        case.spill, 9, lambda lon, lat: np.zeros(lon.shape, bool), count=worlds
+    )
     release = drawn.release - T0
     n = worlds * count
     ensemble = record.empty(11, (0, n), COLUMNS)
     scatter = np.degrees(np.random.default_rng(3).normal(0, SCATTER, (2, n)) / sphere.RADIUS)
-    for column, values, shift in zip((ensemble.lon, ensemble.lat), (drawn.lon, drawn.lat), scatter, strict=True):
+    for column, values, shift in zip(
+        (ensemble.lon, ensemble.lat), (drawn.lon, drawn.lat), scatter, strict=True
+    ):
         column.from_numpy(np.repeat(values, count) + sphere.to_binary(shift))
     ensemble.release.from_numpy(np.repeat(release, count).astype(np.int32))
     ensemble.world.from_numpy(np.repeat(np.arange(worlds, dtype=np.int32), count))
@@ -205,7 +242,9 @@ def forward(case: Case, source: Source, worlds: int, count: int) -> tuple[np.nda
     clock = Clock(T0, order[-1][0], 1, 1800)
     log_weight = np.zeros(worlds)
     for moment, (_, x, y) in zip(
-        simulate.run(ensemble, scene, clock, np.array([seen[0] for seen in order])), order, strict=True
+        simulate.run(ensemble, scene, clock, np.array([seen[0] for seen in order])),
+        order,
+        strict=True,
     ):
         east, north = (c * (360 / sphere.TURN) * DEGREE for c in (moment.lon, moment.lat))
         near = np.exp(-((east - x) ** 2 + (north - y) ** 2) / (2 * RADIUS**2))
@@ -215,7 +254,13 @@ def forward(case: Case, source: Source, worlds: int, count: int) -> tuple[np.nda
     scene.forcing.close()
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
-    unknown = np.stack([drawn.lon * (360 / sphere.TURN) * DEGREE, drawn.lat * (360 / sphere.TURN) * DEGREE, release])
+    unknown = np.stack(
+        [
+            drawn.lon * (360 / sphere.TURN) * DEGREE,
+            drawn.lat * (360 / sphere.TURN) * DEGREE,
+            release,
+        ]
+    )
     mean = unknown @ weight
     return mean, np.sqrt((weight**2 * (unknown - mean[:, None]) ** 2).sum(1))
 
@@ -223,15 +268,23 @@ def forward(case: Case, source: Source, worlds: int, count: int) -> tuple[np.nda
 RUN = {"worlds": 500, "per_find": 60, "cells": 40, "times": 12}
 
 
-def origin(case: Case, where: Environment, cut: Segments | None, stretch: list[int], **fine: int) -> backward.Origin:
+def origin(
+    case: Case, where: Environment, cut: Segments | None, stretch: list[int], **fine: int
+) -> backward.Origin:
     """Return where a case's spill may have come from; fine: the resolution."""
     assert case.spill is not None
     spec, clock = run_setup.ensemble_spec(case), run_setup.clock_spec(case)
-    return backward.backward(case.spill, spec, clock, where, cut, stretch, backward.Resolution(**fine))
+    return backward.backward(
+        case.spill, spec, clock, where, cut, stretch, backward.Resolution(**fine)
+    )
 
 
-def test_backward_and_forward_agree_with_the_closed_form_where_the_flow_converges(tmp_path, monkeypatch) -> None:
-    """Within three standard errors, two finds sharing an error of the current; a plume without the weight is not."""
+def test_backward_and_forward_agree_with_the_closed_form_where_the_flow_converges(
+    tmp_path, monkeypatch
+) -> None:
+    """Within three standard errors, two finds sharing an error of the current; a plume without the
+    weight is not.
+    """
     case = case_of(tmp_path, SPILL + "".join(at_sea(*seen) for seen in SEEN))
     where = environment(converging())
     truth = exact(SEEN)
@@ -243,7 +296,9 @@ def test_backward_and_forward_agree_with_the_closed_form_where_the_flow_converge
         "Surroundings",
         lambda *a, place=kernel.Surroundings, **k: place(*a, **{**k, "divergence": False}),
     )
-    plain, plain_error, _ = figures(origin(case, where, None, [-1, -1], **RUN | {"worlds": 200, "cells": 24}))
+    plain, plain_error, _ = figures(
+        origin(case, where, None, [-1, -1], **RUN | {"worlds": 200, "cells": 24})
+    )
     print("exact", truth.mean, truth.std)
     print("backward", mean, error, std, found.effective)
     print("forward", ahead, ahead_error)
@@ -253,7 +308,8 @@ def test_backward_and_forward_agree_with_the_closed_form_where_the_flow_converge
     assert (np.abs(mean - ahead) < 3 * np.hypot(error, ahead_error)).all()
     assert std == pytest.approx(truth.std, rel=0.05)
     assert (error < 0.12 * truth.std).all()  # sharp enough to mean something
-    # In this flow the weight is exp(2 k age) at all places: without it late releases, whose plumes spread less, win.
+    # In this flow the weight is exp(2 k age) at all places: without it late releases, whose plumes
+    # spread less, win.
     assert abs(plain[2] - truth.mean[2]) > 3 * np.hypot(plain_error[2], error[2])
     assert found.probability.shape == found.prior.shape == (12, found.lat.size, found.lon.size)
     assert found.probability.sum() == pytest.approx(1)
@@ -261,7 +317,9 @@ def test_backward_and_forward_agree_with_the_closed_form_where_the_flow_converge
 
 
 def test_finds_multiply_within_a_world_not_between_averages(tmp_path) -> None:
-    """Averages over worlds multiplied are the posterior of finds that share no error of the current: another one."""
+    """Averages over worlds multiplied are the posterior of finds that share no error of the
+    current: another one.
+    """
     case = case_of(tmp_path, SPILL + "".join(at_sea(*seen) for seen in SEEN))
     assert case.spill is not None
     where, run = environment(converging()), RUN | {"worlds": 300}
@@ -270,10 +328,17 @@ def test_finds_multiply_within_a_world_not_between_averages(tmp_path) -> None:
         for find in case.spill.finds
     ]
     prior = alone[0].prior
-    both = np.divide(alone[0].probability * alone[1].probability, prior, out=np.zeros_like(prior), where=prior > 0)
+    both = np.divide(
+        alone[0].probability * alone[1].probability,
+        prior,
+        out=np.zeros_like(prior),
+        where=prior > 0,
+    )
     both /= both.sum()
     axes = (alone[0].lon * DEGREE, alone[0].lat * DEGREE, alone[0].time.astype(np.int64) - T0)
-    mean = np.array([(both.sum(k) * axis).sum() for k, axis in zip(((0, 1), (0, 2), (1, 2)), axes, strict=True)])
+    mean = np.array(
+        [(both.sum(k) * axis).sum() for k, axis in zip(((0, 1), (0, 2), (1, 2)), axes, strict=True)]
+    )
     error = np.hypot(alone[0].error, alone[1].error)
     shared, apart = exact(SEEN), exact(SEEN, shared=False)
     print(mean, error, shared.mean, apart.mean)
@@ -309,12 +374,15 @@ time = "+{FOUND // HOUR} h"
 def straight() -> shoreline.Coast:
     """Return land east of lon 0 with a straight shore."""
     shape = shapely.Polygon([(1.4, 1.4), (1.4, -1.4), *[(0.0, lat) for lat in JAGGED]])
-    return shoreline.build_coast(Shore(np.array([shape], object), "test", (), BOX), Box(-1.2, -1.2, 1.2, 1.2))
+    return shoreline.build_coast(
+        Shore(np.array([shape], object), "test", (), BOX), Box(-1.2, -1.2, 1.2, 1.2)
+    )
 
 
 @pytest.mark.parametrize("count", [1, pytest.param(4, marks=pytest.mark.thorough)])
 def test_finds_ashore_tell_the_release_by_the_law_of_arrivals(tmp_path, count: int) -> None:
-    """Arrivals at a straight shore follow the inverse Gaussian law, waits the exponential: quadrature over both.
+    """Arrivals at a straight shore follow the inverse Gaussian law, waits the exponential:
+    quadrature over both.
 
     Finds of one stretch and time that share no error multiply the same likelihood.
     """
@@ -336,40 +404,64 @@ def test_finds_ashore_tell_the_release_by_the_law_of_arrivals(tmp_path, count: i
     chance = np.zeros((times.size, y0.size, away.size))
     for k, t in enumerate(times):
         age = arrival[arrival > t] - t
-        law = stats.invgauss(2 * SHORE_D / (SPEED * away), scale=away**2 / (2 * SHORE_D)).pdf(age[:, None])
+        law = stats.invgauss(2 * SHORE_D / (SPEED * away), scale=away**2 / (2 * SHORE_D)).pdf(
+            age[:, None]
+        )
         spread = np.sqrt(2 * SHORE_D * age)[:, None]
         along = stats.norm.cdf((north - y0) / spread) - stats.norm.cdf((south - y0) / spread)
         chance[k] = np.einsum("a,ax,ay->yx", weight[arrival > t], law, along)
     chance = found.prior * (chance / chance.max()) ** count
     chance /= chance.sum()
     expected = np.array(
-        [-(chance.sum((0, 1)) * away).sum(), (chance.sum((0, 2)) * y0).sum(), (chance.sum((1, 2)) * times).sum()]
+        [
+            -(chance.sum((0, 1)) * away).sum(),
+            (chance.sum((0, 2)) * y0).sum(),
+            (chance.sum((1, 2)) * times).sum(),
+        ]
     )
     mean, error, std = figures(found)
-    # Kernels of width h that keep mean and variance change a density of standard deviation s by a share h^2 / (2 s^2)
-    # times a function of place that is 0 for a normal density and otherwise of order one. The mean shifts by as large a
-    # share of s at most, find by find. The shore, at which tracks begin, leaves about 100 of 400 particles, so the share
-    # is 1 / (2 sqrt(100)), 5 %, and this law has up to two thirds of it. By Silverman's rule for one world it is 11 %.
+    # Kernels of width h that keep mean and variance change a density of standard deviation s by a
+    # share h^2 / (2 s^2) times a function of place that is 0 for a normal density and otherwise of
+    # order one. The mean shifts by as large a share of s at most, find by find. The shore, at which
+    # tracks begin, leaves about 100 of 400 particles, so the share is 1 / (2 sqrt(100)), 5 %, and
+    # this law has up to two thirds of it. By Silverman's rule for one world it is 11 %.
     smoothing = 0.033 * count * std
     assert (np.abs(mean - expected) < 3 * error + smoothing).all()
     assert (3 * error + smoothing < 0.055 * count * std).all()
 
 
 def test_what_may_have_sunk_came_from_near(tmp_path) -> None:
-    """With the same tracks a half-life multiplies each release time by 2^-(age / half-life), find by find."""
+    """With the same tracks a half-life multiplies each release time by 2^-(age / half-life), find
+    by find.
+    """
     text = SPILL.replace(f"{WINDOW // HOUR} h", "6 h") + "".join(at_sea(*seen) for seen in SEEN)
     where = environment(converging())
     origins = [
-        origin(case_of(tmp_path, said), where, None, [-1, -1], worlds=50, per_find=40, cells=24, times=6)
-        for said in (text, text.replace('object = "water"', 'object = "water"\nsinking = { half_life = "5 h" }'))
+        origin(
+            case_of(tmp_path, said),
+            where,
+            None,
+            [-1, -1],
+            worlds=50,
+            per_find=40,
+            cells=24,
+            times=6,
+        )
+        for said in (
+            text,
+            text.replace('object = "water"', 'object = "water"\nsinking = { half_life = "5 h" }'),
+        )
     ]
     ages = sum(T0 + seen[0] - origins[0].time.astype(np.int64) for seen in SEEN)
     expected = origins[0].probability * np.exp2(-ages / (5 * HOUR))[:, None, None]
-    assert origins[1].probability == pytest.approx(expected / expected.sum(), rel=1e-4, abs=1e-9)  # float32 densities
+    # float32 densities
+    assert origins[1].probability == pytest.approx(expected / expected.sum(), rel=1e-4, abs=1e-9)
 
 
 def test_a_patrol_that_misses_nothing_rules_out_earlier_landings(tmp_path) -> None:
-    """Arrivals before it are out: releases after it keep their odds, and those long before lose theirs."""
+    """Arrivals before it are out: releases after it keep their odds, and those long before lose
+    theirs.
+    """
     coast = straight()
     cut = segments.cut_coast(coast, 10_000.0)
     on, _ = segments.nearest(cut, coast, 0.0, 0.04)
@@ -377,7 +469,9 @@ def test_a_patrol_that_misses_nothing_rules_out_earlier_landings(tmp_path) -> No
     patrol = f'[[patrol]]\nname = "p"\nstretches = ["{cut.name[on]}"]\ntime = "+{passed // HOUR} h"\ndetection = 1\n'
     where = environment(sources.constant("current", SPEED, 0.0), coast)
     before, after = (
-        origin(case_of(tmp_path, said), where, cut, [on], worlds=50, per_find=100, cells=20, times=9)
+        origin(
+            case_of(tmp_path, said), where, cut, [on], worlds=50, per_find=100, cells=20, times=9
+        )
         for said in (text, text + patrol)
     )
     late = before.time.astype(np.int64) - T0 > passed
@@ -410,7 +504,9 @@ def test_figures_and_dataset_say_what_the_grid_says(tmp_path) -> None:
     time = T0 + HOUR * np.arange(10)
     east = (lon[None] + 0 * lat[:, None]) * DEGREE * np.cos(np.radians(50))
     north = (lat[:, None] - 50 + 0 * lon[None]) * DEGREE
-    place = np.exp(-((east / 3000) ** 2 + (north / 3000) ** 2) / 2) * np.cos(np.radians(lat))[:, None]
+    place = (
+        np.exp(-((east / 3000) ** 2 + (north / 3000) ** 2) / 2) * np.cos(np.radians(lat))[:, None]
+    )
     chance = np.ones((10, 1, 1)) * place / place.sum() / 10
     release = backward.Origin(
         lon, lat, time.astype("datetime64[s]"), chance, chance, (0.0, 50.0, T0 + 4.5 * HOUR),
@@ -429,11 +525,17 @@ def test_figures_and_dataset_say_what_the_grid_says(tmp_path) -> None:
     radius = said["radius_50_km"]
     assert words["half within"] == f"{radius / 1.852:.2f} nmi ({radius:.2f} km) of it"
     assert words["mean position"] == "50-00.0N 000-00.0E"
-    assert words["standard deviation"] == "1.62 nmi (3.00 km) east, 1.62 nmi (3.00 km) north, 2.78 h"
+    assert (
+        words["standard deviation"] == "1.62 nmi (3.00 km) east, 1.62 nmi (3.00 km) north, 2.78 h"
+    )
     assert words["worlds"] == "5 of 10 effective"
     (row,) = csv.DictReader(io.StringIO(text.csv(said, "run-s1")))
     for name, value in said.items():
-        assert row[name] == value if isinstance(value, str) else float(row[name]) == pytest.approx(value, rel=5e-6)
+        assert (
+            row[name] == value
+            if isinstance(value, str)
+            else float(row[name]) == pytest.approx(value, rel=5e-6)
+        )
     digits = [
         len(cell.lstrip("-0.").replace(".", "").partition("e")[0])
         for name, cell in row.items()
@@ -447,7 +549,9 @@ def test_figures_and_dataset_say_what_the_grid_says(tmp_path) -> None:
 
 
 def test_finds_that_say_nothing_beyond_the_prior_are_said_to() -> None:
-    """The divergence of two normal laws on a fine grid is that of the closed form; below LITTLE that is a warning."""
+    """The divergence of two normal laws on a fine grid is that of the closed form; below LITTLE
+    that is a warning.
+    """
     lat = np.linspace(-0.5, 0.5, 2001)
     prior = np.exp(-((lat / 0.1) ** 2) / 2)
 
@@ -456,7 +560,15 @@ def test_finds_that_say_nothing_beyond_the_prior_are_said_to() -> None:
         shares = [(law / law.sum()).reshape(1, -1, 1) for law in (prior, chance)]
         time = np.array([T0], "datetime64[s]")
         return backward.Origin(
-            np.zeros(1), lat, time, *shares, (0.0, 0.0, float(T0)), (1.0, 1.0, 1.0), (1.0, 1.0, 1.0), 500, 400.0
+            np.zeros(1),
+            lat,
+            time,
+            *shares,
+            (0.0, 0.0, float(T0)),
+            (1.0, 1.0, 1.0),
+            (1.0, 1.0, 1.0),
+            500,
+            400.0,
         )
 
     for centre, width in ((0.0, 0.1), (0.03, 0.09), (0.1, 0.05)):
@@ -466,7 +578,9 @@ def test_finds_that_say_nothing_beyond_the_prior_are_said_to() -> None:
         # Cut at five standard deviations: what is beyond holds 6e-7, and says at most 13 nats.
         assert backward.information(told) == pytest.approx(exact, abs=2e-5)
         assert backward.summary(told)["information_bit"] == backward.information(told)
-        assert any("next to nothing" in words for words in backward.warnings(told)) == (exact < backward.LITTLE)
+        assert any("next to nothing" in words for words in backward.warnings(told)) == (
+            exact < backward.LITTLE
+        )
 
 
 def test_finds_that_no_release_leads_to_are_refused_by_name(tmp_path) -> None:

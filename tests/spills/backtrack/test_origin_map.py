@@ -1,4 +1,6 @@
-"""The picture of a release: that it is drawn everywhere, the same each time, and says what the grid says."""
+"""The picture of a release: that it is drawn everywhere, the same each time, and says what the grid
+says.
+"""
 
 import re
 import socket
@@ -17,7 +19,8 @@ from drift.spills.backtrack import map as origin_map
 from drift.spills.backtrack.backward import Origin
 from geo import sphere
 
-WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
+# or whatever else a picture must not be believed of
+WRONG = "NO ERROR of current and wind in this forecast"
 
 START = 122_000_400  # 1973-11-13T01:00Z [s since 1970]
 HOUR = 3600
@@ -26,7 +29,9 @@ NMI = 1852.0
 
 
 def release(lon, lat, cells=(61, 45), times=12, effective=130.0):
-    """Return a normal posterior about 3 km north of a place, in a uniform prior of cells of 1 km; later is less likely."""
+    """Return a normal posterior about 3 km north of a place, in a uniform prior of cells of 1 km;
+    later is less likely.
+    """
     degree = np.radians(sphere.RADIUS)
     x = 1000.0 * (np.arange(cells[0]) - (cells[0] - 1) / 2)
     y = 1000.0 * (np.arange(cells[1]) - (cells[1] - 1) / 2)
@@ -50,7 +55,10 @@ def release(lon, lat, cells=(61, 45), times=12, effective=130.0):
 
 
 def finds(lon, lat, count):
-    return [Mark(lon + 0.02 * k, lat - 0.3, f"{100 + k} find of a thing, 15{k:02d}16Z") for k in range(1, count + 1)]
+    return [
+        Mark(lon + 0.02 * k, lat - 0.3, f"{100 + k} find of a thing, 15{k:02d}16Z")
+        for k in range(1, count + 1)
+    ]
 
 
 @pytest.fixture
@@ -58,7 +66,9 @@ def seen(monkeypatch):
     """Collect the figures when they are saved."""
     figures = []
     save = Figure.savefig
-    monkeypatch.setattr(Figure, "savefig", lambda self, *a, **k: (figures.append(self), save(self, *a, **k)))
+    monkeypatch.setattr(
+        Figure, "savefig", lambda self, *a, **k: (figures.append(self), save(self, *a, **k))
+    )
     return figures
 
 
@@ -77,7 +87,9 @@ def words(figure):
         (5.1, 60.3, (40, 1), 2, 2),
     ],
 )
-def test_anywhere_and_with_a_single_cell(tmp_path, monkeypatch, seen, lon, lat, cells, times, count):
+def test_anywhere_and_with_a_single_cell(
+    tmp_path, monkeypatch, seen, lon, lat, cells, times, count
+):
     monkeypatch.setattr(socket, "socket", lambda *_: pytest.fail("a picture downloads nothing"))
     land = shapely.box(lon - 0.5, lat - 0.6, lon + 0.5, lat - 0.3)
     origin_map.plot_origin(
@@ -104,7 +116,9 @@ def test_anywhere_and_with_a_single_cell(tmp_path, monkeypatch, seen, lon, lat, 
 
 
 def test_figures_are_those_of_a_normal_release(tmp_path, seen):
-    """A circular normal holds 1 - exp(-r^2 / 2 s^2); areas and radii are known to a cell in 70 and in 4."""
+    """A circular normal holds 1 - exp(-r^2 / 2 s^2); areas and radii are known to a cell in 70 and
+    in 4.
+    """
     setting = Setting(Imprint("T"), marks=finds(179.9, -17.5, 2))
     origin_map.plot_origin(release(179.9, -17.5), tmp_path / "origin.png", setting)
     said = words(seen[0])
@@ -116,7 +130,8 @@ def test_figures_are_those_of_a_normal_release(tmp_path, seen):
         assert away == pytest.approx(radius, abs=1000 / NMI)
     assert "17-28.4S 179-54.0E" in said
     assert "0.270 nmi (0.500 km), 0.250 h" in said
-    # 0.8^k an hour from half an hour before START: the time before which a share lies, linear within an hour.
+    # 0.8^k an hour from half an hour before START: the time before which a share lies, linear
+    # within an hour.
     reached = np.concatenate([[0], np.cumsum(0.8 ** np.arange(12))]) / (0.8 ** np.arange(12)).sum()
     for share in (10, 50, 90):
         minutes = round(60 * (np.interp(share / 100, reached, np.arange(13)) + 0.5) - 1e-9)
@@ -127,7 +142,9 @@ def test_figures_are_those_of_a_normal_release(tmp_path, seen):
 
 @pytest.mark.parametrize("lon", [-95.0, 179.9])
 def test_outlines_enclose_the_areas_that_they_name(tmp_path, seen, lon):
-    """Lines on the map, in Mercator's metres, enclose 2 pi s^2 ln 2 and 2 pi s^2 ln 10 to the width of half a cell."""
+    """Lines on the map, in Mercator's metres, enclose 2 pi s^2 ln 2 and 2 pi s^2 ln 10 to the width
+    of half a cell.
+    """
     lat = -17.5
     origin_map.plot_origin(release(lon, lat), tmp_path / "origin.png", Setting(Imprint("T")))
     ax = seen[0].axes[0]
@@ -145,17 +162,24 @@ def test_outlines_enclose_the_areas_that_they_name(tmp_path, seen, lon):
 
 
 def test_few_effective_worlds_are_warned_of(tmp_path, seen):
-    origin_map.plot_origin(release(-95.0, 29.0, effective=3.2), tmp_path / "origin.png", Setting(Imprint("T")))
+    origin_map.plot_origin(
+        release(-95.0, 29.0, effective=3.2), tmp_path / "origin.png", Setting(Imprint("T"))
+    )
     assert any(text.startswith("ONLY 3 OF 500 WORLDS ARE EFFECTIVE: ") for text in words(seen[0]))
     chart = seen[0].axes[0]
     wanted, drawn = chart.get_position(original=True), chart.get_position()
-    np.testing.assert_allclose(drawn.bounds, wanted.bounds, atol=1e-3)  # the frame fits the room that the banner leaves
+    # the frame fits the room that the banner leaves
+    np.testing.assert_allclose(drawn.bounds, wanted.bounds, atol=1e-3)
 
 
 def test_the_same_release_gives_the_same_bytes(tmp_path):
     origin, land = release(179.9, -17.5), shapely.box(179.5, -18.0, 180.5, -17.8)
     for name in ("one.png", "two.png"):
-        setting = Setting(Imprint("T", attributes={"run_id": "abc-s1"}), lambda box: [land], finds(179.9, -17.5, 3))
+        setting = Setting(
+            Imprint("T", attributes={"run_id": "abc-s1"}),
+            lambda box: [land],
+            finds(179.9, -17.5, 3),
+        )
         origin_map.plot_origin(origin, tmp_path / name, setting)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
     with Image.open(tmp_path / "one.png") as picture:

@@ -10,8 +10,14 @@ WORLDS = 400
 
 
 def groups(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return values of all worlds (3 groups, WORLDS), 0 in most, and the rows that estimate.mean is given: value, world, start."""
-    full = np.where(rng.random((3, WORLDS)) < np.array([[0.04], [0.3], [1.0]]), rng.gamma(1.7, 3.0, (3, WORLDS)), 0.0)
+    """Return values of all worlds (3 groups, WORLDS), 0 in most, and the rows that estimate.mean is
+    given: value, world, start.
+    """
+    full = np.where(
+        rng.random((3, WORLDS)) < np.array([[0.04], [0.3], [1.0]]),
+        rng.gamma(1.7, 3.0, (3, WORLDS)),
+        0.0,
+    )
     group, world = np.nonzero(full)
     return full, full[group, world][:, None], world, np.searchsorted(group, np.arange(3))
 
@@ -25,7 +31,9 @@ def test_with_equal_weights_the_error_is_that_of_a_mean() -> None:
 
 
 def test_with_uneven_weights_the_error_is_that_of_a_ratio() -> None:
-    """Owen 2013, eq. 9.8, over every world, those that bring nothing among them; times m / (m - 1) at m effective worlds."""
+    """Owen 2013, eq. 9.8, over every world, those that bring nothing among them; times m / (m - 1)
+    at m effective worlds.
+    """
     rng = np.random.default_rng(4)
     full, value, world, start = groups(rng)
     weight = rng.gamma(0.2, 1.0, WORLDS)

@@ -1,4 +1,6 @@
-"""Finds and patrols: closed forms, quadrature, exact Bayes on small sums, and that every object is accounted for."""
+"""Finds and patrols: closed forms, quadrature, exact Bayes on small sums, and that every object is
+accounted for.
+"""
 
 import dataclasses
 from typing import Any
@@ -22,20 +24,32 @@ from geo.errors import UserError
 RATE, LOSS = 1 / (10 * DAY), 1 / (40 * DAY)
 
 
-def numbers(objects: list[int], shares: list[float] | None = None, destroyed: list[float] | None = None) -> Numbers:
+def numbers(
+    objects: list[int], shares: list[float] | None = None, destroyed: list[float] | None = None
+) -> Numbers:
     shares, destroyed = shares or [1.0], destroyed or [0.0]
     even = [np.full(len(x), 1 / len(x)) for x in (objects, destroyed)]
     return Numbers(np.array(objects), even[0], np.array(shares), np.array(destroyed), even[1])
 
 
-def known(count: Numbers, seen: list[Detection], patrols: list[Walk], worlds: int, now: float, **other: Any) -> Known:
+def known(
+    count: Numbers,
+    seen: list[Detection],
+    patrols: list[Walk],
+    worlds: int,
+    now: float,
+    **other: Any,
+) -> Known:
     reporting = other.pop("reporting", Reporting(np.full(3, RATE), LOSS, np.ones(worlds)))
     return Known(count, tuple(seen), tuple(patrols), reporting, np.full(3, 1e4), now)
 
 
 def weigh(fates: Fates, told: Known, latent: Any = None) -> finds.Posterior:
     return finds.posterior(
-        fates, told, np.zeros((fates.worlds, 0)) if latent is None else latent, np.zeros(fates.worlds)
+        fates,
+        told,
+        np.zeros((fates.worlds, 0)) if latent is None else latent,
+        np.zeros(fates.worlds),
     )
 
 
@@ -61,23 +75,38 @@ def test_destroyed_and_undetected_multiply() -> None:
     grid = [0.0, 0.25, 0.5, 0.75]
     still = Reporting(np.zeros(3), 0.0, np.ones(1))
     seen = [Detection(f"{k}", 0, 0, 10, by=0) for k in range(5)]
-    told = weigh(fates, known(numbers([30], destroyed=grid), seen, [Walk((0,), 10, 0.4)], 1, 10, reporting=still))
+    told = weigh(
+        fates,
+        known(numbers([30], destroyed=grid), seen, [Walk((0,), 10, 0.4)], 1, 10, reporting=still),
+    )
     exact = stats.binom.pmf(5, 30, 0.4 * (1 - np.array(grid)))
     assert told.destroyed == pytest.approx(exact / exact.sum(), abs=1e-12)
 
 
 def test_two_stretches_in_closed_form() -> None:
-    """Two worlds, no strength to borrow (a latent each, many particles): the ratio of likelihoods is known."""
+    """Two worlds, no strength to borrow (a latent each, many particles): the ratio of likelihoods
+    is known.
+    """
     n, share = 4000, (0.25, 0.5)
-    stays = [(w * n + k, 0 if k < share[w] * n else 1, 0, FOREVER) for w in range(2) for k in range(n)]
+    stays = [
+        (w * n + k, 0 if k < share[w] * n else 1, 0, FOREVER) for w in range(2) for k in range(n)
+    ]
     rates = Reporting(np.array([RATE, RATE / 4, RATE]), 0.0, np.ones(2))
-    now, seen = 5 * DAY, [Detection("a", 0, 0, 2 * DAY), Detection("b", 0, 1, 4 * DAY), Detection("c", 0, 0, 5 * DAY)]
+    now, seen = (
+        5 * DAY,
+        [
+            Detection("a", 0, 0, 2 * DAY),
+            Detection("b", 0, 1, 4 * DAY),
+            Detection("c", 0, 0, 5 * DAY),
+        ],
+    )
     told = weigh(spill(2, [n], stays), known(numbers([60]), seen, [], 2, now, reporting=rates))
     p = np.array(share)
     left = p * np.exp(-RATE * now) + (1 - p) * np.exp(-RATE / 4 * now)
     exact = 2 * np.log(p) + np.log(1 - p) + 57 * np.log(left)
     ratio = told.log_likelihood[1] - told.log_likelihood[0]
-    # a world's own 1000 particles on a stretch weigh against one particle's worth of prior: some 3 finds x 1/1000
+    # a world's own 1000 particles on a stretch weigh against one particle's worth of prior: some 3
+    # finds x 1/1000
     assert ratio == pytest.approx(exact[1] - exact[0], abs=0.05)
 
 
@@ -87,7 +116,12 @@ def test_integrals_between_patrols_against_quadrature(latest: bool) -> None:
     fates = spill(1, [1], [(0, 1, arrival, leave), (0, 2, leave + 50, FOREVER)])
     patrols = tuple(
         Walk(s, t, d)
-        for s, t, d in [((1,), 1_000, 0.9), ((0, 1), arrival, 0.2), ((1,), 400_000, 0.5), ((2, 1), 800_000, 0.7)]
+        for s, t, d in [
+            ((1,), 1_000, 0.9),
+            ((0, 1), arrival, 0.2),
+            ((1,), 400_000, 0.5),
+            ((2, 1), 800_000, 0.7),
+        ]
     )
     here = exposure.expose(fates, Reporting(np.full(3, RATE), LOSS, np.full(1, 2.0)), patrols)
     h, k = 2 * RATE, 2 * RATE + LOSS
@@ -100,13 +134,19 @@ def test_integrals_between_patrols_against_quadrature(latest: bool) -> None:
 
     def by(end: float, begin: float) -> float:
         breaks = [t for t in (400_000, 800_000) if begin < t < end]
-        return integrate.quad(lambda t: h * alive(t), begin, end, points=breaks or None, epsabs=1e-13)[0]
+        return integrate.quad(
+            lambda t: h * alive(t), begin, end, points=breaks or None, epsabs=1e-13
+        )[0]
 
     if latest:
-        assert exposure.reported(here, 1, 600_000)[1] == pytest.approx(by(600_000, arrival), rel=1e-9)
+        assert exposure.reported(here, 1, 600_000)[1] == pytest.approx(
+            by(600_000, arrival), rel=1e-9
+        )
         assert exposure.reported(here, 2, now)[1] == pytest.approx(by(now, leave + 50), rel=1e-9)
         caught = 0.2 + 0.5 * alive(400_000) + 0.7 * alive(800_000)
-        assert exposure.found(here, now) == pytest.approx(by(leave, arrival) + by(now, leave + 50) + caught, rel=1e-9)
+        assert exposure.found(here, now) == pytest.approx(
+            by(leave, arrival) + by(now, leave + 50) + caught, rel=1e-9
+        )
     else:
         for t in (100_000.0, 500_000.0):
             assert exposure.public(here, 1, t)[1] == pytest.approx(h * alive(t), rel=1e-12)
@@ -116,7 +156,9 @@ def test_integrals_between_patrols_against_quadrature(latest: bool) -> None:
 
 def test_a_certain_patrol_leaves_nothing() -> None:
     fates = spill(1, [2], [(0, 1, 0, FOREVER), (1, 1, 20, FOREVER)])
-    here = exposure.expose(fates, Reporting(np.full(3, RATE), 0.0, np.ones(1)), (Walk((1,), 10, 1.0),))
+    here = exposure.expose(
+        fates, Reporting(np.full(3, RATE), 0.0, np.ones(1)), (Walk((1,), 10, 1.0),)
+    )
     assert exposure.public(here, 1, 30)[1] == pytest.approx([0, RATE * np.exp(-RATE * 10)])
     assert exposure.found(here, 10) == pytest.approx([1, 0])
 
@@ -142,10 +184,18 @@ def test_the_order_of_particles_in_a_world_does_not_matter() -> None:
     swap = np.concatenate([w * 25 + np.random.default_rng(w).permutation(25) for w in range(30)])
     stays = fates.stays
     moved = list(zip(swap[stays.slot], stays.segment, stays.arrival, stays.leave, strict=True))
-    told = known(numbers([40]), [Detection("a", 0, 1, 2 * DAY), Detection("b", 0, 2, 4 * DAY)], SEARCHES, 30, 7 * DAY)
+    told = known(
+        numbers([40]),
+        [Detection("a", 0, 1, 2 * DAY), Detection("b", 0, 2, 4 * DAY)],
+        SEARCHES,
+        30,
+        7 * DAY,
+    )
     one, other = weigh(fates, told), weigh(spill(30, [25], moved), told)
     assert other.log_likelihood == pytest.approx(one.log_likelihood, rel=1e-10)
-    assert finds.found(spill(30, [25], moved), told)[swap] == pytest.approx(finds.found(fates, told), abs=1e-14)
+    assert finds.found(spill(30, [25], moved), told)[swap] == pytest.approx(
+        finds.found(fates, told), abs=1e-14
+    )
 
 
 def test_a_patrol_that_finds_nothing_only_lowers_what_may_be_missed() -> None:
@@ -157,7 +207,9 @@ def test_a_patrol_that_finds_nothing_only_lowers_what_may_be_missed() -> None:
     assert (chance[1] >= chance[0] - 1e-12).all()
     assert chance[1].sum() > chance[0].sum() + 1
     evidence = [
-        finds._evidence(fates, t.known, finds._said(fates, t.known, []), np.zeros((20, 0)), np.zeros(20))
+        finds._evidence(
+            fates, t.known, finds._said(fates, t.known, []), np.zeros((20, 0)), np.zeros(20)
+        )
         for t in (without, patrolled)
     ]
     assert evidence[0].density == pytest.approx(evidence[1].density)  # on another stretch
@@ -168,7 +220,9 @@ def test_an_unknown_class_is_the_sum_over_classes() -> None:
     rest = [Detection("a", 0, 1, 2 * DAY), Detection("b", 1, 0, 4 * DAY)]
 
     def log(kind: int | None) -> Any:
-        return weigh(fates, known(count, [*rest, Detection("c", kind, 2, 5 * DAY)], [], 20, 7 * DAY)).log_likelihood
+        return weigh(
+            fates, known(count, [*rest, Detection("c", kind, 2, 5 * DAY)], [], 20, 7 * DAY)
+        ).log_likelihood
 
     assert log(None) == pytest.approx(np.logaddexp(log(0), log(1)), rel=1e-12)
 
@@ -183,24 +237,37 @@ def test_a_find_that_may_be_false_is_the_sum_of_both() -> None:
     odd = Detection("b", 0, 2, 5 * DAY)
     alone, both = told(first).log_likelihood, told(first, odd).log_likelihood
     here = exposure.expose(fates, Reporting(np.full(3, RATE), LOSS, np.ones(20)), ())
-    public = np.array([exposure.reported(here, s, now)[1].sum() for s in range(3)]) * 35 * 0.75 / fates.world.size
+    public = (
+        np.array([exposure.reported(here, s, now)[1].sum() for s in range(3)])
+        * 35
+        * 0.75
+        / fates.world.size
+    )
     alien = 0.3 / 0.7 * (public**2).sum() / public.sum() / now  # equal stretches, since time 0
     exact = np.logaddexp(both, alone + np.log(alien))
     doubtful = told(first, dataclasses.replace(odd, false=0.3))
     assert doubtful.log_likelihood == pytest.approx(exact, rel=1e-12)
     # Bayes by hand: of all worlds together, the share of what the find is worth as a false one.
-    assert doubtful.alien == pytest.approx([0, alien * np.exp(alone).sum() / np.exp(exact).sum()], rel=1e-10)
+    assert doubtful.alien == pytest.approx(
+        [0, alien * np.exp(alone).sum() / np.exp(exact).sum()], rel=1e-10
+    )
     surely = told(first, dataclasses.replace(odd, false=1.0))
     assert surely.log_likelihood == pytest.approx(alone, rel=1e-12)
     assert surely.alien.tolist() == [0, 1]
 
 
-def usual_by_hand(lengths: list[float], rates: list[float], shares: list[float], find: Detection, now: float) -> float:
-    """B of a public find by quadrature, in float64: objects of one world lie on stretches by shares from time 0 on.
+def usual_by_hand(
+    lengths: list[float], rates: list[float], shares: list[float], find: Detection, now: float
+) -> float:
+    """B of a public find by quadrature, in float64: objects of one world lie on stretches by shares
+    from time 0 on.
 
-    What lies s dense is found with the density s: that is averaged over the finds themselves, along the coast.
+    What lies s dense is found with the density s: that is averaged over the finds themselves, along
+    the coast.
     """
-    found = np.array([share * -np.expm1(-rate * now) for rate, share in zip(rates, shares, strict=True)])
+    found = np.array(
+        [share * -np.expm1(-rate * now) for rate, share in zip(rates, shares, strict=True)]
+    )
     edges = np.concatenate([[0.0], np.cumsum(lengths)])
 
     def dense(x: float) -> float:  # finds by metre and reporting rate, at a place along the coast
@@ -211,14 +278,22 @@ def usual_by_hand(lengths: list[float], rates: list[float], shares: list[float],
         s = int(np.searchsorted(edges, x, side="right") - 1)
         return float(found[s] / lengths[s])
 
-    mean = integrate.quad(lambda x: dense(x) * drawn(x), 0, edges[-1], points=edges[1:-1], epsabs=0)[0] / found.sum()
+    mean = (
+        integrate.quad(lambda x: dense(x) * drawn(x), 0, edges[-1], points=edges[1:-1], epsabs=0)[0]
+        / found.sum()
+    )
     return mean * lengths[find.place] * rates[find.place] / now
 
 
 @pytest.mark.parametrize("empty", [0, 3, 40])
 @pytest.mark.parametrize("latest", [False, True])
-def test_coast_where_nothing_comes_does_not_decide_whether_a_find_is_ours(empty: int, latest: bool) -> None:
-    """A domain of twice or ten times the coast: B, the likelihood and what is none of ours stay, to rounding."""
+def test_coast_where_nothing_comes_does_not_decide_whether_a_find_is_ours(
+    empty: int, latest: bool
+) -> None:
+    """A domain of twice or ten times the coast:
+
+    B, the likelihood and what is none of ours stay, to rounding.
+    """
     lengths, rates = [1e4, 3e4, 2e4], [RATE, RATE / 4, 2 * RATE]
     n, now, shares = 400, 6 * DAY, [0.5, 0.3, 0.0]
     stays = [(k, 0 if k < 200 else 1, 0, FOREVER) for k in range(320)]
@@ -231,10 +306,14 @@ def test_coast_where_nothing_comes_does_not_decide_whether_a_find_is_ours(empty:
     by_hand = 30 * usual_by_hand(lengths, rates, shares, find, now) * (find.time if latest else 1)
     assert finds.usual(fates, told, np.zeros(1)) == pytest.approx([0, by_hand], rel=1e-12)
     weighed = weigh(fates, told)
-    small = weigh(fates, Known(numbers([30]), seen, (), Reporting(np.array(rates), 0.0, np.ones(1)), coast[:3], now))
+    small = weigh(
+        fates,
+        Known(numbers([30]), seen, (), Reporting(np.array(rates), 0.0, np.ones(1)), coast[:3], now),
+    )
     assert weighed.log_likelihood == pytest.approx(small.log_likelihood, rel=1e-13)
     assert weighed.alien == pytest.approx(small.alien, rel=1e-12)
-    assert weighed.alien[1] > 0.99  # none of 400 particles came there: at most half of one in 400 does
+    # none of 400 particles came there: at most half of one in 400 does
+    assert weighed.alien[1] > 0.99
 
 
 def test_what_others_leave_on_the_shore_is_reckoned_once() -> None:
@@ -249,7 +328,9 @@ def test_what_others_leave_on_the_shore_is_reckoned_once() -> None:
 
 
 def test_a_find_at_sea_prefers_the_world_adrift_there() -> None:
-    """Two worlds of particles on a normal cloud: the mean kernel density is that of the sum of both normals."""
+    """Two worlds of particles on a normal cloud: the mean kernel density is that of the sum of both
+    normals.
+    """
     n, worlds, radius, spread = 4000, 2, 3e3, 5e3
     rng = np.random.default_rng(8)
     lon, lat = np.radians(179.99), np.radians(-60.0)
@@ -258,11 +339,17 @@ def test_a_find_at_sea_prefers_the_world_adrift_there() -> None:
     lon, lat = sphere.destination(lon, lat, x, y)
     place = AtSea(179.99, -60.0, radius, 0.1)
     status = np.where(np.arange(worlds * n) % 2, Status.ADRIFT, Status.SUNK).astype(np.int32)
-    adrift = {0: Adrift(sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat)), status)}
+    adrift = {
+        0: Adrift(sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat)), status)
+    }
     fates = dataclasses.replace(spill(worlds, [n], []), adrift=adrift)
-    told = weigh(fates, known(numbers([10]), [Detection("a", 0, place, 5)], [], worlds, 9)).log_likelihood
+    told = weigh(
+        fates, known(numbers([10]), [Detection("a", 0, place, 5)], [], worlds, 9)
+    ).log_likelihood
     variance = spread**2 + radius**2
-    exact = np.log(10 * 0.1 * 0.5 / (2 * np.pi * variance)) - np.array([0, 12e3**2]) / (2 * variance)
+    exact = np.log(10 * 0.1 * 0.5 / (2 * np.pi * variance)) - np.array([0, 12e3**2]) / (
+        2 * variance
+    )
     # some 500 and 60 effective particles: 4 % and 13 %, three standard errors
     assert told == pytest.approx(exact, abs=0.4)
     assert told[0] - told[1] == pytest.approx(exact[0] - exact[1], abs=0.4)
@@ -273,7 +360,9 @@ def test_a_find_at_sea_prefers_the_world_adrift_there() -> None:
     st.integers(0, 20 * DAY), st.floats(0, 1e-4), st.floats(0, 1e-4),
     st.lists(st.tuples(st.integers(0, 2), st.integers(0, 20 * DAY), st.floats(0, 1)), max_size=5), st.integers(0, 99),
 )  # fmt: skip
-def test_the_chance_of_having_been_found_is_one(now: int, rate: float, loss: float, walks: Any, seed: int) -> None:
+def test_the_chance_of_having_been_found_is_one(
+    now: int, rate: float, loss: float, walks: Any, seed: int
+) -> None:
     fates = scattered(2, [10], seed)
     patrols = tuple(Walk((s,), t, d) for s, t, d in walks)
     here = exposure.expose(fates, Reporting(np.full(3, rate), loss, np.ones(2)), patrols)
@@ -321,11 +410,20 @@ def test_objects_are_copied_evenly_where_particles_are_few() -> None:
 
 
 def test_what_was_not_found_is_the_likelier_to_have_been_destroyed() -> None:
-    """All lay where they would have been found with probability 0.8, had they not been destroyed, as half were; none was."""
+    """All lay where they would have been found with probability 0.8, had they not been destroyed,
+    as half were; none was.
+    """
     worlds, n, destroyed, pod = 400, 20, 0.5, 0.8
-    fates = spill(worlds, [n], [(w * n + k, 0, 0, FOREVER) for w in range(worlds) for k in range(n)])
+    fates = spill(
+        worlds, [n], [(w * n + k, 0, 0, FOREVER) for w in range(worlds) for k in range(n)]
+    )
     still = Reporting(np.zeros(3), 0.0, np.ones(worlds))
-    told = weigh(fates, known(numbers([10], None, [destroyed]), [], [Walk((0,), 5, pod)], worlds, 5, reporting=still))
+    told = weigh(
+        fates,
+        known(
+            numbers([10], None, [destroyed]), [], [Walk((0,), 5, pod)], worlds, 5, reporting=still
+        ),
+    )
     drawn = realised(fates, told, 4, 3)
     share = destroyed / (1 - (1 - destroyed) * pod)  # Bayes
     found = np.concatenate([each.destroyed for each in drawn]).mean() / 10
@@ -341,7 +439,8 @@ def test_those_not_found_are_drawn_by_their_chance() -> None:
     told = weigh(fates, known(numbers([20]), [], [Walk((0,), 5, 0.8)], worlds, 5, reporting=still))
     (each,) = realised(fates, told, 4, 1)
     there = each.stands.reshape(worlds, n)[:, : n // 2].sum() / (20 * worlds)
-    # conditional Poisson sampling of 20 of 36 accepted on average: near 1/6 of the draws, up to O(1/n) = 0.01
+    # conditional Poisson sampling of 20 of 36 accepted on average: near 1/6 of the draws, up to
+    # O(1/n) = 0.01
     assert there == pytest.approx(1 / 6, abs=0.012)
 
 
@@ -349,8 +448,16 @@ def test_surprise_is_the_share_of_each_stretch() -> None:
     worlds, n = 3, 100
     stays = [(w * n + k, min(k // 60, 2), 0, FOREVER) for w in range(worlds) for k in range(90)]
     stays += [(w * n + k, 2, 0, FOREVER) for w in range(worlds) for k in range(90, 96)]
-    told = known(numbers([50]), [Detection("late", 0, 2, 5 * DAY), Detection("early", 0, 0, DAY)], [], worlds, 9 * DAY)
-    early, late = finds.surprises(spill(worlds, [n], stays[:-18]), told, np.zeros((worlds, 0)), np.zeros(worlds))
+    told = known(
+        numbers([50]),
+        [Detection("late", 0, 2, 5 * DAY), Detection("early", 0, 0, DAY)],
+        [],
+        worlds,
+        9 * DAY,
+    )
+    early, late = finds.surprises(
+        spill(worlds, [n], stays[:-18]), told, np.zeros((worlds, 0)), np.zeros(worlds)
+    )
     assert (early.find.name, late.find.name) == ("early", "late")
     assert early.probability == pytest.approx(60 / 90)
     assert early.tail == pytest.approx(1)
@@ -389,16 +496,22 @@ def test_strength_is_borrowed_where_worlds_agree_and_not_where_they_differ() -> 
         count = rng.poisson(truth).astype(float)
         law = np.log(shrinkage.rates(count, count, n, shrinkage.likeness(z)))
         exact = np.log((1 / width + count) / (1 / width / mean + 1) / n)
-        assert np.sqrt(np.mean((law - exact) ** 2)) < 0.12  # six coefficients of 2000 worlds, and a grid of widths
+        # six coefficients of 2000 worlds, and a grid of widths
+        assert np.sqrt(np.mean((law - exact) ** 2)) < 0.12
 
 
 def test_shares_are_drawn_together_as_far_as_their_noise_goes() -> None:
-    """Beta-binomial worlds: Bayes with the prior that they were drawn from, known here, is met; noise is not taken for truth."""
+    """Beta-binomial worlds:
+
+    Bayes with the prior that they were drawn from, known here, is met; noise is not taken for
+    truth.
+    """
     rng = np.random.default_rng(9)
     worlds, n = 3000, 120
     z = rng.standard_normal((worlds, 2))
     mean = special.expit(-1.2 + 0.5 * z[:, 0] - 0.4 * z[:, 1])
-    for size in (1e6, 15.0):  # of the prior, in particles: no differences of their own, and large ones
+    # of the prior, in particles: no differences of their own, and large ones
+    for size in (1e6, 15.0):
         truth = rng.beta(mean * size, (1 - mean) * size)
         found = rng.binomial(n, truth) / n
         share = shrinkage.share(found, found * (1 - found), n, shrinkage.likeness(z))

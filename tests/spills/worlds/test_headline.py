@@ -7,13 +7,18 @@ import xarray as xr
 from drift.spills.worlds.products.headline import washup_headline
 
 
-def washup(ashore: float, numbers: tuple[float, float, float], near: str = "Vlieland") -> xr.Dataset:
+def washup(
+    ashore: float, numbers: tuple[float, float, float], near: str = "Vlieland"
+) -> xr.Dataset:
     """Return two times and three stretches, of which the last has most; 60 objects were lost."""
     total = np.array([[0.0, ashore], [60.0, 60.0 - ashore]])
     return xr.Dataset(
         {
             "total": (("fate", "time"), total),
-            "total_number": (("fate", "time", "quantile"), np.array([[(0, 0, 0), numbers]] * 2, float)),
+            "total_number": (
+                ("fate", "time", "quantile"),
+                np.array([[(0, 0, 0), numbers]] * 2, float),
+            ),
             "expected": (("time", "segment"), np.array([[9.0, 0, 0], [1.25, 2.5, 7.5]])),
             "arrived": (("time", "segment"), np.array([[9.0, 0, 0], [1.5, 3.0, 8.0]])),
             "name": ("segment", np.array(["one", "two", "Oost"], object)),
@@ -35,7 +40,9 @@ def test_it_says_how_many_lie_ashore_and_where_most_of_them_do() -> None:
     )
 
 
-@pytest.mark.parametrize(("near", "end"), [("", "is Oost."), ("Vlieland", "is Oost, 11 nmi from Vlieland.")])
+@pytest.mark.parametrize(
+    ("near", "end"), [("", "is Oost."), ("Vlieland", "is Oost, 11 nmi from Vlieland.")]
+)
 def test_one_number_has_no_span_and_no_town_is_made_up(near: str, end: str) -> None:
     words = washup_headline(washup(11.25, (11, 11, 11), near))
     assert "are expected ashore. The stretch" in words
@@ -43,4 +50,7 @@ def test_one_number_has_no_span_and_no_town_is_made_up(near: str, end: str) -> N
 
 
 def test_where_nothing_is_ashore_it_says_so() -> None:
-    assert washup_headline(washup(0.04, (0, 0, 0))) == "By 030630ZJAN19 hardly any of 60 objects is ashore."
+    assert (
+        washup_headline(washup(0.04, (0, 0, 0)))
+        == "By 030630ZJAN19 hardly any of 60 objects is ashore."
+    )

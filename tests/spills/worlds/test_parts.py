@@ -1,4 +1,6 @@
-"""Fates in parts: no number of parts changes a bit, and memory does not grow with the particles of a world."""
+"""Fates in parts: no number of parts changes a bit, and memory does not grow with the particles of
+a world.
+"""
 
 import dataclasses
 import tracemalloc
@@ -32,27 +34,43 @@ def coast(count: int) -> Segments:
     lines = np.array([shapely.LineString([(x, 29), (x + 0.1, 29.01)]) for x in lon], object)
     length = np.linspace(9e3, 12e3, count)
     return Segments(
-        tuple(f"S{k}" for k in range(count)), length, lon, 0 * lon + 29, np.arange(count), lines, ("wild",) * count
+        tuple(f"S{k}" for k in range(count)),
+        length,
+        lon,
+        0 * lon + 29,
+        np.arange(count),
+        lines,
+        ("wild",) * count,
     )
 
 
-def known(worlds: int, objects: list[int], shares: list[float], seen: Any = SEEN, searches: Any = SEARCHES) -> Known:
+def known(
+    worlds: int, objects: list[int], shares: list[float], seen: Any = SEEN, searches: Any = SEARCHES
+) -> Known:
     count, grid = np.array(objects), np.array([0.0, 0.2, 0.5])
-    numbers = Numbers(count, np.full(count.size, 1 / count.size), np.array(shares), grid, np.full(3, 1 / 3))
+    numbers = Numbers(
+        count, np.full(count.size, 1 / count.size), np.array(shares), grid, np.full(3, 1 / 3)
+    )
     rate = np.array([0.1, 0.05, 0.2]) / DAY
     reporting = Reporting(rate, 1 / (40 * DAY), np.random.default_rng(2).uniform(0.5, 2, worlds))
     return Known(numbers, seen, searches, reporting, coast(3).length, 7.0 * DAY)
 
 
 def everything(fates: Source, told: Known, latent: Any) -> tuple[Any, ...]:
-    """Return all that is made of fates after a run; stands and weights by world, as parts have them in another order."""
+    """Return all that is made of fates after a run; stands and weights by world, as parts have them
+    in another order.
+    """
     log_weight = np.random.default_rng(5).normal(0, 0.3, fates.worlds)
     told = dataclasses.replace(told, usual=finds.usual(fates, told, log_weight))
     weighed = finds.posterior(fates, told, latent, log_weight)
     surprises = finds.surprises(fates, told, latent, log_weight)
     parts = zip(fates.parts(), renewal._log_weights(fates, weighed), strict=True)
     left = [column(part, values) for part, values in parts]
-    stands = [column(part, one.stands) for part, drawn in realisations.realise(fates, weighed, 3, 2) for one in drawn]
+    stands = [
+        column(part, one.stands)
+        for part, drawn in realisations.realise(fates, weighed, 3, 2)
+        for one in drawn
+    ]
     drawn = realisations.realise(fates, weighed, 3, 2)
     outputs = np.arange(0, 8) * DAY
     made = washup.build_washup(drawn, coast(3), weighed.weight, outputs, START, ["drum", "box"], 2)
@@ -64,18 +82,28 @@ def column(part: Fates, values: Any) -> list[Any]:
     return [values[part.kind == kind].reshape(part.many, -1) for kind in range(len(part.counts))]
 
 
-@pytest.mark.parametrize(("seen", "searches"), [(SEEN, SEARCHES), ((), ())], ids=["finds", "nothing found"])
+@pytest.mark.parametrize(
+    ("seen", "searches"), [(SEEN, SEARCHES), ((), ())], ids=["finds", "nothing found"]
+)
 def test_no_number_of_parts_changes_a_bit(seen: Any, searches: Any) -> None:
     worlds = 150
     whole, rng = scattered(worlds, [20, 31]), np.random.default_rng(4)
     n = whole.world.size
-    at = sphere.destination(np.radians(PLACE.lon), np.radians(PLACE.lat), *rng.normal(0, 6e3, (2, n)))
+    at = sphere.destination(
+        np.radians(PLACE.lon), np.radians(PLACE.lat), *rng.normal(0, 6e3, (2, n))
+    )
     status = np.where(rng.random(n) < 0.7, Status.ADRIFT, Status.ASHORE).astype(np.int32)
-    whole = dataclasses.replace(whole, adrift={5: Adrift(*(sphere.to_binary(np.degrees(x)) for x in at), status)})
-    told, latent = known(worlds, [40, 60], [0.4, 0.6], seen, searches), rng.standard_normal((worlds, 2))
+    whole = dataclasses.replace(
+        whole, adrift={5: Adrift(*(sphere.to_binary(np.degrees(x)) for x in at), status)}
+    )
+    told, latent = (
+        known(worlds, [40, 60], [0.4, 0.6], seen, searches),
+        rng.standard_normal((worlds, 2)),
+    )
     usual, weighed, surprises, left, stands, made = everything(whole, told, latent)
     assert not len(seen) or (usual > 0).sum() == 3
-    assert max(x.max() for own in stands for x in own) > 1  # more objects than particles: several rounds
+    # more objects than particles: several rounds
+    assert max(x.max() for own in stands for x in own) > 1
     for edges in ((0, 32, 64, 96, 128, 150), (0, 96, 150)):
         cut = everything(Cut(whole, *edges), told, latent)
         assert cut[0].tolist() == usual.tolist()
@@ -99,7 +127,9 @@ class Drawn:
         nothing, forever = np.zeros(n, np.int32), np.full(n, FOREVER, np.int32)
         for world in range(self.worlds):
             rng = np.random.default_rng(world)
-            at = sphere.destination(np.radians(PLACE.lon), np.radians(PLACE.lat), *rng.normal(0, 6e3, (2, n)))
+            at = sphere.destination(
+                np.radians(PLACE.lon), np.radians(PLACE.lat), *rng.normal(0, 6e3, (2, n))
+            )
             lies = np.flatnonzero(rng.random(n) < 0.7).astype(np.int32)
             stays = Stays(
                 lies,
@@ -115,7 +145,9 @@ class Drawn:
 
 @pytest.mark.thorough
 def test_memory_does_not_grow_with_particles() -> None:
-    """Three times as many worlds of 4,000: less than a byte for each particle more, where one column would take four."""
+    """Three times as many worlds of 4,000: less than a byte for each particle more, where one
+    column would take four.
+    """
     seen = tuple(dataclasses.replace(find, kind=0) for find in SEEN if find.name != "b")
     each, peak = 4000, []
     for worlds in (2, 12, 36):  # the first time modules are imported

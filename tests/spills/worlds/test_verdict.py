@@ -1,4 +1,6 @@
-"""What is told of a spill's finds: each that is odd, and the silence besides them, wherever results are read."""
+"""What is told of a spill's finds: each that is odd, and the silence besides them, wherever results
+are read.
+"""
 
 import csv
 import json
@@ -57,7 +59,9 @@ def test_every_odd_find_is_a_warning_wherever_warnings_stand(told, tmp_path: Pat
         assert verdict_on_it in words
         assert "is unlikely" in words
         assert "chance of a find there was 0 %, at places" in words  # it is exactly 0
-        assert any(line == words for line in outcome.summary_of_outcome(summary(folder))["warnings"])
+        assert any(
+            line == words for line in outcome.summary_of_outcome(summary(folder))["warnings"]
+        )
         assert words in summary(folder)["spill"]["warning"]
         assert words in drift.export(folder, "kml", tmp_path / f"kml-{name}")[0].read_text()
         assert json.dumps(words)[1:-1] in (folder / "report.html").read_text()
@@ -75,10 +79,14 @@ def test_finds_stand_in_a_table_of_their_own(told) -> None:
     facts = outcome.spill(summary(folder))
     assert "not from this spill: " in facts['find 2 "stray"']
     assert "counted as from this spill" in facts['find 3 "far"']
-    assert [find["name"] for find in outcome.summary_of_outcome(summary(folder))["finds"]] == list(rows)
+    assert [find["name"] for find in outcome.summary_of_outcome(summary(folder))["finds"]] == list(
+        rows
+    )
 
 
-def test_that_silence_is_evidence_is_told_where_the_figures_stand(told, monkeypatch, tmp_path: Path) -> None:
+def test_that_silence_is_evidence_is_told_where_the_figures_stand(
+    told, monkeypatch, tmp_path: Path
+) -> None:
     from matplotlib.figure import Figure
 
     from drift.spills.worlds.products import chapter
@@ -92,9 +100,13 @@ def test_that_silence_is_evidence_is_told_where_the_figures_stand(told, monkeypa
     written: list[str] = []
     draw = Figure.text
     monkeypatch.setattr(
-        Figure, "text", lambda self, x, y, s, *a, **k: written.append(s) or draw(self, x, y, s, *a, **k)
+        Figure,
+        "text",
+        lambda self, x, y, s, *a, **k: written.append(s) or draw(self, x, y, s, *a, **k),
     )
-    chapter.PICTURES["washup.png"](chapter.SpillOutputs(result.aftermath, result.setting), tmp_path / "washup.png")
+    chapter.PICTURES["washup.png"](
+        chapter.SpillOutputs(result.aftermath, result.setting), tmp_path / "washup.png"
+    )
     assert any(words in line for line in written)
     assert all(f'"{name}"' in " ".join(written) for name in ("stray", "far"))
 
@@ -131,7 +143,10 @@ def test_stretches_are_named_by_towns_and_ranked_by_the_kilometre(told) -> None:
         assert float(row["expected_per_km"]) == pytest.approx(dense, rel=2e-5, abs=1e-9)
         assert float(row["near_km"]) > 400
         assert row["near"]
-    ranks = [int(row["rank_per_km"]) for row in sorted(rows, key=lambda row: -float(row["expected_per_km"]))]
+    ranks = [
+        int(row["rank_per_km"])
+        for row in sorted(rows, key=lambda row: -float(row["expected_per_km"]))
+    ]
     assert ranks == list(range(1, len(rows) + 1))
     names, lons, lats, _, _ = gazetteer._all()
     rng = np.random.default_rng(4)
@@ -150,12 +165,18 @@ def test_stretches_are_named_by_towns_and_ranked_by_the_kilometre(told) -> None:
 
 def test_finds_and_washup_go_along_to_other_programs(told, tmp_path: Path) -> None:
     _, folder = told
-    (kml,) = (path for path in drift.export(folder, "kml", tmp_path / "kml") if path.suffix == ".kml")
+    (kml,) = (
+        path for path in drift.export(folder, "kml", tmp_path / "kml") if path.suffix == ".kml"
+    )
     text = kml.read_text()
     assert "<name>find 2 stray (odd)</name>" in text
     assert "<name>find 1 one</name>" in text
     assert "<name>Coast</name>" in text
     pytest.importorskip("rasterio")
-    names = {path.name for path in drift.export(folder, "geotiff", tmp_path / "tif", times=["+72 h"])}
+    names = {
+        path.name for path in drift.export(folder, "geotiff", tmp_path / "tif", times=["+72 h"])
+    }
     assert "washup.geojson" in names
-    assert (tmp_path / "tif" / "washup.geojson").read_bytes() == (folder / "washup.geojson").read_bytes()
+    assert (tmp_path / "tif" / "washup.geojson").read_bytes() == (
+        folder / "washup.geojson"
+    ).read_bytes()

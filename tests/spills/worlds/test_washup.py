@@ -1,4 +1,6 @@
-"""Washup by stretch and time: against counts by hand, brute force and closed forms; the account; standard errors."""
+"""Washup by stretch and time: against counts by hand, brute force and closed forms; the account;
+standard errors.
+"""
 
 import csv
 import io
@@ -65,7 +67,9 @@ def once(stands, worlds, destroyed=0, found=0):
 
 
 def build(fates, segments, draws, weight, outputs, start, kinds=("object",)):
-    return washup.build_washup([(fates, draws)], segments, weight, outputs, start, kinds, len(draws))
+    return washup.build_washup(
+        [(fates, draws)], segments, weight, outputs, start, kinds, len(draws)
+    )
 
 
 def level(worlds):
@@ -73,7 +77,9 @@ def level(worlds):
 
 
 def random_spill(rng, worlds=5, each=12, segments=4, kinds=2):
-    """Return Fates in which objects are released late, refloat, sink, leave, also at the same instant, and 2 draws."""
+    """Return Fates in which objects are released late, refloat, sink, leave, also at the same
+    instant, and 2 draws.
+    """
     n = worlds * each
     stays, ended, release = [], {}, rng.integers(0, 8, n)
     for slot in range(n):
@@ -94,7 +100,8 @@ def random_spill(rng, worlds=5, each=12, segments=4, kinds=2):
     kind = np.repeat(np.arange(kinds), n // kinds)
     fates = spill(world, stays, release, ended, kind, worlds)
     draws = [
-        once(rng.integers(0, 3, n), worlds, rng.integers(0, 4, worlds), rng.integers(0, 3, worlds)) for _ in range(2)
+        once(rng.integers(0, 3, n), worlds, rng.integers(0, 4, worlds), rng.integers(0, 3, worlds))
+        for _ in range(2)
     ]
     return fates, draws
 
@@ -119,8 +126,9 @@ def quantile(values, weights, share):
 
 
 def test_by_hand():
-    # world 0: two objects on stretch 3, at 1 h and 3 h, and one that sinks at 2 h; world 1: one at 2 h, afloat again at
-    # 4 h and on stretch 1 at 5 h, where another lies from 5 h on, and one released at 6 h
+    # world 0: two objects on stretch 3, at 1 h and 3 h, and one that sinks at 2 h; world 1: one at
+    # 2 h, afloat again at 4 h and on stretch 1 at 5 h, where another lies from 5 h on, and one
+    # released at 6 h
     fates = spill(
         [0, 0, 0, 1, 1, 1],
         [
@@ -135,16 +143,26 @@ def test_by_hand():
     )
     weight = np.array([0.25, 0.75])
     made = build(
-        fates, stretches(5), [once(np.ones(6), 2, destroyed=1)], weight, np.arange(0, 7) * HOUR, START, ["drum"]
+        fates,
+        stretches(5),
+        [once(np.ones(6), 2, destroyed=1)],
+        weight,
+        np.arange(0, 7) * HOUR,
+        START,
+        ["drum"],
     )
     assert made["segment"].values.tolist() == [1, 3]
     np.testing.assert_allclose(made["expected"].sel(segment=3), [0, 0.25, 1, 1.25, 0.5, 0.5, 0.5])
     np.testing.assert_allclose(made["expected"].sel(segment=1), [0, 0, 0, 0, 0, 1.5, 1.5])
-    np.testing.assert_allclose(made["probability"].sel(segment=3), [0, 0.25, 1, 1, 0.25, 0.25, 0.25])
+    np.testing.assert_allclose(
+        made["probability"].sel(segment=3), [0, 0.25, 1, 1, 0.25, 0.25, 0.25]
+    )
     np.testing.assert_allclose(made["arrived"].sel(segment=3), [0, 0.25, 1, 1.25, 1.25, 1.25, 1.25])
     assert made["number"].sel(segment=3, quantile=0.9).values.tolist() == [0, 1, 1, 2, 2, 2, 2]
     begin = int(START.astype("datetime64[s]").astype(int))
-    first, bulk = ((made[f"{n}_arrival"].sel(segment=3).values - begin) / HOUR for n in ("first", "bulk"))
+    first, bulk = (
+        (made[f"{n}_arrival"].sel(segment=3).values - begin) / HOUR for n in ("first", "bulk")
+    )
     assert first.tolist() == [1, 2, 2]
     assert bulk.tolist() == [2, 2, 2]  # of world 0: the mean of its two middle ones, 1 h and 3 h
     assert made["ever"].values.tolist() == [0.75, 1]
@@ -182,9 +200,13 @@ def test_every_figure_is_that_of_brute_force(seed):
             totals[r, :, names.index("destroyed")] = draw.destroyed
             totals[r, :, names.index("found")] = draw.found
         np.testing.assert_array_equal(made["world_total"].values[:, i], totals.mean(axis=0))
-        np.testing.assert_allclose(made["total"].values[:, i], weight @ totals.mean(axis=0), atol=1e-12)
+        np.testing.assert_allclose(
+            made["total"].values[:, i], weight @ totals.mean(axis=0), atol=1e-12
+        )
         for k in range(len(names)):
-            assert made["total_number"].values[1, k, i] == quantile(totals[:, :, k].ravel(), pooled, 0.5)
+            assert made["total_number"].values[1, k, i] == quantile(
+                totals[:, :, k].ravel(), pooled, 0.5
+            )
         for j, segment in enumerate(made["segment"].values):
             number = np.zeros((2, 5, 2))
             for r, draw in enumerate(draws):
@@ -192,10 +214,16 @@ def test_every_figure_is_that_of_brute_force(seed):
                     if where == segment:
                         number[r, fates.world[slot], fates.kind[slot]] += draw.stands[slot]
             both = number.sum(axis=-1)
-            np.testing.assert_allclose(made["expected"].values[i, j], weight @ both.mean(axis=0), atol=1e-12)
-            np.testing.assert_allclose(made["probability"].values[i, j], weight @ (both > 0).mean(axis=0), atol=1e-12)
+            np.testing.assert_allclose(
+                made["expected"].values[i, j], weight @ both.mean(axis=0), atol=1e-12
+            )
+            np.testing.assert_allclose(
+                made["probability"].values[i, j], weight @ (both > 0).mean(axis=0), atol=1e-12
+            )
             by_kind = np.einsum("w,rwk->k", weight, number) / 2
-            np.testing.assert_allclose(made["expected_by_kind"].values[:, i, j], by_kind, atol=1e-12)
+            np.testing.assert_allclose(
+                made["expected_by_kind"].values[:, i, j], by_kind, atol=1e-12
+            )
             for q, share in enumerate(washup_dataset.SHARES):
                 assert made["number"].values[q, i, j] == quantile(both.ravel(), pooled, share)
     begin = int(START.astype("datetime64[s]").astype(int))
@@ -207,7 +235,9 @@ def test_every_figure_is_that_of_brute_force(seed):
                 for slot in np.flatnonzero(fates.world == world):
                     mine = [
                         max(fates.stays.arrival[i], fates.release[slot])
-                        for i in np.flatnonzero((fates.stays.slot == slot) & (fates.stays.segment == segment))
+                        for i in np.flatnonzero(
+                            (fates.stays.slot == slot) & (fates.stays.segment == segment)
+                        )
                         if fates.stays.arrival[i] < fates.ended[slot]
                     ]
                     arrivals += [min(mine)] * draw.stands[slot] if mine else []
@@ -246,25 +276,35 @@ def test_stretch_by_stretch_is_the_same_as_all_at_once(monkeypatch):
 
 
 def test_binomial_and_hypergeometric():
-    # Every world has the same 200 particles, 30 of them on stretch 0; 50 are drawn without replacement: the number
-    # there is hypergeometric, and with one stand of each of 50 independent slots it would be binomial
+    # Every world has the same 200 particles, 30 of them on stretch 0; 50 are drawn without
+    # replacement: the number there is hypergeometric, and with one stand of each of 50 independent
+    # slots it would be binomial
     rng, worlds, n, there, drawn = np.random.default_rng(11), 3000, 200, 30, 50
     world = np.repeat(np.arange(worlds), n)
     slots = (n * np.arange(worlds)[:, None] + np.arange(there)).ravel()
-    stays = np.column_stack([slots, 0 * slots, 0 * slots + 50, 0 * slots + FOREVER]).astype(np.int32)
-    fates = replace(spill(world, [], worlds=worlds), stays=Stays(*(stays[:, i].copy() for i in range(4))))
+    stays = np.column_stack([slots, 0 * slots, 0 * slots + 50, 0 * slots + FOREVER]).astype(
+        np.int32
+    )
+    fates = replace(
+        spill(world, [], worlds=worlds), stays=Stays(*(stays[:, i].copy() for i in range(4)))
+    )
     stands = np.argsort(np.argsort(rng.random((worlds, n)), axis=1), axis=1) < drawn
-    made = build(fates, stretches(1), [once(stands.ravel(), worlds)], level(worlds), np.array([60]), START)
+    made = build(
+        fates, stretches(1), [once(stands.ravel(), worlds)], level(worlds), np.array([60]), START
+    )
     law = stats.hypergeom(n, there, drawn)
     error = law.std() / np.sqrt(worlds)
     assert abs(made["expected"].item() - law.mean()) < 3 * error
-    assert made["expected_se"].item() == pytest.approx(error, rel=4 / np.sqrt(2 * worlds))  # relative error of a spread
+    # relative error of a spread
+    assert made["expected_se"].item() == pytest.approx(error, rel=4 / np.sqrt(2 * worlds))
     none = law.pmf(0)
     assert abs(made["probability"].item() - (1 - none)) < 3 * np.sqrt(none * (1 - none) / worlds)
     assert made["number"].values.ravel().tolist() == law.ppf(washup_dataset.SHARES).tolist()
     # with replacement: multinomial stands, binomial number
     stands = rng.multinomial(drawn, np.full(n, 1 / n), worlds)
-    made = build(fates, stretches(1), [once(stands.ravel(), worlds)], level(worlds), np.array([60]), START)
+    made = build(
+        fates, stretches(1), [once(stands.ravel(), worlds)], level(worlds), np.array([60]), START
+    )
     law = stats.binom(drawn, there / n)
     assert abs(made["expected"].item() - law.mean()) < 3 * law.std() / np.sqrt(worlds)
     assert made["number"].values.ravel().tolist() == law.ppf(washup_dataset.SHARES).tolist()
@@ -294,7 +334,10 @@ def test_a_stay_that_ends_is_followed_by_another():
     fates = spill([0], [(0, 1, 10, 20), (0, 1, 30, 40), (0, 2, 40, FOREVER)])
     outputs = np.array([9, 10, 19, 20, 30, 39, 40, 100])
     made = build(fates, stretches(3), [once([2], 1)], level(1), outputs, START)
-    assert made["expected"].values.T.tolist() == [[0, 2, 2, 0, 2, 2, 0, 0], [0, 0, 0, 0, 0, 0, 2, 2]]
+    assert made["expected"].values.T.tolist() == [
+        [0, 2, 2, 0, 2, 2, 0, 0],
+        [0, 0, 0, 0, 0, 0, 2, 2],
+    ]
     assert made["arrived"].values.T.tolist() == [[0, 2, 2, 2, 2, 2, 2, 2], [0, 0, 0, 0, 0, 0, 2, 2]]
     assert made["total"].sel(fate="afloat").values.tolist() == [2, 0, 0, 2, 0, 0, 0, 0]
 
@@ -308,11 +351,15 @@ def test_what_sinks_ashore_no_longer_lies_there():
 
 @pytest.mark.parametrize("repeats", [100, pytest.param(400, marks=pytest.mark.thorough)])
 def test_standard_errors_are_the_spread_of_repeated_forecasts(repeats):
-    # Worlds differ (each has its own chance and arrival time) and are weighted; repeated forecasts of 500 worlds. The mean of
-    # estimated variances, over the variance of estimates, is 1 within 3 sqrt(2 / repeats), 21 % of 400; weighting and the
-    # smoothness that Woodruff's method asks for take another 15 %.
+    # Worlds differ (each has its own chance and arrival time) and are weighted; repeated forecasts
+    # of 500 worlds. The mean of estimated variances, over the variance of estimates, is 1 within 3
+    # sqrt(2 / repeats), 21 % of 400; weighting and the smoothness that Woodruff's method asks for
+    # take another 15 %.
     rng, worlds, each = np.random.default_rng(20), 500, 4
-    found = {name: [] for name in ("expected", "probability", "first_arrival", "bulk_arrival", "total", "ever")}
+    found = {
+        name: []
+        for name in ("expected", "probability", "first_arrival", "bulk_arrival", "total", "ever")
+    }
     errors = {name: [] for name in found}
     for _ in range(repeats):
         chance, centre = rng.beta(0.5, 3, worlds), rng.normal(20_000, 4000, worlds)
@@ -320,10 +367,19 @@ def test_standard_errors_are_the_spread_of_repeated_forecasts(repeats):
         slots = np.flatnonzero(rng.random(worlds * each) < np.repeat(chance, each))
         world = np.repeat(np.arange(worlds), each)
         arrival = np.maximum(centre[world[slots]] + rng.exponential(4000, len(slots)), 1)
-        stays = Stays(*(a.astype(np.int32) for a in (slots, 0 * slots, arrival, 0 * slots + FOREVER)))
+        stays = Stays(
+            *(a.astype(np.int32) for a in (slots, 0 * slots, arrival, 0 * slots + FOREVER))
+        )
         fates = replace(spill(world, [], worlds=worlds), stays=stays)
         weight /= weight.sum()
-        made = build(fates, stretches(1), [once(np.ones(len(world)), worlds)], weight, np.array([25_000]), START)
+        made = build(
+            fates,
+            stretches(1),
+            [once(np.ones(len(world)), worlds)],
+            weight,
+            np.array([25_000]),
+            START,
+        )
         for name in found:
             pick = 2 if name == "total" else 1 if "_" in name else 0
             found[name].append(made[name].values.ravel()[pick])
@@ -334,7 +390,9 @@ def test_standard_errors_are_the_spread_of_repeated_forecasts(repeats):
 
 
 def test_two_errors_of_a_rare_number_hold_whatever_its_mean():
-    """Of so many worlds that hits are Poisson: the share of counts whose two errors hold their mean, summed exactly."""
+    """Of so many worlds that hits are Poisson: the share of counts whose two errors hold their
+    mean, summed exactly.
+    """
     many = 1e7
     errors = []
     for count in range(200):
@@ -360,13 +418,17 @@ def test_two_errors_of_a_rare_number_hold_whatever_its_mean():
         (2000, 30, 0.1, 0.2, (0.3, 1.4)),
     ],
 )
-def test_two_standard_errors_hold_what_they_say_on_rare_stretches_too(worlds, each, scatter, length, drawn):
-    """A straight coast: plumes land about normal centres, objects about these; the truth is a normal integral.
+def test_two_standard_errors_hold_what_they_say_on_rare_stretches_too(
+    worlds, each, scatter, length, drawn
+):
+    """A straight coast: plumes land about normal centres, objects about these; the truth is a
+    normal integral.
 
-    A rare stretch is hit by whole plumes in a few worlds, or by stragglers of more. Errors from the spread over worlds alone
-    held 12 to 87 % below 0.1 objects. Two errors hold 95.4 % of what is normal; three standard errors of that by seeds, whose
-    stretches share their worlds, are left for chance. Classes by the truth and by what is printed. drawn: mean and standard
-    deviation of the normal that worlds are drawn from, and then weighed to the standard one.
+    A rare stretch is hit by whole plumes in a few worlds, or by stragglers of more. Errors from the
+    spread over worlds alone held 12 to 87 % below 0.1 objects. Two errors hold 95.4 % of what is
+    normal; three standard errors of that by seeds, whose stretches share their worlds, are left for
+    chance. Classes by the truth and by what is printed. drawn: mean and standard deviation of the
+    normal that worlds are drawn from, and then weighed to the standard one.
     """
     count, seeds = 80, 16
     edges = (np.arange(count + 1) - count // 2) * length
@@ -377,17 +439,32 @@ def test_two_standard_errors_hold_what_they_say_on_rare_stretches_too(worlds, ea
         middle = drawn[0] + drawn[1] * rng.standard_normal(worlds)
         weight = stats.norm.pdf(middle) / stats.norm.pdf(middle, *drawn)
         centre = np.repeat(middle, each)
-        place = np.floor((centre + scatter * rng.standard_normal(worlds * each)) / length).astype(int) + count // 2
+        place = (
+            np.floor((centre + scatter * rng.standard_normal(worlds * each)) / length).astype(int)
+            + count // 2
+        )
         slot = np.flatnonzero((place >= 0) & (place < count))
-        at = np.stack([slot, place[slot], np.full(len(slot), 10), np.full(len(slot), FOREVER)], axis=1)
+        at = np.stack(
+            [slot, place[slot], np.full(len(slot), 10), np.full(len(slot), FOREVER)], axis=1
+        )
         fates = spill(np.repeat(np.arange(worlds), each), [], worlds=worlds)
         fates = replace(fates, stays=Stays(*(column.astype(np.int32) for column in at.T)))
         made = build(
-            fates, coast, [once(np.ones(worlds * each), worlds)], weight / weight.sum(), np.array([20]), START, ["drum"]
+            fates,
+            coast,
+            [once(np.ones(worlds * each), worlds)],
+            weight / weight.sum(),
+            np.array([20]),
+            START,
+            ["drum"],
         )
         for name in ("expected", "arrived", "expected_by_kind"):
             value, error = (made[name + end].values.reshape(-1) for end in ("", "_se"))
-            rows.append(np.stack([true[made["segment"].values], value, error, np.full(len(value), seed)], axis=1))
+            rows.append(
+                np.stack(
+                    [true[made["segment"].values], value, error, np.full(len(value), seed)], axis=1
+                )
+            )
     truth, value, error, seed = np.concatenate(rows).T
     held = np.abs(value - truth) <= 2 * error
     for what in (truth, value):
@@ -399,7 +476,10 @@ def test_two_standard_errors_hold_what_they_say_on_rare_stretches_too(worlds, ea
             ):  # plumes of many objects leave hardly a stretch with less than one in a hundred
                 assert (low, each) == (0, 100)
                 continue
-            assert by_seed.mean() >= 0.954 - 3 * by_seed.std(ddof=1) / np.sqrt(len(by_seed)), (low, high)
+            assert by_seed.mean() >= 0.954 - 3 * by_seed.std(ddof=1) / np.sqrt(len(by_seed)), (
+                low,
+                high,
+            )
 
 
 def test_realisations_of_a_world_are_one_unit():
@@ -423,11 +503,17 @@ def test_quantiles_of_ragged_groups(seed, groups):
     start = np.cumsum(sizes) - sizes
     shares = (0.1, 0.5, 0.9)
     found, _ = estimate.quantiles(
-        np.concatenate(values), np.concatenate(weights).astype(float) * rng.random(), start, shares, 50.0
+        np.concatenate(values),
+        np.concatenate(weights).astype(float) * rng.random(),
+        start,
+        shares,
+        50.0,
     )
     for g in range(groups):
         repeated = np.repeat(values[g], weights[g])
-        np.testing.assert_array_equal(found[:, g], np.quantile(repeated, shares, method="inverted_cdf"))
+        np.testing.assert_array_equal(
+            found[:, g], np.quantile(repeated, shares, method="inverted_cdf")
+        )
 
 
 def test_quantiles_too_few_to_tell():
@@ -438,7 +524,9 @@ def test_quantiles_too_few_to_tell():
 
 
 def test_nothing_ashore():
-    made = build(spill([0, 1], []), stretches(2), [once([3, 3], 2)], level(2), np.array([0, 10]), START)
+    made = build(
+        spill([0, 1], []), stretches(2), [once([3, 3], 2)], level(2), np.array([0, 10]), START
+    )
     assert made.sizes["segment"] == 0
     assert made["total"].sel(fate="afloat").values.tolist() == [3, 3]
     for text in (washup_tables.stretches(made, "run"), washup_tables.times(made, "run")):
@@ -469,16 +557,22 @@ def test_tables_say_what_the_data_say():
         at = made.sel(segment=int(row["segment"]))
         assert float(row["expected"]) == pytest.approx(at["expected"].values[-1], rel=1e-5)
         assert float(row["number_90"]) == at["number"].values[2, -1]
-        assert float(row["expected_drum"]) == pytest.approx(at["expected_by_kind"].values[0, -1], rel=1e-5)
+        assert float(row["expected_drum"]) == pytest.approx(
+            at["expected_by_kind"].values[0, -1], rel=1e-5
+        )
         moment = np.datetime64(row["first_50"].removesuffix("Z"))
         assert moment == np.datetime64(round(at["first_arrival"].values[1].item()), "s")
-        assert float(row["first_50_h"]) == pytest.approx((moment - START) / np.timedelta64(1, "h"), abs=0.01)
+        assert float(row["first_50_h"]) == pytest.approx(
+            (moment - START) / np.timedelta64(1, "h"), abs=0.01
+        )
         assert list(row)[-1] == "run_id"
         assert row["run_id"] == "abc-s1"
     rows = list(csv.DictReader(io.StringIO(washup_tables.times(made, "abc-s1"))))
     assert len(rows) == np.count_nonzero(made["arrived"].values) < made["arrived"].size
     for row in rows:
-        at = made.sel(segment=int(row["segment"]), time=np.datetime64(row["time"].removesuffix("Z")))
+        at = made.sel(
+            segment=int(row["segment"]), time=np.datetime64(row["time"].removesuffix("Z"))
+        )
         assert float(row["probability"]) == pytest.approx(at["probability"].item(), abs=1e-6)
     rows = list(csv.DictReader(io.StringIO(washup_tables.totals(made, "abc-s1"))))
     every = [float(row["expected"]) for row in rows]
@@ -497,11 +591,16 @@ def test_geojson_is_cut_at_the_antimeridian():
                      np.arange(2), lines, ("wild", "town"))  # fmt: skip
     fates = spill([0, 0], [(0, 0, 5, FOREVER), (1, 1, 5, FOREVER)])
     made = build(fates, where, [once([3, 1], 1)], level(1), np.array([10]), START)
-    made = json.loads(json.dumps(washup_tables.lines(made, where, {"run_id": "x", "title": "T"}), allow_nan=False))
+    made = json.loads(
+        json.dumps(washup_tables.lines(made, where, {"run_id": "x", "title": "T"}), allow_nan=False)
+    )
     assert made["run_id"] == "x"
     across, wrapped = (shapely.geometry.shape(f["geometry"]) for f in made["features"])
     assert across.geom_type == wrapped.geom_type == "MultiLineString"
-    assert [part.bounds for part in across.geoms] == [(179.9, -17, 180, -16.95), (-180, -16.95, -179.8, -16.9)]
+    assert [part.bounds for part in across.geoms] == [
+        (179.9, -17, 180, -16.95),
+        (-180, -16.95, -179.8, -16.9),
+    ]
     np.testing.assert_allclose(wrapped.bounds, (169, 3, 170, 4))
     properties = made["features"][0]["properties"]
     assert (properties["name"], properties["expected"], properties["rank"]) == ("across", 3, 1)

@@ -1,4 +1,6 @@
-"""What the worlds of a spill are drawn as, and what their objects are given: moments against the stated priors."""
+"""What the worlds of a spill are drawn as, and what their objects are given: moments against the
+stated priors.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -72,11 +74,17 @@ def within(found: float, expected: float, error: float) -> None:
 
 
 def test_worlds_follow_the_stated_priors(tmp_path: Path) -> None:
-    """Release: a normal of axes turned clockwise from north; its time uniform; windage lognormal; errors of the current normal."""
+    """Release: a normal of axes turned clockwise from north; its time uniform; windage lognormal;
+    errors of the current normal.
+    """
     case = spill_of(tmp_path, POSITION)
     drawn = worlds.draw_worlds(case.spill, 7, at_sea)
     n = drawn.size
-    way = np.array(sphere.offset(*np.radians([-179.95, 58.0]), drawn.lon * sphere.UNIT, drawn.lat * sphere.UNIT))
+    way = np.array(
+        sphere.offset(
+            *np.radians([-179.95, 58.0]), drawn.lon * sphere.UNIT, drawn.lat * sphere.UNIT
+        )
+    )
     turn = np.radians(35)
     major, minor = np.array([np.sin(turn), np.cos(turn)]), np.array([np.cos(turn), -np.sin(turn)])
     cov = 6000.0**2 * np.outer(major, major) + 2000.0**2 * np.outer(minor, minor)
@@ -94,7 +102,9 @@ def test_worlds_follow_the_stated_priors(tmp_path: Path) -> None:
 
 
 def test_an_area_of_releases_is_uniform_on_the_sphere(tmp_path: Path) -> None:
-    """Across the antimeridian, 56 to 72 N: counts by latitude go as width times cos(lat), which is far from uniform in degrees."""
+    """Across the antimeridian, 56 to 72 N: counts by latitude go as width times cos(lat), which is
+    far from uniform in degrees.
+    """
     case = spill_of(tmp_path, AREA)
     drawn = worlds.draw_worlds(case.spill, 7, at_sea)
     lat = sphere.to_degrees(drawn.lat)
@@ -107,18 +117,26 @@ def test_an_area_of_releases_is_uniform_on_the_sphere(tmp_path: Path) -> None:
 
 
 def test_worlds_drawn_anew_weigh_as_their_prior(tmp_path: Path) -> None:
-    """Importance weights have mean 1 under the proposal, and weighted moments are the prior's: standard normals."""
+    """Importance weights have mean 1 under the proposal, and weighted moments are the prior's:
+    standard normals.
+    """
     case = spill_of(tmp_path, POSITION)
     random = np.random.default_rng(3)
     k = worlds.draw_worlds(case.spill, 1, at_sea, count=50).latent.shape[1]
     factor = 0.5 * random.standard_normal((k, k))
     proposal = Proposal(
-        0.7 * random.standard_normal((3, k)), np.array([0.5, 0.3, 0.2]), factor @ factor.T + 0.4 * np.eye(k)
+        0.7 * random.standard_normal((3, k)),
+        np.array([0.5, 0.3, 0.2]),
+        factor @ factor.T + 0.4 * np.eye(k),
     )
     drawn = worlds.draw_worlds(case.spill, 9, at_sea, proposal)
     weight = np.exp(drawn.log_weight)
     assert weight.std() > 0.3
-    for value, expected in ((np.ones(drawn.size), 1.0), (drawn.latent[:, 0], 0.0), (drawn.latent[:, 1] ** 2, 1.0)):
+    for value, expected in (
+        (np.ones(drawn.size), 1.0),
+        (drawn.latent[:, 0], 0.0),
+        (drawn.latent[:, 1] ** 2, 1.0),
+    ):
         product = weight * value
         within(product.mean(), expected, product.std() / np.sqrt(drawn.size))
 
@@ -128,16 +146,25 @@ def released(tmp_path_factory: pytest.TempPathFactory) -> Any:
     case = spill_of(tmp_path_factory.mktemp("spill"), POSITION, 2000)
     drawn = worlds.draw_worlds(case.spill, 7, at_sea)
     land = shoreline.build_coast(Shore(np.array([], object), "none"), Box(178, 57, 183, 59))
-    return case, drawn, release.draw_release(case.spill, drawn, case.period, case.errors, device_coast.upload(land), 7)
+    return (
+        case,
+        drawn,
+        release.draw_release(
+            case.spill, drawn, case.period, case.errors, device_coast.upload(land), 7
+        ),
+    )
 
 
 def test_a_world_scales_all_the_leeway_of_its_objects(released: Any) -> None:
-    """Slopes and offsets alike, on all lines: in the ratio of the published ones after division by the world's factor."""
+    """Slopes and offsets alike, on all lines: in the ratio of the published ones after division by
+    the world's factor.
+    """
     _, drawn, ensemble = released
     first, last = ensemble.scenarios[0]
     raft = leeway.find("LIFE-RAFT-DB-10")
     factor = drawn.windage[ensemble.world.to_numpy()[first:last]]
-    for side in ("right", "left"):  # the downwind line is cut at 0: tests/engine/motion/test_leeway.py
+    # the downwind line is cut at 0: tests/engine/motion/test_leeway.py
+    for side in ("right", "left"):
         line = getattr(raft, side)
         for what in ("slope", "offset"):
             own = ensemble.own[f"{side}_{what}"].to_numpy()[first:last] / factor
@@ -147,7 +174,9 @@ def test_a_world_scales_all_the_leeway_of_its_objects(released: Any) -> None:
 
 
 def test_classes_have_their_shares_and_objects_their_times(released: Any) -> None:
-    """Weights of a class add up to its share; an object goes adrift within `release_duration` of its world; it lies about its world's release."""
+    """Weights of a class add up to its share; an object goes adrift within `release_duration` of
+    its world; it lies about its world's release.
+    """
     _, drawn, ensemble = released
     weight = np.exp(ensemble.log_weight.to_numpy().astype(np.float64))
     for (first, last), share in zip(ensemble.scenarios, (0.75, 0.25), strict=True):
@@ -157,15 +186,28 @@ def test_classes_have_their_shares_and_objects_their_times(released: Any) -> Non
     late = ensemble.release.to_numpy() - (drawn.release[world] - case.period.epoch)
     assert stats.kstest(late / 3600, "uniform", args=(0, 5)).pvalue > 1e-4
     at = [drawn.lon[world] * sphere.UNIT, drawn.lat[world] * sphere.UNIT]
-    way = np.array(sphere.offset(*at, ensemble.lon.to_numpy() * sphere.UNIT, ensemble.lat.to_numpy() * sphere.UNIT))
+    way = np.array(
+        sphere.offset(
+            *at, ensemble.lon.to_numpy() * sphere.UNIT, ensemble.lat.to_numpy() * sphere.UNIT
+        )
+    )
     assert np.abs(way.std(axis=1) / 300 - 1).max() < 4.5 / np.sqrt(2 * way.shape[1])
 
 
 def test_boxes_drift_by_their_immersion(released: Any) -> None:
-    """The share under water is uniform between objects (Daniel et al. 2002): I = 1 / (1 + (slope / ratio)^2)."""
+    """The share under water is uniform between objects (Daniel et al. 2002):
+
+    I = 1 / (1 + (slope / ratio)^2).
+    """
     _, drawn, ensemble = released
     first, last = ensemble.scenarios[1]
-    slope = ensemble.own["down_slope"].to_numpy()[first:last] / drawn.windage[ensemble.world.to_numpy()[first:last]]
+    slope = (
+        ensemble.own["down_slope"].to_numpy()[first:last]
+        / drawn.windage[ensemble.world.to_numpy()[first:last]]
+    )
     immersion = 1 / (1 + (slope / np.sqrt(1.225 / 1025)) ** 2)
     # the ratio is kept to four digits: 0.0346 for 0.03457, 2e-3 of 1 - I
-    assert stats.kstest(immersion, "uniform", args=(0.4, 0.4)).statistic < 1.95 / np.sqrt(immersion.size) + 3e-3
+    assert (
+        stats.kstest(immersion, "uniform", args=(0.4, 0.4)).statistic
+        < 1.95 / np.sqrt(immersion.size) + 3e-3
+    )

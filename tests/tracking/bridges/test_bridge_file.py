@@ -1,4 +1,6 @@
-"""The file of `drift bridge` and both commands: what is written becomes a bridge, every mistake is a line, pictures and GeoJSON stand."""
+"""The file of `drift bridge` and both commands: what is written becomes a bridge, every mistake is
+a line, pictures and GeoJSON stand.
+"""
 
 import json
 import math
@@ -70,7 +72,9 @@ def test_what_is_written_becomes_a_bridge(tmp_path: Path) -> None:
     holds = -2 * math.log(0.1)
     ahead = np.array([math.sin(math.radians(70)), math.cos(math.radians(70))])
     beside = np.array([ahead[1], -ahead[0]])
-    creek = (30 * NMI) ** 2 / holds * np.outer(ahead, ahead) + (12 * NMI) ** 2 / holds * np.outer(beside, beside)
+    creek = (30 * NMI) ** 2 / holds * np.outer(ahead, ahead) + (12 * NMI) ** 2 / holds * np.outer(
+        beside, beside
+    )
     assert found.bridge.covariance[:2, :2] == pytest.approx(creek)
     assert np.abs(found.bridge.covariance[2:4]).max() == 0
     long, short, direction = ellipse.axes(found.bridge.covariance[4:, 4:])
@@ -78,8 +82,12 @@ def test_what_is_written_becomes_a_bridge(tmp_path: Path) -> None:
 
 
 def test_correlation_of_two_places(tmp_path: Path) -> None:
-    """A number holds for east and north alike; a matrix has rows of the point before; error is the radius that holds half."""
-    words = WRITTEN.replace("orientation = 20", "orientation = 20\ncorrelation = [[0.2, -0.1], [0.05, 0.4]]")
+    """A number holds for east and north alike; a matrix has rows of the point before; error is the
+    radius that holds half.
+    """
+    words = WRITTEN.replace(
+        "orientation = 20", "orientation = 20\ncorrelation = [[0.2, -0.1], [0.05, 0.4]]"
+    )
     words = words.replace('time = "+31 h"', 'time = "+31 h"\nerror = "5 nmi"\ncorrelation = -0.3')
     whole = bridge_file.load(written(tmp_path, words)).bridge.covariance
     sd = np.sqrt(np.diag(whole))
@@ -102,8 +110,16 @@ def test_defaults_and_every(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"12 nmi/sqrt(h)"', '"-12 nmi/sqrt(h)"', r"k: spread rate '-12 nmi/sqrt\(h\)' must be at least 0"),
-        ('"12 nmi/sqrt(h)"', '"12 kn"', 'k: "12 kn" is not a spread rate: "kn" is no length over the square root'),
+        (
+            '"12 nmi/sqrt(h)"',
+            '"-12 nmi/sqrt(h)"',
+            r"k: spread rate '-12 nmi/sqrt\(h\)' must be at least 0",
+        ),
+        (
+            '"12 nmi/sqrt(h)"',
+            '"12 kn"',
+            'k: "12 kn" is not a spread rate: "kn" is no length over the square root',
+        ),
         ('"12 nmi/sqrt(h)"', '"12 nm/sqrt(h)"', 'the unit "nm" can be misread'),
         ('"+31 h"', '"+61 h"', "way point 3 is reached 7 h before way point 2"),
         ('"010000ZJUN26"', '"+3 h"', "point 1: its time must be a date and time"),
@@ -115,10 +131,18 @@ def test_defaults_and_every(tmp_path: Path) -> None:
             "one of error, std and ellipse .* found error and std",
         ),
         ('time = "+31 h"', 'time = "+31 h"\norientation = 5', "found orientation alone"),
-        ('name = "creek"', "correlation = 0.5", "point 1.correlation: is with the point before, and there is none"),
+        (
+            'name = "creek"',
+            "correlation = 0.5",
+            "point 1.correlation: is with the point before, and there is none",
+        ),
         ('"14 30N 066 00W"]', '"14 30N 075 00W"]', 'line "halfway".*are one place'),
         (', "14 30N 066 00W"]', "]", 'line "halfway".through: .*at least 2 items'),
-        ('"+40 h"', '"+60 h"', "output.times: 031200ZJUN26 is outside the bridge, 010000ZJUN26 to 030600ZJUN26"),
+        (
+            '"+40 h"',
+            '"+60 h"',
+            "output.times: 031200ZJUN26 is outside the bridge, 010000ZJUN26 to 030600ZJUN26",
+        ),
         ("[90, 50]", "[90, 100]", "100 must be a percentage above 0 and below 100"),
         ("[90, 50]", "[]", "must be a list of percentages"),
         ('times = ["+6 h", "+40 h"]', 'every = "10 s"', "asks for 19,441 times"),
@@ -181,33 +205,54 @@ def test_what_strays_far_is_told_to_be_rough(tmp_path: Path) -> None:
     )
 
 
-def test_command_writes_a_picture_and_geojson(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_writes_a_picture_and_geojson(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     from matplotlib import image
 
     path, picture, areas = written(tmp_path), tmp_path / "bridge.png", tmp_path / "areas.geojson"
-    arguments = ["bridge", str(path), "--out", str(picture), "--geojson", str(areas), "--k", "8 nmi/sqrt(h)"]
+    arguments = [
+        "bridge",
+        str(path),
+        "--out",
+        str(picture),
+        "--geojson",
+        str(areas),
+        "--k",
+        "8 nmi/sqrt(h)",
+    ]
     assert commands.main(arguments) == 0
     said = capsys.readouterr().out
     assert "K = 8 nmi/sqrt(h)" in said
     pixels = image.imread(picture)
     assert pixels.shape == (1162, 1638, 4)
-    assert len(np.unique(pixels.reshape(-1, 4) @ [1.0, 256.0, 65536.0, 0.0])) > 500  # colours: it is no empty page
+    # colours: it is no empty page
+    assert len(np.unique(pixels.reshape(-1, 4) @ [1.0, 256.0, 65536.0, 0.0])) > 500
     written_areas = json.loads(areas.read_text(encoding="utf-8"))
     shapes = [f for f in written_areas["features"] if f["properties"]["kind"] == "area"]
     assert [(f["properties"]["time"], f["properties"]["probability"]) for f in shapes] == [
-        (time, share) for time in ("2026-06-01T06:00:00Z", "2026-06-02T16:00:00Z") for share in (0.5, 0.9)
+        (time, share)
+        for time in ("2026-06-01T06:00:00Z", "2026-06-02T16:00:00Z")
+        for share in (0.5, 0.9)
     ]
     for (
         shape
-    ) in shapes:  # the area on the sphere of the polygon that was written: l'Huilier would do, a local plane does here
+        # the area on the sphere of the polygon that was written: l'Huilier would do, a local plane
+        # does here
+    ) in shapes:
         lon, lat = np.radians(shape["geometry"]["coordinates"][0][0]).T
         middle = float(np.mean(lat))
-        plane = shapely.Polygon(np.column_stack([lon * math.cos(middle), lat])).area * (sphere.RADIUS / NMI) ** 2
+        plane = (
+            shapely.Polygon(np.column_stack([lon * math.cos(middle), lat])).area
+            * (sphere.RADIUS / NMI) ** 2
+        )
         assert plane == pytest.approx(shape["properties"]["area_nmi2"], rel=5e-3)
 
 
 def test_a_picture_across_the_antimeridian_and_near_a_pole(tmp_path: Path) -> None:
-    words = WRITTEN.replace('"12 10N 072 10W"', '"71 00N 176 00E"').replace("[-70.5, 15.2]", "[-177.0, 76.0]")
+    words = WRITTEN.replace('"12 10N 072 10W"', '"71 00N 176 00E"').replace(
+        "[-70.5, 15.2]", "[-177.0, 76.0]"
+    )
     words = words.replace('"17 55N 067 05W"', '"82 00N 150 00W"')
     picture = tmp_path / "arctic.png"
     assert commands.main(["bridge", str(written(tmp_path, words)), "--out", str(picture)]) == 0
@@ -240,7 +285,9 @@ def test_options_that_cannot_be_done(
 
 
 def ships(folder: Path, count: int = 12, fixes: int = 40) -> Path:
-    """A table of ships that steam east at 10 kn and stray by 2 nmi/sqrt(h), with fixes every hour to the second."""
+    """A table of ships that steam east at 10 kn and stray by 2 nmi/sqrt(h), with fixes every hour
+    to the second.
+    """
     rng = np.random.default_rng(6)
     rows = ["ship,time,lon,lat"]
     for ship in range(count):
@@ -254,8 +301,12 @@ def ships(folder: Path, count: int = 12, fixes: int = 40) -> Path:
     return path
 
 
-def test_fit_bridge_prints_k_and_a_line_of_a_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """K of simulated ships within three standard errors, 2 / (2 sqrt(228)) by the triples' number; what it prints can be read back."""
+def test_fit_bridge_prints_k_and_a_line_of_a_case(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """K of simulated ships within three standard errors, 2 / (2 sqrt(228)) by the triples' number;
+    what it prints can be read back.
+    """
     path = ships(tmp_path)
     assert commands.main(["fit-bridge", str(path), "--hold-out", "--error", "0 m"]) == 0
     said = capsys.readouterr().out
@@ -263,16 +314,28 @@ def test_fit_bridge_prints_k_and_a_line_of_a_case(tmp_path: Path, capsys: pytest
     assert last.startswith('k = "')
     found = float(last.split('"')[1].split()[0])
     assert found == pytest.approx(2.0, abs=3 * 2 / (2 * math.sqrt(228)))
-    assert "12, 228 comparisons in 12 stretches; all fixes, steps of at most 24 h; 1 h from fix to fix (median)" in said
+    assert (
+        "12, 228 comparisons in 12 stretches; all fixes, steps of at most 24 h; 1 h from fix to fix (median)"
+        in said
+    )
     assert "held out, 50 % area" in said
-    assert commands.main(["fit-bridge", str(path), "--every", "3 h", "--by", "steady", "--error", "fit"]) == 0
+    assert (
+        commands.main(
+            ["fit-bridge", str(path), "--every", "3 h", "--by", "steady", "--error", "fit"]
+        )
+        == 0
+    )
     assert "fixes every 3 h, steps of at most 4.5 h" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("content", "arguments", "words"),
     [
-        ("ship,time,lon,lat\n7,2021-03-20T00:22Z,32.3,31.4\n", [], "no step from fix to fix is left"),
+        (
+            "ship,time,lon,lat\n7,2021-03-20T00:22Z,32.3,31.4\n",
+            [],
+            "no step from fix to fix is left",
+        ),
         ("ship,when,lon,lat\n7,2021-03-20T00:22Z,32.3,31.4\n", [], "no column of time"),
         (None, ["--min-speed", "500 kn"], "no step from fix to fix is left"),
         (None, ["--every", "6 kn"], "--every"),
@@ -286,7 +349,11 @@ def test_fit_bridge_prints_k_and_a_line_of_a_case(tmp_path: Path, capsys: pytest
     ],
 )
 def test_fit_bridge_refuses_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str | None, arguments: list[str], words: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    content: str | None,
+    arguments: list[str],
+    words: str,
 ) -> None:
     path = ships(tmp_path, 2, 8)
     if content is not None:
@@ -312,5 +379,10 @@ def test_the_documented_file_is_understood() -> None:
     assert asked.bridge.covariance[0, 2] != 0
     options = re.findall(r"^\| `(--[a-z-]+)", page, flags=re.MULTILINE)
     command = grammar.parser()._subparsers._group_actions[0].choices["fit-bridge"]
-    there = {option for action in command._actions for option in action.option_strings if option.startswith("--")}
+    there = {
+        option
+        for action in command._actions
+        for option in action.option_strings
+        if option.startswith("--")
+    }
     assert set(options) == there - {"--help"}

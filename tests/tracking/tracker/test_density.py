@@ -15,35 +15,53 @@ EARTH = Geod(a=sphere.RADIUS, b=sphere.RADIUS)
 TWICE = 2 * np.pi
 
 
-def cloud(lon: float, lat: float, std: tuple[float, float], turn: float, n: int, seed: int) -> np.ndarray:
-    """Return unit vectors normal about a place [deg], with standard deviations [m] along an axis and across it."""
+def cloud(
+    lon: float, lat: float, std: tuple[float, float], turn: float, n: int, seed: int
+) -> np.ndarray:
+    """Return unit vectors normal about a place [deg], with standard deviations [m] along an axis
+    and across it.
+    """
     along, across = np.random.default_rng(seed).standard_normal((2, n)) * np.array(std)[:, None]
-    east, north = along * np.sin(turn) + across * np.cos(turn), along * np.cos(turn) - across * np.sin(turn)
+    east, north = (
+        along * np.sin(turn) + across * np.cos(turn),
+        along * np.cos(turn) - across * np.sin(turn),
+    )
     return path.vector(*sphere.destination(np.radians(lon), np.radians(lat), east, north))
 
 
 def within(region: density.Region, place: np.ndarray) -> np.ndarray:
     """Return which places its outline holds, whichever turn its longitudes are of."""
     lon, lat = path.degrees(place)
-    return np.any([shapely.contains_xy(region.outline, lon + turn, lat) for turn in (-360, 0, 360)], axis=0)
+    return np.any(
+        [shapely.contains_xy(region.outline, lon + turn, lat) for turn in (-360, 0, 360)], axis=0
+    )
 
 
-@pytest.mark.parametrize(("lon", "lat"), [(-76.3, 34.2), (179.99, 34.2), (23.0, 89.97), (-140.0, -89.96)])
+@pytest.mark.parametrize(
+    ("lon", "lat"), [(-76.3, 34.2), (179.99, 34.2), (23.0, 89.97), (-140.0, -89.96)]
+)
 def test_areas_of_a_normal_cloud(lon: float, lat: float) -> None:
     """2 pi a b ln(1 / (1 - p)), at 180 degrees and with a pole within too.
 
-    The share p that 4000 particles find has the standard error sqrt(p (1 - p) / n), and so the area sqrt(p / (1 - p) / n) /
-    ln(1 / (1 - p)), relative; what others are within, 20,000, have their own besides: four of each.
+    The share p that 4000 particles find has the standard error sqrt(p (1 - p) / n), and so the area
+    sqrt(p / (1 - p) / n) / ln(1 / (1 - p)), relative; what others are within, 20,000, have their
+    own besides: four of each.
     """
     n, a, b = 4000, 9000.0, 4000.0
     fresh = cloud(lon, lat, (a, b), 0.6, 20_000, 4)
-    found = density.areas(density.surface(cloud(lon, lat, (a, b), 0.6, n, 3), np.ones(n)), (0.5, 0.9))
+    found = density.areas(
+        density.surface(cloud(lon, lat, (a, b), 0.6, n, 3), np.ones(n)), (0.5, 0.9)
+    )
     for share, region in found.items():
         log = np.log(1 / (1 - share))
-        assert region.area == pytest.approx(TWICE * a * b * log, rel=4 * np.sqrt(share / (1 - share) / n) / log)
+        assert region.area == pytest.approx(
+            TWICE * a * b * log, rel=4 * np.sqrt(share / (1 - share) / n) / log
+        )
         error = np.sqrt(share * (1 - share) * (1 / n + 1 / 20_000))
         assert within(region, fresh).mean() == pytest.approx(share, abs=4 * error)
-        ring = np.concatenate([np.array(r.coords) for r in shapely.get_rings(shapely.get_parts(region.outline))])
+        ring = np.concatenate(
+            [np.array(r.coords) for r in shapely.get_rings(shapely.get_parts(region.outline))]
+        )
         assert np.ptp(ring[:, 0]) < 1 or np.abs(ring[:, 1]).max() == 90  # no jump at 180
 
 
@@ -85,21 +103,27 @@ FIRST = ("two clumps", "heavy tails")  # the others in the thorough stage
 
 
 @pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=[pytest.mark.thorough] * (kind not in FIRST)) for kind in CLOUDS]
+    "kind",
+    [pytest.param(kind, marks=[pytest.mark.thorough] * (kind not in FIRST)) for kind in CLOUDS],
 )
 def test_areas_hold_their_shares_of_what_they_have_not_seen(kind: str) -> None:
-    """Clouds of 2500, by uneven weights, against 2500 fresh particles of the same law, 16 times, across 180 degrees at 61 S.
+    """Clouds of 2500, by uneven weights, against 2500 fresh particles of the same law, 16 times,
+    across 180 degrees at 61 S.
 
-    Within a core that is much smaller than windows the density is all but one, less by what leaving out a particle's own makes of it:
-    there areas hold at least their share, and a twentieth more at most.
+    Within a core that is much smaller than windows the density is all but one, less by what leaving
+    out a particle's own makes of it: there areas hold at least their share, and a twentieth more at
+    most.
 
-    Four standard errors, by how the 16 differ: no more than 0.03, where shares of 2500 and of the effective number of the cloud have 0.015.
+    Four standard errors, by how the 16 differ: no more than 0.03, where shares of 2500 and of the
+    effective number of the cloud have 0.015.
     """
     rng = np.random.default_rng(7)
     held = []
     for _ in range(16):
         one, two = (
-            path.vector(*sphere.destination(np.radians(179.9), np.radians(-61.0), *CLOUDS[kind](rng, 2500)))
+            path.vector(
+                *sphere.destination(np.radians(179.9), np.radians(-61.0), *CLOUDS[kind](rng, 2500))
+            )
             for _ in range(2)
         )
         weight = rng.uniform(0.1, 1.0, 2500)
@@ -113,10 +137,12 @@ def test_areas_hold_their_shares_of_what_they_have_not_seen(kind: str) -> None:
 
 
 def test_a_surface_is_that_of_scipy() -> None:
-    """Cells hold integrals, and are a quarter of a window wide: the mean over one differs from the density in its middle by
-    (1 / 4)^2 / 24 (d^2 - 2) of it, d windows from a particle; where it is a hundredth of the highest d^2 is 2 ln(100): by 2 %.
+    """Cells hold integrals, and are a quarter of a window wide: the mean over one differs from the
+    density in its middle by (1 / 4)^2 / 24 (d^2 - 2) of it, d windows from a particle; where it is
+    a hundredth of the highest d^2 is 2 ln(100): by 2 %.
 
-    At a particle, less its own window, it is that of the cell: of a middle no farther than 1/8 of a window along both axes.
+    At a particle, less its own window, it is that of the cell: of a middle no farther than 1/8 of a
+    window along both axes.
     """
     place = cloud(179.98, -61.0, (9000.0, 2000.0), 0.6, 400, 5)
     weight = np.random.default_rng(2).uniform(0.1, 1.0, 400)
@@ -137,20 +163,27 @@ def test_a_surface_is_that_of_scipy() -> None:
         for i in np.linspace(-1, 1, 5)
         for j in np.linspace(-1, 1, 5)
     ]
-    low, high = (np.maximum(f - own, f / 2) for f in (0.98 * np.min(near, axis=0), 1.02 * np.max(near, axis=0)))
+    low, high = (
+        np.maximum(f - own, f / 2)
+        for f in (0.98 * np.min(near, axis=0), 1.02 * np.max(near, axis=0))
+    )
     found = surface.at_particles[np.argsort(np.argsort(points[0]))]  # it has them from the least on
     assert ((found >= low) & (found <= high)).all()
 
 
 def test_a_weight_is_as_many_particles() -> None:
-    """But for the width of the windows, which goes by how many effectively count: the middle of a surface is the mean by weight."""
+    """But for the width of the windows, which goes by how many effectively count: the middle of a
+    surface is the mean by weight.
+    """
     place = cloud(-76.3, 14.2, (9000.0, 4000.0), 0.6, 300, 5)
     lon, lat = np.radians(path.degrees(place))
     weight = np.random.default_rng(2).integers(1, 4, 300) + 3.0 * (lon > np.radians(-76.3))
     surface = density.surface(place, weight)
     nobody = density.surface(np.vstack([place, -place]), np.append(weight, np.zeros(300)))
     np.testing.assert_array_equal(nobody.height, surface.height)  # who has no weight is not there
-    mean = np.average(sphere.offset(np.radians(-76.3), np.radians(14.2), lon, lat), axis=1, weights=weight)
+    mean = np.average(
+        sphere.offset(np.radians(-76.3), np.radians(14.2), lon, lat), axis=1, weights=weight
+    )
     mass = surface.height * surface.grid.areas()
     x, y = np.meshgrid(*surface.grid.middles())
     middle = surface.grid.places(*(np.array([np.sum(mass * v)]) for v in (x, y)))
@@ -160,7 +193,10 @@ def test_a_weight_is_as_many_particles() -> None:
 
 def test_two_clumps_have_two_outlines_and_each_its_share() -> None:
     place = np.concatenate(
-        [cloud(-76.0, 14.0, (1500.0, 900.0), 0.3, 900, 1), cloud(-75.6, 14.3, (900.0, 1500.0), 0.9, 900, 2)]
+        [
+            cloud(-76.0, 14.0, (1500.0, 900.0), 0.3, 900, 1),
+            cloud(-75.6, 14.3, (900.0, 1500.0), 0.9, 900, 2),
+        ]
     )
     weight = np.repeat([1.0, 3.0], 900)
     found = density.areas(density.surface(place, weight), (0.5, 0.9))
@@ -190,14 +226,17 @@ def test_an_outline_is_where_a_surface_is_above_its_line() -> None:
 
 
 def test_what_lies_even_on_the_earth_is_as_dense_far_off() -> None:
-    """A spiral of 20,000 over a cap of 60 degrees: its density 30 to 40 degrees off is that in the middle, one over the cap's area.
+    """A spiral of 20,000 over a cap of 60 degrees: its density 30 to 40 degrees off is that in the
+    middle, one over the cap's area.
 
-    In the plane that touches the Earth cells there are 5 to 7 % too large. Windows, 5 degrees wide, take less than 0.6 % off.
+    In the plane that touches the Earth cells there are 5 to 7 % too large. Windows, 5 degrees wide,
+    take less than 0.6 % off.
     """
     k = np.arange(20_000) + 0.5
     z, angle = 1 - 0.5 * k / 20_000, np.pi * (1 + np.sqrt(5)) * k
     middle, east, north = (
-        np.array(v) for v in ((0.5, 0.5, 0.5**0.5), (-(0.5**0.5), 0.5**0.5, 0), (-0.5, -0.5, 0.5**0.5))
+        np.array(v)
+        for v in ((0.5, 0.5, 0.5**0.5), (-(0.5**0.5), 0.5**0.5, 0), (-0.5, -0.5, 0.5**0.5))
     )
     place = z[:, None] * middle + np.sqrt(1 - z**2)[:, None] * (
         np.cos(angle)[:, None] * east + np.sin(angle)[:, None] * north
@@ -213,7 +252,9 @@ def test_many_particles_are_taken_some_at_a_time(monkeypatch: pytest.MonkeyPatch
     place = cloud(12.0, -34.2, (7000.0, 3000.0), 0.9, 1001, 3)
     whole = density.surface(place, np.ones(1001))
     monkeypatch.setattr(density, "AT_ONCE", 100)
-    np.testing.assert_allclose(density.surface(place, np.ones(1001)).height, whole.height, rtol=1e-10, atol=1e-30)
+    np.testing.assert_allclose(
+        density.surface(place, np.ones(1001)).height, whole.height, rtol=1e-10, atol=1e-30
+    )
 
 
 @pytest.mark.parametrize(
@@ -226,14 +267,17 @@ def test_many_particles_are_taken_some_at_a_time(monkeypatch: pytest.MonkeyPatch
     ],
 )
 def test_a_ring_has_a_hole_where_longitudes_jump_too(lon: float, lat: float) -> None:
-    """By the spherical excess of its rings, in longitude and sine of latitude (Lambert), with every vertex on one turn."""
+    """By the spherical excess of its rings, in longitude and sine of latitude (Lambert), with every
+    vertex on one turn.
+    """
     east, north = ring(np.random.default_rng(3), 2500)
     place = path.vector(*sphere.destination(np.radians(lon), np.radians(lat), east, north))
     region = density.areas(density.surface(place, np.ones(2500)), (0.99,))[0.99]
     assert not within(region, path.vector(np.radians([lon]), np.radians([lat]))).any()
     assert within(region, place).mean() == pytest.approx(0.99, abs=0.01)
     flat = shapely.transform(
-        region.outline, lambda v: np.stack([np.radians(v[:, 0]), np.sin(np.radians(v[:, 1]))], axis=1)
+        region.outline,
+        lambda v: np.stack([np.radians(v[:, 0]), np.sin(np.radians(v[:, 1]))], axis=1),
     )
     assert flat.area * sphere.RADIUS**2 == pytest.approx(region.area, rel=1e-6)
     assert (
@@ -244,14 +288,17 @@ def test_a_ring_has_a_hole_where_longitudes_jump_too(lon: float, lat: float) -> 
 def test_a_cloud_that_is_all_ashore_has_the_areas_it_would_have_at_sea() -> None:
     place = cloud(12.0, -34.2, (7000.0, 3000.0), 0.9, 500, 3)
     sea = density.areas(density.surface(place, np.ones(500)), (0.5, 0.9))
-    land = density.areas(density.surface(place, np.ones(500), lambda lon, lat: np.ones(lon.shape, bool)), (0.5, 0.9))
+    land = density.areas(
+        density.surface(place, np.ones(500), lambda lon, lat: np.ones(lon.shape, bool)), (0.5, 0.9)
+    )
     assert [region.area for region in land.values()] == [region.area for region in sea.values()]
     assert all(region.area > 1e6 for region in sea.values())
 
 
 def test_what_cells_ashore_cost_is_made_up_for() -> None:
-    """Where three of ten particles are in cells whose middles are on land, the area of 50 % still holds half of all; that of 90 % all water.
-    Outlines run between the middles of cells at sea and ashore.
+    """Where three of ten particles are in cells whose middles are on land, the area of 50 % still
+    holds half of all; that of 90 % all water. Outlines run between the middles of cells at sea and
+    ashore.
 
     Four standard errors of shares of 4000 and 4000.
     """
@@ -267,7 +314,9 @@ def test_what_cells_ashore_cost_is_made_up_for() -> None:
     found = density.areas(surface, (0.5, 0.9))
     for share, region in zip((0.5, wet.mean()), found.values(), strict=True):
         held = within(region, fresh)
-        beyond = sphere.offset(np.radians(179.99), np.radians(-34.2), *np.radians(path.degrees(fresh[held & ~wet])))
+        beyond = sphere.offset(
+            np.radians(179.99), np.radians(-34.2), *np.radians(path.degrees(fresh[held & ~wet]))
+        )
         cell = np.hypot(*(v[1] - v[0] for v in (surface.grid.x, surface.grid.y)))
         assert ((beyond[0] + 0.3 * beyond[1] - 3000.0) / np.hypot(1, 0.3)).max(initial=0) < cell
         assert held.mean() == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) * 2 / 4000))
@@ -289,13 +338,18 @@ def test_densities_of_a_course_go_round() -> None:
     found = density.along(course, weight, np.radians(7.2), at, TWICE)
     assert found.mean() * TWICE == pytest.approx(1, rel=1e-6)
     exact = stats.norm.pdf((at + np.pi) % TWICE - np.pi, scale=np.hypot(0.4, np.radians(7.2)))
-    # Standard error of a density by windows: sqrt(p / (2 sqrt(pi) h m)), m effective; four of the largest
+    # Standard error of a density by windows: sqrt(p / (2 sqrt(pi) h m)), m effective; four of the
+    # largest
     m = weight.sum() ** 2 / (weight**2).sum()
-    assert np.abs(found - exact).max() < 4 * np.sqrt(exact.max() / (2 * np.sqrt(np.pi) * np.radians(7.2) * m))
+    assert np.abs(found - exact).max() < 4 * np.sqrt(
+        exact.max() / (2 * np.sqrt(np.pi) * np.radians(7.2) * m)
+    )
 
 
 def test_copies_make_no_area_smaller() -> None:
-    """Particles of which each is there several times are as those that are there once, by weight: their windows are as wide."""
+    """Particles of which each is there several times are as those that are there once, by weight:
+    their windows are as wide.
+    """
     rng = np.random.default_rng(3)
     lon, lat = sphere.destination(
         np.radians(179.97), np.radians(-63.0), rng.normal(0, 2500, 60), rng.normal(0, 900, 60)
@@ -303,18 +357,28 @@ def test_copies_make_no_area_smaller() -> None:
     times = rng.integers(1, 9, 60)
     place = path.vector(lon, lat)
     once = density.areas(density.surface(place, times.astype(float)), (0.5, 0.9))
-    copied = density.areas(density.surface(np.repeat(place, times, axis=0), np.ones(times.sum())), (0.5, 0.9))
+    copied = density.areas(
+        density.surface(np.repeat(place, times, axis=0), np.ones(times.sum())), (0.5, 0.9)
+    )
     for share in (0.5, 0.9):
         assert copied[share].area == pytest.approx(once[share].area, rel=1e-6)
 
 
 def test_what_is_within_a_region_is_so_across_180_degrees_and_round_a_pole() -> None:
-    """A cloud on either side of 180 degrees, with places by pyproj at 20 m and at 60 km from its middle; one round the pole."""
+    """A cloud on either side of 180 degrees, with places by pyproj at 20 m and at 60 km from its
+    middle; one round the pole.
+    """
     rng = np.random.default_rng(3)
     for lon, lat in ((179.999, -16.3), (-179.99, 61.0), (40.0, 90.0)):
         azimuth = rng.uniform(0, 360, 900)
-        to = EARTH.fwd(np.full(900, lon), np.full(900, lat), azimuth, 9000 * np.sqrt(rng.random(900)))
-        region = density.areas(density.surface(path.vector(*np.radians(to[:2])), np.ones(900)), (0.9,))[0.9]
+        to = EARTH.fwd(
+            np.full(900, lon), np.full(900, lat), azimuth, 9000 * np.sqrt(rng.random(900))
+        )
+        region = density.areas(
+            density.surface(path.vector(*np.radians(to[:2])), np.ones(900)), (0.9,)
+        )[0.9]
         for away, inside in ((20.0, True), (5000.0, True), (60_000.0, False)):
-            there = EARTH.fwd(np.full(60, lon), np.full(60, lat), np.arange(60) * 6.1, np.full(60, away))
+            there = EARTH.fwd(
+                np.full(60, lon), np.full(60, lat), np.arange(60) * 6.1, np.full(60, away)
+            )
             assert (density.holds(region, path.vector(*np.radians(there[:2]))) == inside).all()

@@ -1,4 +1,6 @@
-"""Detections as they were written down: their boxes, when silence counts, and the track that comes of them."""
+"""Detections as they were written down: their boxes, when silence counts, and the track that comes
+of them.
+"""
 
 from dataclasses import replace
 
@@ -33,25 +35,31 @@ def test_a_detection_has_the_box_of_what_was_measured() -> None:
     seen = found((40, 0, 33, 17.5), (50, 1, 300, NAN), (60, 0, NAN, 4))
     parts = detections.swept((RADAR, EARS), seen, way, 3600.0)
     whole = [part for part in parts if (part.outcome == DETECTED).all()]
-    near, far, half = (np.concatenate([getattr(part, key) for part in whole]) for key in ("near", "far", "half"))
+    near, far, half = (
+        np.concatenate([getattr(part, key) for part in whole]) for key in ("near", "far", "half")
+    )
     np.testing.assert_allclose(near * sphere.RADIUS / NMI, [15.75, 3.6, 0])
     np.testing.assert_allclose(far * sphere.RADIUS / NMI, [18, 4.4, 60])  # at most the reach
     np.testing.assert_allclose(np.degrees(half), [1.5, 180, 5])
 
 
 def test_silence_counts_while_a_sensor_is_on_and_known_and_not_near_its_detections() -> None:
-    """On 0 to 10 and 30 to 40 min, every minute; known until 35 min; detected at 4 min 30 s, and heard, somewhere, at 8 min."""
+    """On 0 to 10 and 30 to 40 min, every minute; known until 35 min; detected at 4 min 30 s, and
+    heard, somewhere, at 8 min.
+    """
     way = path.standing(LON, LAT, 0.0, 35 * 60.0)
     seen = found((270, 0, 33, 12), (480, 1, 20, NAN))
     parts = detections.swept((RADAR, EARS), seen, way, 3600.0)
     silent = [part for part in parts if len(part) and (part.outcome == SILENT).all()]
     (radar,) = silent
-    np.testing.assert_allclose(radar.time / 60, [0, 1, 2, 7, 8, 9, 30, 31, 32, 33, 34, 35])  # from 2.5 min off
+    # from 2.5 min off
+    np.testing.assert_allclose(radar.time / 60, [0, 1, 2, 7, 8, 9, 30, 31, 32, 33, 34, 35])
     np.testing.assert_allclose(radar.far * sphere.RADIUS, RADAR.reach)
 
 
 @pytest.mark.parametrize(("bearing", "far", "reach", "counts"), [
-    (33, 9, 12, False),  # eyes saw it within the radar's reach, so that the radar's log is not whole
+    # eyes saw it within the radar's reach, so that the radar's log is not whole
+    (33, 9, 12, False),
     (33, 11.9, 12, False),
     (NAN, 9, 12, False),  # wherever the ring, it was within reach
     (33, 12.1, 12, True),  # it was beyond: nothing to say
@@ -61,18 +69,24 @@ def test_silence_counts_while_a_sensor_is_on_and_known_and_not_near_its_detectio
 def test_silence_does_not_count_near_what_another_sensor_detected_within_reach(
     bearing: float, far: float, reach: float, counts: bool
 ) -> None:
-    """The radar sweeps every minute of ten; eyes that reach 20 nmi detect something at 4 min 30 s; its grace is 2 min 30 s."""
+    """The radar sweeps every minute of ten; eyes that reach 20 nmi detect something at 4 min 30 s;
+    its grace is 2 min 30 s.
+    """
     way = path.standing(LON, LAT, 0.0, 3600.0)
     radar = replace(RADAR, reach=reach * NMI)
     eyes = Sensor("eyes", 20 * NMI, 0.3, np.radians(1.5), 12.0, Plan(np.inf))
     times, none = detections.silences((radar, eyes), found((270, 1, bearing, far)), way, 600.0)
-    np.testing.assert_allclose(times / 60, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9] if counts else [0, 1, 2, 7, 8, 9])
+    np.testing.assert_allclose(
+        times / 60, [0, 1, 2, 3, 4, 5, 6, 7, 8, 9] if counts else [0, 1, 2, 7, 8, 9]
+    )
     assert none.size == 0
 
 
 @pytest.fixture
 def alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have one cloud of other random numbers in place of nine, where nothing is asked of them: they are most of the time."""
+    """Have one cloud of other random numbers in place of nine, where nothing is asked of them: they
+    are most of the time.
+    """
     monkeypatch.setattr(holding, "OTHERS", 1)
 
 
@@ -104,7 +118,9 @@ def test_a_track_follows_its_detections_and_its_areas_grow_in_silence() -> None:
 
 
 def test_a_track_is_lost_and_found_again() -> None:
-    """Within reach of a radar that finds nothing no particle is left; a later detection begins anew."""
+    """Within reach of a radar that finds nothing no particle is left; a later detection begins
+    anew.
+    """
     asked = tracking.load("lost_contact")
     seen = found((60, 1, 40, 6), (3000, 1, 20, 9))
     radar = replace(asked.sensors[0], reach=30 * NMI, on=Plan())
@@ -114,16 +130,28 @@ def test_a_track_is_lost_and_found_again() -> None:
     for bulk in (0.1, 0.0):
         kind = replace(method, filling=replace(method.filling, bulk=bulk))
         held = holding.hold(
-            replace(asked, target=seen, sensors=(eyes, radar), tracker=way, methods=(kind,), shown=(2000.0, 3000.0))
+            replace(
+                asked,
+                target=seen,
+                sensors=(eyes, radar),
+                tracker=way,
+                methods=(kind,),
+                shown=(2000.0, 3000.0),
+            )
         )
         assert [one.cloud is None for one in held.shown] == [True, False]
         assert [one.holding for one in held.shown] == [0, 9]
         # The first silence that counts, by sweeps of 2.4 s, 300 s after each detection
-        assert [(loss.time, *loss.sensors) for loss in held.lost] == [(360.0, radar), (3300.0, radar)]
+        assert [(loss.time, *loss.sensors) for loss in held.lost] == [
+            (360.0, radar),
+            (3300.0, radar),
+        ]
 
 
 def test_no_silence_counts_from_when_a_path_begins_that_no_log_tells_of() -> None:
-    """The tracker's legs go on to the end; where it looks for the target from 7 minutes on it is elsewhere. Else silence counts from 450 s."""
+    """The tracker's legs go on to the end; where it looks for the target from 7 minutes on it is
+    elsewhere. Else silence counts from 450 s.
+    """
     asked = tracking.load("lost_contact")
     assert asked.pursuit is not None
     radar = replace(RADAR, interval=10.0, on=Plan())
@@ -145,14 +173,23 @@ def test_no_silence_counts_from_when_a_path_begins_that_no_log_tells_of() -> Non
 
 
 def test_a_loss_is_told_where_a_detection_finds_the_target_before_any_figure() -> None:
-    """Figures at the begin and the end alone; silence rules out all from 5 minutes after a plot, when no radar is off."""
+    """Figures at the begin and the end alone; silence rules out all from 5 minutes after a plot,
+    when no radar is off.
+    """
     asked = tracking.load("lost_contact")
     seen = found((61, 0, 40, 6), (800, 0, 20, 9), (1600, 0, 20, 9))
     radar = replace(asked.sensors[0], reach=30 * NMI, interval=7.0, on=Plan())
     way = path.standing(LON, LAT, 0.0, 1700.0)
     held = holding.hold(
         replace(
-            asked, target=seen, sensors=(radar,), tracker=way, every=1700.0, end=1700.0, shown=(1700.0,), pursuit=None
+            asked,
+            target=seen,
+            sensors=(radar,),
+            tracker=way,
+            every=1700.0,
+            end=1700.0,
+            shown=(1700.0,),
+            pursuit=None,
         )
     )
     assert held.detected.sum() == 3
@@ -161,12 +198,23 @@ def test_a_loss_is_told_where_a_detection_finds_the_target_before_any_figure() -
 
 
 def test_the_mean_of_a_ring_lies_within_none_of_its_areas() -> None:
-    """A range alone, of 8 nmi +- 10 %: the areas are a ring, and its mean is on the tracker; a bearing later it is not."""
+    """A range alone, of 8 nmi +- 10 %: the areas are a ring, and its mean is on the tracker; a
+    bearing later it is not.
+    """
     asked = tracking.load("lost_contact")
     seen = found((300, 0, NAN, 8), (600, 0, 70, 8.3))
     way = path.standing(LON, LAT, 0.0, 900.0)
     held = holding.hold(
-        replace(asked, target=seen, sensors=(RADAR,), tracker=way, end=900.0, every=150.0, shown=(300.0,), pursuit=None)
+        replace(
+            asked,
+            target=seen,
+            sensors=(RADAR,),
+            tracker=way,
+            end=900.0,
+            every=150.0,
+            shown=(300.0,),
+            pursuit=None,
+        )
     )
     assert held.time.tolist() == [0.0, 150.0, 300.0, 450.0, 600.0, 750.0, 900.0]
     own = np.isfinite(held.place[:, 0])
@@ -180,7 +228,9 @@ def test_the_mean_of_a_ring_lies_within_none_of_its_areas() -> None:
 
 
 def test_other_clouds_say_how_far_areas_go_by_chance() -> None:
-    """The least and the largest area are those of ten clouds, each followed alone by the random numbers of a run of its own."""
+    """The least and the largest area are those of ten clouds, each followed alone by the random
+    numbers of a run of its own.
+    """
     asked = tracking.load("lost_contact")
     seen = found((300, 0, 70, 8), (1300, 0, 75, 9))
     way = path.standing(LON, LAT, 0.0, 1500.0)
@@ -211,7 +261,10 @@ def test_other_clouds_say_how_far_areas_go_by_chance() -> None:
             assert held.areas[held.row(one.time)][share].area == pytest.approx(each[0], rel=1e-9)
             assert max(each) > 1.05 * min(each)
             outline = sizes[0][share].outline
-            inside = [c.weight[shapely.contains_xy(outline, *path.degrees(c.place))].sum() for c in clouds[1:]]
+            inside = [
+                c.weight[shapely.contains_xy(outline, *path.degrees(c.place))].sum()
+                for c in clouds[1:]
+            ]
             assert one.within[share] == pytest.approx(np.mean(inside), rel=1e-9)
             assert abs(one.within[share] - share) < 0.15
         assert one.holding == holding.OTHERS == 9

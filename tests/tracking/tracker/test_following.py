@@ -1,4 +1,6 @@
-"""Clouds that follow a target: the thesis' exact points, its tables, and laws in closed form (SciPy, pyproj)."""
+"""Clouds that follow a target: the thesis' exact points, its tables, and laws in closed form
+(SciPy, pyproj).
+"""
 
 import math
 from dataclasses import replace
@@ -32,7 +34,12 @@ HIDER = Tracker("hider", Behaviour(FASTEST, change=0.45, hide=0.1, acts=ACTS), F
 
 
 def world(
-    tracker: Path, target: Path, sensors: list[Sensor], end: float, every: float, detections: bool = False
+    tracker: Path,
+    target: Path,
+    sensors: list[Sensor],
+    end: float,
+    every: float,
+    detections: bool = False,
 ) -> World:
     emissions = sweeps.emitted(TWENTY, 1.2, end)
     parts = []
@@ -43,25 +50,38 @@ def world(
     return World(tracker, sweeps.ordered(parts, detections))
 
 
-def wrong(found: following.Estimates, scene: World, target: Path) -> tuple[np.ndarray, following.Errors]:
+def wrong(
+    found: following.Estimates, scene: World, target: Path
+) -> tuple[np.ndarray, following.Errors]:
     """Return (times [min], errors) of what is recorded."""
     time = scene.sweeps.time[scene.sweeps.row >= 0]
     return time / MINUTE, following.errors(found, *target.at(time))
 
 
 CLOSING = world(
-    path.standing(LON, LAT, 0.0, 4 * HOUR), way(85, 0, leg(270, 20, 240)), [EYES, DETECTOR], 4 * HOUR, 300.0
+    path.standing(LON, LAT, 0.0, 4 * HOUR),
+    way(85, 0, leg(270, 20, 240)),
+    [EYES, DETECTOR],
+    4 * HOUR,
+    300.0,
 )
 RED = way(85, 0, leg(270, 20, 240))
 
 
 def test_the_first_closing_detection_is_off_by_half_of_its_box() -> None:
-    """|R - (0.2 R + min(1.8 R, 60)) / 2|, times the shortening of an arc's mean by sin(a) / a, with the error of a mean."""
+    """|R - (0.2 R + min(1.8 R, 60)) / 2|, times the shortening of an arc's mean by sin(a) / a, with
+    the error of a mean.
+    """
     first = world(CLOSING.tracker, RED, [DETECTOR], 81 * MINUTE, HOUR * 9, detections=True)
     size = 20_000
     found = following.follow([first], [NAIVE], size, 3)
     time, errors = wrong(found, first, RED)
-    there = EARTH.inv(*np.degrees([LON, LAT]), *np.ravel(path.degrees(RED.at([time[0] * MINUTE])[0])))[2] / NMI
+    there = (
+        EARTH.inv(*np.degrees([LON, LAT]), *np.ravel(path.degrees(RED.at([time[0] * MINUTE])[0])))[
+            2
+        ]
+        / NMI
+    )
     low, high = 0.2 * there, min(1.8 * there, 60.0)
     mean = (low + high) / 2 * np.sin(np.radians(5)) / np.radians(5)
     spread = (high - low) / np.sqrt(12 * size)
@@ -71,7 +91,9 @@ def test_the_first_closing_detection_is_off_by_half_of_its_box() -> None:
     assert np.linalg.norm(found.velocity[0, 0, 0]) / KNOT < 4 * 32 / np.sqrt(3 * size)
 
 
-def test_nothing_parts_naive_from_contextual_before_three_minutes_and_the_methods_in_closing() -> None:
+def test_nothing_parts_naive_from_contextual_before_three_minutes_and_the_methods_in_closing() -> (
+    None
+):
     trackers = [replace(NAIVE, filling=Filling(method, 0.75, 0.25)) for method in METHODS]
     trackers += [replace(CONTEXT, filling=Filling(method)) for method in METHODS]
     two = [CLOSING, CLOSING]
@@ -80,17 +102,24 @@ def test_nothing_parts_naive_from_contextual_before_three_minutes_and_the_method
     passive = (time >= 85) & (time <= 215)
     for first in (0, 3):
         for other in (first + 1, first + 2):
-            np.testing.assert_array_equal(found.place[first][:, passive], found.place[other][:, passive])
-    assert not np.array_equal(found.place[0][0, passive], found.place[0][1, passive])  # other runs, other numbers
+            np.testing.assert_array_equal(
+                found.place[first][:, passive], found.place[other][:, passive]
+            )
+    # other runs, other numbers
+    assert not np.array_equal(found.place[0][0, passive], found.place[0][1, passive])
     detected = CLOSING.sweeps.time[CLOSING.sweeps.outcome == DETECTED][0]
-    early = world(CLOSING.tracker, RED, [EYES, DETECTOR], detected + 3 * MINUTE, HOUR * 9, detections=True)
+    early = world(
+        CLOSING.tracker, RED, [EYES, DETECTOR], detected + 3 * MINUTE, HOUR * 9, detections=True
+    )
     both = following.follow([early], [NAIVE, CONTEXT], 300, 8)
     assert both.place.shape[2] > 100
     np.testing.assert_array_equal(both.place[0], both.place[1])
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_new_draw_is_weighted_by_the_speed_it_needs_and_aimed_from_the_last_estimate(method: str) -> None:
+def test_a_new_draw_is_weighted_by_the_speed_it_needs_and_aimed_from_the_last_estimate(
+    method: str,
+) -> None:
     """The window about 10 kn is -12 to 32; 40 kn would weigh -8, and weighs 0.1. Ranges by pyproj."""
     here = path.vector(LON, LAT)
     parts = [one_box(100.0, 4.0, 4.4, 2.0, 0.0, here), one_box(60.0, 6.0, 48.0, 10.0, HOUR, here)]
@@ -127,12 +156,23 @@ def test_a_new_draw_is_weighted_by_the_speed_it_needs_and_aimed_from_the_last_es
 
 
 def test_duplicates_are_drawn_by_weight_and_keep_it() -> None:
-    """Of what is left in half of the sector; the mean weight of a draw by weight w is the sum of w^2 over that of w."""
+    """Of what is left in half of the sector; the mean weight of a draw by weight w is the sum of
+    w^2 over that of w.
+    """
     here = path.vector(LON, LAT)
-    boxes = [(100.0, 4.0, 4.4, 2.0, 0.0), (60.0, 6.0, 48.0, 10.0, HOUR), (60.0, 6.0, 48.0, 5.0, HOUR + 1)]
-    scene = World(path.standing(LON, LAT, 0.0, 2 * HOUR), sweeps.ordered([one_box(*box, here) for box in boxes]))
+    boxes = [
+        (100.0, 4.0, 4.4, 2.0, 0.0),
+        (60.0, 6.0, 48.0, 10.0, HOUR),
+        (60.0, 6.0, 48.0, 5.0, HOUR + 1),
+    ]
+    scene = World(
+        path.standing(LON, LAT, 0.0, 2 * HOUR),
+        sweeps.ordered([one_box(*box, here) for box in boxes]),
+    )
     size = 6000
-    held = Clouds([scene], [Tracker("x", Behaviour(FASTEST), Filling("position", 0.75, 0.25))], size, 4)
+    held = Clouds(
+        [scene], [Tracker("x", Behaviour(FASTEST), Filling("position", 0.75, 0.25))], size, 4
+    )
     after = held.go().particles(0, 0, HOUR + 1)
     _, first, which = np.unique(after.place[:, 0], return_index=True, return_inverse=True)
     kept = len(first)
@@ -147,8 +187,9 @@ def test_duplicates_are_drawn_by_weight_and_keep_it() -> None:
 
 
 def test_levels_of_what_a_cloud_was_drawn_from_are_uniform() -> None:
-    """A target that is drawn from the box of its detection is one more particle: its rank by density is any, and a share of
-    1 - p is below p. One that lies outside of all is beyond every area."""
+    """A target that is drawn from the box of its detection is one more particle: its rank by
+    density is any, and a share of 1 - p is below p. One that lies outside of all is beyond every
+    area."""
     here, random = path.standing(LON, LAT, 0.0, HOUR), np.random.default_rng(6)
     at, worlds = path.vector(LON, LAT), []
     for _ in range(600):
@@ -163,13 +204,20 @@ def test_levels_of_what_a_cloud_was_drawn_from_are_uniform() -> None:
     for share in (0.5, 0.9):
         assert abs((level < share).mean() - share) < 4 * np.sqrt(share * (1 - share) / 600)
     away = path.standing(LON + 0.1, LAT, 0.0, HOUR)
-    lost = World(here, sweeps.ordered([one_box(55.0, 6.0, 21.0, 35.0, 0.0, at), sweeps.marks(np.array([0.0]), away)]))
+    lost = World(
+        here,
+        sweeps.ordered(
+            [one_box(55.0, 6.0, 21.0, 35.0, 0.0, at), sweeps.marks(np.array([0.0]), away)]
+        ),
+    )
     assert following.follow([lost], [NAIVE], 600, 12, areas=True).level[0, 0, 0] == 1.0
     assert np.isnan(following.follow([lost], [NAIVE], 600, 12).level).all()
 
 
 def acted(law: Behaviour, blue: Path, size: int) -> tuple[np.ndarray, following.Particles]:
-    """Return speeds [1/s] of a cloud about the patch, 5 to 20 nmi off, and the cloud when each has acted once, after 100 s."""
+    """Return speeds [1/s] of a cloud about the patch, 5 to 20 nmi off, and the cloud when each has
+    acted once, after 100 s.
+    """
     box = one_box(0.0, 5.0, 20.0, 180.0, 0.0, path.vector(LON, LAT))
     scene = World(blue, sweeps.ordered([box, sweeps.marks(np.array([1.0, 100.0]), blue)]))
     held = Clouds([scene], [Tracker("x", law, Filling())], size, 4)
@@ -178,9 +226,13 @@ def acted(law: Behaviour, blue: Path, size: int) -> tuple[np.ndarray, following.
 
 
 def test_a_seeker_meets_a_tracker_under_way() -> None:
-    """On a great circle as its own it comes within 1 s of their relative speed, and what the sphere bends: d (d / R)^2."""
+    """On a great circle as its own it comes within 1 s of their relative speed, and what the sphere
+    bends: d (d / R)^2.
+    """
     there = EARTH.fwd(*np.degrees([LON, LAT]), 217.0, 11 * KNOT * 8 * HOUR)
-    blue = path.through([0.0, 8 * HOUR], *np.radians([[np.degrees(LON), there[0]], [np.degrees(LAT), there[1]]]))
+    blue = path.through(
+        [0.0, 8 * HOUR], *np.radians([[np.degrees(LON), there[0]], [np.degrees(LAT), there[1]]])
+    )
     first, after = acted(Behaviour(FASTEST, seek=1.0, acts=(100.0, 100.0)), blue, 1500)
     assert (after.mode == SEEKING).all()
     speed = np.linalg.norm(after.velocity, axis=1)
@@ -198,23 +250,31 @@ def test_a_seeker_meets_a_tracker_under_way() -> None:
 
 
 def test_a_hider_flees_within_its_sector() -> None:
-    """Uniform about the reciprocal of the bearing to where the tracker is when it acts; it keeps its speed."""
+    """Uniform about the reciprocal of the bearing to where the tracker is when it acts; it keeps
+    its speed.
+    """
     blue = way(0, 0, leg(217, 11, 600))
     first, after = acted(Behaviour(FASTEST, hide=1.0, acts=(100.0, 100.0)), blue, 3000)
     assert (after.mode == HIDING).all()
     np.testing.assert_allclose(np.linalg.norm(after.velocity, axis=1), first, rtol=1e-9)
     lon, lat = path.degrees(after.place)
     there = np.ravel(path.degrees(blue.at([100.0])[0]))
-    reciprocal = EARTH.inv(lon, lat, np.full(lon.size, there[0]), np.full(lon.size, there[1]))[0] + 180
+    reciprocal = (
+        EARTH.inv(lon, lat, np.full(lon.size, there[0]), np.full(lon.size, there[1]))[0] + 180
+    )
     off = (np.degrees(path.course(after.place, after.velocity)) - reciprocal + 180) % 360 - 180
     assert stats.kstest(off, stats.uniform(-30, 60).cdf).pvalue > 1e-3
 
 
 def test_of_two_detections_at_one_time_the_first_tells_no_speed() -> None:
-    """A second box in the first, a sixth of it: what is drawn anew is as likely as what was left, on any course at any speed."""
+    """A second box in the first, a sixth of it: what is drawn anew is as likely as what was left,
+    on any course at any speed.
+    """
     here = path.vector(LON, LAT)
     boxes = [(60.0, 6.0, 18.0, 12.0, 0.0), (60.0, 8.0, 12.0, 4.0, 0.0)]
-    scene = World(path.standing(LON, LAT, 0.0, HOUR), sweeps.ordered([one_box(*box, here) for box in boxes]))
+    scene = World(
+        path.standing(LON, LAT, 0.0, HOUR), sweeps.ordered([one_box(*box, here) for box in boxes])
+    )
     for method in METHODS:
         law = Tracker("x", Behaviour(FASTEST), Filling(method, 0.75, 0.25))
         after = Clouds([scene], [law], 4000, 4).go().particles(0, 0, 0.0)
@@ -226,9 +286,14 @@ def test_of_two_detections_at_one_time_the_first_tells_no_speed() -> None:
 
 
 def test_what_acts_freely_takes_any_course_and_speed_at_private_times() -> None:
-    """After 2 h of acts every 3 to 15 min, half of them changes, all but 1 in 10^3 have changed: uniform in both."""
+    """After 2 h of acts every 3 to 15 min, half of them changes, all but 1 in 10^3 have changed:
+    uniform in both.
+    """
     here = path.standing(LON, LAT, 0.0, 3 * HOUR)
-    parts = [one_box(70.0, 5.0, 20.0, 10.0, 0.0, path.vector(LON, LAT)), sweeps.marks(np.array([2.0 * HOUR]), here)]
+    parts = [
+        one_box(70.0, 5.0, 20.0, 10.0, 0.0, path.vector(LON, LAT)),
+        sweeps.marks(np.array([2.0 * HOUR]), here),
+    ]
     scene = World(here, sweeps.ordered(parts))
     after = Clouds([scene], [CONTEXT], 6000, 4).go().particles(0, 0, 2 * HOUR)
     speed = np.linalg.norm(after.velocity, axis=1) * sphere.RADIUS / FASTEST
@@ -243,20 +308,27 @@ def test_silence_cuts_what_was_in_reach_and_a_track_of_which_too_little_is_left_
     slow = Tracker("x", Behaviour(1e-6), Filling("combined", 0.5, 0.25))
     size = 4000
     for reach, left in ((4.0, 0.8), (10.0, 0.0)):
-        box, silent = one_box(70.0, 2.0, 12.0, 10.0, 0.0, at), one_box(0.0, 0.0, reach, 180.0, 5.0, at, SILENT)
+        box, silent = (
+            one_box(70.0, 2.0, 12.0, 10.0, 0.0, at),
+            one_box(0.0, 0.0, reach, 180.0, 5.0, at, SILENT),
+        )
         held = Clouds([World(here, sweeps.ordered([box, silent]))], [slow], size, 4).go()
         count = len(held.particles(0, 0, 5.0).weight)
         assert abs(count - left * size) <= 4 * np.sqrt(left * (1 - left) * size)
 
 
 def test_sweeps_that_can_cut_nothing_are_passed_over_without_a_difference() -> None:
-    """Where every sweep records its estimate none is passed over; what is left is the same but for the last bits."""
+    """Where every sweep records its estimate none is passed over; what is left is the same but for
+    the last bits.
+    """
     blue, red = way(0, 0, leg(90, 18, 240)), way(40, 6, leg(262, 9, 240))
     scene = world(blue, red, [EYES, DETECTOR], 4 * HOUR, 300.0)
     told = scene.sweeps
     every = replace(told, row=np.arange(len(told), dtype=np.int32))
     assert (told.outcome == SILENT).sum() > 800
-    some, full = (following.follow([World(blue, s)], [CONTEXT, SEEKER], 500, 6) for s in (told, every))
+    some, full = (
+        following.follow([World(blue, s)], [CONTEXT, SEEKER], 500, 6) for s in (told, every)
+    )
     at = told.row >= 0
     np.testing.assert_array_equal(some.count, full.count[:, :, at])
     assert np.nanmin(some.count) < 500
@@ -265,7 +337,9 @@ def test_sweeps_that_can_cut_nothing_are_passed_over_without_a_difference() -> N
 
 @pytest.mark.thorough
 def test_the_table_of_closing() -> None:
-    """Tables 11 to 13 by the readings of an independent simulation: their tolerances and, beyond, those of 40 runs."""
+    """Tables 11 to 13 by the readings of an independent simulation: their tolerances and, beyond,
+    those of 40 runs.
+    """
     found = following.follow([CLOSING] * 40, [NAIVE, CONTEXT, SEEKER], 2500, 17)
     time, errors = wrong(found, CLOSING, RED)
     passive = (time >= 85) & (time <= 215)
@@ -283,10 +357,12 @@ def test_the_table_of_closing() -> None:
 
 
 def test_duplicates_grow_by_the_square_of_what_they_weigh() -> None:
-    """Where a cloud parts from the posterior: what weighs w of W comes to w (1 + m w / W) with m duplicates.
+    """Where a cloud parts from the posterior: what weighs w of W comes to w (1 + m w / W) with m
+    duplicates.
 
-    Both clouds are drawn from a second box, weighted by the speed needed; a look that finds nothing takes a quarter away, which one of them
-    fills. Of the heavier half: each duplicate adds w with probability w / W, so that the variance of the sum is m times that.
+    Both clouds are drawn from a second box, weighted by the speed needed; a look that finds nothing
+    takes a quarter away, which one of them fills. Of the heavier half: each duplicate adds w with
+    probability w / W, so that the variance of the sum is m times that.
     """
     here = path.vector(LON, LAT)
     boxes = [one_box(60.0, 6.0, 18.0, 12.0, 0.0, here), one_box(60.0, 2.0, 10.0, 8.0, 700.0, here)]
@@ -295,10 +371,15 @@ def test_duplicates_grow_by_the_square_of_what_they_weigh() -> None:
         sweeps.ordered([*boxes, one_box(0.0, 0.0, 4.0, 180.0, 700.5, here, SILENT)]),
     )
     n = 20_000
-    laws = [Tracker("x", Behaviour(FASTEST), Filling("position", partial, 0.5)) for partial in (0.5, 1.0)]
+    laws = [
+        Tracker("x", Behaviour(FASTEST), Filling("position", partial, 0.5))
+        for partial in (0.5, 1.0)
+    ]
     held = Clouds([scene], laws, n, 4).go()
     left, filled = (
-        held._cloud["own_real"].to_numpy()[k * n :, Own.WEIGHT][: len(held.particles(k, 0, 700.5).weight)]
+        held._cloud["own_real"].to_numpy()[k * n :, Own.WEIGHT][
+            : len(held.particles(k, 0, 700.5).weight)
+        ]
         for k in (0, 1)
     )
     assert 0.6 * n < len(left) < 0.9 * n

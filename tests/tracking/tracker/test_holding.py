@@ -18,16 +18,24 @@ def cloud(course: np.ndarray, speed: np.ndarray, weight: np.ndarray) -> Particle
     north = np.array([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
     way = np.sin(course)[:, None] * east + np.cos(course)[:, None] * north
     rate = speed[:, None] / sphere.RADIUS
-    return Particles(np.tile(place, (course.size, 1)), rate * way, weight / weight.sum(), np.zeros(course.size, int))
+    return Particles(
+        np.tile(place, (course.size, 1)),
+        rate * way,
+        weight / weight.sum(),
+        np.zeros(course.size, int),
+    )
 
 
 @pytest.mark.parametrize("ahead", [21.0, 163.0, 358.0])
 def test_spreads_of_courses_and_speeds_count_particles_by_their_weights(ahead: float) -> None:
-    """About the course of the mean velocity, also where courses lie on both sides of north or south."""
+    """About the course of the mean velocity, also where courses lie on both sides of north or
+    south.
+    """
     random = np.random.default_rng(12)
     course = np.radians(ahead) + random.normal(0.2, 0.5, 300) * random.choice([0.4, 1.6], 300)
     speed, weight = random.uniform(1.0, 9.0, 300), random.exponential(1.0, 300) ** 2
-    weight *= np.where(np.sin(course - np.radians(ahead)) > 0, 4.0, 1.0)  # those on one side count more
+    # those on one side count more
+    weight *= np.where(np.sin(course - np.radians(ahead)) > 0, 4.0, 1.0)
     off, slower = holding._spread(cloud(course, speed, weight))
     w = weight / weight.sum()
     mean = np.angle(np.sum(w * speed * np.exp(1j * course)))
@@ -50,7 +58,12 @@ def test_what_is_shown_where_nothing_is_asked_for() -> None:
 
 @pytest.mark.parametrize(
     ("begin", "logged", "until"),
-    [(None, False, 7200.0), (1500.0, False, 1500.0), (1500.0, True, 7200.0), (9000.0, False, 7200.0)],
+    [
+        (None, False, 7200.0),
+        (1500.0, False, 1500.0),
+        (1500.0, True, 7200.0),
+        (9000.0, False, 7200.0),
+    ],
 )
 def test_silence_counts_until_a_pursuit_begins_unless_a_log_says_where_the_tracker_was(
     begin: float | None, logged: bool, until: float
@@ -65,5 +78,10 @@ def test_who_begins_where_the_tracker_is_then_is_the_tracker(metres: float, own:
     way = path.of_legs(*np.radians([17.3, 53.4]), [path.Leg(0.7, 6.0, 5000.0)])
     there = np.radians(path.degrees(way.at([1700.0])[0])).ravel()
     start = tuple(float(v) for v in sphere.destination(*there, 0.6 * metres, 0.8 * metres))
-    assert holding.pursues(SimpleNamespace(tracker=way, pursuit=SimpleNamespace(begin=1700.0, start=start))) == own
+    assert (
+        holding.pursues(
+            SimpleNamespace(tracker=way, pursuit=SimpleNamespace(begin=1700.0, start=start))
+        )
+        == own
+    )
     assert not holding.pursues(SimpleNamespace(tracker=way, pursuit=None))

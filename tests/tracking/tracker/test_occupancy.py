@@ -9,7 +9,9 @@ RATE = 0.37
 
 
 def chain(rows: int, columns: int) -> np.ndarray:
-    """Return the probabilities to go from cell to cell: a quarter of the rate to each neighbour there is, else it stays."""
+    """Return the probabilities to go from cell to cell: a quarter of the rate to each neighbour
+    there is, else it stays.
+    """
     to = np.zeros((rows * columns,) * 2)
     for i in range(rows):
         for j in range(columns):

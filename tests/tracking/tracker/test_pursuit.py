@@ -1,4 +1,7 @@
-"""Paths through clouds: A* against SciPy's Dijkstra, meeting by hand, going round, and Klaas' trigger."""
+"""Paths through clouds:
+
+A* against SciPy's Dijkstra, meeting by hand, going round, and Klaas' trigger.
+"""
 
 import itertools
 import math
@@ -40,20 +43,36 @@ def free(closed: Array, gates: dict[Cell, Array], a: Cell, b: Cell) -> bool:
     return not open_[a] and not crosses(open_, a, b)
 
 
-def oracle(cost: Array, start: Cell, goal: Cell | None, closed: Array, gates: dict[Cell, Array]) -> Array:
-    """Return the least costs to go from every node, by Dijkstra over all nodes of the graph turned round, (K + 1, rows, columns)."""
+def oracle(
+    cost: Array, start: Cell, goal: Cell | None, closed: Array, gates: dict[Cell, Array]
+) -> Array:
+    """Return the least costs to go from every node, by Dijkstra over all nodes of the graph turned
+    round, (K + 1, rows, columns).
+    """
     steps, rows, columns = cost.shape
     number = np.arange((steps + 1) * rows * columns).reshape(steps + 1, rows, columns)
     cells = list(np.ndindex(rows, columns))
-    near = [(a, b) for a, b in itertools.product(cells, cells) if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 <= 4]
+    near = [
+        (a, b)
+        for a, b in itertools.product(cells, cells)
+        if (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 <= 4
+    ]
     moves = [(a, b) for a, b in near if free(closed, gates, a, b)]  # the same in each step
     heads, tails, costs = [], [], []
     for k in range(steps):
         for a, b in moves:
-            heads.append(number[k][a]), tails.append(number[k + 1][b]), costs.append(cost[k][b] + 1e-15)
+            (
+                heads.append(number[k][a]),
+                tails.append(number[k + 1][b]),
+                costs.append(cost[k][b] + 1e-15),
+            )
     last = number.size
     ends = number[-1].ravel() if goal is None else number[:, goal[0], goal[1]]
-    heads, tails, costs = [*heads, *ends], [*tails, *[last] * len(ends)], [*costs, *[1e-15] * len(ends)]
+    heads, tails, costs = (
+        [*heads, *ends],
+        [*tails, *[last] * len(ends)],
+        [*costs, *[1e-15] * len(ends)],
+    )
     graph = coo_matrix((costs, (tails, heads)), shape=(last + 1, last + 1)).tocsr()
     return dijkstra(graph, indices=last)[:-1].reshape(steps + 1, rows, columns)
 
@@ -89,9 +108,13 @@ def test_the_way_is_the_cheapest_and_its_guide_never_too_dear(seed: int, to: Cel
 
 
 def test_moves_make_most_of_the_speed_in_every_direction() -> None:
-    """What several moves come to lies within the hull of one, whose nearest edge goes through (3, 2) and (2, 3): 5 / sqrt(2) of 4 cells."""
+    """What several moves come to lies within the hull of one, whose nearest edge goes through (3,
+    2) and (2, 3): 5 / sqrt(2) of 4 cells.
+    """
     hull = shapely.MultiPoint(astar.moves(pursuit.STRIDE)).convex_hull
-    assert hull.exterior.distance(shapely.Point(0, 0)) / pursuit.STRIDE == pytest.approx(5 / np.sqrt(2) / 4)
+    assert hull.exterior.distance(shapely.Point(0, 0)) / pursuit.STRIDE == pytest.approx(
+        5 / np.sqrt(2) / 4
+    )
     assert np.hypot(*astar.moves(pursuit.STRIDE).T).max() == pursuit.STRIDE
 
 
@@ -108,7 +131,9 @@ def test_mass_is_the_weight_within_reach() -> None:
 
 
 def test_the_trigger_multiplies_what_is_left_and_begins_anew() -> None:
-    """Klaas' steps 1 to 3 by hand: 0.9, 0.81 < 0.85: triggered; 0.95, 0.8075 < 0.85: triggered; then from 1 again."""
+    """Klaas' steps 1 to 3 by hand: 0.9, 0.81 < 0.85: triggered; 0.95, 0.8075 < 0.85: triggered;
+    then from 1 again.
+    """
     trigger = Trigger(0.85)
     assert [trigger.observed(weight) for weight in (0.9, 0.9, 0.95, 0.85, 1.0, 0.86)] == [
         False,
@@ -121,9 +146,14 @@ def test_the_trigger_multiplies_what_is_left_and_begins_anew() -> None:
 
 
 def straight(lon: Array, lat: Array, course: Array, speed: Array, times: Array) -> Array:
-    """Return unit vectors of what keeps great circles (times, n, 3), by pyproj; angles [rad], [m/s], [s] after the first."""
+    """Return unit vectors of what keeps great circles (times, n, 3), by pyproj; angles [rad],
+    [m/s], [s] after the first.
+    """
     n = len(lon)
-    where = [EARTH.fwd(*np.degrees([lon, lat, course]), np.broadcast_to(speed, n) * (t - times[0])) for t in times]
+    where = [
+        EARTH.fwd(*np.degrees([lon, lat, course]), np.broadcast_to(speed, n) * (t - times[0]))
+        for t in times
+    ]
     return np.stack([path.vector(*np.radians(at[:2])) for at in where])
 
 
@@ -136,7 +166,9 @@ def asked(**changes: object) -> Pursuit:
 
 
 def test_a_boat_on_a_known_course_is_met_where_the_speeds_allow_it() -> None:
-    """It passes abeam at 12 nmi on a course across, at 10 kn: they are within reach after 40 to 60 min; 30 nmi off, never."""
+    """It passes abeam at 12 nmi on a course across, at 10 kn: they are within reach after 40 to 60
+    min; 30 nmi off, never.
+    """
     for away, can in ((12.0, True), (30.0, False)):
         lon, lat, _ = EARTH.fwd(*np.degrees([LON, LAT]), 70.0, away * NMI)
         question = asked(steps=7)
@@ -147,7 +179,8 @@ def test_a_boat_on_a_known_course_is_met_where_the_speeds_allow_it() -> None:
             assert (np.flatnonzero(found.met)[0] - 0) * 10 <= 60
             place = path.degrees(found.path.place)
             made = EARTH.inv(place[0][:-1], place[1][:-1], place[0][1:], place[1][1:])[2]
-            # Lengths on the plane about the start are at most (d / R)^2 / 6 too short: 60 nmi, 5e-5.
+            # Lengths on the plane about the start are at most (d / R)^2 / 6 too short: 60 nmi,
+            # 5e-5.
             assert (made <= question.speed * question.interval * (1 + 1e-4)).all()
 
 
@@ -159,7 +192,9 @@ def cloud(n: int, seed: int, question: Pursuit, centre: tuple[float, float] = (9
 
 
 def test_planning_again_meets_more_and_another_cloud_as_much() -> None:
-    """Each of its looks meets a share p of n others: standard error sqrt(p (1 - p) / n) of either cloud."""
+    """Each of its looks meets a share p of n others: standard error sqrt(p (1 - p) / n) of either
+    cloud.
+    """
     question = asked(threshold=0.9)
     n = 4000
     first, second = (cloud(n, seed, question) for seed in (1, 2))
@@ -177,7 +212,9 @@ def test_planning_again_meets_more_and_another_cloud_as_much() -> None:
 
 
 def test_what_avoids_goes_round_where_that_is_worth_it_and_through_where_not() -> None:
-    """A standing band across the way: through it meets 40 % or more, round its end is a detour of some minutes."""
+    """A standing band across the way: through it meets 40 % or more, round its end is a detour of
+    some minutes.
+    """
     n = 3000
     rng = np.random.default_rng(5)
     east, north = rng.uniform(-2, 9, n) * NMI, rng.normal(10, 0.7, n) * NMI
@@ -189,10 +226,12 @@ def test_what_avoids_goes_round_where_that_is_worth_it_and_through_where_not() -
         question = asked(aim="avoid", steps=12, to=to, worth=worth, reach=1 * NMI, speed=15 * KNOT)
         found = pursuit.pursue(question, lambda _: (ways, np.ones(n)))
         met[worth], lasting[worth] = found.met[-1], len(found.path.time)
-        assert max(found.plans) < len(found.met) - 1  # where it has arrived there is nothing to plan
+        # where it has arrived there is nothing to plan
+        assert max(found.plans) < len(found.met) - 1
         there = path.degrees(found.path.place[-1])
         away = EARTH.inv(there[0], there[1], *np.degrees(to))[2]
-        assert away < 0.01  # m: at the destination itself, and from its cell there at the vessel's speed
+        # m: at the destination itself, and from its cell there at the vessel's speed
+        assert away < 0.01
         assert found.path.rate[-1] * sphere.RADIUS == pytest.approx(question.speed)
     assert met[36_000.0] < 0.01 < met[60.0]
     assert lasting[60.0] <= lasting[36_000.0]
@@ -219,13 +258,17 @@ def test_land_is_not_crossed() -> None:
 
     found = pursuit.pursue(question, lambda _: (ways, np.ones(1)), Wall())
     assert found.met[-1] == 1.0
-    assert not wall(*path.degrees(found.path.at(np.linspace(*found.path.time[[0, -1]], 5000))[0])).any()
+    assert not wall(
+        *path.degrees(found.path.at(np.linspace(*found.path.time[[0, -1]], 5000))[0])
+    ).any()
     lons, _ = path.degrees(found.path.place)
     assert lons.max() > np.degrees(LON) + 8 / 60
 
 
 @pytest.mark.parametrize("between", [True, False])
-def test_a_destination_in_the_cell_of_the_begin_is_gone_to_straight_on_or_not_at_all(between: bool) -> None:
+def test_a_destination_in_the_cell_of_the_begin_is_gone_to_straight_on_or_not_at_all(
+    between: bool,
+) -> None:
     """Cells are 0.83 nmi wide; it is 0.3 nmi off, 54 s at 20 knots."""
 
     class Islet:
@@ -239,7 +282,11 @@ def test_a_destination_in_the_cell_of_the_begin_is_gone_to_straight_on_or_not_at
     lon, lat, _ = EARTH.fwd(*np.degrees([LON, LAT]), 200.0, 0.3 * NMI)
     question = asked(aim="avoid", to=tuple(np.radians([lon, lat])))
     ways = np.broadcast_to(path.vector([LON], [LAT]), (10, 1, 3))
-    with pytest.raises(ValueError, match=r"no way on cells of 0\.83 nmi") if between else nullcontext():
+    with (
+        pytest.raises(ValueError, match=r"no way on cells of 0\.83 nmi")
+        if between
+        else nullcontext()
+    ):
         found = pursuit.pursue(question, lambda _: (ways, np.ones(1)), Islet())
         assert found.path.time.tolist() == [900.0, pytest.approx(954.0)]
         np.testing.assert_allclose(found.path.place[-1], path.vector(*np.radians([lon, lat])))
@@ -298,8 +345,12 @@ def test_how_much_comes_where_it_could_be_met_at_all() -> None:
     assert 0 < found.met[-1] < found.near
 
 
-def test_a_destination_is_out_of_reach_where_the_great_circle_to_it_is_longer_than_the_way_made() -> None:
-    """Nine steps of 10 min at 20 kn make 30 nmi: by pyproj one of 29.99 nmi is within, one of 30.01 is not."""
+def test_a_destination_is_out_of_reach_where_the_great_circle_to_it_is_longer_than_the_way_made() -> (
+    None
+):
+    """Nine steps of 10 min at 20 kn make 30 nmi: by pyproj one of 29.99 nmi is within, one of 30.01
+    is not.
+    """
     words = r"30\.0 nmi from where it begins, which is 91 min at 20 kn, and its 9 steps last 90 min"
     for away, beyond in ((29.99, False), (30.01, True)):
         lon, lat, _ = EARTH.fwd(*np.degrees([LON, LAT]), 237.0, away * NMI)
@@ -309,7 +360,9 @@ def test_a_destination_is_out_of_reach_where_the_great_circle_to_it_is_longer_th
 
 
 def lowest(cost: Array, start: Cell, goal: Cell | None) -> float:
-    """Return the least sum of costs (steps, rows, columns) of cells entered on any way, by going back from the end over all cells."""
+    """Return the least sum of costs (steps, rows, columns) of cells entered on any way, by going
+    back from the end over all cells.
+    """
     steps, rows, columns = cost.shape
     onward = np.full((rows, columns), 0.0 if goal is None else np.inf)
     for k in range(steps - 1, -1, -1):
@@ -317,7 +370,9 @@ def lowest(cost: Array, start: Cell, goal: Cell | None) -> float:
             onward[goal] = 0.0
         entered = np.pad(cost[k] + onward, 4, constant_values=np.inf)
         moves = [(i, j) for i in range(-4, 5) for j in range(-4, 5) if i * i + j * j <= 16]
-        onward = np.min([entered[4 + i : 4 + i + rows, 4 + j : 4 + j + columns] for i, j in moves], axis=0)
+        onward = np.min(
+            [entered[4 + i : 4 + i + rows, 4 + j : 4 + j + columns] for i, j in moves], axis=0
+        )
     return float(onward[start])
 
 
@@ -330,7 +385,9 @@ def test_no_way_is_worth_more_by_what_a_meeting_is_worth(seed: int, aim: str) ->
         aim=aim, steps=5, reach=1.6 * NMI, speed=14 * KNOT, threshold=0.0, worth=(430.0, 540.0, 690.0, 1900.0)[seed],
         to=tuple(float(x) for x in sphere.destination(LON, LAT, 0.6 * 14 * KNOT * 600, 2.75 * 14 * KNOT * 600)) if aim == "avoid" else None,
     )  # fmt: skip
-    clumps = np.array([[-3.0, 3.4], [0.7, 3.2], [4.9, 3.7], [-0.4, 5.9]]) * NMI + rng.normal(0, 0.3 * NMI, (4, 2))
+    clumps = np.array([[-3.0, 3.4], [0.7, 3.2], [4.9, 3.7], [-0.4, 5.9]]) * NMI + rng.normal(
+        0, 0.3 * NMI, (4, 2)
+    )
     which = rng.choice(4, 70, p=[0.12, 0.7, 0.1, 0.08])
     east, north = clumps[which].T + rng.normal(0, 0.35 * NMI, (2, 70))
     lon, lat = sphere.destination(LON, LAT, east, north)
@@ -339,9 +396,16 @@ def test_no_way_is_worth_more_by_what_a_meeting_is_worth(seed: int, aim: str) ->
     found = pursuit.pursue(question, lambda _: (ways, weight))
     assert found.met[0] == 0
     cells = pursuit.grid(question)
-    away = np.arccos(np.clip(cells.place @ ways[1:6].transpose(0, 2, 1)[:, None], -1, 1)) * sphere.RADIUS
+    away = (
+        np.arccos(np.clip(cells.place @ ways[1:6].transpose(0, 2, 1)[:, None], -1, 1))
+        * sphere.RADIUS
+    )
     share = (away <= question.reach) @ (weight / weight.sum())
-    cost = 600.0 - question.worth * np.log(1 - np.minimum(share, 1 - 1e-12)) if aim == "avoid" else 1.0 - share
+    cost = (
+        600.0 - question.worth * np.log(1 - np.minimum(share, 1 - 1e-12))
+        if aim == "avoid"
+        else 1.0 - share
+    )
     way = [
         np.unravel_index(np.argmin(np.linalg.norm(cells.place - one, axis=2)), share.shape[1:])
         for one in found.path.place

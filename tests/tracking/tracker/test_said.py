@@ -16,10 +16,16 @@ CASES = Path(__file__).parents[3] / "cases" / "tracking"
 
 @pytest.mark.parametrize("name", tracking.shipped())
 def test_each_part_of_a_case_is_told(name: str) -> None:
-    given, told = tomllib.loads((CASES / f"{name}.toml").read_text()), said.tracking_facts(tracking.load(name))
+    given, told = (
+        tomllib.loads((CASES / f"{name}.toml").read_text()),
+        said.tracking_facts(tracking.load(name)),
+    )
     for sensor in given["sensor"]:
         words = told[f'sensor "{sensor["name"]}"']
-        assert f"to {float(sensor['reach'].split()[0]):g} nmi, range +- {100 * sensor['range_ambiguity']:g} %" in words
+        assert (
+            f"to {float(sensor['reach'].split()[0]):g} nmi, range +- {100 * sensor['range_ambiguity']:g} %"
+            in words
+        )
         assert ("hears" in words) == sensor.get("hears", False)
     ways = [key for key in told if key.startswith("way of following")]
     assert len(ways) == len(given.get("method", [1]))
@@ -31,7 +37,11 @@ def test_each_part_of_a_case_is_told(name: str) -> None:
 
 def test_detections_are_counted_as_they_stand_in_the_file() -> None:
     with (CASES / "lost_contact.csv").open(newline="") as file:
-        rows = [row["sensor"] for row in csv.DictReader(file, skipinitialspace=True) if row["sensor"].strip()]
+        rows = [
+            row["sensor"]
+            for row in csv.DictReader(file, skipinitialspace=True)
+            if row["sensor"].strip()
+        ]
     told = said.tracking_facts(tracking.load("lost_contact"))
     assert told["detections"].startswith(f"{len(rows)}, 050200Z")
     for sensor, number in Counter(rows).items():

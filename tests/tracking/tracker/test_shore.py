@@ -1,4 +1,6 @@
-"""Clouds that keep off the land: draws and ways against Shapely on the polygons of the coast, in the Strait of Gibraltar."""
+"""Clouds that keep off the land: draws and ways against Shapely on the polygons of the coast, in
+the Strait of Gibraltar.
+"""
 
 import math
 from dataclasses import replace
@@ -52,8 +54,12 @@ def told(
     *parts: tuple[float, float, float, float, float], marks: tuple[float, ...] = (), silent: tuple[float, float] | None = None,
     at: tuple[float, float] = PLACE,
 ) -> World:  # fmt: skip
-    """Return detections from a place, (time, bearing, half [deg], near, far [nmi]), marks [s], and a sweep, (time, reach), that found nothing."""
-    rows = [(*part, DETECTED) for part in parts] + [(time, 0.0, 0.0, 0.0, 0.0, MARK) for time in marks]
+    """Return detections from a place, (time, bearing, half [deg], near, far [nmi]), marks [s], and
+    a sweep, (time, reach), that found nothing.
+    """
+    rows = [(*part, DETECTED) for part in parts] + [
+        (time, 0.0, 0.0, 0.0, 0.0, MARK) for time in marks
+    ]
     rows += [(silent[0], 0.0, 180.0, 0.0, silent[1], SILENT)] if silent else []
     time, bearing, half, near, far, kind = np.array(rows).T
     columns = sweeps.Sweeps(
@@ -70,7 +76,11 @@ def places(batch: Clouds, way: int, time: float) -> tuple[np.ndarray, np.ndarray
 def test_what_is_drawn_from_a_box_is_in_its_water() -> None:
     """Uniform in range and bearing, but for the land: against draws that Shapely sorts out."""
     n = 20_000
-    found = places(Clouds([told((60.0, 290.0, 70.0, 1.0, 21.0))], [KEEPS], n, 5, shore=coast().device).go(), 0, 60.0)
+    found = places(
+        Clouds([told((60.0, 290.0, 70.0, 1.0, 21.0))], [KEEPS], n, 5, shore=coast().device).go(),
+        0,
+        60.0,
+    )
     rng = np.random.default_rng(2)
     bearing, far = rng.uniform(220, 360, 8 * n), rng.uniform(1, 21, 8 * n)
     lon, lat, _ = EARTH.fwd(np.full(8 * n, PLACE[0]), np.full(8 * n, PLACE[1]), bearing, far * NMI)
@@ -96,16 +106,25 @@ def test_a_box_on_land_places_nobody_and_loses_the_track() -> None:
 
 @pytest.mark.parametrize("way", [0, 1, 2], ids=["keeps", "changes", "flees"])
 def test_no_particle_crosses_land(way: int) -> None:
-    """Looked at every 20 s for two hours: no place and no way between two is on land, but for the turns at the shore between.
+    """Looked at every 20 s for two hours: no place and no way between two is on land, but for the
+    turns at the shore between.
 
-    A way between two looks may cut a cape round which a particle went: it turned in between, so that it has another
-    course then. Courses of those that did not turn lie on one great circle, and none of these crosses land.
+    A way between two looks may cut a cape round which a particle went: it turned in between, so
+    that it has another course then. Courses of those that did not turn lie on one great circle, and
+    none of these crosses land.
     """
     times = np.arange(60.0, 7260.0, 20.0)
     law = [KEEPS, CHANGES, FLEES][way]
-    batch = Clouds([told((60.0, 300.0, 60.0, 0.5, 12.0), marks=tuple(times))], [law], 300, 11, shore=coast().device)
+    batch = Clouds(
+        [told((60.0, 300.0, 60.0, 0.5, 12.0), marks=tuple(times))],
+        [law],
+        300,
+        11,
+        shore=coast().device,
+    )
     before, turned, crossed, moved = None, 0, 0, []
-    inner = land().buffer(-2e-6)  # 0.2 m: places are of whole units of 9 mm, great circles bulge 3 cm off their chords
+    # 0.2 m: places are of whole units of 9 mm, great circles bulge 3 cm off their chords
+    inner = land().buffer(-2e-6)
     shapely.prepare(inner)
     for time in times:
         now = batch.go(time).particles(0, 0, time)
@@ -130,7 +149,9 @@ def test_no_particle_crosses_land(way: int) -> None:
 
 
 def test_duplicates_keep_off_the_land_too() -> None:
-    """What a sweep that finds nothing leaves is copied; the copies were not looked ahead for farther than their originals."""
+    """What a sweep that finds nothing leaves is copied; the copies were not looked ahead for
+    farther than their originals.
+    """
     times = tuple(np.arange(620.0, 4000.0, 20.0))
     world = told((60.0, 270.0, 40.0, 0.5, 6.0), marks=times, silent=(600.0, 4.0))
     batch = Clouds([world], [KEEPS], 300, 8, shore=coast().device)
@@ -144,10 +165,13 @@ def test_duplicates_keep_off_the_land_too() -> None:
 
 
 def test_far_north_parallels_are_short() -> None:
-    """Off Spitsbergen, where a degree of longitude is a fifth of one of latitude, nobody comes ashore on Prins Karls Forland."""
+    """Off Spitsbergen, where a degree of longitude is a fifth of one of latitude, nobody comes
+    ashore on Prins Karls Forland.
+    """
     box = Box(2.0, 76.5, 25.0, 80.5)
     built = edges.build_coast(land_of.land("gshhg", box), box)
-    inner = shapely.union_all([shape.buffer(-1e-5) for shape in built.polygons])  # 0.2 m of a parallel
+    # 0.2 m of a parallel
+    inner = shapely.union_all([shape.buffer(-1e-5) for shape in built.polygons])
     times = tuple(np.arange(80.0, 6000.0, 20.0))
     world = told((60.0, 90.0, 60.0, 0.5, 9.0), marks=times, at=(8.9, 78.4))
     batch, met = Clouds([world], [KEEPS], 800, 8, shore=device_coast.upload(built)), 0
@@ -156,7 +180,10 @@ def test_far_north_parallels_are_short() -> None:
         now = batch.go(time).particles(0, 0, time)
         assert not shapely.contains_xy(inner, *path.degrees(now.place)).any()
         met += (
-            np.linalg.norm(np.cross(now.place, now.velocity) - np.cross(before.place, before.velocity), axis=1) > 1e-9
+            np.linalg.norm(
+                np.cross(now.place, now.velocity) - np.cross(before.place, before.velocity), axis=1
+            )
+            > 1e-9
         ).sum()
         before = now
     assert met > 100  # turned
@@ -176,7 +203,9 @@ def test_open_sea_changes_no_bit() -> None:
 
 
 def test_times_that_are_shown_change_no_turn() -> None:
-    """At 45 knots for two hours among two shores, with one mark and with 959, particles end at the same bits."""
+    """At 45 knots for two hours among two shores, with one mark and with 959, particles end at the
+    same bits.
+    """
     box = (60.0, 300.0, 60.0, 0.5, 12.0)
     worlds = [told(box, marks=marks) for marks in ((7260.0,), tuple(np.arange(75.0, 7260.1, 7.5)))]
     clouds = [Clouds([world], [FLEES], 400, 2, shore=coast().device).go() for world in worlds]
@@ -186,12 +215,16 @@ def test_times_that_are_shown_change_no_turn() -> None:
 
 
 def test_areas_leave_the_land_out() -> None:
-    """The middles of all cells that have anything are in water, by Shapely, and there as dense as without land.
+    """The middles of all cells that have anything are in water, by Shapely, and there as dense as
+    without land.
 
-    The outlines hold their shares of another cloud that keeps off: half of a cell along the shore is all that is lost of it.
+    The outlines hold their shares of another cloud that keeps off: half of a cell along the shore
+    is all that is lost of it.
     """
     place = [
-        Clouds([told((60.0, 290.0, 70.0, 1.0, 21.0))], [KEEPS], 2000, seed, shore=coast().device).go()
+        Clouds(
+            [told((60.0, 290.0, 70.0, 1.0, 21.0))], [KEEPS], 2000, seed, shore=coast().device
+        ).go()
         for seed in (5, 6)
     ]
     cloud, other = (batch.particles(0, 0, 60.0) for batch in place)
@@ -212,9 +245,13 @@ def test_areas_leave_the_land_out() -> None:
 
 
 def test_the_coast_of_a_case_is_all_that_its_particles_may_come_to() -> None:
-    """By pyproj: as far as the sensors reach and the fastest go, in all directions from all places of the tracker, across 180 degrees."""
+    """By pyproj: as far as the sensors reach and the fastest go, in all directions from all places
+    of the tracker, across 180 degrees.
+    """
     asked = tracking.load("lost_contact")
-    way = path.of_legs(math.radians(179.2), math.radians(-16.4), [path.Leg(math.radians(80), 20 * KNOT, asked.end)])
+    way = path.of_legs(
+        math.radians(179.2), math.radians(-16.4), [path.Leg(math.radians(80), 20 * KNOT, asked.end)]
+    )
     case = replace(asked, tracker=way)
     assert isinstance(case, Study)
     box = shore.within_reach(case)
@@ -228,7 +265,11 @@ def test_the_coast_of_a_case_is_all_that_its_particles_may_come_to() -> None:
         assert ((y >= box.south) & (y <= box.north)).all()
     found = shore.of_study(case)
     assert found is not None
-    assert found.dry(np.radians([178.0, -179.5]), np.radians([-17.8, -17.0])).tolist() == [True, False]  # Viti Levu
+    # Viti Levu
+    assert found.dry(np.radians([178.0, -179.5]), np.radians([-17.8, -17.0])).tolist() == [
+        True,
+        False,
+    ]
     assert shore.of_study(replace(case, minds_land=False)) is None
 
 

@@ -1,4 +1,6 @@
-"""Times and boxes of sweeps, written out as in the thesis' equations 0.23 to 0.26, with pyproj's ranges and bearings."""
+"""Times and boxes of sweeps, written out as in the thesis' equations 0.23 to 0.26, with pyproj's
+ranges and bearings.
+"""
 
 import numpy as np
 import pytest
@@ -40,7 +42,9 @@ def test_boxes_are_about_the_true_range_and_bearing_and_end_at_the_reach() -> No
     np.testing.assert_allclose(np.degrees(heard.half), 5.0)
     assert (heard.outcome == DETECTED).all()
 
-    looks = sweeps.of_sensor(Sensor("eyes", 10 * NMI, 0.3, 0.03, 12.0), np.arange(4.0), tracker, target)
+    looks = sweeps.of_sensor(
+        Sensor("eyes", 10 * NMI, 0.3, 0.03, 12.0), np.arange(4.0), tracker, target
+    )
     assert looks.outcome.tolist() == [DETECTED, SILENT, SILENT, SILENT]
     np.testing.assert_allclose(looks.near[1:], 0.0)
     np.testing.assert_allclose(looks.far[1:] * sphere.RADIUS, 10 * NMI)
@@ -52,13 +56,17 @@ def test_boxes_are_about_the_true_range_and_bearing_and_end_at_the_reach() -> No
     assert marked.far[0] < marked.far[1]  # those of one time in the order of the sensors
     assert marked.row[[4, 7]].tolist() == [0, 1]
     assert (np.delete(marked.row, [4, 7]) == -1).all()
-    every = sweeps.ordered([looks, heard, sweeps.marks(np.array([1.0, 2.5]), tracker)], every_detection=True)
+    every = sweeps.ordered(
+        [looks, heard, sweeps.marks(np.array([1.0, 2.5]), tracker)], every_detection=True
+    )
     assert every.row.max() == 2 + 4 - 1
 
 
 @pytest.mark.parametrize(("short", "times"), [(1.1, 5), (0.1, 3), (1.2, 3), (0.7, 7)])
 def test_what_sensors_sweep_together_is_one_time(short: float, times: int) -> None:
-    """Of multiples of an interval, whatever their binary digits: else the order of the file would not hold."""
+    """Of multiples of an interval, whatever their binary digits: else the order of the file would
+    not hold.
+    """
     often, rarely = Plan(7.3).sweeps(short, 3600.0), Plan(7.3).sweeps(short * times, 3600.0)
     assert np.isin(rarely, often).all()
     np.testing.assert_allclose(np.diff(often), short, rtol=1e-5)

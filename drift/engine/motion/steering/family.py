@@ -1,7 +1,8 @@
-"""Families: scenarios that are the products of a few axes, as of routes, speeds and times of departure.
+"""Families: scenarios that are the products of a few axes, as of routes, speeds and times of
+departure.
 
-A scenario of a family knows its value on each axis; what is told of the scenarios can so be told by axis, and a mistake
-that many of them share in one line.
+A scenario of a family knows its value on each axis; what is told of the scenarios can so be told by
+axis, and a mistake that many of them share in one line.
 """
 
 import math
@@ -34,7 +35,9 @@ class Family:
     stories: tuple[tuple[int, ...], ...]  # of each its values on the axes, by number
 
     def __hash__(self) -> int:
-        """Return the hash of its name: that of thousands of stories would be reckoned anew for each of them."""
+        """Return the hash of its name: that of thousands of stories would be reckoned anew for each
+        of them.
+        """
         return hash(self.name)
 
     @property
@@ -56,7 +59,9 @@ class InFamily:
     @property
     def labels(self) -> dict[str, str]:
         """What its value is called, by the name of the axis."""
-        return {axis.name: axis.labels[k] for axis, k in zip(self.family.axes, self.at, strict=True)}
+        return {
+            axis.name: axis.labels[k] for axis, k in zip(self.family.axes, self.at, strict=True)
+        }
 
 
 @dataclass(frozen=True)
@@ -67,13 +72,17 @@ class Along:
     number: npt.NDArray[np.int64]  # (scenarios,) of the value of each, -1: it has no such axis
 
     def shares(self, probability: Array) -> Array:
-        """Return the probability of each value by that of scenarios: (..., scenarios) to (..., values)."""
+        """Return the probability of each value by that of scenarios: (..., scenarios) to (...,
+        values).
+        """
         of = self.number[:, None] == np.arange(len(self.axis.labels))
         return np.asarray(probability @ of)
 
 
 def along(places: Sequence[InFamily | None]) -> list[Along]:
-    """Return the axes on which the scenarios of a run differ; places: of each, None: it is in no family."""
+    """Return the axes on which the scenarios of a run differ; places: of each, None: it is in no
+    family.
+    """
     found: dict[str, dict[str, int]] = {}
     labels = [place.labels if place else {} for place in places]
     for family in dict.fromkeys(place.family for place in places if place):
@@ -98,8 +107,8 @@ def effective(probability: Array) -> float:
 def gathered(lines: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
     """Return lines about scenarios with those that say the same of several of a family made one.
 
-    places: by the names of scenarios. Such a line says of which values of which axes it holds, or of how many
-    scenarios. Other lines stay as they are.
+    places: by the names of scenarios. Such a line says of which values of which axes it holds, or
+    of how many scenarios. Other lines stay as they are.
     """
     found: dict[tuple[Family | None, str], list[tuple[int, ...]]] = {}
     for line in lines:
@@ -109,7 +118,10 @@ def gathered(lines: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
         else:
             place, rest = places[name], line[len(OPENING) + len(name) + 1 :]
             found.setdefault((place.family, rest), []).append(place.at)
-    return [rest if family is None else f'family "{family.name}"{_which(family, {*at})}{rest}' for (family, rest), at in found.items()]  # fmt: skip
+    return [
+        rest if family is None else f'family "{family.name}"{_which(family, {*at})}{rest}'
+        for (family, rest), at in found.items()
+    ]
 
 
 def _about(line: str, places: Mapping[str, InFamily]) -> str | None:
@@ -125,7 +137,8 @@ def _about(line: str, places: Mapping[str, InFamily]) -> str | None:
 
 
 def together(names: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
-    """Return what some scenarios are called with those of a family made one: "transit, north (100)".
+    """Return what some scenarios are called with those of a family made one: "transit, north
+    (100)".
 
     places: by the names of scenarios.
     """
@@ -150,15 +163,22 @@ def _which(family: Family, some: set[tuple[int, ...]]) -> str:
     """Return of which scenarios of a family something is said, "" of all."""
     values = _values(family, some)
     if values is None:
-        first = next(name for name, at in zip(family.names, family.stories, strict=True) if at in some)
+        first = next(
+            name for name, at in zip(family.names, family.stories, strict=True) if at in some
+        )
         return f', {len(some):,} of its {len(family.stories):,} scenarios, such as "{first}"'
     return "".join(f", {axis.name} {_several(axis, own, quote=True)}" for axis, own in values)
 
 
 def _values(family: Family, some: set[tuple[int, ...]]) -> list[tuple[Axis, list[int]]] | None:
-    """Return the axes by whose values some scenarios are told from all of their family, with these; None: no values tell."""
+    """Return the axes by whose values some scenarios are told from all of their family, with these;
+
+    None: no values tell.
+    """
     own = [{at[k] for at in some} for k in range(len(family.axes))]
-    if {at for at in family.stories if all(at[k] in values for k, values in enumerate(own))} != some:
+    if {
+        at for at in family.stories if all(at[k] in values for k, values in enumerate(own))
+    } != some:
         return None
     every = [{at[k] for at in family.stories} for k in range(len(family.axes))]
     return [(axis, sorted(a)) for axis, a, b in zip(family.axes, own, every, strict=True) if a != b]

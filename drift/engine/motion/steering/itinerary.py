@@ -1,8 +1,9 @@
 """Itineraries: where a target that steers means to go, phase by phase, and when it is in distress.
 
-Records are in SI, radians and UTC. A phase leads along way points (a voyage, a track, lanes, a bridge), keeps a course,
-acts at times of its own, or loiters. drift.engine.motion.steering.itinerary_tables lays
-the itineraries of a run out as kernels.steering.itinerary takes them.
+Records are in SI, radians and UTC. A phase leads along way points (a voyage, a track, lanes, a
+bridge), keeps a course, acts at times of its own, or loiters.
+drift.engine.motion.steering.itinerary_tables lays the itineraries of a run out as
+kernels.steering.itinerary takes them.
 """
 
 from dataclasses import dataclass
@@ -34,7 +35,9 @@ class Spread:
     def mean(self) -> float:
         """Its expectation."""
         flat = 2 / (1 + self.ratio)
-        return flat * (self.low + self.high) / 2 + (1 - flat) * (self.low + self.high + self.mode) / 3
+        return (
+            flat * (self.low + self.high) / 2 + (1 - flat) * (self.low + self.high + self.mode) / 3
+        )
 
 
 NONE = Spread(0.0, 0.0, 0.0)  # certainly nothing
@@ -42,15 +45,17 @@ NONE = Spread(0.0, 0.0, 0.0)  # certainly nothing
 
 @dataclass(frozen=True)
 class Near:
-    """A place that is normal about a position; what deviates from the way point before may go on here."""
+    """A place that is normal about a position; what deviates from the way point before may go on
+    here.
+    """
 
     lon: float  # [rad]
     lat: float
     major: float = 0.0  # [m] standard deviation along the major axis
     minor: float = 0.0
     orientation: float = 0.0  # [rad] of the major axis, clockwise from north
-    # How much of the deviation from the way point before it has, on average: east of east, east of north, north of
-    # east, north of north; major and minor are then those about that average.
+    # How much of the deviation from the way point before it has, on average: east of east, east of
+    # north, north of east, north of north; major and minor are then those about that average.
     follows: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -84,7 +89,9 @@ class InRing:
 
 @dataclass(frozen=True)
 class Abeam:
-    """A place off a way's centre line, on the side that a target keeps to all along: drift.engine.motion.steering.lanes."""
+    """A place off a way's centre line, on the side that a target keeps to all along:
+    drift.engine.motion.steering.lanes.
+    """
 
     lon: float  # [rad] on the centre line
     lat: float
@@ -106,10 +113,13 @@ class Moment:
 
 @dataclass(frozen=True)
 class WayPoint:
-    """A place to go to, and when it is reached: at a time after the phase's start, or as the speed has it."""
+    """A place to go to, and when it is reached: at a time after the phase's start, or as the speed
+    has it.
+    """
 
     place: Place
-    time: Spread | Moment | None = None  # [s after the phase's start]; None: by the speed of advance
+    # [s after the phase's start]; None: by the speed of advance
+    time: Spread | Moment | None = None
     distance: float = 0.0  # [m] from the way point before, for the speed of advance
 
 
@@ -128,7 +138,8 @@ class Ways:
     points: tuple[WayPoint, ...]
     start: np.datetime64  # earliest start
     after: Spread = NONE  # [s] from there to the start
-    destinations: tuple[tuple[WayPoint, float], ...] = ()  # one of which comes last, with its probability
+    # one of which comes last, with its probability
+    destinations: tuple[tuple[WayPoint, float], ...] = ()
     speed: Spread = NONE  # [m/s] of advance, where way points have no times
     k: float = 0.0  # [m/sqrt(s)] of the Brownian bridges between way points
     k_spread: float = 0.0  # standard deviation of the logarithm of k
@@ -171,7 +182,9 @@ class Followed:
 
 @dataclass(frozen=True)
 class Acts:
-    """A phase that keeps a course, and at times of its own takes another, or seeks or flees from a tracker."""
+    """A phase that keeps a course, and at times of its own takes another, or seeks or flees from a
+    tracker.
+    """
 
     course: Spread  # [rad] of the first course
     speed: Spread  # [m/s] of the first speed
@@ -217,21 +230,30 @@ Distress: TypeAlias = Between | Rate | Part
 
 @dataclass(frozen=True)
 class Itinerary:
-    """What a target means to do: phases one after the other, until its distress, if it comes to that."""
+    """What a target means to do: phases one after the other, until its distress, if it comes to
+    that.
+    """
 
     phases: tuple[Phase, ...]
     distress: Distress | None = None  # None: it never goes adrift
     overdue: np.datetime64 | None = None  # from then on what is in port is not what is looked for
     land: Literal["refuse", "stop", "ignore"] = "refuse"
-    search_object: str | None = None  # what sorties look for while it is under way, in the sweep width tables
-    # Whether it makes good the current, or keeps its itinerary by dead reckoning and is set off its way.
+    # what sorties look for while it is under way, in the sweep width tables
+    search_object: str | None = None
+    # Whether it makes good the current, or keeps its itinerary by dead reckoning and is set off its
+    # way.
     currents: Literal["compensated", "felt"] = "compensated"
-    arrival_radius: float = 10 * NMI  # [m] of its last way point within which what has arrived is in port
+    # [m] of its last way point within which what has arrived is in port
+    arrival_radius: float = 10 * NMI
 
     @property
     def fastest(self) -> float:
-        """Highest speed [m/s] on a course; where way points and polygons lead is known without a speed."""
-        return max((_pace(phase) for phase in self.phases if isinstance(phase, Course | Acts)), default=0.0)
+        """Highest speed [m/s] on a course; where way points and polygons lead is known without a
+        speed.
+        """
+        return max(
+            (_pace(phase) for phase in self.phases if isinstance(phase, Course | Acts)), default=0.0
+        )
 
     @property
     def pace(self) -> float:
@@ -255,14 +277,19 @@ class Itinerary:
             (point.place, probability)
             for phase in self.phases
             if isinstance(phase, Ways)
-            for point, probability in (*((point, 1.0) for point in phase.points), *phase.destinations)
+            for point, probability in (
+                *((point, 1.0) for point in phase.points),
+                *phase.destinations,
+            )
             if not isinstance(point.place, Abeam)
         ]
 
     def extents(self, spreads: float) -> list[tuple[Array, Array, float]]:
-        """Return the places (lon, lat) [rad], without jumps, of each phase, and how far [m] it leads from them.
+        """Return the places (lon, lat) [rad], without jumps, of each phase, and how far [m] it
+        leads from them.
 
-        spreads: how many standard deviations count. Great circles between way points bulge: they are followed.
+        spreads: how many standard deviations count. Great circles between way points bulge: they
+        are followed.
         """
         found = []
         for phase in self.phases:
@@ -283,17 +310,25 @@ def _pace(phase: Phase) -> float:
     lon, lat = np.array([middle(point.place) for point in phase.points]).T
     time = np.array([latest(point.time, 0.0) for point in phase.points])
     return float(
-        (sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / np.maximum(np.diff(time), 1.0)).max(initial=0.0)
+        (
+            sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:]) / np.maximum(np.diff(time), 1.0)
+        ).max(initial=0.0)
     )
 
 
 def _lines(phase: Ways) -> list[tuple[Array, Array]]:
-    """Return the great circles between the middles of a phase's way points (lon, lat) [rad], without jumps."""
+    """Return the great circles between the middles of a phase's way points (lon, lat) [rad],
+    without jumps.
+    """
     points = [*phase.points, *(point for point, _ in phase.destinations)]
     lon, lat = np.array([middle(point.place) for point in points]).T
     common = len(phase.points)
     ways = [np.arange(common), *(np.array([common - 1, k]) for k in range(common, len(points)))]
-    lines = [sphere.track(lon[way], lat[way], PIECE) for way in ways if way.size > 1 or common == len(points)]
+    lines = [
+        sphere.track(lon[way], lat[way], PIECE)
+        for way in ways
+        if way.size > 1 or common == len(points)
+    ]
     return [(np.unwrap(x), y) for x, y in lines]
 
 
@@ -301,7 +336,8 @@ def _way(phase: Ways, spreads: float) -> tuple[Array, Array, float]:
     points = [*phase.points, *(point for point, _ in phase.destinations)]
     lon, lat = (np.concatenate(parts) for parts in zip(*_lines(phase), strict=True))
     wide = max(radius(point.place, spreads) for point in points)
-    # A bridge is widest midway, K sqrt(T) / 2, where nothing but T bounds the time between two way points.
+    # A bridge is widest midway, K sqrt(T) / 2, where nothing but T bounds the time between two way
+    # points.
     lasting = phase.after.high + max((latest(point.time, spreads) for point in points), default=0.0)
     k = phase.k * np.exp(spreads * phase.k_spread)
     return np.unwrap(lon), lat, float(wide + spreads * k * np.sqrt(max(lasting, 0.0)) / 2)
@@ -315,7 +351,9 @@ def middle(place: Place) -> tuple[float, float]:
 
 
 def radius(place: Place, spreads: float) -> float:
-    """Return how far from its middle [m] a place may be; spreads: how many standard deviations count."""
+    """Return how far from its middle [m] a place may be; spreads: how many standard deviations
+    count.
+    """
     match place:
         case Near():
             return spreads * place.major
@@ -331,7 +369,9 @@ def radius(place: Place, spreads: float) -> float:
 
 
 def latest(time: Spread | Moment | None, spreads: float) -> float:
-    """Return the latest time [s] of a law; spreads: how many standard deviations count, below 0 for the earliest."""
+    """Return the latest time [s] of a law; spreads: how many standard deviations count, below 0 for
+    the earliest.
+    """
     match time:
         case Spread():
             return time.high if spreads >= 0 else time.low

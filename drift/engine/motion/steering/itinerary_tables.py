@@ -44,7 +44,9 @@ class Tables(NamedTuple):
     tracks: Array
 
 
-EDGE = 20_000.0  # [m] longest edge of a polygon to loiter in, which is straight in lon and lat; great circles bulge 8 m
+# [m] longest edge of a polygon to loiter in, which is straight in lon and lat; great circles bulge
+# 8 m
+EDGE = 20_000.0
 
 
 def tables(itineraries: Sequence[Itinerary | None], period: Period) -> Tables:
@@ -56,7 +58,9 @@ def tables(itineraries: Sequence[Itinerary | None], period: Period) -> Tables:
 
 
 def plan(itineraries: Sequence[Itinerary | None], period: Period) -> Any:
-    """Return a kernels.steering.itinerary.Plan of the itineraries of a run's scenarios, on the device."""
+    """Return a kernels.steering.itinerary.Plan of the itineraries of a run's scenarios, on the
+    device.
+    """
     return kernel.packed(tables(itineraries, period)._asdict())
 
 
@@ -81,13 +85,28 @@ class _Tables:
         stories, story_laws, phases, phase_laws, points, point_laws, behaviours, tracks = (
             np.array(rows or [[0]], dtype).reshape(-1)
             for rows, dtype in (
-                (self.stories, np.int32), (self.story_laws, np.float32), (self.phases, np.int32),
-                (self.phase_laws, np.float32), (self.points, np.int32), (self.point_laws, np.float32),
-                (self.behaviours, np.float32), (self.tracks, np.int32),
+                (self.stories, np.int32),
+                (self.story_laws, np.float32),
+                (self.phases, np.int32),
+                (self.phase_laws, np.float32),
+                (self.points, np.int32),
+                (self.point_laws, np.float32),
+                (self.behaviours, np.float32),
+                (self.tracks, np.int32),
             )
-        )  # fmt: skip
+        )
         vertices = np.concatenate([*self.vertices, np.zeros(1, np.int32)]).astype(np.int32)
-        return Tables(stories, story_laws, phases, phase_laws, points, point_laws, vertices, behaviours, tracks)
+        return Tables(
+            stories,
+            story_laws,
+            phases,
+            phase_laws,
+            points,
+            point_laws,
+            vertices,
+            behaviours,
+            tracks,
+        )
 
     def add(self, itinerary: Itinerary | None) -> None:
         """Add a scenario's itinerary."""
@@ -97,12 +116,19 @@ class _Tables:
         if itinerary is not None:
             for phase in itinerary.phases:
                 self._phase(phase)
-            land = {"refuse": kernel.WET, "stop": kernel.WET | kernel.STOPPED, "ignore": 0}[itinerary.land]
+            land = {"refuse": kernel.WET, "stop": kernel.WET | kernel.STOPPED, "ignore": 0}[
+                itinerary.land
+            ]
             if itinerary.land == "refuse" and itinerary.currents == "felt":
-                land |= kernel.STOPPED  # its way is clear of land, but the current may set it ashore
+                # its way is clear of land, but the current may set it ashore
+                land |= kernel.STOPPED
             match itinerary.distress:
                 case Between(earliest, after):
-                    law, base, numbers = kernel.BETWEEN, self.period.elapsed(earliest), [*row(after), 0.0]
+                    law, base, numbers = (
+                        kernel.BETWEEN,
+                        self.period.elapsed(earliest),
+                        [*row(after), 0.0],
+                    )
                 case Rate(rate):
                     law, numbers = kernel.RATE, [0.0, 0.0, 0.0, 0.0, rate]
                 case Part(part):
@@ -130,11 +156,23 @@ class _Tables:
             if isinstance(phase, Course):
                 numbers[0], laws[0:4], laws[12] = kernel.COURSE, row(phase.course), phase.change
             elif isinstance(phase, Acts):
-                numbers[0], laws[0:4], numbers[8] = kernel.ACTS, row(phase.course), len(self.behaviours)
+                numbers[0], laws[0:4], numbers[8] = (
+                    kernel.ACTS,
+                    row(phase.course),
+                    len(self.behaviours),
+                )
                 numbers[4:6] = [0, 0] if phase.tracker is None else self._track(phase.tracker)
-                self.behaviours.append([
-                    *phase.between, phase.change, phase.seek, phase.hide, phase.leave, phase.spread, phase.fastest
-                ])  # fmt: skip
+                self.behaviours.append(
+                    [
+                        *phase.between,
+                        phase.change,
+                        phase.seek,
+                        phase.hide,
+                        phase.leave,
+                        phase.spread,
+                        phase.fastest,
+                    ]
+                )
             else:
                 numbers[0], numbers[2], laws[13] = kernel.LOITER, 1, phase.leg
                 self._point(WayPoint(phase.ring))
@@ -150,16 +188,27 @@ class _Tables:
             lon, lat = _binary(place)
             west, south = int(lon.min()), int(lat.min())
             numbers[0], numbers[3:5] = kernel.RING, self._ring(lon, lat)
-            numbers[5:9] = [_wrapped(west), south, _wrapped(int(lon.max()) - west), int(lat.max()) - south]
+            numbers[5:9] = [
+                _wrapped(west),
+                south,
+                _wrapped(int(lon.max()) - west),
+                int(lat.max()) - south,
+            ]
             inside = np.array([south, lat.max()]) * sphere.UNIT
             laws[12] = 1.0 if inside[0] <= 0 <= inside[1] else float(np.cos(np.abs(inside).min()))
         else:
             numbers[1:3] = [int(sphere.to_binary(np.degrees(x))) for x in (place.lon, place.lat)]
             match place:
                 case Near():
-                    laws[0:3], laws[4:8] = [place.major, place.minor, place.orientation], place.follows
+                    laws[0:3], laws[4:8] = (
+                        [place.major, place.minor, place.orientation],
+                        place.follows,
+                    )
                 case InBox():
-                    numbers[0], laws[0:3] = kernel.BOX, [place.length / 2, place.width / 2, place.orientation]
+                    numbers[0], laws[0:3] = (
+                        kernel.BOX,
+                        [place.length / 2, place.width / 2, place.orientation],
+                    )
                 case InDisc():
                     numbers[0], laws[0] = kernel.DISC, place.radius
                 case Abeam():
@@ -175,26 +224,36 @@ class _Tables:
         self.point_laws.append(laws)
 
     def _track(self, followed: Followed) -> list[int]:
-        """Add the way of a tracker, once; return the number of its first vertex, and how many it has."""
+        """Add the way of a tracker, once; return the number of its first vertex, and how many it
+        has.
+        """
         if followed not in self._followed:
             begin = self.period.elapsed(followed.begin)
             time = np.rint(np.array(followed.time) + begin).astype(np.int64)
             last = np.append(np.diff(time) > 0, True)  # of several within a second
-            place = (sphere.to_binary(np.degrees(np.array(x))) for x in (followed.lon, followed.lat))
+            place = (
+                sphere.to_binary(np.degrees(np.array(x))) for x in (followed.lon, followed.lat)
+            )
             rows = np.stack([time, *place], axis=1)[last]
             self._followed[followed] = [len(self.tracks), len(rows)]
             self.tracks += rows.tolist()
         return self._followed[followed]
 
     def _ring(self, lon: Array, lat: Array) -> list[int]:
-        """Add a ring of binary angles that run on; return the number of its first vertex, and how many it has."""
+        """Add a ring of binary angles that run on; return the number of its first vertex, and how
+        many it has.
+        """
         first = sum(ring.size for ring in self.vertices) // 2
-        self.vertices.append(np.stack([_wrapped_all(lon), lat], axis=1).reshape(-1).astype(np.int32))
+        self.vertices.append(
+            np.stack([_wrapped_all(lon), lat], axis=1).reshape(-1).astype(np.int32)
+        )
         return [first, lon.size]
 
 
 def row(spread: Spread) -> list[float]:
-    """Return a truncated triangle as kernels.maths.spreads.triangle takes it: low, high, mode, share of the uniform law."""
+    """Return a truncated triangle as kernels.maths.spreads.triangle takes it: low, high, mode,
+    share of the uniform law.
+    """
     return [spread.low, spread.high, spread.mode, 2 / (1 + spread.ratio)]
 
 
@@ -213,7 +272,9 @@ def _cut(ring: InRing) -> tuple[Array, Array]:
 def _binary(ring: InRing) -> tuple[Array, Array]:
     """Return the vertices of a ring in binary angles that run on, int64."""
     turn = sphere.TURN / (2 * np.pi)
-    return np.rint(np.array(ring.lon) * turn).astype(np.int64), np.rint(np.array(ring.lat) * turn).astype(np.int64)
+    return np.rint(np.array(ring.lon) * turn).astype(np.int64), np.rint(
+        np.array(ring.lat) * turn
+    ).astype(np.int64)
 
 
 def _wrapped(angle: int) -> int:

@@ -1,14 +1,16 @@
 """Networks of lanes, and routes along them: the way points of what keeps to known ways.
 
-A particle keeps one side s in [-1, 1] all along its route. At each node it passes the point that lies s * half from the
-node in the direction `toward`, the bisector of the corner there, and from node to node it follows the great circle
-between two such points. So the corridor of a route, which is what all sides sweep, has no gap at a corner, however
-sharp, and side > 0 is to starboard on every leg, through north and round a U-turn too.
+A particle keeps one side s in [-1, 1] all along its route. At each node it passes the point that
+lies s * half from the node in the direction `toward`, the bisector of the corner there, and from
+node to node it follows the great circle between two such points. So the corridor of a route, which
+is what all sides sweep, has no gap at a corner, however sharp, and side > 0 is to starboard on
+every leg, through north and round a U-turn too.
 
-At a node the corridor is as wide as the mean of the lanes before and after it. The line across it stands askew to both
-lanes by half the turn, phi / 2, so it is that mean divided by cos(phi / 2): at 60 degrees it is 15 % longer, without
-which the corridor would be 13 % too narrow there. That is the mitre joint of drawn lines, and as there it is limited:
-beyond a right angle (MITRE) the corridor narrows towards the node instead of growing a spike.
+At a node the corridor is as wide as the mean of the lanes before and after it. The line across it
+stands askew to both lanes by half the turn, phi / 2, so it is that mean divided by cos(phi / 2): at
+60 degrees it is 15 % longer, without which the corridor would be 13 % too narrow there. That is the
+mitre joint of drawn lines, and as there it is limited: beyond a right angle (MITRE) the corridor
+narrows towards the node instead of growing a spike.
 """
 
 import difflib
@@ -26,15 +28,17 @@ from geo.array import Array
 from geo.notation import NMI
 
 PIECE = 50_000.0  # [m] how finely a route is followed for its extent
-MITRE = np.sqrt(2.0)  # most by which a corner lengthens the line across the corridor: that of a turn of 90 degrees
+# most by which a corner lengthens the line across the corridor: that of a turn of 90 degrees
+MITRE = np.sqrt(2.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Network:
     """Nodes, and lanes between pairs of them.
 
-    Names are unique, and lanes have a length and lead from one node to another; drift.case.scenario.network refuses others. A
-    lane of one way leads from `start` to `end`; any other may be followed both ways.
+    Names are unique, and lanes have a length and lead from one node to another;
+    drift.case.scenario.network refuses others. A lane of one way leads from `start` to `end`; any
+    other may be followed both ways.
     """
 
     name: tuple[str, ...]  # of the nodes, (n,)
@@ -50,34 +54,47 @@ class Network:
 class Route:
     """A way along lanes: what the kernel takes of it, one value for each node, shape (k,), k >= 2.
 
-    A particle on side s in [-1, 1] passes node j at the point exp(s * half[j]) in the direction toward[j], after it has
-    made good along[j] on the centre line: with an entry time and a speed of advance, at entry + along[j] / speed.
+    A particle on side s in [-1, 1] passes node j at the point exp(s * half[j]) in the direction
+    toward[j], after it has made good along[j] on the centre line: with an entry time and a speed of
+    advance, at entry + along[j] / speed.
     """
 
     node: tuple[str, ...]
     lon: Array  # [rad] of the nodes, in [-pi, pi)
     lat: Array
-    half: Array  # [m] half the length of the line across the corridor, at most MITRE times the lanes' mean half width
+    # [m] half the length of the line across the corridor, at most MITRE times the lanes' mean half
+    # width
+    half: Array
     toward: Array  # [rad] direction of that line to starboard, clockwise from north, in [-pi, pi)
     along: Array  # [m] from the first node along the centre line; 0 at the first
 
 
 def displaced(route: Route, side: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return (lon, lat) [rad] where particles pass the nodes, shape (..., k), for their sides in [-1, 1], shape (...)."""
+    """Return (lon, lat) [rad] where particles pass the nodes, shape (..., k), for their sides in
+    [-1, 1], shape (...).
+    """
     away = np.asarray(side, np.float64)[..., None] * route.half
-    return sphere.destination(route.lon, route.lat, away * np.sin(route.toward), away * np.cos(route.toward))
+    return sphere.destination(
+        route.lon, route.lat, away * np.sin(route.toward), away * np.cos(route.toward)
+    )
 
 
 def extent(route: Route) -> tuple[Array, Array, float]:
-    """Return places along the route (lon, lat) [rad] without jumps, and how far about them [m] its corridor reaches."""
+    """Return places along the route (lon, lat) [rad] without jumps, and how far about them [m] its
+    corridor reaches.
+    """
     lon, lat = sphere.track(route.lon, route.lat, PIECE)
     return np.unwrap(lon), lat, float(route.half.max())
 
 
 def route(network: Network, names: Sequence[str]) -> Route:
-    """Return the route through nodes; raise ValueError where no lane leads from one to the next, or one is too short."""
+    """Return the route through nodes; raise ValueError where no lane leads from one to the next, or
+    one is too short.
+    """
     if len(names) < 2:
-        raise ValueError(f"route: {len(names)} node{'s' * (len(names) != 1)}; at least 2 are needed")
+        raise ValueError(
+            f"route: {len(names)} node{'s' * (len(names) != 1)}; at least 2 are needed"
+        )
     node = np.array([number(network, name) for name in names])
     lane = np.array([between(network, a, b) for a, b in itertools.pairwise(node)])
     lon, lat, half = network.lon[node], network.lat[node], network.width[lane] / 2
@@ -87,7 +104,8 @@ def route(network: Network, names: Sequence[str]) -> Route:
     arriving, leaving = np.append(ahead[0], behind), np.append(ahead, behind[-1])
     reach, toward = across(arriving, leaving, np.append(half[0], half), np.append(half, half[-1]))
     length = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:])
-    # How much less far there is to go on one side and further on the other: paths must not run backwards.
+    # How much less far there is to go on one side and further on the other: paths must not run
+    # backwards.
     slant = reach[1:] * np.cos(toward[1:] - behind) - reach[:-1] * np.cos(toward[:-1] - ahead)
     short = np.flatnonzero(np.abs(slant) >= length)
     if short.size:
@@ -97,11 +115,15 @@ def route(network: Network, names: Sequence[str]) -> Route:
             f"{network.width[lane[j]] / NMI:.3g} nmi wide at its turns: on their inner side ways would run backwards; "
             "make it narrower, or leave a node out"
         )
-    return Route(tuple(names), sphere.wrap(lon), lat, reach, toward, np.append(0.0, np.cumsum(length)))
+    return Route(
+        tuple(names), sphere.wrap(lon), lat, reach, toward, np.append(0.0, np.cumsum(length))
+    )
 
 
 def followed(network: Network, routes: Sequence[Route]) -> Network:
-    """Return the network with only those lanes that routes follow, and all its nodes: what a case needs of a large one."""
+    """Return the network with only those lanes that routes follow, and all its nodes: what a case
+    needs of a large one.
+    """
     legs = {pair for way in routes for pair in itertools.pairwise(way.node)}
     lane = sorted({between(network, number(network, a), number(network, b)) for a, b in legs})
     return replace(
@@ -114,7 +136,9 @@ def followed(network: Network, routes: Sequence[Route]) -> Network:
 
 
 def join_networks(networks: Sequence[Network]) -> Network:
-    """Return one network of the lanes of several, each lane once; nodes are told apart by name and place."""
+    """Return one network of the lanes of several, each lane once; nodes are told apart by name and
+    place.
+    """
     place: dict[tuple[str, float, float], int] = {}
     rows: dict[tuple[int, int], tuple[float, bool]] = {}
     for network in networks:
@@ -135,8 +159,8 @@ def join_networks(networks: Sequence[Network]) -> Network:
 def across(arriving: Array, leaving: Array, before: Array, after: Array) -> tuple[Array, Array]:
     """Return (half, toward) [m, rad] of the line across the corridor at corners.
 
-    arriving, leaving: bearings [rad] on which a node is reached and left; before, after: half widths [m] of the lanes
-    there. A U-turn is made to port.
+    arriving, leaving: bearings [rad] on which a node is reached and left; before, after: half
+    widths [m] of the lanes there. A U-turn is made to port.
     """
     turn = sphere.wrap(leaving - arriving)
     turn = np.where(np.abs(turn) > np.pi - 1e-6, -np.pi, turn)  # rounding must not choose the side
@@ -145,7 +169,8 @@ def across(arriving: Array, leaving: Array, before: Array, after: Array) -> tupl
 
 
 def shortest(network: Network, start: str, end: str) -> tuple[str, ...]:
-    """Return the nodes on the shortest way; raise ValueError where lanes, as they may be followed, do not lead there.
+    """Return the nodes on the shortest way; raise ValueError where lanes, as they may be followed,
+    do not lead there.
 
     Dijkstra (1959, doi:10.1007/BF01386390) by the lengths of the centre lines.
     """
@@ -154,7 +179,9 @@ def shortest(network: Network, start: str, end: str) -> tuple[str, ...]:
         raise ValueError(f'route: it begins and ends at "{start}"; give two nodes')
     length, before = csgraph.dijkstra(_lengths(network), indices=first, return_predecessors=True)
     if not np.isfinite(length[last]):
-        reached = _quoted([network.name[j] for j in np.flatnonzero(np.isfinite(length)) if j != first])
+        reached = _quoted(
+            [network.name[j] for j in np.flatnonzero(np.isfinite(length)) if j != first]
+        )
         raise ValueError(
             f'route: no way from "{start}" to "{end}" along the lanes; '
             f"{f'they lead from there to {reached}' if reached else 'none begins there'}; add a lane, or let a "
@@ -175,13 +202,19 @@ def number(network: Network, name: str) -> int:
     raise ValueError(f'route: no node "{name}" in the network; {instead}')
 
 
-def bearing(lon1: npt.ArrayLike, lat1: npt.ArrayLike, lon2: npt.ArrayLike, lat2: npt.ArrayLike) -> Array:
+def bearing(
+    lon1: npt.ArrayLike, lat1: npt.ArrayLike, lon2: npt.ArrayLike, lat2: npt.ArrayLike
+) -> Array:
     """Return the direction [rad, clockwise from north] in which points 2 lie from points 1 [rad]."""
     return np.arctan2(*sphere.offset(lon1, lat1, lon2, lat2))
 
 
-def directed(network: Network) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return (from, to, lane) of every way in which lanes may be followed: numbers of nodes and of the lane, (d,)."""
+def directed(
+    network: Network,
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return (from, to, lane) of every way in which lanes may be followed: numbers of nodes and of
+    the lane, (d,).
+    """
     both = np.flatnonzero(~network.one_way)
     return (
         np.concatenate([network.start, network.end[both]]),
@@ -203,7 +236,9 @@ def between(network: Network, a: int, b: int) -> int:
     if ((start == b) & (end == a)).any():
         said += f', as that from "{there}" to "{here}" is one-way'
     ways = _quoted([network.name[j] for j in np.unique(end[start == a])])
-    said += f'; from "{here}" lanes lead to {ways}' if ways else f'; no lane leads away from "{here}"'
+    said += (
+        f'; from "{here}" lanes lead to {ways}' if ways else f'; no lane leads away from "{here}"'
+    )
     try:
         way = shortest(network, here, there)
     except ValueError:

@@ -1,4 +1,6 @@
-"""What is settled at the birth of targets that steer, and what no column of an ensemble holds: kernels.steering.settled."""
+"""What is settled at the birth of targets that steer, and what no column of an ensemble holds:
+kernels.steering.settled.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -15,13 +17,17 @@ from kernels.steering import settled as kernel
 
 
 class Settled(NamedTuple):
-    """Columns on the host, (n,) each; what a scenario does not have is 0 there, and an arrival that is unknown NEVER."""
+    """Columns on the host, (n,) each; what a scenario does not have is 0 there, and an arrival that
+    is unknown NEVER.
+    """
 
     speed: Array  # [m/s] of the first phase for which a speed of advance is drawn
-    course: Array  # [rad] the first one of the first phase that keeps a course, clockwise from north
+    # [rad] the first one of the first phase that keeps a course, clockwise from north
+    course: Array
     destination: Array  # number among those of the last phase that has a choice of them
     k: Array  # [m/sqrt(s)] of the first phase that is a Brownian bridge
-    arrival: Array  # [s] at the end of an itinerary that is one voyage, unless its distress comes first
+    # [s] at the end of an itinerary that is one voyage, unless its distress comes first
+    arrival: Array
     has: Mapping[str, Array]  # (scenarios,) bool each: which scenarios have which of these
 
 
@@ -30,19 +36,24 @@ def read_settled(ensemble: Ensemble, steering: Steering) -> Settled:
     wanted = phases(steering.itineraries)
     dtypes = {"destination": np.int32, "arrival": np.int32}
     out = {
-        name: runtime.upload(np.full(ensemble.n, NEVER if name == "arrival" else 0, dtypes.get(name, np.float32)))
+        name: runtime.upload(
+            np.full(ensemble.n, NEVER if name == "arrival" else 0, dtypes.get(name, np.float32))
+        )
         for name in kernel.FIELDS
     }
     plan = itinerary_tables.plan(steering.itineraries, steering.period)
     own = ensemble.batch(steering.scenarios)
-    kernel.settle(ensemble.columns, own, plan, ensemble.seed, runtime.upload(wanted.reshape(-1)), out)
+    kernel.settle(
+        ensemble.columns, own, plan, ensemble.seed, runtime.upload(wanted.reshape(-1)), out
+    )
     has = dict(zip(kernel.FIELDS, wanted.T >= 0, strict=True))
     speed, course, destination, k, arrival = (out[name].to_numpy() for name in kernel.FIELDS)
     return Settled(speed, course, destination, k, arrival, has)
 
 
 def phases(itineraries: Sequence[Itinerary | None]) -> Array:
-    """Return of which phase each is told, its number among those of all itineraries, int32 (scenarios, WANTED).
+    """Return of which phase each is told, its number among those of all itineraries, int32
+    (scenarios, WANTED).
 
     -1: of none.
     """
@@ -51,14 +62,22 @@ def phases(itineraries: Sequence[Itinerary | None]) -> Array:
     for row, itinerary in zip(table, itineraries, strict=True):
         for k, phase in enumerate(itinerary.phases if itinerary else ()):
             told = []
-            on_its_way = isinstance(phase, Course | Acts) or (isinstance(phase, Ways) and by_speed(phase))
-            if on_its_way or (isinstance(phase, Loiter) and k == 0):  # else it would be a speed on patrol
+            on_its_way = isinstance(phase, Course | Acts) or (
+                isinstance(phase, Ways) and by_speed(phase)
+            )
+            # else it would be a speed on patrol
+            if on_its_way or (isinstance(phase, Loiter) and k == 0):
                 told.append(kernel.SPEED)
             if isinstance(phase, Course | Acts):
                 told.append(kernel.FIRST_COURSE)
             if isinstance(phase, Ways) and phase.k > 0:
                 told.append(kernel.SPREAD_RATE)
-            if isinstance(phase, Ways) and by_speed(phase) and itinerary and len(itinerary.phases) == 1:
+            if (
+                isinstance(phase, Ways)
+                and by_speed(phase)
+                and itinerary
+                and len(itinerary.phases) == 1
+            ):
                 told.append(kernel.ARRIVAL)
             for what in told:
                 row[what] = number if row[what] < 0 else row[what]
@@ -69,5 +88,7 @@ def phases(itineraries: Sequence[Itinerary | None]) -> Array:
 
 
 def by_speed(phase: Ways) -> bool:
-    """Return whether way points of a phase have no times, so that a speed says when they are reached."""
+    """Return whether way points of a phase have no times, so that a speed says when they are
+    reached.
+    """
     return not phase.destinations and all(point.time is None for point in phase.points)

@@ -1,7 +1,7 @@
 """Debris that contacts tell of: particles of a class of its own.
 
-They share releases and errors of the forcing with the object's particles, and drift beside them, slot by slot, until
-they are last asked for. Where they are reweights the object's particles.
+They share releases and errors of the forcing with the object's particles, and drift beside them,
+slot by slot, until they are last asked for. Where they are reweights the object's particles.
 """
 
 from collections.abc import Sequence
@@ -34,13 +34,15 @@ class Debris:
     scene: Scene
     last: int  # [s after start] when it is last asked for
     start: int  # of the run [s since 1970]
-    steered: tuple[int, ...] = ()  # numbers of the scenarios whose objects steer before they go adrift
+    # numbers of the scenarios whose objects steer before they go adrift
+    steered: tuple[int, ...] = ()
     begin: Begin | None = None  # where its particles began the present step
 
     def advance(self, beside: Ensemble, begin: Begin | None, step: Step) -> None:
         """Move it over the step that the objects beside it have just made.
 
-        begin: where they began the step, and where those that steer went adrift in it: there their debris begins.
+        begin: where they began the step, and where those that steer went adrift in it: there their
+        debris begins.
         """
         if begin is not None and begin.helm is not None:
             release = beside.release.to_numpy()
@@ -62,10 +64,12 @@ def of_contacts(
     resumed: bool = False,
     copied: bool = False,
 ) -> dict[Drifter, Debris]:
-    """Return the debris that contacts tell of, by class; spec: what the objects beside it are drawn from.
+    """Return the debris that contacts tell of, by class; spec: what the objects beside it are drawn
+    from.
 
-    resumed: whether its columns come from elsewhere, and need not be drawn. copied: whether releases and errors are
-    those of the objects beside it as they stand, rather than drawn by the same numbers: so it is where particles are guided.
+    resumed: whether its columns come from elsewhere, and need not be drawn. copied: whether
+    releases and errors are those of the objects beside it as they stand, rather than drawn by the
+    same numbers: so it is where particles are guided.
     """
     finds = 0 if scene.guided is None else scene.guided.finds
     steered = tuple(number for number, scenario in enumerate(spec.scenarios) if scenario.itinerary)
@@ -79,14 +83,19 @@ def of_contacts(
             continue
         number = len(debris) + 1
         # Debris drifts, however the object beside it moves.
-        drifting = tuple(replace(s, object=drifter, model="drift", motion=None, itinerary=None) for s in spec.scenarios)
+        drifting = tuple(
+            replace(s, object=drifter, model="drift", motion=None, itinerary=None)
+            for s in spec.scenarios
+        )
         own = replace(spec, scenarios=drifting, guiding=finds)
         if resumed:
             ensemble = prior.empty(own, beside.layout)
         else:
             ensemble = prior.draw_ensemble(own, scene.place.coast, beside.layout).ensemble
             for slots in ensemble.slots:  # coefficients of its own
-                drift.draw_leeway(ensemble, slots, noise.key(spec.seed, Purpose.DEBRIS, number), drifter)
+                drift.draw_leeway(
+                    ensemble, slots, noise.key(spec.seed, Purpose.DEBRIS, number), drifter
+                )
         if (copied or finds) and not resumed:
             _copy_shared(ensemble, beside, finds)
         if steered and not resumed:  # it goes adrift with its object
@@ -94,7 +103,9 @@ def of_contacts(
             later = np.isin(beside.scenario.to_numpy(), steered)
             ensemble.release.from_numpy(np.where(later, theirs, own_release))
         place = scene.place._replace(debris=number)
-        moved = replace(scene, motions=models.motions(own.errors, own.scenarios), place=place, steering=None)
+        moved = replace(
+            scene, motions=models.motions(own.errors, own.scenarios), place=place, steering=None
+        )
         debris[drifter] = Debris(ensemble, moved, time, spec.period.epoch, steered)
     return debris
 

@@ -3,22 +3,24 @@
 A found object whose place is known to 0.2 nmi fits one particle in thousands where errors of the
 current have spread debris over 10 nmi. So what an object and its debris share (the place of the
 release, the errors of current and wind, the current's bias) is drawn from a proposal that knows the
-finds, and the weight of each particle makes up for it: prior over proposal (importance sampling with a
-defensive mixture: Hesterberg 1995, doi:10.1080/00401706.1995.10484303). The posterior stays the case's.
+finds, and the weight of each particle makes up for it: prior over proposal (importance sampling
+with a defensive mixture: Hesterberg 1995, doi:10.1080/00401706.1995.10484303). The posterior stays
+the case's.
 
-All that is shared is Gaussian: standard normals xi, which move debris by s = H xi [m] at the times of
-the finds (drift.evidence.filter.debris.responses). A particle keeps the xi' of its streams except for their
-projection on the rows of H: s' = H xi' becomes s, and xi = xi' + H^T S^+ (s - s'), S = H H^T. With
-probability PRIOR_SHARE s is drawn from the prior N(0, S); else from the law of s given the finds, if s
-moved debris by M (s - s') from where xi' leads it. Where that is, is computed: before the run the debris
-is moved once without a coast, so that its own leeway, its walk and the forcing's shear are met. Where
-M errs by more than the find does, this is repeated: debris is moved again from the s so found, and s
-is drawn by where it comes to then. All that q depends on besides the rest of xi', earlier s among it, are auxiliary
-variables of the proposal: the weight N(s; 0, S) / q(s) is exact however wrong M is, and at most
-1 / PRIOR_SHARE. Debris that strands on its way is weighed by its run.
+All that is shared is Gaussian: standard normals xi, which move debris by s = H xi [m] at the times
+of the finds (drift.evidence.filter.debris.responses). A particle keeps the xi' of its streams
+except for their projection on the rows of H: s' = H xi' becomes s, and xi = xi' + H^T S^+ (s - s'),
+S = H H^T. With probability PRIOR_SHARE s is drawn from the prior N(0, S); else from the law of s
+given the finds, if s moved debris by M (s - s') from where xi' leads it. Where that is, is
+computed: before the run the debris is moved once without a coast, so that its own leeway, its walk
+and the forcing's shear are met. Where M errs by more than the find does, this is repeated: debris
+is moved again from the s so found, and s is drawn by where it comes to then. All that q depends on
+besides the rest of xi', earlier s among it, are auxiliary variables of the proposal: the weight
+N(s; 0, S) / q(s) is exact however wrong M is, and at most 1 / PRIOR_SHARE. Debris that strands on
+its way is weighed by its run.
 
-Weights are scaled so that each block of particles has its share of the prior. This also accounts for
-the part of a prior that is on land, where no weight is left.
+Weights are scaled so that each block of particles has its share of the prior. This also accounts
+for the part of a prior that is on land, where no weight is left.
 """
 
 from collections.abc import Callable, Sequence
@@ -98,7 +100,9 @@ class Guide:
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """The entry in the summary: the names of the finds, and the share of particles drawn from the prior."""
+        """The entry in the summary: the names of the finds, and the share of particles drawn from
+        the prior.
+        """
         return {"finds": [find.contact.name for find in self.finds], "prior_share": PRIOR_SHARE}
 
     @property
@@ -110,7 +114,9 @@ class Guide:
 
 
 class Way(NamedTuple):
-    """Where debris was without a coast, at the times of finds, and the errors and releases that led there."""
+    """Where debris was without a coast, at the times of finds, and the errors and releases that led
+    there.
+    """
 
     lon: Array  # int32 binary angle (finds, n)
     lat: Array
@@ -164,7 +170,9 @@ def axes_covariance(major: float, minor: float, orientation: float) -> Array:
 
 
 def place_covariance(scenario: Scenario) -> Array:
-    """Return the covariance of a release that is guided too [m2], (2, 2): of a plain position report."""
+    """Return the covariance of a release that is guided too [m2], (2, 2): of a plain position
+    report.
+    """
     own = scenario.prior
     if isinstance(own, PositionPrior) and own.displacement is None:
         return axes_covariance(own.major, own.minor, own.orientation)
@@ -177,7 +185,8 @@ def guide_particles(guide: Guide, trial: Trial, ensemble: Ensemble) -> Ensemble:
     Args:
         guide: how.
         trial: what they are drawn from, and what they are about to go through.
-        ensemble: particles of a run or of a shard of it, as `drift.engine.motion.prior.draw_ensemble` returns them.
+        ensemble: particles of a run or of a shard of it, as
+            `drift.engine.motion.prior.draw_ensemble` returns them.
 
     Returns:
         The ensemble, with the columns that guide it.
@@ -189,7 +198,9 @@ def guide_particles(guide: Guide, trial: Trial, ensemble: Ensemble) -> Ensemble:
     for number, fits in enumerate(guide.passes):
         way = debris_way(guide, trial, ensemble, moved=number > 0)
         last = number == len(guide.passes) - 1
-        log_weight = before + pull_particles(guide, fits, trial.spec, ensemble, way, number=number, last=last)
+        log_weight = before + pull_particles(
+            guide, fits, trial.spec, ensemble, way, number=number, last=last
+        )
     lon, lat = ensemble.lon.to_numpy(), ensemble.lat.to_numpy()
     coast = trial.scene.place.coast
     if coast is not None:
@@ -219,7 +230,9 @@ def _free_places(guide: Guide, trial: Trial, ensemble: Ensemble) -> None:
     for name in ("lon", "lat"):
         values = ensemble.columns[name].to_numpy().copy()
         drawn = free.columns[name].to_numpy()
-        for fit, scenario, (first, last) in zip(guide.passes[0], trial.spec.scenarios, ensemble.scenarios, strict=True):
+        for fit, scenario, (first, last) in zip(
+            guide.passes[0], trial.spec.scenarios, ensemble.scenarios, strict=True
+        ):
             if fit is not None and place_covariance(scenario).any():
                 values[first:last] = drawn[first:last]
         ensemble.columns[name].from_numpy(values)
@@ -232,7 +245,8 @@ def debris_way(guide: Guide, trial: Trial, ensemble: Ensemble, *, moved: bool) -
         guide: the finds, and how far what is shared moves debris.
         trial: what it goes through.
         ensemble: the particles of its objects, which stay where they are.
-        moved: whether they have been guided: s is what their columns make of it then, else of their streams.
+        moved: whether they have been guided: s is what their columns make of it then, else of their
+            streams.
     """
     place = trial.scene.place._replace(coast=None, beach=advance.Beach(), guided=moved)
     finds, clock = guide.finds, trial.clock
@@ -241,17 +255,24 @@ def debris_way(guide: Guide, trial: Trial, ensemble: Ensemble, *, moved: bool) -
     forcing = trial.flow()
     try:
         scene = replace(
-            trial.scene, forcing=forcing, place=place, steering=None,
+            trial.scene,
+            forcing=forcing,
+            place=place,
+            steering=None,
             guided=guide.responses.guided if moved else None,
-        )  # fmt: skip
-        kinds = debris.of_contacts(trial.spec, [(f.time, f.contact) for f in finds], scene, ensemble, copied=True)
+        )
+        kinds = debris.of_contacts(
+            trial.spec, [(f.time, f.contact) for f in finds], scene, ensemble, copied=True
+        )
         for low, high, step in clock.steps():
             if step.elapsed >= guide.responses.guided.until:
                 break
             forcing.set(low, high)
             end = step.elapsed + step.duration
             for drifter, kind in kinds.items():
-                due = [k for k, f in enumerate(finds) if f.contact.drifter == drifter and f.time <= end]
+                due = [
+                    k for k, f in enumerate(finds) if f.contact.drifter == drifter and f.time <= end
+                ]
                 due = [k for k in due if finds[k].time > step.elapsed]
                 if kind.last <= step.elapsed:
                     continue
@@ -273,7 +294,9 @@ def debris_way(guide: Guide, trial: Trial, ensemble: Ensemble, *, moved: bool) -
 
 
 def _shared(guide: Guide, spec: EnsembleSpec, ensemble: Ensemble, moved: bool) -> Array:
-    """Return s of particles from their streams and columns [m], (n, 2 finds); moved: of guided ones."""
+    """Return s of particles from their streams and columns [m], (n, 2 finds); moved: of guided
+    ones.
+    """
     answers, many = guide.responses, len(guide.finds)
     rows = answers.rows_of(ensemble.release.to_numpy())
     sums, begins = runtime.empty(2 * many * ensemble.n), runtime.upload(rows)
@@ -307,7 +330,14 @@ def _pair(ensemble: Ensemble, name: str) -> Array:
 
 
 def pull_particles(
-    guide: Guide, fits: Fits, spec: EnsembleSpec, ensemble: Ensemble, way: Way, *, number: int, last: bool
+    guide: Guide,
+    fits: Fits,
+    spec: EnsembleSpec,
+    ensemble: Ensemble,
+    way: Way,
+    *,
+    number: int,
+    last: bool,
 ) -> Array:
     """Draw s and write the columns that produce it.
 
@@ -343,7 +373,12 @@ def pull_particles(
                 if not own.size:
                     continue
                 y, proposal = _proposal(
-                    guide, fit if last else fit._replace(error=fit.close), covariance, way, own, which
+                    guide,
+                    fit if last else fit._replace(error=fit.close),
+                    covariance,
+                    way,
+                    own,
+                    which,
                 )
                 s, log_weight[own] = proposal.draw(y, choice[own], normals[own], prior=last)
                 pull[own] = (s - way.shared[own]) @ proposal.inverse
@@ -357,7 +392,9 @@ def pull_particles(
     return log_weight
 
 
-def _proposal(guide: Guide, fit: Fit, covariance: Array, way: Way, own: Array, known: bool) -> tuple[Array, Proposal]:
+def _proposal(
+    guide: Guide, fit: Fit, covariance: Array, way: Way, own: Array, known: bool
+) -> tuple[Array, Proposal]:
     """Return the finds as seen from some particles [m] (k, 2 finds), and the proposal by them.
 
     known: whether it is known where their debris came to.
@@ -382,7 +419,9 @@ def _proposal(guide: Guide, fit: Fit, covariance: Array, way: Way, own: Array, k
 
 
 def _normals(ensemble: Ensemble, pairs: int, first: int) -> Array:
-    """Return standard normals of each particle, (n, 2 pairs), by its number in the run; first: of these pairs."""
+    """Return standard normals of each particle, (n, 2 pairs), by its number in the run; first: of
+    these pairs.
+    """
     found = np.empty((ensemble.n, 2 * pairs))
     east, north = runtime.empty(ensemble.n), runtime.empty(ensemble.n)
     key = noise.key(ensemble.seed, Purpose.GUIDE)
@@ -394,7 +433,9 @@ def _normals(ensemble: Ensemble, pairs: int, first: int) -> Array:
 
 
 def _move_release(scenario: Scenario, ensemble: Ensemble, by: Array, span: tuple[int, int]) -> None:
-    """Move the releases of a scenario's slots by so much [m] (n, 2), in the tangent plane of the report."""
+    """Move the releases of a scenario's slots by so much [m] (n, 2), in the tangent plane of the
+    report.
+    """
     own, (first, last) = scenario.prior, span
     if not isinstance(own, PositionPrior) or not by[first:last].any():
         return
@@ -411,7 +452,9 @@ def _shift_errors(answers: Responses, ensemble: Ensemble, rows: Array, pull: Arr
     """Add to errors and biases at the begin what pulls (n, finds, 2) make of them."""
     shifts = {
         name: std * np.einsum("fn,nfc->nc", answers.state[:, rows, kind], pull)
-        for kind, (name, std) in enumerate(zip(("current_error", "wind_error"), answers.stds, strict=True))
+        for kind, (name, std) in enumerate(
+            zip(("current_error", "wind_error"), answers.stds, strict=True)
+        )
     }
     bias = answers.bias**2 * np.einsum("fn,nfc->nc", answers.lasting[:, rows], pull)
     for name, by in (shifts | {"current_bias": bias}).items():

@@ -1,8 +1,8 @@
 """A pilot of a few thousand particles: whether finds of debris are to guide a run, and how.
 
-It moves debris without a coast to its finds, once as drawn and then guided. The first run says how many
-particles the finds would leave effective; the next ones say how debris answers to what guides it, and
-how many passes it takes until it strays from where it is led by less than the finds err.
+It moves debris without a coast to its finds, once as drawn and then guided. The first run says how
+many particles the finds would leave effective; the next ones say how debris answers to what guides
+it, and how many passes it takes until it strays from where it is led by less than the finds err.
 """
 
 import itertools
@@ -29,7 +29,8 @@ WIDER = 2.0  # factor on the variance of a find's error in the proposal: its tai
 FEW = 30  # particles that are too few to fit anything
 MOST = 5  # passes: each moves the debris of all particles once
 CLOSE = 2.0  # variance by which debris may stray, as a share of its find's, without one more pass
-HARDLY = 0.7  # the same as a share of what it was a pass before, above which one more would not help
+# the same as a share of what it was a pass before, above which one more would not help
+HARDLY = 0.7
 MIDDLE = 2 * np.log(2)  # median of the square of a two-dimensional standard normal
 
 
@@ -58,7 +59,11 @@ def fit(trial: Trial, contacts: Sequence[Contact]) -> Guide | None:
         np.zeros((len(finds), 2, 2)),
     )
     blind = Guide(finds, answers, (tuple(plain if can else None for can in guidable),))
-    if not any(_anything(blind, scenario) for scenario, can in zip(spec.scenarios, guidable, strict=True) if can):
+    if not any(
+        _anything(blind, scenario)
+        for scenario, can in zip(spec.scenarios, guidable, strict=True)
+        if can
+    ):
         return None
     return _fitted(blind, trial)
 
@@ -75,7 +80,10 @@ def _anything(blind: Guide, scenario: Scenario) -> bool:
 
 
 def _fitted(blind: Guide, trial: Trial) -> Guide | None:
-    """Return a guide with the response of debris; None where finds leave enough particles without one."""
+    """Return a guide with the response of debris;
+
+    None where finds leave enough particles without one.
+    """
     whole = prior.layout(trial.spec)
     most = max(LEAST, PILOT // len(trial.spec.scenarios))
     counts = np.minimum(prior.counts_of(trial.spec), most)
@@ -95,7 +103,9 @@ def _fitted(blind: Guide, trial: Trial) -> Guide | None:
     while len(passes) < MOST:
         guides.pull_particles(blind, fits, trial.spec, led, way, number=len(passes), last=False)
         after = guides.debris_way(blind, open_sea, led, moved=True)
-        told = [_answers(blind, fit, (way, after), span) for fit, span in zip(fits, spans, strict=True)]
+        told = [
+            _answers(blind, fit, (way, after), span) for fit, span in zip(fits, spans, strict=True)
+        ]
         fits, way = tuple(fit for fit, _ in told), after
         passes.append(fits)
         before, strays = strays, max(stray for _, stray in told)
@@ -117,7 +127,9 @@ def _effective(guide: Guide, drawn: Ensemble, way: Way) -> float:
             mean = np.logaddexp.reduce(total + said) - np.logaddexp.reduce(total)
             if mean == -np.inf:
                 return 0.0
-            said = np.logaddexp(np.log(find.contact.belief) + said, np.log1p(-find.contact.belief) + mean)
+            said = np.logaddexp(
+                np.log(find.contact.belief) + said, np.log1p(-find.contact.belief) + mean
+            )
         total = total + said
     if total.max() == -np.inf:
         return 0.0
@@ -135,13 +147,22 @@ def _lost(fit: Fit | None, way: Way, span: slice) -> Fit | None:
     return fit._replace(mean=rest.mean(axis=0), spread=np.stack(spread))
 
 
-def _answers(guide: Guide, fit: Fit | None, ways: tuple[Way, Way], span: slice) -> tuple[Fit | None, float]:
-    """Return a fit that knows M, and how far debris strays from where that takes it, in errors of its find (variances)."""
+def _answers(
+    guide: Guide, fit: Fit | None, ways: tuple[Way, Way], span: slice
+) -> tuple[Fit | None, float]:
+    """Return a fit that knows M, and how far debris strays from where that takes it, in errors of
+    its find (variances).
+    """
     first, second = ways
     known = (first.known & second.known)[:, span].all(axis=0)
     if fit is None or known.sum() < FEW:
         return fit, 0.0
-    inverse, close, error, most = np.array(fit.inverse), np.array(fit.close), np.array(fit.error), 0.0
+    inverse, close, error, most = (
+        np.array(fit.inverse),
+        np.array(fit.close),
+        np.array(fit.error),
+        0.0,
+    )
     for k, find in enumerate(guide.finds):
         own = slice(2 * k, 2 * k + 2)
         by = (second.shared - first.shared)[span, own][known]
@@ -158,7 +179,9 @@ def _answers(guide: Guide, fit: Fit | None, ways: tuple[Way, Way], span: slice) 
 
 
 def _typical(rest: Array) -> Array:
-    """Return the covariance of residuals (n, 2) [m] by their median size: a few that stray far do not count."""
+    """Return the covariance of residuals (n, 2) [m] by their median size: a few that stray far do
+    not count.
+    """
     whole = rest.T @ rest / len(rest) + 1e-6 * np.eye(2)
     size = np.einsum("na,ab,nb->n", rest, np.linalg.inv(whole), rest)
     return np.asarray(whole * (np.median(size) / MIDDLE))

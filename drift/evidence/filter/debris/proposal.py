@@ -1,7 +1,9 @@
-"""The proposal by which guided particles are drawn: a mixture of the prior and of distributions given finds.
+"""The proposal by which guided particles are drawn: a mixture of the prior and of distributions
+given finds.
 
-What is drawn is s, the displacement [m] that the shared unknowns give debris at the times of its finds,
-of prior N(0, S). Finds are seen as y = s + error, of a covariance R that the proposal may choose.
+What is drawn is s, the displacement [m] that the shared unknowns give debris at the times of its
+finds, of prior N(0, S). Finds are seen as y = s + error, of a covariance R that the proposal may
+choose.
 """
 
 from collections.abc import Sequence
@@ -20,7 +22,9 @@ class Part(NamedTuple):
 
 
 class Proposal:
-    """A mixture: a share of the prior N(0, S), and for each part the distribution of s given its finds."""
+    """A mixture: a share of the prior N(0, S), and for each part the distribution of s given its
+    finds.
+    """
 
     def __init__(self, covariance: Array, parts: Sequence[Part], prior_share: float) -> None:
         """Make ready.
@@ -36,7 +40,9 @@ class Proposal:
         self.inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
         self._covariance, self._parts, self._prior = covariance, tuple(parts), prior_share
 
-    def draw(self, y: Array, choice: Array, normals: Array, *, prior: bool = True) -> tuple[Array, Array]:
+    def draw(
+        self, y: Array, choice: Array, normals: Array, *, prior: bool = True
+    ) -> tuple[Array, Array]:
         """Return draws of s, and the logarithm of prior over proposal of each.
 
         Args:

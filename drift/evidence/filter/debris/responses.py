@@ -1,12 +1,13 @@
 """How far what is uncertain and shared moves debris by the times of its finds.
 
 The errors of current and wind are Ornstein-Uhlenbeck processes on the steps of the run's clock
-(kernels.step.errors): e' = a e + std sqrt(1 - a^2) xi, a = exp(-dt / time), and a step moves debris by the
-mean of e and e' over dt, times the share of the wind's speed that the debris has. So its displacement
-at a find is linear in the standard normals xi, and its coefficients follow from a recursion backward
-in time. They choose a direction in the space of xi, along which particles are guided: where forcing
-shears, where debris has more than a downwind slope, or where a particle begins inside a step, another
-direction would guide better, but any is exact (drift.evidence.filter.debris.guide).
+(kernels.step.errors): e' = a e + std sqrt(1 - a^2) xi, a = exp(-dt / time), and a step moves debris
+by the mean of e and e' over dt, times the share of the wind's speed that the debris has. So its
+displacement at a find is linear in the standard normals xi, and its coefficients follow from a
+recursion backward in time. They choose a direction in the space of xi, along which particles are
+guided: where forcing shears, where debris has more than a downwind slope, or where a particle
+begins inside a step, another direction would guide better, but any is exact
+(drift.evidence.filter.debris.guide).
 """
 
 from collections.abc import Sequence
@@ -29,7 +30,8 @@ class Responses:
     begins: Array  # [s after start] (rows,) when each row begins
     state: Array  # [m] (finds, rows + 1, 2) per unit normal of the errors that a row begins with
     lasting: Array  # [s] (finds, rows + 1) from the begin of each row to the find
-    noise: Array  # [m2] (rows + 1, finds, finds) covariance by the normals of each row and all after
+    # [m2] (rows + 1, finds, finds) covariance by the normals of each row and all after
+    noise: Array
     stds: tuple[float, float]  # [m/s] of the errors of current and wind
     bias: float  # [m/s] standard deviation of the current's
 
@@ -63,7 +65,9 @@ class Responses:
         return np.kron(alike, np.eye(2)) + np.kron(np.ones_like(alike), place)
 
 
-def forcing_responses(errors: Errors, finds: Sequence[tuple[int, Drifter]], clock: Clock) -> Responses:
+def forcing_responses(
+    errors: Errors, finds: Sequence[tuple[int, Drifter]], clock: Clock
+) -> Responses:
     """Return how errors of the forcing move debris by the times of finds.
 
     Args:

@@ -1,14 +1,18 @@
-"""How well what a sensor of the case told fits each target: its chance of detection, a received level and a frequency.
+"""How well what a sensor of the case told fits each target: its chance of detection, a received
+level and a frequency.
 
-A passive sonar hears a target where its signal excess S and the fluctuation e, normal with a deviation s, are together
-above 0. The level that is received is R = SL - TL + e. It is measured as y, with an error of deviation d, so that
+A passive sonar hears a target where its signal excess S and the fluctuation e, normal with a
+deviation s, are together above 0. The level that is received is R = SL - TL + e. It is measured as
+y, with an error of deviation d, so that
 
-    p(y, heard) = N(y; SL - TL, sqrt(s^2 + d^2)) Phi((S + k r) / sqrt(k) d),  r = y - (SL - TL),  k = s^2 / (s^2 + d^2):
+    p(y, heard) = N(y; SL - TL, sqrt(s^2 + d^2)) Phi((S + k r) / sqrt(k) d),  r = y - (SL - TL),  k
+    = s^2 / (s^2 + d^2):
 
-given y the fluctuation is normal about k r with a variance of k d^2, and the target was heard if S + e > 0. An unknown of
-the group is added to SL - TL and so to S. A frequency arrives as f = f0 D, D = (c + w.u) / (c + v.u), with u from sensor to
-target, w the velocity of the sensor and v that of the target (Doppler's law for both in motion: Kinsler et al. 2000, Fundamentals of
-Acoustics, 4th ed.); with f0 normal it is normal too.
+given y the fluctuation is normal about k r with a variance of k d^2, and the target was heard if S
++ e > 0. An unknown of the group is added to SL - TL and so to S. A frequency arrives as f = f0 D, D
+= (c + w.u) / (c + v.u), with u from sensor to target, w the velocity of the sensor and v that of
+the target (Doppler's law for both in motion: Kinsler et al. 2000, Fundamentals of Acoustics, 4th
+ed.); with f0 normal it is normal too.
 """
 
 import math
@@ -29,7 +33,9 @@ from geo.array import Array
 
 
 class Sent(NamedTuple):
-    """What is known of the frequency that each target sends, normal, by all contacts of a group so far."""
+    """What is known of the frequency that each target sends, normal, by all contacts of a group so
+    far.
+    """
 
     precision: Array  # 1 / variance [1/Hz^2] (n,)
     turned: Array  # precision times its mean deviation from the frequency of the case [1/Hz] (n,)
@@ -38,11 +44,14 @@ class Sent(NamedTuple):
 def asks_velocity(contact: Contact) -> bool:
     """Return whether it matters to a contact how fast a target is."""
     own = contact.heard
-    return contact.moves or (own is not None and (own.tone is not None or sight.by_speed(own.sensor)))
+    return contact.moves or (
+        own is not None and (own.tone is not None or sight.by_speed(own.sensor))
+    )
 
 
 def log_likelihood(contact: Contact, targets: Targets, sent: Sent | None = None) -> Array:
-    """Return the log density of what a sensor told, by value of the unknown, float64 (factors, n); -inf: impossible.
+    """Return the log density of what a sensor told, by value of the unknown, float64 (factors, n);
+    -inf: impossible.
 
     sent: what is known of the frequency by others of its group; None: what the case says.
     """
@@ -65,12 +74,16 @@ def log_likelihood(contact: Contact, targets: Targets, sent: Sent | None = None)
         tables = Ear(sees, own.beams).tables(*at, own.heading, contact.time)
         arrives, gain = hearing.terms(tables, *way)
         arrives = arrives + hearing.level(sees, targets.scenario, targets.speed)
-        detected = np.stack([_heard(own, sees, arrives + offset, gain) for offset in unknown.values(own.sensor)[0]])
+        detected = np.stack(
+            [_heard(own, sees, arrives + offset, gain) for offset in unknown.values(own.sensor)[0]]
+        )
     return np.where(there, common + detected, -np.inf)
 
 
 def _heard(own: Heard, sonar: Sonar, arrives: Array, gain: Array) -> Array:
-    """Return the log density of hearing at once, and at the level that was measured, of levels [dB] that arrive (n,)."""
+    """Return the log density of hearing at once, and at the level that was measured, of levels [dB]
+    that arrive (n,).
+    """
     from scipy import special  # imported here: few cases ask, and it takes a third of a second
 
     if own.level is None:
@@ -87,13 +100,16 @@ def _heard(own: Heard, sonar: Sonar, arrives: Array, gain: Array) -> Array:
 
 
 def doppler(own: Heard, targets: Targets, way: tuple[Array, Array]) -> Array:
-    """Return by what factor the frequency that each target sends is shifted, (n,); way: (east, north) [m] to it."""
+    """Return by what factor the frequency that each target sends is shifted, (n,); way: (east,
+    north) [m] to it.
+    """
     assert own.tone is not None
     far = np.maximum(np.hypot(*way), 1e-9)
     east, north = way[0] / far, way[1] / far
     c = own.tone.sound_speed
     return np.asarray(
-        (c + own.velocity[0] * east + own.velocity[1] * north) / (c + targets.east * east + targets.north * north)
+        (c + own.velocity[0] * east + own.velocity[1] * north)
+        / (c + targets.east * east + targets.north * north)
     )
 
 
@@ -105,9 +121,13 @@ def at_first(tone: Tone, n: int) -> Sent:
 def _frequency(tone: Tone, shift: Array, sent: Sent | None) -> Array:
     """Return the log density of a frequency, of targets whose own is shifted by a factor (n,)."""
     if sent is None:
-        return contacts.normal(tone.value - tone.source * shift, np.hypot(tone.std, tone.source_std * shift))
+        return contacts.normal(
+            tone.value - tone.source * shift, np.hypot(tone.std, tone.source_std * shift)
+        )
     mean = tone.source + sent.turned / sent.precision
-    return contacts.normal(tone.value - mean * shift, np.sqrt(tone.std**2 + shift**2 / sent.precision))
+    return contacts.normal(
+        tone.value - mean * shift, np.sqrt(tone.std**2 + shift**2 / sent.precision)
+    )
 
 
 def learned(contact: Contact, targets: Targets, sent: Sent) -> Sent:
@@ -117,6 +137,10 @@ def learned(contact: Contact, targets: Targets, sent: Sent) -> Sent:
     assert own.tone is not None
     assert contact.sensor is not None
     at = math.radians(contact.sensor[0]), math.radians(contact.sensor[1])
-    shift = doppler(own, targets, sphere.offset(*at, targets.lon * sphere.UNIT, targets.lat * sphere.UNIT))
+    shift = doppler(
+        own, targets, sphere.offset(*at, targets.lon * sphere.UNIT, targets.lat * sphere.UNIT)
+    )
     off = own.tone.value - own.tone.source * shift
-    return Sent(sent.precision + (shift / own.tone.std) ** 2, sent.turned + shift * off / own.tone.std**2)
+    return Sent(
+        sent.precision + (shift / own.tone.std) ** 2, sent.turned + shift * off / own.tone.std**2
+    )

@@ -1,11 +1,11 @@
 """Laws of detection: each one entry of a table, from coverage to probability of detection and back.
 
-Coverage C is sweep width times track over area. Sources: Koopman 1980, Search and Screening, chapter 3 (inverse cube,
-random search, definite range); Washburn 2014, Search and Detection, chapter 2; the M-beta law is SAROPS' way to turn
-a sweep width into a chance and a range.
+Coverage C is sweep width times track over area. Sources: Koopman 1980, Search and Screening,
+chapter 3 (inverse cube, random search, definite range); Washburn 2014, Search and Detection,
+chapter 2; the M-beta law is SAROPS' way to turn a sweep width into a chance and a range.
 
-A new law is one entry of LAWS; a law with parameters of its own adds them to drift.evidence.filter.records.Law and their keys
-to drift.case.search.sensor.
+A new law is one entry of LAWS; a law with parameters of its own adds them to
+drift.evidence.filter.records.Law and their keys to drift.case.search.sensor.
 """
 
 import math
@@ -35,7 +35,8 @@ def _plain(law: Law) -> str:
 class Formulas:
     """The formulas of a law. Each takes the law, for its parameters."""
 
-    # How it detects: at a rate anywhere in its area; at a rate all along its legs; once, abeam of a leg.
+    # How it detects: at a rate anywhere in its area; at a rate all along its legs; once, abeam of a
+    # leg.
     detects: Literal["anywhere", "along", "abeam"]
     pod: Callable[[Law, Array], Array]  # b(C)
     # g(h) is the integral across a leg of its hazard, cut off at h, over its sweep width.
@@ -43,8 +44,10 @@ class Formulas:
     coverage: Callable[[Law, float], float] | None = None  # C of a POD; None: by a root finder
     # The lateral range curve as `table` returns it; each law that detects abeam has one.
     lateral: Callable[[Law], tuple[Array, Array]] | None = None
-    width: Callable[[Law], float] | None = None  # sweep width [m] that the law implies; None: it must be given
-    any_legs: Callable[[Law, Array], Array] | None = None  # the most that any legs find at C, where cap says more
+    # sweep width [m] that the law implies; None: it must be given
+    width: Callable[[Law], float] | None = None
+    # the most that any legs find at C, where cap says more
+    any_legs: Callable[[Law, Array], Array] | None = None
     sure: bool = False  # whether some coverage detects for certain
     ends: float = 0.0  # sweep widths by which the two ends of a path make it longer, at the most
     written: Callable[[Law], str] = _plain  # the law as a case file has it, in TOML
@@ -56,14 +59,18 @@ def formulas_of(law: Law) -> Formulas:
 
 
 def pod(law: Law, coverage: npt.ArrayLike) -> Array:
-    """Return b(C), the probability of detection under endless parallel sweeps (random: anywhere); any shape."""
+    """Return b(C), the probability of detection under endless parallel sweeps (random: anywhere);
+    any shape.
+    """
     return formulas_of(law).pod(law, np.asarray(coverage, np.float64))
 
 
 def coverage_of(law: Law, chance: float) -> float:
     """Return the coverage at which a law detects with a chance; raise ValueError where none does."""
     if not 0 <= chance < 1 and not (chance == 1 and formulas_of(law).sure):
-        raise ValueError(f"a POD of {chance:g} needs endless effort; it must be at least 0 and below 1")
+        raise ValueError(
+            f"a POD of {chance:g} needs endless effort; it must be at least 0 and below 1"
+        )
     if chance == 0:
         return 0.0
     if (inverse := formulas_of(law).coverage) is not None:
@@ -72,15 +79,18 @@ def coverage_of(law: Law, chance: float) -> float:
         raise ValueError(
             f"this detection function reaches a POD of {float(pod(law, MOST)):.3g} at most, not {chance:g}"
         )
-    from scipy import optimize  # imported here, since most cases search nothing and it takes a third of a second
+    # imported here, since most cases search nothing and it takes a third of a second
+    from scipy import optimize
 
     return float(optimize.brentq(lambda c: float(pod(law, c)) - chance, 0.0, MOST, xtol=1e-12))
 
 
 def range_curve(law: Law) -> tuple[Array, Array]:
-    """Return the lateral range curve of a law that detects abeam: ranges as shares of W, and the chances there.
+    """Return the lateral range curve of a law that detects abeam: ranges as shares of W, and the
+    chances there.
 
-    The curve is straight between them and 0 beyond the last; two equal ranges are a jump. Twice its integral is 1.
+    The curve is straight between them and 0 beyond the last; two equal ranges are a jump. Twice its
+    integral is 1.
     """
     if (lateral := formulas_of(law).lateral) is None:
         raise ValueError(f"{law.kind} has no lateral range curve of its own")
@@ -132,7 +142,9 @@ def _curve_written(law: Law) -> str:
 
 @lru_cache(maxsize=16)
 def _endless(law: Law) -> tuple[Array, Array]:
-    """Return coverages and the POD of endless parallel sweeps by a lateral range curve at spacing W / C."""
+    """Return coverages and the POD of endless parallel sweeps by a lateral range curve at spacing W
+    / C.
+    """
     ranges, chances = range_curve(law)
     coverages = np.concatenate([np.linspace(0, 4, 161), np.linspace(4.25, MOST, 184)])
     pods = np.zeros(len(coverages))
@@ -154,7 +166,10 @@ LAWS = {
         coverage=lambda _, chance: -math.log1p(-chance),
     ),
     "inverse_cube": Formulas(
-        detects="along", pod=_inverse_cube, cap=lambda _, h: np.asarray(2 * np.sqrt(h / np.pi)), ends=ENDS
+        detects="along",
+        pod=_inverse_cube,
+        cap=lambda _, h: np.asarray(2 * np.sqrt(h / np.pi)),
+        ends=ENDS,
     ),
     "definite_range": Formulas(
         detects="abeam",
@@ -184,11 +199,13 @@ LAWS = {
 
 
 def factors(shape: float, count: int = NODES) -> tuple[Array, Array]:
-    """Return nodes and weights of the unknown factor of a sweep width; one node where the width is known.
+    """Return nodes and weights of the unknown factor of a sweep width; one node where the width is
+    known.
 
-    The factor has a gamma distribution of this shape and of mean 1. Gauss-Laguerre by the eigenvalues of its Jacobi
-    matrix (Golub and Welsch 1969, doi:10.1090/S0025-5718-69-99647-1); SciPy's roots_genlaguerre gives weights that are
-    not numbers for shapes above 171, a sweep width known to 7.6 % or better.
+    The factor has a gamma distribution of this shape and of mean 1. Gauss-Laguerre by the
+    eigenvalues of its Jacobi matrix (Golub and Welsch 1969, doi:10.1090/S0025-5718-69-99647-1);
+    SciPy's roots_genlaguerre gives weights that are not numbers for shapes above 171, a sweep width
+    known to 7.6 % or better.
     """
     if math.isinf(shape):
         return np.ones(1), np.ones(1)

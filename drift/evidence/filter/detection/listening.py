@@ -1,6 +1,8 @@
-"""A sensor of the case that watches for a time and tells of nothing: what that makes of the weights.
+"""A sensor of the case that watches for a time and tells of nothing: what that makes of the
+weights.
 
-It is a passive sonar, or a table of POD. It has the manners of drift.evidence.filter.exposure, whose place it takes for sorties with such a sensor.
+It is a passive sonar, or a table of POD. It has the manners of drift.evidence.filter.exposure,
+whose place it takes for sorties with such a sensor.
 """
 
 import math
@@ -33,12 +35,15 @@ Device = Any
 
 HARDLY = 0.25  # [dB] by which the noise may change within a part of a stretch
 MOST_PARTS = 64
-HEARD = 0.01  # chance of having been heard from which on a particle counts as one that was listened for
+# chance of having been heard from which on a particle counts as one that was listened for
+HEARD = 0.01
 
 
 @dataclass(frozen=True)
 class Silent:
-    """What a sensor keeps of each particle, on the device: see kernels.evidence.listen; of a table of POD only the misses."""
+    """What a sensor keeps of each particle, on the device: see kernels.evidence.listen; of a table
+    of POD only the misses.
+    """
 
     log_missed: Device  # (factors * n,)
     edges: Device | None = None  # (STAIRS * factors * n,)
@@ -62,7 +67,10 @@ class Listening:
         assert sortie.sensor is not None
         assert sortie.legs is not None
         self.sortie, self._start = sortie, start
-        self.begin, self.end = notation.epoch(sortie.start) - start, notation.epoch(sortie.end) - start
+        self.begin, self.end = (
+            notation.epoch(sortie.start) - start,
+            notation.epoch(sortie.end) - start,
+        )
         sees = sortie.sensor.sees
         self._sees = Ear(sees, sortie.beams) if isinstance(sees, Sonar) else sees
         self.factors, self.chances = unknown.values(sortie.sensor)
@@ -94,15 +102,24 @@ class Listening:
             columns = listen.columns(ensemble.n, len(self.factors))
             if isinstance(self._sees, PodGrid):
                 columns = {"log_missed": columns["log_missed"]}
-            self.exposed = Silent(**{name: runtime.upload(column) for name, column in columns.items()})
+            self.exposed = Silent(
+                **{name: runtime.upload(column) for name, column in columns.items()}
+            )
         return self.exposed
 
     def expose(
-        self, ensemble: Ensemble, begin: Begin, helm: Helm | None, step: Step, until: int, keep: bool = True
+        self,
+        ensemble: Ensemble,
+        begin: Begin,
+        helm: Helm | None,
+        step: Step,
+        until: int,
+        keep: bool = True,
     ) -> Silent:
         """Return what it has done to each particle until a time within the step that was just made.
 
-        begin: where particles began the step; helm: what steers them. keep: whether its own columns change.
+        begin: where particles began the step; helm: what steers them. keep: whether its own columns
+        change.
         """
         exposed = self.ready(ensemble, helm is not None)
         first, last = max(self._seen, step.elapsed, self.begin), min(until, self.end)
@@ -123,8 +140,12 @@ class Listening:
                     watch.listen_along(ensemble, paths, sonar, kept)
         return exposed
 
-    def _stretches(self, first: float, last: float, elapsed: int) -> Iterator[tuple[Pods | None, Laid | None, Stretch]]:
-        """Yield the stretches of its way between two times, each with its table of POD or its sonar; times from `elapsed`."""
+    def _stretches(
+        self, first: float, last: float, elapsed: int
+    ) -> Iterator[tuple[Pods | None, Laid | None, Stretch]]:
+        """Yield the stretches of its way between two times, each with its table of POD or its
+        sonar; times from `elapsed`.
+        """
         track = self._path.between(first, last, elapsed, None, (0.0, 0.0))
         if track is None:
             return
@@ -132,17 +153,27 @@ class Listening:
             whole = Stretch(*track.time[k : k + 2].tolist(), *_places(track.place, k))
             if isinstance(self._sees, PodGrid):
                 if seeks:
-                    yield grid_pod.tables(self._sees, self._middle(whole, elapsed), self._lasting), None, whole
+                    yield (
+                        grid_pod.tables(self._sees, self._middle(whole, elapsed), self._lasting),
+                        None,
+                        whole,
+                    )
                 continue
             for stretch, share in self._parts(self._sees, whole, elapsed):
-                tables = self._tables(self._sees, stretch, elapsed, track.course[4 * k : 4 * k + 4], share)
+                tables = self._tables(
+                    self._sees, stretch, elapsed, track.course[4 * k : 4 * k + 4], share
+                )
                 if not seeks:
                     tables = tables._replace(gains=np.full(1, -math.inf, np.float32))
                 yield None, listen.laid(stretch, tables, self.factors), stretch
 
     def _parts(self, own: Ear, whole: Stretch, elapsed: int) -> Iterator[tuple[Stretch, float]]:
-        """Give a stretch in parts in which the noise hardly changes, each with the share of the whole at its middle."""
-        times = [np.datetime64(self._start + elapsed + round(t), "s") for t in (whole.begin, whole.end)]
+        """Give a stretch in parts in which the noise hardly changes, each with the share of the
+        whole at its middle.
+        """
+        times = [
+            np.datetime64(self._start + elapsed + round(t), "s") for t in (whole.begin, whole.end)
+        ]
         many = min(max(math.ceil(own.change(times[0], times[1]) / HARDLY), 1), MOST_PARTS)
         nodes = np.arange(many + 1) / many
         at, way = np.array(whole.place), np.array(whole.to, np.int64) - whole.place
@@ -160,11 +191,19 @@ class Listening:
         return float(self.end - self.begin)
 
     def _middle(self, stretch: Stretch, elapsed: int) -> np.datetime64:
-        """Return when it is in the middle of a stretch of its way, in a step that begins at `elapsed` [s]."""
-        return np.datetime64(self._start + elapsed + round(0.5 * (stretch.begin + stretch.end)), "s")
+        """Return when it is in the middle of a stretch of its way, in a step that begins at
+        `elapsed` [s].
+        """
+        return np.datetime64(
+            self._start + elapsed + round(0.5 * (stretch.begin + stretch.end)), "s"
+        )
 
-    def _tables(self, own: Ear, stretch: Stretch, elapsed: int, course: Array, share: float) -> listen.Tables:
-        """Return the tables of a sonar in the middle of a stretch of its way; share: of what it has the course of."""
+    def _tables(
+        self, own: Ear, stretch: Stretch, elapsed: int, course: Array, share: float
+    ) -> listen.Tables:
+        """Return the tables of a sonar in the middle of a stretch of its way; share: of what it has
+        the course of.
+        """
         sensor = self.sortie.sensor
         assert sensor is not None
         lon, lat = (a + 0.5 * sphere.wrap(b - a) for a, b in zip(*_radians(stretch), strict=True))
@@ -177,15 +216,28 @@ class Listening:
     def fail(self, ensemble: Ensemble, exposed: Silent, shared: Device, log_weight: Device) -> None:
         """Multiply weights by the chance that it has heard nothing of each particle, in place.
 
-        shared: logs of these by value of the unknown, of all watches and looks so far that share it.
+        shared: logs of these by value of the unknown, of all watches and looks so far that share
+        it.
         """
         ones = np.ones((len(ensemble.scenarios), len(self.factors)))
-        sweep.fail(ensemble.scenario, sweep.MISS, exposed.log_missed, ones, self.chances, shared, log_weight)
+        sweep.fail(
+            ensemble.scenario,
+            sweep.MISS,
+            exposed.log_missed,
+            ones,
+            self.chances,
+            shared,
+            log_weight,
+        )
 
     def searched(self) -> Array:
-        """Return which particles it listened for, 1 or 0, float64 (n,): those that it would have heard once in 100."""
+        """Return which particles it listened for, 1 or 0, float64 (n,): those that it would have
+        heard once in 100.
+        """
         assert self.exposed is not None
-        chances = np.log(self.chances)[:, None] + self.exposed.log_missed.to_numpy().reshape(len(self.factors), -1)
+        chances = np.log(self.chances)[:, None] + self.exposed.log_missed.to_numpy().reshape(
+            len(self.factors), -1
+        )
         return np.asarray(np.logaddexp.reduce(chances, axis=0) < math.log1p(-HEARD), np.float64)
 
 

@@ -1,7 +1,7 @@
 """How likely a look sees what lies at each place, and so how well what it said fits each place.
 
-Nunez, Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, eqs. 13 to 15: distances are in units of the
-field's half size, max(2 |x| / W, 2 |y| / H) in a box and r / R in a circle.
+Nunez, Singham and Atkinson 2020, doi:10.1080/01605682.2019.1570806, eqs. 13 to 15: distances are in
+units of the field's half size, max(2 |x| / W, 2 |y| / H) in a box and r / R in a circle.
 """
 
 import math
@@ -15,20 +15,23 @@ from geo.array import Array
 
 
 def log_likelihood(look: Look, lon: Array, lat: Array, there: Array) -> Array:
-    """Return the log probability of what a look said, given where the object was, float64 (n,); -inf: impossible.
+    """Return the log probability of what a look said, given where the object was, float64 (n,);
+    -inf: impossible.
 
     lon, lat: binary angles; there: whether the object was there to be seen, bool (n,).
     """
     assert look.field is not None
-    chance = np.where(there, SIGHTS[look.sight.kind](look.sight, distance(look.field, lon, lat)), 0.0)
+    chance = np.where(
+        there, SIGHTS[look.sight.kind](look.sight, distance(look.field, lon, lat)), 0.0
+    )
     return said(chance, look.positive, 1.0, look.false_alarms)
 
 
 def said(chance: Array, positive: bool, detection: float, false_alarms: float) -> Array:
     """Return the log probability that a sensor says something, or that it says nothing.
 
-    chance: that what it tells of was so, (n,); detection: that it then says so; false_alarms: that it says so all the
-    same.
+    chance: that what it tells of was so, (n,); detection: that it then says so; false_alarms: that
+    it says so all the same.
     """
     seen = false_alarms + (1 - false_alarms) * detection * chance
     with np.errstate(divide="ignore"):

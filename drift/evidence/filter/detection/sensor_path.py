@@ -19,12 +19,17 @@ from kernels.evidence.sweep import Track
 # From times [s after the run's start] to where a marker is then, lon and lat [rad].
 Moved = Callable[[Array], tuple[Array, Array]]
 
-# [m], longest piece of a leg up to 62 degrees N; beyond, pieces are shorter as the tangent of the latitude grows.
-# Past a particle within half a piece its great circle is straight to 0.3 m; while the particle drifts by 1 km, to 2 m.
+# [m], longest piece of a leg up to 62 degrees N; beyond, pieces are shorter as the tangent of the
+# latitude grows. Past a particle within half a piece its great circle is straight to 0.3 m; while
+# the particle drifts by 1 km, to 2 m.
 PIECE = 50_000.0
-NEAR_POLE = math.radians(85.0)  # beyond this latitude a plane chart takes great circles instead of their second order
-STEEP = 89.0  # [deg] beyond this latitude pieces need not be shorter: there kernels go along great circles themselves
-EDGE = 10_000.0  # [m], longest piece of an area's edge: it bulges by less than 4 m up to 60 degrees N
+# beyond this latitude a plane chart takes great circles instead of their second order
+NEAR_POLE = math.radians(85.0)
+# [deg] beyond this latitude pieces need not be shorter: there kernels go along great circles
+# themselves
+STEEP = 89.0
+# [m], longest piece of an area's edge: it bulges by less than 4 m up to 60 degrees N
+EDGE = 10_000.0
 
 
 @dataclass(frozen=True)
@@ -51,9 +56,9 @@ class Path:
 
         It lies within the step from `elapsed` on.
 
-        moved: where the marker is that takes it along. The way then lies from the marker as it was laid out from the
-        datum (lon, lat) [deg]. polar: whether courses are carried to the meridian of 0, as kernels.evidence.sweep needs them where the
-        domain holds a pole.
+        moved: where the marker is that takes it along. The way then lies from the marker as it was
+        laid out from the datum (lon, lat) [deg]. polar: whether courses are carried to the meridian
+        of 0, as kernels.evidence.sweep needs them where the domain holds a pole.
         """
         begin, end = max(begin, float(self.time[0])), min(end, float(self.time[-1]))
         if begin >= end:
@@ -61,7 +66,9 @@ class Path:
         inner = self.time[(self.time > begin) & (self.time < end)]
         time = np.concatenate([[begin], inner, [end]])
         lon, lat = self._at(time)
-        piece = np.clip(np.searchsorted(self.time, time[:-1], side="right") - 1, 0, len(self.searching) - 1)
+        piece = np.clip(
+            np.searchsorted(self.time, time[:-1], side="right") - 1, 0, len(self.searching) - 1
+        )
         low, span = self.time[piece], np.diff(self.time)[piece]
         first, last = self.course[piece, :2], self.course[piece, 2:]
         at, to = ((time[:-1] - low) / span)[:, None], ((time[1:] - low) / span)[:, None]
@@ -69,13 +76,18 @@ class Path:
         course[:, :2] = np.where(at == 0, first, course[:, :2])
         course[:, 2:] = np.where(to == 1, last, course[:, 2:])
         if polar:
-            each = np.radians(np.stack([lon[:-1], lon[1:]], axis=1)), np.stack([lat[:-1], lat[1:]], axis=1)
-            course = np.stack(sphere.to_pole(*each, *course.reshape(-1, 2, 2).transpose(2, 0, 1)), axis=-1).reshape(
-                -1, 4
+            each = (
+                np.radians(np.stack([lon[:-1], lon[1:]], axis=1)),
+                np.stack([lat[:-1], lat[1:]], axis=1),
             )
+            course = np.stack(
+                sphere.to_pole(*each, *course.reshape(-1, 2, 2).transpose(2, 0, 1)), axis=-1
+            ).reshape(-1, 4)
         if moved is not None:
             x, y = moved(time)
-            apart = sphere.offset(np.radians(datum[0]), np.radians(datum[1]), np.radians(lon), np.radians(lat))
+            apart = sphere.offset(
+                np.radians(datum[0]), np.radians(datum[1]), np.radians(lon), np.radians(lat)
+            )
             if polar:  # it keeps its directions in the plane of the pole
                 at_datum = np.full(lon.shape, np.radians(datum[0])), np.full(lon.shape, datum[1])
                 apart = sphere.from_pole(x, y, *sphere.to_pole(*at_datum, *apart))
@@ -94,7 +106,9 @@ class Path:
 
     def _at(self, time: Array) -> tuple[Array, Array]:
         """Return where it is [deg]. The same time gives the same bits, so that stretches join."""
-        node = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.searching) - 1)
+        node = np.clip(
+            np.searchsorted(self.time, time, side="right") - 1, 0, len(self.searching) - 1
+        )
         share = (time - self.time[node]) / (self.time[node + 1] - self.time[node])
         lon, lat = np.radians(self.lon), np.radians(self.lat)
         east, north = sphere.offset(lon[node], lat[node], lon[node + 1], lat[node + 1])
@@ -109,11 +123,20 @@ class Path:
 
 def of_legs(legs: Legs, start: int) -> Path:
     """Return the path of legs; start: of the run [s since 1970]."""
-    time, lon, lat, course, searching, leg = [legs.time[0]], [legs.lon[0]], [legs.lat[0]], [], [], []
+    time, lon, lat, course, searching, leg = (
+        [legs.time[0]],
+        [legs.lon[0]],
+        [legs.lat[0]],
+        [],
+        [],
+        [],
+    )
     for k, seeks in enumerate(legs.searching):
         highest = min(max(map(abs, legs.lat[k : k + 2])), STEEP)
         longest = PIECE * min(1.0, 1.9 / max(math.tan(math.radians(highest)), 1e-9))
-        x, y = sphere.track(np.radians(legs.lon[k : k + 2]), np.radians(legs.lat[k : k + 2]), longest)
+        x, y = sphere.track(
+            np.radians(legs.lon[k : k + 2]), np.radians(legs.lat[k : k + 2]), longest
+        )
         pieces = len(x) - 1
         # The tangent of the leg's great circle at each node: the same wherever a leg is cut.
         east, north = sphere.offset(x[:-1], y[:-1], x[-1], y[-1])
@@ -129,7 +152,12 @@ def of_legs(legs: Legs, start: int) -> Path:
         leg.extend([k + 1] * pieces)
     unwrapped = np.degrees(np.unwrap(np.radians(lon)))
     return Path(
-        np.array(time) - start, unwrapped, np.array(lat), np.concatenate(course), np.array(searching), np.array(leg)
+        np.array(time) - start,
+        unwrapped,
+        np.array(lat),
+        np.concatenate(course),
+        np.array(searching),
+        np.array(leg),
     )
 
 
@@ -137,7 +165,12 @@ def standing(lon: float, lat: float, begin: float, end: float) -> Path:
     """Return the path of what stays at a place [deg] from begin to end [s after the run's start]."""
     course = np.array([[0.0, 1.0, 0.0, 1.0]])
     return Path(
-        np.array([begin, end]), np.array([lon, lon]), np.array([lat, lat]), course, np.array([True]), np.array([1])
+        np.array([begin, end]),
+        np.array([lon, lon]),
+        np.array([lat, lat]),
+        course,
+        np.array([True]),
+        np.array([1]),
     )
 
 
@@ -158,7 +191,8 @@ def ring(area: Area) -> tuple[float, float, Array]:
 
     The outline is as `kernels.evidence.sweep.expose` takes it.
 
-    The outline, (x, y, x, y, ...) [m], runs counterclockwise; edges are great circles, cut up where they bulge.
+    The outline, (x, y, x, y, ...) [m], runs counterclockwise; edges are great circles, cut up where
+    they bulge.
     """
     corners = np.radians(np.array(area.ring))
     x, y = sphere.track(corners[:, 0], corners[:, 1], EDGE)
@@ -170,4 +204,8 @@ def ring(area: Area) -> tuple[float, float, Array]:
     after = np.roll(outline, -1, axis=0)
     if np.sum(outline[:, 0] * after[:, 1] - outline[:, 1] * after[:, 0]) < 0:
         outline = outline[::-1]
-    return float(np.degrees(at_lon)), float(np.degrees(at_lat)), outline.reshape(-1).astype(np.float32)
+    return (
+        float(np.degrees(at_lon)),
+        float(np.degrees(at_lat)),
+        outline.reshape(-1).astype(np.float32),
+    )

@@ -1,4 +1,6 @@
-"""Where a sensor that stands still sees, as the kernels take it: a field, or a line of great circles in its plane."""
+"""Where a sensor that stands still sees, as the kernels take it: a field, or a line of great
+circles in its plane.
+"""
 
 import math
 from collections.abc import Sequence
@@ -24,19 +26,31 @@ def of_field(field: Field, *, stays: bool) -> Shape:
 
 
 def of_line(points: Sequence[LonLat]) -> Shape:
-    """Return the shape of a line through two or more points [deg], in the gnomonic plane of its middle."""
+    """Return the shape of a line through two or more points [deg], in the gnomonic plane of its
+    middle.
+    """
     line = gnomonic.line(points)
     return _shape(observe.LINE, line.lon, line.lat, 0.0, np.ones(2), line.corners, line.reach)
 
 
-def _shape(kind: int, lon: float, lat: float, turned: float, half: Array, corners: Array, reach: float) -> Shape:
+def _shape(
+    kind: int, lon: float, lat: float, turned: float, half: Array, corners: Array, reach: float
+) -> Shape:
     """Return a shape about a place [rad] within a reach [m] of it."""
     x, y = (int(sphere.to_binary(math.degrees(angle))) for angle in (lon, lat))
     tall = math.ceil(1.01 * reach / (sphere.RADIUS * sphere.UNIT)) + 1
-    # A cap of radius r spans asin(sin r / cos lat) of longitude to either side of its middle, all of it round a pole.
+    # A cap of radius r spans asin(sin r / cos lat) of longitude to either side of its middle, all
+    # of it round a pole.
     sine = math.sin(min(1.01 * reach / sphere.RADIUS, math.pi / 2)) / max(math.cos(lat), 1e-9)
     wide = math.ceil(math.asin(sine) / sphere.UNIT) + 1 if sine < 1 else 2**31 - 1
     south = max(y - tall, -(2**30))
-    box = ((x - wide + 2**31) % 2**32 - 2**31, south, min(2 * wide, 2**32 - 1), min(y + tall, 2**30) - south)
+    box = (
+        (x - wide + 2**31) % 2**32 - 2**31,
+        south,
+        min(2 * wide, 2**32 - 1),
+        min(y + tall, 2**30) - south,
+    )
     flat = np.ascontiguousarray(corners, np.float32).reshape(-1)
-    return Shape(kind, x, y, math.cos(turned), math.sin(turned), float(half[0]), float(half[1]), box, flat)
+    return Shape(
+        kind, x, y, math.cos(turned), math.sin(turned), float(half[0]), float(half[1]), box, flat
+    )

@@ -1,4 +1,6 @@
-"""What a look with a sensor of the case says: whether a sonar heard, or anything detected, a target at one time."""
+"""What a look with a sensor of the case says: whether a sonar heard, or anything detected, a target
+at one time.
+"""
 
 import math
 from typing import Any, NamedTuple
@@ -35,11 +37,15 @@ class Targets(NamedTuple):
 
 def by_speed(sensor: Sensor | None) -> bool:
     """Whether it hears what is faster better, or less well."""
-    return sensor is not None and isinstance(sensor.sees, Sonar) and len(sensor.sees.levels.speed) > 1
+    return (
+        sensor is not None and isinstance(sensor.sees, Sonar) and len(sensor.sees.levels.speed) > 1
+    )
 
 
 def log_likelihood(look: Look, targets: Targets) -> Array:
-    """Return the log probability of what a look said, by value of the unknown, float64 (factors, n)."""
+    """Return the log probability of what a look said, by value of the unknown, float64 (factors,
+    n).
+    """
     assert look.sensor is not None
     assert look.place is not None
     at = math.radians(look.place[0]), math.radians(look.place[1])
@@ -52,15 +58,20 @@ def log_likelihood(look: Look, targets: Targets) -> Array:
     there &= ~np.isin(targets.status, STRANDED)
     source = hearing.level(sees, targets.scenario, targets.speed)
     over = hearing.over(Ear(sees, look.beams), at, look.heading, look.time, lon, lat, source)
-    every = [np.where(there, hearing.chance(sees, over + offset), 0.0) for offset in unknown.values(look.sensor)[0]]
+    every = [
+        np.where(there, hearing.chance(sees, over + offset), 0.0)
+        for offset in unknown.values(look.sensor)[0]
+    ]
     return np.stack([looks.said(chance, look.positive, 1.0, look.false_alarms) for chance in every])
 
 
 def together(said: Array, shared: Device, weights: Array) -> Array:
-    """Return the log likelihood (n,) of what was said, given all that the group has said before; write it down.
+    """Return the log likelihood (n,) of what was said, given all that the group has said before;
+    write it down.
 
-    said: logs by value of the unknown (factors, n); shared: logs of all that was said so far, device (factors * n,);
-    weights: of the values. It is the ratio of two means over the unknown, of the product of all after and before.
+    said: logs by value of the unknown (factors, n); shared: logs of all that was said so far,
+    device (factors * n,); weights: of the values. It is the ratio of two means over the unknown, of
+    the product of all after and before.
     """
     before = shared.to_numpy().reshape(said.shape).astype(np.float64)
     shared.from_numpy((before + said).astype(np.float32).reshape(-1))
@@ -68,9 +79,13 @@ def together(said: Array, shared: Device, weights: Array) -> Array:
 
 
 def averaged(said: Array, before: Array, weights: Array) -> Array:
-    """Return the log likelihood (n,) of what was said, given all that was said before; both (factors, n)."""
+    """Return the log likelihood (n,) of what was said, given all that was said before; both
+    (factors, n).
+    """
     after = before + said
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(weights)[:, None]
-        ratio = np.logaddexp.reduce(after + logs, axis=0) - np.logaddexp.reduce(before + logs, axis=0)
+        ratio = np.logaddexp.reduce(after + logs, axis=0) - np.logaddexp.reduce(
+            before + logs, axis=0
+        )
     return np.where(np.isnan(ratio), -np.inf, ratio)

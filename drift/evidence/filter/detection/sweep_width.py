@@ -2,15 +2,15 @@
 
 They go by unit, height, visibility and object.
 
-Works from the project's own copies, data/sweep_width.csv and data/sweep_width_corrections.csv. Everything taken and
-returned is SI. Rules where the tables leave them open:
+Works from the project's own copies, data/sweep_width.csv and data/sweep_width_corrections.csv.
+Everything taken and returned is SI. Rules where the tables leave them open:
 
 - visibility: a row holds up to the next one; less than the tables' least (1 nmi) is refused;
-- height: linear between the tabulated ones. Below an aircraft's lowest (300 ft) and above a boat's highest eye (14 ft)
-  the value of that end holds, which is generous for small objects (the tables fall from 500 to 300 ft for some);
-  beyond the other end it is refused;
-- speed: linear between the tabulated ones, beyond them as at the nearest. A speed that is left out has the value of the
-  one before it. Boats have no correction;
+- height: linear between the tabulated ones. Below an aircraft's lowest (300 ft) and above a boat's
+  highest eye (14 ft) the value of that end holds, which is generous for small objects (the tables
+  fall from 500 to 300 ft for some); beyond the other end it is refused;
+- speed: linear between the tabulated ones, beyond them as at the nearest. A speed that is left out
+  has the value of the one before it. Boats have no correction;
 - weather: the worse of what wind and seas say; fatigue multiplies by 0.9.
 """
 
@@ -38,14 +38,22 @@ SOURCE = (
 FOOT = 0.3048  # [m]
 METRES = ("m", "metre", "metres", "meter", "meters")
 MEANT = {  # what people write in place of a kind
-    "boat": "Power Boat", "motorboat": "Power Boat", "motoryacht": "Power Boat", "yacht": "Sail Boat", "liferaft": "Raft",
-    "vessel": "Ship", "freighter": "Ship", "piw": "Person in Water",
-}  # fmt: skip
+    "boat": "Power Boat",
+    "motorboat": "Power Boat",
+    "motoryacht": "Power Boat",
+    "yacht": "Sail Boat",
+    "liferaft": "Raft",
+    "vessel": "Ship",
+    "freighter": "Ship",
+    "piw": "Person in Water",
+}
 KINDS = ("Aircraft", "Helicopter", "Boat")
 FATIGUE = 0.9
-WIND, SEAS = (15 * KNOT, 25 * KNOT), (2 * FOOT, 4 * FOOT)  # weather is moderate from the first on, bad above the second
+# weather is moderate from the first on, bad above the second
+WIND, SEAS = (15 * KNOT, 25 * KNOT), (2 * FOOT, 4 * FOOT)
 WEATHER = {"small": (1.0, 0.5, 0.25), "large": (1.0, 0.9, 0.9)}
-SPEEDS = {"Aircraft": (150, 180, 210), "Helicopter": (60, 90, 120, 140), "Boat": ()}  # [kn] columns of the tables
+# [kn] columns of the tables
+SPEEDS = {"Aircraft": (150, 180, 210), "Helicopter": (60, 90, 120, 140), "Boat": ()}
 
 
 @dataclass(frozen=True)
@@ -72,7 +80,9 @@ def lookup(name: str, kind: str, altitude: float, visibility: float) -> float:
         )
     heights = sorted(rows)
     low, high = heights[0], heights[-1]
-    if (altitude < low * (1 - 1e-9) and kind == "Boat") or (altitude > high * (1 + 1e-9) and kind != "Boat"):
+    if (altitude < low * (1 - 1e-9) and kind == "Boat") or (
+        altitude > high * (1 + 1e-9) and kind != "Boat"
+    ):
         what = "height of eye" if kind == "Boat" else "altitude"
         raise UserError(
             f"{what} {altitude / FOOT:.0f} ft: the sweep width tables of {kind} are for {low / FOOT:.0f} to "
@@ -86,7 +96,12 @@ def width(name: str, kind: str, seen: Conditions) -> float:
     """Return the corrected sweep width [m] of an object for a kind of unit."""
     uncorrected = lookup(name, kind, seen.altitude, seen.visibility)
     rough = FATIGUE if seen.fatigue else 1.0
-    return uncorrected * speed_factor(name, kind, seen.speed) * weather_factor(name, seen.wind, seen.seas) * rough
+    return (
+        uncorrected
+        * speed_factor(name, kind, seen.speed)
+        * weather_factor(name, seen.wind, seen.seas)
+        * rough
+    )
 
 
 def speed_factor(name: str, kind: str, speed: float) -> float:
@@ -95,12 +110,19 @@ def speed_factor(name: str, kind: str, speed: float) -> float:
     if factors is None:
         return 1.0
     if not speed > 0:
-        raise UserError(f"the sweep width tables of {kind} need its speed; give speed, or the sweep width itself")
-    return float(np.interp(speed / KNOT, [knots for knots, _ in factors], [factor for _, factor in factors]))
+        raise UserError(
+            f"the sweep width tables of {kind} need its speed; give speed, or the sweep width itself"
+        )
+    return float(
+        np.interp(speed / KNOT, [knots for knots, _ in factors], [factor for _, factor in factors])
+    )
 
 
 def weather_factor(name: str, wind: float | None, seas: float | None) -> float:
-    """Return the correction for wind [m/s] and seas [m]; None where one is not known, which then has no effect."""
+    """Return the correction for wind [m/s] and seas [m];
+
+    None where one is not known, which then has no effect.
+    """
     worst = 0
     for value, (moderate, bad) in ((wind, WIND), (seas, SEAS)):
         if value is not None:
@@ -114,7 +136,10 @@ def objects() -> tuple[str, ...]:
 
 
 def find(name: str) -> str:
-    """Return an object's name as in the tables; case, spaces and signs don't matter. An unknown one is refused."""
+    """Return an object's name as in the tables; case, spaces and signs don't matter.
+
+    An unknown one is refused.
+    """
     names = {_plain(key): key for key in objects()}
     if _plain(name) in names:
         return names[_plain(name)]
@@ -158,7 +183,9 @@ def _letters(text: str) -> str:
 
 
 def _nearest(names: Sequence[str], size: float) -> list[str]:
-    """Return which of a kind's objects, ascending, a size is, or which two it lies between; beyond them the last."""
+    """Return which of a kind's objects, ascending, a size is, or which two it lies between; beyond
+    them the last.
+    """
     sizes = [_size(name) for name in names]
     above = bisect.bisect_left(sizes, size)
     if above == len(names):
@@ -190,12 +217,19 @@ def find_kind(kind: str) -> str:
     for listed in KINDS:
         if kind.strip().lower() == listed.lower():
             return listed
-    raise UserError(f'no unit kind "{kind}" in the sweep width tables; there are: {", ".join(KINDS)}')
+    raise UserError(
+        f'no unit kind "{kind}" in the sweep width tables; there are: {", ".join(KINDS)}'
+    )
 
 
 def _plain(name: str) -> str:
     """Return a name without what people write in different ways: persons, =<, <=, spaces."""
-    text = unicodedata.normalize("NFKC", name).lower().replace("persons", "person").replace("people", "person")
+    text = (
+        unicodedata.normalize("NFKC", name)
+        .lower()
+        .replace("persons", "person")
+        .replace("people", "person")
+    )
     return "".join(letter for letter in text if letter.isalnum())
 
 
@@ -223,7 +257,10 @@ def _table() -> dict[tuple[str, str], dict[float, list[tuple[float, float]]]]:
         heights = table.setdefault((row["object"], row["unit"]), {})
         entry = (float(row["visibility_nmi"]) * NMI, float(row["sweep_width_nmi"]) * NMI)
         heights.setdefault(float(row["height"].removesuffix("ft")) * FOOT, []).append(entry)
-    return {key: {height: sorted(rows) for height, rows in heights.items()} for key, heights in table.items()}
+    return {
+        key: {height: sorted(rows) for height, rows in heights.items()}
+        for key, heights in table.items()
+    }
 
 
 @lru_cache(maxsize=1)
@@ -232,7 +269,9 @@ def _corrections() -> dict[str, _Correction]:
     for row in _rows("sweep_width_corrections.csv"):
         weather: Literal["small", "large"] = "small" if row["weather_class"] == "small" else "large"
         entry = corrections.setdefault(row["object"], _Correction(weather, {}))
-        entry.speeds.setdefault(row["unit"], []).append((float(row["speed_kn"]), float(row["factor"])))
+        entry.speeds.setdefault(row["unit"], []).append(
+            (float(row["speed_kn"]), float(row["factor"]))
+        )
     for entry in corrections.values():
         for kind, factors in entry.speeds.items():
             given = dict(factors)

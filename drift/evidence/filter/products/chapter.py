@@ -1,4 +1,5 @@
-"""What a search hands out: what each sortie, contact and sensor has done, and which lines are crossed.
+"""What a search hands out: what each sortie, contact and sensor has done, and which lines are
+crossed.
 
 It comes as a table, as shapes for a GIS, and in pictures.
 """
@@ -31,7 +32,8 @@ class SearchOutputs:
 
 
 def _evidence(matter: SearchOutputs, path: Path) -> None:
-    from drift.evidence.filter.products import evidence_map  # imported here, for Matplotlib takes a second
+    # imported here, for Matplotlib takes a second
+    from drift.evidence.filter.products import evidence_map
 
     evidence_map.plot_evidence(matter.updates, path, matter.setting)
 
@@ -81,7 +83,9 @@ LINE_PICTURES: dict[str, Callable[[SearchOutputs, Path], None]] = {
 
 
 def chapter(matter: SearchOutputs, *, mapped: bool) -> Chapter:
-    """Return the chapter of a search; mapped: whether the forecast has outputs at the times of its sorties."""
+    """Return the chapter of a search; mapped: whether the forecast has outputs at the times of its
+    sorties.
+    """
     told = bool(matter.updates.all or matter.updates.sorties)
     files, pictures = (bound(FILES, matter), bound(PICTURES, matter)) if told else ({}, {})
     if matter.updates.crossings is not None:
@@ -90,14 +94,27 @@ def chapter(matter: SearchOutputs, *, mapped: bool) -> Chapter:
         from drift.evidence.filter.products import map as search_map
 
         more = range(2, 1 + search_map.pages(matter.updates.sorties))
-        pictures |= bound(MAPS, matter) | {f"search-{page}.png": partial(_search, matter, page=page) for page in more}
-    sorties = [sortie for sortie in matter.updates.sorties if not sortie.planned]  # the plan shows those
-    leaves = (partial(report.search_leaves, matter.updates, sorties, matter.contacts, matter.sensors),) if told else ()
-    return Chapter({"search": search_tables.summary_of_search(matter.updates)}, files, pictures, leaves=leaves)
+        pictures |= bound(MAPS, matter) | {
+            f"search-{page}.png": partial(_search, matter, page=page) for page in more
+        }
+    # the plan shows those
+    sorties = [sortie for sortie in matter.updates.sorties if not sortie.planned]
+    leaves = (
+        (partial(report.search_leaves, matter.updates, sorties, matter.contacts, matter.sensors),)
+        if told
+        else ()
+    )
+    return Chapter(
+        {"search": search_tables.summary_of_search(matter.updates)}, files, pictures, leaves=leaves
+    )
 
 
-def overlay(sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any, sensors: Sensors = NO_SENSORS) -> Any:
-    """Return what the map of a forecast shows of a search at a time, a drift.products.maps.overlay.Overlay."""
+def overlay(
+    sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any, sensors: Sensors = NO_SENSORS
+) -> Any:
+    """Return what the map of a forecast shows of a search at a time, a
+    drift.products.maps.overlay.Overlay.
+    """
     from drift.evidence.filter.products import layers
 
     return layers.reminder(sorties, contacts, time, sensors)

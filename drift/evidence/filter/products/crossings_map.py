@@ -21,11 +21,14 @@ from geo import notation
 MOST = 6  # lines; of more the likeliest are drawn
 CURVES = 7  # scenarios with a curve of their own, the likeliest to cross
 ACROSS = 3  # panels in a row
-WIDTH, HIGH, GAP, MARGIN = 14.0, 2.6, 0.85, 0.75  # [in] of the page; of a panel, and what is between them
+# [in] of the page; of a panel, and what is between them
+WIDTH, HIGH, GAP, MARGIN = 14.0, 2.6, 0.85, 0.75
 
 
 def plot_crossings(updates: Updates, path: Path, setting: Setting) -> None:
-    """Draw the probability of having crossed each line by time, with 5, 50 and 95 % of the first crossings."""
+    """Draw the probability of having crossed each line by time, with 5, 50 and 95 % of the first
+    crossings.
+    """
     crossings = updates.crossings
     assert crossings is not None
     few = bool(updates.all) and particles_left.lowest(updates, setting.particles).few
@@ -38,11 +41,18 @@ def plot_crossings(updates: Updates, path: Path, setting: Setting) -> None:
     wide = (WIDTH - MARGIN - 0.3 - (columns - 1) * GAP) / columns
     on = sheet.begin(
         Sheet(
-            width, height, 120, left=0.02, title=sheet.heading(1 - 0.4 / height, 14, 95), beside=75,
-            lines=(Row(1 - 0.68 / height, 9.5),), caution=Badge(0.985, 1 - 0.4 / height, side="right"),
-            rough=Badge(0.0225, 1 - 1.0 / height), footer=sheet.small(0.07 / height, 7, 210),
+            width,
+            height,
+            120,
+            left=0.02,
+            title=sheet.heading(1 - 0.4 / height, 14, 95),
+            beside=75,
+            lines=(Row(1 - 0.68 / height, 9.5),),
+            caution=Badge(0.985, 1 - 0.4 / height, side="right"),
+            rough=Badge(0.0225, 1 - 1.0 / height),
+            footer=sheet.small(0.07 / height, 7, 210),
         )
-    )  # fmt: skip
+    )
     sheet.head(on, setting.imprint, _account(every, len(shown)))
     if few:
         least = particles_left.lowest(updates, setting.particles)
@@ -57,9 +67,17 @@ def plot_crossings(updates: Updates, path: Path, setting: Setting) -> None:
     if len(crossings.scenarios) > 1:
         symbols.append((Line2D([], [], color="#111111", linewidth=2.4), "all together"))
         sheet.legend(
-            on.figure, symbols, loc="upper left", bbox_to_anchor=(0.02, 1 - (0.8 + below) / height), ncols=min(4, len(symbols)),
-            fontsize=9, borderaxespad=0, borderpad=0, handlelength=4.0, columnspacing=2.0,
-        )  # fmt: skip
+            on.figure,
+            symbols,
+            loc="upper left",
+            bbox_to_anchor=(0.02, 1 - (0.8 + below) / height),
+            ncols=min(4, len(symbols)),
+            fontsize=9,
+            borderaxespad=0,
+            borderpad=0,
+            handlelength=4.0,
+            columnspacing=2.0,
+        )
     sheet.end(on, path, setting.imprint)
 
 
@@ -78,7 +96,9 @@ def _stroke(j: int) -> Line2D:
 
 def _account(every: list[Crossing], shown: int) -> str:
     """Return in a line what is drawn."""
-    parts = ["Probability that a line has been crossed, by time, given all that was seen in the run"]
+    parts = [
+        "Probability that a line has been crossed, by time, given all that was seen in the run"
+    ]
     if len(every) > shown:
         parts.append(f"the {shown} likeliest of {len(every)} lines; all are in lines.csv")
     return "   ·   ".join([*parts, "dots: 5, 50 and 95 % of the first crossings"])
@@ -88,8 +108,12 @@ def _panel(ax: Axes, crossings: Crossings, crossing: Crossing, stories: list[int
     """Draw one line's curves."""
     x = notation.epochs(crossings.edges).astype(float)
     name = page.fit(crossing.line.name, 30)
-    share, error = (notation.percent(float(values[-1])) for values in (crossing.probability, crossing.error))
-    words = f"{name}: {share} (± {error})" if crossing.probability[-1] > 0 else f"{name}: not crossed"
+    share, error = (
+        notation.percent(float(values[-1])) for values in (crossing.probability, crossing.error)
+    )
+    words = (
+        f"{name}: {share} (± {error})" if crossing.probability[-1] > 0 else f"{name}: not crossed"
+    )
     ax.set_title(words, fontsize=10, color=INK, loc="left", weight="bold")
     top = 0.0
     for j in [*stories, len(crossings.scenarios)]:
@@ -102,7 +126,15 @@ def _panel(ax: Axes, crossings: Crossings, crossing: Crossing, stories: list[int
         ax.plot(x, y, color="#111111", linewidth=2.4, zorder=5)
         known = crossing.first[j][~np.isnat(crossing.first[j])]
         at = notation.epochs(known).astype(float)
-        ax.plot(at, np.interp(at, x, y), "o", color="#111111", markersize=5, markeredgecolor="white", zorder=6)
+        ax.plot(
+            at,
+            np.interp(at, x, y),
+            "o",
+            color="#111111",
+            markersize=5,
+            markeredgecolor="white",
+            zorder=6,
+        )
     high = min(1.0, 1.15 * top) if top > 0 else 1.0
     ax.set_ylim(0, high)
     levels = np.asarray(MaxNLocator(5).tick_values(0, 100 * high))
@@ -116,4 +148,12 @@ def _panel(ax: Axes, crossings: Crossings, crossing: Crossing, stories: list[int
     for spine in ax.spines.values():
         spine.set(color=INK, linewidth=0.8)
     if top == 0:
-        ax.text(0.5, 0.5, "no particle has touched it", transform=ax.transAxes, ha="center", fontsize=9, color=GREY)
+        ax.text(
+            0.5,
+            0.5,
+            "no particle has touched it",
+            transform=ax.transAxes,
+            ha="center",
+            fontsize=9,
+            color=GREY,
+        )

@@ -1,8 +1,8 @@
 """The picture of what a search has shown: each scenario's probability and POS after each update.
 
-On the left, downward in time, stands each update with the probability of each scenario after it, and with the Bayes
-factor of the scenario that it moved most. On the right stands the cumulative POS by scenario, on which a decision to
-suspend rests.
+On the left, downward in time, stands each update with the probability of each scenario after it,
+and with the Bayes factor of the scenario that it moved most. On the right stands the cumulative POS
+by scenario, on which a decision to suspend rests.
 """
 
 import math
@@ -62,9 +62,15 @@ STROKES: tuple[tuple[str, Any, str], ...] = (  # colour, dashes, marker
     ("#40507a", (0, (2, 1, 2, 4)), "h"),
     ("#999999", (0, (1, 3)), "d"),
 )
-# Kass and Raftery (1995), Bayes factors, J. Am. Stat. Assoc. 90, 773-795, doi:10.1080/01621459.1995.10476572, section
-# 3.2
-STRENGTH = ((1.2, ""), (3.0, "weak"), (20.0, "positive"), (150.0, "strong"), (math.inf, "very strong"))
+# Kass and Raftery (1995), Bayes factors, J. Am. Stat. Assoc. 90, 773-795,
+# doi:10.1080/01621459.1995.10476572, section 3.2
+STRENGTH = (
+    (1.2, ""),
+    (3.0, "weak"),
+    (20.0, "positive"),
+    (150.0, "strong"),
+    (math.inf, "very strong"),
+)
 
 
 def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
@@ -80,11 +86,18 @@ def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
     height = max(4.6, over + 1.0 + 0.47 * (len(shown) + 1))
     on = sheet.begin(
         Sheet(
-            14.0, height, 120, left=0.02, title=sheet.heading(1 - 0.4 / height, 14, 95), beside=75,
-            lines=(Row(1 - 0.68 / height, 9.5),), caution=Badge(0.985, 1 - 0.4 / height, side="right"),
-            rough=Badge(0.0225, 1 - 1.0 / height), footer=sheet.small(0.07 / height, 7, 210),
+            14.0,
+            height,
+            120,
+            left=0.02,
+            title=sheet.heading(1 - 0.4 / height, 14, 95),
+            beside=75,
+            lines=(Row(1 - 0.68 / height, 9.5),),
+            caution=Badge(0.985, 1 - 0.4 / height, side="right"),
+            rough=Badge(0.0225, 1 - 1.0 / height),
+            footer=sheet.small(0.07 / height, 7, 210),
         )
-    )  # fmt: skip
+    )
     figure = on.figure
     room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
     (_posterior if stories else _worth)(figure, updates, shown, room)
@@ -95,19 +108,31 @@ def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
         _legend(figure, updates, 1 - (0.86 + below) / height)
     if least.few:
         sheet.rough(on, effective.banner(least, "shares, evidence and POS are rough"))
-    figure.text(0.02, 0.33 / height, _explained(updates), fontsize=8, color=GREY, linespacing=1.35, va="center")
+    figure.text(
+        0.02,
+        0.33 / height,
+        _explained(updates),
+        fontsize=8,
+        color=GREY,
+        linespacing=1.35,
+        va="center",
+    )
     sheet.end(on, path, setting.imprint)
 
 
 def _flown(updates: Updates) -> bool:
-    """Whether there is a cumulative POS: where only sensors and contacts told something, the chart on the left has all the room."""
+    """Whether there is a cumulative POS: where only sensors and contacts told something, the chart
+    on the left has all the room.
+    """
     return any(update.cumulative is not None for update in updates.all)
 
 
 def evidence_in_words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[str, str]:
-    """Return in plain words what an update says about the scenarios, and its Bayes factor and strength.
+    """Return in plain words what an update says about the scenarios, and its Bayes factor and
+    strength.
 
-    It names the scenario whose odds against the others it moved most; both are empty where there is but one.
+    It names the scenario whose odds against the others it moved most; both are empty where there is
+    but one.
     """
     factors = search_tables.bayes_factors(update, before)
     defined = [j for j in range(len(factors)) if not np.isnan(factors[j])]
@@ -129,7 +154,10 @@ def evidence_in_words(update: Update, before: Array, scenarios: tuple[str, ...])
         side, figure = "for", figure if size < HUGE else f"over {figure}"
     else:
         side, figure = "against", f"1/{figure}" if size < HUGE else f"under 1/{figure}"
-    return f"speaks {side} {_quoted([scenarios[most]])}", f"Bayes factor {figure}: {strength} evidence"
+    return (
+        f"speaks {side} {_quoted([scenarios[most]])}",
+        f"Bayes factor {figure}: {strength} evidence",
+    )
 
 
 def _quoted(names: list[str]) -> str:
@@ -144,7 +172,9 @@ def _account(updates: Updates, hidden: int) -> str:
     overdue = sum(u.kind == "overdue" for u in updates.all)
     sensors = len(updates.all) - len(sorties) - contacts - overdue
     parts = (
-        [f"{len(sorties)} sortie{'s' * (len(sorties) != 1)} that found nothing"] if sorties or not updates.all else []
+        [f"{len(sorties)} sortie{'s' * (len(sorties) != 1)} that found nothing"]
+        if sorties or not updates.all
+        else []
     )
     if contacts:
         parts.append(f"{contacts} contact{'s' * (contacts != 1)}")
@@ -187,10 +217,19 @@ def _legend(figure: Figure, updates: Updates, top: float) -> None:
     for j, name in enumerate(page.names(updates.scenarios, 34)):
         colour, dashes, marker = STROKES[j % len(STROKES)]
         bar = Patch(edgecolor=INK, linewidth=0.6, **FILLS[j % len(FILLS)])
-        line = Line2D([], [], color=colour, linestyle=dashes, marker=marker, markersize=5, markeredgecolor="white")
+        line = Line2D(
+            [],
+            [],
+            color=colour,
+            linestyle=dashes,
+            marker=marker,
+            markersize=5,
+            markeredgecolor="white",
+        )
         rows.append(([bar, line], name))
     columns = min(A_LINE, len(rows))
-    order = [i for c in range(columns) for i in range(c, len(rows), columns)]  # legends fill column by column
+    # legends fill column by column
+    order = [i for c in range(columns) for i in range(c, len(rows), columns)]
     sheet.legend(
         figure,
         [rows[i] for i in order],
@@ -205,7 +244,8 @@ def _legend(figure: Figure, updates: Updates, top: float) -> None:
     )
 
 
-Shown = list[tuple[int, tuple[Update, Array]]]  # updates with their numbers, and the scenarios before each
+# updates with their numbers, and the scenarios before each
+Shown = list[tuple[int, tuple[Update, Array]]]
 Said = list[tuple[str, str]]  # two lines
 
 
@@ -213,7 +253,11 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
     """Draw bars of the scenarios' probabilities, one a row, with what each update says right of it."""
     first = shown[0][1][1] if shown else np.asarray(updates.prior, float)
     rows = [first, *(np.asarray(update.posterior, float) for _, (update, _) in shown)]
-    begin = "before the first update" if not shown or shown[0][0] == 1 else f"after update {shown[0][0] - 1}"
+    begin = (
+        "before the first update"
+        if not shown or shown[0][0] == 1
+        else f"after update {shown[0][0] - 1}"
+    )
     short = tuple(page.names(updates.scenarios, 34))
     said = [("", ""), *(evidence_in_words(update, before, short) for _, (update, before) in shown)]
     heads = ("Probability of each scenario [%]", "What moved it")
@@ -222,15 +266,20 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
     for j in range(len(updates.scenarios)):
         share = np.array([row[j] for row in rows])
         fill = FILLS[j % len(FILLS)]
-        edges = np.where(share >= THIN, 0.6, 0.0)  # bars of many that are unlikely would be nothing but edges
+        # bars of many that are unlikely would be nothing but edges
+        edges = np.where(share >= THIN, 0.6, 0.0)
         ax.barh(y, share, 0.62, left, edgecolor=INK, linewidth=edges.tolist(), zorder=3, **fill)
         for k in y[share >= 0.09]:
-            _figure(ax, left[k] + share[k] / 2, int(k), notation.percent(float(share[k]), 0, ""), fill)
+            _figure(
+                ax, left[k] + share[k] / 2, int(k), notation.percent(float(share[k]), 0, ""), fill
+            )
         left += share
 
 
 def _worth(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, float]) -> None:
-    """Draw as bars, where there is only one scenario, POC and POS of each sortie, or how likely what each sensor said was."""
+    """Draw as bars, where there is only one scenario, POC and POS of each sortie, or how likely
+    what each sensor said was.
+    """
     said = [("", "")]
     for _, (update, _) in shown:
         pod, figures = update.pod, ""
@@ -243,18 +292,29 @@ def _worth(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, fl
         heads = ("How likely what it said was beforehand [%]", "What is left")
     ax = _rows(figure, room, shown, "", said, heads, wide=not flown)
     for k, (_, (update, _)) in enumerate(shown, 1):
-        likely = np.exp(update.log_evidence) if not flown and update.kind in ("look", "presence") else None
+        likely = (
+            np.exp(update.log_evidence)
+            if not flown and update.kind in ("look", "presence")
+            else None
+        )
         for values, fill in ((likely, FILLS[0]), (update.poc, FILLS[0]), (update.pos, FILLS[1])):
             if values is not None:
                 ax.barh(k, values[-1], 0.62, edgecolor=INK, linewidth=0.6, zorder=3, **fill)
 
 
 def _rows(
-    figure: Figure, room: tuple[float, float], shown: Shown, begin: str, said: Said, heads: tuple[str, str], wide: bool
+    figure: Figure,
+    room: tuple[float, float],
+    shown: Shown,
+    begin: str,
+    said: Said,
+    heads: tuple[str, str],
+    wide: bool,
 ) -> Axes:
     """Return axes for a bar in each row, from 0 to 1.
 
-    A row has its update's name on the left and two lines on the right. wide: no other chart stands beside it.
+    A row has its update's name on the left and two lines on the right. wide: no other chart stands
+    beside it.
     """
     width = 0.5 if wide else 0.21
     ax = figure.add_axes((0.185, room[0], width, room[1] - room[0]))
@@ -273,35 +333,56 @@ def _rows(
     beside = -0.0065 / width
     write(beside, 0, begin, 8.5, GREY, ha="right")
     for k, (number, (update, _)) in enumerate(shown, 1):
-        what = update.name if update.kind in ("sortie", "overdue") else f"{page.fit(update.name, 18)} ({update.kind})"
+        what = (
+            update.name
+            if update.kind in ("sortie", "overdue")
+            else f"{page.fit(update.name, 18)} ({update.kind})"
+        )
         write(beside, k - 0.15, f"{number}  {page.fit(what, 28)}", 9, weight="bold", ha="right")
         pos = "" if update.pos is None else f", POS {notation.percent(float(update.pos[-1]))}"
         left = effective.Count(update.left)
         if left.few:
-            write(beside, k + 0.21, f"{notation.group(update.time)}, {left.words}", 7.5, layers.LAST_KNOWN, ha="right")
+            write(
+                beside,
+                k + 0.21,
+                f"{notation.group(update.time)}, {left.words}",
+                7.5,
+                layers.LAST_KNOWN,
+                ha="right",
+            )
         else:
             write(beside, k + 0.21, notation.group(update.time) + pos, 7.5, GREY, ha="right")
     for k, (above, below) in enumerate(said):
         write(1 + 0.0065 / width, k - 0.15, above, 9)
         write(1 + 0.0065 / width, k + 0.21, below, 7.5, GREY)
     for x, head in zip((0.185, 0.1915 + width), heads, strict=True):
-        figure.text(x, room[1] + 0.25 / figure.get_figheight(), head, fontsize=10, weight="bold", color=INK)
+        figure.text(
+            x, room[1] + 0.25 / figure.get_figheight(), head, fontsize=10, weight="bold", color=INK
+        )
     return ax
 
 
 def _figure(ax: Axes, x: float, y: int, text: str, fill: dict[str, Any]) -> None:
     red, green, blue = (int(fill["facecolor"][i : i + 2], 16) for i in (1, 3, 5))
     dark = 0.3 * red + 0.59 * green + 0.11 * blue < 140
-    box = {"boxstyle": "square,pad=0.1", "facecolor": fill["facecolor"], "edgecolor": "none"} if fill["hatch"] else None
+    box = (
+        {"boxstyle": "square,pad=0.1", "facecolor": fill["facecolor"], "edgecolor": "none"}
+        if fill["hatch"]
+        else None
+    )
     colour = "white" if dark else INK
     ax.text(x, y, text, ha="center", va="center", fontsize=8, color=colour, zorder=5, bbox=box)
 
 
 def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> None:
-    """Draw the cumulative POS by scenario over time, with its last value and name at the end of each line."""
+    """Draw the cumulative POS by scenario over time, with its last value and name at the end of
+    each line.
+    """
     ax = figure.add_axes((0.665, room[0], 0.185, room[1] - room[0]))
     high = figure.get_figheight()
-    figure.text(0.665, room[1] + 0.25 / high, "Cumulative POS [%]", fontsize=10, weight="bold", color=INK)
+    figure.text(
+        0.665, room[1] + 0.25 / high, "Cumulative POS [%]", fontsize=10, weight="bold", color=INK
+    )
     done = [(number, u) for number, u in enumerate(updates.all, 1) if u.cumulative is not None]
     ax.set_ylim(0, 1)
     ax.set_yticks(np.linspace(0, 1, 6), labels=[f"{100 * v:.0f}" for v in np.linspace(0, 1, 6)])
@@ -317,11 +398,22 @@ def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> 
     texts, short = [], page.names(updates.scenarios, 24)
     for j in order:
         colour, dashes, marker = STROKES[j % len(STROKES)] if j >= 0 else ("#111111", "-", "o")
-        style: dict[str, Any] = {"color": colour, "linestyle": dashes, "linewidth": 1.4 if j >= 0 else 2.4}
+        style: dict[str, Any] = {
+            "color": colour,
+            "linestyle": dashes,
+            "linewidth": 1.4 if j >= 0 else 2.4,
+        }
         x, y = np.append(before, times), np.append(0.0, values[:, j])
         ax.plot(x, y, drawstyle="steps-post", zorder=4 if j >= 0 else 5, **style)
         ax.plot(
-            times, values[:, j], marker, color=colour, markersize=5, markeredgecolor="white", zorder=6, clip_on=False
+            times,
+            values[:, j],
+            marker,
+            color=colour,
+            markersize=5,
+            markeredgecolor="white",
+            zorder=6,
+            clip_on=False,
         )
         name = short[j] if j >= 0 else "all together"
         texts.append((float(values[-1, j]), f"{_percent(values[-1, j])}  {name}", colour, j < 0))
@@ -332,10 +424,13 @@ def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> 
 
 
 def _numbers(ax: Axes, numbers: list[int], times: Array) -> None:
-    """Write the numbers of sorties over the chart at their times, as one text where they would touch: 4-6, 8."""
+    """Write the numbers of sorties over the chart at their times, as one text where they would
+    touch: 4-6, 8.
+    """
     begin, end = ax.get_xlim()
     per = (end - begin) / (ax.get_window_extent().width / ax.get_figure(root=True).dpi)  # type: ignore[union-attr]
-    groups: list[tuple[list[int], float, float]] = []  # numbers, and from when to when [s] their text reaches
+    # numbers, and from when to when [s] their text reaches
+    groups: list[tuple[list[int], float, float]] = []
 
     def spread(some: list[int]) -> tuple[list[int], float, float]:
         at = float(np.mean([times[numbers.index(number)] for number in some]))
@@ -349,8 +444,16 @@ def _numbers(ax: Axes, numbers: list[int], times: Array) -> None:
             last = groups.pop()[0]
             groups[-1] = spread([*groups[-1][0], *last])
     for some, left, right in groups:
-        ax.annotate(_runs(some), ((left + right) / 2, 1.0), (0, 3), xycoords=("data", "axes fraction"),
-                    textcoords="offset points", ha="center", fontsize=8, color=GREY)  # fmt: skip
+        ax.annotate(
+            _runs(some),
+            ((left + right) / 2, 1.0),
+            (0, 3),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+            color=GREY,
+        )
 
 
 def _runs(numbers: list[int]) -> str:
@@ -377,11 +480,27 @@ def _ends(ax: Axes, texts: list[tuple[float, str, str, bool]]) -> None:
         y[i] = min(y[i], y[i + 1] - least)
     for at, (value, text, colour, bold) in zip(y, texts, strict=True):
         weight = "bold" if bold else "normal"
-        leader = {"arrowstyle": "-", "color": GREY, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 0, "relpos": (0, 0.5)}
+        leader = {
+            "arrowstyle": "-",
+            "color": GREY,
+            "linewidth": 0.5,
+            "shrinkA": 0,
+            "shrinkB": 0,
+            "relpos": (0, 0.5),
+        }
         ax.annotate(
-            text, (1.0, value), (1.07, at), xycoords="axes fraction", textcoords="axes fraction", fontsize=8.5,
-            va="center", color=colour, weight=weight, annotation_clip=False, arrowprops=leader,
-        )  # fmt: skip
+            text,
+            (1.0, value),
+            (1.07, at),
+            xycoords="axes fraction",
+            textcoords="axes fraction",
+            fontsize=8.5,
+            va="center",
+            color=colour,
+            weight=weight,
+            annotation_clip=False,
+            arrowprops=leader,
+        )
 
 
 def _percent(share: float) -> str:

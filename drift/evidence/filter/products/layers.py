@@ -13,7 +13,16 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from drift.evidence.filter import shapes as search_shapes
-from drift.evidence.filter.records import NO_SENSORS, Barrier, Contact, Line, Look, Presence, Sensors, Sortie
+from drift.evidence.filter.records import (
+    NO_SENSORS,
+    Barrier,
+    Contact,
+    Line,
+    Look,
+    Presence,
+    Sensors,
+    Sortie,
+)
 from drift.products.maps import marks
 from drift.products.maps.chart import Frame
 from drift.products.maps.overlay import Overlay
@@ -26,12 +35,25 @@ ZONES: dict[str, Any] = {"color": "#003b36", "linewidth": 1.0, "linestyle": (0, 
 CONTACT: dict[str, Any] = {"color": "#a30052", "linewidth": 1.1, "linestyle": (0, (5, 1.5, 1, 1.5))}
 SENSORS: dict[str, dict[str, Any]] = {
     "Field, nothing there": {"color": "#003b36", "linewidth": 1.3, "linestyle": (0, (4, 1.5))},
-    "Field, something there": {"color": "#a30052", "linewidth": 1.3, "linestyle": (0, (6, 1.2, 1, 1.2, 1, 1.2))},
+    "Field, something there": {
+        "color": "#a30052",
+        "linewidth": 1.3,
+        "linestyle": (0, (6, 1.2, 1, 1.2, 1, 1.2)),
+    },
     "Barrier, silent": {"color": "#003b36", "linewidth": 2.6, "linestyle": (0, (1.2, 0.8))},
-    "Barrier, reported": {"color": "#a30052", "linewidth": 2.6, "linestyle": (0, (4, 0.8, 1.2, 0.8))},
+    "Barrier, reported": {
+        "color": "#a30052",
+        "linewidth": 2.6,
+        "linestyle": (0, (4, 0.8, 1.2, 0.8)),
+    },
     "Line asked about": {"color": "#333333", "linewidth": 1.4, "linestyle": (0, (7, 2, 1, 2))},
 }
-POINT: dict[str, Any] = {"marker": "D", "linestyle": "none", "markeredgewidth": 1.4, "markerfacecolor": "white"}
+POINT: dict[str, Any] = {
+    "marker": "D",
+    "linestyle": "none",
+    "markeredgewidth": 1.4,
+    "markerfacecolor": "white",
+}
 LIGHT = 0.55  # width of lines, as a share of the usual, where searches are only a reminder
 Sensor = Look | Presence | Barrier | Line
 
@@ -41,7 +63,9 @@ WORDS = f"Contact, {100 * search_shapes.NEAR_ALL:g} % of its error"
 def reminder(
     sorties: Sequence[Sortie], contacts: Sequence[Contact], time: Any, sensors: Sensors = NO_SENSORS
 ) -> Overlay:
-    """Return what the map of a forecast shows of a search: in thin lines, what had begun by the map's time."""
+    """Return what the map of a forecast shows of a search: in thin lines, what had begun by the
+    map's time.
+    """
     begun = [sortie for sortie in sorties if sortie.start <= time]
     seen = [contact for contact in contacts if contact.time <= time]
     heard = begun_sensors(sensors, time)
@@ -100,13 +124,17 @@ def contact(ax: Axes, frame: Frame, seen: Contact, scale: float = 1.0) -> None:
     for shape, points in search_shapes.contact(seen):
         if shape == "point":
             x, y = frame.project(points[:, 0], points[:, 1])
-            ax.plot(x, y, markersize=6.5 * scale, markeredgecolor=CONTACT["color"], zorder=11.8, **POINT)
+            ax.plot(
+                x, y, markersize=6.5 * scale, markeredgecolor=CONTACT["color"], zorder=11.8, **POINT
+            )
         else:
             _line(ax, frame, points, CONTACT, scale, zorder=6)
 
 
 def begun_sensors(sensors: Sensors, time: Any) -> list[Sensor]:
-    """Return the looks that were made by a time, the presences and barriers that had begun, and all lines."""
+    """Return the looks that were made by a time, the presences and barriers that had begun, and all
+    lines.
+    """
     looks = [look for look in sensors.looks if look.time <= time]
     lasting: list[Presence | Barrier] = [*sensors.presences, *sensors.barriers]
     return [*looks, *(what for what in lasting if what.start <= time), *sensors.lines]
@@ -130,41 +158,70 @@ def _sort(what: Sensor) -> str:
 def sensor_places(sensors: Sequence[Sensor]) -> dict[str, list[Array]]:
     """Return the shapes of sensors by name, for beyond.left_out; lines may lie anywhere."""
     told = [what for what in sensors if not isinstance(what, Line)]
-    return {f'{type(what).__name__.lower()} "{what.name}"': [search_shapes.sensor(what)] for what in told}
+    return {
+        f'{type(what).__name__.lower()} "{what.name}"': [search_shapes.sensor(what)]
+        for what in told
+    }
 
 
 def sensor_key(sensors: Sequence[Sensor], scale: float = 1.0) -> list[tuple[Any, str]]:
     """Return symbols and texts of a legend for what is drawn of sensors."""
     sorts = {_sort(what) for what in sensors}
-    styles = {words: {**style, "linewidth": scale * style["linewidth"]} for words, style in SENSORS.items()}
+    styles = {
+        words: {**style, "linewidth": scale * style["linewidth"]}
+        for words, style in SENSORS.items()
+    }
     return [(Line2D([], [], **style), words) for words, style in styles.items() if words in sorts]
 
 
-def _line(ax: Axes, frame: Frame, points: Array, style: dict[str, Any], scale: float, zorder: float) -> None:
+def _line(
+    ax: Axes, frame: Frame, points: Array, style: dict[str, Any], scale: float, zorder: float
+) -> None:
     width = scale * style["linewidth"]
     # Thin lines lie close together: wide halos would hide what they cross.
     more, alpha = (1.6, 0.75) if width >= 0.9 else (1.0, 0.4)
     halo = [patheffects.withStroke(linewidth=width + more, foreground="white", alpha=alpha)]
     x, y = frame.project(points[:, 0], points[:, 1])
-    ax.plot(x, y, zorder=zorder, path_effects=halo, scalex=False, scaley=False, **{**style, "linewidth": width})
+    ax.plot(
+        x,
+        y,
+        zorder=zorder,
+        path_effects=halo,
+        scalex=False,
+        scaley=False,
+        **{**style, "linewidth": width},
+    )
 
 
 def extent(sorties: Sequence[Sortie]) -> list[marks.Line]:
-    """Return what a chart must show of sorties: areas and searching legs, but no transits and no zones."""
+    """Return what a chart must show of sorties: areas and searching legs, but no transits and no
+    zones.
+    """
     lines = []
     for sortie in sorties:
-        shapes = [points for searching, points in search_shapes.flown(sortie) if searching and not sortie.watches]
-        shapes += [
-            ring for time in (sortie.start, sortie.end) if (ring := search_shapes.searched(sortie, time)) is not None
+        shapes = [
+            points
+            for searching, points in search_shapes.flown(sortie)
+            if searching and not sortie.watches
         ]
-        lines += [marks.Line(points[:, 0].tolist(), points[:, 1].tolist(), sortie.name) for points in shapes]
+        shapes += [
+            ring
+            for time in (sortie.start, sortie.end)
+            if (ring := search_shapes.searched(sortie, time)) is not None
+        ]
+        lines += [
+            marks.Line(points[:, 0].tolist(), points[:, 1].tolist(), sortie.name)
+            for points in shapes
+        ]
     return lines
 
 
 def _stands(sortie: Sortie) -> bool:
     """Whether a sortie is a watch at one place: its legs go nowhere."""
     return (
-        sortie.watches and sortie.legs is not None and len({*zip(sortie.legs.lon, sortie.legs.lat, strict=True)}) == 1
+        sortie.watches
+        and sortie.legs is not None
+        and len({*zip(sortie.legs.lon, sortie.legs.lat, strict=True)}) == 1
     )
 
 
@@ -179,15 +236,21 @@ def places(contacts: Sequence[Contact], sorties: Sequence[Sortie] = ()) -> dict[
                     points for _, points in search_shapes.contact(alone)
                 ]
         else:
-            shapes_of[f'contact "{seen.name}"'] = [points for _, points in search_shapes.contact(seen)]
+            shapes_of[f'contact "{seen.name}"'] = [
+                points for _, points in search_shapes.contact(seen)
+            ]
     for sortie in sorties:
         ring = search_shapes.searched(sortie)
-        shapes = [points for _, points in search_shapes.flown(sortie)] + search_shapes.zones(sortie, sortie.end)
+        shapes = [points for _, points in search_shapes.flown(sortie)] + search_shapes.zones(
+            sortie, sortie.end
+        )
         shapes_of[f'sortie "{sortie.name}"'] = shapes + ([] if ring is None else [ring])
     return shapes_of
 
 
-def key(sorties: Sequence[Sortie], contacts: Sequence[Contact], scale: float = 1.0) -> list[tuple[Any, str]]:
+def key(
+    sorties: Sequence[Sortie], contacts: Sequence[Contact], scale: float = 1.0
+) -> list[tuple[Any, str]]:
     """Return symbols and texts of a legend for what is drawn of these."""
 
     def symbol(style: dict[str, Any]) -> Line2D:
@@ -196,8 +259,16 @@ def key(sorties: Sequence[Sortie], contacts: Sequence[Contact], scale: float = 1
     rows: list[tuple[Any, str]] = []
     if any(sortie.area is not None for sortie in sorties):
         rows.append((symbol(AREA), "Searched area"))
-    if any(sortie.legs is not None and any(sortie.legs.searching) and not _stands(sortie) for sortie in sorties):
-        rows.append((symbol(LEGS), "Legs as planned" if all(s.planned for s in sorties) else "Legs as flown"))
+    if any(
+        sortie.legs is not None and any(sortie.legs.searching) and not _stands(sortie)
+        for sortie in sorties
+    ):
+        rows.append(
+            (
+                symbol(LEGS),
+                "Legs as planned" if all(s.planned for s in sorties) else "Legs as flown",
+            )
+        )
     if any(sortie.legs is not None and not all(sortie.legs.searching) for sortie in sorties):
         rows.append((symbol(TRANSIT), "Not searching"))
     if any(sortie.watch is not None for sortie in sorties):

@@ -1,6 +1,8 @@
-"""The picture of a search: for each sortie the map before it, in the middle of it and after it has failed.
+"""The picture of a search: for each sortie the map before it, in the middle of it and after it has
+failed.
 
-All maps of a page have one extent and one colour scale, so that a hole that a sortie has made can be told from drift.
+All maps of a page have one extent and one colour scale, so that a hole that a sortie has made can
+be told from drift.
 """
 
 from collections.abc import Sequence
@@ -35,7 +37,8 @@ GAP, OVER, HEAD, FOOT, LEFT, RIGHT = 0.14, 0.66, 0.85, 1.0, 0.42, 1.15  # [in]
 STAGES = ("before", "mid-search", "after")
 RECENT = np.timedelta64(6, "h")  # contacts are drawn with a sortie from so long before it
 ONE_ROW = 7  # symbols of a legend that stand side by side; of more there are two rows
-RANGE = 3.0  # most of the scale's top over the median map's: a contact must not make the others pale
+# most of the scale's top over the median map's: a contact must not make the others pale
+RANGE = 3.0
 
 
 def pages(sorties: Sequence[Sortie]) -> int:
@@ -56,22 +59,31 @@ def plot_searches(
 ) -> None:
     """Draw one page (from 1) of a search's maps.
 
-    forecast: with outputs at start, middle and end of each sortie, each given all that was seen up to it.
+    forecast: with outputs at start, middle and end of each sortie, each given all that was seen up
+    to it.
     """
     on_page = sorties[(page - 1) * A_PAGE : page * A_PAGE]
     outputs = [[_index(forecast, time) for time in _moments(sortie)] for sortie in on_page]
     part = replace(forecast, data=forecast.data.isel(time=np.unique(outputs)))
     times = list(part.data["time"].values)
-    seen = [[c for c in contacts if sortie.start - RECENT <= c.time <= sortie.end] for sortie in on_page]
+    seen = [
+        [c for c in contacts if sortie.start - RECENT <= c.time <= sortie.end] for sortie in on_page
+    ]
     every_seen = list(chain(*seen))
     heard = [_heard(sensors, sortie) for sortie in on_page]
     places = search_layers.places([*dict.fromkeys(every_seen)])
-    frame = layers.extent(part, times, setting.marks, search_layers.extent(on_page), WIDE / HIGH, places.values())
+    frame = layers.extent(
+        part, times, setting.marks, search_layers.extent(on_page), WIDE / HIGH, places.values()
+    )
     tops = [layers.scale_top(part.data.isel(time=i)) for i in range(len(times))]
     ways = [overlay(times[-1]) for overlay in setting.overlays]
     norm = PowerNorm(0.5, 0, min(max(tops), RANGE * float(np.median(tops))))
     land = chart.land_path(frame, setting.polygons(frame.box()), 450)
-    numbered = {update.name: (k, update) for k, update in enumerate(updates.all, 1) if update.kind == "sortie"}
+    numbered = {
+        update.name: (k, update)
+        for k, update in enumerate(updates.all, 1)
+        if update.kind == "sortie"
+    }
 
     least, least_at = effective.fewest(forecast.data, np.unique(outputs), setting.particles)
     out = beyond.named(frame, places)
@@ -86,9 +98,13 @@ def plot_searches(
         _heading(on.figure, size, bottom + HIGH + 0.3, name, sortie, update)
         for column, (i, wanted) in enumerate(zip(outputs[row], _moments(sortie), strict=True)):
             left = LEFT + column * (WIDE + GAP)
-            ax = on.figure.add_axes((left / size[0], bottom / size[1], WIDE / size[0], HIGH / size[1]))
+            ax = on.figure.add_axes(
+                (left / size[0], bottom / size[1], WIDE / size[0], HIGH / size[1])
+            )
             mesh = _map(ax, frame, forecast, i, norm, land, setting)
-            chart.graticule(ax, frame, lines=3, size=7, labels=(row == len(on_page) - 1, column == 0))
+            chart.graticule(
+                ax, frame, lines=3, size=7, labels=(row == len(on_page) - 1, column == 0)
+            )
             for way in ways:
                 way.draw(ax, frame)
             search_layers.sortie(ax, frame, sortie, wanted)
@@ -100,7 +116,9 @@ def plot_searches(
             _titles(ax, column, time, wanted, update)
             if row == column == 0:
                 chart.scale_bar(ax, frame, corner, small=True)
-    contents = _contents(sorties, page, any(s.name in numbered for s in on_page), bool(every_seen), setting.particles)
+    contents = _contents(
+        sorties, page, any(s.name in numbered for s in on_page), bool(every_seen), setting.particles
+    )
     sheet.head(on, setting.imprint, contents)
     if least.few:
         when = notation.group(forecast.data["time"].values[least_at])
@@ -122,7 +140,9 @@ def plot_searches(
 
 
 def _heard(sensors: Sensors, sortie: Sortie) -> list[search_layers.Sensor]:
-    """Return the sensors that are drawn with a sortie: those that told something about its time, and all lines."""
+    """Return the sensors that are drawn with a sortie: those that told something about its time,
+    and all lines.
+    """
     told: list[search_layers.Sensor] = list(sensors.lines)
     for what in sensors.telling:
         begin, end = (what.time, what.time) if isinstance(what, Look) else (what.start, what.end)
@@ -133,21 +153,36 @@ def _heard(sensors: Sensors, sortie: Sortie) -> list[search_layers.Sensor]:
 
 def _sheet(width: float, height: float) -> Sheet:
     return Sheet(
-        width, height, 130, left=LEFT / width, title=sheet.heading(1 - 0.37 / height, 13, 100), beside=68,
-        lines=(Row(1 - 0.63 / height, 9),), caution=Badge(1 - 0.15 / width, 1 - 0.37 / height, 9, "right"),
-        rough=Badge(LEFT / width, 1 - 0.93 / height, 9), footer=sheet.small(0.12 / height, 7, width * 17),
-    )  # fmt: skip
+        width,
+        height,
+        130,
+        left=LEFT / width,
+        title=sheet.heading(1 - 0.37 / height, 13, 100),
+        beside=68,
+        lines=(Row(1 - 0.63 / height, 9),),
+        caution=Badge(1 - 0.15 / width, 1 - 0.37 / height, 9, "right"),
+        rough=Badge(LEFT / width, 1 - 0.93 / height, 9),
+        footer=sheet.small(0.12 / height, 7, width * 17),
+    )
 
 
-def _contents(sorties: Sequence[Sortie], page: int, numbered: bool, contacts: bool, particles: int | None) -> str:
+def _contents(
+    sorties: Sequence[Sortie], page: int, numbered: bool, contacts: bool, particles: int | None
+) -> str:
     """Return in a line what a page shows."""
     many = len(sorties)
     if all(sortie.planned and sortie.sensor is not None for sortie in sorties):
         parts = [f"{many} towed arrays as planned, and what is left if they hear nothing"]
-        parts = parts if many > 1 else ["A towed array as planned, and what is left if it hears nothing"]
+        parts = (
+            parts
+            if many > 1
+            else ["A towed array as planned, and what is left if it hears nothing"]
+        )
     else:
         parts = [
-            f"{many} sorties that found nothing, in order of start" if many > 1 else "One sortie that found nothing"
+            f"{many} sorties that found nothing, in order of start"
+            if many > 1
+            else "One sortie that found nothing"
         ]
     if many > A_PAGE:
         parts.insert(0, f"Page {page} of {pages(sorties)}")
@@ -170,7 +205,9 @@ def _index(forecast: Forecast, time: Any) -> int:
     return int(np.flatnonzero(apart == apart.min())[-1])
 
 
-def _busy(frame: Frame, part: Forecast, some: Sequence[Sortie], times: Sequence[Any]) -> tuple[Any, Any]:
+def _busy(
+    frame: Frame, part: Forecast, some: Sequence[Sortie], times: Sequence[Any]
+) -> tuple[Any, Any]:
     """Return points [m] that the scale bar should not cover."""
     x, y = layers.occupied(frame, part, times)
     for line in search_layers.extent(some):
@@ -180,7 +217,13 @@ def _busy(frame: Frame, part: Forecast, some: Sequence[Sortie], times: Sequence[
 
 
 def _map(
-    ax: Axes, frame: Frame, forecast: Forecast, i: int, norm: PowerNorm, land: Outline | None, setting: Setting
+    ax: Axes,
+    frame: Frame,
+    forecast: Forecast,
+    i: int,
+    norm: PowerNorm,
+    land: Outline | None,
+    setting: Setting,
 ) -> Any:
     """Draw the probability at an output with its smallest and its largest area; return the shading."""
     chart.prepare(ax, frame)
@@ -199,7 +242,12 @@ def _map(
 
 
 def _heading(
-    figure: Figure, size: tuple[float, float], y: float, name: str, sortie: Sortie, update: Update | None
+    figure: Figure,
+    size: tuple[float, float],
+    y: float,
+    name: str,
+    sortie: Sortie,
+    update: Update | None,
 ) -> None:
     """Write over a row which sortie it is, when it was and what it was worth."""
     when = f"{notation.day_time(sortie.start)} to {notation.group(sortie.end)}"
@@ -253,7 +301,11 @@ def _titles(ax: Axes, column: int, time: Any, wanted: Any, update: Update | None
 
 
 def _key(
-    figure: Figure, size: tuple[float, float], forecast: Forecast, rows: list[tuple[Any, str]], marked: bool
+    figure: Figure,
+    size: tuple[float, float],
+    forecast: Forecast,
+    rows: list[tuple[Any, str]],
+    marked: bool,
 ) -> None:
     """Write under the maps what the lines and symbols are."""
     for share in forecast.ends:

@@ -11,8 +11,11 @@ from drift.forecast.effective import Count
 from geo.notation import NMI
 
 
-def of_run(data: Any, particles: int, updates: Updates | None, contacts: Sequence[Contact] = ()) -> list[str]:
-    """Return warnings of few particles: after which update, at which outputs, and of which parts at the end.
+def of_run(
+    data: Any, particles: int, updates: Updates | None, contacts: Sequence[Contact] = ()
+) -> list[str]:
+    """Return warnings of few particles: after which update, at which outputs, and of which parts at
+    the end.
 
     contacts: of the case, whose errors are named where they are the cause.
     """
@@ -32,7 +35,9 @@ def of_run(data: Any, particles: int, updates: Updates | None, contacts: Sequenc
 
 def _cause(update: Update, contacts: Sequence[Contact]) -> str:
     """Return what to check first: of a contact, its error."""
-    seen = next((one for one in contacts if update.kind == "contact" and one.name == update.name), None)
+    seen = next(
+        (one for one in contacts if update.kind == "contact" and one.name == update.name), None
+    )
     if seen is None:
         return "Check it"
     error = ""
@@ -64,7 +69,8 @@ def _lost(update: Update) -> str:
 
 
 def enough(low: Count) -> int:
-    """Return how many particles would leave so many that count that they are not few, to two digits, rounded up.
+    """Return how many particles would leave so many that count that they are not few, to two
+    digits, rounded up.
 
     What a likelihood leaves of particles grows with their number.
     """
@@ -75,12 +81,16 @@ def enough(low: Count) -> int:
 
 
 def first_low(updates: Updates) -> Update | None:
-    """Return the first sortie or contact after which few particles count; all later ones depend on these."""
+    """Return the first sortie or contact after which few particles count; all later ones depend on
+    these.
+    """
     return next((update for update in updates.all if Count(update.left).few), None)
 
 
 def lowest(updates: Updates, particles: int | None = None) -> Count:
-    """Return how many particles count for the evidence: the fewest after any update, for copies add nothing."""
+    """Return how many particles count for the evidence: the fewest after any update, for copies add
+    nothing.
+    """
     return Count(min((update.left for update in updates.all), default=0.0), particles)
 
 

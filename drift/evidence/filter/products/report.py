@@ -1,4 +1,6 @@
-"""What report.html shows of a search: sorties, contacts, sensors and lines on the map, and what each has done."""
+"""What report.html shows of a search: sorties, contacts, sensors and lines on the map, and what
+each has done.
+"""
 
 from collections.abc import Sequence
 
@@ -10,9 +12,13 @@ from geo import notation
 
 FILE = "sorties.geojson"
 SORTIE = [
-    ("unit", "Unit", "words"), ("start", "Start", "time"), ("end", "End", "time"), ("pod", "POD", "share"), ("poc", "POC", "share"),
+    ("unit", "Unit", "words"),
+    ("start", "Start", "time"),
+    ("end", "End", "time"),
+    ("pod", "POD", "share"),
+    ("poc", "POC", "share"),
     ("pos", "POS", "share"),
-]  # fmt: skip
+]
 SEEN = [
     ("time", "Time", "time"),
     ("start", "From", "time"),
@@ -29,27 +35,67 @@ def search_leaves(
     if sorties:
         of_sortie = {"kind": "sortie", "name": [sortie.name for sortie in sorties]}
         shown += [
-            leaves.shapes("Sorties", FILE, "searched", where={**of_sortie, "shape": ["area", "zones", "point"]}, when=leaves.DURING, label="name", told=SORTIE),
-            leaves.shapes("Legs flown", FILE, "legs", where={**of_sortie, "shape": "legs"}, when=leaves.DURING, told=SORTIE),
-            leaves.shapes("Transits", FILE, "transit", where={**of_sortie, "shape": "transit"}, when=leaves.DURING, shown=False),
-        ]  # fmt: skip
+            leaves.shapes(
+                "Sorties",
+                FILE,
+                "searched",
+                where={**of_sortie, "shape": ["area", "zones", "point"]},
+                when=leaves.DURING,
+                label="name",
+                told=SORTIE,
+            ),
+            leaves.shapes(
+                "Legs flown",
+                FILE,
+                "legs",
+                where={**of_sortie, "shape": "legs"},
+                when=leaves.DURING,
+                told=SORTIE,
+            ),
+            leaves.shapes(
+                "Transits",
+                FILE,
+                "transit",
+                where={**of_sortie, "shape": "transit"},
+                when=leaves.DURING,
+                shown=False,
+            ),
+        ]
     if contacts:
         shown.append(
             leaves.shapes(
-                "Contacts", FILE, "contact", where={"kind": "contact"}, when=leaves.SINCE, label="name", told=SEEN
+                "Contacts",
+                FILE,
+                "contact",
+                where={"kind": "contact"},
+                when=leaves.SINCE,
+                label="name",
+                told=SEEN,
             )
         )
     if sensors.telling:
         fields = {"kind": ["look", "presence"]}
         shown += [
-            leaves.shapes("Looks and presences", FILE, "field", where=fields, when=leaves.DURING, told=SEEN),
             leaves.shapes(
-                "Barriers", FILE, "barrier", where={"kind": "barrier"}, when=leaves.DURING, label="name", told=SEEN
+                "Looks and presences", FILE, "field", where=fields, when=leaves.DURING, told=SEEN
+            ),
+            leaves.shapes(
+                "Barriers",
+                FILE,
+                "barrier",
+                where={"kind": "barrier"},
+                when=leaves.DURING,
+                label="name",
+                told=SEEN,
             ),
         ]
     if sensors.lines:
         told = [("probability", "Crossed, in the end", "share")]
-        shown.append(leaves.shapes("Lines asked about", FILE, "line", where={"kind": "line"}, label="name", told=told))
+        shown.append(
+            leaves.shapes(
+                "Lines asked about", FILE, "line", where={"kind": "line"}, label="name", told=told
+            )
+        )
     if updates.all:
         shown += _found_so_far(updates)
         shown += [_updates(any(sortie.planned for sortie in updates.sorties)), _scenarios(updates)]
@@ -57,7 +103,9 @@ def search_leaves(
 
 
 def _found_so_far(updates: Updates) -> list[Leaf]:
-    """Return a sentence on what the searches would have found by now; none where nothing was searched."""
+    """Return a sentence on what the searches would have found by now; none where nothing was
+    searched.
+    """
     done = [update.cumulative[-1] for update in updates.all if update.cumulative is not None]
     if not done:
         return []
@@ -70,11 +118,18 @@ def _found_so_far(updates: Updates) -> list[Leaf]:
 def _updates(planned: bool) -> Leaf:
     """Return what each has done; planned: whether some sorties are still to be flown."""
     columns = [
-        ("time", "Time", "time"), ("name", "What", "words"), ("kind", "Kind", "words"),
-        *([("status", "Status", "words")] if planned else []), ("pod", "POD", "share"), ("poc", "POC", "share"),
-        ("pos", "POS", "share"), ("pos_ashore", "of it ashore", "share"), ("pos_cumulative", "POS so far", "share"), ("log_evidence", "ln evidence", "number"),
+        ("time", "Time", "time"),
+        ("name", "What", "words"),
+        ("kind", "Kind", "words"),
+        *([("status", "Status", "words")] if planned else []),
+        ("pod", "POD", "share"),
+        ("poc", "POC", "share"),
+        ("pos", "POS", "share"),
+        ("pos_ashore", "of it ashore", "share"),
+        ("pos_cumulative", "POS so far", "share"),
+        ("log_evidence", "ln evidence", "number"),
         ("ess_after", "Effective particles after", "count"),
-    ]  # fmt: skip
+    ]
     note = "POD: of those inside; POC: probability that it was inside; POS: that it was found. In order of time."
     return leaves.table_leaf(
         "Sorties, contacts and sensors",
@@ -91,9 +146,13 @@ def _scenarios(updates: Updates) -> Leaf:
     """Return the probability of each scenario before and after each update."""
     of_shown = together(updates)
     columns = [("", "Scenario", "words"), ("", "Before", "share")]
-    columns += [("", f"{notation.day_time(update.time)} {update.name}", "share") for update in of_shown.all]
+    columns += [
+        ("", f"{notation.day_time(update.time)} {update.name}", "share") for update in of_shown.all
+    ]
     rows = [
         [name, float(of_shown.prior[k]), *(float(update.posterior[k]) for update in of_shown.all)]
         for k, name in enumerate(of_shown.scenarios)
     ]
-    return leaves.table_leaf("Scenarios", columns, rows=rows, note="Probability of each scenario after each update.")
+    return leaves.table_leaf(
+        "Scenarios", columns, rows=rows, note="Probability of each scenario after each update."
+    )

@@ -11,7 +11,16 @@ import numpy as np
 
 from drift.evidence.filter import crossings
 from drift.evidence.filter import shapes as search_shapes
-from drift.evidence.filter.records import NO_SENSORS, Barrier, Contact, Line, Look, Presence, Sensors, Sortie
+from drift.evidence.filter.records import (
+    NO_SENSORS,
+    Barrier,
+    Contact,
+    Line,
+    Look,
+    Presence,
+    Sensors,
+    Sortie,
+)
 from drift.evidence.filter.updates import Update, Updates, together
 from drift.products.files import formats, geojson
 from geo import notation
@@ -52,13 +61,22 @@ def csv(updates: Updates, run: str) -> str:
 
     run: the run_id for the last column.
 
-    status: of a sortie, "flown" or "planned"; prior and posterior are a scenario's probability before and after the update, bayes_factor its odds after over its
-    odds before. A contact or a sensor has no POD, POC and POS; empty: does not apply, or nothing known.
+    status: of a sortie, "flown" or "planned"; prior and posterior are a scenario's probability
+    before and after the update, bayes_factor its odds after over its odds before. A contact or a
+    sensor has no POD, POC and POS; empty: does not apply, or nothing known.
     """
     rows, status = [], _statuses(updates)
     for number, (update, before) in enumerate(steps(updates), 1):
         factors, pod = bayes_factors(update, before), update.pod
-        columns = [pod, update.poc, update.pos, update.ashore, update.alive, update.cumulative, update.log_evidence]
+        columns = [
+            pod,
+            update.poc,
+            update.pos,
+            update.ashore,
+            update.alive,
+            update.cumulative,
+            update.log_evidence,
+        ]
         for j, scenario in enumerate([*updates.scenarios, ALL]):
             single = j < len(updates.scenarios)
             rows.append(
@@ -93,7 +111,10 @@ def _statuses(updates: Updates) -> dict[str, str]:
 
 def steps(updates: Updates) -> list[tuple[Update, Array]]:
     """Return each update with the probability of each scenario before it."""
-    before = [np.asarray(updates.prior, float), *(np.asarray(update.posterior, float) for update in updates.all)]
+    before = [
+        np.asarray(updates.prior, float),
+        *(np.asarray(update.posterior, float) for update in updates.all),
+    ]
     return list(zip(updates.all, before, strict=False))
 
 
@@ -102,11 +123,16 @@ def bayes_factors(update: Update, before: Array) -> Array:
 
     The odds are those against all others together.
 
-    It is P(seen | scenario) / P(seen | another), the others in proportion to `before`; NaN where there are no others.
+    It is P(seen | scenario) / P(seen | another), the others in proportion to `before`; NaN where
+    there are no others.
     """
     log = np.asarray(update.log_evidence[:-1], float)
     top = log[before > 0].max(initial=-math.inf)
-    like = np.exp(np.where(before > 0, log - top, -math.inf)) if math.isfinite(top) else np.zeros_like(before)
+    like = (
+        np.exp(np.where(before > 0, log - top, -math.inf))
+        if math.isfinite(top)
+        else np.zeros_like(before)
+    )
     factors = np.full(len(before), np.nan)
     for j in range(len(before)):
         others = np.arange(len(before)) != j
@@ -120,8 +146,9 @@ def bayes_factors(update: Update, before: Array) -> Array:
 def summary_of_search(updates: Updates) -> dict[str, Any]:
     """Return the numbers of the search for the summary.
 
-    They are each update, and how the search stands after all of them. Of many scenarios the figures of each update are
-    those of the likeliest, and of all others together; the table of updates (`csv`) has all.
+    They are each update, and how the search stands after all of them. Of many scenarios the figures
+    of each update are those of the likeliest, and of all others together; the table of updates
+    (`csv`) has all.
     """
     names, shown = updates.scenarios, together(updates)
     done = [update for update in shown.all if update.cumulative is not None]
@@ -133,11 +160,16 @@ def summary_of_search(updates: Updates) -> dict[str, Any]:
         "sensors": sum(update.kind not in ("sortie", "contact") for update in updates.all),
         "cumulative_pos": _by_scenario(shown.scenarios, done[-1].cumulative if done else None),
         "scenarios": {
-            name: {"prior": float(updates.prior[j]), "posterior": float(last[j])} for j, name in enumerate(names)
+            name: {"prior": float(updates.prior[j]), "posterior": float(last[j])}
+            for j, name in enumerate(names)
         },
         "log_evidence": updates.log_evidence,
         "distinct": updates.all[-1].distinct if updates.all else 1.0,
-        **({"lines": crossings.summary_of_crossings(updates.crossings)} if updates.crossings else {}),
+        **(
+            {"lines": crossings.summary_of_crossings(updates.crossings)}
+            if updates.crossings
+            else {}
+        ),
     }
 
 
@@ -172,7 +204,9 @@ def _update(updates: Updates, update: Update, before: Array) -> dict[str, Any]:
 
 
 def _by_scenario(names: Sequence[str], values: Array | None) -> dict[str, Any] | None:
-    """Return figures under "all" and, by name, under "scenarios": a scenario may itself be called "all"."""
+    """Return figures under "all" and, by name, under "scenarios": a scenario may itself be called
+    "all".
+    """
     if values is None:
         return None
     figures = [float(v) for v in values]
@@ -186,19 +220,25 @@ def shapes(
     attributes: Mapping[str, Any],
     sensors: Sensors = NO_SENSORS,
 ) -> dict[str, Any]:
-    """Return areas, legs as flown, contacts, fields and lines as a GeoJSON FeatureCollection (RFC 7946).
+    """Return areas, legs as flown, contacts, fields and lines as a GeoJSON FeatureCollection (RFC
+    7946).
 
     Shapes are cut at the antimeridian. Of many scenarios only the likeliest are told by name.
 
-    A feature's `shape` says what it is: area (at the sortie's start), legs, transit, zones (at its end), point (where what stands
-    still stands), or of a contact point, region or line, of a look or a presence field, of a barrier or a line line. What drifts with a marker is where it was over the ground if the marker's track is
-    known.
+    A feature's `shape` says what it is: area (at the sortie's start), legs, transit, zones (at its
+    end), point (where what stands still stands), or of a contact point, region or line, of a look
+    or a presence field, of a barrier or a line line. What drifts with a marker is where it was over
+    the ground if the marker's track is known.
     """
     updates, of_case = together(updates), updates
     taken = {(update.kind, update.name): update for update in updates.all}
     features = []
     for sortie in sorties:
-        widths = {n: w for n, w in zip(of_case.scenarios, sortie.sweep_width, strict=True) if n in updates.scenarios}
+        widths = {
+            n: w
+            for n, w in zip(of_case.scenarios, sortie.sweep_width, strict=True)
+            if n in updates.scenarios
+        }
         properties = _sortie(sortie, taken.get(("sortie", sortie.name)), updates.scenarios, widths)
         if (ring := search_shapes.searched(sortie)) is not None:
             features.append(_feature(search_shapes.polygon([ring]), "area", properties))
@@ -239,7 +279,10 @@ def _sensor(what: Look | Presence | Barrier | Line, updates: Updates) -> dict[st
     kind = type(what).__name__.lower()
     properties: dict[str, Any] = {"name": what.name, "kind": kind}
     if isinstance(what, Look):
-        properties |= {"time": notation.iso(what.time), "sees": "something" if what.positive else "nothing"}
+        properties |= {
+            "time": notation.iso(what.time),
+            "sees": "something" if what.positive else "nothing",
+        }
     elif not isinstance(what, Line):
         properties |= {"start": notation.iso(what.start), "end": notation.iso(what.end)}
     if isinstance(what, Presence):
@@ -248,7 +291,9 @@ def _sensor(what: Look | Presence | Barrier | Line, updates: Updates) -> dict[st
         properties["reported"] = None if what.reported is None else notation.iso(what.reported)
     if isinstance(what, Line):
         told = updates.crossings.all if updates.crossings else ()
-        properties["probability"] = next((float(c.probability[-1]) for c in told if c.line == what), None)
+        properties["probability"] = next(
+            (float(c.probability[-1]) for c in told if c.line == what), None
+        )
     else:
         update = next((u for u in updates.all if (u.kind, u.name) == (kind, what.name)), None)
         properties["log_evidence"] = _finite(update.log_evidence[-1]) if update else None
@@ -278,7 +323,9 @@ def _sortie(
         "completed": sortie.completed,
         "sweep_width_nmi": {name: width / NMI for name, width in widths.items()},
     }
-    for name, values in () if update is None else (("pod", update.pod), ("poc", update.poc), ("pos", update.pos)):
+    for name, values in (
+        () if update is None else (("pod", update.pod), ("poc", update.poc), ("pos", update.pos))
+    ):
         properties[name] = None if values is None else _finite(values[-1])
         properties[f"{name}_by_scenario"] = (
             None if values is None else dict(zip(scenarios, map(_finite, values[:-1]), strict=True))

@@ -1,4 +1,6 @@
-"""When each unit can search where: from its arrival on, by daylight, until its endurance or the plan ends."""
+"""When each unit can search where: from its arrival on, by daylight, until its endurance or the
+plan ends.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +15,8 @@ from geo import notation, sphere
 from geo.array import Array
 
 MARGIN = 5.0  # [s] by which legs in whole seconds on the sphere may take longer than on the plane
-SHARE = 0.85  # of the endurance on scene that is search (Joint Pub 3-50, National Search and Rescue Supplement)
+# of the endurance on scene that is search (Joint Pub 3-50, National Search and Rescue Supplement)
+SHARE = 0.85
 
 
 def moment(time: float) -> np.datetime64:
@@ -39,7 +42,9 @@ class Availability:
         return np.asarray(self.leaves + way / self.transit_speed)
 
     def slot(self, earliest: npt.ArrayLike) -> tuple[Array, Array]:
-        """Return when a search begins that may not begin before `earliest`, and how long [s] it lasts, 0 for none."""
+        """Return when a search begins that may not begin before `earliest`, and how long [s] it
+        lasts, 0 for none.
+        """
         earliest = np.asarray(earliest, np.float64)
         start, length = earliest.copy(), np.zeros(earliest.shape)
         free = np.ones(earliest.shape, bool)
@@ -51,14 +56,20 @@ class Availability:
         return start, length
 
     def within(self, begin: Array, end: Array, arrival: Array) -> Array:
-        """Return how long [s] between two times the unit can search at a place where it arrives at `arrival`."""
+        """Return how long [s] between two times the unit can search at a place where it arrives at
+        `arrival`.
+        """
         total = np.zeros(np.broadcast_shapes(np.shape(begin), np.shape(arrival)))
         for first, last in self.spans:
-            total += np.maximum(np.minimum(end, last) - np.maximum(np.maximum(begin, first), arrival), 0.0)
+            total += np.maximum(
+                np.minimum(end, last) - np.maximum(np.maximum(begin, first), arrival), 0.0
+            )
         return total
 
 
-def of_unit(unit: Unit, spec: PlanSpec, place: tuple[float, float], after: float | None = None) -> Availability:
+def of_unit(
+    unit: Unit, spec: PlanSpec, place: tuple[float, float], after: float | None = None
+) -> Availability:
     """Return the availability of a unit.
 
     place: (lon, lat) [rad] whose daylight counts; after: earliest departure.
@@ -67,8 +78,12 @@ def of_unit(unit: Unit, spec: PlanSpec, place: tuple[float, float], after: float
     leaves = max(begin, float(notation.epoch(unit.ready)), after if after is not None else -np.inf)
     spans = [(begin, until)]
     if unit.daylight:
-        spans = daylight.windows(begin, until, float(np.degrees(place[0])), float(np.degrees(place[1])))
+        spans = daylight.windows(
+            begin, until, float(np.degrees(place[0])), float(np.degrees(place[1]))
+        )
     if laws.formulas_of(unit.law).detects != "anywhere":  # a search without legs needs no margin
         spans = [(first, last - MARGIN) for first, last in spans if last - first > MARGIN]
     base = tuple(float(v) for v in np.radians(unit.base))
-    return Availability((base[0], base[1]), leaves, unit.transit_speed, tuple(spans), SHARE * unit.endurance)
+    return Availability(
+        (base[0], base[1]), leaves, unit.transit_speed, tuple(spans), SHARE * unit.endurance
+    )

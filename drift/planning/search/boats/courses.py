@@ -1,8 +1,10 @@
-"""The ways of a boat: out of harbour, to where it searches, round what lies across its legs, and home.
+"""The ways of a boat: out of harbour, to where it searches, round what lies across its legs, and
+home.
 
-A boat keeps its distance from the shore and from water that is too shallow for it, except in harbour. From a base that
-is too near to land it takes the shortest way to the sea where it can keep its distance. From a base that is land on the
-coast it starts at the nearest water within HARBOUR. Aircraft fly straight and need nothing of this.
+A boat keeps its distance from the shore and from water that is too shallow for it, except in
+harbour. From a base that is too near to land it takes the shortest way to the sea where it can keep
+its distance. From a base that is land on the coast it starts at the nearest water within HARBOUR.
+Aircraft fly straight and need nothing of this.
 """
 
 import math
@@ -23,10 +25,13 @@ from geo.box import Box
 from geo.polyline import LonLat
 
 HARBOUR = 1852.0  # [m] largest distance from a boat's base to the water where it starts
-ROOM = 0.56  # margin of the region, in longest straight ways: ways up to half as long again (an ellipse) fit into it
+# margin of the region, in longest straight ways: ways up to half as long again (an ellipse) fit
+# into it
+ROOM = 0.56
 LEAST_ROOM = 5_000.0  # [m] smallest margin of the region
 SCRAP = 100.0  # [m] shorter pieces of legs are left out
-FAR_ROUND = 3.0  # ways to the next piece longer than FAR_ROUND straight ways and ROUND_MORE are not looked for
+# ways to the next piece longer than FAR_ROUND straight ways and ROUND_MORE are not looked for
+FAR_ROUND = 3.0
 ROUND_MORE = 4_000.0  # [m]
 SEAM = 0.01  # [m] width of gaps that rounding may leave between tiles of the barrier
 SAMPLES = 7  # along each side of a rectangle, to estimate how much of it is sea
@@ -34,15 +39,18 @@ SAMPLES = 7  # along each side of a rectangle, to estimate how much of it is sea
 
 @dataclass(frozen=True)
 class Harbour:
-    """A place from which a boat sets out, or to which it returns, and the distances of all nodes from it.
+    """A place from which a boat sets out, or to which it returns, and the distances of all nodes
+    from it.
 
-    approach: way from the first point in the water to where the boat can keep its distance; it has at least this point.
+    approach: way from the first point in the water to where the boat can keep its distance; it has
+    at least this point.
     """
 
     place: LonLat
     approach: Array  # (k, 2) [m]
     ashore: float  # [m] from the place to the first point of the approach
-    close: float  # [m] length of the approach, which is nearer to land, or shallower, than the boat keeps
+    # [m] length of the approach, which is nearer to land, or shallower, than the boat keeps
+    close: float
     far: Array  # (nodes,) [m] from the place
     before: Array  # (nodes,) the node before each on the way from the place
     filled: Array  # (ny, nx) [m] the distances, also at nodes on land
@@ -71,7 +79,8 @@ class Course:
         x, y = self.sea.plane.flat(lon, lat)
         ny, nx = self.sea.open.shape
         column, row = (
-            np.rint((v - w) / self.sea.step).astype(int) for v, w in ((x, self.sea.west), (y, self.sea.south))
+            np.rint((v - w) / self.sea.step).astype(int)
+            for v, w in ((x, self.sea.west), (y, self.sea.south))
         )
         inside = (column >= 0) & (column < nx) & (row >= 0) & (row < ny)
         distance_there = self.out.far[np.clip(row, 0, ny - 1) * nx + np.clip(column, 0, nx - 1)]
@@ -88,22 +97,31 @@ class Sailed:
     elapsed: Array  # (k,) [s] since the first point
     cut: tuple[int, ...]  # numbers of the given legs that are cut or left out, from 0
     out: float  # [m] upper bound of the way from the base to the first point
-    home: float  # [m] upper bound of the way from the last point to where the boat returns; inf without a way
+    # [m] upper bound of the way from the last point to where the boat returns; inf without a way
+    home: float
 
 
 def prepare(
-    unit: Unit, land: Callable[[Box], Array], places: Array, shallow: Callable[[Box], Array] | None = None
+    unit: Unit,
+    land: Callable[[Box], Array],
+    places: Array,
+    shallow: Callable[[Box], Array] | None = None,
 ) -> tuple[Course | None, str]:
     """Return a boat's course to where it may have to search, and remarks on it.
 
-    Returns None where no land is near. land: returns the polygons [deg] of the land in a box; shallow: those of the
-    water that is too shallow for the boat; places: (n, 2) lon, lat [deg] of the region that it may search. Raises
-    ValueError, with a message for users, where the boat cannot get there by sea.
+    Returns None where no land is near. land: returns the polygons [deg] of the land in a box;
+    shallow: those of the water that is too shallow for the boat; places: (n, 2) lon, lat [deg] of
+    the region that it may search. Raises ValueError, with a message for users, where the boat
+    cannot get there by sea.
     """
     ends = np.array([unit.base, unit.return_to])
     lonlat = np.radians(np.concatenate([ends, places]))
     vector = np.stack(
-        [np.cos(lonlat[:, 1]) * np.cos(lonlat[:, 0]), np.cos(lonlat[:, 1]) * np.sin(lonlat[:, 0]), np.sin(lonlat[:, 1])]
+        [
+            np.cos(lonlat[:, 1]) * np.cos(lonlat[:, 0]),
+            np.cos(lonlat[:, 1]) * np.sin(lonlat[:, 0]),
+            np.sin(lonlat[:, 1]),
+        ]
     )
     x, y, z = vector.mean(axis=1)
     plane = Plane(math.atan2(y, x), math.atan2(z, math.hypot(x, y)))
@@ -118,20 +136,26 @@ def prepare(
         return None, ""
     inshore = sea
     if sea.keeps > seas.CLEAR or (shoals is not None and len(shoals)):
-        inshore = seas.build_sea(polygons, region) or seas.build_sea(polygons, region, 0.0, shoals) or sea
+        inshore = (
+            seas.build_sea(polygons, region) or seas.build_sea(polygons, region, 0.0, shoals) or sea
+        )
     main = _main(sea, flat[2:])
     out = home = _harbour(sea, inshore, unit.base, main)
     sentences = [_remarks("leaves", out, sea)]
     if unit.return_to != unit.base:
         home = _harbour(sea, inshore, unit.return_to, main)
         sentences.append(_remarks("returns to", home, sea))
-    return Course(sea, out, home, region.box), " ".join(sentence for sentence in sentences if sentence)
+    return Course(sea, out, home, region.box), " ".join(
+        sentence for sentence in sentences if sentence
+    )
 
 
 def _main(sea: Sea, targets: Array) -> Array:
     """Return the nodes of the water in which most of some places [m] lie, bool (nodes,)."""
     ny, nx = sea.open.shape
-    column, row = (np.rint((targets[:, k] - (sea.west, sea.south)[k]) / sea.step).astype(int) for k in (0, 1))
+    column, row = (
+        np.rint((targets[:, k] - (sea.west, sea.south)[k]) / sea.step).astype(int) for k in (0, 1)
+    )
     node = np.clip(row, 0, ny - 1) * nx + np.clip(column, 0, nx - 1)
     node = node[sea.open.ravel()[node]]
     part = np.bincount(sea.part[node]) if node.size else np.bincount(sea.part[sea.open.ravel()])
@@ -141,14 +165,22 @@ def _main(sea: Sea, targets: Array) -> Array:
 def _harbour(sea: Sea, inshore: Sea, place: LonLat, main: Array) -> Harbour:
     """Return a harbour; raise ValueError where it has no way to the water of `main`."""
     point = sea.flat(*np.array([place]).T)[0]
-    node, approach, ashore = seas.nearest_visible_node(sea, np.where(main, 0.0, np.inf), point), point[None], 0.0
+    node, approach, ashore = (
+        seas.nearest_visible_node(sea, np.where(main, 0.0, np.inf), point),
+        point[None],
+        0.0,
+    )
     if node is None:
         # The way may lead through waters in which the boat cannot keep its distance.
         navigable = np.isin(inshore.part, np.unique(inshore.part[main])) & inshore.open.ravel()
         node = seas.nearest_visible_node(inshore, np.where(navigable, 0.0, np.inf), point)
         if node is None:
             node = _nearest(inshore, navigable, point)
-            ashore = math.inf if node is None else float(seas.apart(sea, point[None], _node(sea, node)[None])[0])
+            ashore = (
+                math.inf
+                if node is None
+                else float(seas.apart(sea, point[None], _node(sea, node)[None])[0])
+            )
             if node is None or ashore > max(HARBOUR, 3 * sea.step):
                 raise ValueError(
                     f"no way by sea leads from {notation.position(*place)} to where it is to search: the nearest water "
@@ -157,7 +189,9 @@ def _harbour(sea: Sea, inshore: Sea, place: LonLat, main: Array) -> Harbour:
             approach = _node(sea, node)[None]
         far, before = seas.distances(inshore, node)
         gate = int(np.argmin(np.where(main, far, np.inf)))
-        approach = seas.pulled_taut(inshore, np.concatenate([approach, seas.along(inshore, before, gate)]))
+        approach = seas.pulled_taut(
+            inshore, np.concatenate([approach, seas.along(inshore, before, gate)])
+        )
         node = gate
     narrow = seas.length(sea, approach)
     straight = float(np.hypot(*(_node(sea, node) - approach[-1])))
@@ -165,7 +199,9 @@ def _harbour(sea: Sea, inshore: Sea, place: LonLat, main: Array) -> Harbour:
     far = far + (ashore + narrow + straight)
     # Where nothing is in the way, the straight line is shorter than the way over the nodes.
     direct = ashore + narrow + np.hypot(*(sea.nodes - approach[-1]).T)
-    lengths = np.where(np.isfinite(far) & seas.visible_nodes(sea, approach[-1]), np.minimum(far, direct), far)
+    lengths = np.where(
+        np.isfinite(far) & seas.visible_nodes(sea, approach[-1]), np.minimum(far, direct), far
+    )
     return Harbour(place, approach, ashore, narrow, far, before, seas.filled(sea, lengths))
 
 
@@ -214,11 +250,14 @@ def way(course: Course, harbour: Harbour, point: LonLat) -> Array | None:
     return _unwrapped(sea.round(np.concatenate([harbour.approach[:-1], path])))
 
 
-def out_and_home(course: Course, first: LonLat, last: LonLat) -> tuple[tuple[LonLat, ...], tuple[LonLat, ...]]:
-    """Return the ways from the base to a first position [deg], and from a last one to where a boat returns.
+def out_and_home(
+    course: Course, first: LonLat, last: LonLat
+) -> tuple[tuple[LonLat, ...], tuple[LonLat, ...]]:
+    """Return the ways from the base to a first position [deg], and from a last one to where a boat
+    returns.
 
-    Where the boat cannot get to a position (as to the centre, on an island, of an area without legs), the way leads to
-    the nearest place where it can get.
+    Where the boat cannot get to a position (as to the centre, on an island, of an area without
+    legs), the way leads to the nearest place where it can get.
     """
     ways = []
     for harbour, place in ((course.out, first), (course.home, last)):
@@ -240,12 +279,17 @@ def distance(course: Course, harbour: Harbour, point: LonLat) -> float:
 
 
 def distances(course: Course, harbour: Harbour, points: Array) -> Array:
-    """Return upper bounds [m] of the ways from a harbour to points (n, 2) [m], (n,); inf without a way."""
+    """Return upper bounds [m] of the ways from a harbour to points (n, 2) [m], (n,); inf without a
+    way.
+    """
     sea, gate = course.sea, harbour.approach[-1]
     nodes = [seas.nodes_near(sea, harbour.far, point) for point in points]
     # For each point the straight way and the ways over nodes near by are tried.
     counts = np.array([len(node) for node in nodes], int)
-    node, own = np.concatenate([np.empty(0, int), *nodes]), np.repeat(np.arange(len(points)), counts)
+    node, own = (
+        np.concatenate([np.empty(0, int), *nodes]),
+        np.repeat(np.arange(len(points)), counts),
+    )
     places, numbers = np.concatenate([points, sea.at(node), gate[None]]), np.arange(len(points))
     begin = np.concatenate([np.full(len(points), len(places) - 1), own])
     end = np.concatenate([numbers, len(points) + np.arange(len(node))])
@@ -254,36 +298,50 @@ def distances(course: Course, harbour: Harbour, points: Array) -> Array:
     lengths = harbour.far[node] + np.hypot(*(places[end[len(points) :]] - points[own]).T)
     np.minimum.at(shortest, own, np.where(visible[len(points) :], lengths, math.inf))
     straight = visible[: len(points)] & np.isfinite(shortest)
-    return np.where(straight, harbour.ashore + harbour.close + np.hypot(*(points - gate).T), shortest)
+    return np.where(
+        straight, harbour.ashore + harbour.close + np.hypot(*(points - gate).T), shortest
+    )
 
 
 def crosses(course: Course, lon: Array, lat: Array) -> bool:
     """Whether legs through points [deg] may come near to land, or lead out of the region."""
     points = course.sea.flat(lon, lat)
     hull = shapely.MultiPoint(points).convex_hull
-    return not course.sea.holds(points) or bool(course.sea.tree.query(hull, predicate="intersects").size)
+    return not course.sea.holds(points) or bool(
+        course.sea.tree.query(hull, predicate="intersects").size
+    )
 
 
 def sail(
-    course: Course, several: Sequence[tuple[Array, Array]], search_speed: float, transit_speed: float
+    course: Course,
+    several: Sequence[tuple[Array, Array]],
+    search_speed: float,
+    transit_speed: float,
 ) -> list[Sailed | None]:
     """Return the legs of several searches as a boat can sail them.
 
-    Returns None for a search of which it can sail none. several: points (lon, lat) [deg] of each search. A piece of a
-    leg is left out where it is shorter than SCRAP, where going to it takes longer than searching it, and where no way
-    to it is near.
+    Returns None for a search of which it can sail none. several: points (lon, lat) [deg] of each
+    search. A piece of a leg is left out where it is shorter than SCRAP, where going to it takes
+    longer than searching it, and where no way to it is near.
     """
     sea = course.sea
     flat = [sea.flat(*points) for points in several]
     legs = _pieces(sea, [points if sea.holds(points) else points[:0] for points in flat])
     cut = [{k for k, (_, whole) in enumerate(pieces) if not whole} for pieces in legs]
     parts = [
-        [(k, piece) for k, (ends, _) in enumerate(pieces) for piece in ends if len(ends) == 1 or _size(piece) >= SCRAP]
+        [
+            (k, piece)
+            for k, (ends, _) in enumerate(pieces)
+            for piece in ends
+            if len(ends) == 1 or _size(piece) >= SCRAP
+        ]
         for pieces in legs
     ]
     out = np.full(len(several), math.inf)
     while unreached := [n for n, pieces in enumerate(parts) if pieces and math.isinf(out[n])]:
-        out[unreached] = distances(course, course.out, np.array([parts[n][0][1][0] for n in unreached]))
+        out[unreached] = distances(
+            course, course.out, np.array([parts[n][0][1][0] for n in unreached])
+        )
         for n in unreached:
             if math.isinf(out[n]):
                 cut[n].add(parts[n].pop(0)[0])
@@ -304,11 +362,16 @@ def sail(
         searched = np.array(searching)
         position = _unwrapped(sea.round(np.concatenate(points)))
         steps = sphere.distance(*np.radians(position[:-1].T), *np.radians(position[1:].T))
-        # Times are whole seconds, as in a case file, so that the plan that is scored is the one that is written.
-        durations = np.maximum(np.ceil(steps / np.where(searched, search_speed, transit_speed)), 1.0)
+        # Times are whole seconds, as in a case file, so that the plan that is scored is the one
+        # that is written.
+        durations = np.maximum(
+            np.ceil(steps / np.where(searched, search_speed, transit_speed)), 1.0
+        )
         elapsed = np.concatenate([[0.0], np.cumsum(durations)])
         lon, lat = position.T
-        result[n] = Sailed(lon, lat, searched, elapsed, tuple(sorted(cut[n])), float(out[n]), float(home[n]))
+        result[n] = Sailed(
+            lon, lat, searched, elapsed, tuple(sorted(cut[n])), float(out[n]), float(home[n])
+        )
     return result
 
 
@@ -317,20 +380,24 @@ def _size(piece: Array) -> float:
     return float(np.hypot(*(piece[1] - piece[0])))
 
 
-def _between(sea: Sea, several: Sequence[Sequence[tuple[int, Array]]], speeds: float) -> list[list[tuple[int, Array]]]:
+def _between(
+    sea: Sea, several: Sequence[Sequence[tuple[int, Array]]], speeds: float
+) -> list[list[tuple[int, Array]]]:
     """Return for each search the numbers of the pieces after its first, and the ways to them.
 
-    The ways are (k, 2) [m]. several: of each search, the number of the leg and the ends (2, 2) [m] of each piece;
-    speeds: speed of transit over that of search.
+    The ways are (k, 2) [m]. several: of each search, the number of the leg and the ends (2, 2) [m]
+    of each piece; speeds: speed of transit over that of search.
     """
     pieces = [piece for parts in several for _, piece in parts]
     search = [n for n, parts in enumerate(several) for _ in parts]
     leg = [k for parts in several for k, _ in parts]
-    far = [_size(piece) * speeds for piece in pieces]  # longest way for which it is worth going to search a piece
+    # longest way for which it is worth going to search a piece
+    far = [_size(piece) * speeds for piece in pieces]
     first = np.cumsum([0, *(len(parts) for parts in several)])
     ways_known: dict[tuple[int, int], Array | None] = {}
     while True:
-        # A piece counts as reached until it is known that it is not, so that many ways are computed at a time.
+        # A piece counts as reached until it is known that it is not, so that many ways are computed
+        # at a time.
         links, last = [], 0
         for j in range(1, len(pieces)):
             gap = math.dist(pieces[last][1], pieces[j][0])
@@ -342,12 +409,18 @@ def _between(sea: Sea, several: Sequence[Sequence[tuple[int, Array]]], speeds: f
         asked = [link for link in links if link[:2] not in ways_known]
         if not asked:
             break
-        begin, end = np.array([pieces[i][1] for i, _, _ in asked]), np.array([pieces[j][0] for _, j, _ in asked])
+        begin, end = (
+            np.array([pieces[i][1] for i, _, _ in asked]),
+            np.array([pieces[j][0] for _, j, _ in asked]),
+        )
         straight = np.array([link[2] for link in asked])
         most = np.minimum(FAR_ROUND * straight + ROUND_MORE, [far[j] for _, j, _ in asked])
-        ways = seas.short_ways(sea, begin, end, most, np.array([leg[i] == leg[j] for i, j, _ in asked]))
+        ways = seas.short_ways(
+            sea, begin, end, most, np.array([leg[i] == leg[j] for i, j, _ in asked])
+        )
         for k, (i, j, _) in enumerate(asked):
-            ways_known[i, j] = ways[k] if straight[k] > 1.0 else begin[k : k + 1]  # else the pieces touch
+            # else the pieces touch
+            ways_known[i, j] = ways[k] if straight[k] > 1.0 else begin[k : k + 1]
     result: list[list[tuple[int, Array]]] = [[] for _ in several]
     for i, j, _ in links:
         way = ways_known[i, j]
@@ -357,7 +430,8 @@ def _between(sea: Sea, several: Sequence[Sequence[tuple[int, Array]]], speeds: f
 
 
 def _pieces(sea: Sea, several: Sequence[Array]) -> list[list[tuple[list[Array], bool]]]:
-    """Return for each leg of each search its clear pieces, by their ends (2, 2) [m], and whether it is whole.
+    """Return for each leg of each search its clear pieces, by their ends (2, 2) [m], and whether it
+    is whole.
 
     several: points (n, 2) [m] of each search.
     """
@@ -369,10 +443,13 @@ def _pieces(sea: Sea, several: Sequence[Array]) -> list[list[tuple[list[Array], 
     leg_of, x, y = seas.great_circles(sea, np.concatenate(several), number, number + 1)
     lines = shapely.linestrings(np.column_stack(sea.plane.flat(x, y)), indices=leg_of)
     leg, tile = sea.tree.query(lines, predicate="intersects")
-    dry, dry_leg = shapely.get_parts(shapely.intersection(lines[leg], sea.skin[tile]), return_index=True)
+    dry, dry_leg = shapely.get_parts(
+        shapely.intersection(lines[leg], sea.skin[tile]), return_index=True
+    )
     dry_leg, dry = leg[dry_leg[shapely.get_type_id(dry) == 1]], dry[shapely.get_type_id(dry) == 1]
     ends = [shapely.line_locate_point(lines[dry_leg], shapely.get_point(dry, k)) for k in (0, -1)]
-    bounds = [[0.0, float(length)] for length in shapely.length(lines)]  # along each leg, begins and ends of its pieces
+    # along each leg, begins and ends of its pieces
+    bounds = [[0.0, float(length)] for length in shapely.length(lines)]
     for k in np.unique(dry_leg):
         of_leg = dry_leg == k
         first, last = np.minimum(*ends)[of_leg], np.maximum(*ends)[of_leg]
@@ -381,8 +458,12 @@ def _pieces(sea: Sea, several: Sequence[Array]) -> list[list[tuple[list[Array], 
         end = np.append(first[order], bounds[k][1])
         bounds[k] = np.column_stack([begin, end])[end - begin > SEAM].ravel().tolist()
     line = np.repeat(lines, [len(pairs) for pairs in bounds])
-    points = shapely.get_coordinates(shapely.line_interpolate_point(line, np.concatenate(bounds))).reshape(-1, 2, 2)
-    for k, of_leg in enumerate(np.split(points, np.cumsum([len(pairs) // 2 for pairs in bounds])[:-1])):
+    points = shapely.get_coordinates(
+        shapely.line_interpolate_point(line, np.concatenate(bounds))
+    ).reshape(-1, 2, 2)
+    for k, of_leg in enumerate(
+        np.split(points, np.cumsum([len(pairs) // 2 for pairs in bounds])[:-1])
+    ):
         legs[search[number[k]]].append((list(of_leg), not (dry_leg == k).any()))
     return legs
 
@@ -393,14 +474,20 @@ def _unwrapped(place: Array) -> Array:
 
 
 def on_land(polygons: Array, lon: npt.ArrayLike, lat: npt.ArrayLike) -> float:
-    """Return how many metres of great circles through positions [deg] lie on land, given as polygons [deg]."""
+    """Return how many metres of great circles through positions [deg] lie on land, given as
+    polygons [deg].
+    """
     x, y = sphere.track(np.radians(lon), np.radians(lat), 500.0)
     x = np.degrees(np.unwrap(x))
     line = np.column_stack([x, np.degrees(y)])
     total = 0.0
     for turn in (-360.0, 0.0, 360.0):
         way = shapely.LineString(line + np.array([turn, 0.0]))
-        candidates = polygons[shapely.intersects(shapely.box(*way.bounds), polygons)] if len(polygons) else polygons
+        candidates = (
+            polygons[shapely.intersects(shapely.box(*way.bounds), polygons)]
+            if len(polygons)
+            else polygons
+        )
         overlap = shapely.intersection(way, candidates)
         for part in shapely.get_parts(shapely.get_parts(overlap)):
             a = np.radians(np.array(part.coords))

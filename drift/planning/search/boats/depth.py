@@ -1,8 +1,8 @@
 """Where water is too shallow for a boat: from a grid of depths or elevations in a netCDF file.
 
-Between the points of the grid water is taken to be as shallow as the shallowest of the four round it, and shallow where
-one has no value: never deeper than the grid says. Beyond the grid nothing is known, and nothing is shut. Tides are not
-known: depths are below the datum of the grid.
+Between the points of the grid water is taken to be as shallow as the shallowest of the four round
+it, and shallow where one has no value: never deeper than the grid says. Beyond the grid nothing is
+known, and nothing is shut. Tides are not known: depths are below the datum of the grid.
 """
 
 from typing import Any
@@ -22,7 +22,9 @@ DOWN = ("depth", "bathymetry")
 
 
 def shoals(source: Depth, box: Box, draught: float) -> Array:
-    """Return polygons [deg] of what is shallower than a draught [m] in a box, or not known within the grid."""
+    """Return polygons [deg] of what is shallower than a draught [m] in a box, or not known within
+    the grid.
+    """
     try:
         with dataset.open_local(source.file) as data:
             lon, lat, depth = _grid(data, source)
@@ -33,7 +35,9 @@ def shoals(source: Depth, box: Box, draught: float) -> Array:
             rows = np.flatnonzero((lat >= box.south) & (lat <= box.north))
             if len(rows) < 2 or len(columns) < 2:
                 return np.empty(0, object)
-            values = np.asarray(depth.isel({depth.dims[0]: rows, depth.dims[1]: columns}).values, np.float64)
+            values = np.asarray(
+                depth.isel({depth.dims[0]: rows, depth.dims[1]: columns}).values, np.float64
+            )
     except (OSError, ValueError, KeyError, RuntimeError) as error:
         raise UserError(
             f'[depth]: "{source.file}" cannot be read ({str(error).splitlines()[0]}); give a netCDF grid'
@@ -44,7 +48,8 @@ def shoals(source: Depth, box: Box, draught: float) -> Array:
     cell = shallow[:-1, :-1] | shallow[1:, :-1] | shallow[:-1, 1:] | shallow[1:, 1:]
     x, y = lon[columns], lat[rows]
     step = np.median(np.diff(x))
-    cell &= (np.diff(x) < 2.5 * step)[None, :]  # over a gap between the grid's ends nothing is known
+    # over a gap between the grid's ends nothing is known
+    cell &= (np.diff(x) < 2.5 * step)[None, :]
     edge = np.diff(np.pad(cell, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     row, first = np.nonzero(edge == 1)
     last = np.nonzero(edge == -1)[1]
@@ -56,7 +61,9 @@ def _grid(data: Any, source: Depth) -> tuple[Array, Array, Any]:
     """Return longitudes, latitudes [deg] and the variable, (lat, lon)."""
     axes = {}
     for name, letters in (("lat", "lat"), ("lon", "lon")):
-        candidates = [c for c in data.variables if str(c).lower().startswith(letters) and data[c].ndim == 1]
+        candidates = [
+            c for c in data.variables if str(c).lower().startswith(letters) and data[c].ndim == 1
+        ]
         if len(candidates) != 1:
             raise UserError(
                 f'[depth]: "{source.file}" has no one-dimensional {name}; give a grid on latitude and longitude'
@@ -67,7 +74,9 @@ def _grid(data: Any, source: Depth) -> tuple[Array, Array, Any]:
     name = source.variable or (known[0] if len(known) == 1 else "")
     if name not in known:
         said = (
-            f'no variable "{source.variable}"' if source.variable else f"{len(known)} variables, and variable says none"
+            f'no variable "{source.variable}"'
+            if source.variable
+            else f"{len(known)} variables, and variable says none"
         )
         raise UserError(
             f'[depth]: "{source.file}": {said}; those on its latitude and longitude: {", ".join(known) or "none"}'
@@ -78,7 +87,10 @@ def _grid(data: Any, source: Depth) -> tuple[Array, Array, Any]:
 
 def _sign(variable: Any, source: Depth) -> str:
     """Return whether a variable counts up or down from the sea's surface."""
-    words = " ".join(str(variable.attrs.get(key, "")) for key in ("standard_name", "long_name")) + f" {variable.name}"
+    words = (
+        " ".join(str(variable.attrs.get(key, "")) for key in ("standard_name", "long_name"))
+        + f" {variable.name}"
+    )
     positive: str = source.positive or str(variable.attrs.get("positive", "")).lower()
     if positive in ("up", "down"):
         return positive

@@ -1,4 +1,6 @@
-"""The boats of a plan on the coast of its case: their ways by sea, and that none of these lies on land."""
+"""The boats of a plan on the coast of its case: their ways by sea, and that none of these lies on
+land.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -34,12 +36,18 @@ class Fleet:
 
 
 def prepare(case: Case, where: Environment, tracks: Tracks) -> Fleet:
-    """Return the boats of a case, with their ways to wherever its particles are in the time of the plan."""
+    """Return the boats of a case, with their ways to wherever its particles are in the time of the
+    plan.
+    """
     land = partial(shown, case, where)
     ways: dict[str, Course] = {}
     said, units = [], []
     for unit in case.units:
-        places = _places(unit, case.plan, tracks) if unit.afloat and case.coast.source != "none" else np.empty((0, 2))
+        places = (
+            _places(unit, case.plan, tracks)
+            if unit.afloat and case.coast.source != "none"
+            else np.empty((0, 2))
+        )
         if len(places):
             try:
                 course, words = courses.prepare(unit, land, places, _shoals(case, unit))
@@ -55,7 +63,9 @@ def prepare(case: Case, where: Environment, tracks: Tracks) -> Fleet:
 
 
 def _shoals(case: Case, unit: Unit) -> Callable[[Box], Array] | None:
-    """Return a function that tells where it is too shallow for a boat, None if that does not matter."""
+    """Return a function that tells where it is too shallow for a boat, None if that does not
+    matter.
+    """
     if case.depth is None or unit.draught == 0:
         return None
     return partial(_shallow, case.depth, unit.draught)
@@ -66,7 +76,9 @@ def _shallow(source: Depth, draught: float, box: Box) -> Array:
 
 
 def _places(unit: Unit, spec: PlanSpec, tracks: Tracks) -> Array:
-    """Return positions (n, 2) [deg] of particles that a boat could reach by the plan's end on a straight way."""
+    """Return positions (n, 2) [deg] of particles that a boat could reach by the plan's end on a
+    straight way.
+    """
     some = planning_tracks.coarser(tracks, 6)
     lon, lat = (v[:, some.weight > 0].ravel() * sphere.UNIT for v in (some.lon, some.lat))
     far = sphere.distance(math.radians(unit.base[0]), math.radians(unit.base[1]), lon, lat)
@@ -77,12 +89,15 @@ def _places(unit: Unit, spec: PlanSpec, tracks: Tracks) -> Array:
 
 
 def shown(case: Case, where: Environment, box: Box) -> Array:
-    """Return the land of a case in a box: that of the run, or read again if the box reaches beyond it."""
+    """Return the land of a case in a box: that of the run, or read again if the box reaches beyond
+    it.
+    """
     return coastline.lands(where.coast, case.coast)(box)
 
 
 def checked(fleet: Fleet, taskings: Sequence[Tasking]) -> tuple[tuple[Tasking, ...], Fleet]:
-    """Return the taskings of which no way by sea lies on land, and the fleet with words on the others.
+    """Return the taskings of which no way by sea lies on land, and the fleet with words on the
+    others.
 
     The check is Shapely's, on the coast in full.
     """

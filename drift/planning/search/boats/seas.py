@@ -1,13 +1,15 @@
-"""Where a boat may go: the sea of a region, at a distance from the shore, and the shortest ways on it.
+"""Where a boat may go: the sea of a region, at a distance from the shore, and the shortest ways on
+it.
 
-The barrier is the shore in full resolution, grown by the distance that a boat keeps from it. The integers of
-`kernels.step.coast` tell exactly whether a straight way is clear of it; a straight way is a great circle, which is followed
-in pieces. Distances from a place come from Dijkstra's algorithm (SciPy) on a grid with sixteen directions, none of
-whose arcs touches the barrier: such a distance is never too short, and at most 2.8 % too long, except for passages
-narrower than the grid. A way is then pulled taut among the corners of the barrier near it, with Dijkstra's algorithm on
-their visibility graph, so that it turns only at corners. The way round what lies across a leg is searched for among all
-corners in an ellipse, so that it is the shortest of all. All this works on a plane round the region's middle, at most
-some 500 km wide; nothing is refused.
+The barrier is the shore in full resolution, grown by the distance that a boat keeps from it. The
+integers of `kernels.step.coast` tell exactly whether a straight way is clear of it; a straight way
+is a great circle, which is followed in pieces. Distances from a place come from Dijkstra's
+algorithm (SciPy) on a grid with sixteen directions, none of whose arcs touches the barrier: such a
+distance is never too short, and at most 2.8 % too long, except for passages narrower than the grid.
+A way is then pulled taut among the corners of the barrier near it, with Dijkstra's algorithm on
+their visibility graph, so that it turns only at corners. The way round what lies across a leg is
+searched for among all corners in an ellipse, so that it is the shortest of all. All this works on a
+plane round the region's middle, at most some 500 km wide; nothing is refused.
 """
 
 import functools
@@ -32,12 +34,15 @@ from geo.coast.shore import Shore
 from kernels.step import coast as crossing
 
 CLEAR = 25.0  # [m] that every boat keeps from the shore; a way that touches the shore is not clear
-ROUNDING = 2.0  # [m] added to that, because straight pieces in longitude and latitude leave the great circle
+# [m] added to that, because straight pieces in longitude and latitude leave the great circle
+ROUNDING = 2.0
 SKIN = 10.0  # [m] outside the barrier ways turn and legs are cut, so that both are clear of it
-PIECE = 4_000.0  # [m] longest piece; up to 80 degrees of latitude it is straight to 1.8 m: L^2 tan(lat) / (8 R)
+# [m] longest piece; up to 80 degrees of latitude it is straight to 1.8 m: L^2 tan(lat) / (8 R)
+PIECE = 4_000.0
 FINEST = 75.0  # [m] smallest distance between nodes
 NODES = 600_000  # most nodes
-ARCS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))  # (east, north); their opposites too
+# (east, north); their opposites too
+ARCS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
 CORNERS = 240  # most corners among which a way is pulled taut
 FEW = 64  # most corners for a way round what cuts a leg; such ways are computed often
 BAND = 3.0  # [nodes] corners nearer than this to a way count when it is pulled taut
@@ -76,18 +81,24 @@ class Sea:
         """Whether points (n, 2) [m] are all in the region."""
         ny, nx = self.open.shape
         low = np.array([self.west, self.south])
-        return bool(np.all((points >= low) & (points <= low + self.step * (np.array([nx, ny]) - 1))))
+        return bool(
+            np.all((points >= low) & (points <= low + self.step * (np.array([nx, ny]) - 1)))
+        )
 
     def at(self, node: Array) -> Array:
         """Return positions [m] of nodes, (n, 2)."""
         nx = self.open.shape[1]
-        return np.column_stack([self.west + self.step * (node % nx), self.south + self.step * (node // nx)])
+        return np.column_stack(
+            [self.west + self.step * (node % nx), self.south + self.step * (node // nx)]
+        )
 
     @property
     def nodes(self) -> Array:
         """Positions of all nodes [m], (ny * nx, 2)."""
         ny, nx = self.open.shape
-        x, y = np.meshgrid(self.west + self.step * np.arange(nx), self.south + self.step * np.arange(ny))
+        x, y = np.meshgrid(
+            self.west + self.step * np.arange(nx), self.south + self.step * np.arange(ny)
+        )
         return np.column_stack([x.ravel(), y.ravel()])
 
 
@@ -106,7 +117,10 @@ def region(plane: Plane, places: Array, margin: float) -> Region:
     low, high = places.min(axis=0) - margin, places.max(axis=0) + margin
     rim = np.linspace(0, 1, 33)
     edge = low + (high - low) * np.concatenate(
-        [np.column_stack(v) for v in ((rim, 0 * rim), (rim, 0 * rim + 1), (0 * rim, rim), (0 * rim + 1, rim))]
+        [
+            np.column_stack(v)
+            for v in ((rim, 0 * rim), (rim, 0 * rim + 1), (0 * rim, rim), (0 * rim + 1, rim))
+        ]
     )
     lon, lat = (np.degrees(v) for v in plane.round(*edge.T))
     middle = math.degrees(plane.lon)
@@ -121,13 +135,15 @@ def build_sea(
 ) -> Sea | None:
     """Return the sea of a region; None without land in it.
 
-    polygons: land [deg] in full resolution; keeps: distance [m] from the shore, at least CLEAR; shoals: polygons [deg]
-    of water that is too shallow.
+    polygons: land [deg] in full resolution; keeps: distance [m] from the shore, at least CLEAR;
+    shoals: polygons [deg] of water that is too shallow.
     """
     plane, low, high, box = where.plane, where.low, where.high, where.box
     keeps = max(keeps, CLEAR)
     far = float(np.abs([low, high]).max())
-    grown_parts = [_grown(shore.clip(np.asarray(polygons, object), box), plane, keeps + ROUNDING, far)]
+    grown_parts = [
+        _grown(shore.clip(np.asarray(polygons, object), box), plane, keeps + ROUNDING, far)
+    ]
     if shoals is not None and len(shoals):
         grown_parts.append(_grown(shore.clip(shoals, box), plane, ROUNDING, 0.0))
     frame = shapely.box(*(low - 2 * SKIN), *(high + 2 * SKIN))
@@ -135,7 +151,9 @@ def build_sea(
     barrier = _polygons(whole)
     if not barrier.size:
         return None
-    skin = _polygons(shapely.union_all(shapely.buffer(barrier, SKIN, join_style="mitre", mitre_limit=2.0)))
+    skin = _polygons(
+        shapely.union_all(shapely.buffer(barrier, SKIN, join_style="mitre", mitre_limit=2.0))
+    )
     centre = (box.west + box.east) / 2
 
     def back(points: Array) -> Array:
@@ -154,25 +172,41 @@ def build_sea(
     corners = corners[_wet(device, plane, corners)]
     pieces = _tiles(skin)
     return Sea(
-        plane=plane, keeps=keeps, wet=device, skin=pieces, tree=shapely.STRtree(pieces), corners=corners,
-        near=spatial.KDTree(corners.reshape(-1, 2)), west=float(low[0]), south=float(low[1]), step=step,
-        open=open_water, graph=graph, part=csgraph.connected_components(graph, directed=False)[1],
-    )  # fmt: skip
+        plane=plane,
+        keeps=keeps,
+        wet=device,
+        skin=pieces,
+        tree=shapely.STRtree(pieces),
+        corners=corners,
+        near=spatial.KDTree(corners.reshape(-1, 2)),
+        west=float(low[0]),
+        south=float(low[1]),
+        step=step,
+        open=open_water,
+        graph=graph,
+        part=csgraph.connected_components(graph, directed=False)[1],
+    )
 
 
 def _grown(polygons: Array, plane: Plane, by: float, far: float) -> Array:
-    """Return polygons [deg] on the plane, grown by at least a distance [m] within `far` [m] of its origin."""
+    """Return polygons [deg] on the plane, grown by at least a distance [m] within `far` [m] of its
+    origin.
+    """
     if not polygons.size:
         return polygons
 
     def flat(points: Array) -> Array:
         return np.column_stack(plane.flat(*np.radians(points.T)))
 
-    # Across the direction of the origin, lengths on the plane are c / sin(c) times those on the sphere.
+    # Across the direction of the origin, lengths on the plane are c / sin(c) times those on the
+    # sphere.
     angle = min(math.sqrt(2) * far / sphere.RADIUS, 1.0)
     shapes = shapely.transform(shapely.segmentize(polygons, 0.01), flat)
     grown = shapely.buffer(
-        shapes, by * (angle / math.sin(angle) if angle > 0 else 1.0), join_style="mitre", mitre_limit=2.0
+        shapes,
+        by * (angle / math.sin(angle) if angle > 0 else 1.0),
+        join_style="mitre",
+        mitre_limit=2.0,
     )
     return np.asarray(grown)
 
@@ -194,7 +228,9 @@ def _tiles(polygons: Array) -> Array:
         wide = east - west > north - south
         x, y = np.where(wide, (west + east) / 2, east), np.where(wide, north, (south + north) / 2)
         lower = shapely.intersection(large, shapely.box(west, south, x, y))
-        upper = shapely.intersection(large, shapely.box(np.where(wide, x, west), np.where(wide, south, y), east, north))
+        upper = shapely.intersection(
+            large, shapely.box(np.where(wide, x, west), np.where(wide, south, y), east, north)
+        )
         large = _polygons(np.concatenate([lower, upper]))
     return np.concatenate(tiles) if tiles else polygons
 
@@ -206,7 +242,10 @@ def _convex(polygons: Array) -> Array:
     corners = []
     for vertices in np.split(np.arange(len(points)), np.flatnonzero(np.diff(ring)) + 1):
         ring_points = points[vertices[:-1]]  # the last vertex repeats the first
-        before, after = ring_points - np.roll(ring_points, 1, axis=0), np.roll(ring_points, -1, axis=0) - ring_points
+        before, after = (
+            ring_points - np.roll(ring_points, 1, axis=0),
+            np.roll(ring_points, -1, axis=0) - ring_points,
+        )
         # Outer rings run counterclockwise and holes clockwise, so that land is to the left of both.
         corners.append(ring_points[before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0] > 0])
     return np.concatenate(corners) if corners else np.empty((0, 2))
@@ -258,7 +297,8 @@ def clear(sea: Sea, begin: Array, end: Array) -> Array:
 
 
 def sees(sea: Sea, points: Array, i: Array, j: Array) -> Array:
-    """Return whether great circles from points[i] to points[j] [m] are clear of the barrier, bool (n,).
+    """Return whether great circles from points[i] to points[j] [m] are clear of the barrier, bool
+    (n,).
 
     The points at which they begin must be in the water.
     """
@@ -267,12 +307,15 @@ def sees(sea: Sea, points: Array, i: Array, j: Array) -> Array:
     circle, lon, lat = great_circles(sea, points, i, j)
     x, y = sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat))
     step = np.flatnonzero(circle[1:] == circle[:-1])
-    hit = np.isfinite(crossing.meets(sea.wet, x[step], y[step], x[step + 1] - x[step], y[step + 1] - y[step]))
+    hit = np.isfinite(
+        crossing.meets(sea.wet, x[step], y[step], x[step + 1] - x[step], y[step + 1] - y[step])
+    )
     return np.asarray(np.bincount(circle[step], hit, len(i)) == 0)
 
 
 def great_circles(sea: Sea, points: Array, i: Array, j: Array) -> tuple[Array, Array, Array]:
-    """Return (number, lon, lat) [rad] of points along the great circles from points[i] to points[j] [m].
+    """Return (number, lon, lat) [rad] of points along the great circles from points[i] to points[j]
+    [m].
 
     They are at most PIECE apart; number: of the great circle of each, from 0.
     """
@@ -311,7 +354,8 @@ def taut(sea: Sea, begin: Array, end: Array, corners: Array) -> Array | None:
 
 
 def _taut(sea: Sea, several: Sequence[Array]) -> list[tuple[Array | None, float]]:
-    """Return the shortest way, None without one, and its length [m] for each set of points (k, 2) [m].
+    """Return the shortest way, None without one, and its length [m] for each set of points (k, 2)
+    [m].
 
     It leads from the first point of a set to the second and turns only at others of the set.
     """
@@ -319,10 +363,15 @@ def _taut(sea: Sea, several: Sequence[Array]) -> list[tuple[Array | None, float]
     size = np.array([len(group) for group in several])
     begin = np.cumsum(size) - size
     pairs = [_pairs(int(n)) for n in size]
-    i, j = (np.concatenate([pair[k] + start for pair, start in zip(pairs, begin, strict=True)]) for k in (0, 1))
+    i, j = (
+        np.concatenate([pair[k] + start for pair, start in zip(pairs, begin, strict=True)])
+        for k in (0, 1)
+    )
     free = sees(sea, points, i, j)
     i, j = i[free], j[free]
-    graph = sparse.csr_array((np.maximum(apart(sea, points[i], points[j]), 1e-3), (i, j)), shape=(len(points),) * 2)
+    graph = sparse.csr_array(
+        (np.maximum(apart(sea, points[i], points[j]), 1e-3), (i, j)), shape=(len(points),) * 2
+    )
     far, before = csgraph.dijkstra(graph, directed=False, indices=begin, return_predecessors=True)
     ways: list[tuple[Array | None, float]] = []
     for row, start in enumerate(begin):
@@ -343,7 +392,9 @@ def _pairs(count: int) -> tuple[Array, Array]:
     return i, j
 
 
-def short_way(sea: Sea, begin: Array, end: Array, most: float, blocked: bool = False) -> Array | None:
+def short_way(
+    sea: Sea, begin: Array, end: Array, most: float, blocked: bool = False
+) -> Array | None:
     """Return the shortest way between two points [m] near each other.
 
     Returns None above a length `most` [m] (`short_ways`).
@@ -351,13 +402,16 @@ def short_way(sea: Sea, begin: Array, end: Array, most: float, blocked: bool = F
     return short_ways(sea, begin[None], end[None], np.array([most]), np.array([blocked]))[0]
 
 
-def short_ways(sea: Sea, begin: Array, end: Array, most: Array, blocked: Array) -> list[Array | None]:
+def short_ways(
+    sea: Sea, begin: Array, end: Array, most: Array, blocked: Array
+) -> list[Array | None]:
     """Return the shortest ways between pairs of near points (n, 2) [m].
 
-    Returns None for those longer than `most` [m]. All ways up to a length lie in the ellipse whose foci are their ends,
-    so that a way among all of its corners is the shortest. Where there are more than FEW corners, those nearest to the
-    straight line are tried; the result may then be a longer way, or none. blocked: whether it is known that the
-    straight line is not clear, bool (n,).
+    Returns None for those longer than `most` [m]. All ways up to a length lie in the ellipse whose
+    foci are their ends, so that a way among all of its corners is the shortest. Where there are
+    more than FEW corners, those nearest to the straight line are tried; the result may then be a
+    longer way, or none. blocked: whether it is known that the straight line is not clear, bool
+    (n,).
     """
     ways: list[Array | None] = [None] * len(begin)
     straight = np.hypot(*(end - begin).T)
@@ -374,7 +428,11 @@ def short_ways(sea: Sea, begin: Array, end: Array, most: Array, blocked: Array) 
         sets, final = [], reach == most[open_pairs]
         middle = (begin[open_pairs] + end[open_pairs]) / 2
         for row, candidates in enumerate(sea.near.query_ball_point(middle, reach / 2)):
-            a, b, points = begin[open_pairs[row]], end[open_pairs[row]], sea.corners[np.array(candidates, int)]
+            a, b, points = (
+                begin[open_pairs[row]],
+                end[open_pairs[row]],
+                sea.corners[np.array(candidates, int)],
+            )
             points = points[np.hypot(*(points - a).T) + np.hypot(*(points - b).T) <= reach[row]]
             if len(points) > FEW:
                 final[row] = True
@@ -394,7 +452,9 @@ def distances(sea: Sea, begin: int) -> tuple[Array, Array]:
 
     A distance is inf where there is no way.
     """
-    far, before = csgraph.dijkstra(sea.graph, directed=False, indices=begin, return_predecessors=True)
+    far, before = csgraph.dijkstra(
+        sea.graph, directed=False, indices=begin, return_predecessors=True
+    )
     return np.asarray(far), np.asarray(before)
 
 
@@ -407,14 +467,17 @@ def along(sea: Sea, before: Array, node: int) -> Array:
 
 
 def pulled_taut(sea: Sea, way: Array) -> Array:
-    """Return a clear way (k, 2) [m] pulled taut, at most as long as any that passes land on the same sides."""
+    """Return a clear way (k, 2) [m] pulled taut, at most as long as any that passes land on the
+    same sides.
+    """
     way = way[np.concatenate([[True], np.any(np.diff(way, axis=0) != 0, axis=1)])]
     if len(way) < 2:
         return way
     way = _shortcut(sea, way)
     for _ in range(4):
         corners = _beside(sea, way)
-        # The way's own turns are among the corners, so that a way is always found, and it is no longer than this one.
+        # The way's own turns are among the corners, so that a way is always found, and it is no
+        # longer than this one.
         shorter = taut(sea, way[0], way[-1], np.concatenate([way[1:-1], corners]))
         if shorter is None or length(sea, shorter) > length(sea, way) - 1.0:
             return way if shorter is None else shorter
@@ -423,7 +486,9 @@ def pulled_taut(sea: Sea, way: Array) -> Array:
 
 
 def _shortcut(sea: Sea, way: Array) -> Array:
-    """Return a way shortened by straight lines, from each kept point to the farthest that is visible from it."""
+    """Return a way shortened by straight lines, from each kept point to the farthest that is
+    visible from it.
+    """
     kept, k = [0], 0
     while k < len(way) - 1:
         ahead = way[k + 1 :]
@@ -446,9 +511,11 @@ def _beside(sea: Sea, way: Array) -> Array:
 
 
 def visible_nodes(sea: Sea, point: Array) -> Array:
-    """Return which nodes are visible from a point [m], bool (nodes,), by rays between which a rock may hide.
+    """Return which nodes are visible from a point [m], bool (nodes,), by rays between which a rock
+    may hide.
 
-    The result serves only to search for rectangles; `clear` decides on the ways and times of a plan.
+    The result serves only to search for rectangles; `clear` decides on the ways and times of a
+    plan.
     """
     nodes = sea.nodes
     lon, lat = sea.plane.round(*point)
@@ -457,7 +524,9 @@ def visible_nodes(sea: Sea, point: Array) -> Array:
     bearing = np.arange(RAYS) * (2 * math.pi / RAYS)
     count = math.ceil(float(distance.max()) / PIECE) + 1
     far = np.arange(count + 1) * PIECE
-    x, y = sphere.destination(lon, lat, np.outer(np.sin(bearing), far), np.outer(np.cos(bearing), far))
+    x, y = sphere.destination(
+        lon, lat, np.outer(np.sin(bearing), far), np.outer(np.cos(bearing), far)
+    )
     x, y = sphere.to_binary(np.degrees(x)), sphere.to_binary(np.degrees(y))
     a, b = (x[:, :-1].ravel(), y[:, :-1].ravel()), (x[:, 1:].ravel(), y[:, 1:].ravel())
     share_met = crossing.meets(sea.wet, *a, b[0] - a[0], b[1] - a[1]).astype(float)
@@ -471,7 +540,8 @@ def visible_nodes(sea: Sea, point: Array) -> Array:
 def filled(sea: Sea, far: Array) -> Array:
     """Return distances [m] of all nodes, (ny, nx).
 
-    A node without one (on land, say) gets that of the nearest node with one and the straight line to it.
+    A node without one (on land, say) gets that of the nearest node with one and the straight line
+    to it.
     """
     grid = far.reshape(sea.open.shape)
     missing = ~np.isfinite(grid)
@@ -492,14 +562,18 @@ def sampled(sea: Sea, grid: Array, points: Array) -> Array:
     best = np.full(len(points), np.inf)
     for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
         x, y = sea.west + sea.step * (column + j), sea.south + sea.step * (row + i)
-        best = np.minimum(best, grid[row + i, column + j] + np.hypot(points[:, 0] - x, points[:, 1] - y))
+        best = np.minimum(
+            best, grid[row + i, column + j] + np.hypot(points[:, 0] - x, points[:, 1] - y)
+        )
     return best
 
 
 def nodes_near(sea: Sea, far: Array, point: Array) -> Array:
     """Return the nodes about a point [m] that have a distance, (k,)."""
     ny, nx = sea.open.shape
-    column, row = (math.floor((v - w) / sea.step) for v, w in zip(point, (sea.west, sea.south), strict=True))
+    column, row = (
+        math.floor((v - w) / sea.step) for v, w in zip(point, (sea.west, sea.south), strict=True)
+    )
     j, i = np.meshgrid(np.arange(column - 2, column + 4), np.arange(row - 2, row + 4))
     node = (i * nx + j)[(j >= 0) & (j < nx) & (i >= 0) & (i < ny)]
     return np.asarray(node[np.isfinite(far[node])])
@@ -514,7 +588,9 @@ def nearest_visible_node(sea: Sea, far: Array, point: Array) -> int | None:
     places = sea.at(node)
     # No node is visible from a point on land, because nodes are in the water.
     total = np.where(
-        clear(sea, np.broadcast_to(point, places.shape), places), far[node] + np.hypot(*(places - point).T), np.inf
+        clear(sea, np.broadcast_to(point, places.shape), places),
+        far[node] + np.hypot(*(places - point).T),
+        np.inf,
     )
     if not np.isfinite(total).any():
         return None

@@ -1,6 +1,8 @@
-"""The part of a boat's rectangle that is searched once its legs are cut at the coast: what its crew gets as its area.
+"""The part of a boat's rectangle that is searched once its legs are cut at the coast: what its crew
+gets as its area.
 
-A leg that is left out, or ends early, would otherwise lie in an area that nobody searches and count as searched.
+A leg that is left out, or ends early, would otherwise lie in an area that nobody searches and count
+as searched.
 """
 
 import math
@@ -29,17 +31,22 @@ class Swept(NamedTuple):
     orientation: float  # [rad] of the legs at its centre
     legs: int  # that are sailed, in part at least
     first: int  # number in the pattern, from 0, of its first leg
-    share: float  # of the sea in it: track that searches over what a whole pattern would search there
+    # of the sea in it: track that searches over what a whole pattern would search there
+    share: float
 
 
-def area(laid: Laid, sailed: Sailed, length: float, spacing: float, sea: Callable[[Array, Array], Array]) -> Swept:
+def area(
+    laid: Laid, sailed: Sailed, length: float, spacing: float, sea: Callable[[Array, Array], Array]
+) -> Swept:
     """Return what is searched of a rectangle of a length [m] and track spacing [m].
 
     sea: returns the share of positions [rad], (c, n), that are sea, (c,).
     """
     legs = len(laid.pattern.legs.lon) // 2
     lon, lat = np.radians(sailed.lon), np.radians(sailed.lat)
-    east, north = sphere.offset(math.radians(laid.centre[0]), math.radians(laid.centre[1]), lon, lat)
+    east, north = sphere.offset(
+        math.radians(laid.centre[0]), math.radians(laid.centre[1]), lon, lat
+    )
     sin, cos = np.sin(laid.turn), np.cos(laid.turn)
     along, across = east * sin + north * cos, east * cos - north * sin
     # Cross legs search too, but are none of the legs that a pattern is counted by.
@@ -48,20 +55,34 @@ def area(laid: Laid, sailed: Sailed, length: float, spacing: float, sea: Callabl
     middle = (across[own] + across[own + 1]) / 2
     number = np.rint(-laid.corner[1] * middle / spacing + (legs - 1) / 2).astype(int)
     ends = np.stack([along[own], along[own + 1]])
-    low, high = max(ends.min() - spacing / 2, -length / 2), min(ends.max() + spacing / 2, length / 2)
+    low, high = (
+        max(ends.min() - spacing / 2, -length / 2),
+        min(ends.max() + spacing / 2, length / 2),
+    )
     first, many = int(number.min()), int(np.ptp(number)) + 1
     centre = (low + high) / 2, -laid.corner[1] * (first + (many - legs) / 2) * spacing
-    x, y = patterns.points_along(laid.centre, laid.turn, centre[0] + np.array([0.0, AHEAD]), np.full(2, centre[1]))
+    x, y = patterns.points_along(
+        laid.centre, laid.turn, centre[0] + np.array([0.0, AHEAD]), np.full(2, centre[1])
+    )
     ahead = sphere.offset(*np.radians([x[0], y[0], x[1], y[1]]))
-    turned = float((np.arctan2(ahead[0], ahead[1]) - laid.turn + np.pi) % (2 * np.pi) - np.pi)  # meridians converge
+    # meridians converge
+    turned = float((np.arctan2(ahead[0], ahead[1]) - laid.turn + np.pi) % (2 * np.pi) - np.pi)
     ticks = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
     places = patterns.points_along(
-        laid.centre, laid.turn, *(v.ravel() for v in np.meshgrid(centre[0] + ticks * (high - low),
-                                                                centre[1] + ticks * many * spacing))
-    )  # fmt: skip
+        laid.centre,
+        laid.turn,
+        *(
+            v.ravel()
+            for v in np.meshgrid(
+                centre[0] + ticks * (high - low), centre[1] + ticks * many * spacing
+            )
+        ),
+    )
     at_sea = float(sea(*np.radians(places)[:, None])[0])
     track = float(sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:])[sailed.searching].sum())
     whole = (many * (high - low) - spacing) * at_sea
     share = float(min(track / whole, 1.0)) if whole > 0 else 1.0
     size = float(high - low), many * spacing
-    return Swept((float(x[0]), float(y[0])), *size, laid.turn + turned, len(np.unique(number)), first, share)
+    return Swept(
+        (float(x[0]), float(y[0])), *size, laid.turn + turned, len(np.unique(number)), first, share
+    )

@@ -1,4 +1,5 @@
-"""What a plan hands out: its text, routes and shapes for plotters, tables for the case, its pictures.
+"""What a plan hands out: its text, routes and shapes for plotters, tables for the case, its
+pictures.
 
 The pictures are a map and a sheet for each unit.
 """
@@ -27,7 +28,8 @@ class PlanOutputs:
     forecast: Forecast  # of the plan's failure
     setting: Setting
     taken: Sequence[str]  # names of the sorties that the case has
-    land: Callable[[Box], Any] | None  # returns its polygons in a box [deg]; None: the case has no coast
+    # returns its polygons in a box [deg]; None: the case has no coast
+    land: Callable[[Box], Any] | None
     synthetic: bool  # winds or currents are made up
 
 
@@ -43,17 +45,25 @@ def _text(matter: PlanOutputs, stamped: Stamped) -> str:
 
 
 def _map(matter: PlanOutputs, path: Path) -> None:
-    from drift.planning.search.products import map as plan_map  # here: Matplotlib takes a second to import
+    # here: Matplotlib takes a second to import
+    from drift.planning.search.products import map as plan_map
 
     plan_map.plot_plan(matter.forecast, matter.plan, path, matter.setting)
 
 
 FILES: dict[str, Callable[[PlanOutputs, Stamped], Contents]] = {
     "plan.txt": _text,
-    "plan.gpx": lambda matter, stamped: plan_files.gpx(matter.plan, matter.setting.imprint.title, stamped["run_id"]),
-    "plan.kml": lambda matter, stamped: plan_files.kml(matter.plan, matter.setting.imprint.title, stamped["run_id"]),
+    "plan.gpx": lambda matter, stamped: plan_files.gpx(
+        matter.plan, matter.setting.imprint.title, stamped["run_id"]
+    ),
+    "plan.kml": lambda matter, stamped: plan_files.kml(
+        matter.plan, matter.setting.imprint.title, stamped["run_id"]
+    ),
     "plan.geojson": lambda matter, stamped: plan_files.geojson(matter.plan, stamped),
-    "plan.json": lambda matter, stamped: {"run_id": stamped["run_id"], **plan_files.plan_as_json(matter.plan)},
+    "plan.json": lambda matter, stamped: {
+        "run_id": stamped["run_id"],
+        **plan_files.plan_as_json(matter.plan),
+    },
     "plan.toml": lambda matter, stamped: plan_files.toml(matter.plan, matter.taken),
 }
 PICTURES: dict[str, Callable[[PlanOutputs, Path], None]] = {
@@ -77,7 +87,9 @@ def _sheets(matter: PlanOutputs) -> dict[str, Callable[[Path], None]]:
     from drift.planning.search.products import unit_sheet
 
     draw = partial(unit_sheet.plot_unit_sheet, matter.plan)
-    polygons = matter.land(unit_sheet.box(matter.plan)) if matter.land and matter.plan.taskings else ()
+    polygons = (
+        matter.land(unit_sheet.box(matter.plan)) if matter.land and matter.plan.taskings else ()
+    )
     return {
         name: partial(draw, which, imprint=matter.setting.imprint, number=number, polygons=polygons)
         for name, which, number in unit_sheet.pages(matter.plan)

@@ -1,4 +1,6 @@
-"""A plan as files for navigators and maps (GPX 1.1 routes, KML 2.2, GeoJSON) and as tables for the case."""
+"""A plan as files for navigators and maps (GPX 1.1 routes, KML 2.2, GeoJSON) and as tables for the
+case.
+"""
 
 import json
 import math
@@ -31,7 +33,8 @@ def plan_as_json(plan: Plan) -> dict[str, Any]:
 
 
 def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
-    """Return a route for each tasking, from base over the ends of its legs to home, and its search point.
+    """Return a route for each tasking, from base over the ends of its legs to home, and its search
+    point.
 
     The search point is a waypoint.
     """
@@ -52,11 +55,15 @@ def gpx(plan: Plan, title: str = "Search plan", run: str = "") -> str:
 
 
 def _point(parent: ET.Element, tag: str, at: subareas.Waypoint, words: str) -> None:
-    gpx_file.point(parent, tag, at.lon, at.lat, time=at.time, name=at.name, words=words, kind=at.what)
+    gpx_file.point(
+        parent, tag, at.lon, at.lat, time=at.time, name=at.name, words=words, kind=at.what
+    )
 
 
 def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
-    """Return a folder for each tasking: sub-area, legs, ways out and home, search point; cut at 180 degrees."""
+    """Return a folder for each tasking: sub-area, legs, ways out and home, search point; cut at 180
+    degrees.
+    """
     root, document = kml_file.document(title, _about(plan, run))
     for k, ink in enumerate(INKS):
         kml_file.style(document, f"area{k}", ink, "3", fill=f"22{ink[2:]}")
@@ -65,31 +72,44 @@ def kml(plan: Plan, title: str = "Search plan", run: str = "") -> str:
     for k, (name, tasking) in enumerate(zip(subareas.names(plan), plan.taskings, strict=True)):
         folder = kml_file.folder(document, f"{name} {tasking.unit.name}")
         for shape, geometry in _shapes(tasking).items():
-            ends = (tasking.takeoff, tasking.home) if shape == "transit" else (tasking.on_scene, tasking.off_scene)
+            ends = (
+                (tasking.takeoff, tasking.home)
+                if shape == "transit"
+                else (tasking.on_scene, tasking.off_scene)
+            )
             kml_file.append_place(
                 folder,
                 name if shape == "area" else f"{name} {shape}",
                 _description(tasking),
                 (notation.iso(ends[0]), notation.iso(ends[1])),
-                "" if shape == "csp" else f"{'transit' if shape == 'round' else shape}{k % len(INKS)}",
+                ""
+                if shape == "csp"
+                else f"{'transit' if shape == 'round' else shape}{k % len(INKS)}",
                 geometry,
             )
     return markup.document_text(root)
 
 
 def geojson(plan: Plan, attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return areas, legs, ways round land, ways out and home (transit) and search points as GeoJSON.
+    """Return areas, legs, ways round land, ways out and home (transit) and search points as
+    GeoJSON.
 
     It is that of RFC 7946: shapes are cut at 180 degrees.
     """
     features = []
     whole = plan_as_json(plan)
-    counts = {f"effective_particles_{name}": value for name, value in whole["effective_particles"].items()}
+    counts = {
+        f"effective_particles_{name}": value for name, value in whole["effective_particles"].items()
+    }
     for row, tasking in zip(whole["taskings"], plan.taskings, strict=True):
         for shape, geometry in _shapes(tasking).items():
             properties = {"shape": shape, **row, **counts}
             features.append({"type": "Feature", "geometry": geometry, "properties": properties})
-    return {"type": "FeatureCollection", **{k: attributes[k] for k in sorted(attributes)}, "features": features}
+    return {
+        "type": "FeatureCollection",
+        **{k: attributes[k] for k in sorted(attributes)},
+        "features": features,
+    }
 
 
 def _shapes(tasking: Tasking) -> dict[str, dict[str, Any]]:
@@ -116,20 +136,30 @@ def _description(tasking: Tasking) -> str:
 
 
 def _about(plan: Plan, run: str) -> str:
-    """Return what stands at the head of a file: the run, and what of the plan stands on few particles."""
-    return ". ".join([*([f"run {run}"] if run else []), *(f"WARNING: {warning}" for warning in plan_text.rough(plan))])
+    """Return what stands at the head of a file: the run, and what of the plan stands on few
+    particles.
+    """
+    return ". ".join(
+        [
+            *([f"run {run}"] if run else []),
+            *(f"WARNING: {warning}" for warning in plan_text.rough(plan)),
+        ]
+    )
 
 
 def toml(plan: Plan, taken: Sequence[str] = ()) -> str:
     """Return the plan's sorties as [[sortie]] tables that can be appended to its case.
 
-    taken: names of the case's own sorties, from which these are kept apart. A sortie is written as its pattern; where
-    its legs are not those of the pattern, as waypoints with times.
+    taken: names of the case's own sorties, from which these are kept apart. A sortie is written as
+    its pattern; where its legs are not those of the pattern, as waypoints with times.
     """
-    used, parts = set(taken), [
-        "# The plan's sorties. Append them to the case once they were flown and found nothing; say what was done with",
-        '# completed = "60 %" or actual = "track.gpx".',
-    ]  # fmt: skip
+    used, parts = (
+        set(taken),
+        [
+            "# The plan's sorties. Append them to the case once they were flown and found nothing; say what was done with",
+            '# completed = "60 %" or actual = "track.gpx".',
+        ],
+    )
     parts += [f"# WARNING: {warning}" for warning in plan_text.rough(plan)]
     for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
         title, number = f"{name} {tasking.unit.name}", 2
@@ -178,10 +208,16 @@ def _where(tasking: Tasking) -> dict[str, str]:
     if sortie.legs is None:
         # The spacing at which these sweep widths give the plan's coverage.
         pairs = zip(sortie.sweep_width, sortie.coverage, strict=True)
-        apart = next((width / coverage for width, coverage in pairs if width > 0 and coverage > 0), tasking.spacing)
+        apart = next(
+            (width / coverage for width, coverage in pairs if width > 0 and coverage > 0),
+            tasking.spacing,
+        )
         return {"area": _inline(shape), "spacing": _quoted(f"{apart / NMI:.9g} nmi")}
     if _is_parallel(tasking):
-        spacing, corner = f"{tasking.spacing / NMI:.9g} nmi", navigators_position(*subareas.begin(tasking))
+        spacing, corner = (
+            f"{tasking.spacing / NMI:.9g} nmi",
+            navigators_position(*subareas.begin(tasking)),
+        )
         shape |= {"spacing": _quoted(spacing), "corner": _quoted(corner)}
         return {"pattern": _inline({"kind": '"parallel"', **shape})}
     legs = sortie.legs
@@ -191,12 +227,16 @@ def _where(tasking: Tasking) -> dict[str, str]:
     ]
     searched = {"waypoints": "[\n  " + ",\n  ".join(rows) + ",\n]"}
     if not all(legs.searching):
-        searched["transit_legs"] = str([k for k, seeks in enumerate(legs.searching, 1) if not seeks])
+        searched["transit_legs"] = str(
+            [k for k, seeks in enumerate(legs.searching, 1) if not seeks]
+        )
     return searched
 
 
 def _is_parallel(tasking: Tasking) -> bool:
-    """Return whether the legs are those of the parallel pattern of the same size, at the same times."""
+    """Return whether the legs are those of the parallel pattern of the same size, at the same
+    times.
+    """
     legs = tasking.sortie.legs
     assert legs is not None
     start = search_shapes.epoch(tasking.sortie.start)
@@ -205,7 +245,9 @@ def _is_parallel(tasking: Tasking) -> bool:
         return False
     for corner in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
         try:
-            pattern = patterns.parallel(tasking.centre, *size, start, tasking.unit.search_speed, corner).legs
+            pattern = patterns.parallel(
+                tasking.centre, *size, start, tasking.unit.search_speed, corner
+            ).legs
         except ValueError:
             return False
         if len(pattern.lon) != len(legs.lon) or not all(legs.searching):
@@ -218,7 +260,9 @@ def _is_parallel(tasking: Tasking) -> bool:
 
 
 def _widths(widths: Sequence[float], plan: Plan) -> str:
-    """Return sweep widths in TOML: one, or one by scenario; a family has that of most of its scenarios, by its own name."""
+    """Return sweep widths in TOML: one, or one by scenario; a family has that of most of its
+    scenarios, by its own name.
+    """
     values = [_quoted(f"{width / NMI:.9g} nmi") for width in widths]
     if len(set(values)) == 1:
         return values[0]
@@ -248,7 +292,9 @@ def _quoted(text: str) -> str:
 def navigators_position(lon: float, lat: float) -> str:
     """Return a position in degrees and decimal minutes to 0.2 m, 27 30.5000N 088 15.0000W."""
     lon = sphere.wrap_degrees(lon)
-    return f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
+    return (
+        f"{_minutes(lat, 2)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3)}{'E' if lon >= 0 else 'W'}"
+    )
 
 
 def _minutes(angle: float, digits: int) -> str:

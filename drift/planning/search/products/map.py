@@ -1,4 +1,6 @@
-"""The picture of a plan: sub-areas, legs and search points on the probability then, and its figures."""
+"""The picture of a plan: sub-areas, legs and search points on the probability then, and its
+figures.
+"""
 
 import math
 import textwrap
@@ -34,19 +36,38 @@ from geo.array import Array
 from geo.notation import KNOT, NMI
 
 MAP = (0.055, 0.085, 0.60, 0.775)  # of the page
-POINT: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white", "markeredgecolor": "#000000"}
-BASE: dict[str, Any] = {"marker": "s", "linestyle": "none", "color": "#000000", "markeredgecolor": "white"}
+POINT: dict[str, Any] = {
+    "marker": "o",
+    "linestyle": "none",
+    "markerfacecolor": "white",
+    "markeredgecolor": "#000000",
+}
+BASE: dict[str, Any] = {
+    "marker": "s",
+    "linestyle": "none",
+    "color": "#000000",
+    "markeredgecolor": "white",
+}
 ROW = 0.03  # height of a row of warnings over the map, as a share of the page
 FIGURES = 2.72  # [em] width of "0.12  "
 TITLED = 0.65  # where a title with a warning to its right ends, as a share of the page's width
 LATER = (0, (6, 2.5))  # dashes of sub-areas of later rounds
 SHEET = Sheet(
-    11.7, 8.3, 140, left=0.055, title=sheet.heading(0.955, 15), lines=(sheet.heading(0.92, 12.5), Row(0.887, 9.5, 120)),
-    caution=Badge(0.985, 0.96, side="right"), rough=Badge(0.058, 0.876 - ROW), footer=sheet.small(0.012, 7.5, 190),
-)  # fmt: skip
+    11.7,
+    8.3,
+    140,
+    left=0.055,
+    title=sheet.heading(0.955, 15),
+    lines=(sheet.heading(0.92, 12.5), Row(0.887, 9.5, 120)),
+    caution=Badge(0.985, 0.96, side="right"),
+    rough=Badge(0.058, 0.876 - ROW),
+    footer=sheet.small(0.012, 7.5, 190),
+)
 
 
-def plot_plan(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: int | None = None) -> None:
+def plot_plan(
+    forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, time: int | None = None
+) -> None:
     """Draw a plan on the probability at an output.
 
     time: index of the output; by default the one nearest to the middle of the plan's first round.
@@ -78,7 +99,17 @@ def plot_plan(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, t
         sheet.say(on, sheet.warning(0.875 - ROW * k, 9), text)
     more = layers.bands(forecast, [i], forecast.ends, count.few)
     more += [(symbol, page.fit(text, 34)) for way in ways for symbol, text in way.key]
-    _legend(on.figure, plan, forecast, outlines, len(setting.marks), ashore, land is not None, count.few, more)
+    _legend(
+        on.figure,
+        plan,
+        forecast,
+        outlines,
+        len(setting.marks),
+        ashore,
+        land is not None,
+        count.few,
+        more,
+    )
     _panel(on.figure, plan)
     _bar(on.figure, mesh)
     sheet.end(on, path, setting.imprint)
@@ -87,7 +118,9 @@ def plot_plan(forecast: Forecast, plan: Plan, path: Path, setting: Setting, *, t
 def _framed(
     forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high: float
 ) -> tuple[Frame, float, list[str]]:
-    """Return the map's frame, its height [of the page], and lines over it that say what the frame leaves out."""
+    """Return the map's frame, its height [of the page], and lines over it that say what the frame
+    leaves out.
+    """
     frame = _extent(forecast, plan, i, marks, high)
     at = forecast.data.isel(time=i)
     out = textwrap.wrap(beyond.left_out(frame, at), 110)
@@ -121,21 +154,31 @@ def _cut(on: Page, title: str, right: float) -> str:
 
 
 def nearest(forecast: Forecast, plan: Plan) -> int:
-    """Return the output nearest to the middle of the first round's time on scene, the last of an empty plan."""
+    """Return the output nearest to the middle of the first round's time on scene, the last of an
+    empty plan.
+    """
     first = [tasking for tasking in plan.taskings if tasking.round == plan.taskings[0].round]
     if not first:
         return int(forecast.data.sizes["time"]) - 1
-    begin, end = min(tasking.on_scene for tasking in first), max(tasking.off_scene for tasking in first)
+    begin, end = (
+        min(tasking.on_scene for tasking in first),
+        max(tasking.off_scene for tasking in first),
+    )
     return int(np.argmin(np.abs(forecast.data["time"].values - (begin + (end - begin) // 2))))
 
 
 def _stood_on(plan: Plan, shown: effective.Count) -> list[effective.Count]:
     """Return what a plan's figures and its picture stand on."""
-    return [shown, *(count for count in (plan.scored_on, plan.made_on) if count is not None and count.few)]
+    return [
+        shown,
+        *(count for count in (plan.scored_on, plan.made_on) if count is not None and count.few),
+    ]
 
 
 def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high: float) -> Frame:
-    """Return the frame of the sub-areas and the probability, and of bases that make it little larger."""
+    """Return the frame of the sub-areas and the probability, and of bases that make it little
+    larger.
+    """
     rings = [ring(tasking) for tasking in plan.taskings]
     lines = [Line(around[:, 0].tolist(), around[:, 1].tolist(), "") for around in rings]
     now = type(forecast)(forecast.data.isel(time=[i]), forecast.contours)
@@ -149,22 +192,40 @@ def _extent(forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark], high:
 def ring(tasking: Tasking) -> Array:
     """Return the closed outline of a sub-area, (n, 2) [deg]."""
     corners = np.array(subareas.corners(tasking))
-    return search_shapes.curve(np.append(corners[:, 0], corners[0, 0]), np.append(corners[:, 1], corners[0, 1]))
+    return search_shapes.curve(
+        np.append(corners[:, 0], corners[0, 0]), np.append(corners[:, 1], corners[0, 1])
+    )
 
 
 def _plan(
-    ax: Axes, canvas: FigureCanvasAgg, frame: Frame, forecast: Forecast, plan: Plan, i: int, marks: Sequence[Mark]
+    ax: Axes,
+    canvas: FigureCanvasAgg,
+    frame: Frame,
+    forecast: Forecast,
+    plan: Plan,
+    i: int,
+    marks: Sequence[Mark],
 ) -> None:
     """Draw sub-areas, legs, ways, search points and bases with their names, and the scale bar."""
     texts: list[labels.Point] = []
     busy = list(layers.occupied(frame, forecast, [forecast.data["time"].values[i]]))
     for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
         for points in subareas.transits(tasking):
-            line(ax, frame, points, {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))}, 7)
+            line(
+                ax,
+                frame,
+                points,
+                {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))},
+                7,
+            )
         for searching, points in search_shapes.flown(tasking.sortie):
             line(ax, frame, points, search_layers.LEGS if searching else search_layers.TRANSIT, 8)
         around = ring(tasking)
-        style = {**search_layers.AREA, "linewidth": 2.0, "linestyle": "-" if tasking.round == 1 else LATER}
+        style = {
+            **search_layers.AREA,
+            "linewidth": 2.0,
+            "linestyle": "-" if tasking.round == 1 else LATER,
+        }
         line(ax, frame, around, style, 8.5)
         x, y = frame.project(around[:, 0], around[:, 1])
         busy = [np.append(busy[0], x), np.append(busy[1], y)]
@@ -180,14 +241,23 @@ def _plan(
     for mark in marks:
         layers.mark_point(ax, frame, mark, 8)
         x, y = frame.project(mark.lon, mark.lat)
-        texts.append((float(x), float(y), mark.label, {"fontsize": 8.5, "color": layers.LAST_KNOWN, "weight": "bold"}))
+        texts.append(
+            (
+                float(x),
+                float(y),
+                mark.label,
+                {"fontsize": 8.5, "color": layers.LAST_KNOWN, "weight": "bold"},
+            )
+        )
     units = [tasking.unit for tasking in plan.taskings]
     for place in sorted({place for unit in units for place in (unit.base, unit.return_to)}):
         x, y = frame.project(*place)
         if frame.x[0] < x < frame.x[1] and frame.y[0] < y < frame.y[1]:
             ax.plot(x, y, markersize=8, markeredgewidth=1.0, zorder=12, **BASE)
             who = [unit.name for unit in units if place in (unit.base, unit.return_to)]
-            texts.append((float(x), float(y), _some(list(dict.fromkeys(who))), {"fontsize": 8, "color": INK}))
+            texts.append(
+                (float(x), float(y), _some(list(dict.fromkeys(who))), {"fontsize": 8, "color": INK})
+            )
     texts += _beyond(frame, plan)
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, *busy))
     labels.place_labels(ax, canvas, texts, [bar], must=set(range(must)))
@@ -195,7 +265,9 @@ def _plan(
 
 def line(ax: Axes, frame: Frame, points: Array, style: dict[str, Any], zorder: float) -> None:
     """Draw a line through positions [deg], with a halo if it is not thin."""
-    halo = [patheffects.withStroke(linewidth=style["linewidth"] + 1.8, foreground="white", alpha=0.8)]
+    halo = [
+        patheffects.withStroke(linewidth=style["linewidth"] + 1.8, foreground="white", alpha=0.8)
+    ]
     x, y = frame.project(points[:, 0], points[:, 1])
     ax.plot(
         x,
@@ -209,23 +281,37 @@ def line(ax: Axes, frame: Frame, points: Array, style: dict[str, Any], zorder: f
 
 
 def creep(ax: Axes, frame: Frame, tasking: Tasking) -> None:
-    """Draw an arrow in the direction of creep in the middle of a sub-area, where parallel legs creep."""
+    """Draw an arrow in the direction of creep in the middle of a sub-area, where parallel legs
+    creep.
+    """
     if tasking.manner.pattern != "parallel":
         return
     reach = 0.22 * tasking.width
     ends = []
     for sign in (-1, 1):
         east, north = sign * reach * np.sin(tasking.creep), sign * reach * np.cos(tasking.creep)
-        lon, lat = sphere.destination(math.radians(tasking.centre[0]), math.radians(tasking.centre[1]), east, north)
+        lon, lat = sphere.destination(
+            math.radians(tasking.centre[0]), math.radians(tasking.centre[1]), east, north
+        )
         ends.append((np.degrees(lon), np.degrees(lat)))
     (x0, y0), (x1, y1) = (frame.project(*end) for end in ends)
-    arrow = {"arrowstyle": "-|>,head_width=0.28,head_length=0.5", "color": "#000000", "linewidth": 1.5}
-    arrow |= {"shrinkA": 0, "shrinkB": 0, "path_effects": [patheffects.withStroke(linewidth=3.5, foreground="white")]}
+    arrow = {
+        "arrowstyle": "-|>,head_width=0.28,head_length=0.5",
+        "color": "#000000",
+        "linewidth": 1.5,
+    }
+    arrow |= {
+        "shrinkA": 0,
+        "shrinkB": 0,
+        "path_effects": [patheffects.withStroke(linewidth=3.5, foreground="white")],
+    }
     ax.annotate("", (float(x1), float(y1)), (float(x0), float(y0)), arrowprops=arrow, zorder=11)
 
 
 def _beyond(frame: Frame, plan: Plan) -> list[labels.Point]:
-    """Return labels at the chart's edge: how far it is to each base beyond it, and in which direction."""
+    """Return labels at the chart's edge: how far it is to each base beyond it, and in which
+    direction.
+    """
     texts: list[labels.Point] = []
     for place in sorted({tasking.unit.base for tasking in plan.taskings}):
         x, y = (float(v) for v in frame.project(*place))
@@ -246,7 +332,9 @@ def _beyond(frame: Frame, plan: Plan) -> list[labels.Point]:
         east, north = sphere.offset(*start, *goal)
         way = subareas.degrees(math.atan2(float(east), float(north)))
         words = f"{_some(list(dict.fromkeys(o.unit.name for o in based)))}\nbase {far:.0f} nmi, {way:03d}T"
-        texts.append((px + share * (x - px), py + share * (y - py), words, {"fontsize": 8, "color": INK}))
+        texts.append(
+            (px + share * (x - px), py + share * (y - py), words, {"fontsize": 8, "color": INK})
+        )
     return texts
 
 
@@ -272,10 +360,19 @@ def _legend(
         (Line2D([], [], **search_layers.LEGS), "Legs; arrow: creep"),
         (Line2D([], [], markersize=7.5, markeredgewidth=1.8, **POINT), "Commence search point"),
         (Line2D([], [], markersize=8, **BASE), "Base"),
-        (Line2D([], [], color="#000000", linewidth=0.9, linestyle=(0, (1, 2.5))), "Way out and home"),
+        (
+            Line2D([], [], color="#000000", linewidth=0.9, linestyle=(0, (1, 2.5))),
+            "Way out and home",
+        ),
     ]
     if any(tasking.round > 1 for tasking in plan.taskings):
-        rows.insert(1, (Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0, "linestyle": LATER}), "Later round"))
+        rows.insert(
+            1,
+            (
+                Line2D([], [], **{**search_layers.AREA, "linewidth": 2.0, "linestyle": LATER}),
+                "Later round",
+            ),
+        )
     for outline in outlines:
         style = layers.line(outline.share, forecast, few)
         symbol = Line2D([], [], **{**style, "linewidth": 0.7 * style["linewidth"]})
@@ -287,7 +384,12 @@ def _legend(
         rows.append((layers.mark_symbol(7, 11), "Position known or reported"))
     if ashore >= labels.TINY:
         style = {"color": layers.ASHORE, "linestyle": "none", "markeredgecolor": "white"}
-        rows.append((Line2D([], [], marker="^", markersize=8, **style), f"Ashore, {notation.percent(ashore)}"))
+        rows.append(
+            (
+                Line2D([], [], marker="^", markersize=8, **style),
+                f"Ashore, {notation.percent(ashore)}",
+            )
+        )
     if land:
         rows.append((Patch(facecolor=chart.LAND, edgecolor=chart.SHORE), "Land"))
     rows += more
@@ -313,19 +415,26 @@ def _panel(figure: Figure, plan: Plan) -> None:
         lines.append((text, high, weight, indent))
 
     for name, tasking in zip(subareas.names(plan), plan.taskings, strict=True):
-        say(f"{name}  {page.fit(tasking.unit.name, 26)}   POS {notation.probability(tasking.pos)}", 1.15, "bold")
-        say(f"on scene {short(tasking.on_scene)} to {short(tasking.off_scene)}, home {short(tasking.home)}")
+        say(
+            f"{name}  {page.fit(tasking.unit.name, 26)}   POS {notation.probability(tasking.pos)}",
+            1.15,
+            "bold",
+        )
+        say(
+            f"on scene {short(tasking.on_scene)} to {short(tasking.off_scene)}, home {short(tasking.home)}"
+        )
         extent = f"{tasking.length / NMI:.1f} × {tasking.width / NMI:.1f} nmi"
         along = f"along {subareas.degrees(tasking.orientation):03d}T"
         say(f"{extent} {along}, {notation.number(tasking.unit.search_speed / KNOT)} kn")
         if tasking.sortie.legs is not None:
             say(f"CSP {notation.position(*subareas.begin(tasking))}")
-            apart = (
-                f"{plan_text.SPACING.get(tasking.manner.pattern, 'spacing').lower()} {tasking.spacing / NMI:.2f} nmi"
-            )
+            apart = f"{plan_text.SPACING.get(tasking.manner.pattern, 'spacing').lower()} {tasking.spacing / NMI:.2f} nmi"
             many = f"{tasking.legs} leg{'s' * (tasking.legs != 1)}"
             if tasking.manner.pattern == "parallel":
-                say(f"{many}, {apart}, creep {subareas.degrees(tasking.creep):03d}T", 1.0 + 0.35 * tasking.manner.plain)
+                say(
+                    f"{many}, {apart}, creep {subareas.degrees(tasking.creep):03d}T",
+                    1.0 + 0.35 * tasking.manner.plain,
+                )
             else:
                 say(f"{many}, {apart}")
             if not tasking.manner.plain:

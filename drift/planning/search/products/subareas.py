@@ -1,4 +1,6 @@
-"""The sub-areas of a plan as crews get them: names, corners, ways, and what each is expected to find."""
+"""The sub-areas of a plan as crews get them: names, corners, ways, and what each is expected to
+find.
+"""
 
 import math
 from collections.abc import Sequence
@@ -34,7 +36,10 @@ class Waypoint:
 
 
 def names(plan: Plan) -> list[str]:
-    """Return the name of each tasking's sub-area: A-1, A-2, ... in the first round, B-1, ... in the second."""
+    """Return the name of each tasking's sub-area:
+
+    A-1, A-2, ... in the first round, B-1, ... in the second.
+    """
     names, count = [], dict[int, int]()
     for tasking in plan.taskings:
         count[tasking.round] = count.get(tasking.round, 0) + 1
@@ -47,7 +52,9 @@ def names(plan: Plan) -> list[str]:
 
 
 def corners(tasking: Tasking) -> list[tuple[float, float]]:
-    """Return the corners (lon, lat) [deg] of a sub-area, in order round it from that nearest to its first leg."""
+    """Return the corners (lon, lat) [deg] of a sub-area, in order round it from that nearest to its
+    first leg.
+    """
     area = patterns.rectangle(tasking.centre, tasking.length, tasking.width, tasking.orientation)
     corners = list(zip(area.lon, area.lat, strict=True))
     start = begin(tasking)
@@ -61,7 +68,9 @@ def pattern(tasking: Tasking) -> str:
     manner, words = tasking.manner, manners.PATTERNS[tasking.manner.pattern].words
     if not manner.moves:
         return words
-    return f"{words}, drifting {drift(tasking) / KNOT:.1f} kn toward {degrees(toward(tasking)):03d}T"
+    return (
+        f"{words}, drifting {drift(tasking) / KNOT:.1f} kn toward {degrees(toward(tasking)):03d}T"
+    )
 
 
 def drift(tasking: Tasking) -> float:
@@ -70,7 +79,9 @@ def drift(tasking: Tasking) -> float:
 
 
 def toward(tasking: Tasking) -> float:
-    """Return the direction [rad], clockwise from north, in which the frame of a tasking's pattern drifts."""
+    """Return the direction [rad], clockwise from north, in which the frame of a tasking's pattern
+    drifts.
+    """
     return math.atan2(tasking.manner.east, tasking.manner.north)
 
 
@@ -98,28 +109,38 @@ def route(name: str, tasking: Tasking) -> list[Waypoint]:
         way.append(Waypoint(f"{name} CSP", "csp", times[0], legs.lon[0], legs.lat[0]))
         last = len(times) - 1
         way += [
-            Waypoint(f"{name} {k:02d}" if k < last else f"{name} END", _what(legs, k), times[k], x, y)
+            Waypoint(
+                f"{name} {k:02d}" if k < last else f"{name} END", _what(legs, k), times[k], x, y
+            )
             for k, (x, y) in enumerate(zip(legs.lon, legs.lat, strict=True))
             if k > 0
         ]
-    back = _turns(f"{name} BACK", unit.return_to, tasking.back[::-1], tasking.home, -unit.transit_speed)
+    back = _turns(
+        f"{name} BACK", unit.return_to, tasking.back[::-1], tasking.home, -unit.transit_speed
+    )
     return [*way, *back[::-1], Waypoint(f"{name} HOME", "home", tasking.home, *unit.return_to)]
 
 
 def _what(legs: Legs, k: int) -> str:
-    """Return what the point k of the legs is: the last, an end of a leg that searches, or on a way round land."""
+    """Return what the point k of the legs is: the last, an end of a leg that searches, or on a way
+    round land.
+    """
     if k == len(legs.lon) - 1:
         return "off"
     return "leg" if legs.searching[k - 1] or legs.searching[k] else "turn"
 
 
 def _turns(
-    name: str, port: tuple[float, float], way: Sequence[tuple[float, float]], time: np.datetime64, speed: float
+    name: str,
+    port: tuple[float, float],
+    way: Sequence[tuple[float, float]],
+    time: np.datetime64,
+    speed: float,
 ) -> list[Waypoint]:
     """Return the turning points of a way by sea between a port and where a search begins or ends.
 
-    way: from the port. time: of arrival at the end of the way that is sailed. speed: negative on a way to the port.
-    Numbers run in the direction that is sailed.
+    way: from the port. time: of arrival at the end of the way that is sailed. speed: negative on a
+    way to the port. Numbers run in the direction that is sailed.
     """
     inner = list(way[1:-1] if len(way) and _same(way[0], port) else way[:-1])
     points = []
@@ -140,55 +161,80 @@ def _same(a: tuple[float, float], b: tuple[float, float]) -> bool:
 def transits(tasking: Tasking) -> list[Array]:
     """Return the ways out and home as great circles, each (n, 2) of lon, lat [deg]."""
     unit = tasking.unit
-    ways = (tasking.out or (unit.base, begin(tasking)), tasking.back or (end(tasking), unit.return_to))
+    ways = (
+        tasking.out or (unit.base, begin(tasking)),
+        tasking.back or (end(tasking), unit.return_to),
+    )
     return [search_shapes.curve(*zip(*way, strict=True)) for way in ways if way[0] != way[-1]]
 
 
 def by_sea(tasking: Tasking) -> list[tuple[str, float, float]]:
-    """Return each of a boat's ways out and home: what it is called, its length and the straight distance [m]."""
+    """Return each of a boat's ways out and home: what it is called, its length and the straight
+    distance [m].
+    """
     unit = tasking.unit
     ways = (
         ("Way out", tasking.out, unit.base, begin(tasking)),
         ("Way home", tasking.back, unit.return_to, end(tasking)),
     )
-    return [(name, polyline.way(way), polyline.way([port, place])) for name, way, port, place in ways if len(way) > 1]
+    return [
+        (name, polyline.way(way), polyline.way([port, place]))
+        for name, way, port, place in ways
+        if len(way) > 1
+    ]
 
 
 def round_length(tasking: Tasking) -> float:
     """Return the length [m] of its ways round what cuts its legs."""
     legs = tasking.sortie.legs
-    return 0.0 if legs is None else float(polyline.lengths(legs)[~np.array(legs.searching, bool)].sum())
+    return (
+        0.0
+        if legs is None
+        else float(polyline.lengths(legs)[~np.array(legs.searching, bool)].sum())
+    )
 
 
 def leg_length(tasking: Tasking) -> float:
     """Return the length [m] of its longest leg; 0 without legs."""
     legs = tasking.sortie.legs
-    return 0.0 if legs is None else float(polyline.lengths(legs)[np.array(legs.searching, bool)].max())
+    return (
+        0.0 if legs is None else float(polyline.lengths(legs)[np.array(legs.searching, bool)].max())
+    )
 
 
 def track_length(tasking: Tasking) -> float:
-    """Return the length [m] of track that searches; without legs, by its time on scene and search speed."""
+    """Return the length [m] of track that searches; without legs, by its time on scene and search
+    speed.
+    """
     legs, sortie = tasking.sortie.legs, tasking.sortie
     if legs is None:
-        return tasking.unit.search_speed * float((sortie.end - sortie.start) / np.timedelta64(1, "s"))
+        return tasking.unit.search_speed * float(
+            (sortie.end - sortie.start) / np.timedelta64(1, "s")
+        )
     return float(polyline.lengths(legs)[np.array(legs.searching, bool)].sum())
 
 
 def widths(tasking: Tasking, under_way: bool = False) -> Array:
     """Return the sweep width [m] by scenario, of what is adrift or of what is under way."""
     sortie = tasking.sortie
-    return np.array(sortie.width_under_way if under_way and sortie.width_under_way else sortie.sweep_width)
+    return np.array(
+        sortie.width_under_way if under_way and sortie.width_under_way else sortie.sweep_width
+    )
 
 
 def coverages(tasking: Tasking, under_way: bool = False) -> Array:
     """Return the coverage of the sub-area by scenario, W / S, as its crews would compute it.
 
-    Of legs cut at the coast it is W times the track that searches over the sea in the sub-area, of a sector search W
-    times its track over its circle.
+    Of legs cut at the coast it is W times the track that searches over the sea in the sub-area, of
+    a sector search W times its track over its circle.
     """
     sortie = tasking.sortie
     if sortie.coverage:
-        return np.array(sortie.coverage_under_way if under_way and sortie.coverage_under_way else sortie.coverage)
+        return np.array(
+            sortie.coverage_under_way
+            if under_way and sortie.coverage_under_way
+            else sortie.coverage
+        )
     width = widths(tasking, under_way)
     if tasking.manner.pattern == "sector":
         return np.asarray(width * track_length(tasking) / (math.pi * tasking.spacing**2))
@@ -198,12 +244,15 @@ def coverages(tasking: Tasking, under_way: bool = False) -> Array:
 def pods(tasking: Tasking, under_way: bool = False) -> Array:
     """Return the POD of the sub-area by scenario for an object that stays in it.
 
-    It is averaged over what is unknown of the sweep width, and over the sub-area: where its legs are cut out nothing
-    is found. (What is seen from the ends of legs beyond their own strips is left out: it is too low by that.)
+    It is averaged over what is unknown of the sweep width, and over the sub-area: where its legs
+    are cut out nothing is found. (What is seen from the ends of legs beyond their own strips is
+    left out: it is too low by that.)
     """
     factors, chances = laws.factors(tasking.sortie.shape)
     along = coverages(tasking, under_way) / tasking.swept
-    return np.asarray(tasking.swept * laws.pod(tasking.sortie.law, np.outer(along, factors)) @ chances)
+    return np.asarray(
+        tasking.swept * laws.pod(tasking.sortie.law, np.outer(along, factors)) @ chances
+    )
 
 
 def degrees(angle: float) -> int:
@@ -221,15 +270,23 @@ def summary_of_plan(plan: Plan) -> dict[str, Any]:
         "pos": plan.pos,
         "pos_ashore": plan.pos_ashore,
         "ashore": plan.ashore,
-        "pos_by_scenario": dict(zip(plan.scenarios, np.asarray(plan.by_scenario, float).tolist(), strict=True)),
+        "pos_by_scenario": dict(
+            zip(plan.scenarios, np.asarray(plan.by_scenario, float).tolist(), strict=True)
+        ),
         "bound": plan.bound,
         "bound_error": None if plan.bound is None else plan.bound_error,
         "no_bound": plan.unbounded or None,
         "share_of_bound": plan.seen / plan.bound if plan.bound else None,
         "value_on_planning_particles": plan.seen,
         "optimism": plan.seen - plan.value,
-        "effective_particles": {"made_on": _counted(plan.made_on), "scored_on": _counted(plan.scored_on)},
-        "taskings": [_tasking(plan, name, tasking) for name, tasking in zip(names(plan), plan.taskings, strict=True)],
+        "effective_particles": {
+            "made_on": _counted(plan.made_on),
+            "scored_on": _counted(plan.scored_on),
+        },
+        "taskings": [
+            _tasking(plan, name, tasking)
+            for name, tasking in zip(names(plan), plan.taskings, strict=True)
+        ],
         "alternatives": [
             {
                 "name": other.name,
@@ -283,7 +340,9 @@ def _tasking(plan: Plan, name: str, tasking: Tasking) -> dict[str, Any]:
         ],
         "search_speed_kn": tasking.unit.search_speed / KNOT,
         "altitude_ft": tasking.unit.altitude / 0.3048,
-        "sweep_width_nmi": {k: w / NMI for k, w in zip(plan.scenarios, tasking.sortie.sweep_width, strict=True)},
+        "sweep_width_nmi": {
+            k: w / NMI for k, w in zip(plan.scenarios, tasking.sortie.sweep_width, strict=True)
+        },
         "pod": dict(zip(plan.scenarios, pods(tasking).tolist(), strict=True)),
         **(_under_way(plan, tasking) if tasking.sortie.width_under_way else {}),
     }
@@ -291,7 +350,9 @@ def _tasking(plan: Plan, name: str, tasking: Tasking) -> dict[str, Any]:
 
 def _under_way(plan: Plan, tasking: Tasking) -> dict[str, Any]:
     return {
-        "sweep_width_under_way_nmi": dict(zip(plan.scenarios, (widths(tasking, True) / NMI).tolist(), strict=True)),
+        "sweep_width_under_way_nmi": dict(
+            zip(plan.scenarios, (widths(tasking, True) / NMI).tolist(), strict=True)
+        ),
         "pod_under_way": dict(zip(plan.scenarios, pods(tasking, True).tolist(), strict=True)),
     }
 
@@ -301,13 +362,19 @@ def _place(lon: float, lat: float) -> dict[str, float]:
 
 
 def scenario_pos(plan: Plan) -> list[tuple[str, float]]:
-    """Return the POS had each scenario been; of many the likeliest before the plan, and the others together."""
+    """Return the POS had each scenario been; of many the likeliest before the plan, and the others
+    together.
+    """
     names, (pos,) = told(plan, np.asarray(plan.by_scenario, float))
     return list(zip(names, pos, strict=True))
 
 
 def told(plan: Plan, *values: Array) -> tuple[list[str], list[list[float]]]:
-    """Return the names of the scenarios that are told of by themselves, and values of each; of the others the mean."""
+    """Return the names of the scenarios that are told of by themselves, and values of each; of the
+    others the mean.
+    """
     share = np.ones(len(plan.scenarios)) if plan.shares is None else plan.shares
     shown = likeliest.likeliest_scenarios(share)
-    return shown.names(plan.scenarios), [shown.means(np.asarray(v, float), share).tolist() for v in values]
+    return shown.names(plan.scenarios), [
+        shown.means(np.asarray(v, float), share).tolist() for v in values
+    ]

@@ -1,7 +1,8 @@
-"""A plan as plain text: the search action plan as crews and coordinators read it (IAMSAR Manual, Vol. II).
+"""A plan as plain text: the search action plan as crews and coordinators read it (IAMSAR Manual,
+Vol. II).
 
-Plain ASCII of at most 78 columns but for names: it goes by mail, telex or radio. Positions are degrees and decimal
-minutes, directions true, times date-time groups.
+Plain ASCII of at most 78 columns but for names: it goes by mail, telex or radio. Positions are
+degrees and decimal minutes, directions true, times date-time groups.
 """
 
 import math
@@ -39,14 +40,27 @@ def plan_text(
 ) -> str:
     """Return the search action plan.
 
-    run: its run_id. notes: what else a coordinator must know. datum: (lon, lat) [deg] and its time. synthetic: winds or
-    currents are made up.
+    run: its run_id. notes: what else a coordinator must know. datum: (lon, lat) [deg] and its time.
+    synthetic: winds or currents are made up.
     """
     names = subareas.names(plan)
-    lines = ["SEARCH ACTION PLAN", *_fill(case_title, 0), f"Run {run}. Times are UTC, directions true.", ""]
+    lines = [
+        "SEARCH ACTION PLAN",
+        *_fill(case_title, 0),
+        f"Run {run}. Times are UTC, directions true.",
+        "",
+    ]
     for warning in warnings(plan, synthetic):
         lines += [*_fill(f"WARNING: {warning}", 0), ""]
-    lines += ["1  WORTH", *_worth(plan, datum), "", "2  SEARCH AREAS", *_table(plan, names), "", "3  TASKING"]
+    lines += [
+        "1  WORTH",
+        *_worth(plan, datum),
+        "",
+        "2  SEARCH AREAS",
+        *_table(plan, names),
+        "",
+        "3  TASKING",
+    ]
     number = 0
     for name, tasking in zip(names, plan.taskings, strict=True):
         if tasking.round != number and plan.spec.rounds > 1:
@@ -57,18 +71,28 @@ def plan_text(
     if not plan.taskings:
         lines += ["   none: no unit can search in this period"]
     rest = [
-        ("COORDINATION, COMMUNICATIONS, REPORTS", ["   to be filled in by the search mission coordinator"]),
-        ("NOTES", [line for note in (*notes, *_standing(plan)) for line in _fill(f"- {note}", 3, 5)]),
+        (
+            "COORDINATION, COMMUNICATIONS, REPORTS",
+            ["   to be filled in by the search mission coordinator"],
+        ),
+        (
+            "NOTES",
+            [line for note in (*notes, *_standing(plan)) for line in _fill(f"- {note}", 3, 5)],
+        ),
     ]
     if plan.alternatives:
-        rest.insert(0, ("ALTERNATIVES, all on the particles that the plan was made on", _alternatives(plan)))
+        rest.insert(
+            0, ("ALTERNATIVES, all on the particles that the plan was made on", _alternatives(plan))
+        )
     for section, (head, body) in enumerate(rest, 4):
         lines += ["", f"{section}  {head}", *body]
     return "\n".join(lines) + "\n"
 
 
 def warnings(plan: Plan, synthetic: bool) -> list[str]:
-    """Return the warnings at the head of a plan: what it must not be used for, and what is not reliable in it."""
+    """Return the warnings at the head of a plan: what it must not be used for, and what is not
+    reliable in it.
+    """
     lines = []
     if synthetic:
         lines.append("SYNTHETIC wind or current. NOT FOR OPERATIONS.")
@@ -91,24 +115,31 @@ def rough(plan: Plan) -> list[str]:
     lines = []
     if plan.made_on is not None and plan.made_on.few:
         lines.append(
-            effective.sentence(plan.made_on, "of those that the plan was made on", "its areas and its bound are rough")
+            effective.sentence(
+                plan.made_on,
+                "of those that the plan was made on",
+                "its areas and its bound are rough",
+            )
         )
     if plan.scored_on is not None and plan.scored_on.few:
-        lines.append(effective.sentence(plan.scored_on, "of those that it was scored on", "its POS is rough"))
+        lines.append(
+            effective.sentence(plan.scored_on, "of those that it was scored on", "its POS is rough")
+        )
     return lines
 
 
 def worth(plan: Plan) -> str:
-    """Return in a line what a plan is worth and the estimated bound of all plans, or why there is none.
+    """Return in a line what a plan is worth and the estimated bound of all plans, or why there is
+    none.
 
     The bound is rounded up; with three digits where two tell no difference.
     """
-    digits = 3 if plan.bound is not None and f"{plan.value:.2f}" == f"{_up(plan.bound, 2):.2f}" else 2
+    digits = (
+        3 if plan.bound is not None and f"{plan.value:.2f}" == f"{_up(plan.bound, 2):.2f}" else 2
+    )
     value = f"POS {notation.probability(plan.value, digits)}"
     if plan.spec.objective == "alive":
-        value = (
-            f"{notation.probability(plan.value, digits)} to detect alive (POS {notation.probability(plan.pos, digits)})"
-        )
+        value = f"{notation.probability(plan.value, digits)} to detect alive (POS {notation.probability(plan.pos, digits)})"
     if plan.bound is None:
         return f"{value}; no bound: {plan.unbounded}" if plan.unbounded else value
     error = f" (+-{_up(2 * plan.bound_error, digits):.{digits}f})" if plan.bound_error > 0 else ""
@@ -116,7 +147,9 @@ def worth(plan: Plan) -> str:
 
 
 def stranded(plan: Plan) -> str:
-    """Return what becomes of what lies ashore: how likely that is, and whether the plan looks for it; "" for nothing."""
+    """Return what becomes of what lies ashore: how likely that is, and whether the plan looks for
+    it; "" for nothing.
+    """
     if max(plan.ashore, plan.pos_ashore) < TOLD_ASHORE:
         return ""
     lies = f"{notation.percent(plan.ashore)} probability that it is stranded when the plan begins"
@@ -151,11 +184,11 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
         )
         rows.append(("Bound", bound))
     if plan.spec.rounds > 1 and plan.bound is not None:
-        loose = (
-            f"The bound lets each unit search {plan.spec.rounds} times its endurance without turnaround: it is loose"
-        )
+        loose = f"The bound lets each unit search {plan.spec.rounds} times its endurance without turnaround: it is loose"
         rows.append(("", loose))
-    rows.append(("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on"))
+    rows.append(
+        ("Optimism", f"{plan.seen - plan.value:+.3f} on the particles that the plan was made on")
+    )
     for k, (name, pos) in enumerate(subareas.scenario_pos(plan)):
         rows.append(("POS, had it been" if k == 0 else "", f"{notation.probability(pos):5} {name}"))
     return [line for row in rows for line in _row(*row)]
@@ -164,18 +197,26 @@ def _worth(plan: Plan, datum: tuple[float, float, np.datetime64] | None) -> list
 def _table(plan: Plan, names: Sequence[str]) -> list[str]:
     lines = [f"   {'Area':6}{'Unit':24}{'Takeoff':9}{'On scene':10}{'Off':9}{'Home':9}{'POS':>5}"]
     for name, tasking in zip(names, plan.taskings, strict=True):
-        times = [_short(time) for time in (tasking.takeoff, tasking.on_scene, tasking.off_scene, tasking.home)]
+        times = [
+            _short(time)
+            for time in (tasking.takeoff, tasking.on_scene, tasking.off_scene, tasking.home)
+        ]
         unit = tasking.unit.name if len(tasking.unit.name) <= 23 else f"{tasking.unit.name[:20]}..."
         lines.append(
             f"   {name:6}{unit:24}{times[0]:9}{times[1]:10}{times[2]:9}{times[3]:9}{notation.probability(tasking.pos):>5}"
         )
-    return [*lines, *_fill("POS: of each unit, conditional on the failure of those before it in this list", 3)]
+    return [
+        *lines,
+        *_fill("POS: of each unit, conditional on the failure of those before it in this list", 3),
+    ]
 
 
 def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
     """Return what a unit is told to do, as lines."""
     unit, sortie = tasking.unit, tasking.sortie
-    title = f"{name}  {unit.name}" + (f" ({unit.kind})" if unit.kind and unit.kind != unit.name else "")
+    title = f"{name}  {unit.name}" + (
+        f" ({unit.kind})" if unit.kind and unit.kind != unit.name else ""
+    )
     corners = [notation.position(*corner) or "" for corner in subareas.corners(tasking)]
     size = f"{tasking.length / NMI:.1f} x {tasking.width / NMI:.1f}"
     rows: list[tuple[str, str]] = [
@@ -185,18 +226,31 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
         ("Size", f"{size} nmi, length along {_both(tasking.orientation)}"),
     ]
     if sortie.legs is not None:
-        lengths = "in pieces of up to" if tasking.cut else "of" if tasking.manner.plain else "of up to"
+        lengths = (
+            "in pieces of up to" if tasking.cut else "of" if tasking.manner.plain else "of up to"
+        )
         many = f"{tasking.legs} leg{'s' * (tasking.legs != 1)} {lengths}"
         parallel = tasking.manner.pattern == "parallel"
         rows += [
             ("Pattern", subareas.pattern(tasking)),
             ("CSP", f"{notation.position(*subareas.begin(tasking))}   (commence search point)"),
-            ("First leg", f"{_first_course(tasking):03d}T, {many} {subareas.leg_length(tasking) / NMI:.1f} nmi"),
+            (
+                "First leg",
+                f"{_first_course(tasking):03d}T, {many} {subareas.leg_length(tasking) / NMI:.1f} nmi",
+            ),
             *[("Creep", f"{subareas.degrees(tasking.creep):03d}T")] * parallel,
-            (SPACING.get(tasking.manner.pattern, "Track spacing"), f"{tasking.spacing / NMI:.2f} nmi"),
+            (
+                SPACING.get(tasking.manner.pattern, "Track spacing"),
+                f"{tasking.spacing / NMI:.2f} nmi",
+            ),
         ]
     else:
-        rows.append(("Pattern", f"search of the whole area, {subareas.track_length(tasking) / NMI:.0f} nmi of track"))
+        rows.append(
+            (
+                "Pattern",
+                f"search of the whole area, {subareas.track_length(tasking) / NMI:.0f} nmi of track",
+            )
+        )
     if tasking.cut:
         ways = f"{subareas.round_length(tasking) / NMI:.1f} nmi of ways round it search nothing"
         swept = f"{subareas.track_length(tasking) / NMI:.1f} nmi search {_share(tasking.swept)} of the sea in the area"
@@ -215,10 +269,19 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
         why = f": {tasking.waits}" if tasking.waits else ""
         rows.append(("Departs", f"{waits:.1f} h after it is ready{why}"))
     rows += [
-        ("Takeoff", f"{notation.group(tasking.takeoff)}   from {notation.stated_position(*unit.base)}"),
+        (
+            "Takeoff",
+            f"{notation.group(tasking.takeoff)}   from {notation.stated_position(*unit.base)}",
+        ),
         ("On scene", notation.group(tasking.on_scene) + ("   at the CSP" if sortie.legs else "")),
-        ("Off scene", f"{notation.group(tasking.off_scene)}   at {notation.position(*subareas.end(tasking))}"),
-        ("Home", f"{notation.group(tasking.home)}   at {notation.stated_position(*unit.return_to)}"),
+        (
+            "Off scene",
+            f"{notation.group(tasking.off_scene)}   at {notation.position(*subareas.end(tasking))}",
+        ),
+        (
+            "Home",
+            f"{notation.group(tasking.home)}   at {notation.stated_position(*unit.return_to)}",
+        ),
         *(
             (which, f"{way / NMI:.1f} nmi by sea, {straight / NMI:.1f} nmi straight")
             for which, way, straight in subareas.by_sea(tasking)
@@ -226,10 +289,16 @@ def task(plan: Plan, name: str, tasking: Tasking) -> list[str]:
         ("POS", notation.probability(tasking.pos)),
     ]
     if unit.afloat:
-        keeps = [f"{notation.number(unit.clear_of_land / NMI)} nmi off land"] * (unit.clear_of_land > 0)
+        keeps = [f"{notation.number(unit.clear_of_land / NMI)} nmi off land"] * (
+            unit.clear_of_land > 0
+        )
         keeps += [f"in water deeper than {notation.number(unit.draught)} m"] * (unit.draught > 0)
         rows += [("Keeps", ", ".join(keeps))] * bool(keeps)
-    return [f"   {title}", *(line for row in rows for line in _row(*row, indent=6)), *_expected(plan, tasking)]
+    return [
+        f"   {title}",
+        *(line for row in rows for line in _row(*row, indent=6)),
+        *_expected(plan, tasking),
+    ]
 
 
 def listed(numbers: Sequence[int]) -> str:
@@ -241,17 +310,23 @@ def listed(numbers: Sequence[int]) -> str:
         else:
             runs.append([number])
     return ", ".join(
-        str(run[0]) if len(run) == 1 else f"{run[0]}{' to ' if len(run) > 2 else ', '}{run[-1]}" for run in runs
+        str(run[0]) if len(run) == 1 else f"{run[0]}{' to ' if len(run) > 2 else ', '}{run[-1]}"
+        for run in runs
     )
 
 
 def _expected(plan: Plan, tasking: Tasking) -> list[str]:
-    """Return the POD that a tasking expects: a line if all scenarios have the same, otherwise a table.
+    """Return the POD that a tasking expects: a line if all scenarios have the same, otherwise a
+    table.
 
     What is seen from farther while it is under way has a line or row for each state.
     """
     by_state = [
-        (subareas.pods(tasking, state), subareas.widths(tasking, state) / NMI, subareas.coverages(tasking, state))
+        (
+            subareas.pods(tasking, state),
+            subareas.widths(tasking, state) / NMI,
+            subareas.coverages(tasking, state),
+        )
         for state in ((False, True) if tasking.sortie.width_under_way else (False,))
     ]
     if all(np.ptp(width) < 1e-9 and np.ptp(coverage) < 1e-9 for _, width, coverage in by_state):
@@ -262,7 +337,9 @@ def _expected(plan: Plan, tasking: Tasking) -> list[str]:
         if len(set(lines)) > 1:
             lines = [f"{line}, {state}" for line, state in zip(lines, STATES, strict=True)]
         return [
-            part for k, line in enumerate(dict.fromkeys(lines)) for part in _row("" if k else EXPECTED, line, indent=6)
+            part
+            for k, line in enumerate(dict.fromkeys(lines))
+            for part in _row("" if k else EXPECTED, line, indent=6)
         ]
     rows: list[tuple[str, list[float]]] = []
     told = [subareas.told(plan, *figures) for figures in by_state]
@@ -271,11 +348,15 @@ def _expected(plan: Plan, tasking: Tasking) -> list[str]:
         if own[0] == own[-1]:
             rows.append((name, own[0]))
         else:
-            rows += [(f"{name}, {state}", figures) for state, figures in zip(STATES, own, strict=True)]
+            rows += [
+                (f"{name}, {state}", figures) for state, figures in zip(STATES, own, strict=True)
+            ]
     wide = max(len(name) for name, _ in rows)
     lines = [f"{'':{wide}}   POD  W [nmi]  Coverage"]
     for name, figures in rows:
-        lines.append(f"{name:{wide}} {notation.probability(figures[0]):>5}  {figures[1]:7.2f}  {figures[2]:8.2f}")
+        lines.append(
+            f"{name:{wide}} {notation.probability(figures[0]):>5}  {figures[1]:7.2f}  {figures[2]:8.2f}"
+        )
     return [f"      {'' if k else EXPECTED:{LABEL}}{line}" for k, line in enumerate(lines)]
 
 
@@ -284,7 +365,11 @@ def _alternatives(plan: Plan) -> list[str]:
     for other in plan.alternatives:
         gap = "better" if other.difference >= 0 else "WORSE"
         by = f"{abs(other.difference):.3f} +- {other.standard_error:.3f}"
-        near = "" if other.apart else f" (nearer to each other than {plan.spec.separation / NMI:.3g} nmi)"
+        near = (
+            ""
+            if other.apart
+            else f" (nearer to each other than {plan.spec.separation / NMI:.3g} nmi)"
+        )
         beside = "this is the plan" if other.same else f"the plan is {gap} by {by}"
         lines += _fill(f"{other.value:.3f}  {other.name}{near}; {beside}", 3, 10)
     return lines
@@ -310,13 +395,23 @@ def _standing(plan: Plan) -> tuple[str, ...]:
 
 def _row(label: str, value: str, indent: int = 3) -> list[str]:
     start = " " * indent + f"{label:{LABEL}}"
-    return textwrap.wrap(value, WIDE, initial_indent=start, subsequent_indent=" " * len(start), drop_whitespace=True,
-                         break_long_words=False, fix_sentence_endings=False) or [start.rstrip()]  # fmt: skip
+    return textwrap.wrap(
+        value,
+        WIDE,
+        initial_indent=start,
+        subsequent_indent=" " * len(start),
+        drop_whitespace=True,
+        break_long_words=False,
+        fix_sentence_endings=False,
+    ) or [start.rstrip()]
 
 
 def _fill(words: str, indent: int, hang: int | None = None) -> list[str]:
     return textwrap.wrap(
-        words, WIDE, initial_indent=" " * indent, subsequent_indent=" " * (indent if hang is None else hang)
+        words,
+        WIDE,
+        initial_indent=" " * indent,
+        subsequent_indent=" " * (indent if hang is None else hang),
     )
 
 
@@ -328,13 +423,18 @@ def _both(angle: float) -> str:
 
 
 def _first_course(tasking: Tasking) -> int:
-    """Return the course [deg] of the first leg, which is along the orientation one way or the other."""
+    """Return the course [deg] of the first leg, which is along the orientation one way or the
+    other.
+    """
     legs = tasking.sortie.legs
     assert legs is not None
     east, north = sphere.offset(*np.radians([legs.lon[0], legs.lat[0], legs.lon[1], legs.lat[1]]))
     if not tasking.manner.plain:
         return subareas.degrees(math.atan2(east, north))
-    ahead = math.sin(tasking.orientation) * float(east) + math.cos(tasking.orientation) * float(north) >= 0
+    ahead = (
+        math.sin(tasking.orientation) * float(east) + math.cos(tasking.orientation) * float(north)
+        >= 0
+    )
     return subareas.degrees(tasking.orientation + (0 if ahead else math.pi))
 
 

@@ -1,7 +1,8 @@
-"""The sheet of a unit, A4 upright: its legs at a scale that shows each, its task, every turning point.
+"""The sheet of a unit, A4 upright: its legs at a scale that shows each, its task, every turning
+point.
 
-Turning points are numbered on the chart and in the table, which has their positions to a thousandth of a minute, as
-plotters take them. A search with more points than fit goes on on further pages.
+Turning points are numbered on the chart and in the table, which has their positions to a thousandth
+of a minute, as plotters take them. A search with more points than fit goes on on further pages.
 """
 
 import math
@@ -36,17 +37,31 @@ from geo.array import Array
 from geo.box import Box
 
 SHEET = Sheet(  # A4
-    8.27, 11.69, 150, left=0.06, title=sheet.heading(0.962, 17), lines=(Row(0.943, 9.5, 100), Row(0.928, 9.5)),
-    caution=Badge(0.95, 0.968, 8.5, "right"), rough=Badge(0.95, 0.945, 8.5, "right"),
+    8.27,
+    11.69,
+    150,
+    left=0.06,
+    title=sheet.heading(0.962, 17),
+    lines=(Row(0.943, 9.5, 100), Row(0.928, 9.5)),
+    caution=Badge(0.95, 0.968, 8.5, "right"),
+    rough=Badge(0.95, 0.945, 8.5, "right"),
     footer=sheet.small(0.012, 6.5, 150),
-)  # fmt: skip
+)
 MAP = (0.085, 0.535, 0.865, 0.37)  # of the page
 INSET = (0.665, 0.30, 0.285, 0.20)
 COLUMNS, ROWS, MORE = 3, 28, 105  # of the table: on the first page, and rows on those after it
 TABLE = 0.262  # of the page, where it begins
 STEP = 0.0081  # of the page, a row
 WAY: dict[str, Any] = {"color": "#000000", "linewidth": 0.9, "linestyle": (0, (1, 2.5))}
-KINDS = {"way": "way", "csp": "CSP", "leg": "", "turn": "round", "off": "off", "home": "home", "base": "base"}
+KINDS = {
+    "way": "way",
+    "csp": "CSP",
+    "leg": "",
+    "turn": "round",
+    "off": "off",
+    "home": "home",
+    "base": "base",
+}
 
 
 def pages(plan: Plan) -> list[tuple[str, int, int]]:
@@ -63,13 +78,20 @@ def box(plan: Plan) -> Box:
     """Return the box that holds all that the sheets show."""
     every = np.concatenate(
         [
-            np.concatenate([plan_map.ring(tasking), *subareas.transits(tasking), [tasking.unit.base]])
+            np.concatenate(
+                [plan_map.ring(tasking), *subareas.transits(tasking), [tasking.unit.base]]
+            )
             for tasking in plan.taskings
         ]
     )
     lon = np.array([_by(value, every[0, 0]) for value in every[:, 0]])
     west = sphere.wrap_degrees(float(lon.min()))
-    box = Box(west, float(every[:, 1].min()), west + max(float(np.ptp(lon)), 1e-6), float(every[:, 1].max()))
+    box = Box(
+        west,
+        float(every[:, 1].min()),
+        west + max(float(np.ptp(lon)), 1e-6),
+        float(every[:, 1].max()),
+    )
     return box.grown(0.3 + 0.2 * float(np.ptp(lon)), 0.2 + 0.2 * float(np.ptp(every[:, 1])))
 
 
@@ -105,7 +127,9 @@ def plot_unit_sheet(
     sheet.end(on, path, imprint, f"{name} {tasking.unit.name}: {imprint.title}")
 
 
-def _chart(figure: Figure, canvas: FigureCanvasAgg, tasking: Tasking, way: Sequence[Waypoint], land: Array) -> None:
+def _chart(
+    figure: Figure, canvas: FigureCanvasAgg, tasking: Tasking, way: Sequence[Waypoint], land: Array
+) -> None:
     """Draw the legs with the numbers of their turning points."""
     ring = plan_map.ring(tasking)
     inner = [point for point in way if point.what in ("csp", "leg", "turn", "off")]
@@ -118,9 +142,15 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, tasking: Tasking, way: Seque
     chart.graticule(ax, frame)
     _ways(ax, frame, tasking)
     for searching, points in search_shapes.flown(tasking.sortie):
-        style = {**search_layers.LEGS, "linewidth": 1.0} if searching else {**search_layers.TRANSIT, "linewidth": 1.1}
+        style = (
+            {**search_layers.LEGS, "linewidth": 1.0}
+            if searching
+            else {**search_layers.TRANSIT, "linewidth": 1.1}
+        )
         plan_map.line(ax, frame, points, style, 8)
-    plan_map.line(ax, frame, ring, {**search_layers.AREA, "linewidth": 1.2, "linestyle": (0, (6, 3))}, 7.5)
+    plan_map.line(
+        ax, frame, ring, {**search_layers.AREA, "linewidth": 1.2, "linestyle": (0, (6, 3))}, 7.5
+    )
     if tasking.sortie.legs is not None:
         plan_map.creep(ax, frame, tasking)
     x, y = frame.project([point.lon for point in inner], [point.lat for point in inner])
@@ -129,21 +159,39 @@ def _chart(figure: Figure, canvas: FigureCanvasAgg, tasking: Tasking, way: Seque
     texts: list[labels.Point] = []
     for k, point in enumerate(inner):
         ends = point.what in ("csp", "off")
-        style = {"fontsize": 9 if ends else 6.2, "color": "#000000", "weight": "bold" if ends else "normal"}
+        style = {
+            "fontsize": 9 if ends else 6.2,
+            "color": "#000000",
+            "weight": "bold" if ends else "normal",
+        }
         texts.append((float(x[k]), float(y[k]), _short(point), style))
     bar = chart.scale_bar(ax, frame, chart.free_corner(frame, x, y))
     labels.place_labels(ax, canvas, texts, [bar], must={0, len(texts) - 1})
     handles = [
         (Line2D([], [], **{**search_layers.LEGS, "linewidth": 1.0}), "Leg of search"),
-        (Line2D([], [], **{**search_layers.AREA, "linewidth": 1.2, "linestyle": (0, (6, 3))}), "Sub-area"),
+        (
+            Line2D([], [], **{**search_layers.AREA, "linewidth": 1.2, "linestyle": (0, (6, 3))}),
+            "Sub-area",
+        ),
         (Line2D([], [], **WAY), "Way out and home"),
     ]
     if tasking.sortie.legs is not None and not all(tasking.sortie.legs.searching):
-        handles.insert(1, (Line2D([], [], **{**search_layers.TRANSIT, "linewidth": 1.1}), "Way round land, no search"))
+        handles.insert(
+            1,
+            (
+                Line2D([], [], **{**search_layers.TRANSIT, "linewidth": 1.1}),
+                "Way round land, no search",
+            ),
+        )
     sheet.legend(
-        figure, handles, loc="upper left", bbox_to_anchor=(MAP[0] - 0.005, MAP[1] - 0.021), ncols=len(handles),
-        fontsize=7.5, borderaxespad=0,
-    )  # fmt: skip
+        figure,
+        handles,
+        loc="upper left",
+        bbox_to_anchor=(MAP[0] - 0.005, MAP[1] - 0.021),
+        ncols=len(handles),
+        fontsize=7.5,
+        borderaxespad=0,
+    )
 
 
 def _ways(ax: Axes, frame: Frame, tasking: Tasking) -> None:
@@ -157,7 +205,9 @@ def _inset(figure: Figure, tasking: Tasking, land: Array) -> None:
     ways = subareas.transits(tasking)
     places = np.concatenate([ring, *ways, [tasking.unit.base, tasking.unit.return_to]])
     lon = np.array([_by(v, ring[0, 0]) for v in places[:, 0]])
-    frame = chart.frame(lon, places[:, 1], INSET[2] * SHEET.width / (INSET[3] * SHEET.height), margin=0.1)
+    frame = chart.frame(
+        lon, places[:, 1], INSET[2] * SHEET.width / (INSET[3] * SHEET.height), margin=0.1
+    )
     ax = figure.add_axes(INSET)
     chart.prepare(ax, frame)
     chart.draw_land(ax, chart.land_path(frame, land, 600))
@@ -175,12 +225,25 @@ def _facts(figure: Figure, plan: Plan, name: str, tasking: Tasking) -> None:
     lines.append(f"{'Daylight':{plan_text.LABEL}}{light(tasking)}")
     for words in plan.said:
         if words.startswith(f"{tasking.unit.name} "):
-            wrapped = textwrap.wrap(words.removeprefix(f"{tasking.unit.name} "), plan_text.WIDE - plan_text.LABEL - 6)
-            lines += [f"{'' if k else 'Harbour':{plan_text.LABEL}}{line}" for k, line in enumerate(wrapped)]
+            wrapped = textwrap.wrap(
+                words.removeprefix(f"{tasking.unit.name} "), plan_text.WIDE - plan_text.LABEL - 6
+            )
+            lines += [
+                f"{'' if k else 'Harbour':{plan_text.LABEL}}{line}"
+                for k, line in enumerate(wrapped)
+            ]
     step = min(0.0098, (MAP[1] - 0.045 - TABLE - 0.02) / len(lines))
     for k, line in enumerate(lines):
         y = MAP[1] - 0.045 - step * k
-        figure.text(0.06, y, line, fontsize=min(7.0, 7.0 * step / 0.0092), family="monospace", color=INK, va="top")
+        figure.text(
+            0.06,
+            y,
+            line,
+            fontsize=min(7.0, 7.0 * step / 0.0092),
+            family="monospace",
+            color=INK,
+            va="top",
+        )
 
 
 def light(tasking: Tasking) -> str:
@@ -205,11 +268,19 @@ def _table(figure: Figure, way: Sequence[Waypoint], top: float, rows: int) -> No
     for column in range(math.ceil(len(way) / rows)):
         x = 0.06 + wide * column
         head = f"{'':4} {'Latitude':11} {'Longitude':12} {'Time':7}"
-        figure.text(x, top, head, fontsize=6.7, family="monospace", weight="bold", color=INK, va="top")
+        figure.text(
+            x, top, head, fontsize=6.7, family="monospace", weight="bold", color=INK, va="top"
+        )
         for k, point in enumerate(way[column * rows : (column + 1) * rows]):
             text = f"{_short(point):>4} {_place(point)} {plan_map.short(point.time)} {KINDS[point.what]}"
             bold = "bold" if point.what in ("csp", "off") else "normal"
-            style: dict[str, Any] = {"fontsize": 6.7, "family": "monospace", "weight": bold, "color": INK, "va": "top"}
+            style: dict[str, Any] = {
+                "fontsize": 6.7,
+                "family": "monospace",
+                "weight": bold,
+                "color": INK,
+                "va": "top",
+            }
             figure.text(x, top - STEP * (k + 1.2), text, **style)
 
 

@@ -25,17 +25,26 @@ class SpillOutputs:
 
 
 def _washup(matter: SpillOutputs, path: Path) -> None:
-    from drift.spills.worlds.products import map as washup_map  # imported here, for Matplotlib takes a second
+    # imported here, for Matplotlib takes a second
+    from drift.spills.worlds.products import map as washup_map
 
     after = matter.after
     walked = [
-        washup_map.Patrolled(patrol["name"], patrol["time"], patrol["detection"], patrol["segments"])
+        washup_map.Patrolled(
+            patrol["name"], patrol["time"], patrol["detection"], patrol["segments"]
+        )
         for patrol in renewal.patrols(after.spill, after.segments)
     ]
     washup_map.plot_washup(
-        after.washup, after.segments, path, matter.setting, finds=finds(after), patrols=washup_map.Patrols(walked),
-        warning=renewal.warning(after), silence=renewal.silence(after),
-    )  # fmt: skip
+        after.washup,
+        after.segments,
+        path,
+        matter.setting,
+        finds=finds(after),
+        patrols=washup_map.Patrols(walked),
+        warning=renewal.warning(after),
+        silence=renewal.silence(after),
+    )
 
 
 def finds(after: Aftermath) -> list[Mark]:
@@ -47,10 +56,18 @@ def finds(after: Aftermath) -> list[Mark]:
 
 FILES: dict[str, Callable[[SpillOutputs, Stamped], Contents]] = {
     "washup.nc": lambda matter, stamped: matter.after.washup,
-    "washup.csv": lambda matter, stamped: washup_tables.stretches(matter.after.washup, stamped["run_id"]),
-    "washup_times.csv": lambda matter, stamped: washup_tables.times(matter.after.washup, stamped["run_id"]),
-    "totals.csv": lambda matter, stamped: washup_tables.totals(matter.after.washup, stamped["run_id"]),
-    "washup.geojson": lambda matter, stamped: washup_tables.lines(matter.after.washup, matter.after.segments, stamped),
+    "washup.csv": lambda matter, stamped: washup_tables.stretches(
+        matter.after.washup, stamped["run_id"]
+    ),
+    "washup_times.csv": lambda matter, stamped: washup_tables.times(
+        matter.after.washup, stamped["run_id"]
+    ),
+    "totals.csv": lambda matter, stamped: washup_tables.totals(
+        matter.after.washup, stamped["run_id"]
+    ),
+    "washup.geojson": lambda matter, stamped: washup_tables.lines(
+        matter.after.washup, matter.after.segments, stamped
+    ),
     "unknowns.csv": lambda matter, stamped: unknowns.unknowns_csv(
         renewal.unknown(matter.after), matter.after.posterior.effective, stamped["run_id"]
     ),

@@ -29,10 +29,26 @@ GIVEN = "over the simulated spills in which any object arrives there within the 
 FIGURES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "expected": (BY_TIME, "1", "expected number of objects that lie on the stretch"),
     "probability": (BY_TIME, "1", "probability that at least one object lies on the stretch"),
-    "number": (("quantile", *BY_TIME), "1", "quantile of the number of objects that lie on the stretch"),
-    "arrived": (BY_TIME, "1", "expected number of objects that have ever lain on the stretch, those found left out"),
-    "expected_by_kind": (("kind", *BY_TIME), "1", "expected number of objects of a class that lie on the stretch"),
-    "ever": (("segment",), "1", "probability that any object not found arrives on the stretch within the run"),
+    "number": (
+        ("quantile", *BY_TIME),
+        "1",
+        "quantile of the number of objects that lie on the stretch",
+    ),
+    "arrived": (
+        BY_TIME,
+        "1",
+        "expected number of objects that have ever lain on the stretch, those found left out",
+    ),
+    "expected_by_kind": (
+        ("kind", *BY_TIME),
+        "1",
+        "expected number of objects of a class that lie on the stretch",
+    ),
+    "ever": (
+        ("segment",),
+        "1",
+        "probability that any object not found arrives on the stretch within the run",
+    ),
     "first_arrival": (
         ("quantile", "segment"),
         formats.EPOCH,
@@ -44,7 +60,11 @@ FIGURES: dict[str, tuple[tuple[str, ...], str, str]] = {
         f"quantile of the median time at which the objects of a spill arrive, UTC, {GIVEN}",
     ),
     "total": (("fate", "time"), "1", "expected number of objects by what has become of them"),
-    "total_number": (("quantile", "fate", "time"), "1", "quantile of the number of objects by what has become of them"),
+    "total_number": (
+        ("quantile", "fate", "time"),
+        "1",
+        "quantile of the number of objects by what has become of them",
+    ),
 }
 SUMMARY = (
     "What of a spill of many objects lies on which stretch of coast, and when it arrived: expected numbers, probabilities "
@@ -67,10 +87,11 @@ def build_washup_dataset(
     start: np.datetime64,
     kinds: Sequence[str],
 ) -> xr.Dataset:
-    """Return figures (see drift.spills.worlds.washup.build_washup) as a dataset, which has no stretch where none was touched.
+    """Return figures (see drift.spills.worlds.washup.build_washup) as a dataset, which has no
+    stretch where none was touched.
 
-    figures: FIGURES and their errors by name, times in seconds after the start; those of stretches may be missing.
-    touched: numbers of the stretches in `segments`, (s,).
+    figures: FIGURES and their errors by name, times in seconds after the start; those of stretches
+    may be missing. touched: numbers of the stretches in `segments`, (s,).
     """
     start = start.astype("datetime64[s]")
     coords = {
@@ -84,18 +105,33 @@ def build_washup_dataset(
             start.astype("datetime64[ns]"),
             {"standard_name": "forecast_reference_time", "long_name": "start of the run, UTC"},
         ),
-        "segment": ("segment", touched.astype(np.int32), {"long_name": "number of the stretch of coast"}),
+        "segment": (
+            "segment",
+            touched.astype(np.int32),
+            {"long_name": "number of the stretch of coast"},
+        ),
         **_places(segments, touched),
-        "quantile": ("quantile", np.array(SHARES), {"long_name": "share of the distribution below", "units": "1"}),
+        "quantile": (
+            "quantile",
+            np.array(SHARES),
+            {"long_name": "share of the distribution below", "units": "1"},
+        ),
         "kind": ("kind", np.array(kinds, object), {"long_name": "class of objects"}),
-        "fate": ("fate", np.array(FATES, object), {"long_name": "what has become of an object", "comment": FATES_MEAN}),
+        "fate": (
+            "fate",
+            np.array(FATES, object),
+            {"long_name": "what has become of an object", "comment": FATES_MEAN},
+        ),
     }
     sizes = {name: len(coords[name][1]) for name in ("time", "segment", "quantile", "kind", "fate")}
     data = _variables(figures, sizes, notation.epoch(start))
     data["effective_arrivals"] = (
         ("segment",),
         figures.get("effective_arrivals", np.zeros(sizes["segment"])),
-        {"long_name": "effective number of worlds in which any object arrives on the stretch", "units": "1"},
+        {
+            "long_name": "effective number of worlds in which any object arrives on the stretch",
+            "units": "1",
+        },
     )
     data["world_total"] = (
         ("world", "time", "fate"),
@@ -106,7 +142,11 @@ def build_washup_dataset(
             "comment": "adds up to the world's number of objects",
         },
     )
-    data["world_weight"] = (("world",), weight, {"long_name": "probability of the world", "units": "1"})
+    data["world_weight"] = (
+        ("world",),
+        weight,
+        {"long_name": "probability of the world", "units": "1"},
+    )
     data["effective_worlds"] = (
         (),
         weights.effective(weight),
@@ -116,11 +156,17 @@ def build_washup_dataset(
             "comment": "each weighs as the finds weigh it; forecast.nc weighs each by what it has on the map at a time too",
         },
     )
-    data["realisations"] = ((), realisations, {"long_name": "simulated spills of each world", "units": "1"})
+    data["realisations"] = (
+        (),
+        realisations,
+        {"long_name": "simulated spills of each world", "units": "1"},
+    )
     return xr.Dataset(data, coords, {"summary": SUMMARY})
 
 
-def _variables(figures: Mapping[str, Array], sizes: Mapping[str, int], begin: float) -> dict[str, tuple[Any, ...]]:
+def _variables(
+    figures: Mapping[str, Array], sizes: Mapping[str, int], begin: float
+) -> dict[str, tuple[Any, ...]]:
     """Return FIGURES and their errors as variables, zero where they are missing.
 
     begin: of the run [s since 1970].
@@ -145,7 +191,9 @@ def _variables(figures: Mapping[str, Array], sizes: Mapping[str, int], begin: fl
 
 
 def _places(segments: Segments, touched: Array) -> dict[str, tuple[str, Any, dict[str, Any]]]:
-    """Return names, ids, kinds of shore, middles, lengths and nearest towns of the stretches as coordinates."""
+    """Return names, ids, kinds of shore, middles, lengths and nearest towns of the stretches as
+    coordinates.
+    """
     towns = gazetteer.nearest(segments.lon[touched], segments.lat[touched], segments.land)
     return {
         "name": (
@@ -155,21 +203,39 @@ def _places(segments: Segments, touched: Array) -> dict[str, tuple[str, Any, dic
         ),
         "stretch_id": (
             "segment",
-            np.array([segments.id[i] for i in touched] if segments.id else [""] * len(touched), object),
+            np.array(
+                [segments.id[i] for i in touched] if segments.id else [""] * len(touched), object
+            ),
             {"long_name": "id of the stretch: the geohash of its middle"},
         ),
-        "access": ("segment", np.array([segments.access[i] for i in touched], object), {"long_name": "kind of shore"}),
+        "access": (
+            "segment",
+            np.array([segments.access[i] for i in touched], object),
+            {"long_name": "kind of shore"},
+        ),
         "lon": (
             "segment",
             segments.lon[touched],
-            {"standard_name": "longitude", "long_name": "longitude of the middle", "units": "degrees_east"},
+            {
+                "standard_name": "longitude",
+                "long_name": "longitude of the middle",
+                "units": "degrees_east",
+            },
         ),
         "lat": (
             "segment",
             segments.lat[touched],
-            {"standard_name": "latitude", "long_name": "latitude of the middle", "units": "degrees_north"},
+            {
+                "standard_name": "latitude",
+                "long_name": "latitude of the middle",
+                "units": "degrees_north",
+            },
         ),
-        "length": ("segment", segments.length[touched], {"long_name": "length along the shoreline", "units": "m"}),
+        "length": (
+            "segment",
+            segments.length[touched],
+            {"long_name": "length along the shoreline", "units": "m"},
+        ),
         "near": (
             "segment",
             np.array([town.name for town in towns], object),

@@ -1,4 +1,6 @@
-"""A spill's washup in a few words: how many objects lie ashore at the end, and where most of them do."""
+"""A spill's washup in a few words: how many objects lie ashore at the end, and where most of them
+do.
+"""
 
 import xarray as xr
 

@@ -2,8 +2,9 @@
 
 The table holds the ten worst stretches.
 
-Colours differ by lightness alone and lines are wider for larger numbers, so that the picture reads in grey print; dark
-is more, and sooner. Land comes from the polygons handed in; nothing is downloaded.
+Colours differ by lightness alone and lines are wider for larger numbers, so that the picture reads
+in grey print; dark is more, and sooner. Land comes from the polygons handed in; nothing is
+downloaded.
 """
 
 import textwrap
@@ -38,23 +39,37 @@ from geo.array import Array
 from geo.coast.segments import Segments
 
 WORST = 10
-LEAST = 0.01  # least probability of any arrival with which a stretch is drawn; less where hardly any has more
+# least probability of any arrival with which a stretch is drawn; less where hardly any has more
+LEAST = 0.01
 DECADES = 2.5  # decades of the expected number on the colour scale
 LETTERS = 170  # of a line of warnings
 MOST_WARNED = 6  # lines of warnings
 LINE = 0.0125  # height of a further line of warnings, as a share of the figure
 ROW = 0.032  # height of a row of warnings over the maps, as a share of the figure
 SHEET = Sheet(
-    13.0, 9.4, 140, left=0.03, title=sheet.heading(0.966, 15, 95), lines=(Row(0.939, 11.5), Row(0.9155, 9)),
-    caution=Badge(0.967, 0.917, side="right"), rough=Badge(0.0325, 0.878 - ROW), footer=sheet.small(0.012, 7.5, 190),
-)  # fmt: skip
+    13.0,
+    9.4,
+    140,
+    left=0.03,
+    title=sheet.heading(0.966, 15, 95),
+    lines=(Row(0.939, 11.5), Row(0.9155, 9)),
+    caution=Badge(0.967, 0.917, side="right"),
+    rough=Badge(0.0325, 0.878 - ROW),
+    footer=sheet.small(0.012, 7.5, 190),
+)
 MAP = (0.46, 0.405)  # width and height of a map, of the figure
 LEFT, RIGHT = 0.03, 0.03 + MAP[0] + 0.02  # where the maps begin
 PATROL, PATROL_INK = "#4fa3d1", "#0b4f8a"
 NOTED = 8  # patrols beside which name, day, time and detection are written
 FIRST: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
-BADGE = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}  # box of a rank
-BULK: dict[str, Any] = {"facecolor": "#f2efe6", "edgecolor": INK, "linewidth": 0.8, "hatch": "/////"}
+# box of a rank
+BADGE = {"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": INK, "linewidth": 0.8}
+BULK: dict[str, Any] = {
+    "facecolor": "#f2efe6",
+    "edgecolor": INK,
+    "linewidth": 0.8,
+    "hatch": "/////",
+}
 WORDS = {
     "ashore": "ashore",
     "afloat": "afloat",
@@ -85,7 +100,8 @@ class Patrols:
 
     all: Sequence[Patrolled] = ()
     called: str = "patrolled"  # name in the legend
-    near: bool = False  # whether the maps show only what lies about the patrols, and the table lists only that
+    # whether the maps show only what lies about the patrols, and the table lists only that
+    near: bool = False
 
 
 NO_PATROLS = Patrols()
@@ -93,7 +109,9 @@ NO_PATROLS = Patrols()
 
 @dataclass(frozen=True)
 class _Shown:
-    """What is drawn: stretches by expected number (least first), and the ten worst of them (worst first)."""
+    """What is drawn: stretches by expected number (least first), and the ten worst of them (worst
+    first).
+    """
 
     number: Array  # expected
     sooner: Array  # median time of the first arrival [s since 1970]
@@ -117,21 +135,32 @@ def plot_washup(
 ) -> None:
     """Draw a washup (see drift.spills.worlds.washup.build_washup) at its last output time.
 
-    setting: its marks are where the objects were released. finds: where objects were found, each labelled by its
-    number; the figures are then of the objects not yet found. patrols: drawn beside the coast, the last of them with
-    name, day, time and detection. warning: printed on the page, in red. silence: what is taken for granted about what was
-    not found, at the foot.
+    setting: its marks are where the objects were released. finds: where objects were found, each
+    labelled by its number; the figures are then of the objects not yet found. patrols: drawn beside
+    the coast, the last of them with name, day, time and detection. warning: printed on the page, in
+    red. silence: what is taken for granted about what was not found, at the foot.
     """
     warned = textwrap.wrap(warning, LETTERS)[:MOST_WARNED] if warning else []
     lower = LINE * max(len(warned) - 1, 0)
     on = sheet.begin(replace(SHEET, rough=Badge(0.0325, 0.878 - ROW - lower)))
     near = patrols.near and any(patrol.segments for patrol in patrols.all)
-    shown = _shown(data, segments, {int(k) for patrol in patrols.all for k in patrol.segments} if near else None)
+    shown = _shown(
+        data,
+        segments,
+        {int(k) for patrol in patrols.all for k in patrol.segments} if near else None,
+    )
     count = _count(data)
     height = MAP[1] - ROW * count.few - lower
-    walked = [[part for k in patrol.segments for part in _parts(segments, k)] for patrol in patrols.all]
+    walked = [
+        [part for k in patrol.segments for part in _parts(segments, k)] for patrol in patrols.all
+    ]
     frame = _extent(
-        segments, shown, [*setting.marks, *finds], walked, MAP[0] * SHEET.width / (height * SHEET.height), near
+        segments,
+        shown,
+        [*setting.marks, *finds],
+        walked,
+        MAP[0] * SHEET.width / (height * SHEET.height),
+        near,
     )
     land = chart.land_path(frame, setting.polygons(frame.box()), 1000)
     numbers, times = _scales(shown)
@@ -151,11 +180,25 @@ def plot_washup(
         _points(ax, on.canvas, frame, shown, setting.marks, finds, notes)
     if len(shown.number):
         words = "Expected, not yet found" if finds else "Expected number ashore"
-        _bar(on.figure, norm, LEFT, words, {tick: labels.plain(tick) for tick in _round_numbers(*numbers)})
+        _bar(
+            on.figure,
+            norm,
+            LEFT,
+            words,
+            {tick: labels.plain(tick) for tick in _round_numbers(*numbers)},
+        )
         words = "Median of the first arrival, UTC"
-        _bar(on.figure, when, RIGHT, words, {tick: _short(tick) for tick in labels.round_times(*times, 6)})
+        _bar(
+            on.figure,
+            when,
+            RIGHT,
+            words,
+            {tick: _short(tick) for tick in labels.round_times(*times, 6)},
+        )
         _chart(on.figure, data, shown)
-        visible = [mark for mark in setting.marks if frame.holds(*frame.project(mark.lon, mark.lat))]
+        visible = [
+            mark for mark in setting.marks if frame.holds(*frame.project(mark.lon, mark.lat))
+        ]
         _key(on.figure, (setting.known_as, len(visible)), patrols.called if patrols.all else "")
     else:
         end = _moment(data["time"].values[-1])
@@ -181,17 +224,26 @@ def _scales(shown: _Shown) -> tuple[tuple[float, float], tuple[float, float]]:
     most = float(shown.number.max(initial=0.0)) or 1.0
     hours = np.append(shown.sooner, [] if len(shown.sooner) else 0.0) / 3600
     first = float(np.floor(hours.min()))
-    return (most / 10**DECADES, most), (3600 * first, 3600 * max(float(np.ceil(hours.max())), first + 1))
+    return (most / 10**DECADES, most), (
+        3600 * first,
+        3600 * max(float(np.ceil(hours.max())), first + 1),
+    )
 
 
 def _shown(data: xr.Dataset, segments: Segments, only: set[int] | None) -> _Shown:
-    """Return what is drawn; only: numbers of the stretches of which the worst are listed, None for all."""
+    """Return what is drawn; only: numbers of the stretches of which the worst are listed, None for
+    all.
+    """
     ever, number = data["ever"].values, data["expected"].values[-1]
     order = washup.worst(data)
     drawn = np.flatnonzero(ever[order] >= min(LEAST, 0.1 * ever.max(initial=0.0)))
     index = order[drawn]
     lines = [_parts(segments, number) for number in data["segment"].values[index]]
-    listed = drawn if only is None else np.flatnonzero(np.isin(data["segment"].values[order], list(only)))
+    listed = (
+        drawn
+        if only is None
+        else np.flatnonzero(np.isin(data["segment"].values[order], list(only)))
+    )
     worst = order[listed[:WORST]]
     return _Shown(
         number=number[index[::-1]],
@@ -223,7 +275,9 @@ def _extent(
     points = np.concatenate([part for parts in lines for part in parts] or [np.empty((0, 2))])
     if not len(points):
         points = np.column_stack([segments.lon, segments.lat]).reshape(-1, 2)
-    points = np.concatenate([points, np.array([(mark.lon, mark.lat) for mark in marks]).reshape(-1, 2)])
+    points = np.concatenate(
+        [points, np.array([(mark.lon, mark.lat) for mark in marks]).reshape(-1, 2)]
+    )
     if not len(points):
         points = np.zeros((1, 2))
     turn = np.radians(points[:, 0])
@@ -234,22 +288,39 @@ def _extent(
 
 def _dark_is_more() -> Colormap:
     """Magma reversed without its nearly white end, which a coastline does not show."""
-    return ListedColormap(matplotlib.colormaps["magma_r"](np.linspace(0.06, 0.98, 128)), name="dark_is_more")
+    return ListedColormap(
+        matplotlib.colormaps["magma_r"](np.linspace(0.06, 0.98, 128)), name="dark_is_more"
+    )
 
 
 def _coast(
-    ax: Axes, frame: Frame, shown: _Shown, values: Array, widths: Array, scale: Normalize, colours: Colormap
+    ax: Axes,
+    frame: Frame,
+    shown: _Shown,
+    values: Array,
+    widths: Array,
+    scale: Normalize,
+    colours: Colormap,
 ) -> None:
-    """Draw the stretches, the worst on top, each cased in ink so that light ones stand out from land and sea."""
+    """Draw the stretches, the worst on top, each cased in ink so that light ones stand out from
+    land and sea.
+    """
     parts = [np.column_stack(frame.project(*part.T)) for parts in shown.lines for part in parts]
     owner = np.repeat(np.arange(len(shown.lines)), [len(parts) for parts in shown.lines])
     style: dict[str, Any] = {"capstyle": "round", "joinstyle": "round"}
     inks = colours(scale(values))[owner] if len(values) else []
-    for i in range(0, len(parts), 64):  # drawn in pieces, so that the casing of worse stretches covers lesser ones
+    # drawn in pieces, so that the casing of worse stretches covers lesser ones
+    for i in range(0, len(parts), 64):
         some = slice(i, i + 64)
         thick = widths[owner[some]]
-        ax.add_collection(LineCollection(parts[some], linewidths=thick + 1.3, colors=INK, zorder=6, **style), False)
-        ax.add_collection(LineCollection(parts[some], linewidths=thick, colors=inks[some], zorder=6, **style), False)
+        ax.add_collection(
+            LineCollection(parts[some], linewidths=thick + 1.3, colors=INK, zorder=6, **style),
+            False,
+        )
+        ax.add_collection(
+            LineCollection(parts[some], linewidths=thick, colors=inks[some], zorder=6, **style),
+            False,
+        )
 
 
 def _points(
@@ -266,19 +337,34 @@ def _points(
     x, y = frame.project(shown.lon, shown.lat)
     some = frame.holds(x, y)
     x, y = x[some], y[some]
-    ax.plot(x, y, "o", markersize=3.6, markerfacecolor="white", markeredgecolor=INK, markeredgewidth=0.8, zorder=8)
+    ax.plot(
+        x,
+        y,
+        "o",
+        markersize=3.6,
+        markerfacecolor="white",
+        markeredgecolor=INK,
+        markeredgewidth=0.8,
+        zorder=8,
+    )
     for rank, px, py in zip(shown.rank[some], x, y, strict=True):
         style = {"fontsize": 8.5, "weight": "bold", "color": INK, "bbox": BADGE}
         texts.append((float(px), float(py), f"{rank}", style))
     must = len(texts)
-    marks, finds = ([m for m in own if frame.holds(*frame.project(m.lon, m.lat))] for own in (marks, finds))
+    marks, finds = (
+        [m for m in own if frame.holds(*frame.project(m.lon, m.lat))] for own in (marks, finds)
+    )
     for mark in marks:
         layers.mark_point(ax, frame, mark, 8)
         mx, my = frame.project(mark.lon, mark.lat)
         style = {"fontsize": 9, "color": layers.LAST_KNOWN, "weight": "bold"}
         texts.append((float(mx), float(my), mark.label, style))
     must += len(marks)
-    triangle: dict[str, Any] = {"markersize": 7, "markerfacecolor": "white", "markeredgecolor": layers.LAST_KNOWN}
+    triangle: dict[str, Any] = {
+        "markersize": 7,
+        "markerfacecolor": "white",
+        "markeredgecolor": layers.LAST_KNOWN,
+    }
     for mark in finds:
         mx, my = frame.project(mark.lon, mark.lat)
         ax.plot(mx, my, "^", zorder=9, **triangle)
@@ -295,11 +381,15 @@ def _points(
 def _patrolled(ax: Axes, frame: Frame, walked: Sequence[list[Array]]) -> None:
     """Draw what was patrolled as a wide band under the coast."""
     parts = [np.column_stack(frame.project(*part.T)) for parts in walked for part in parts]
-    band = LineCollection(parts, linewidths=14, colors=PATROL, alpha=0.55, zorder=5, capstyle="butt")
+    band = LineCollection(
+        parts, linewidths=14, colors=PATROL, alpha=0.55, zorder=5, capstyle="butt"
+    )
     ax.add_collection(band, autolim=False)
 
 
-def _beside(frame: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Array]]) -> list[labels.Point]:
+def _beside(
+    frame: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Array]]
+) -> list[labels.Point]:
     """Return labels of the last patrols, with name, day, time and detection.
 
     Each stands in the middle of the patrol's longest stretch.
@@ -310,42 +400,60 @@ def _beside(frame: Frame, patrols: Sequence[Patrolled], walked: Sequence[list[Ar
         x, y = frame.project(*longest[len(longest) // 2])
         when = f"{notation.day_time(patrols[k].time)} {notation.hundredths(patrols[k].detection)} %"
         words = f"{page.fit(patrols[k].name, 22)}\n{when}"
-        points.append((float(x), float(y), words, {"fontsize": 8, "color": PATROL_INK, "weight": "bold"}))
+        points.append(
+            (float(x), float(y), words, {"fontsize": 8, "color": PATROL_INK, "weight": "bold"})
+        )
     return points
 
 
 def _along(frame: Frame, coast: Sequence[Array]) -> list[Bbox]:
     """Return small boxes [axes fraction] along lines [m], for labels to keep clear of."""
     mesh = (frame.x[1] - frame.x[0]) / 60
-    dense = [shapely.get_coordinates(shapely.segmentize(shapely.LineString(part), mesh / 2)) for part in coast]
+    dense = [
+        shapely.get_coordinates(shapely.segmentize(shapely.LineString(part), mesh / 2))
+        for part in coast
+    ]
     corner = np.array([frame.x[0], frame.y[0]])
-    meshes = np.unique(np.floor((np.concatenate([*dense, np.empty((0, 2))]) - corner) / mesh), axis=0)
+    meshes = np.unique(
+        np.floor((np.concatenate([*dense, np.empty((0, 2))]) - corner) / mesh), axis=0
+    )
     aspect = (frame.x[1] - frame.x[0]) / (frame.y[1] - frame.y[0])
-    return [Bbox.from_bounds(x / 60 + 0.004, (y / 60 + 0.004) * aspect, 1 / 120, aspect / 120) for x, y in meshes]
+    return [
+        Bbox.from_bounds(x / 60 + 0.004, (y / 60 + 0.004) * aspect, 1 / 120, aspect / 120)
+        for x, y in meshes
+    ]
 
 
-def _bar(figure: Figure, norm: Normalize, left: float, words: str, ticks: Mapping[float, str]) -> None:
+def _bar(
+    figure: Figure, norm: Normalize, left: float, words: str, ticks: Mapping[float, str]
+) -> None:
     """Draw the colour scale of a map under it, with what its ticks say."""
     numbers = isinstance(norm, LogNorm)
     colours = _dark_is_more() if numbers else _dark_is_more().reversed()
     figure.text(left, 0.421, words, fontsize=8.5, va="center", color=INK)
     bar = figure.add_axes((left + 0.17, 0.4145, MAP[0] - 0.18, 0.013))
     mappable = matplotlib.cm.ScalarMappable(norm, colours)
-    figure.colorbar(mappable, cax=bar, orientation="horizontal", extend="min" if numbers else "neither")
+    figure.colorbar(
+        mappable, cax=bar, orientation="horizontal", extend="min" if numbers else "neither"
+    )
     bar.tick_params(labelsize=8, colors=INK, length=3, pad=2)
     bar.set_xticks(list(ticks), labels=list(ticks.values()))
     bar.minorticks_off()
 
 
 def _chart(figure: Figure, data: xr.Dataset, shown: _Shown) -> None:
-    """Draw when the first object and the bulk reach each of the worst stretches, with their figures beside it."""
+    """Draw when the first object and the bulk reach each of the worst stretches, with their figures
+    beside it.
+    """
     ax = figure.add_axes((0.285, 0.085, 0.39, 0.265))
     at = data.isel(segment=shown.worst)
     first, bulk = at["first_arrival"].values, at["bulk_arrival"].values
     y = np.arange(len(shown.worst))
     for values, offset, style, tick in ((first, -0.2, FIRST, "white"), (bulk, 0.2, BULK, INK)):
         ax.barh(y + offset, values[2] - values[0], 0.34, values[0], zorder=3, **style)
-        ax.scatter(values[1], y + offset, 26, tick, marker="D", edgecolor=INK, linewidth=0.9, zorder=5)
+        ax.scatter(
+            values[1], y + offset, 26, tick, marker="D", edgecolor=INK, linewidth=0.9, zorder=5
+        )
     begin, end = (notation.epoch(data[name].values.ravel()[-1]) for name in ("start", "time"))
     ax.set_xlim(min(begin, first.min()), max(end, bulk.max()))
     ax.set_ylim(WORST - 0.4, -0.6)
@@ -363,11 +471,16 @@ def _chart(figure: Figure, data: xr.Dataset, shown: _Shown) -> None:
 def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
     """Write each stretch's rank, name and place left of the chart, and its figures right of it."""
     place = ax.get_yaxis_transform()
-    middle = [notation.position(*xy) or "" for xy in zip(at["lon"].values, at["lat"].values, strict=True)]
+    middle = [
+        notation.position(*xy) or "" for xy in zip(at["lon"].values, at["lat"].values, strict=True)
+    ]
     names = []
     for i, name in enumerate(map(str, at["name"].values)):
         unnamed = middle[i] in name  # the name of a stretch without one is its place
-        beside = at["near_distance"].values[i] <= gazetteer.BESIDE and not at["near_across_water"].values[i]
+        beside = (
+            at["near_distance"].values[i] <= gazetteer.BESIDE
+            and not at["near_across_water"].values[i]
+        )
         town = f", {at['near'].values[i]}" if beside else ""
         near = page.fit(f"stretch {at['segment'].values[i]}{town}", 27)
         names.append(near if name == middle[i] else page.fit(name, 44 if unnamed else 27))
@@ -389,7 +502,12 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
             "+- sampling",
             [f"{v:.2g}" if np.isfinite(v) else "" for v in at["expected_se"].values[-1]],
         ),
-        (1.54, "right", "At least one", [notation.percent(v) for v in at["probability"].values[-1]]),
+        (
+            1.54,
+            "right",
+            "At least one",
+            [notation.percent(v) for v in at["probability"].values[-1]],
+        ),
         (
             1.735,
             "right",
@@ -400,7 +518,16 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
     for x, side, head, texts in columns:
         ax.text(x, -0.85, head, transform=place, ha=side, va="bottom", fontsize=8, color=GREY)
         for y, text in enumerate(texts):
-            ax.text(x, y, text, transform=place, ha=side, va="center", fontsize=8.5 if x > 0 else 8, color=INK)
+            ax.text(
+                x,
+                y,
+                text,
+                transform=place,
+                ha=side,
+                va="center",
+                fontsize=8.5 if x > 0 else 8,
+                color=INK,
+            )
     for y in range(at.sizes["segment"]):
         number: dict[str, Any] = {"fontsize": 8, "weight": "bold", "color": INK, "bbox": BADGE}
         ax.text(-0.664, y, f"{rank[y]}", transform=place, ha="center", va="center", **number)
@@ -408,7 +535,12 @@ def _rows(ax: Axes, at: xr.Dataset, rank: Array) -> None:
 
 def _key(figure: Figure, marks: tuple[str, int], patrolled: str) -> None:
     """Write under the chart what its bars and the marks on the maps are."""
-    shape: dict[str, Any] = {"linestyle": "none", "marker": "D", "markersize": 5, "markeredgecolor": INK}
+    shape: dict[str, Any] = {
+        "linestyle": "none",
+        "marker": "D",
+        "markersize": 5,
+        "markeredgecolor": INK,
+    }
     medians = [Line2D([], [], markerfacecolor=colour, **shape) for colour in ("white", INK)]
     rows: list[tuple[Any, str]] = [
         (Patch(**FIRST), "first object arrives, 10 to 90 %"),
@@ -453,7 +585,9 @@ def _words(on: Page, data: xr.Dataset, imprint: Imprint, finds: int) -> None:
     sheet.say(on, sheet.heading(0.8905, min(9.5, 1320 / len(account))), account)
     if finds:
         text = f"▲ after {finds} find{'s' * (finds > 1)}: numbers are of those not yet found"
-        on.figure.text(0.967, 0.945, text, fontsize=9, color=layers.LAST_KNOWN, ha="right", va="center")
+        on.figure.text(
+            0.967, 0.945, text, fontsize=9, color=layers.LAST_KNOWN, ha="right", va="center"
+        )
 
 
 def _basis(data: xr.Dataset) -> str:
@@ -471,7 +605,9 @@ def _count(data: xr.Dataset) -> effective.Count:
 
 
 def _account(data: xr.Dataset) -> str:
-    """Return the account at the end in words: expected numbers, and 10 to 90 % of them where they vary."""
+    """Return the account at the end in words: expected numbers, and 10 to 90 % of them where they
+    vary.
+    """
     parts = []
     for fate in ("ashore", "afloat", "pending", "sunk", "gone", "destroyed", "found"):
         at = data.isel(time=-1).sel(fate=fate)

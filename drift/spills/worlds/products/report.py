@@ -1,4 +1,6 @@
-"""What report.html shows of a spill: stretches of coast by what lies there over time, finds, and the account."""
+"""What report.html shows of a spill: stretches of coast by what lies there over time, finds, and
+the account.
+"""
 
 from collections.abc import Sequence
 
@@ -7,18 +9,30 @@ from drift.products.report import leaves
 from drift.products.report.leaves import Leaf
 
 TOLD = [
-    ("name", "Stretch", "words"), ("access", "Access", "words"), ("number_10", "Objects at the end: 10 % chance of at most", "number"),
-    ("number_90", "90 % chance of at most", "number"), ("expected", "On average", "number"), ("expected_se", "+- of the average (sampling)", "number"),
+    ("name", "Stretch", "words"),
+    ("access", "Access", "words"),
+    ("number_10", "Objects at the end: 10 % chance of at most", "number"),
+    ("number_90", "90 % chance of at most", "number"),
+    ("expected", "On average", "number"),
+    ("expected_se", "+- of the average (sampling)", "number"),
     ("ever", "Any ever, of those not found", "share"),
     ("first_50", "First arrival, median", "time"),
-]  # fmt: skip
+]
 
 
 FINDS = [
-    ("number", "Find", "count"), ("name", "Name", "words"), ("time", "Time", "time"), ("stretch", "Stretch", "words"), ("position", "Position", "words"),
-    ("class", "Class", "words"), ("by", "By", "words"), ("probability_beforehand", "Expected there", "share"), ("tail", "Or where less likely", "share"),
-    ("odd", "Odd", "words"), ("none_of_ours", "None of ours", "share"),
-]  # fmt: skip
+    ("number", "Find", "count"),
+    ("name", "Name", "words"),
+    ("time", "Time", "time"),
+    ("stretch", "Stretch", "words"),
+    ("position", "Position", "words"),
+    ("class", "Class", "words"),
+    ("by", "By", "words"),
+    ("probability_beforehand", "Expected there", "share"),
+    ("tail", "Or where less likely", "share"),
+    ("odd", "Odd", "words"),
+    ("none_of_ours", "None of ours", "share"),
+]
 BEFOREHAND = (
     "Expected there: the probability, by all that was known before, that the next find is on that stretch (at sea: within its "
     "radius). Or where less likely: that it is on a stretch at most as likely; under 2 % it is unlikely. None of ours: 0 where the case gives no probability of being `false`. "
@@ -35,12 +49,20 @@ def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> l
     """
     words = f"Assumed: {silence}." if silence else ""
     shown = [leaves.marked("Finds", finds, (), "find")] if finds else []
-    listed = [leaves.table_leaf("Finds, one by one", FINDS, file="finds.csv", note=BEFOREHAND + words)] if finds else []
+    listed = (
+        [leaves.table_leaf("Finds, one by one", FINDS, file="finds.csv", note=BEFOREHAND + words)]
+        if finds
+        else []
+    )
     quiet = [leaves.text_leaf("What was not found", words=words)] if silence and not finds else []
     return [
         leaves.headline_leaf(headline),
         leaves.shapes(
-            "Washup by stretch", "washup.geojson", "stretch", told=TOLD, graded=("washup_times.csv", "segment", "expected")
+            "Washup by stretch",
+            "washup.geojson",
+            "stretch",
+            told=TOLD,
+            graded=("washup_times.csv", "segment", "expected"),
         ),
         *shown,
         *listed,
@@ -48,8 +70,14 @@ def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> l
         leaves.table_leaf(
             "Washup by stretch, at the end",
             [
-                ("rank", "Rank", "count"), ("rank_per_km", "Rank per km", "count"), ("position", "Position", "words"), ("near", "Nearest town", "words"), ("near_across_water", "Across water", "words"),
-                *TOLD, ("length_km", "Length, km", "number"), ("expected_per_km", "On average per km", "number"),
+                ("rank", "Rank", "count"),
+                ("rank_per_km", "Rank per km", "count"),
+                ("position", "Position", "words"),
+                ("near", "Nearest town", "words"),
+                ("near_across_water", "Across water", "words"),
+                *TOLD,
+                ("length_km", "Length, km", "number"),
+                ("expected_per_km", "On average per km", "number"),
             ],
             file="washup.csv",
             note="Worst first, by the average number; a long stretch gets much for its length alone: beside it stands the rank by the number per km."
@@ -59,8 +87,13 @@ def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> l
         leaves.table_leaf(
             "Account of all objects",
             [
-                ("time", "Time", "time"), ("fate", "Fate", "words"), ("number_10", "10 % chance of at most", "number"), ("number_50", "50 %", "number"),
-                ("number_90", "90 %", "number"), ("expected", "On average", "number"), ("expected_se", "+- of the average (sampling)", "number"),
+                ("time", "Time", "time"),
+                ("fate", "Fate", "words"),
+                ("number_10", "10 % chance of at most", "number"),
+                ("number_50", "50 %", "number"),
+                ("number_90", "90 %", "number"),
+                ("expected", "On average", "number"),
+                ("expected_se", "+- of the average (sampling)", "number"),
             ],
             file="totals.csv",
             by_time="time",
@@ -68,10 +101,15 @@ def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> l
         leaves.table_leaf(
             "What is not known of the spill",
             [
-                ("unknown", "Unknown", "words"), ("unit", "Unit", "words"), ("prior_mean", "Mean before", "words"), ("prior_10%", "10 %", "words"),
-                ("prior_90%", "90 %", "words"), ("posterior_mean", "Mean after the finds", "words"), ("posterior_10%", "10 %", "words"),
+                ("unknown", "Unknown", "words"),
+                ("unit", "Unit", "words"),
+                ("prior_mean", "Mean before", "words"),
+                ("prior_10%", "10 %", "words"),
+                ("prior_90%", "90 %", "words"),
+                ("posterior_mean", "Mean after the finds", "words"),
+                ("posterior_10%", "10 %", "words"),
                 ("posterior_90%", "90 %", "words"),
             ],
             file="unknowns.csv",
         ),
-    ]  # fmt: skip
+    ]

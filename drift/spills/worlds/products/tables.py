@@ -32,7 +32,10 @@ def stretches(data: xr.Dataset, run: str) -> str:
 
 
 def records(data: xr.Dataset) -> Columns:
-    """Return the figures of the touched stretches at the end of the run, worst first; NaN where not known."""
+    """Return the figures of the touched stretches at the end of the run, worst first;
+
+    NaN where not known.
+    """
     order = washup.worst(data)
     at = data.isel(time=-1, segment=order)
     lon, lat = sphere.wrap_degrees(at["lon"].values), at["lat"].values
@@ -61,24 +64,32 @@ def records(data: xr.Dataset) -> Columns:
     for short, name in (("first", "first_arrival"), ("bulk", "bulk_arrival")):
         for j, share in enumerate(_shares(data)):
             moment = at[name].values[j]
-            columns[f"{short}_{share}"] = [notation.iso(when) for when in np.rint(moment).astype("datetime64[s]")]
+            columns[f"{short}_{share}"] = [
+                notation.iso(when) for when in np.rint(moment).astype("datetime64[s]")
+            ]
             columns[f"{short}_{share}_h"] = _significant((moment - start) / 3600)
             columns[f"{short}_{share}_se_h"] = _significant(at[f"{name}_se"].values[j] / 3600)
     if data.sizes["kind"] > 1:
         for j, kind in enumerate(data["kind"].values):
             for end in ("", "_se"):
-                columns[f"expected_{kind}{end}"] = _significant(at[f"expected_by_kind{end}"].values[j])
+                columns[f"expected_{kind}{end}"] = _significant(
+                    at[f"expected_by_kind{end}"].values[j]
+                )
     columns["effective_worlds"] = np.full(len(order), _worlds(data))
     return columns
 
 
 def called(number: int, name: str, place: str) -> str:
-    """Return what a stretch is called: its name, or its number and place where its name is only its place."""
+    """Return what a stretch is called: its name, or its number and place where its name is only its
+    place.
+    """
     return f"stretch {number}, {name}" if name == place else name
 
 
 def stretch(segments: Segments, number: int) -> str:
-    """Return what a stretch of the coast is called, with the nearest town where its name is only its place."""
+    """Return what a stretch of the coast is called, with the nearest town where its name is only
+    its place.
+    """
     lon, lat, name = float(segments.lon[number]), float(segments.lat[number]), segments.name[number]
     place = notation.position(lon, lat) or ""
     (found,) = gazetteer.nearest(np.array([lon]), np.array([lat]), segments.land)
@@ -104,18 +115,37 @@ def times(data: xr.Dataset, run: str) -> str:
 
 
 def totals(data: xr.Dataset, run: str) -> str:
-    """Return the account as CSV, a row for each time and fate; the expected numbers of a time add up to N."""
+    """Return the account as CSV, a row for each time and fate; the expected numbers of a time add
+    up to N.
+    """
     mean, number = (
-        [_significant(data[name + end].values) for end in ("", "_se")] for name in ("total", "total_number")
+        [_significant(data[name + end].values) for end in ("", "_se")]
+        for name in ("total", "total_number")
     )
     figures, worlds = [*mean, *number[0], *number[1]], _text(_worlds(data))
     rows = [
-        [notation.iso(when), notation.group(when), fate, *(_text(values[f, t]) for values in figures), worlds, run]
+        [
+            notation.iso(when),
+            notation.group(when),
+            fate,
+            *(_text(values[f, t]) for values in figures),
+            worlds,
+            run,
+        ]
         for t, when in enumerate(data["time"].values)
         for f, fate in enumerate(data["fate"].values)
     ]
     quantiles = [f"number_{share}{end}" for end in ("", "_se") for share in _shares(data)]
-    header = ["time", "date_time_group", "fate", "expected", "expected_se", *quantiles, "effective_worlds", "run_id"]
+    header = [
+        "time",
+        "date_time_group",
+        "fate",
+        "expected",
+        "expected_se",
+        *quantiles,
+        "effective_worlds",
+        "run_id",
+    ]
     return formats.csv_text(header, rows)
 
 
@@ -124,7 +154,8 @@ def lines(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -
 
     They come worst first, and are cut at 180 degrees.
 
-    A feature's id is that of the stretch, its properties are the columns of `stretches`; null: unknown.
+    A feature's id is that of the stretch, its properties are the columns of `stretches`; null:
+    unknown.
     """
     columns = records(data)
     features = []
@@ -136,7 +167,9 @@ def lines(data: xr.Dataset, segments: Segments, attributes: Mapping[str, Any]) -
 
 
 def _worlds(data: xr.Dataset) -> float:
-    """Return how many worlds count, to six digits; with fewer than effective.FEW all figures are rough."""
+    """Return how many worlds count, to six digits; with fewer than effective.FEW all figures are
+    rough.
+    """
     return float(f"{data['effective_worlds'].item():.6g}")
 
 
@@ -151,7 +184,9 @@ def _figures(at: xr.Dataset) -> dict[str, Array]:
         for end in ("", "_se"):
             values = _significant(at[name + end].values)
             if name == "number":
-                columns |= {f"number_{share}{end}": values[j] for j, share in enumerate(_shares(at))}
+                columns |= {
+                    f"number_{share}{end}": values[j] for j, share in enumerate(_shares(at))
+                }
             else:
                 columns[name + end] = values
     return columns

@@ -1,4 +1,6 @@
-"""Families: lines and names of their scenarios made one, shares by axis, and how many scenarios count."""
+"""Families: lines and names of their scenarios made one, shares by axis, and how many scenarios
+count.
+"""
 
 import itertools
 import math
@@ -9,10 +11,17 @@ import pytest
 from drift.engine.motion.steering import family
 from drift.engine.motion.steering.family import Axis, Family, InFamily
 
-AXES = (Axis("route", ("north", "south")), Axis("speed", ("6 kn", "8 kn", "9 kn", "10 kn", "12 kn")))
+AXES = (
+    Axis("route", ("north", "south")),
+    Axis("speed", ("6 kn", "8 kn", "9 kn", "10 kn", "12 kn")),
+)
 TRANSIT = Family("transit", AXES, tuple(itertools.product(range(2), range(5))))
 LEFT = Family("fewer", AXES, tuple(at for at in TRANSIT.stories if at != (1, 4)))
-PLACES = {name: InFamily(own, at) for own in (TRANSIT, LEFT) for name, at in zip(own.names, own.stories, strict=True)}
+PLACES = {
+    name: InFamily(own, at)
+    for own in (TRANSIT, LEFT)
+    for name, at in zip(own.names, own.stories, strict=True)
+}
 
 
 def lines(names: list[str], what: str) -> list[str]:
@@ -51,22 +60,36 @@ def test_names_that_hold_quotation_marks() -> None:
 def test_names_together() -> None:
     some = [name for name in TRANSIT.names if name.split(", ")[2] != "9 kn"]
     assert family.together(TRANSIT.names, PLACES) == ["transit (10)"]
-    assert family.together(["adrift", *some], PLACES) == ["adrift", "transit, 6 kn, 8 kn, 10 kn and 1 more (8)"]
+    assert family.together(["adrift", *some], PLACES) == [
+        "adrift",
+        "transit, 6 kn, 8 kn, 10 kn and 1 more (8)",
+    ]
     assert family.together(TRANSIT.names[5:6], PLACES) == ["transit, south, 6 kn"]
     assert family.together([TRANSIT.names[0], TRANSIT.names[6]], PLACES) == ["transit (2)"]
 
 
 def test_shares_along_axes() -> None:
-    """Two families whose axes bear one name are told together; a scenario that is in none has no value."""
+    """Two families whose axes bear one name are told together; a scenario that is in none has no
+    value.
+    """
     other = Family("loiter", (Axis("speed", ("2 kn", "8 kn")),), ((0,), (1,)))
-    places = [InFamily(TRANSIT, (0, 1)), InFamily(TRANSIT, (1, 0)), InFamily(other, (0,)), InFamily(other, (1,)), None]
+    places = [
+        InFamily(TRANSIT, (0, 1)),
+        InFamily(TRANSIT, (1, 0)),
+        InFamily(other, (0,)),
+        InFamily(other, (1,)),
+        None,
+    ]
     route, speed = family.along(places)
     assert route.axis == AXES[0]
     assert speed.axis.labels == (*AXES[1].labels, "2 kn")
     probability = np.array([[0.4, 0.3, 0.1, 0.15, 0.05], [0.0, 0.0, 0.0, 1.0, 0.0]])
     np.testing.assert_allclose(route.shares(probability), [[0.4, 0.3], [0, 0]])
-    np.testing.assert_allclose(speed.shares(probability), [[0.3, 0.55, 0, 0, 0, 0.1], [0, 1, 0, 0, 0, 0]])
-    assert family.along([InFamily(TRANSIT, (0, k)) for k in range(5)])[0].axis.name == "speed"  # all go by one route
+    np.testing.assert_allclose(
+        speed.shares(probability), [[0.3, 0.55, 0, 0, 0, 0.1], [0, 1, 0, 0, 0, 0]]
+    )
+    # all go by one route
+    assert family.along([InFamily(TRANSIT, (0, k)) for k in range(5)])[0].axis.name == "speed"
 
 
 def test_how_many_count() -> None:

@@ -1,7 +1,9 @@
-"""Vessels that feel the current under way, against a fine integration in float64 from the same begins.
+"""Vessels that feel the current under way, against a fine integration in float64 from the same
+begins.
 
-dlat/dt = (way north + v) / R, dlon/dt = (way east + u) / (R cos lat), all at the place where the vessel is; the way
-through the water is that of its reckoning: its compass course, or towards its next way point from where it reckons to be.
+dlat/dt = (way north + v) / R, dlon/dt = (way east + u) / (R cos lat), all at the place where the
+vessel is; the way through the water is that of its reckoning: its compass course, or towards its
+next way point from where it reckons to be.
 """
 
 import json
@@ -53,7 +55,9 @@ Array = np.ndarray
 
 
 def current(lon: Any, lat: Any, time: Any) -> tuple[Any, Any]:
-    """Return (east, north) [m/s]: linear in longitude, in latitude and in time, as a grid's interpolation is. Degrees, seconds."""
+    """Return (east, north) [m/s]: linear in longitude, in latitude and in time, as a grid's
+    interpolation is. Degrees, seconds.
+    """
     rising = 1 + time / (40 * HOUR)
     return (0.5 + 0.06 * (lat - 58)) * rising, (-0.4 + 0.05 * (lon + 39)) * rising
 
@@ -76,14 +80,19 @@ def sea() -> xr.Dataset:
     )  # fmt: skip
 
 
-def run(tmp_path: Path, text: str, times: list[int], **head: Any) -> tuple[Any, list[Any], dict[str, Array]]:
-    """Return the ensemble at the end, what it was at some times [s], and some of its columns as they were at birth."""
+def run(
+    tmp_path: Path, text: str, times: list[int], **head: Any
+) -> tuple[Any, list[Any], dict[str, Array]]:
+    """Return the ensemble at the end, what it was at some times [s], and some of its columns as
+    they were at birth.
+    """
     path = tmp_path / "felt.toml"
     path.write_text(HEAD.format(**{**SHEARED, **head}) + text)
     runtime.start()
     case = case_file.load(path)
     begin = run_setup.prepare(
-        case, run_setup.open_for(case, {"sea": sea()} if "sea" in head.get("source", "sea") else None)
+        case,
+        run_setup.open_for(case, {"sea": sea()} if "sea" in head.get("source", "sea") else None),
     )
     names = ("lon", "lat", "departure", "release", "speed")
     born = {name: begin.ensemble.columns[name].to_numpy().copy() for name in names}
@@ -102,8 +111,12 @@ def apart(moment: Any, lon: Array, lat: Array) -> Array:
     return np.asarray(sphere.distance(x, y, np.radians(lon), np.radians(lat)))
 
 
-def fine(lon: Array, lat: Array, through: Any, begin: Array, end: Any, dt: float = 300.0) -> tuple[Array, Array]:
-    """Integrate each vessel from its begin to its end [s] by the classical Runge-Kutta scheme; through(time): its way [m/s]."""
+def fine(
+    lon: Array, lat: Array, through: Any, begin: Array, end: Any, dt: float = 300.0
+) -> tuple[Array, Array]:
+    """Integrate each vessel from its begin to its end [s] by the classical Runge-Kutta scheme;
+    through(time): its way [m/s].
+    """
     steps = max(int(np.ceil(np.max(end - begin) / dt)), 1)
     dt = np.maximum(end - begin, 0.0) / steps
 
@@ -124,7 +137,9 @@ def fine(lon: Array, lat: Array, through: Any, begin: Array, end: Any, dt: float
 
 
 def test_a_course_through_a_sheared_current_is_of_second_order(tmp_path: Path) -> None:
-    """24 h at 9 kn at 58 N, set off by up to 40 nmi: under 10 m at an hour, 1 m at a quarter of one, and a quarter of the error with half the step."""
+    """24 h at 9 kn at 58 N, set off by up to 40 nmi: under 10 m at an hour, 1 m at a quarter of
+    one, and a quarter of the error with half the step.
+    """
     way = 9 * KNOT * np.sin(np.radians(63)), 9 * KNOT * np.cos(np.radians(63))
     worst = []
     for step in (3600, 1800, 900):
@@ -140,14 +155,18 @@ def test_a_course_through_a_sheared_current_is_of_second_order(tmp_path: Path) -
 
 
 class Voyage:
-    """Where vessels reckon to be, and how they go through the water; they pass way points at whole seconds."""
+    """Where vessels reckon to be, and how they go through the water; they pass way points at whole
+    seconds.
+    """
 
     def __init__(self, departure: Array, speed: Array) -> None:
         x, y = np.radians(np.array(POINTS)).T
         self.points = np.stack([np.cos(y) * np.cos(x), np.cos(y) * np.sin(x), np.sin(y)], axis=1)
         self.angle = np.arccos((self.points[:-1] * self.points[1:]).sum(axis=1))
         lasting = np.round(self.angle[:, None] * R / speed)
-        self.passes = departure + np.concatenate([np.zeros_like(lasting[:1]), np.cumsum(lasting, axis=0)])
+        self.passes = departure + np.concatenate(
+            [np.zeros_like(lasting[:1]), np.cumsum(lasting, axis=0)]
+        )
 
     def through(self, time: Array, leg: int) -> tuple[Array, Array]:
         rate = self.angle[leg] / (self.passes[leg + 1] - self.passes[leg])
@@ -157,16 +176,18 @@ class Voyage:
         way = (-np.cos(angle - share)[:, None] * a + np.cos(share)[:, None] * b) / np.sin(angle)
         lon, lat = np.arctan2(place[:, 1], place[:, 0]), np.arcsin(place[:, 2])
         east = way[:, 1] * np.cos(lon) - way[:, 0] * np.sin(lon)
-        north = way[:, 2] * np.cos(lat) - (way[:, 0] * np.cos(lon) + way[:, 1] * np.sin(lon)) * np.sin(lat)
+        north = way[:, 2] * np.cos(lat) - (
+            way[:, 0] * np.cos(lon) + way[:, 1] * np.sin(lon)
+        ) * np.sin(lat)
         return rate * R * east, rate * R * north
 
 
 def test_a_voyage_misses_its_way_points_and_goes_adrift_from_where_it_is(tmp_path: Path) -> None:
     """Places inside steps, round a bend, and after the distress, by a step of 10 min.
 
-    Over the step with the bend a vessel keeps, for up to half of it, the wrong one of its two ways east when what its
-    compass course makes of the latitude it is set to is reckoned; else the scheme errs by 0.3 m, its 10 m at an hour
-    over 36.
+    Over the step with the bend a vessel keeps, for up to half of it, the wrong one of its two ways
+    east when what its compass course makes of the latitude it is set to is reckoned; else the
+    scheme errs by 0.3 m, its 10 m at an hour over 36.
     """
     times = [7 * HOUR + 1000, 10 * HOUR + 333, 18 * HOUR + 60, 24 * HOUR]
     _, moments, born = run(tmp_path, VOYAGE, times, step=600)
@@ -197,17 +218,22 @@ def test_a_voyage_misses_its_way_points_and_goes_adrift_from_where_it_is(tmp_pat
     arrived = release > arrival
     assert arrived.sum() > 10
     ended = moments[-1].lon[arrived] * sphere.UNIT, moments[-1].lat[arrived] * sphere.UNIT
-    assert sphere.distance(*ended, *np.radians(POINTS[-1])).min() > 5_000  # it missed its last way point
+    # it missed its last way point
+    assert sphere.distance(*ended, *np.radians(POINTS[-1])).min() > 5_000
 
 
 def test_the_current_s_error_is_that_of_what_drifts(tmp_path: Path) -> None:
-    """Displacements by an Ornstein-Uhlenbeck error: variance 2 s^2 T (t - T (1 - exp(-t / T))), as of what is adrift."""
+    """Displacements by an Ornstein-Uhlenbeck error: variance 2 s^2 T (t - T (1 - exp(-t / T))), as
+    of what is adrift.
+    """
     n, std, memory, time = 4000, 0.2, 9 * HOUR, 24 * HOUR
     error = f'{{ current = {{ std = "{std} m/s", time = "9 h" }} }}'
     ends = []
     for uncertainty in ('{ current = "none" }', error):
         source = "constant = { east = 0.3, north = -0.2 }"
-        _, (ended,), _ = run(tmp_path, COURSE, [time], n=n, uncertainty=uncertainty, step=3600, source=source)
+        _, (ended,), _ = run(
+            tmp_path, COURSE, [time], n=n, uncertainty=uncertainty, step=3600, source=source
+        )
         ends += [ended.lon * sphere.UNIT, ended.lat * sphere.UNIT]
     expected = 2 * std**2 * memory * (time - memory * (1 - np.exp(-time / memory)))
     for moved in sphere.offset(*ends):
@@ -216,8 +242,13 @@ def test_the_current_s_error_is_that_of_what_drifts(tmp_path: Path) -> None:
 
 
 def test_sensors_see_it_where_it_is(tmp_path: Path) -> None:
-    """In a uniform current a vessel that feels it goes as one does with the sum of both velocities, that makes it good."""
-    flow, way = np.array([0.62, -0.37]), 9 * KNOT * np.array([np.sin(np.radians(63)), np.cos(np.radians(63))])
+    """In a uniform current a vessel that feels it goes as one does with the sum of both velocities,
+    that makes it good.
+    """
+    flow, way = (
+        np.array([0.62, -0.37]),
+        9 * KNOT * np.array([np.sin(np.radians(63)), np.cos(np.radians(63))]),
+    )
     over_ground = flow + way
     course, speed = np.degrees(np.arctan2(*over_ground)), np.hypot(*over_ground) / KNOT
     source = f"constant = {{ east = {flow[0]}, north = {flow[1]} }}"
@@ -229,7 +260,9 @@ def test_sensors_see_it_where_it_is(tmp_path: Path) -> None:
     told = []
     for text in (
         COURSE,
-        COURSE.replace("course = 63", f"course = {course:.7f}").replace('"9 kn"', f'"{speed:.8f} kn"'),
+        COURSE.replace("course = 63", f"course = {course:.7f}").replace(
+            '"9 kn"', f'"{speed:.8f} kn"'
+        ),
     ):
         path = tmp_path / "felt.toml"
         head = HEAD.format(**{**SHEARED, "n": 3000, "source": source, "step": 2700})
@@ -249,15 +282,23 @@ def test_sensors_see_it_where_it_is(tmp_path: Path) -> None:
 
 
 def test_what_the_current_sets_ashore_runs_aground(tmp_path: Path) -> None:
-    """A voyage clear of land, along a coast onto which the current sets: it ends there, and not before it can have come there."""
+    """A voyage clear of land, along a coast onto which the current sets: it ends there, and not
+    before it can have come there.
+    """
     coast = tmp_path / "coast.geojson"
     ring = [[-42.0, 57.0], [-30.0, 57.0], [-30.0, 57.85], [-42.0, 57.85], [-42.0, 57.0]]
-    land = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+    land = {
+        "type": "Feature",
+        "properties": {},
+        "geometry": {"type": "Polygon", "coordinates": [ring]},
+    }
     coast.write_text(json.dumps({"type": "FeatureCollection", "features": [land]}))
     text = HEAD.replace('{{ source = "none" }}', f'{{{{ source = "{coast}" }}}}')
     path = tmp_path / "felt.toml"
     eastward = COURSE.replace("15 nmi", "2 nmi").replace("course = 63", "course = 90")
-    path.write_text(text.format(**{**SHEARED, "source": "constant = { east = 0.0, north = -0.4 }"}) + eastward)
+    path.write_text(
+        text.format(**{**SHEARED, "source": "constant = { east = 0.0, north = -0.4 }"}) + eastward
+    )
     case = case_file.load(path)
     begin = run_setup.prepare(case, run_setup.open_for(case))
     begun, ended = simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([0, 24 * HOUR]))
@@ -266,5 +307,10 @@ def test_what_the_current_sets_ashore_runs_aground(tmp_path: Path) -> None:
     due = np.radians(lat - 57.85) * R / 0.4
     middle = np.radians((lat + 57.85) / 2)
     assert (ended.status == Status.AGROUND).all()
-    assert apart(ended, lon + np.degrees(9 * KNOT * due / (R * np.cos(middle))), np.full(150, 57.85)).max() < 50
+    assert (
+        apart(
+            ended, lon + np.degrees(9 * KNOT * due / (R * np.cos(middle))), np.full(150, 57.85)
+        ).max()
+        < 50
+    )
     assert begin.ensemble.status_since.to_numpy() == pytest.approx(due, abs=5)

@@ -1,4 +1,6 @@
-"""Routes along lanes against great circles by vectors (oracles/globe.py), and shortest ways against all ways there are."""
+"""Routes along lanes against great circles by vectors (oracles/globe.py), and shortest ways against
+all ways there are.
+"""
 
 import itertools
 import re
@@ -15,17 +17,29 @@ ROTATIONS = range(40)
 
 
 def network(
-    lonlat: np.ndarray, pairs: list[tuple[int, int]], width: np.ndarray | float, one_way: tuple[int, ...] = ()
+    lonlat: np.ndarray,
+    pairs: list[tuple[int, int]],
+    width: np.ndarray | float,
+    one_way: tuple[int, ...] = (),
 ) -> Network:
     """Return a network of nodes "A", "B", ... at places [rad]; one_way: numbers of lanes."""
     names = tuple("ABCDEFGHIJ"[: len(lonlat)])
     start, end = np.array(pairs).T
     ways = np.isin(np.arange(len(pairs)), one_way)
-    return Network(names, *np.array(lonlat).T, start, end, np.broadcast_to(width, start.shape).astype(float), ways)
+    return Network(
+        names,
+        *np.array(lonlat).T,
+        start,
+        end,
+        np.broadcast_to(width, start.shape).astype(float),
+        ways,
+    )
 
 
 def bend(turn: float, first: float = 37.0, length: float = 80 * NMI) -> np.ndarray:
-    """Return (lon, lat) [rad] of three nodes: a course of `first` [deg], then a turn [deg] to starboard."""
+    """Return (lon, lat) [rad] of three nodes: a course of `first` [deg], then a turn [deg] to
+    starboard.
+    """
     b = globe.point(np.radians(17.3), np.radians(34.7))
     a = globe.walk(b, -globe.heading(b, np.radians(first)), length)
     c = globe.walk(b, globe.heading(b, np.radians(first + turn)), 1.3 * length)
@@ -33,15 +47,20 @@ def bend(turn: float, first: float = 37.0, length: float = 80 * NMI) -> np.ndarr
 
 
 def passed(route: Route, side: float) -> np.ndarray:
-    """Return where a route's nodes are passed on a side, as vectors: by its records and globe alone."""
+    """Return where a route's nodes are passed on a side, as vectors: by its records and globe
+    alone.
+    """
     p = globe.point(route.lon, route.lat)
     return globe.walk(p, globe.heading(p, route.toward), side * route.half)
 
 
 @pytest.mark.parametrize("turn", [0.4, 23.0, 60.0, -77.0, 89.0, -89.0])
 @pytest.mark.parametrize("side", [-1.0, 0.6])
-def test_a_corner_is_as_far_from_the_middle_of_both_lanes_as_the_corridor_is_wide(turn: float, side: float) -> None:
-    """Where edges meet at a corner, they lie the half width off both lanes: there is no gap, and nothing is pinched.
+def test_a_corner_is_as_far_from_the_middle_of_both_lanes_as_the_corridor_is_wide(
+    turn: float, side: float
+) -> None:
+    """Where edges meet at a corner, they lie the half width off both lanes: there is no gap, and
+    nothing is pinched.
 
     The sphere's excess over the plane is of the order half * (half / R)**2, 1e-6 of it.
     """
@@ -69,13 +88,17 @@ def test_beyond_a_right_angle_the_corridor_narrows_instead_of_growing_a_spike(tu
 
 
 def test_a_corner_of_unequal_lanes_takes_their_mean() -> None:
-    route = lanes.route(network(bend(-41.0), [(0, 1), (2, 1)], np.array([20 * NMI, 6 * NMI])), ["A", "B", "C"])
+    route = lanes.route(
+        network(bend(-41.0), [(0, 1), (2, 1)], np.array([20 * NMI, 6 * NMI])), ["A", "B", "C"]
+    )
     expected = np.array([10, (10 + 3) / 2 / np.cos(np.radians(20.5)), 3]) * NMI
     assert route.half == pytest.approx(expected, rel=1e-9)
 
 
 def wandering(seed: int) -> tuple[Network, list[str]]:
-    """Return a route of eight nodes over sharp and slight turns somewhere on the globe, through north by chance, or a pole."""
+    """Return a route of eight nodes over sharp and slight turns somewhere on the globe, through
+    north by chance, or a pole.
+    """
     rng = np.random.default_rng(seed)
     p = [globe.point(np.radians(0.3), np.radians(1.1))]
     course = rng.uniform(0, 2 * np.pi)
@@ -90,13 +113,20 @@ def wandering(seed: int) -> tuple[Network, list[str]]:
 
 @pytest.mark.parametrize("seed", ROTATIONS)
 def test_a_route_is_the_same_wherever_it_lies(seed: int) -> None:
-    """Turned about the Earth's centre, so that it crosses the antimeridian, north or a pole, it sweeps the same corridor."""
+    """Turned about the Earth's centre, so that it crosses the antimeridian, north or a pole, it
+    sweeps the same corridor.
+    """
     found, names = wandering(seed)
     there = lanes.route(found, names)
     back = globe.rotation(seed)  # p @ back undoes wandering's p @ back.T
     home = globe.point(there.lon, there.lat) @ back
     here = lanes.route(
-        network(np.column_stack(globe.lonlat(home)), [*zip(found.start, found.end, strict=True)], found.width), names
+        network(
+            np.column_stack(globe.lonlat(home)),
+            [*zip(found.start, found.end, strict=True)],
+            found.width,
+        ),
+        names,
     )
     assert here.along == pytest.approx(there.along, rel=1e-12)
     for side in (-1.0, 0.37, 1.0):
@@ -106,7 +136,9 @@ def test_a_route_is_the_same_wherever_it_lies(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", ROTATIONS)
 def test_a_side_stays_the_same_side(seed: int) -> None:
-    """Halfway along every leg, side > 0 is to starboard and side < 0 to port, whatever the courses and turns."""
+    """Halfway along every leg, side > 0 is to starboard and side < 0 to port, whatever the courses
+    and turns.
+    """
     route = lanes.route(*wandering(seed))
     middle = globe.point(route.lon, route.lat)
     for side in (-1.0, -0.2, 0.5, 1.0):
@@ -116,7 +148,9 @@ def test_a_side_stays_the_same_side(seed: int) -> None:
 
 
 def test_a_u_turn_is_made_to_port_and_keeps_the_side() -> None:
-    """Who keeps to starboard turns beyond the node, who keeps to port before it; on both ways each is on its own side."""
+    """Who keeps to starboard turns beyond the node, who keeps to port before it; on both ways each
+    is on its own side.
+    """
     out, back = bend(180.0, length=60 * NMI)[:2]
     route = lanes.route(network(np.array([out, back]), [(0, 1)], 10 * NMI), ["A", "B", "A"])
     a, b, _ = globe.point(route.lon, route.lat)
@@ -153,7 +187,11 @@ def test_displaced_is_what_the_records_say() -> None:
     lon, lat = lanes.displaced(route, side)
     assert lon.shape == (2, 3, 8)
     for index in np.ndindex(2, 3):
-        assert globe.distance(globe.point(lon[index], lat[index]), passed(route, side[index])).max() < 0.01  # [m]
+        # [m]
+        assert (
+            globe.distance(globe.point(lon[index], lat[index]), passed(route, side[index])).max()
+            < 0.01
+        )
 
 
 @pytest.mark.parametrize("seed", ROTATIONS[:10])
@@ -165,13 +203,17 @@ def test_the_extent_holds_the_corridor(seed: int) -> None:
     rng = np.random.default_rng(seed)
     for side in (-1.0, 1.0):
         way = passed(route, side)
-        x = globe.part(np.repeat(way[:-1], 50, 0), np.repeat(way[1:], 50, 0), rng.uniform(0, 1, 350))
+        x = globe.part(
+            np.repeat(way[:-1], 50, 0), np.repeat(way[1:], 50, 0), rng.uniform(0, 1, 350)
+        )
         nearest = globe.distance(x[:, None], places).min(axis=1)
         assert nearest.max() < np.hypot(far, lanes.PIECE / 2) * 1.001
 
 
 def ways(found: Network, first: int, last: int) -> list[tuple[float, tuple[int, ...]]]:
-    """Return the lengths and nodes of all ways without a repeated node, shortest first: by trying every order."""
+    """Return the lengths and nodes of all ways without a repeated node, shortest first: by trying
+    every order.
+    """
     p = globe.point(found.lon, found.lat)
     allowed = {
         pair
@@ -182,7 +224,9 @@ def ways(found: Network, first: int, last: int) -> list[tuple[float, tuple[int, 
     orders = (order for k in range(len(others) + 1) for order in itertools.permutations(others, k))
     tried = [(first, *order, last) for order in orders]
     sound = [way for way in tried if set(itertools.pairwise(way)) <= allowed]
-    return sorted((float(globe.distance(p[list(way[:-1])], p[list(way[1:])]).sum()), way) for way in sound)
+    return sorted(
+        (float(globe.distance(p[list(way[:-1])], p[list(way[1:])]).sum()), way) for way in sound
+    )
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -201,13 +245,18 @@ def test_shortest_ways_against_all_ways(seed: int) -> None:
             assert lanes.shortest(found, *names) == tuple(found.name[j] for j in known[0][1])
             reached += 1
         else:
-            with pytest.raises(ValueError, match=rf'route: no way from "{names[0]}" to "{names[1]}"'):
+            with pytest.raises(
+                ValueError, match=rf'route: no way from "{names[0]}" to "{names[1]}"'
+            ):
                 lanes.shortest(found, *names)
     assert reached > 0
 
 
 SQUARE = network(
-    np.radians([[10.0, 50.0], [12.0, 50.1], [12.2, 52.0], [9.8, 51.8]]), [(0, 1), (1, 2), (2, 3)], 1e4, (1,)
+    np.radians([[10.0, 50.0], [12.0, 50.1], [12.2, 52.0], [9.8, 51.8]]),
+    [(0, 1), (1, 2), (2, 3)],
+    1e4,
+    (1,),
 )
 
 
@@ -255,24 +304,39 @@ def test_a_misspelt_node_is_told_the_nearest_name() -> None:
         np.array([9e3]),
         np.array([False]),
     )
-    with pytest.raises(ValueError, match='route: no node "Gibralta" in the network; nearest is "Gibraltar"'):
+    with pytest.raises(
+        ValueError, match='route: no node "Gibralta" in the network; nearest is "Gibraltar"'
+    ):
         lanes.shortest(named, "Gibralta", "Malta")
 
 
 def test_what_routes_follow_of_a_network() -> None:
     """Its lanes in their order, each once; routes along what is left are the same."""
-    routes = [lanes.route(SQUARE, ["C", "D", "C"]), lanes.route(SQUARE, ["A", "B"]), lanes.route(SQUARE, ["B", "A"])]
+    routes = [
+        lanes.route(SQUARE, ["C", "D", "C"]),
+        lanes.route(SQUARE, ["A", "B"]),
+        lanes.route(SQUARE, ["B", "A"]),
+    ]
     left = lanes.followed(SQUARE, routes)
-    assert (left.start.tolist(), left.end.tolist(), left.one_way.tolist()) == ([0, 2], [1, 3], [False, False])
+    assert (left.start.tolist(), left.end.tolist(), left.one_way.tolist()) == (
+        [0, 2],
+        [1, 3],
+        [False, False],
+    )
     again = lanes.route(left, ["C", "D", "C"])
-    assert (again.half.tolist(), again.toward.tolist()) == (routes[0].half.tolist(), routes[0].toward.tolist())
+    assert (again.half.tolist(), again.toward.tolist()) == (
+        routes[0].half.tolist(),
+        routes[0].toward.tolist(),
+    )
     with pytest.raises(ValueError, match='route: no lane from "B" to "C"'):
         lanes.route(left, ["B", "C"])
 
 
 @pytest.mark.parametrize("turns", [(80.0, 80.0), (-80.0, -80.0)])
 def test_a_lane_too_short_for_its_corridor_is_refused(turns: tuple[float, float]) -> None:
-    """With two like turns of 80 degrees the inner side of the lane between loses 2 half tan(40 deg): here 8.4 nmi of 8."""
+    """With two like turns of 80 degrees the inner side of the lane between loses 2 half tan(40
+    deg): here 8.4 nmi of 8.
+    """
     b = globe.point(np.radians(-35.2), np.radians(-47.1))
     first = np.radians(112.0)
     a = globe.walk(b, -globe.heading(b, first), 90 * NMI)
@@ -282,11 +346,18 @@ def test_a_lane_too_short_for_its_corridor_is_refused(turns: tuple[float, float]
         onward = globe.tangent(c, b)  # back, so a turn of t is a heading t + 180 from it
         angle = np.radians(turns[1])
         d = globe.walk(c, -np.cos(angle) * onward + np.sin(angle) * np.cross(c, onward), 90 * NMI)
-        return network(np.column_stack(globe.lonlat(np.array([a, b, c, d]))), [(0, 1), (1, 2), (2, 3)], 10 * NMI)
+        return network(
+            np.column_stack(globe.lonlat(np.array([a, b, c, d]))),
+            [(0, 1), (1, 2), (2, 3)],
+            10 * NMI,
+        )
 
     limit = 10 * NMI * np.tan(np.radians(40.0))
-    assert lanes.route(trial(1.01 * limit), list("ABCD")).half[1] == pytest.approx(5 * NMI / np.cos(np.radians(40)))
+    assert lanes.route(trial(1.01 * limit), list("ABCD")).half[1] == pytest.approx(
+        5 * NMI / np.cos(np.radians(40))
+    )
     with pytest.raises(
-        ValueError, match=r'^lane "B - C": 8\.31 nmi long, too short for a corridor 10 nmi wide at its turns'
+        ValueError,
+        match=r'^lane "B - C": 8\.31 nmi long, too short for a corridor 10 nmi wide at its turns',
     ):
         lanes.route(trial(0.99 * limit), list("ABCD"))

@@ -34,13 +34,21 @@ position = { at = [3.0, 2.0], error = "1 nmi" }
 """
 
 
-def test_debris_drifts_however_its_object_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(MODELS, "steaming", replace(DRIFT, forced=False, columns=(), draw=lambda *given: None))
+def test_debris_drifts_however_its_object_moves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(
+        MODELS, "steaming", replace(DRIFT, forced=False, columns=(), draw=lambda *given: None)
+    )
     (tmp_path / "case.toml").write_text(CASE)
     spec = run_setup.ensemble_spec(case := drift.load(tmp_path / "case.toml"))
-    spec = replace(spec, scenarios=tuple(replace(s, model="steaming", motion=8.0) for s in spec.scenarios))
+    spec = replace(
+        spec, scenarios=tuple(replace(s, model="steaming", motion=8.0) for s in spec.scenarios)
+    )
     forcing = Forcing([Sources({"current": (sources.constant("current", 1.0, 0.0),)})], 1)
-    scene = Scene(forcing, (), kernel.Surroundings(kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)))
+    scene = Scene(
+        forcing, (), kernel.Surroundings(kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31))
+    )
     times = (3 * 3600, 5 * 3600, 2 * 3600)  # contacts of one class, in any order
     (only,) = debris.of_contacts(
         spec, [(time, case.contacts[0]) for time in times], scene, record.empty(1, (0, 1))

@@ -1,4 +1,6 @@
-"""Particles guided toward finds of debris: posteriors by joint normals, whatever of what is shared dominates."""
+"""Particles guided toward finds of debris: posteriors by joint normals, whatever of what is shared
+dominates.
+"""
 
 import contextlib
 import math
@@ -55,8 +57,12 @@ def text_of(particles, current, bias, wind, release):
 
 
 def rows_between_steps(text):
-    """Return a case with rows of its (still) current every 37 min 11 s: they cut steps of 15 min in two."""
-    moments = (np.datetime64("2026-11-21T00:00:00") + np.timedelta64(2231, "s") * k for k in range(21))
+    """Return a case with rows of its (still) current every 37 min 11 s: they cut steps of 15 min in
+    two.
+    """
+    moments = (
+        np.datetime64("2026-11-21T00:00:00") + np.timedelta64(2231, "s") * k for k in range(21)
+    )
     rows = ", ".join(f'{{ time = "{moment}Z", speed = "0 kn", toward = 0 }}' for moment in moments)
     return text.replace('constant = { speed = "0 kn", toward = 0 }', f"table = [{rows}]")
 
@@ -81,18 +87,27 @@ def begun(tmp_path, text):
 
 
 def run_of(tmp_path, text):
-    """Return where particles are at the end [m] (2, n), their weights, what each find did, and the guide."""
+    """Return where particles are at the end [m] (2, n), their weights, what each find did, and the
+    guide.
+    """
     case, begin = begun(tmp_path, text)
     search = run_setup.search(case, begin)
     with contextlib.closing(begin.scene.forcing):
         list(simulate.run(begin.ensemble, begin.scene, begin.clock, np.array([0]), search=search))
     lon, lat = (begin.ensemble.columns[name].to_numpy() * sphere.UNIT for name in ("lon", "lat"))
     weight = np.exp(begin.ensemble.log_weight.to_numpy().astype(float))
-    return np.stack(sphere.offset(0.0, 0.0, lon, lat)), weight / weight.sum(), search.updates, begin.guide
+    return (
+        np.stack(sphere.offset(0.0, 0.0, lon, lat)),
+        weight / weight.sum(),
+        search.updates,
+        begin.guide,
+    )
 
 
 def of_forcing(std, time, early, late):
-    """Return the covariance of the integrals of an Ornstein-Uhlenbeck process over two times from its begin."""
+    """Return the covariance of the integrals of an Ornstein-Uhlenbeck process over two times from
+    its begin.
+    """
     if std == 0:
         return 0.0
     a, b, both = (math.exp(-t / time) for t in (early, late, late - early))
@@ -100,7 +115,9 @@ def of_forcing(std, time, early, late):
 
 
 def joint(times, current, bias, wind, release):
-    """Return the covariance of the object at the end and of debris at some times [s], both components together."""
+    """Return the covariance of the object at the end and of debris at some times [s], both
+    components together.
+    """
     turn = math.radians(30)
     axes = np.array([[math.sin(turn), math.cos(turn)], [math.cos(turn), -math.sin(turn)]])
     place = axes @ np.diag([release**2, (0.4 * release) ** 2]) @ axes.T
@@ -123,11 +140,15 @@ def mean_of(place, times):
     """Return the means that go with `joint` [m]: winds of 8 m/s from the west."""
     at = np.array(sphere.offset(0.0, 0.0, *np.radians(place)))
     moments, slopes = (HOURS * 3600.0, *times), (SLOPES[0], *(SLOPES[1] for _ in times))
-    return np.concatenate([at + np.array([slope * 8.0 * t, 0.0]) for slope, t in zip(slopes, moments, strict=True)])
+    return np.concatenate(
+        [at + np.array([slope * 8.0 * t, 0.0]) for slope, t in zip(slopes, moments, strict=True)]
+    )
 
 
 def given(place, times, found, *errors):
-    """Return mean (2,), covariance (2, 2) of the object given finds (k, 2) [m], and the density of these."""
+    """Return mean (2,), covariance (2, 2) of the object given finds (k, 2) [m], and the density of
+    these.
+    """
     mean, cov = mean_of(place, times), joint(times, *errors)
     seen = cov[2:, 2:] + ERROR**2 * np.eye(2 * len(times))
     gain = cov[:2, 2:] @ np.linalg.inv(seen)
@@ -148,7 +169,9 @@ def held_to(at, weight, bounds, exact, evidence, shares):
         width = np.sqrt((np.outer(np.diag(cov), np.diag(cov)) + cov**2) / effective)
         assert np.all(np.abs(spread - cov) < 4 * width + 5e-3 * np.abs(cov).max())
     effective = 1 / (weight**2).sum()
-    assert weight[: bounds[1]].sum() == pytest.approx(shares[0], abs=4 * math.sqrt(1 / (4 * effective)))
+    assert weight[: bounds[1]].sum() == pytest.approx(
+        shares[0], abs=4 * math.sqrt(1 / (4 * effective))
+    )
     assert evidence[0] == pytest.approx(evidence[1], abs=4 / math.sqrt(effective))
 
 
@@ -164,9 +187,13 @@ def held_to(at, weight, bounds, exact, evidence, shares):
     ids=["current", "release", "wind", "bias", "cut steps"],
 )
 def test_posterior_by_joint_normals(tmp_path, errors, clocked):
-    """Whatever spreads the debris, guided particles hold the posterior, and enough of them are effective."""
+    """Whatever spreads the debris, guided particles hold the posterior, and enough of them are
+    effective.
+    """
     found = (9000.0, 5000.0)
-    at, weight, updates, guide = run_of(tmp_path, clocked(text_of(8000, *errors)) + find_text("oar", *found))
+    at, weight, updates, guide = run_of(
+        tmp_path, clocked(text_of(8000, *errors)) + find_text("oar", *found)
+    )
     told = [given(place, (HOURS * 3600.0,), found, *errors) for place in PLACES]
     densities = np.array([density for *_, density in told]) * WEIGHTS
     (update,) = updates.all
@@ -174,14 +201,27 @@ def test_posterior_by_joint_normals(tmp_path, errors, clocked):
     assert update.ess_after > 0.2 * 8000
     assert update.ess_after == pytest.approx(1 / (weight**2).sum(), rel=1e-3)
     evidence = updates.log_evidence, math.log(densities.sum())
-    held_to(at, weight, (0, 5600, 8000), [own[:2] for own in told], evidence, densities / densities.sum())
+    held_to(
+        at,
+        weight,
+        (0, 5600, 8000),
+        [own[:2] for own in told],
+        evidence,
+        densities / densities.sum(),
+    )
 
 
 def test_two_finds_of_which_one_may_be_false(tmp_path):
-    """A doubtful find that fits no other is believed as its likelihood says: particles follow each find alone too."""
+    """A doubtful find that fits no other is believed as its likelihood says: particles follow each
+    find alone too.
+    """
     errors, times = (0.3, 0.0, 0.0, 300.0), (8 * 3600.0, HOURS * 3600.0)
     finds = ((9000.0, 5000.0), (2500.0, -9000.0))
-    text = text_of(12_000, *errors) + find_text("oar", *finds[0], 8) + find_text("hat", *finds[1], 12, "belief = 0.6\n")
+    text = (
+        text_of(12_000, *errors)
+        + find_text("oar", *finds[0], 8)
+        + find_text("hat", *finds[1], 12, "belief = 0.6\n")
+    )
     at, weight, updates, guide = run_of(tmp_path, text)
     one = [given(place, times[:1], finds[0], *errors) for place in PLACES]
     two = [given(place, times, finds, *errors) for place in PLACES]
@@ -197,7 +237,8 @@ def test_two_finds_of_which_one_may_be_false(tmp_path):
         mix = np.array([parts[0][k], parts[1][k]]) / share[k]
         mean = mix[0] * two[k][0] + mix[1] * one[k][0]
         cov = sum(
-            m * (own[1] + np.outer(own[0] - mean, own[0] - mean)) for m, own in zip(mix, (two[k], one[k]), strict=True)
+            m * (own[1] + np.outer(own[0] - mean, own[0] - mean))
+            for m, own in zip(mix, (two[k], one[k]), strict=True)
         )
         exact.append((mean, cov))
     evidence = updates.log_evidence, math.log(second.sum())  # E[N] is the unit of doubt: 0.6 + 0.4
@@ -205,7 +246,9 @@ def test_two_finds_of_which_one_may_be_false(tmp_path):
 
 
 def test_guided_only_where_it_helps_and_is_asked_for(tmp_path):
-    """A wide find, one with guide = false, and a case without debris leave particles as their streams draw them."""
+    """A wide find, one with guide = false, and a case without debris leave particles as their
+    streams draw them.
+    """
     errors = (0.3, 0.0, 0.0, 300.0)
     bare = text_of(2000, *errors)
 
@@ -231,7 +274,9 @@ def test_guided_only_where_it_helps_and_is_asked_for(tmp_path):
 
 
 def test_a_scenario_that_is_under_way_is_not_guided(tmp_path):
-    """Debris of what steers begins where it goes adrift: there particles stay as they are, beside guided ones."""
+    """Debris of what steers begins where it goes adrift: there particles stay as they are, beside
+    guided ones.
+    """
     text = text_of(2000, 0.3, 0.0, 0.0, 300.0).replace("weight = 0.3", "weight = 0.2") + """
 [[scenario]]
 name = "ferry"
@@ -251,7 +296,9 @@ between = ["+1 h", "+3 h"]
     assert begin.guide is not None
     assert [fit is not None for fit in begin.guide.passes[0]] == [True, True, False]
     first, last = begin.ensemble.scenarios[2]
-    np.testing.assert_array_equal(begin.ensemble.log_weight.to_numpy()[first:last], np.float32(np.log(0.1 / 200)))
+    np.testing.assert_array_equal(
+        begin.ensemble.log_weight.to_numpy()[first:last], np.float32(np.log(0.1 / 200))
+    )
     assert not begin.ensemble.own["pull_0_east"].to_numpy()[first:last].any()
     *_, updates, guide = run_of(tmp_path, text)
     assert guide is not None
@@ -260,8 +307,12 @@ between = ["+1 h", "+3 h"]
 
 def test_shards_and_resampling(tmp_path):
     """Shards guide particles to the same bits; resampling waits for the find, and comes then."""
-    text = text_of(12_000, 0.3, 0.0, 0.0, 300.0).replace("12 h", "14 h") + find_text("oar", 9000.0, 5000.0, 11)
-    text += '[[sortie]]\nname = "early"\nstart = "+1 h"\nend = "+2 h"\nlaw = "random"\npod = 0.999\n'
+    text = text_of(12_000, 0.3, 0.0, 0.0, 300.0).replace("12 h", "14 h") + find_text(
+        "oar", 9000.0, 5000.0, 11
+    )
+    text += (
+        '[[sortie]]\nname = "early"\nstart = "+1 h"\nend = "+2 h"\nlaw = "random"\npod = 0.999\n'
+    )
     text += "area = { polygon = [[-0.05, -0.05], [0.04, -0.05], [0.04, 0.05], [-0.05, 0.05]] }\n"
     text += "[resampling]\nbelow = 0.9\n"
     case = loaded(tmp_path, text)
@@ -276,7 +327,9 @@ def test_shards_and_resampling(tmp_path):
 
 
 def test_land_in_the_prior_and_on_the_way(tmp_path):
-    """Releases stay in water; the scenario keeps its probability; against four times as many particles, unguided."""
+    """Releases stay in water; the scenario keeps its probability; against four times as many
+    particles, unguided.
+    """
     shore = '{"type": "Polygon", "coordinates": [[[0.0, -1], [0.03, -1], [0.03, 0.1], [0.0, 0.1], [0.0, -1]]]}'
     (tmp_path / "land.geojson").write_text(shore)
     errors = (0.15, 0.0, 0.0, 4000.0)
@@ -294,37 +347,53 @@ def test_land_in_the_prior_and_on_the_way(tmp_path):
 
 
 def test_proposal_weighs_by_its_density():
-    """Prior over proposal by densities of scipy, also where a covariance is singular in one direction."""
+    """Prior over proposal by densities of scipy, also where a covariance is singular in one
+    direction.
+    """
     rng = np.random.default_rng(4)
     root = rng.standard_normal((4, 4))
     covariance = root @ root.T
-    parts = [Part(np.arange(4), 0.3 * np.eye(4)), Part(np.array([0, 1]), np.array([[0.5, 0.1], [0.1, 0.2]]))]
+    parts = [
+        Part(np.arange(4), 0.3 * np.eye(4)),
+        Part(np.array([0, 1]), np.array([[0.5, 0.1], [0.1, 0.2]])),
+    ]
     own = Proposal(covariance, parts, 0.3)
     y = np.repeat([[1.0, -2.0, 0.5, 1.5]], 40_000, axis=0)
-    s, log_weight = own.draw(y, (np.arange(40_000) + 0.5) / 40_000, rng.standard_normal((40_000, 8)))
+    s, log_weight = own.draw(
+        y, (np.arange(40_000) + 0.5) / 40_000, rng.standard_normal((40_000, 8))
+    )
     density = 0.3 * stats.multivariate_normal.pdf(s, np.zeros(4), covariance)
     for part in parts:
-        gain = covariance[:, part.rows] @ np.linalg.inv(covariance[np.ix_(part.rows, part.rows)] + part.error)
+        gain = covariance[:, part.rows] @ np.linalg.inv(
+            covariance[np.ix_(part.rows, part.rows)] + part.error
+        )
         mean, cov = gain @ y[0, part.rows], covariance - gain @ covariance[part.rows]
         density += 0.35 * stats.multivariate_normal.pdf(s, mean, cov)
     expected = stats.multivariate_normal.pdf(s, np.zeros(4), covariance) / density
     np.testing.assert_allclose(np.exp(log_weight), expected, rtol=1e-6)
     assert np.exp(log_weight).mean() == pytest.approx(1.0, abs=4 * np.exp(log_weight).std() / 200)
     singular = Proposal(np.kron(np.ones((2, 2)), np.eye(2)), parts[:1], 0.3)
-    s, log_weight = singular.draw(y, np.linspace(0, 0.999, 40_000), rng.standard_normal((40_000, 8)))
+    s, log_weight = singular.draw(
+        y, np.linspace(0, 0.999, 40_000), rng.standard_normal((40_000, 8))
+    )
     np.testing.assert_allclose(s[:, :2], s[:, 2:], atol=1e-6)
     assert np.exp(log_weight).mean() == pytest.approx(1.0, abs=4 * np.exp(log_weight).std() / 200)
 
 
 def test_only_positions_of_debris_have_guide(tmp_path):
-    """The key is rejected where it does nothing, and a warning of few particles names the find's error and the key."""
+    """The key is rejected where it does nothing, and a warning of few particles names the find's
+    error and the key.
+    """
     bare = text_of(1000, 0.3, 0.0, 0.0, 300.0)
     own = find_text("oar", 9000.0, 5000.0, more="guide = false\n")
     with pytest.raises(drift.UserError, match="guide applies only to a position of debris"):
         loaded(tmp_path, bare + own.replace('of = { windage = "4 %" }\n', ""))
     case = loaded(tmp_path, bare + own)
     warning = drift.run(case).summary["warnings"][0]
-    assert "Check its position, time, error (0.13 nmi, which holds half of it) and class (of) first" in warning
+    assert (
+        "Check its position, time, error (0.13 nmi, which holds half of it) and class (of) first"
+        in warning
+    )
     assert "remove its guide = false" in warning
     contact = replace(case.contacts[0], guide=True)
     followed = drift.run(replace(case, contacts=(contact,)))  # the remedy works

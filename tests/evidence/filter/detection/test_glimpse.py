@@ -1,6 +1,8 @@
-"""Watches with a table of POD: hazards along ways, against xarray's and SciPy's interpolation, pyproj's geodesics and quadrature.
+"""Watches with a table of POD: hazards along ways, against xarray's and SciPy's interpolation,
+pyproj's geodesics and quadrature.
 
-Ways are those that the run tells, straight from step to step. Tolerances: parts of half a cell err by less than 0.2 % of a hazard here.
+Ways are those that the run tells, straight from step to step. Tolerances: parts of half a cell err
+by less than 0.2 % of a hazard here.
 """
 
 from pathlib import Path
@@ -48,21 +50,28 @@ watch.sensor = "radar"
 """
 
 
-def run(tmp_path: Path, pod: xr.DataArray, at: str = "", per: str = "", way: str = "") -> drift.Result:
+def run(
+    tmp_path: Path, pod: xr.DataArray, at: str = "", per: str = "", way: str = ""
+) -> drift.Result:
     pod.to_dataset(name="pod").to_netcdf(tmp_path / "pod.nc")
     (tmp_path / "case.toml").write_text(HEAD + WATCH.format(at=at, per=per, way=way))
     return drift.run(drift.load(tmp_path / "case.toml"))
 
 
 def paths(result: drift.Result) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return times [h] (t,) in the middle of fine parts of the watch, and lon, lat [deg] (n, t) there."""
+    """Return times [h] (t,) in the middle of fine parts of the watch, and lon, lat [deg] (n, t)
+    there.
+    """
     tracks = result.trajectories
     assert tracks is not None
     hours = (tracks.time - tracks.time[0]) / np.timedelta64(1, "h")
     lon = np.unwrap(np.radians(np.asarray(tracks.lon) * (360 / 2**32)), axis=1)
     lat = np.asarray(tracks.lat) * (360 / 2**32)
     when = np.arange(1.0, 4.7, 0.5 / FINE) + 0.25 / FINE
-    found = [np.array([np.interp(when, hours, own) for own in values]) for values in (np.degrees(lon), lat)]
+    found = [
+        np.array([np.interp(when, hours, own) for own in values])
+        for values in (np.degrees(lon), lat)
+    ]
     return when, *found
 
 
@@ -76,7 +85,9 @@ def agree(result: drift.Result, hazard: np.ndarray) -> None:
     assert update.pos[-1] == pytest.approx(1 - missed.mean(), abs=2e-3)
     weight = np.asarray(result.trajectories.weight[:, -1])
     seen = missed > 1e-4
-    np.testing.assert_allclose(weight[seen] / weight[seen].sum(), missed[seen] / missed[seen].sum(), rtol=1e-2)
+    np.testing.assert_allclose(
+        weight[seen] / weight[seen].sum(), missed[seen] / missed[seen].sum(), rtol=1e-2
+    )
 
 
 def by_place() -> xr.DataArray:
@@ -92,7 +103,9 @@ def test_by_place(tmp_path: Path, per: str, scale: float) -> None:
     pod = by_place()
     result = run(tmp_path, pod, per=per)
     when, lon, lat = paths(result)
-    there = pod.interp(lon=xr.DataArray(np.mod(lon, 360), dims=("n", "t")), lat=xr.DataArray(lat, dims=("n", "t")))
+    there = pod.interp(
+        lon=xr.DataArray(np.mod(lon, 360), dims=("n", "t")), lat=xr.DataArray(lat, dims=("n", "t"))
+    )
     hazard = -np.log1p(-there.fillna(0).values)
     agree(result, hazard.sum(axis=1) * (when[1] - when[0]) / scale)
 
@@ -115,8 +128,16 @@ def test_it_changes_with_time(tmp_path: Path) -> None:
 
 def test_round_a_carrier_that_moves(tmp_path: Path) -> None:
     """Uneven bearings and ranges; from pole to pole of its circle."""
-    bearing, ranges = np.array([0.0, 40, 90, 130, 180, 240, 300, 350]), np.array([1.0, 3, 7, 12, 20]) * 1000
-    pod = 0.9 * np.exp(-((ranges / 9000) ** 2))[None] * (1 + 0.5 * np.cos(np.radians(bearing - 70)))[:, None] / 1.5
+    bearing, ranges = (
+        np.array([0.0, 40, 90, 130, 180, 240, 300, 350]),
+        np.array([1.0, 3, 7, 12, 20]) * 1000,
+    )
+    pod = (
+        0.9
+        * np.exp(-((ranges / 9000) ** 2))[None]
+        * (1 + 0.5 * np.cos(np.radians(bearing - 70)))[:, None]
+        / 1.5
+    )
     table = xr.DataArray(
         pod, {"bearing": ("bearing", bearing, {"units": "degrees"}), "range": ("range", ranges, {"units": "m"})},
         ("bearing", "range"), attrs={"units": "1"},
@@ -133,7 +154,9 @@ def test_round_a_carrier_that_moves(tmp_path: Path) -> None:
     toward, _, far = GEOD.inv(np.broadcast_to(x, shape), np.broadcast_to(y, shape), lon, lat)
     around = np.append(bearing, 360), np.concatenate([[0.0], ranges])
     padded = np.concatenate([pod[:, :1], pod], axis=1)  # nearer than the first range it is as there
-    ask = RegularGridInterpolator(around, np.concatenate([padded, padded[:1]]), bounds_error=False, fill_value=0.0)
+    ask = RegularGridInterpolator(
+        around, np.concatenate([padded, padded[:1]]), bounds_error=False, fill_value=0.0
+    )
     hazard = -np.log1p(-ask(np.stack([np.mod(toward, 360), far], axis=-1)))
     agree(result, hazard.sum(axis=1) * (when[1] - when[0]))
 
@@ -175,13 +198,14 @@ def test_bridges_wander_into_a_table_and_out_of_it(tmp_path: Path) -> None:
     """Against bridges by steps of 24 s in the plane, on the equator; at any step."""
     lon, lat = np.linspace(179.9, 180.1, 21), np.linspace(-0.06, 0.06, 13)
     pod = np.full((len(lat), len(lon)), 0.9)
-    xr.DataArray(pod, {"lat": lat, "lon": lon}, ("lat", "lon"), attrs={"units": "1"}).to_dataset(name="pod").to_netcdf(
-        tmp_path / "pod.nc"
-    )
+    xr.DataArray(pod, {"lat": lat, "lon": lon}, ("lat", "lon"), attrs={"units": "1"}).to_dataset(
+        name="pod"
+    ).to_netcdf(tmp_path / "pod.nc")
     found = []
     for step in (60, 15):
         (tmp_path / "case.toml").write_text(
-            BRIDGE.format(step=step) + WATCH.format(at="", per=', per = "1 h"', way="").replace("+4.7 h", "+8 h")
+            BRIDGE.format(step=step)
+            + WATCH.format(at="", per=', per = "1 h"', way="").replace("+4.7 h", "+8 h")
         )
         updates = drift.run(drift.load(tmp_path / "case.toml")).updates
         assert updates is not None
@@ -198,7 +222,9 @@ def test_bridges_wander_into_a_table_and_out_of_it(tmp_path: Path) -> None:
         after = at + (end - at) * dt / left + spread * random.standard_normal((many, 2))
         if (k + 0.5) * dt >= 1:
             for point in (at, after):
-                inside = (np.abs(point[:, 0] - 180.0) <= 0.1 + 1e-9) & (np.abs(point[:, 1]) <= 0.06 + 1e-9)
+                inside = (np.abs(point[:, 0] - 180.0) <= 0.1 + 1e-9) & (
+                    np.abs(point[:, 1]) <= 0.06 + 1e-9
+                )
                 hazard += 0.5 * inside * dt * -np.log(0.1)
         at = after
     missed = np.exp(-hazard)

@@ -1,9 +1,11 @@
-"""Watches of passive sonars, particle by particle, against the sonar equation and the renewal equation in float64.
+"""Watches of passive sonars, particle by particle, against the sonar equation and the renewal
+equation in float64.
 
-How far a log weight may be off is told in decibels: as far as that of a sonar that is TOLERANCE better or worse. Noise and the
-array's heading are those of the middle of a part, in which the noise changes by a quarter of a decibel (0.13); tables are
-those of the array's middle place (0.05 here), bearings are laid out to a tenth of a degree (0.02), and the rule of parts and the
-oracle's own times leave the rest.
+How far a log weight may be off is told in decibels: as far as that of a sonar that is TOLERANCE
+better or worse. Noise and the array's heading are those of the middle of a part, in which the noise
+changes by a quarter of a decibel (0.13); tables are those of the array's middle place (0.05 here),
+bearings are laid out to a tenth of a degree (0.02), and the rule of parts and the oracle's own
+times leave the rest.
 """
 
 import itertools
@@ -36,12 +38,18 @@ position = { at = [-30.0, 36.0], std = "25 nmi" }
 RANGES = np.arange(0, 120_001.0, 2000.0)
 RADIALS, SIDES, AROUND = (np.arange(0, 360, by, float) for by in (30, 15, 45))
 NOISE = np.array(
-    [[70, 73, 71, 75, 72, 70, 74, 69.0], [72, 75, 74, 75, 73, 71, 75, 70.0], [69, 70, 74, 77, 72, 75, 70, 69.0]]
+    [
+        [70, 73, 71, 75, 72, 70, 74, 69.0],
+        [72, 75, 74, 75, 73, 71, 75, 70.0],
+        [69, 70, 74, 77, 72, 75, 70, 69.0],
+    ]
 )
 
 
 def losses(number: int, radials: np.ndarray = RADIALS) -> np.ndarray:
-    """Return losses of a place, with a convergence zone: those of no two bearings and no two places are the same."""
+    """Return losses of a place, with a convergence zone: those of no two bearings and no two places
+    are the same.
+    """
     spread = 60 + (11 + number) * np.log10(1 + RANGES / 1000)
     zone = 9 * np.exp(-(((RANGES - 55_000 - 5000 * number) / 5000) ** 2))
     turned = np.sin(np.radians(radials + 40 * number))[:, None] * np.minimum(RANGES / 3e4, 1)
@@ -60,7 +68,10 @@ def array(*places: tuple[float, float], radials: np.ndarray = RADIALS, **more: A
 
 
 def agree(
-    found: np.ndarray, expected: Callable[[Sonar], np.ndarray], sonar: Sonar, tolerance: float = TOLERANCE
+    found: np.ndarray,
+    expected: Callable[[Sonar], np.ndarray],
+    sonar: Sonar,
+    tolerance: float = TOLERANCE,
 ) -> float:
     """Hold logs of weights against those expected of a sonar; return the worst deviation [1]."""
     better, worse = (expected(louder(sonar, more)) for more in (tolerance, -tolerance))
@@ -107,14 +118,17 @@ def test_an_array_that_turns_past_what_is_at_rest(tmp_path: Path, sonar: Sonar, 
     """Two legs, gains by side, noise by bearing and time, losses by place, bearing and range."""
     ran = run(tmp_path, RAFT + sonar.text(tmp_path) + towed(sonar), step=step, particles=160)
     hours = times(TURN, 471)
-    # What it passes within a mile changes its bearing faster than the oracle's times tell; see the next test.
+    # What it passes within a mile changes its bearing faster than the oracle's times tell; see the
+    # next test.
     far = nearest(TURN, *ran.first.T, hours) > NMI
     assert far.mean() > 0.95
     lon, lat = ran.first[far].T
 
     def expected(own: Sonar) -> np.ndarray:
         source = own.source("raft", np.zeros(len(lon)))
-        return np.log(missed(heard(own, TURN.at, hours, lambda _: (lon, lat, source)), hours, own.rate)[:, -1])
+        return np.log(
+            missed(heard(own, TURN.at, hours, lambda _: (lon, lat, source)), hours, own.rate)[:, -1]
+        )
 
     assert ran.said.min() < -1.5
     assert agree(ran.said[far], expected, sonar) < 0.05
@@ -134,7 +148,9 @@ def test_an_array_that_passes_close_by(tmp_path: Path) -> None:
 
     def expected(own: Sonar) -> np.ndarray:
         source = own.source("raft", np.zeros(len(lon)))
-        return np.log(missed(heard(own, TURN.at, hours, lambda _: (lon, lat, source)), hours, own.rate)[:, -1])
+        return np.log(
+            missed(heard(own, TURN.at, hours, lambda _: (lon, lat, source)), hours, own.rate)[:, -1]
+        )
 
     agree(ran.said[chosen], expected, sonar)
 
@@ -143,14 +159,20 @@ def test_transit_legs_hear_nothing(tmp_path: Path) -> None:
     """Of three legs the middle one: what was not heard on the first is drawn anew on it."""
     way = Way((0.5, 2.0, 3.5, 5.5), ((-30.3, 35.8), (-30.1, 36.0), (-30.0, 35.7), (-29.6, 36.0)))
     sonar = array(rate=0.4)
-    ran = run(tmp_path, RAFT + sonar.text(tmp_path) + towed(sonar, way, "transit_legs = [2]\n"), particles=100)
+    ran = run(
+        tmp_path,
+        RAFT + sonar.text(tmp_path) + towed(sonar, way, "transit_legs = [2]\n"),
+        particles=100,
+    )
     hours = times(way, 401)
     far = nearest(way, *ran.first.T, hours) > NMI
     lon, lat = ran.first[far].T
 
     def expected(own: Sonar) -> np.ndarray:
         source = own.source("raft", np.zeros(len(lon)))
-        chances = heard(own, way.at, hours, lambda _: (lon, lat, source), silent=lambda hour: 2 <= hour < 3.5)
+        chances = heard(
+            own, way.at, hours, lambda _: (lon, lat, source), silent=lambda hour: 2 <= hour < 3.5
+        )
         return np.log(missed(chances, hours, own.rate)[:, -1])
 
     agree(ran.said[far], expected, sonar)
@@ -213,8 +235,12 @@ def on_voyage(miles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 LENGTH = sum(sonars.GLOBE.inv(*a, *b)[2] for a, b in itertools.pairwise(PORTS)) / NMI
 
 
-def targets(ran: sonars.Ran, sonar: Sonar) -> Callable[[float], tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return what gives places and source levels at a time, from what was drawn of each at the begin."""
+def targets(
+    ran: sonars.Ran, sonar: Sonar
+) -> Callable[[float], tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return what gives places and source levels at a time, from what was drawn of each at the
+    begin.
+    """
     columns = {name: column.to_numpy() for name, column in ran.ensemble.columns.items()}
     release, left = columns["release"] / 3600, columns["departure"] / 3600
     names = np.array(list(LEVELS))[ran.scenario]
@@ -233,7 +259,9 @@ def targets(ran: sonars.Ran, sonar: Sonar) -> Callable[[float], tuple[np.ndarray
             own = names == name
             miles = speed * (hour - left[own])
             lon[own], lat[own] = on_voyage(miles)
-            source[own] = np.where((miles >= 0) & (miles <= LENGTH), sonar.source(name, speed), -np.inf)
+            source[own] = np.where(
+                (miles >= 0) & (miles <= LENGTH), sonar.source(name, speed), -np.inf
+            )
         adrift = (names == "yacht") & (release <= hour) & (7.0 * (release - left) < LENGTH)
         lon[adrift], lat[adrift] = rhumb(*distress[adrift].T, CURRENT[1], drifted[adrift])
         source[adrift] = sonar.source("yacht", CURRENT[0])
@@ -244,9 +272,13 @@ def targets(ran: sonars.Ran, sonar: Sonar) -> Callable[[float], tuple[np.ndarray
 
 @pytest.mark.parametrize("step", [pytest.param(10, marks=pytest.mark.thorough), 60])
 def test_what_moves_past_a_sonar(tmp_path: Path, step: int) -> None:
-    """What drifts, is released late, keeps a course, bends, arrives, and goes adrift while it is listened for."""
+    """What drifts, is released late, keeps a course, bends, arrives, and goes adrift while it is
+    listened for.
+    """
     sonar = array(at=STEAD, heading=205.0, levels=LEVELS, unknown=0.0)
-    watch = '[[sortie]]\nname = "w"\nstart = "+0.3 h"\nend = "+5.6 h"\nwatch = { sensor = "ears" }\n'
+    watch = (
+        '[[sortie]]\nname = "w"\nstart = "+0.3 h"\nend = "+5.6 h"\nwatch = { sensor = "ears" }\n'
+    )
     ran = run(tmp_path, MOVING + sonar.text(tmp_path) + watch, step=step, particles=240)
     hours = np.linspace(0.3, 5.6, 531)
     every = np.array([targets(ran, sonar)(hour)[:2] for hour in hours])
@@ -276,7 +308,10 @@ def test_what_goes_ashore_is_heard_no_more(tmp_path: Path) -> None:
     shore = {"type": "Polygon", "coordinates": [LAND]}
     (tmp_path / "land.geojson").write_text(
         json.dumps(
-            {"type": "FeatureCollection", "features": [{"type": "Feature", "properties": {}, "geometry": shore}]}
+            {
+                "type": "FeatureCollection",
+                "features": [{"type": "Feature", "properties": {}, "geometry": shore}],
+            }
         )
     )
     case = RAFT.replace("0 kn", "1.5 kn").replace("toward = 0", "toward = 80")
@@ -295,7 +330,9 @@ def test_what_goes_ashore_is_heard_no_more(tmp_path: Path) -> None:
             places = rhumb(*ran.first.T, 80.0, 1.5 * NMI * hour)
             return *places, np.where(ashore & (hour > ended), -np.inf, source)
 
-        return np.log(missed(heard(own, lambda _: (STEAD, 205.0), hours, there), hours, own.rate)[:, -1])
+        return np.log(
+            missed(heard(own, lambda _: (STEAD, 205.0), hours, there), hours, own.rate)[:, -1]
+        )
 
     agree(ran.said, expected, sonar)
 
@@ -321,20 +358,33 @@ def mean_over(unknown: float, likelihood: Callable[[float], np.ndarray]) -> np.n
 
 @pytest.mark.parametrize("share", [pytest.param(1.5, marks=pytest.mark.thorough), 1.0])
 def test_watches_and_looks_share_an_unknown(tmp_path: Path, share: float) -> None:
-    """Two watches and two looks of two sonars of a group, and a sonar of another: one mean over each group's unknown.
+    """Two watches and two looks of two sonars of a group, and a sonar of another: one mean over
+    each group's unknown.
 
     Gauss-Hermite is to hold products of misses to 0.001, relative to 1, in each group.
     """
     unknown = share * 6.0
     steady: dict[str, Any] = {"hours": (0.0,), "noise": NOISE[:1], "unknown": unknown}
     west = array(name="west", at=STEAD, heading=205.0, group="both", **steady)
-    east = array(name="east", at=(-29.8, 36.2), heading=31.0, group="both", threshold=11.0, fluctuation=9.0, **steady)
+    east = array(
+        name="east",
+        at=(-29.8, 36.2),
+        heading=31.0,
+        group="both",
+        threshold=11.0,
+        fluctuation=9.0,
+        **steady,
+    )
     alone = array(name="alone", at=(-30.1, 36.3), heading=120.0, **steady)
-    text = RAFT.replace("25 nmi", "15 nmi") + "".join(sonar.text(tmp_path) for sonar in (west, east, alone))
-    for name, sensor, begin, end in (("a", "west", 0.4, 2.2), ("b", "alone", 1.0, 3.0), ("c", "east", 1.4, 4.9)):
-        text += (
-            f'[[sortie]]\nname = "{name}"\nstart = "+{begin} h"\nend = "+{end} h"\nwatch = {{ sensor = "{sensor}" }}\n'
-        )
+    text = RAFT.replace("25 nmi", "15 nmi") + "".join(
+        sonar.text(tmp_path) for sonar in (west, east, alone)
+    )
+    for name, sensor, begin, end in (
+        ("a", "west", 0.4, 2.2),
+        ("b", "alone", 1.0, 3.0),
+        ("c", "east", 1.4, 4.9),
+    ):
+        text += f'[[sortie]]\nname = "{name}"\nstart = "+{begin} h"\nend = "+{end} h"\nwatch = {{ sensor = "{sensor}" }}\n'
     text += '[[look]]\nname = "d"\ntime = "+2.9 h"\nsees = "something"\nfalse_alarms = 0.03\nsensor = "east"\n'
     text += '[[look]]\nname = "e"\ntime = "+5.3 h"\nsees = "nothing"\nsensor = "west"\n'
     ran = run(tmp_path, text, particles=150)
@@ -352,8 +402,15 @@ def test_watches_and_looks_share_an_unknown(tmp_path: Path, share: float) -> Non
 
     expected = mean_over(unknown, said) * mean_over(unknown, lambda by: watched("alone", by, 2.0))
     assert np.abs(np.exp(ran.said) - expected).max() < 0.001
-    apart = mean_over(unknown, lambda by: watched("west", by, 1.8)) * mean_over(unknown, lambda by: 1 - p("west", by))
-    assert np.abs(apart - mean_over(unknown, lambda by: watched("west", by, 1.8) * (1 - p("west", by)))).max() > 0.02
+    apart = mean_over(unknown, lambda by: watched("west", by, 1.8)) * mean_over(
+        unknown, lambda by: 1 - p("west", by)
+    )
+    assert (
+        np.abs(
+            apart - mean_over(unknown, lambda by: watched("west", by, 1.8) * (1 - p("west", by)))
+        ).max()
+        > 0.02
+    )
 
 
 def everything(tmp_path: Path, unknown: float = 3.0) -> str:
@@ -361,12 +418,19 @@ def everything(tmp_path: Path, unknown: float = 3.0) -> str:
     ears = array(at=STEAD, heading=205.0, levels=LEVELS, unknown=unknown, group="both")
     towed_one = array(*PLACES, name="tail", levels=LEVELS, unknown=unknown, group="both")
     return (
-        MOVING + ears.text(tmp_path) + towed_one.text(tmp_path) + WATCH + towed(towed_one).replace('"w"', '"t"') + LOOK
+        MOVING
+        + ears.text(tmp_path)
+        + towed_one.text(tmp_path)
+        + WATCH
+        + towed(towed_one).replace('"w"', '"t"')
+        + LOOK
     )
 
 
 def test_outputs_show_watches_under_way_and_change_nothing(tmp_path: Path) -> None:
-    """In the middle of a watch weights are those of a watch that ends there; the end has the same bits."""
+    """In the middle of a watch weights are those of a watch that ends there; the end has the same
+    bits.
+    """
     text = everything(tmp_path)
     plain = run(tmp_path, text)
     more = run(tmp_path, text, outputs=[0.31, 1.1, 1.25, 2.9, 3.3, 4.0, 5.5])
@@ -375,7 +439,10 @@ def test_outputs_show_watches_under_way_and_change_nothing(tmp_path: Path) -> No
     sonar = array(at=STEAD, heading=205.0, levels=LEVELS)
     whole = run(tmp_path, MOVING + sonar.text(tmp_path) + WATCH, outputs=[2.2])
     part = run(tmp_path, MOVING + sonar.text(tmp_path) + WATCH.replace("+5.6 h", "+2.2 h"))
-    then = next(m for m in whole.moments if m.elapsed == 7920).log_weight.astype(float) - whole.moments[0].log_weight
+    then = (
+        next(m for m in whole.moments if m.elapsed == 7920).log_weight.astype(float)
+        - whole.moments[0].log_weight
+    )
     np.testing.assert_array_equal(then, part.said)
 
 
@@ -402,21 +469,28 @@ bridge = { k = "6 nmi/sqrt(h)", points = [
 
 
 def test_bridges_are_heard_alike_at_all_steps(tmp_path: Path) -> None:
-    """Mean POD of steps within 2 %, beside 3 standard errors, and within 4 % of that of paths in NumPy, told each minute.
+    """Mean POD of steps within 2 %, beside 3 standard errors, and within 4 % of that of paths in
+    NumPy, told each minute.
 
-    Both leave out what a path does between: the run where it strays by less than the 2 km between ranges of the table.
+    Both leave out what a path does between: the run where it strays by less than the 2 km between
+    ranges of the table.
     """
     many, draws = 2000, 500
     sonar = array(at=STEAD, heading=205.0, levels={"smuggler": 137.0})
     found = [
-        1 - np.exp(run(tmp_path, BRIDGE + sonar.text(tmp_path) + WATCH, particles=many, step=step).said)
+        1
+        - np.exp(
+            run(tmp_path, BRIDGE + sonar.text(tmp_path) + WATCH, particles=many, step=step).said
+        )
         for step in (5, 60)
     ]
     random = np.random.default_rng(3)
     times_ = np.linspace(0, 6, 1801)
     walk = np.cumsum(random.normal(size=(draws, 1801, 2)) * math.sqrt(6 / 1800) * 6 * NMI, axis=1)
     walk -= walk[:, :1] + (times_ / 6)[:, None] * (walk[:, -1:] - walk[:, :1])
-    ends = [sonars.plane((-30.3, 36.05), *np.array([at]).T) for at in ((-30.7, 36.0), (-29.9, 36.1))]
+    ends = [
+        sonars.plane((-30.3, 36.05), *np.array([at]).T) for at in ((-30.7, 36.0), (-29.9, 36.1))
+    ]
     a, b = (np.concatenate(end) for end in ends)
     walk += a + (times_ / 6)[:, None] * (b - a)
     steps = np.arange(90, 1681, 5)
@@ -449,7 +523,9 @@ def test_bridges_are_heard_alike_at_all_steps(tmp_path: Path) -> None:
     ],
 )
 def test_resampling_keeps_what_has_been_heard(tmp_path: Path, method: str, across: str) -> None:
-    """Resampled in the middle of watches that share an unknown: evidence by scenario within 3.5 standard errors of the draw."""
+    """Resampled in the middle of watches that share an unknown: evidence by scenario within 3.5
+    standard errors of the draw.
+    """
     text = everything(tmp_path)
     text += '[[look]]\nname = "y"\ntime = "+2.1 h"\nsees = "something"\n'
     text += 'at = [-30.2, 36.0]\nradius = "14 nmi"\nfalse_alarms = 0.05\n'
@@ -460,7 +536,9 @@ def test_resampling_keeps_what_has_been_heard(tmp_path: Path, method: str, acros
         particles=2000,
     )
     assert any(update.resampled for update in anew.updates.all)
-    found, exact = (sum(update.log_evidence[:4] for update in ran.updates.all) for ran in (anew, plain))
+    found, exact = (
+        sum(update.log_evidence[:4] for update in ran.updates.all) for ran in (anew, plain)
+    )
     for k in range(4):
         likelihood = np.exp(plain.said[plain.scenario == k])
         error = likelihood.std() / likelihood.mean() / math.sqrt(likelihood.size)
@@ -473,15 +551,17 @@ def test_resampling_keeps_what_has_been_heard(tmp_path: Path, method: str, acros
 def test_in_shards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three shards tell to the bit what one piece does: tracks with weights, updates."""
     monkeypatch.setattr(flow, "write", lambda *given, **more: None)
-    text = sonars.HEAD.replace("DURATION", "6").replace("PARTICLES", "9000").replace("STEP", "60") + everything(
-        tmp_path
-    )
+    text = sonars.HEAD.replace("DURATION", "6").replace("PARTICLES", "9000").replace(
+        "STEP", "60"
+    ) + everything(tmp_path)
     text = text.replace("output.times = []", 'output.every = "6 h"\noutput.trajectories = 9000')
     (tmp_path / "case.toml").write_text(text)
     case = drift.load(tmp_path / "case.toml")
     one, three = drift.run(case), drift.run(case, shards=3)
     for name in ("lon", "lat", "status", "weight"):
-        assert getattr(one.trajectories, name).tobytes() == getattr(three.trajectories, name).tobytes(), name
+        assert (
+            getattr(one.trajectories, name).tobytes() == getattr(three.trajectories, name).tobytes()
+        ), name
     assert one.updates is not None
     assert three.updates is not None
     assert len(one.updates.all) == 3
@@ -490,7 +570,9 @@ def test_in_shards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_memory_of_what_listens_is_reckoned(tmp_path: Path) -> None:
-    """A watch keeps 17 numbers of four bytes for each value of its unknown, of which there are 8, and an output a copy."""
+    """A watch keeps 17 numbers of four bytes for each value of its unknown, of which there are 8,
+    and an output a copy.
+    """
     path = tmp_path / "case.toml"
     head = sonars.HEAD.replace("DURATION", "6").replace("PARTICLES", "100").replace("STEP", "60")
     sonar = array(at=STEAD, heading=205.0, unknown=3.0)

@@ -1,4 +1,6 @@
-"""Looks, presences, barriers and lines in runs of drifting particles, against paths in steps of 45 s in NumPy."""
+"""Looks, presences, barriers and lines in runs of drifting particles, against paths in steps of 45
+s in NumPy.
+"""
 
 import functools
 import itertools
@@ -56,7 +58,9 @@ def at(east, north):
 
 @functools.cache
 def paths():
-    """Return (places, release) of 2 x 4,000 paths in steps of 45 s [nmi], (2, n, m + 1, 2), and [h], (2, n)."""
+    """Return (places, release) of 2 x 4,000 paths in steps of 45 s [nmi], (2, n, m + 1, 2), and
+    [h], (2, n).
+    """
     n, dt = 4_000, 45.0
     steps = round(HOURS * 3600 / dt)
     random = np.random.default_rng(41)
@@ -64,7 +68,9 @@ def paths():
     moves = random.normal(size=(2, n, steps, 2), scale=math.sqrt(2 * D * dt)).astype(np.float32)
     moves += (VELOCITY * dt).astype(np.float32)
     moves[(np.arange(steps) * dt / 3600)[None, None] < release[:, :, None]] = 0
-    places = np.concatenate([random.normal(size=(2, n, 1, 2), scale=4 * NMI), moves], axis=2).cumsum(axis=2)
+    places = np.concatenate(
+        [random.normal(size=(2, n, 1, 2), scale=4 * NMI), moves], axis=2
+    ).cumsum(axis=2)
     return places / NMI, release
 
 
@@ -87,11 +93,15 @@ def meets(places, release, begin, end, every, corners):
     a, b = places[:, :, part][:, :, :-1], places[:, :, part][:, :, 1:]
 
     def side(u, v, w):
-        return (v[..., 0] - u[..., 0]) * (w[..., 1] - u[..., 1]) - (v[..., 1] - u[..., 1]) * (w[..., 0] - u[..., 0])
+        return (v[..., 0] - u[..., 0]) * (w[..., 1] - u[..., 1]) - (v[..., 1] - u[..., 1]) * (
+            w[..., 0] - u[..., 0]
+        )
 
     found = np.zeros(a.shape[:-1], bool)
     for p, q in itertools.pairwise(corners):
-        found |= ((side(p, q, a) > 0) != (side(p, q, b) > 0)) & ((side(a, b, p) > 0) != (side(a, b, q) > 0))
+        found |= ((side(p, q, a) > 0) != (side(p, q, b) > 0)) & (
+            (side(a, b, p) > 0) != (side(a, b, q) > 0)
+        )
     first = begin + (found.argmax(axis=2) + 0.5) * every / 80
     return np.where(found.any(axis=2), first, np.inf)
 
@@ -150,13 +160,17 @@ CASES = {
 
 @functools.cache
 def exact_of(name):
-    """Return how likely what a sensor says is on each fine path, (2, n); what 45 s miss is found from what 180 s miss."""
+    """Return how likely what a sensor says is on each fine path, (2, n); what 45 s miss is found
+    from what 180 s miss.
+    """
     likelihood = CASES[name][1]
     return 2.0 * likelihood(*paths(), 1) - likelihood(*paths(), 4)
 
 
 def _reported(first):
-    """Return the density [1/s] of a report at 5.2 h, right to 40 min, and of one false report in 100 h."""
+    """Return the density [1/s] of a report at 5.2 h, right to 40 min, and of one false report in
+    100 h.
+    """
     hit = np.isfinite(first)
     density = stats.norm.pdf(np.where(hit, first, 0), 5.2, 40 / 60) / 3600
     return 0.85 * hit * density + 0.01 / 3600 * (1 - 0.85 * hit)
@@ -186,7 +200,8 @@ def test_what_a_sensor_says_is_as_likely_as_on_fine_paths(tmp_path, name: str, s
     assert update.kind == ("barrier" if "barrier" in name else "presence")
     for scenario in range(2):
         mean, spread = exact[scenario].mean(), exact[scenario].std() / math.sqrt(exact.shape[1])
-        # the run's particles are more and give probabilities, which spread no more than what happens
+        # the run's particles are more and give probabilities, which spread no more than what
+        # happens
         slots = ensemble.bounds[scenario + 1] - ensemble.bounds[scenario]
         error = spread * math.sqrt(1 + exact.shape[1] / slots)
         assert error < 0.07 * mean
@@ -194,25 +209,34 @@ def test_what_a_sensor_says_is_as_likely_as_on_fine_paths(tmp_path, name: str, s
         assert abs(math.exp(update.log_evidence[scenario]) - mean) < 3.5 * error, scenario
     whole = np.exp(update.log_evidence[:2]) @ [0.7, 0.3]
     assert math.exp(update.log_evidence[2]) == pytest.approx(whole, rel=1e-4)  # of float32 weights
-    assert update.posterior[0] == pytest.approx(0.7 * math.exp(update.log_evidence[0]) / whole, rel=1e-4)
+    assert update.posterior[0] == pytest.approx(
+        0.7 * math.exp(update.log_evidence[0]) / whole, rel=1e-4
+    )
 
 
 def test_a_line_is_told_and_changes_no_weight(tmp_path) -> None:
-    """Probability and 5, 50, 95 % of the first crossing by scenario, against fine paths; weights keep their bits."""
+    """Probability and 5, 50, 95 % of the first crossing by scenario, against fine paths; weights
+    keep their bits.
+    """
     text = f'[[line]]\nname = "sound"\npoints = {[at(*p) for p in BENT]}\n'
     updates, ensemble, _ = run(tmp_path, text)
     assert updates.all == ()
     weight = ensemble.log_weight.to_numpy()
-    assert all((weight[a:b] == weight[a]).all() for a, b in ensemble.scenarios)  # as they were drawn
+    # as they were drawn
+    assert all((weight[a:b] == weight[a]).all() for a, b in ensemble.scenarios)
     (crossing,) = updates.crossings.all
     places, release = paths()
     fine, coarse = (meets(places, release, 0, HOURS, every, BENT) for every in (1, 4))
     for scenario in range(2):
         hit = 2.0 * np.isfinite(fine[scenario]) - np.isfinite(coarse[scenario])
         error = hit.std() / math.sqrt(hit.size)
-        assert abs(crossing.probability[scenario] - hit.mean()) < 3 * math.hypot(error, crossing.error[scenario])
+        assert abs(crossing.probability[scenario] - hit.mean()) < 3 * math.hypot(
+            error, crossing.error[scenario]
+        )
         times = np.sort(fine[scenario][np.isfinite(fine[scenario])])
-        told = (crossing.first[scenario] - np.datetime64("2026-11-21T00:00:00")) / np.timedelta64(1, "h")
+        told = (crossing.first[scenario] - np.datetime64("2026-11-21T00:00:00")) / np.timedelta64(
+            1, "h"
+        )
         for share, time in zip((0.05, 0.5, 0.95), told, strict=True):
             # the share of fine paths that have crossed by then; those of 45 s are a little late
             found = np.searchsorted(times, time) / times.size
@@ -222,7 +246,9 @@ def test_a_line_is_told_and_changes_no_weight(tmp_path) -> None:
 
 
 def test_a_look_is_bayes(tmp_path) -> None:
-    """A turned box at a time inside a step, positive and negative, by each law written out; what is not released is not seen."""
+    """A turned box at a time inside a step, positive and negative, by each law written out; what is
+    not released is not seen.
+    """
     middle, wide, high, turn = (4.0, 2.0), 9.0, 6.0, 33
     places, release = paths()
     x = turned(places[:, :, round(3.7 * 80)], middle, turn)
@@ -231,7 +257,9 @@ def test_a_look_is_bayes(tmp_path) -> None:
         '"cookie_cutter"': (far <= 1).astype(float),
         "{ linear = 0.95 }": 1 - 0.95 * np.minimum(far, 1),
         "{ exponential = 2 }": np.exp(-(far**2)),
-        "{ table = [[0, 0.9], [0.7, 0.5], [1.4, 0.1]] }": np.interp(far, [0, 0.7, 1.4], [0.9, 0.5, 0.1], right=0),
+        "{ table = [[0, 0.9], [0.7, 0.5], [1.4, 0.1]] }": np.interp(
+            far, [0, 0.7, 1.4], [0.9, 0.5, 0.1], right=0
+        ),
     }
     for law, chance in chances.items():
         seen = np.where(release < 3.7, chance, 0.0)
@@ -243,26 +271,40 @@ def test_a_look_is_bayes(tmp_path) -> None:
             (update,) = run(tmp_path, text, particles="10000")[0].all
             for scenario in range(2):
                 error = exact[scenario].std() / math.sqrt(exact.shape[1]) * math.sqrt(2)
-                assert abs(math.exp(update.log_evidence[scenario]) - exact[scenario].mean()) < 3 * error
+                assert (
+                    abs(math.exp(update.log_evidence[scenario]) - exact[scenario].mean())
+                    < 3 * error
+                )
 
 
 def test_a_circle_and_a_box_have_the_distance_of_equation_13() -> None:
-    """By hand, at 61 N: half way to the edge is 0.5 in a circle, and in a turned box that of the nearer side."""
+    """By hand, at 61 N: half way to the edge is 0.5 in a circle, and in a turned box that of the
+    nearer side.
+    """
     lon, lat = np.radians([10.0, 61.0])
-    places = sphere.destination(lon, lat, np.array([0.0, 3000.0, 1000.0]), np.array([0.0, 0.0, 2000.0]))
+    places = sphere.destination(
+        lon, lat, np.array([0.0, 3000.0, 1000.0]), np.array([0.0, 0.0, 2000.0])
+    )
     x, y = (sphere.to_binary(np.degrees(angle)) for angle in places)
     np.testing.assert_allclose(
-        looks.distance(Field(10.0, 61.0, radius=6000.0), x, y), [0, 0.5, math.sqrt(5) / 6], atol=1e-5
+        looks.distance(Field(10.0, 61.0, radius=6000.0), x, y),
+        [0, 0.5, math.sqrt(5) / 6],
+        atol=1e-5,
     )
-    box = Field(10.0, 61.0, width=8000.0, height=10000.0, turned=math.pi / 2)  # its height lies east and west
+    # its height lies east and west
+    box = Field(10.0, 61.0, width=8000.0, height=10000.0, turned=math.pi / 2)
     np.testing.assert_allclose(looks.distance(box, x, y), [0, 0.6, 0.5], atol=1e-5)
     look = Look("x", np.datetime64("2026-11-21"), box, True, Sight("linear", 0.5))
     there = np.array([True, True, False])
-    np.testing.assert_allclose(np.exp(looks.log_likelihood(look, x, y, there)), [1, 0.7, 0], atol=1e-5)
+    np.testing.assert_allclose(
+        np.exp(looks.log_likelihood(look, x, y, there)), [1, 0.7, 0], atol=1e-5
+    )
 
 
 def test_outputs_show_what_a_field_has_said_so_far(tmp_path) -> None:
-    """At the end of a step within its time a silent field has lost what it has not heard; a report to come changes nothing."""
+    """At the end of a step within its time a silent field has lost what it has not heard; a report
+    to come changes nothing.
+    """
     text, _ = CASES["never in a box"]
     _, ensemble, moments = run(tmp_path, text.replace("5.6", "9.4"), **{"output.every": "3 h"})
     places, release = paths()
@@ -271,7 +313,10 @@ def test_outputs_show_what_a_field_has_said_so_far(tmp_path) -> None:
     first = slice(*ensemble.scenarios[0])
 
     def mean(hour):
-        return np.exp(by_time[hour][first].astype(float)).mean() / np.exp(by_time[0][first].astype(float)).mean()
+        return (
+            np.exp(by_time[hour][first].astype(float)).mean()
+            / np.exp(by_time[0][first].astype(float)).mean()
+        )
 
     assert mean(6) == pytest.approx(exact.mean(), abs=4 * exact.std() / math.sqrt(exact.size))
     assert mean(3) > mean(6) > mean(9) > 0.3
@@ -284,7 +329,9 @@ def test_outputs_and_silent_sensors_change_no_bit(tmp_path) -> None:
     text, _ = CASES["no report of a barrier"]
     plain = run(tmp_path, text)[1].log_weight.to_numpy()
     more = run(tmp_path, text, **{"output.every": "40 min"})[1].log_weight.to_numpy()
-    line = run(tmp_path, text + f"[[line]]\npoints = {[at(0, -20), at(25, 12)]}\n")[1].log_weight.to_numpy()
+    line = run(tmp_path, text + f"[[line]]\npoints = {[at(0, -20), at(25, 12)]}\n")[
+        1
+    ].log_weight.to_numpy()
     assert (plain == more).all()
     assert (plain == line).all()
     assert len(np.unique(plain)) > 1000

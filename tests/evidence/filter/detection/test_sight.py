@@ -1,4 +1,7 @@
-"""Looks with sensors of the case: Bayes by NumPy, SciPy's and xarray's interpolation, and particle by particle."""
+"""Looks with sensors of the case:
+
+Bayes by NumPy, SciPy's and xarray's interpolation, and particle by particle.
+"""
 
 from pathlib import Path
 
@@ -39,11 +42,16 @@ def bayes(chance: np.ndarray, there: np.ndarray, sees: str) -> np.ndarray:
 
 @pytest.mark.parametrize("sees", ["something", "nothing"])
 def test_a_look_of_a_towed_array(tmp_path: Path, sees: str) -> None:
-    """Place and heading are those of the look, and its losses those there, between three places; noise by the minute."""
+    """Place and heading are those of the look, and its losses those there, between three places;
+    noise by the minute.
+    """
     ranges, sides = np.arange(0, 160_001.0, 2500.0), np.arange(0, 360, 15.0)
     radials = np.arange(0, 360, 40.0)
     loss = [
-        62 + (12 + k) * np.log10(1 + ranges / 1e3) + 4 * np.sin(np.radians(radials + 50 * k))[:, None] for k in range(3)
+        62
+        + (12 + k) * np.log10(1 + ranges / 1e3)
+        + 4 * np.sin(np.radians(radials + 50 * k))[:, None]
+        for k in range(3)
     ]
     sonar = Sonar(
         places=((179.5, 31.0), (-178.9, 31.2), (-179.9, 32.9)), radials=radials, ranges=ranges, loss=np.round(loss, 3),
@@ -83,7 +91,11 @@ def test_pod_by_place_and_time(tmp_path: Path, sees: str, west: float) -> None:
             "lon": ("lon", lon, {"units": "degrees_east"}),
         },
     )
-    ran = run(tmp_path, case((west + 0.7, 36.0), 1.35, sees, "radar") + table(tmp_path, data), particles=500)
+    ran = run(
+        tmp_path,
+        case((west + 0.7, 36.0), 1.35, sees, "radar") + table(tmp_path, data),
+        particles=500,
+    )
     x, y, there = places(ran, 1.35)
     x = west + (x - west + 1) % 360 - 1
     at = np.datetime64("2026-06-01T01:21", "ns")
@@ -93,23 +105,32 @@ def test_pod_by_place_and_time(tmp_path: Path, sees: str, west: float) -> None:
 
 
 def test_pod_by_bearing_and_range(tmp_path: Path) -> None:
-    """As SciPy interpolates on a grid that goes on round the circle; nothing is seen beyond the last range."""
+    """As SciPy interpolates on a grid that goes on round the circle; nothing is seen beyond the
+    last range.
+    """
     random = np.random.default_rng(4)
     bearing, ranges = np.arange(0, 360, 20.0), np.array([500.0, 4000, 9000, 20_000, 45_000, 60_000])
     pod = random.random((18, 6)).astype(np.float32)
     data = xr.Dataset(
         {"pod": (("bearing", "range"), pod)},
-        {"bearing": ("bearing", bearing, {"units": "degrees"}), "range": ("range", ranges, {"units": "m"})},
+        {
+            "bearing": ("bearing", bearing, {"units": "degrees"}),
+            "range": ("range", ranges, {"units": "m"}),
+        },
     )
     at = (179.95, -61.0)
     ran = run(
         tmp_path,
-        case((-179.9, -61.1), 1.35, "nothing", "radar") + f"at = {list(at)}\n" + table(tmp_path, data),
+        case((-179.9, -61.1), 1.35, "nothing", "radar")
+        + f"at = {list(at)}\n"
+        + table(tmp_path, data),
         particles=500,
     )
     x, y, there = places(ran, 1.35)
     toward, far = sonars.toward(at, x, y)
-    grid = interpolate.RegularGridInterpolator((np.append(bearing, 360.0), ranges), np.concatenate([pod, pod[:1]]))
+    grid = interpolate.RegularGridInterpolator(
+        (np.append(bearing, 360.0), ranges), np.concatenate([pod, pod[:1]])
+    )
     chance = grid(np.stack([toward % 360, np.clip(far, ranges[0], ranges[-1])], axis=-1))
     chance = np.where(far <= ranges[-1], chance, 0.0)
     assert 0.3 < (far <= ranges[-1]).mean() < 0.99

@@ -1,4 +1,6 @@
-"""Sweep widths against the published tables, row by row, and their corrections against the printed factors."""
+"""Sweep widths against the published tables, row by row, and their corrections against the printed
+factors.
+"""
 
 import csv
 import itertools
@@ -19,7 +21,10 @@ def rows(name: str) -> list[dict[str, str]]:
 
 
 def test_the_project_s_tables_are_the_source_s(data: Path) -> None:
-    for ours, theirs in (("sweep_width", "sweep_width"), ("sweep_width_corrections", "corrections")):
+    for ours, theirs in (
+        ("sweep_width", "sweep_width"),
+        ("sweep_width_corrections", "corrections"),
+    ):
         with (data / "sweep_width" / f"{theirs}.csv").open(encoding="utf-8", newline="") as file:
             assert rows(f"{ours}.csv") == list(csv.DictReader(file))
 
@@ -53,7 +58,9 @@ def test_every_row_holds_from_its_visibility_up_to_the_next_one() -> None:
         ("Person in Water", "Helicopter", 1500, 10, 0.1),
     ],
 )
-def test_heights_are_straight_in_between(name: str, kind: str, feet: float, visibility: float, expected: float) -> None:
+def test_heights_are_straight_in_between(
+    name: str, kind: str, feet: float, visibility: float, expected: float
+) -> None:
     found = sweep_width.lookup(name, kind, feet * FOOT, visibility * NMI) / NMI
     assert found == pytest.approx(expected, abs=1e-9)
 
@@ -102,9 +109,13 @@ def test_weather(wind: float | None, seas: float | None, small: float, large: fl
 
 
 def test_corrections_multiply() -> None:
-    """1.8 nmi at 500 ft and 10 nmi; 165 kn lies between 1.1 and 1.0; 20 kn of wind halves it; fatigue takes a tenth."""
+    """1.8 nmi at 500 ft and 10 nmi; 165 kn lies between 1.1 and 1.0; 20 kn of wind halves it;
+    fatigue takes a tenth.
+    """
     seen = Conditions(10 * NMI, 500 * FOOT, 165 * KNOT, wind=20 * KNOT, seas=1 * FOOT, fatigue=True)
-    assert sweep_width.width("Raft 4 person", "Aircraft", seen) / NMI == pytest.approx(1.8 * 1.05 * 0.5 * 0.9)
+    assert sweep_width.width("Raft 4 person", "Aircraft", seen) / NMI == pytest.approx(
+        1.8 * 1.05 * 0.5 * 0.9
+    )
 
 
 def test_names_as_people_write_them() -> None:

@@ -1,4 +1,6 @@
-"""Stories of a boat that keeps on, flees from a patrol or seeks it, weighed by two contacts: against NumPy and pyproj by brute force."""
+"""Stories of a boat that keeps on, flees from a patrol or seeks it, weighed by two contacts:
+against NumPy and pyproj by brute force.
+"""
 
 from pathlib import Path
 
@@ -57,7 +59,9 @@ N = 20_000
 
 
 def patrol(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return (lon, lat) [deg], course [deg] and speed [m/s] of the patrol: its courses change by under 0.02 degrees in 12 nmi."""
+    """Return (lon, lat) [deg], course [deg] and speed [m/s] of the patrol: its courses change by
+    under 0.02 degrees in 12 nmi.
+    """
     course, speed, lasting = LEGS[0]
     one = GLOBE.fwd(
         np.full(time.size, PATROL[0]),
@@ -66,7 +70,9 @@ def patrol(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nda
         speed * np.minimum(time, lasting),
     )
     later = time > lasting
-    two = GLOBE.fwd(one[0], one[1], np.full(time.size, LEGS[1][0]), LEGS[1][1] * np.maximum(time - lasting, 0))
+    two = GLOBE.fwd(
+        one[0], one[1], np.full(time.size, LEGS[1][0]), LEGS[1][1] * np.maximum(time - lasting, 0)
+    )
     return two[0], two[1], np.where(later, LEGS[1][0], course), np.where(later, LEGS[1][1], speed)
 
 
@@ -79,10 +85,15 @@ def seen(lon: np.ndarray, lat: np.ndarray, contact: tuple) -> np.ndarray:
 
 
 def moved(rng: np.random.Generator, story: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether each boat is in the box of the first contact, and of the second, each boat by itself."""
+    """Return whether each boat is in the box of the first contact, and of the second, each boat by
+    itself.
+    """
     n = N
     lon, lat, _ = GLOBE.fwd(
-        np.full(n, BOAT[0]), np.full(n, BOAT[1]), rng.uniform(0, 360, n), STD * np.sqrt(2 * rng.exponential(size=n))
+        np.full(n, BOAT[0]),
+        np.full(n, BOAT[1]),
+        rng.uniform(0, 360, n),
+        STD * np.sqrt(2 * rng.exponential(size=n)),
     )
     fresh = story == "seeks"
     course = rng.uniform(0, 360, n) if fresh else rng.uniform(230, 290, n)
@@ -118,7 +129,9 @@ def moved(rng: np.random.Generator, story: str) -> tuple[np.ndarray, np.ndarray]
                 across = pace * np.sin(np.radians(toward - back - 180)) / speed
                 away = pace * np.cos(np.radians(toward - back - 180)) / speed
                 meets = (np.abs(across) < 1) & (np.sqrt(np.maximum(1 - across**2, 0)) > away)
-                react_course = ahead + np.where(meets, np.degrees(np.arcsin(np.clip(across, -1, 1))), 0)
+                react_course = ahead + np.where(
+                    meets, np.degrees(np.arcsin(np.clip(across, -1, 1))), 0
+                )
             course = np.where(acts & about, react_course, course)
             due = np.where(acts, time + rng.uniform(*BETWEEN, n), due)
         boxes.append(seen(lon, lat, contact))
@@ -136,7 +149,9 @@ def boxes() -> list[tuple[np.ndarray, np.ndarray]]:
 def test_stories_are_weighed_as_brute_force_weighs_them(
     step: int, boxes: list[tuple[np.ndarray, np.ndarray]], tmp_path: Path
 ) -> None:
-    """The probability of each story after each contact, within four standard errors of both simulations."""
+    """The probability of each story after each contact, within four standard errors of both
+    simulations.
+    """
     path = tmp_path / "case.toml"
     path.write_text(CASE.replace("STEP", str(step)))
     result = drift.run(drift.load(path))
@@ -145,7 +160,8 @@ def test_stories_are_weighed_as_brute_force_weighs_them(
     for row, got in enumerate(ours):
         chance = np.array([(first & (second | (row == 0))).mean() for first, second in boxes])
         expected = PRIOR * chance / (PRIOR @ chance)
-        variance = (1 - chance) / chance * (1 / N + 1 / (60_000 * PRIOR))  # of the logarithm of each, relative
+        # of the logarithm of each, relative
+        variance = (1 - chance) / chance * (1 / N + 1 / (60_000 * PRIOR))
         error = expected * np.sqrt((1 - expected) ** 2 * variance + np.array([
             sum(expected[j] ** 2 * variance[j] for j in range(3) if j != i) for i in range(3)
         ]))  # fmt: skip

@@ -1,10 +1,13 @@
-"""Brownian bridges to one of two destinations, a field, a barrier that ends midway, a field at the end: against small steps in float64.
+"""Brownian bridges to one of two destinations, a field, a barrier that ends midway, a field at the
+end: against small steps in float64.
 
-The brute force is one of paths in a plane about the middle of all (it bends distances there by less than 1e-4), in steps of 60 s: within
-a step an edge that both its ends lie on one side of is touched with probability exp(-2 d1 d2 / (K^2 dt)); near the end of the barrier steps
-are cut in 16. Tolerances are three standard errors of the difference: the variance of one draw (delta method, from the brute force's draws)
-over the number of its draws plus that over the number of the run's; with resampling twice that of the run (Chopin 2004: it adds at most
-as much as the weights have before it).
+The brute force is one of paths in a plane about the middle of all (it bends distances there by less
+than 1e-4), in steps of 60 s: within a step an edge that both its ends lie on one side of is touched
+with probability exp(-2 d1 d2 / (K^2 dt)); near the end of the barrier steps are cut in 16.
+Tolerances are three standard errors of the difference: the variance of one draw (delta method, from
+the brute force's draws) over the number of its draws plus that over the number of the run's; with
+resampling twice that of the run (Chopin 2004: it adds at most as much as the weights have before
+it).
 """
 
 import numpy as np
@@ -15,9 +18,11 @@ import drift
 RADIUS, NMI, HOUR = 6_371_008.8, 1852.0, 3600.0
 PARTICLES, DRAWS, STEP = 25_000, 16_000, 60 / 3600
 MIDDLE = (-179.95, -35.1)
-FROM = ((179.2, -35.2), (3.0, 6.0), 30.0, 2.0)  # place, axes [nmi], orientation, departs at 0 to this [h]
+# place, axes [nmi], orientation, departs at 0 to this [h]
+FROM = ((179.2, -35.2), (3.0, 6.0), 30.0, 2.0)
 DISC = ((-178.9, -34.6), 8.0, (16.0, 20.0), 0.6)  # a destination: place, radius, times, probability
-BOX = ((-179.5, -36.2), (10.0, 6.0), 40.0, (17.0, 1.0), 0.4)  # another: place, sides, orientation, time and error
+# another: place, sides, orientation, time and error
+BOX = ((-179.5, -36.2), (10.0, 6.0), 40.0, (17.0, 1.0), 0.4)
 K, FACTOR = 5.0, 1.3  # [nmi/sqrt(h)], a standard deviation of it as a factor
 FIELD = (
     (179.75, -35.05),
@@ -27,8 +32,10 @@ FIELD = (
     0.8,
     0.1,
 )  # place, sides, turned, times, detection, false alarms
-BARRIER = (((-179.8, -35.15), (-179.6, -34.6)), (10.0, 13.0), 0.9)  # its first point lies amid the ways
-BUOYS = ((-178.95, -34.5), 7.0, (16.0, 22.0), 0.7, 0.05)  # place, radius, times: some have arrived in it
+# its first point lies amid the ways
+BARRIER = (((-179.8, -35.15), (-179.6, -34.6)), (10.0, 13.0), 0.9)
+# place, radius, times: some have arrived in it
+BUOYS = ((-178.95, -34.5), 7.0, (16.0, 22.0), 0.7, 0.05)
 TIMES = (9.0, 14.0, 23.0)  # [h]
 
 CASE = f"""
@@ -89,7 +96,9 @@ false_alarms = {BUOYS[4]}
 
 
 def plane(lon, lat):
-    """Return (east, north) [nmi] of places [deg] from MIDDLE: the great circle there, by its length and bearing (n, 2)."""
+    """Return (east, north) [nmi] of places [deg] from MIDDLE: the great circle there, by its length
+    and bearing (n, 2).
+    """
     lon, lat, at = np.radians(lon) - np.radians(MIDDLE[0]), np.radians(lat), np.radians(MIDDLE[1])
     x = np.cos(lat) * np.sin(lon)
     y = np.cos(at) * np.sin(lat) - np.sin(at) * np.cos(lat) * np.cos(lon)
@@ -122,7 +131,9 @@ def box_touched(a, b, spread):
 def disc_touched(a, b, spread):
     """Return the same of the buoys."""
     x, y = (np.linalg.norm(p - plane(*BUOYS[0]), axis=-1) - BUOYS[1] for p in (a, b))
-    return np.where((x < 0) | (y < 0), 1.0, np.exp(-2 * np.maximum(x, 0) * np.maximum(y, 0) / spread))
+    return np.where(
+        (x < 0) | (y < 0), 1.0, np.exp(-2 * np.maximum(x, 0) * np.maximum(y, 0) / spread)
+    )
 
 
 def line_touched(a, b, spread):
@@ -131,7 +142,8 @@ def line_touched(a, b, spread):
     long = np.linalg.norm(last - first)
     along, across = (last - first) / long, np.array([[0, 1], [-1, 0]]) @ (last - first) / long
     (u, v), (s, t) = (((p - first) @ along, (p - first) @ across) for p in (a, b))
-    share = np.abs(v) / np.maximum(np.abs(v) + np.abs(t), 1e-12)  # where it is nearest to the line, or crosses it
+    # where it is nearest to the line, or crosses it
+    share = np.abs(v) / np.maximum(np.abs(v) + np.abs(t), 1e-12)
     on = (u + share * (s - u) > 0) & (u + share * (s - u) < long)
     return np.where(on, np.where(v * t < 0, 1.0, np.exp(-2 * v * t / spread)), 0.0)
 
@@ -149,7 +161,9 @@ class Paths:
         disc = plane(*DISC[0]) + far[:, None] * np.stack([np.sin(turn), np.cos(turn)], axis=-1)
         box = plane(*BOX[0]) + (rng.uniform(-0.5, 0.5, (n, 2)) * BOX[1]) @ axes(BOX[2])
         self.end = np.where(self.to[:, None] == 0, disc, box)
-        self.arrival = np.where(self.to == 0, rng.uniform(*DISC[2], n), BOX[3][0] + BOX[3][1] * rng.standard_normal(n))
+        self.arrival = np.where(
+            self.to == 0, rng.uniform(*DISC[2], n), BOX[3][0] + BOX[3][1] * rng.standard_normal(n)
+        )
 
     def step(self, until):
         """Go on to a time; return where they were, and K^2 dt."""
@@ -158,7 +172,11 @@ class Paths:
         share = np.divide(dt, rest, out=np.ones_like(dt), where=rest > 0)[:, None]
         noise = self.rng.standard_normal(self.now.shape)
         before = self.now
-        self.now = before + share * (self.end - before) + self.k[:, None] * np.sqrt(dt[:, None] * (1 - share)) * noise
+        self.now = (
+            before
+            + share * (self.end - before)
+            + self.k[:, None] * np.sqrt(dt[:, None] * (1 - share)) * noise
+        )
         self.time = np.maximum(self.time, np.minimum(until, self.arrival))
         return before, np.maximum(self.k**2 * dt, 1e-12)
 
@@ -174,7 +192,10 @@ class Paths:
                 a, b, left = before[close], self.now[close], spread[close]
                 missed = np.ones(close.size)
                 for k in range(16, 0, -1):
-                    noise = self.rng.standard_normal(a.shape) * np.sqrt(spread[close] / 16 * (1 - 1 / k))[:, None]
+                    noise = (
+                        self.rng.standard_normal(a.shape)
+                        * np.sqrt(spread[close] / 16 * (1 - 1 / k))[:, None]
+                    )
                     middle = a + (b - a) / k + noise
                     missed *= 1 - touched(a, middle, left / 16)
                     a = middle
@@ -231,8 +252,11 @@ def test_places(brute, run):
     tracks = result.trajectories
     for when, there in enumerate(places):
         if worse > 1 and when < 2:
-            continue  # the tracks of what is drawn anew later are no sample of what was known before that
-        at = np.searchsorted(tracks.time, tracks.time[0] + np.timedelta64(round(TIMES[when] * HOUR), "s"))
+            # the tracks of what is drawn anew later are no sample of what was known before that
+            continue
+        at = np.searchsorted(
+            tracks.time, tracks.time[0] + np.timedelta64(round(TIMES[when] * HOUR), "s")
+        )
         weights, own = np.prod(seen[: when + 1], axis=0), tracks.weight[:, at]
         here = plane(*(x[:, at] * (360 / 2**32) for x in (tracks.lon, tracks.lat)))
         middle = np.average(there, axis=0, weights=weights)
@@ -240,8 +264,20 @@ def test_places(brute, run):
         for k in range(2):
             agree(own @ ours[:, k], weights, theirs[:, k], worse, (when, "mean", k))
         for j, k in ((0, 0), (0, 1), (1, 1)):
-            agree(own @ (ours[:, j] * ours[:, k]), weights, theirs[:, j] * theirs[:, k], worse, (when, "second", j, k))
-        agree(own @ (tracks.status[:, at] == 7), weights, paths.arrival <= TIMES[when], worse, (when, "arrived"))
+            agree(
+                own @ (ours[:, j] * ours[:, k]),
+                weights,
+                theirs[:, j] * theirs[:, k],
+                worse,
+                (when, "second", j, k),
+            )
+        agree(
+            own @ (tracks.status[:, at] == 7),
+            weights,
+            paths.arrival <= TIMES[when],
+            worse,
+            (when, "arrived"),
+        )
 
 
 def test_destination_and_k(brute, run):
@@ -249,7 +285,13 @@ def test_destination_and_k(brute, run):
     of = {told.quantity.name: k for k, told in enumerate(result.posteriors.told)}
     for number, stage in enumerate(result.posteriors.stages):
         weights = np.prod(seen[:number], axis=0) * np.ones(DRAWS)
-        agree(stage.marginals[of["destination"]].table[-1][0], weights, paths.to == 0, worse, (number, "destination"))
+        agree(
+            stage.marginals[of["destination"]].table[-1][0],
+            weights,
+            paths.to == 0,
+            worse,
+            (number, "destination"),
+        )
         found, one = stage.marginals[of["spread_rate"]], NMI / np.sqrt(HOUR)
         agree(found.mean[-1] / one, weights, paths.k, worse, (number, "K"))
         for level, at in zip((0.05, 0.25, 0.5, 0.75, 0.95), found.quantiles[-1] / one, strict=True):
@@ -293,13 +335,20 @@ def test_copies_keep_their_destination_and_part(tmp_path):
     assert result.updates.all[0].ess_after < 2_000  # each that is left has ten copies or more
     tracks = result.trajectories
     at = [plane(*(x[:, k] * (360 / 2**32) for x in (tracks.lon, tracks.lat))) for k in (1, 2, 3)]
-    born = np.unique(np.stack([tracks.lon[:, 1], tracks.lat[:, 1]], axis=-1), axis=0, return_inverse=True)[1].ravel()
+    born = np.unique(
+        np.stack([tracks.lon[:, 1], tracks.lat[:, 1]], axis=-1), axis=0, return_inverse=True
+    )[1].ravel()
     to = (np.linalg.norm(at[2] - plane(-179.5, -36.2), axis=-1) < 0.1).astype(int)
     assert np.all((np.linalg.norm(at[2] - plane(-178.9, -34.6), axis=-1) < 0.1) == (to == 0))
     own = [np.unique(to[born == k]).size for k in range(born.max() + 1)]
-    assert np.array_equal(own, np.ones(born.max() + 1))  # all copies of one arrive where it was bound
-    # At 9 h each is, about its own bridge from 5 h on, normal with variance K^2 4 h (T - 9 h) / (T - 5 h), whatever its copies are.
-    end, last = np.array([plane(-178.9, -34.6), plane(-179.5, -36.2)])[to], np.array([17.0, 15.0])[to][:, None]
+    # all copies of one arrive where it was bound
+    assert np.array_equal(own, np.ones(born.max() + 1))
+    # At 9 h each is, about its own bridge from 5 h on, normal with variance K^2 4 h (T - 9 h) / (T
+    # - 5 h), whatever its copies are.
+    end, last = (
+        np.array([plane(-178.9, -34.6), plane(-179.5, -36.2)])[to],
+        np.array([17.0, 15.0])[to][:, None],
+    )
     off = at[1] - at[0] - (end - at[0]) * 4 / (last - 5)
     z = off / (6 * np.sqrt(4 * (last - 9) / (last - 5)))
     n = z.size

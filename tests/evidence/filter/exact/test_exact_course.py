@@ -1,7 +1,9 @@
-"""Courses that change, and a contact of which course and speed were seen, against draws in float64 that share no code with ours.
+"""Courses that change, and a contact of which course and speed were seen, against draws in float64
+that share no code with ours.
 
-Rhumb lines by Mercator's isometric latitude, great circles by vectors. Tolerances are three standard errors of the difference: the variance of one
-draw (delta method, from the brute force's draws) over the number of its draws plus that over the number of the run's.
+Rhumb lines by Mercator's isometric latitude, great circles by vectors. Tolerances are three
+standard errors of the difference: the variance of one draw (delta method, from the brute force's
+draws) over the number of its draws plus that over the number of the run's.
 """
 
 import numpy as np
@@ -64,16 +66,21 @@ def test_places_under_changes_of_course(tmp_path):
             time = time + lasting
             done = time >= until
             course, speed, until = (
-                np.where(done, new, old) for new, old in zip(anew(), (course, speed, until), strict=True)
+                np.where(done, new, old)
+                for new, old in zip(anew(), (course, speed, until), strict=True)
             )
-        column = np.searchsorted(tracks.time, tracks.time[0] + np.timedelta64(round(stop * HOUR), "s"))
+        column = np.searchsorted(
+            tracks.time, tracks.time[0] + np.timedelta64(round(stop * HOUR), "s")
+        )
         ours = plane(*(x[:, column] * (360 / 2**32) for x in (tracks.lon, tracks.lat)), FIX)
         theirs = plane(lon, lat, FIX)
         own, middle = tracks.weight[:, column], theirs.mean(axis=0)
         for k in range(2):
             for power in (1, 2, 3):
                 there = (theirs[:, k] - middle[k]) ** power
-                agree(own @ (ours[:, k] - middle[k]) ** power, one, there, PARTICLES, (stop, k, power))
+                agree(
+                    own @ (ours[:, k] - middle[k]) ** power, one, there, PARTICLES, (stop, k, power)
+                )
             for at in np.quantile(theirs[:, k], [0.02, 0.2, 0.5, 0.8, 0.98]):
                 agree(own @ (ours[:, k] < at), one, theirs[:, k] < at, PARTICLES, (stop, k, at))
         both = [np.prod(x - middle, axis=-1) for x in (ours, theirs)]
@@ -87,7 +94,8 @@ OWN, CROSS, ROUND = (7.0, 9.0), 4.0, 10.0  # [nmi] spreads of the three
 COURSES, SPEEDS, VOYAGE = (50.0, 85.0, 140.0, 3.0), (3.0, 6.0, 12.0, 2.0), (5.0, 7.0, 11.0, 3.0)
 CURRENT = (0.8, 80.0)  # [kn] toward
 SEEN, AT, BELIEF = 9.0, (-18.9, 50.15), 0.7
-ERRORS = (8.0, (88.0, 15.0), (6.5, 1.5))  # place [nmi]; course [deg] and speed [kn], each with its error
+# place [nmi]; course [deg] and speed [kn], each with its error
+ERRORS = (8.0, (88.0, 15.0), (6.5, 1.5))
 CONTACT = f"""
 title = "A contact"
 start = "1972-10-12T06:00Z"
@@ -131,7 +139,9 @@ speed = {{ value = "{ERRORS[2][0]} kn", std = "{ERRORS[2][1]} kn" }}
 
 
 def great_circle(start, end, far):
-    """Return the place and course [deg] after a way [nmi] along great circles from starts to ends [deg], (n, 2) each."""
+    """Return the place and course [deg] after a way [nmi] along great circles from starts to ends
+    [deg], (n, 2) each.
+    """
     a, b = (np.radians(x) for x in (start, end))
     turn = b[:, 0] - a[:, 0]
     first = np.arctan2(
@@ -143,7 +153,8 @@ def great_circle(start, end, far):
     lon = a[:, 0] + np.arctan2(
         np.sin(first) * np.sin(arc) * np.cos(a[:, 1]), np.cos(arc) - np.sin(a[:, 1]) * np.sin(lat)
     )
-    course = np.arctan2(  # Clairaut: sin(course) cos(lat) is constant; its cosine from the derivative of sin(lat)
+    # Clairaut: sin(course) cos(lat) is constant; its cosine from the derivative of sin(lat)
+    course = np.arctan2(
         np.sin(first) * np.cos(a[:, 1]),
         np.cos(a[:, 1]) * np.cos(first) * np.cos(arc) - np.sin(a[:, 1]) * np.sin(arc),
     )
@@ -169,16 +180,25 @@ def test_contact_with_course_and_speed(tmp_path):
     course, speed = triangle(rng, COURSES, DRAWS), triangle(rng, SPEEDS, DRAWS)
     seen = [likelihood(*rhumb(lon, lat, course, speed * SEEN), course, speed)]
     drawn = {"by course": {"course": course, "speed": speed}}
-    off, left, fast = CROSS * rng.standard_normal(DRAWS), rng.uniform(0, 4, DRAWS), triangle(rng, VOYAGE, DRAWS)
+    off, left, fast = (
+        CROSS * rng.standard_normal(DRAWS),
+        rng.uniform(0, 4, DRAWS),
+        triangle(rng, VOYAGE, DRAWS),
+    )
     ends = np.array([PORTS[0]]), np.array([PORTS[1]])
     length = np.linalg.norm(plane(*ends[1][0], PORTS[0]))
     ahead = [great_circle(*ends, np.array([far]))[2][0] for far in (0, length)]
     passed = []
     for port, bearing in zip(PORTS, ahead, strict=True):
         right = np.radians(bearing + 90)
-        passed.append(np.stack(out_of(off[:, None] * np.array([np.sin(right), np.cos(right)]), port), axis=-1))
-    # Each keeps its share of the way, though its own great circle is a little shorter or longer than the middle one.
-    own = np.linalg.norm([plane(*passed[1][k], passed[0][k]) for k in range(0, DRAWS, 1000)], axis=-1)
+        passed.append(
+            np.stack(out_of(off[:, None] * np.array([np.sin(right), np.cos(right)]), port), axis=-1)
+        )
+    # Each keeps its share of the way, though its own great circle is a little shorter or longer
+    # than the middle one.
+    own = np.linalg.norm(
+        [plane(*passed[1][k], passed[0][k]) for k in range(0, DRAWS, 1000)], axis=-1
+    )
     assert np.all(np.abs(own / length - 1) < 1e-4)
     seen.append(likelihood(*great_circle(*passed, (SEEN - left) * fast), fast))
     drawn["on a voyage"] = {"departure": left, "speed": fast}
@@ -196,12 +216,17 @@ def test_contact_with_course_and_speed(tmp_path):
     for k in range(3):
         # d posterior_k / d mean_j = share_k BELIEF (delta_jk - mean_k share_j / total) / total
         slope = share[k] * BELIEF * ((np.arange(3) == k) - mean[k] * share / total) / total
-        assert abs(update.posterior[k] - expected[k]) < 3 * np.sqrt(np.sum((slope * error) ** 2)), (k, update.posterior)
+        assert abs(update.posterior[k] - expected[k]) < 3 * np.sqrt(np.sum((slope * error) ** 2)), (
+            k,
+            update.posterior,
+        )
     of = {told.quantity.name: k for k, told in enumerate(result.posteriors.told)}
     scale = {"course": np.radians(1), "speed": NMI / HOUR, "departure": HOUR}
     for k, (name, columns) in enumerate(drawn.items()):
         weights = BELIEF * seen[k] / total + 1 - BELIEF
         for quantity, values in columns.items():
             found = result.posteriors.stages[1].marginals[of[quantity]]
-            for level, at in zip((0.05, 0.25, 0.5, 0.75, 0.95), found.quantiles[k] / scale[quantity], strict=True):
+            for level, at in zip(
+                (0.05, 0.25, 0.5, 0.75, 0.95), found.quantiles[k] / scale[quantity], strict=True
+            ):
                 agree(level, weights, values <= at, MANY[name], (name, quantity, level))

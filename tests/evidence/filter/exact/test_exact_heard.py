@@ -1,8 +1,9 @@
-"""Contacts of passive sonars against draws in float64 that share no code with ours: bearings with their images, wedges, errors by relative
-bearing, received levels, a source that three contacts share, an unknown that three share, doubt.
+"""Contacts of passive sonars against draws in float64 that share no code with ours: bearings with
+their images, wedges, errors by relative bearing, received levels, a source that three contacts
+share, an unknown that three share, doubt.
 
-Densities are SciPy's; unknown and fluctuation are summed over fine grids. Tolerances are three standard errors of the difference, by the
-delta method from the brute force's draws.
+Densities are SciPy's; unknown and fluctuation are summed over fine grids. Tolerances are three
+standard errors of the difference, by the delta method from the brute force's draws.
 """
 
 import numpy as np
@@ -29,7 +30,11 @@ NOISE, GAIN, THRESHOLD, FLUCTUATION, UNKNOWN = (
 STDS = ((0.0, 14.0), (90.0, 5.0))
 SOURCE, SOURCE_STD, HEARD_STD = 50.0, 0.06, 0.03  # [Hz]
 # time [h], bearing [deg], received level and its error [dB], frequency [Hz]
-HEARD = ((2.0, 129.0, (68.0, 2.0), 50.15), (4.0, 15.0, (71.0, 3.0), 49.96), (6.0, 355.0, None, 49.92))
+HEARD = (
+    (2.0, 129.0, (68.0, 2.0), 50.15),
+    (4.0, 15.0, (71.0, 3.0), 49.96),
+    (6.0, 355.0, None, 49.92),
+)
 WEDGE = (5.0, 285.0, 60.0, 0.6)  # time [h], bearing, width [deg], belief
 
 SONAR = f"""
@@ -92,22 +97,40 @@ def turned(angle):
 
 
 def terms(way, speed, heading):
-    """Return the level that arrives, and gain - noise - threshold, of targets at (east, north) [nmi] with a speed [kn]."""
+    """Return the level that arrives, and gain - noise - threshold, of targets at (east, north)
+    [nmi] with a speed [kn].
+    """
     metres = np.linalg.norm(way, axis=-1) * NMI
     bearing = np.degrees(np.arctan2(*way.T))
-    arrives = np.interp(speed, *np.array(LEVELS).T) - SPREADING * np.log10(metres) - ABSORPTION * metres / 1000
-    return bearing, arrives, np.interp(np.abs(turned(bearing - heading)), *np.array(GAIN).T) - NOISE - THRESHOLD
+    arrives = (
+        np.interp(speed, *np.array(LEVELS).T)
+        - SPREADING * np.log10(metres)
+        - ABSORPTION * metres / 1000
+    )
+    return (
+        bearing,
+        arrives,
+        np.interp(np.abs(turned(bearing - heading)), *np.array(GAIN).T) - NOISE - THRESHOLD,
+    )
 
 
 def shift(way, course, speed, own=(0.0, 0.0), c=1500.0):
-    """Return Doppler's factor of targets with a course [deg] and speed [kn]; own: velocity (east, north) [kn] of the sensor."""
+    """Return Doppler's factor of targets with a course [deg] and speed [kn]; own: velocity (east,
+    north) [kn] of the sensor.
+    """
     toward = way / np.linalg.norm(way, axis=-1, keepdims=True)
-    velocity = speed[:, None] * KN * np.column_stack([np.sin(np.radians(course)), np.cos(np.radians(course))])
+    velocity = (
+        speed[:, None]
+        * KN
+        * np.column_stack([np.sin(np.radians(course)), np.cos(np.radians(course))])
+    )
     return (c + toward @ (np.array(own) * KN)) / (c + np.sum(velocity * toward, axis=-1))
 
 
 def brute():
-    """Return draws of place at the end [deg], and log likelihoods: of the array's three contacts, and of the towed one."""
+    """Return draws of place at the end [deg], and log likelihoods: of the array's three contacts,
+    and of the towed one.
+    """
     rng = np.random.default_rng(7)
     lon, lat = out_of(OWN * rng.standard_normal((DRAWS, 2)), START)
     course, speed = triangle(rng, COURSE, DRAWS), triangle(rng, SPEED, DRAWS)
@@ -115,7 +138,8 @@ def brute():
     def at(time, place):
         return plane(*rhumb(lon, lat, course, speed * time), place)
 
-    # Sums of a normal density every 0.4 of its std are right to exp(-2 (pi / 0.4)^2), and what is left of it is half as wide at least.
+    # Sums of a normal density every 0.4 of its std are right to exp(-2 (pi / 0.4)^2), and what is
+    # left of it is half as wide at least.
     step = np.linspace(-6, 6, 31)
     weight = stats.norm.pdf(step) / stats.norm.pdf(step).sum()
     likelihood = np.zeros((len(HEARD), DRAWS))  # of the first, the first two, all three
@@ -135,7 +159,10 @@ def brute():
             # over the fluctuation, on a fine grid: heard and measured
             e = np.linspace(-6 * FLUCTUATION, 6 * FLUCTUATION, 361)
             if j == 0:
-                table = np.linspace(arrives.min() - 20, arrives.max() + 20, 1201), np.unique(np.round(gain, 1))
+                table = (
+                    np.linspace(arrives.min() - 20, arrives.max() + 20, 1201),
+                    np.unique(np.round(gain, 1)),
+                )
                 cut = e[None, :, None] > -(table[0][:, None, None] + table[1][None, None, :])
                 dense = stats.norm.pdf(e, scale=FLUCTUATION) * stats.norm.pdf(
                     level[0] - table[0][:, None] - e, scale=level[1]
@@ -155,8 +182,12 @@ def brute():
     time, told, width, _ = WEDGE
     way = at(time, TOW)
     bearing, arrives, gain = terms(way, speed, AHEAD)
-    d = shift(way, course, speed, (PACE * np.sin(np.radians(AHEAD)), PACE * np.cos(np.radians(AHEAD))))
-    tow = stats.norm.cdf((arrives + gain) / FLUCTUATION) * stats.norm.pdf(49.93 - 50 * d, scale=np.hypot(0.1, 0.1 * d))
+    d = shift(
+        way, course, speed, (PACE * np.sin(np.radians(AHEAD)), PACE * np.cos(np.radians(AHEAD)))
+    )
+    tow = stats.norm.cdf((arrives + gain) / FLUCTUATION) * stats.norm.pdf(
+        49.93 - 50 * d, scale=np.hypot(0.1, 0.1 * d)
+    )
     inside = [np.abs(turned(bearing - b)) <= width / 2 for b in (told, 2 * AHEAD - told)]
     tow = tow * 0.5 * (inside[0] + inside[1].astype(float)) / np.radians(width)
     return plane(*rhumb(lon, lat, course, speed * 7.0), START), likelihood, tow

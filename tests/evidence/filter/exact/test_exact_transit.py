@@ -1,12 +1,14 @@
-"""A transit on a network of lanes, as in MEDSEARCH: every posterior against a sum over entry, speed and side in float64.
+"""A transit on a network of lanes, as in MEDSEARCH: every posterior against a sum over entry, speed
+and side in float64.
 
-Richardson, Corwin and others, "Early maritime applications of particle filtering", section 4.3. Nothing here is drawn: the likelihood of
-each entry time, speed of advance and side of the lane is known in closed form, and added up on a grid of their laws. It shares no code
-with ours: its great circles, corners and crossings are made of vectors.
+Richardson, Corwin and others, "Early maritime applications of particle filtering", section 4.3.
+Nothing here is drawn: the likelihood of each entry time, speed of advance and side of the lane is
+known in closed form, and added up on a grid of their laws. It shares no code with ours: its great
+circles, corners and crossings are made of vectors.
 
-What a run of n_k particles of scenario k says of a share or a mean R = sum pi_k E_k[L g] / sum pi_k E_k[L] has the standard error
-sqrt(sum pi_k^2 Var_k[L (g - R)] / n_k) / sum pi_k E_k[L] (delta method), which is here known, too. Tolerances are three of them, and
-what halving the grid changes.
+What a run of n_k particles of scenario k says of a share or a mean R = sum pi_k E_k[L g] / sum pi_k
+E_k[L] has the standard error sqrt(sum pi_k^2 Var_k[L (g - R)] / n_k) / sum pi_k E_k[L] (delta
+method), which is here known, too. Tolerances are three of them, and what halving the grid changes.
 """
 
 import csv
@@ -46,7 +48,8 @@ STORIES = {  # route, prior, and law of the speed [kn]
     "round about": (("In", "South", "Mid", "Out"), 0.2, (5.0, 10.0, 12.0, 3.0)),
 }
 DIP = ((-37.3, 32.2), 22.0, 14.0, 0.05)  # place, radius [nmi], time [h], false alarms
-PICKET = (((-39.0, 34.02), (-38.73, 33.61)), 6.0, 15.0, 0.8)  # it ends amid the northern lane; from, to [h], detection
+# it ends amid the northern lane; from, to [h], detection
+PICKET = (((-39.0, 34.02), (-38.73, 33.61)), 6.0, 15.0, 0.8)
 ARRAY = (((-35.6, 34.3), (-35.45, 33.3), (-35.8, 32.2)), 18.0, 44.0, 0.7)
 REPORT = (29.0, 1.5, 0.01)  # time, error [h], false alarms [1/h]
 
@@ -127,24 +130,30 @@ def triangle(law, many):
 
 
 def course_at(route, side):
-    """Return where sides (m,) pass the nodes of a route, unit vectors (m, k, 3), and how far along [nmi] its middle they are (k,)."""
+    """Return where sides (m,) pass the nodes of a route, unit vectors (m, k, 3), and how far along
+    [nmi] its middle they are (k,).
+    """
     place = vector(*np.array([NODES[name] for name in route]).T)
     half = np.array([WIDTHS[pair] / 2 for pair in itertools.pairwise(route)]) * NMI / RADIUS
-    # The pole of each leg is to port of it, so that minus the pole is to starboard, wherever on the leg one is.
+    # The pole of each leg is to port of it, so that minus the pole is to starboard, wherever on the
+    # leg one is.
     starboard = -unit(np.cross(place[:-1], place[1:]))
     passed = []
     for j, at in enumerate(place):
         before, after = starboard[max(j - 1, 0)], starboard[min(j, len(half) - 1)]
         across = unit(before + after)  # the bisector; both lie in the tangent plane
         mean = (half[max(j - 1, 0)] + half[min(j, len(half) - 1)]) / 2
-        reach = mean / np.sum(across * after)  # cos(turn / 2); no turn here is sharper than a right angle
+        # cos(turn / 2); no turn here is sharper than a right angle
+        reach = mean / np.sum(across * after)
         passed.append(np.cos(side * reach)[:, None] * at + np.sin(side * reach)[:, None] * across)
     along = np.append(0.0, np.cumsum(angle(place[:-1], place[1:]))) * RADIUS / NMI
     return np.stack(passed, axis=1), along
 
 
 def crossings(passed, along, points):
-    """Return how far along [nmi] the middle each side is where it crosses the pieces of a line, (m, crossings); NaN: it does not."""
+    """Return how far along [nmi] the middle each side is where it crosses the pieces of a line, (m,
+    crossings); NaN: it does not.
+    """
     line = vector(*np.array(points).T)
     found = []
     for j in range(passed.shape[1] - 1):
@@ -155,12 +164,18 @@ def crossings(passed, along, points):
             way, done = angle(p, q), angle(p, meet)
             on_way = np.isclose(done + angle(meet, q), way, rtol=0, atol=1e-12)
             on_line = np.isclose(angle(a, meet) + angle(meet, b), angle(a, b), rtol=0, atol=1e-12)
-            found.append(np.where(on_way & on_line, along[j] + done / way * (along[j + 1] - along[j]), np.nan))
+            found.append(
+                np.where(
+                    on_way & on_line, along[j] + done / way * (along[j + 1] - along[j]), np.nan
+                )
+            )
     return np.stack(found, axis=-1)
 
 
 def ends(route):
-    """Return the sides at which a barrier ends: there the likelihood jumps, and cells of the grid must end too."""
+    """Return the sides at which a barrier ends: there the likelihood jumps, and cells of the grid
+    must end too.
+    """
     side = np.linspace(-1, 1, 20_001)
     passed, along = course_at(route, side)
     met = [~np.isnan(crossings(passed, along, watch[0])).all(axis=1) for watch in (PICKET, ARRAY)]
@@ -175,14 +190,17 @@ def first_touch(where, entry, speed, begin, end):
 
 @dataclass
 class Exact:
-    """The sum: what one cell of the grid is, its prior probability and what each update multiplies it by."""
+    """The sum: what one cell of the grid is, its prior probability and what each update multiplies
+    it by.
+    """
 
     scenario: np.ndarray
     entry: np.ndarray
     speed: np.ndarray
     prior: np.ndarray
     factors: tuple[np.ndarray, ...]
-    cells: tuple[float, np.ndarray]  # what a cell holds of the entry [h], and of the speed [kn] of each scenario
+    # what a cell holds of the entry [h], and of the speed [kn] of each scenario
+    cells: tuple[float, np.ndarray]
 
     def likelihood(self, update):
         """Return what all updates up to one have made of each cell."""
@@ -192,13 +210,18 @@ class Exact:
         weights = self.prior * self.likelihood(update)
         return np.array(
             [
-                *(weights[self.scenario == k].sum() / self.prior[self.scenario == k].sum() for k in range(3)),
+                *(
+                    weights[self.scenario == k].sum() / self.prior[self.scenario == k].sum()
+                    for k in range(3)
+                ),
                 weights.sum(),
             ]
         )
 
     def mean(self, update, values, only=None):
-        """Return the mean of values after an update, of one scenario or all, and the standard error that the run's has."""
+        """Return the mean of values after an update, of one scenario or all, and the standard error
+        that the run's has.
+        """
         likelihood = self.likelihood(update)
         weights = self.prior * likelihood * (True if only is None else self.scenario == only)
         mean = (weights * values).sum() / weights.sum()
@@ -224,26 +247,42 @@ def exact(entries, speeds, sides):
         prior = weight * p_entry[:, None, None] * p_speed[None, :, None] * np.diff(edges) / 2
         passed, along = course_at(route, side)
 
-        # The look: where each is at its time, on the great circle from node to node, by its share of the middle.
+        # The look: where each is at its time, on the great circle from node to node, by its share
+        # of the middle.
         done = np.broadcast_to(np.clip((DIP[2] - e) * v, 0, along[-1]), prior.shape)
         leg = np.clip(np.searchsorted(along, done, side="right") - 1, 0, len(along) - 2)
         p, q = (passed[np.arange(side.size), leg + k] for k in (0, 1))
         way, share = angle(p, q), (done - along[leg]) / (along[leg + 1] - along[leg])
-        at = (np.sin((1 - share) * way)[..., None] * p + np.sin(share * way)[..., None] * q) / np.sin(way)[..., None]
+        at = (
+            np.sin((1 - share) * way)[..., None] * p + np.sin(share * way)[..., None] * q
+        ) / np.sin(way)[..., None]
         far = angle(at, vector(*DIP[0])) * RADIUS / NMI / DIP[1]
         assert ENTRY[2] < DIP[2]  # all are under way
         seen = DIP[3] + (1 - DIP[3]) * np.exp(-(far**2))
         picket, array = (
-            first_touch(crossings(passed, along, points), e, v, begin, end) for points, begin, end, _ in (PICKET, ARRAY)
+            first_touch(crossings(passed, along, points), e, v, begin, end)
+            for points, begin, end, _ in (PICKET, ARRAY)
         )
-        report = np.exp(-(((REPORT[0] - array) / REPORT[1]) ** 2) / 2) / np.sqrt(2 * np.pi) / REPORT[1]
+        report = (
+            np.exp(-(((REPORT[0] - array) / REPORT[1]) ** 2) / 2) / np.sqrt(2 * np.pi) / REPORT[1]
+        )
         told = ARRAY[3] * report + REPORT[2] * (1 - ARRAY[3] * np.isfinite(array))
-        factors = (1 - seen, 1 - PICKET[3] * np.isfinite(picket), told / HOUR)  # the report is a density, per second
-        whole = [np.full(prior.shape, number), *np.broadcast_arrays(e, v, prior)[:2], prior, *factors]
+        # the report is a density, per second
+        factors = (1 - seen, 1 - PICKET[3] * np.isfinite(picket), told / HOUR)
+        whole = [
+            np.full(prior.shape, number),
+            *np.broadcast_arrays(e, v, prior)[:2],
+            prior,
+            *factors,
+        ]
         columns.append([x.ravel() for x in whole])
-    scenario, entry, speed, prior, *factors = (np.concatenate(rows) for rows in zip(*columns, strict=True))
+    scenario, entry, speed, prior, *factors = (
+        np.concatenate(rows) for rows in zip(*columns, strict=True)
+    )
     widths = np.array([(law[2] - law[0]) / speeds for _, _, law in STORIES.values()])
-    return Exact(scenario, entry, speed, prior, tuple(factors), ((ENTRY[2] - ENTRY[0]) / entries, widths))
+    return Exact(
+        scenario, entry, speed, prior, tuple(factors), ((ENTRY[2] - ENTRY[0]) / entries, widths)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -254,23 +293,37 @@ def sums():
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
-    """The run's updates, and the rows of its posteriors.csv by update, quantity, scenario and value."""
+    """The run's updates, and the rows of its posteriors.csv by update, quantity, scenario and
+    value.
+    """
     folder = tmp_path_factory.mktemp("transit")
     nodes = [f'[[node]]\nname = "{name}"\nat = {list(at)}\n' for name, at in NODES.items()]
-    lanes = [f'[[lane]]\nfrom = "{a}"\nto = "{b}"\nwidth = "{wide} nmi"\n' for (a, b), wide in WIDTHS.items()]
+    lanes = [
+        f'[[lane]]\nfrom = "{a}"\nto = "{b}"\nwidth = "{wide} nmi"\n'
+        for (a, b), wide in WIDTHS.items()
+    ]
     (folder / "network.toml").write_text("".join(nodes + lanes))
     stories = [
-        STORY.format(name=name, weight=weight, route=list(route), entry=ENTRY, speed=speed).replace("'", '"')
+        STORY.format(name=name, weight=weight, route=list(route), entry=ENTRY, speed=speed).replace(
+            "'", '"'
+        )
         for name, (route, weight, speed) in STORIES.items()
     ]
     (folder / "case.toml").write_text(HEAD + "".join(stories))
     result = drift.run(drift.load(folder / "case.toml"))
     rows = csv.DictReader(io.StringIO(tables.csv(result.posteriors, "run")))
-    return result.updates, {(int(row["update"]), row["quantity"], row["scenario"], row["value"]): row for row in rows}
+    return result.updates, {
+        (int(row["update"]), row["quantity"], row["scenario"], row["value"]): row for row in rows
+    }
 
 
 def agree(found, expected, error, coarse):
-    assert abs(found - expected) < 3 * error + abs(expected - coarse), (found, expected, error, coarse)
+    assert abs(found - expected) < 3 * error + abs(expected - coarse), (
+        found,
+        expected,
+        error,
+        coarse,
+    )
 
 
 @pytest.mark.parametrize("update", [1, 2, 3])
@@ -312,15 +365,25 @@ def test_entry_and_speed(sums, told, update, only):
     for quantity, of, cell in quantities:
         row = told[1][update, quantity, scenario, ""]
         expected, error = fine.mean(update, of(fine), only)
-        agree(number(row["mean"], quantity), expected, error, coarse.mean(update, of(coarse), only)[0])
+        agree(
+            number(row["mean"], quantity), expected, error, coarse.mean(update, of(coarse), only)[0]
+        )
         second, error = fine.mean(update, (of(fine) - expected) ** 2, only)
-        agree(float(row["std"]) ** 2, second, error, coarse.mean(update, (of(coarse) - expected) ** 2, only)[0])
+        agree(
+            float(row["std"]) ** 2,
+            second,
+            error,
+            coarse.mean(update, (of(coarse) - expected) ** 2, only)[0],
+        )
         for level in (5, 25, 50, 75, 95):
-            # How much of the exact posterior lies below the run's quantile; a cell that it cuts counts by its share.
+            # How much of the exact posterior lies below the run's quantile; a cell that it cuts
+            # counts by its share.
             at = number(row[f"q{level:02}"], quantity)
             below = []
             for own in sums:
-                below.append(own.mean(update, np.clip((at - of(own)) / cell(own) + 0.5, 0, 1), only))
+                below.append(
+                    own.mean(update, np.clip((at - of(own)) / cell(own) + 0.5, 0, 1), only)
+                )
             agree(level / 100, below[0][0], below[0][1], below[1][0])
 
 

@@ -1,8 +1,10 @@
-"""A yacht on a voyage, in distress at a constant rate, then adrift; a sortie in vain; overdue: against brute force in float64.
+"""A yacht on a voyage, in distress at a constant rate, then adrift; a sortie in vain; overdue:
+against brute force in float64.
 
-The brute force shares no code with ours: great circles of vectors, every two minutes of the sortie for each yacht, its hazard by the way
-between yacht and aircraft in a plane about both. Tolerances are three standard errors of the difference: the variance of one draw (delta method, from the
-brute force's draws) over the number of its draws plus that over the number of the run's.
+The brute force shares no code with ours: great circles of vectors, every two minutes of the sortie
+for each yacht, its hazard by the way between yacht and aircraft in a plane about both. Tolerances
+are three standard errors of the difference: the variance of one draw (delta method, from the brute
+force's draws) over the number of its draws plus that over the number of the run's.
 """
 
 import itertools
@@ -17,7 +19,13 @@ PARTICLES, DRAWS = 25_000, 25_000
 WAY = ((-30.0, 40.0), (-28.2, 41.1), (-26.9, 40.6))
 SPEED = (4.0, 5.5, 8.0, 3.0)  # [kn] low, best, high, ratio
 LATEST, CROSS, RATE, OVERDUE = 3.0, 3.0, 0.03, 40.0  # [h], [nmi], [1/h], [h]
-FLOWN = ((18.0, (-28.95, 40.4)), (18.5, (-28.2, 41.2)), (19.0, (-28.05, 40.8)), (19.5, (-28.75, 40.75)))  # [h], place
+# [h], place
+FLOWN = (
+    (18.0, (-28.95, 40.4)),
+    (18.5, (-28.2, 41.2)),
+    (19.0, (-28.05, 40.8)),
+    (19.5, (-28.75, 40.75)),
+)
 ADRIFT, UNDER_WAY = 3.0, 7.0  # [nmi] sweep widths
 CURRENT, WIND, WINDAGE = (0.6, 63.0), (14.0, 213.0), 0.03  # kn toward, kn from
 TIMES = (17.0, 38.0, 50.0)  # [h] before the sortie, after it, and overdue
@@ -104,8 +112,12 @@ detection = {PICKET[2]}
 
 
 def until(hours):
-    """Return the case until so many hours, in which nobody is overdue yet, and of which no tracks are kept."""
-    text = CASE.replace('duration = "50 h"', f'duration = "{hours} h"').replace(f'overdue = "+{OVERDUE} h"\n', "")
+    """Return the case until so many hours, in which nobody is overdue yet, and of which no tracks
+    are kept.
+    """
+    text = CASE.replace('duration = "50 h"', f'duration = "{hours} h"').replace(
+        f'overdue = "+{OVERDUE} h"\n', ""
+    )
     start, end = text.index("output.times"), text.index("coast.source")
     return text[:start] + text[end:]
 
@@ -154,21 +166,31 @@ class Yachts:
         self.passed = np.cos(off) * middle + np.sin(off) * across
         self.along = np.append(0, np.cumsum(angle(middle[:-1], middle[1:]))) * RADIUS / NMI
         self.arrival = self.departure + self.along[-1] / self.speed
-        current, wind = (np.array([np.sin(np.radians(a)), np.cos(np.radians(a))]) for a in (CURRENT[1], WIND[1] + 180))
+        current, wind = (
+            np.array([np.sin(np.radians(a)), np.cos(np.radians(a))])
+            for a in (CURRENT[1], WIND[1] + 180)
+        )
         self.set = CURRENT[0] * current + WINDAGE * WIND[0] * wind  # [kn] east, north
 
     def at(self, time):
         """Return where they are [deg], and which are adrift."""
         adrift = (self.distress < self.arrival) & (self.distress < time)
-        done = np.clip((np.where(adrift, self.distress, time) - self.departure) * self.speed, 0, self.along[-1])
+        done = np.clip(
+            (np.where(adrift, self.distress, time) - self.departure) * self.speed, 0, self.along[-1]
+        )
         leg = (done >= self.along[1]).astype(int)
         share = (done - self.along[leg]) / np.diff(self.along)[leg]
         every = np.arange(done.size)
         lon, lat = degrees(between(self.passed[every, leg], self.passed[every, leg + 1], share))
         hours = np.where(adrift, time - self.distress, 0)
         rise = self.set[1] * hours / 60
-        # Of a rhumb the longitude is the integral of 1 / cos(lat): that of the middle errs by 1e-6 over 30 nmi.
-        return lon + self.set[0] * hours / 60 / np.cos(np.radians(lat + rise / 2)), lat + rise, adrift
+        # Of a rhumb the longitude is the integral of 1 / cos(lat): that of the middle errs by 1e-6
+        # over 30 nmi.
+        return (
+            lon + self.set[0] * hours / 60 / np.cos(np.radians(lat + rise / 2)),
+            lat + rise,
+            adrift,
+        )
 
 
 def plane(lon, lat, about):
@@ -177,13 +199,20 @@ def plane(lon, lat, about):
 
 
 def missed(yachts, pace=120.0):
-    """Return the chance that the aircraft misses each: inverse cube, W^2 / (8 pi r^3) for each mile of relative way."""
+    """Return the chance that the aircraft misses each: inverse cube, W^2 / (8 pi r^3) for each mile
+    of relative way.
+    """
     hazard = np.zeros(yachts.speed.size)
     for (begin, a), (end, b) in itertools.pairwise(FLOWN):
         many = round((end - begin) * HOUR / pace)
-        flown = np.stack(degrees(between(vector(*a), vector(*b), np.arange(many + 1) / many)), axis=-1)
+        flown = np.stack(
+            degrees(between(vector(*a), vector(*b), np.arange(many + 1) / many)), axis=-1
+        )
         seen = (yachts.at(time) for time in np.linspace(begin, end, many + 1))
-        off = ((np.stack(plane(*at, about), axis=-1), adrift) for (*at, adrift), about in zip(seen, flown, strict=True))
+        off = (
+            (np.stack(plane(*at, about), axis=-1), adrift)
+            for (*at, adrift), about in zip(seen, flown, strict=True)
+        )
         for (before, _), (after, adrift) in itertools.pairwise(off):
             way = after - before
             length = np.linalg.norm(way, axis=-1)
@@ -246,7 +275,12 @@ def test_places_and_distress(yachts, result, when):
     mean = (weights * there).sum(axis=1) / weights.sum()
     for states, its, what in ((floats, adrift, "adrift"), (~floats, ~adrift, "under way")):
         for k in range(2):
-            agree(own @ (states * (here[k] - mean[k])), weights, its * (there[k] - mean[k]), (what, "mean", k))
+            agree(
+                own @ (states * (here[k] - mean[k])),
+                weights,
+                its * (there[k] - mean[k]),
+                (what, "mean", k),
+            )
         for j, k in ((0, 0), (0, 1), (1, 1)):
             ours = states * (here[j] - mean[j]) * (here[k] - mean[k])
             theirs = its * (there[j] - mean[j]) * (there[k] - mean[k])
@@ -261,22 +295,36 @@ def test_speed_and_departure(yachts, result):
     drawn, chance = yachts
     late = ~((drawn.arrival < OVERDUE) & (drawn.distress > drawn.arrival))
     of = {told.quantity.name: k for k, told in enumerate(result.posteriors.told)}
-    for stage, weights in zip(result.posteriors.stages, (np.ones(DRAWS), chance, chance * late), strict=True):
-        for name, values, one in (("speed", drawn.speed, NMI / HOUR), ("departure", drawn.departure, HOUR)):
+    for stage, weights in zip(
+        result.posteriors.stages, (np.ones(DRAWS), chance, chance * late), strict=True
+    ):
+        for name, values, one in (
+            ("speed", drawn.speed, NMI / HOUR),
+            ("departure", drawn.departure, HOUR),
+        ):
             found = stage.marginals[of[name]]
             agree(found.mean[-1] / one, weights, values, (name, stage.number))
-            for level, at in zip((0.05, 0.25, 0.5, 0.75, 0.95), found.quantiles[-1] / one, strict=True):
+            for level, at in zip(
+                (0.05, 0.25, 0.5, 0.75, 0.95), found.quantiles[-1] / one, strict=True
+            ):
                 agree(level, weights, values <= at, (name, stage.number, level))
 
 
 def ways(yachts, begin, end, about):
-    """Give pieces of way, of ten minutes from begin to end [h]: both ends, (east, north) [nmi] of a place."""
-    places = (plane(*yachts.at(time)[:2], about) for time in np.linspace(begin, end, round((end - begin) * 6) + 1))
+    """Give pieces of way, of ten minutes from begin to end [h]: both ends, (east, north) [nmi] of a
+    place.
+    """
+    places = (
+        plane(*yachts.at(time)[:2], about)
+        for time in np.linspace(begin, end, round((end - begin) * 6) + 1)
+    )
     yield from itertools.pairwise(np.stack(place, axis=-1) for place in places)
 
 
 def test_fields_and_a_barrier_that_see_both_states(tmp_path):
-    """Some are not yet under way when a field is first listened in, some go adrift in the next one, and at the barrier."""
+    """Some are not yet under way when a field is first listened in, some go adrift in the next one,
+    and at the barrier.
+    """
     path = tmp_path / "case.toml"
     path.write_text(until(21.0) + SENSORS)
     updates = drift.run(drift.load(path)).updates.all
@@ -284,7 +332,9 @@ def test_fields_and_a_barrier_that_see_both_states(tmp_path):
 
     stayed = drawn.departure <= HARBOUR[2][0]
     for a, b in ways(drawn, *HARBOUR[2], HARBOUR[0]):
-        stayed &= (np.linalg.norm(a, axis=-1) < HARBOUR[1]) & (np.linalg.norm(b, axis=-1) < HARBOUR[1])
+        stayed &= (np.linalg.norm(a, axis=-1) < HARBOUR[1]) & (
+            np.linalg.norm(b, axis=-1) < HARBOUR[1]
+        )
 
     touched, half = np.zeros(DRAWS, bool), np.array(FIELD[1]) / 2
     s, c = np.sin(np.radians(FIELD[2])), np.cos(np.radians(FIELD[2]))
@@ -317,7 +367,9 @@ def test_fields_and_a_barrier_that_see_both_states(tmp_path):
 
 
 def test_a_pod_in_place_of_a_sweep_width_holds_in_both_states(tmp_path):
-    """An area that holds all of them all the time finds each with its POD, whether it is under way or adrift."""
+    """An area that holds all of them all the time finds each with its POD, whether it is under way
+    or adrift.
+    """
     path = tmp_path / "case.toml"
     everywhere = "[[-31, 39], [-25.5, 39], [-25.5, 42.5], [-31, 42.5]]"
     path.write_text(

@@ -1,4 +1,6 @@
-"""Pictures of a search and of a plan: that they are drawn anywhere, say what they must, and are the same each time."""
+"""Pictures of a search and of a plan: that they are drawn anywhere, say what they must, and are the
+same each time.
+"""
 
 import itertools
 import math
@@ -29,7 +31,8 @@ from drift.products.maps.imprint import Imprint, Setting
 from drift.products.maps.marks import Mark
 from drift.products.maps.overlay import Overlay
 
-WRONG = "NO ERROR of current and wind in this forecast"  # or whatever else a picture must not be believed of
+# or whatever else a picture must not be believed of
+WRONG = "NO ERROR of current and wind in this forecast"
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +42,9 @@ def search():
 
 @pytest.fixture
 def words(monkeypatch):
-    """Collect every text that is on a figure when it would be saved; it is laid out, and no pixel is drawn."""
+    """Collect every text that is on a figure when it would be saved; it is laid out, and no pixel
+    is drawn.
+    """
     found = []
 
     def listen(self, *args, **kwargs):
@@ -60,9 +65,13 @@ def test_each_sortie_before_amid_and_after(tmp_path, search, words):
     """Each with the ways that are on every map, and the plan and the forecast with them too."""
     forecast, sorties, contacts, updates = search
     drawn = []
-    way = Overlay(lambda ax, frame: drawn.append(frame), {}, [(Line2D([], []), "Way: by the usual one")])
+    way = Overlay(
+        lambda ax, frame: drawn.append(frame), {}, [(Line2D([], []), "Way: by the usual one")]
+    )
     setting = Setting(CAUTIONED, overlays=[lambda now: way])
-    search_map.plot_searches(forecast, sorties, contacts, updates, tmp_path / "search.png", setting, page=1)
+    search_map.plot_searches(
+        forecast, sorties, contacts, updates, tmp_path / "search.png", setting, page=1
+    )
     assert len(drawn) == 12  # four sorties, before, amid and after
     assert words.count("Way: by the usual one") == 1
     for stage in ("before", "mid-search", "after"):
@@ -82,11 +91,15 @@ def test_each_sortie_before_amid_and_after(tmp_path, search, words):
 
 def test_pages_hold_four_sorties_and_off_times_are_told(tmp_path, search, words):
     forecast, sorties, _, updates = search
-    many = [replace(sorties[0], name=f"number {k}") for k in range(4)] + [searches.watch(-88.2, 27.8)]
+    many = [replace(sorties[0], name=f"number {k}") for k in range(4)] + [
+        searches.watch(-88.2, 27.8)
+    ]
     assert search_map.pages(many) == 2
     assert search_map.pages(many[:4]) == 1
     assert search_map.pages([]) == 0
-    search_map.plot_searches(forecast, many, (), updates, tmp_path / "search-2.png", SETTING, page=2)
+    search_map.plot_searches(
+        forecast, many, (), updates, tmp_path / "search-2.png", SETTING, page=2
+    )
     assert "Towed array" in words  # it has no update, and so no number
     assert "Page 2 of 2   ·   5 sorties that found nothing, in order of start" in words
     assert "before 221230Z (+180 min)" in words  # no output is nearer to its start at 0930Z
@@ -104,7 +117,13 @@ def test_pictures_anywhere(tmp_path):
     everything = [sorties[3], searches.watch(lon, lat)]
     setting = Setting(**common)
     search_map.plot_searches(
-        forecast, everything, searches.contacts(lon, lat), updates, tmp_path / "search.png", setting, page=1
+        forecast,
+        everything,
+        searches.contacts(lon, lat),
+        updates,
+        tmp_path / "search.png",
+        setting,
+        page=1,
     )
     reminder = partial(search_layers.reminder, everything, ())
     forecast_map.draw_map(forecast, tmp_path / "map.png", setting, overlays=[reminder])
@@ -118,7 +137,9 @@ def test_pictures_anywhere(tmp_path):
 def test_only_sorties_begun_are_on_the_map(tmp_path, search, words):
     forecast, sorties, _, _ = search
     searched = [partial(search_layers.reminder, sorties, ())]
-    forecast_map.draw_map(forecast, tmp_path / "a.png", Setting(Imprint("t")), time=0, overlays=searched)
+    forecast_map.draw_map(
+        forecast, tmp_path / "a.png", Setting(Imprint("t")), time=0, overlays=searched
+    )
     assert "Searched area" not in words
     forecast_map.draw_map(forecast, tmp_path / "b.png", Setting(Imprint("t")), overlays=searched)
     assert "Searched area" in words
@@ -126,7 +147,10 @@ def test_only_sorties_begun_are_on_the_map(tmp_path, search, words):
 
 
 def test_no_searches_change_no_pixel(tmp_path, search):
-    for name, more in (("a.png", {}), ("b.png", {"overlays": [partial(search_layers.reminder, (), ())]})):
+    for name, more in (
+        ("a.png", {}),
+        ("b.png", {"overlays": [partial(search_layers.reminder, (), ())]}),
+    ):
         forecast_map.draw_map(search[0], tmp_path / name, Setting(Imprint("t")), **more)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
@@ -145,7 +169,9 @@ def test_the_evidence_says_what_moved_which_story(tmp_path, search, words):
 
 
 def one(log_evidence, before):
-    update = Update("u", "sortie", searches.BEGIN, np.array([*log_evidence, 0.0]), np.zeros(2), 1.0, 1.0)
+    update = Update(
+        "u", "sortie", searches.BEGIN, np.array([*log_evidence, 0.0]), np.zeros(2), 1.0, 1.0
+    )
     return evidence_map.evidence_in_words(update, np.array(before), ("a", "b"))
 
 
@@ -181,17 +207,25 @@ def test_evidence_of_one_story_of_many_updates_and_of_none(tmp_path, search, wor
                 cumulative=alone(u.cumulative))
         for u in updates.all
     ]  # fmt: skip
-    evidence_map.plot_evidence(Updates(("only",), np.ones(1), tuple(single)), tmp_path / "one.png", SETTING)
+    evidence_map.plot_evidence(
+        Updates(("only",), np.ones(1), tuple(single)), tmp_path / "one.png", SETTING
+    )
     assert "POC (light), POS (dark) [%]" in words
     many = tuple(replace(updates.all[k % 6], name=f"update {k}") for k in range(30))
-    evidence_map.plot_evidence(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "many.png", SETTING)
+    evidence_map.plot_evidence(
+        Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "many.png", SETTING
+    )
     assert "after update 8" in words
     assert any("the first 8 updates are in sorties.csv" in text for text in words)
-    evidence_map.plot_evidence(Updates(searches.NAMES, searches.PRIOR, ()), tmp_path / "none.png", SETTING)
+    evidence_map.plot_evidence(
+        Updates(searches.NAMES, searches.PRIOR, ()), tmp_path / "none.png", SETTING
+    )
     assert "0 sorties that found nothing" in words
     words.clear()
     seen = [replace(u, kind="look", poc=None, pos=None, cumulative=None) for u in single]
-    evidence_map.plot_evidence(Updates(("only",), np.ones(1), tuple(seen)), tmp_path / "seen.png", SETTING)
+    evidence_map.plot_evidence(
+        Updates(("only",), np.ones(1), tuple(seen)), tmp_path / "seen.png", SETTING
+    )
     assert "How likely what it said was beforehand [%]" in words
     assert "Cumulative POS [%]" not in words
     assert "6 reports of sensors" in words
@@ -235,7 +269,11 @@ def test_a_plan_shows_the_land_of_all_that_it_shows(tmp_path, search, words):
 
 def boxes(figure, some):
     renderer = figure.canvas.get_renderer()
-    return {text.get_text(): text.get_window_extent(renderer) for text in figure.findobj(Text) if some(text.get_text())}
+    return {
+        text.get_text(): text.get_window_extent(renderer)
+        for text in figure.findobj(Text)
+        if some(text.get_text())
+    }
 
 
 def overlapping(found):
@@ -248,7 +286,9 @@ def figures(monkeypatch):
     found = []
     save = Figure.savefig
     monkeypatch.setattr(
-        Figure, "savefig", lambda self, *args, **kwargs: (found.append(self), save(self, *args, **kwargs))[1]
+        Figure,
+        "savefig",
+        lambda self, *args, **kwargs: (found.append(self), save(self, *args, **kwargs))[1],
     )
     return found
 
@@ -262,7 +302,9 @@ def test_labels_of_a_plan_keep_apart(tmp_path, search, figures):
     ]
     title = "A title that goes on and on until it meets a warning, Gulf of Mexico and beyond"
     plan = replace(plan, taskings=tuple(taskings))
-    plan_map.plot_plan(search[0], plan, tmp_path / "a.png", Setting(replace(CAUTIONED, title=title)))
+    plan_map.plot_plan(
+        search[0], plan, tmp_path / "a.png", Setting(replace(CAUTIONED, title=title))
+    )
     found = boxes(
         figures[0],
         lambda text: "\nbase " in text or "\n2" in text or text.startswith(("A title", "SYNTH")),
@@ -288,57 +330,91 @@ def test_numbers_of_updates_close_in_time_do_not_touch(tmp_path, search, figures
     updates = search[3]
     sortie = updates.all[0]
     times = (0, 1, 40, 40.1, 40.3, 52, 70)
-    many = tuple(replace(sortie, name=f"{k}", time=searches.hours(hour)) for k, hour in enumerate(times))
-    evidence_map.plot_evidence(Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "a.png", SETTING)
+    many = tuple(
+        replace(sortie, name=f"{k}", time=searches.hours(hour)) for k, hour in enumerate(times)
+    )
+    evidence_map.plot_evidence(
+        Updates(searches.NAMES, searches.PRIOR, many), tmp_path / "a.png", SETTING
+    )
     axes = figures[0].axes[1]
     renderer = figures[0].canvas.get_renderer()
-    found = {t.get_text(): t.get_window_extent(renderer) for t in axes.texts if set(t.get_text()) <= set("1234567-, ")}
+    found = {
+        t.get_text(): t.get_window_extent(renderer)
+        for t in axes.texts
+        if set(t.get_text()) <= set("1234567-, ")
+    }
     assert list(found) == ["1-2", "3-5", "6", "7"]
     assert overlapping(found) == []
 
 
 def test_sorties_have_the_numbers_of_their_updates(tmp_path, search, words):
-    """The helicopter's area, begun before but taken into account after the second C-130's, has the higher number."""
+    """The helicopter's area, begun before but taken into account after the second C-130's, has the
+    higher number.
+    """
     forecast, sorties, contacts, updates = search
     ordered = [u.name for u in updates.all]
     swapped = [ordered.index(name) for name in ("Helicopter, fishing ground", "C-130 second")]
     found = list(updates.all)
     found[swapped[0]], found[swapped[1]] = found[swapped[1]], found[swapped[0]]
     other = replace(updates, all=tuple(found))
-    search_map.plot_searches(forecast, sorties[1:3], contacts, other, tmp_path / "a.png", SETTING, page=1)
+    search_map.plot_searches(
+        forecast, sorties[1:3], contacts, other, tmp_path / "a.png", SETTING, page=1
+    )
     for sortie in sorties[1:3]:
         number = 1 + next(k for k, u in enumerate(found) if u.name == sortie.name)
         assert f"{number} {sortie.name}" in words
 
 
-def test_contacts_are_drawn_with_the_sorties_that_they_concern(tmp_path, search, words, monkeypatch):
-    """The fix of 12 h and the flare of 13 h, in the panels of the cutter at 14.5 h to 17 h; not in those before."""
+def test_contacts_are_drawn_with_the_sorties_that_they_concern(
+    tmp_path, search, words, monkeypatch
+):
+    """The fix of 12 h and the flare of 13 h, in the panels of the cutter at 14.5 h to 17 h; not in
+    those before.
+    """
     forecast, sorties, contacts, updates = search
     drawn = []
-    monkeypatch.setattr(search_map.search_layers, "contact", lambda ax, here, one, scale: drawn.append(one.name))
-    search_map.plot_searches(forecast, sorties[2:], contacts, updates, tmp_path / "a.png", SETTING, page=1)
+    monkeypatch.setattr(
+        search_map.search_layers, "contact", lambda ax, here, one, scale: drawn.append(one.name)
+    )
+    search_map.plot_searches(
+        forecast, sorties[2:], contacts, updates, tmp_path / "a.png", SETTING, page=1
+    )
     assert sorted(drawn) == ["Beacon A/B"] * 3 + ["Red flare"] * 3
     drawn.clear()
     late = replace(sorties[3], start=searches.hours(20), end=searches.hours(22))
-    search_map.plot_searches(forecast, [late], contacts, updates, tmp_path / "a.png", SETTING, page=1)
+    search_map.plot_searches(
+        forecast, [late], contacts, updates, tmp_path / "a.png", SETTING, page=1
+    )
     assert drawn == []
 
 
 def test_the_same_search_gives_the_same_bytes(tmp_path, search):
     forecast, sorties, contacts, updates = search
     for name in ("a", "b"):
-        search_map.plot_searches(forecast, sorties[:1], contacts, updates, tmp_path / f"{name}.png", SETTING, page=1)
+        search_map.plot_searches(
+            forecast, sorties[:1], contacts, updates, tmp_path / f"{name}.png", SETTING, page=1
+        )
         evidence_map.plot_evidence(updates, tmp_path / f"e{name}.png", SETTING)
     for prefix in ("", "e"):
-        assert (tmp_path / f"{prefix}a.png").read_bytes() == (tmp_path / f"{prefix}b.png").read_bytes()
+        assert (tmp_path / f"{prefix}a.png").read_bytes() == (
+            tmp_path / f"{prefix}b.png"
+        ).read_bytes()
     with Image.open(tmp_path / "a.png") as image:
         assert image.text["case"] == "x"
 
 
 def test_no_file_imports_pyplot():
-    files = [*(ROOT / "drift").rglob("*.py"), *(ROOT / "geo").rglob("*.py"), *(ROOT / "kernels").rglob("*.py")]
+    files = [
+        *(ROOT / "drift").rglob("*.py"),
+        *(ROOT / "geo").rglob("*.py"),
+        *(ROOT / "kernels").rglob("*.py"),
+    ]
     assert len(files) > 100
-    assert not [f for f in files if re.search(r"import .*pyplot|matplotlib\.pyplot", f.read_text(encoding="utf-8"))]
+    assert not [
+        f
+        for f in files
+        if re.search(r"import .*pyplot|matplotlib\.pyplot", f.read_text(encoding="utf-8"))
+    ]
 
 
 @pytest.mark.thorough

@@ -1,4 +1,6 @@
-"""Numbers and shapes of a search: against Bayes' rule by hand, geodesics of pyproj, and GDAL's reader."""
+"""Numbers and shapes of a search: against Bayes' rule by hand, geodesics of pyproj, and GDAL's
+reader.
+"""
 
 import csv
 import io
@@ -65,24 +67,36 @@ def test_the_table_obeys_bayes(search):
 
 
 def update(log_evidence):
-    return Update("u", "sortie", searches.BEGIN, np.array(log_evidence), np.zeros(len(log_evidence) - 1), 1.0, 1.0)
+    return Update(
+        "u",
+        "sortie",
+        searches.BEGIN,
+        np.array(log_evidence),
+        np.zeros(len(log_evidence) - 1),
+        1.0,
+        1.0,
+    )
 
 
 def test_bayes_factors_of_certainties_and_of_the_improbable():
     two = np.array([0.9, 0.1])
     found = search_tables.bayes_factors(update([math.log(0.3), math.log(0.6), 0]), two)
     np.testing.assert_allclose(found, [0.5, 2.0])
-    far = search_tables.bayes_factors(update([-2000.0, -2003.0, 0]), two)  # densities that underflow
+    # densities that underflow
+    far = search_tables.bayes_factors(update([-2000.0, -2003.0, 0]), two)
     np.testing.assert_allclose(far, [math.exp(3), math.exp(-3)])
     assert search_tables.bayes_factors(update([0.0, -math.inf, 0]), two).tolist() == [math.inf, 0.0]
     assert np.isnan(search_tables.bayes_factors(update([-1.0, -1.0]), np.ones(1))).all()
-    out = search_tables.bayes_factors(update([-1.0, -5.0, -2.0, 0]), np.array([0.5, 0.0, 0.5]))  # one is out already
+    # one is out already
+    out = search_tables.bayes_factors(update([-1.0, -5.0, -2.0, 0]), np.array([0.5, 0.0, 0.5]))
     np.testing.assert_allclose(out, [math.e, np.nan, 1 / math.e])
 
 
 def test_the_summary_is_json_and_ends_where_the_table_does(search):
     updates = search[3]
-    told = json.loads(json.dumps(formats.plain(search_tables.summary_of_search(updates)), allow_nan=False))
+    told = json.loads(
+        json.dumps(formats.plain(search_tables.summary_of_search(updates)), allow_nan=False)
+    )
     assert (told["sorties"], told["contacts"]) == (4, 2)
     last = rows(updates)[-1]
     assert told["cumulative_pos"]["all"] == pytest.approx(float(last["pos_cumulative"]))
@@ -97,8 +111,13 @@ def test_the_summary_is_json_and_ends_where_the_table_does(search):
 
 @pytest.mark.parametrize(("lon", "lat"), [(-88.2, 27.8), (179.9, -61.0)])
 def test_gdal_reads_the_shapes(tmp_path, lon, lat):
-    done, seen = (*searches.sorties(lon, lat), searches.watch(lon, lat)), searches.contacts(lon, lat)
-    made = search_tables.shapes(done, seen, Updates(searches.NAMES, searches.PRIOR, ()), {"run_id": "r"})
+    done, seen = (
+        (*searches.sorties(lon, lat), searches.watch(lon, lat)),
+        searches.contacts(lon, lat),
+    )
+    made = search_tables.shapes(
+        done, seen, Updates(searches.NAMES, searches.PRIOR, ()), {"run_id": "r"}
+    )
     path = tmp_path / "sorties.geojson"
     path.write_text(json.dumps(formats.plain(made), allow_nan=False))
     meta, _, geometry, columns = pyogrio.raw.read(path)
@@ -107,8 +126,12 @@ def test_gdal_reads_the_shapes(tmp_path, lon, lat):
     bounds = shapely.total_bounds(shapes)
     assert bounds[0] >= -180
     assert bounds[2] <= 180
-    assert (shapely.bounds(shapely.get_parts(shapes))[:, [0, 2]] @ [-1, 1] < 20).all()  # no part goes round the Earth
-    for name, shape, size in (("C-130 first light", "area", 24 * 16), ("Helicopter, fishing ground", "area", 18 * 14)):
+    # no part goes round the Earth
+    assert (shapely.bounds(shapely.get_parts(shapes))[:, [0, 2]] @ [-1, 1] < 20).all()
+    for name, shape, size in (
+        ("C-130 first light", "area", 24 * 16),
+        ("Helicopter, fishing ground", "area", 18 * 14),
+    ):
         one = shapes[(fields["name"] == name) & (fields["shape"] == shape)]
         area, _ = GEOD.geometry_area_perimeter(one[0])
         assert area / NMI**2 == pytest.approx(size, rel=2e-3)  # positive: anticlockwise
@@ -120,11 +143,15 @@ def test_gdal_reads_the_shapes(tmp_path, lon, lat):
 
 
 def test_what_stands_still_is_a_point():
-    """A buoy has one place at both ends of its watch: no line is drawn from it, which would be empty."""
+    """A buoy has one place at both ends of its watch: no line is drawn from it, which would be
+    empty.
+    """
     lon, lat = 179.9, -61.0
     towed = searches.watch(lon, lat)
     buoy = replace(towed, name="buoy", legs=replace(towed.legs, lon=(lon, lon), lat=(lat, lat)))
-    made = search_tables.shapes((buoy,), (), Updates(searches.NAMES, searches.PRIOR, ()), {"run_id": "r"})
+    made = search_tables.shapes(
+        (buoy,), (), Updates(searches.NAMES, searches.PRIOR, ()), {"run_id": "r"}
+    )
     told = {feature["properties"]["shape"]: feature["geometry"] for feature in made["features"]}
     assert set(told) == {"point", "zones"}
     assert told["point"] == {"type": "Point", "coordinates": [lon, lat]}
@@ -136,7 +163,9 @@ def test_legs_so_far_are_as_long_as_the_time_allows():
         until = sortie.start + np.timedelta64(round(60 * minutes), "s")
         ((searching, points),) = search_shapes.flown(sortie, until)
         assert searching
-        assert GEOD.line_length(points[:, 0], points[:, 1]) / NMI == pytest.approx(180 * minutes / 60, rel=1e-3)
+        assert GEOD.line_length(points[:, 0], points[:, 1]) / NMI == pytest.approx(
+            180 * minutes / 60, rel=1e-3
+        )
     assert search_shapes.flown(sortie, sortie.start) == []
 
 
@@ -149,11 +178,15 @@ def test_transit_is_apart_from_search():
 
 
 def test_what_drifts_with_its_marker_is_moved_with_it():
-    """The last vertex is off by the marker's way since the datum: 3/8 of it an hour and a half after 1.5 of 8 hours."""
+    """The last vertex is off by the marker's way since the datum: 3/8 of it an hour and a half
+    after 1.5 of 8 hours.
+    """
     sortie = searches.sorties(179.9, -17.0)[3]
     ((_, points),) = search_shapes.flown(sortie)
     fixed = search_shapes.flown(replace(sortie, frame="ground"))[0][1]
-    share = (sortie.legs.time[-1] - sortie.marker.time[0]) / (sortie.marker.time[-1] - sortie.marker.time[0])
+    share = (sortie.legs.time[-1] - sortie.marker.time[0]) / (
+        sortie.marker.time[-1] - sortie.marker.time[0]
+    )
     course, _, way = GEOD.inv(*sortie.datum, sortie.marker.lon[1], sortie.marker.lat[1])
     lon, lat, _ = GEOD.fwd(*fixed[-1], course, share * way)
     off = GEOD.inv(lon, lat, *points[-1])[2]
@@ -164,7 +197,9 @@ def test_what_drifts_with_its_marker_is_moved_with_it():
 
 
 def test_a_contacts_shapes_hold_what_they_say():
-    """A bivariate normal is within 2.45 standard deviations with 95 %; 4 standard errors of 20,000 draws."""
+    """A bivariate normal is within 2.45 standard deviations with 95 %; 4 standard errors of 20,000
+    draws.
+    """
     fix, bearing, ring, box = searches.contacts(179.8, 60.0)
     rng, n = np.random.default_rng(2), 20_000
     tolerance = 4 * math.sqrt(0.95 * 0.05 / n)
@@ -174,36 +209,56 @@ def test_a_contacts_shapes_hold_what_they_say():
     shapes = search_shapes.contact(fix)
     assert [name for name, _ in shapes] == ["point", "region", "point", "region"]
     inside = shapely.contains_xy(shapely.Polygon(shapes[1][1]), lon % 360, lat)
-    assert inside.mean() == pytest.approx(0.95, abs=tolerance + 2e-3)  # an outline of 72 corners lacks 0.1 %
+    # an outline of 72 corners lacks 0.1 %
+    assert inside.mean() == pytest.approx(0.95, abs=tolerance + 2e-3)
 
     course = np.degrees(bearing.bearing + bearing.bearing_std * rng.normal(size=n))
     far = rng.uniform(bearing.near, bearing.far, n)
-    lon, lat, _ = GEOD.fwd(np.full(n, bearing.sensor[0]), np.full(n, bearing.sensor[1]), course, far)
+    lon, lat, _ = GEOD.fwd(
+        np.full(n, bearing.sensor[0]), np.full(n, bearing.sensor[1]), course, far
+    )
     wedge = dict(search_shapes.contact(bearing))["region"]
     inside = shapely.contains_xy(shapely.Polygon(wedge), lon % 360, lat)
     assert inside.mean() == pytest.approx(0.95, abs=tolerance + 2e-3)
 
     middle = search_shapes.contact(ring)[2][1]
-    away = GEOD.inv(np.full(len(middle), ring.sensor[0]), np.full(len(middle), ring.sensor[1]), *middle.T)[2]
+    away = GEOD.inv(
+        np.full(len(middle), ring.sensor[0]), np.full(len(middle), ring.sensor[1]), *middle.T
+    )[2]
     np.testing.assert_allclose(away, ring.range, rtol=1e-9)
-    assert GEOD.polygon_area_perimeter(*search_shapes.contact(box)[0][1].T)[0] / NMI**2 == pytest.approx(-60, rel=1e-3)
+    assert GEOD.polygon_area_perimeter(*search_shapes.contact(box)[0][1].T)[
+        0
+    ] / NMI**2 == pytest.approx(-60, rel=1e-3)
 
 
 def test_planned_sorties_are_told_from_flown_ones(search):
-    """In every row and shape of a sortie, and in no other; the report draws those that have been flown."""
+    """In every row and shape of a sortie, and in no other; the report draws those that have been
+    flown.
+    """
     updates = replace(search[3], sorties=searches.sorties(-88.2, 27.8))
     first, *others = updates.sorties
     mixed = replace(updates, sorties=(replace(first, planned=True), *others))
-    wanted = {sortie.name: "planned" if sortie.name == first.name else "flown" for sortie in updates.sorties}
+    wanted = {
+        sortie.name: "planned" if sortie.name == first.name else "flown"
+        for sortie in updates.sorties
+    }
     assert set(wanted.values()) == {"planned", "flown"}
     assert [row["status"] for row in rows(mixed)] == [
         wanted[row["name"]] if row["kind"] == "sortie" else "" for row in rows(mixed)
     ]
     told = search_tables.summary_of_search(mixed)["updates"]
     assert {u["name"]: u["status"] for u in told if u["kind"] == "sortie"} == wanted
-    shapes = search_tables.shapes(mixed.sorties, searches.contacts(0.0, 0.0), mixed, {"run_id": "r"})["features"]
+    shapes = search_tables.shapes(
+        mixed.sorties, searches.contacts(0.0, 0.0), mixed, {"run_id": "r"}
+    )["features"]
     for properties in (feature["properties"] for feature in shapes):
-        assert properties.get("status") == (wanted[properties["name"]] if properties["kind"] == "sortie" else None)
-    drawn = chapter.chapter(chapter.SearchOutputs(mixed, (), None, Setting(Imprint("a plan"))), mapped=False).leaves
-    names = {name for leaf in drawn[0]() if leaf["leaf"] == "shapes" for name in leaf["where"]["name"]}
+        assert properties.get("status") == (
+            wanted[properties["name"]] if properties["kind"] == "sortie" else None
+        )
+    drawn = chapter.chapter(
+        chapter.SearchOutputs(mixed, (), None, Setting(Imprint("a plan"))), mapped=False
+    ).leaves
+    names = {
+        name for leaf in drawn[0]() if leaf["leaf"] == "shapes" for name in leaf["where"]["name"]
+    }
     assert names == {sortie.name for sortie in others}

@@ -1,4 +1,6 @@
-"""What a run with sensors and lines writes: tables, shapes for a GIS, pictures; and the words about it."""
+"""What a run with sensors and lines writes: tables, shapes for a GIS, pictures; and the words about
+it.
+"""
 
 import csv
 import json
@@ -98,7 +100,9 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 
 def test_the_table_of_updates_names_sensors(written) -> None:
-    """In the order in which they took effect, with the posterior that Bayes makes of their evidence."""
+    """In the order in which they took effect, with the posterior that Bayes makes of their
+    evidence.
+    """
     found = rows(written[2] / "sorties.csv")
     assert [(row["name"], row["kind"]) for row in found[::3]] == [
         ("dip", "look"),
@@ -121,7 +125,9 @@ def test_the_table_of_lines_is_that_of_the_summary(written) -> None:
     told = summary["search"]["lines"]
     assert float(found[2]["probability"]) == pytest.approx(told[0]["probability"]["all"], rel=1e-5)
     assert 0.1 < float(found[2]["probability"]) < 0.99
-    assert found[0]["first_05"] < found[0]["first_50"] < found[0]["first_95"] <= "2026-11-21T09:00:00Z"
+    assert (
+        found[0]["first_05"] < found[0]["first_50"] < found[0]["first_95"] <= "2026-11-21T09:00:00Z"
+    )
     assert found[2]["first_50"] == told[0]["first"]["50 %"]
     assert found[5]["probability"] == "0"
     assert found[5]["first_50"] == ""
@@ -154,7 +160,9 @@ def test_shapes_are_as_large_as_they_are_said_to_be(written) -> None:
 
 
 def test_pictures_are_drawn(written) -> None:
-    """What has begun is on a map, and each sort has a row of the legend; a picture of few particles has room for a banner."""
+    """What has begun is on a map, and each sort has a row of the legend; a picture of few particles
+    has room for a banner.
+    """
     assert written[1].updates.all[-1].ess_after < 200
     for name in ("lines.png", "evidence.png", "map.png"):
         with Image.open(written[2] / name) as picture:
@@ -172,7 +180,11 @@ def test_pictures_are_drawn(written) -> None:
         "Barrier, reported",
         "Line asked about",
     ]
-    assert set(layers.sensor_places(at[2])) == {'look "dip"', 'presence "buoys"', 'barrier "picket"'}
+    assert set(layers.sensor_places(at[2])) == {
+        'look "dip"',
+        'presence "buoys"',
+        'barrier "picket"',
+    }
 
 
 def test_lines_alone_make_no_search(tmp_path) -> None:
@@ -195,13 +207,19 @@ def test_a_check_says_how_sensors_were_understood(written) -> None:
     begin = run_setup.prepare(case, where)
     begin.scene.forcing.close()
     lines = check._search(case)
-    assert lines['look "dip"'] == "7 by 3 nmi about 51-24.0N 179-54.0W, 210212ZNOV26, cookie cutter, sees nothing"
+    assert (
+        lines['look "dip"']
+        == "7 by 3 nmi about 51-24.0N 179-54.0W, 210212ZNOV26, cookie cutter, sees nothing"
+    )
     assert lines['barrier "picket"'].endswith("detection 0.6, reports 210424ZNOV26")
     assert lines['line "sound"'] == "2 points; its first crossing is reported"
 
 
 def test_a_line_without_first_crossings_has_no_times() -> None:
-    assert crossings.csv(crossings.Crossings(("a",), np.empty(0, "datetime64[s]")), "r").count("\n") == 1
+    assert (
+        crossings.csv(crossings.Crossings(("a",), np.empty(0, "datetime64[s]")), "r").count("\n")
+        == 1
+    )
 
 
 def test_a_plan_begins_after_sensors(tmp_path) -> None:
@@ -217,9 +235,16 @@ sweep_width = "1 nmi"
 [plan]
 particles = 1000
 """
-    (tmp_path / "case.toml").write_text(CASE + SENSORS.replace('end = "+8 h"', 'end = "+6.5 h"') + unit)
+    (tmp_path / "case.toml").write_text(
+        CASE + SENSORS.replace('end = "+8 h"', 'end = "+6.5 h"') + unit
+    )
     case = case_file.load(tmp_path / "case.toml")
     plan, result = drift.plan(case)
     assert case.plan.begin == case.start + np.timedelta64(390, "m")
-    assert [update.kind for update in result.updates.all] == ["look", "presence", "barrier", "sortie"]
+    assert [update.kind for update in result.updates.all] == [
+        "look",
+        "presence",
+        "barrier",
+        "sortie",
+    ]
     assert plan.pos == pytest.approx(float(result.updates.all[-1].pos[-1]))
