@@ -158,7 +158,7 @@ def main() -> None:
                 error = f"{type(failed).__name__}: {lines[-1] if lines else ''}"
             for path in set(options.ptx.glob("*.ptx")) - there if options.ptx else ():
                 path.rename(path.with_name(f"{name}.{number}.ptx"))
-            words = {own: value for own, value in chosen.items() if own != "velocity"}
+            words = {own: value for own, value in chosen.items() if not callable(value)}
             seconds = round(time.perf_counter() - begin, 2)
             row = {"kernel": name, "variant": words, "error": error, "seconds": seconds}
             print(json.dumps(row))
