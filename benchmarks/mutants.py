@@ -10,8 +10,7 @@ of the thorough stage. It survives when all pass. Text that does not stand exact
 is stale: mend mutants.toml. First all tests must pass without a fault (--trust: they are taken to).
 
 Results are kept in mutants.json beside this file (--done: elsewhere), so that a run can go on
-later; a fault that has changed there, or whose tests are others now, is tried again. docs/faults.md
-is made from it.
+later; a fault that has changed there, or whose tests are others now, is tried again.
 """
 
 import argparse
