@@ -31,18 +31,6 @@ from typing import Any
 import smallest
 
 HERE = Path(__file__).resolve().parent
-PARTS = (
-    "drift",
-    "geo",
-    "kernels",
-    "cases",
-    "tests",
-    "benchmarks",
-    "docs",
-    "pyproject.toml",
-    "README.md",
-    "CHANGELOG.md",
-)
 LIMIT = 900  # [s] for the tests of one fault
 # pytest's markers of the stages, in the order in which they are tried
 STAGES = {"default": "", "thorough": "thorough"}
@@ -179,19 +167,17 @@ def main() -> None:
     settled = ("killed",) if given.again else SETTLED
     waiting = [m for m in mutants if results.get(key(m), {}).get("verdict") not in settled]
     data = os.environ.get("DRIFT_DATA", str(HERE.parent.parent / "shared" / "data"))
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=HERE.parent, capture_output=True, text=True, check=True
+    )
+    tracked = [name for name in listed.stdout.splitlines() if (HERE.parent / name).is_file()]
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(given.workers) as pool:
         copies: Queue[Path] = Queue()
         for n in range(given.workers):
             copy = Path(folder) / str(n) / "tree"
-            copy.mkdir(parents=True)
-            for part in PARTS:
-                source = HERE.parent / part
-                if source.is_dir():
-                    shutil.copytree(
-                        source, copy / part, ignore=shutil.ignore_patterns("__pycache__")
-                    )
-                elif source.exists():
-                    shutil.copy(source, copy / part)
+            for name in tracked:
+                (copy / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(HERE.parent / name, copy / name)
             copies.put(copy)
 
         def one(mutant: dict[str, Any]) -> None:

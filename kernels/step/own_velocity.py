@@ -22,6 +22,7 @@ from kernels.step.velocity import CURRENT_FROM, STOKES_FROM, WIND_FROM, forcing_
 
 FUNCTION = "velocity"  # what the function in the file is called
 RADIANS = np.pi / 2**31  # of a unit of binary angle
+COLUMNS = 10  # of what a function is asked: current, wind, waves (two each), parameters (four)
 
 f32x2 = ti.types.vector(2, ti.f32)
 f32x3 = ti.types.vector(3, ti.f32)
@@ -55,9 +56,9 @@ def load(path: Path, digest: str) -> Callable[..., Any]:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:  # whatever a user's file raises
         del sys.modules[name]
-        told = " ".join(str(error).split())
+        words = " ".join(str(error).split())
         raise UserError(
-            f"{path.name}: running it failed: {type(error).__name__}: {told}"
+            f"{path.name}: running it failed: {type(error).__name__}: {words}"
         ) from error
     for own, value in list(vars(module).items()):
         if (
@@ -67,6 +68,23 @@ def load(path: Path, digest: str) -> Callable[..., Any]:
         ):
             setattr(module, own, ti.func(value))
     return getattr(module, FUNCTION)
+
+
+@ti.func
+def _asked(
+    function: ti.template(),
+    by_latitude: ti.template(),
+    current: f32x2,
+    wind: f32x2,
+    waves: f32x2,
+    parameters: f32x4,
+    latitude: ti.f32,
+):
+    """Return what a user's function gives; latitude [rad], for one that takes it."""
+    if ti.static(by_latitude):
+        return function(current, wind, waves, parameters, latitude)
+    else:
+        return function(current, wind, waves, parameters)
 
 
 def in_sea(function: Callable[..., Any], by_latitude: bool) -> Any:
@@ -87,12 +105,8 @@ def in_sea(function: Callable[..., Any], by_latitude: bool) -> Any:
         lat: ti.i32,
         fraction: ti.f32,
     ) -> f32x3:
-        current, wind, waves = (
-            f32x2(own.error[0], own.error[1]),
-            f32x2(own.error[2], own.error[3]),
-            f32x2(0.0),
-        )
-        valid = 1.0
+        current, wind = f32x2(own.error[0], own.error[1]), f32x2(own.error[2], own.error[3])
+        waves, valid = f32x2(0.0), 1.0
         if ti.static(features & CURRENT):
             c = forcing_at(features, sea, own, CURRENT_FROM, lon, lat, fraction)
             current, valid = current + f32x2(c[0], c[1]), c[2]
@@ -102,11 +116,8 @@ def in_sea(function: Callable[..., Any], by_latitude: bool) -> Any:
         if ti.static(features & WIND):
             w = forcing_at(features, sea, own, WIND_FROM, lon, lat, fraction)
             wind, valid = wind + f32x2(w[0], w[1]), valid * w[2]
-        way = f32x2(0.0)
-        if ti.static(by_latitude):
-            way = function(current, wind, waves, own.line, ti.cast(lat, ti.f32) * ti.f32(RADIANS))
-        else:
-            way = function(current, wind, waves, own.line)
+        latitude = ti.cast(lat, ti.f32) * ti.f32(RADIANS)
+        way = _asked(function, by_latitude, current, wind, waves, own.line, latitude)
         return f32x3(way[0], way[1], valid)
 
     return velocity
@@ -117,22 +128,13 @@ def _through(
     function: ti.template(), by_latitude: ti.template(), given: Reals, way: Reals, latitude: ti.f32
 ):
     for i in range(way.shape[0] >> 1):
-        current, wind = (
-            f32x2(given[10 * i], given[10 * i + 1]),
-            f32x2(given[10 * i + 2], given[10 * i + 3]),
-        )
-        waves = f32x2(given[10 * i + 4], given[10 * i + 5])
-        parameters = f32x4([given[10 * i + 6 + k] for k in ti.static(range(4))])
-        v = f32x2(0.0)
-        if ti.static(by_latitude):
-            got = function(current, wind, waves, parameters, latitude)
-            v = got  # which fails where it has not two numbers
-            v[0] = got[0]  # and this where it has one
-        else:
-            got = function(current, wind, waves, parameters)
-            v = got
-            v[0] = got[0]
-        way[2 * i], way[2 * i + 1] = v[0] - current[0], v[1] - current[1]
+        row = [given[COLUMNS * i + k] for k in ti.static(range(COLUMNS))]
+        current, wind, waves = f32x2(row[0], row[1]), f32x2(row[2], row[3]), f32x2(row[4], row[5])
+        parameters = f32x4(row[6], row[7], row[8], row[9])
+        got = _asked(function, by_latitude, current, wind, waves, parameters, latitude)
+        two = f32x2(0.0)
+        two = got  # which is no vector of two numbers if this fails
+        way[2 * i], way[2 * i + 1] = got[0] - current[0], two[1] - current[1]
 
 
 def through_water(
@@ -154,9 +156,7 @@ def through_water(
         waves: their Stokes drift [m/s] east, north (n, 2).
         parameters: (n, 4).
         latitude: [rad].
-
     """
-
     given = np.hstack([current, wind, waves, parameters]).astype(np.float32)
     way = np.zeros((len(given), 2), np.float32)
     _through(function, by_latitude, given.ravel(), way.ravel(), latitude)

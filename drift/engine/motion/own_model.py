@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,40 +36,32 @@ WAVES = (0.0, 0.02)  # their Stokes drift as shares of the wind
 LATITUDES = np.radians([-75.0, -45.0, -15.0, 0.1, 15.0, 45.0, 75.0])
 
 
-@lru_cache(maxsize=64)
 def model(own: OwnMotion) -> Model:
-    """Return the model: the same one for the same file and parameters, so that its kernels are
-    compiled once.
+    """Return the model of a file: the same one whatever its parameters are, so that one launch moves
+    all scenarios that name the file.
 
     Raises:
-        UserError: where the file fails when it is run, or its function can't be compiled.
+        UserError: where the file has changed since it was read, or fails when it is run.
     """
-    function, velocity = _loaded(own)
+    return _model(own.path, own.digest, own.by_latitude)
+
+
+@lru_cache(maxsize=64)
+def _model(path: Path, digest: str, by_latitude: bool) -> Model:
+    function = own_velocity.load(path, digest)
     return replace(
         drift.DRIFT,
-        draw=partial(_draw, own),
-        mover=partial(_mover, velocity),
-        usual=lambda scenario, wind: _fastest(own, function, wind, 0.0),
-        fastest=lambda scenario, wind, spreads: _fastest(own, function, wind, spreads),
+        draw=_draw,
+        mover=partial(_mover, own_velocity.in_sea(function, by_latitude)),
+        usual=lambda scenario, wind: _fastest(scenario.motion, function, wind, 0.0),
+        fastest=lambda scenario, wind, spreads: _fastest(scenario.motion, function, wind, spreads),
     )
 
 
-@lru_cache(maxsize=64)
-def _compiled(path: Any, digest: str, by_latitude: bool) -> tuple[Callable[..., Any], Any]:
-    function = own_velocity.load(path, digest)
-    return function, own_velocity.in_sea(function, by_latitude)
-
-
-def _loaded(own: OwnMotion) -> tuple[Callable[..., Any], Any]:
-    """Return the function of a file, and the field of velocity that is made of it."""
-    return _compiled(own.path, own.digest, own.by_latitude)
-
-
-def _draw(
-    own: OwnMotion, ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors
-) -> None:
+def _draw(ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors) -> None:
     """Draw each particle's parameters, and its errors of the forcing."""
-    for number, (parameter, name) in enumerate(zip(own.parameters, COLUMNS, strict=False)):
+    parameters = scenario.motion.parameters
+    for number, (parameter, name) in enumerate(zip(parameters, COLUMNS, strict=False)):
         column, spare = ensemble.own[name], ensemble.own[SPARE]
         draws.draw_object(
             *slots, column, spare, number, *key, parameter.mean, 0.0, parameter.std, 0.0, -np.inf

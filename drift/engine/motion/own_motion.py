@@ -121,16 +121,15 @@ def _check_body(
     explain badly.
     """
     lines = []
-    returns = [node for node in ast.walk(function) if isinstance(node, ast.Return)]
-    if len(returns) != 1 or returns[0] is not function.body[-1] or returns[0].value is None:
-        where = (
-            f", not in line{'s' * (len(returns) > 1)} {_listed(one.lineno for one in returns)}"
-            if returns
-            else ""
-        )
+    last = function.body[-1]
+    early = [
+        node for node in ast.walk(function) if isinstance(node, ast.Return) and node is not last
+    ]
+    if early or not isinstance(last, ast.Return) or last.value is None:
+        where = f", not in line {_listed(node.lineno for node in early)}" if early else ""
         lines.append(
-            f"{FUNCTION} must return its velocity in its last line, and nowhere else{where}; assign it to a variable in "
-            "branches"
+            f"{FUNCTION} must return its velocity in its last line, and nowhere else{where}; "
+            "assign it to a variable in branches"
         )
     for node in ast.walk(function):
         if (
@@ -143,8 +142,8 @@ def _check_body(
             except ValueError:
                 continue
             if index not in range(len(names)):
-                told = f"names {len(names)}: {', '.join(names)}" if names else "names none"
-                lines.append(f"line {node.lineno} reads parameters[{index}], and {NAMES} {told}")
+                has = f"names {len(names)}: {', '.join(names)}" if names else "names none"
+                lines.append(f"line {node.lineno} reads parameters[{index}], and {NAMES} {has}")
     for node in ast.walk(tree):
         if (
             isinstance(node, ast.Attribute)
@@ -168,30 +167,21 @@ def _listed(numbers: Iterable[int]) -> str:
 
 
 def _read(function: ast.FunctionDef) -> set[str]:
-    """Return the names that a function reads before it gives them a value of its own."""
+    """Return the names that a function may read before it gives them a value of its own.
+
+    A value given in a branch does not count: the branch may not be taken.
+    """
     reads: set[str] = set()
     own: set[str] = set()
-
-    class Reader(ast.NodeVisitor):
-        def visit_Assign(self, node: ast.Assign) -> None:
-            self.visit(node.value)
-            for target in node.targets:
-                self.visit(target)
-
-        def visit_AugAssign(self, node: ast.AugAssign) -> None:
-            self.visit(node.value)
-            if isinstance(node.target, ast.Name) and node.target.id not in own:
-                reads.add(node.target.id)
-            self.visit(node.target)
-
-        def visit_Name(self, node: ast.Name) -> None:
-            if isinstance(node.ctx, ast.Store):
-                own.add(node.id)
-            elif node.id not in own:
-                reads.add(node.id)
-
     for line in function.body:
-        Reader().visit(line)
+        names = [node for node in ast.walk(line) if isinstance(node, ast.Name)]
+        read = {node.id for node in names if isinstance(node.ctx, ast.Load)}
+        for node in ast.walk(line):
+            if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):
+                read.add(node.target.id)
+        reads |= read - own
+        if isinstance(line, ast.Assign | ast.AnnAssign):
+            own |= {node.id for node in names if isinstance(node.ctx, ast.Store)}
     return reads
 
 

@@ -11,6 +11,7 @@ from scipy import integrate, optimize
 
 import drift
 from drift.case import case_digest
+from drift.engine.motion import models
 from drift.engine.motion.scenario import PositionPrior
 from geo.errors import UserError
 from geo.files import fence
@@ -149,6 +150,7 @@ name = "raft"
 object = "LIFE-RAFT-NB-1"
 position = { at = "59-20N 001-10E", error = "3 nmi" }
 """
+GIVEN = "def velocity(current, wind, waves, parameters):\n"
 PLAIN = "def velocity(current, wind, waves, parameters):\n    return wind\n"
 DOWNWIND = "def velocity(current, wind, waves, parameters):\n    return current + waves + parameters[0] * wind\n"
 
@@ -170,6 +172,29 @@ def test_windage_written_as_a_function_drifts_as_windage_does(tmp_path: Path) ->
     assert set(one["scenario"].values) == {0, 1}
     metres = np.hypot((one["lon"] - other["lon"]) * 0.5, one["lat"] - other["lat"]).values * 111_000
     assert metres.max() < 0.5  # 24 h of roundings in float32
+
+
+def test_scenarios_that_name_one_file_move_in_one_launch_each_by_its_parameters(
+    tmp_path: Path,
+) -> None:
+    own = 'PARAMETERS = ("east", "north")\n\n\n' + GIVEN
+    own += "    return [parameters[0], parameters[1]] + 0.0 * wind\n"
+    speeds = [(0.21, -0.13), (-0.34, 0.07), (0.05, 0.29)]
+    scenarios = "".join(
+        BERG.format(at="0-00N 020-10W")
+        .replace("length = 1800, width = 900", f"east = {east}, north = {north}")
+        .replace('"berg"', f'"{k}"')
+        for k, (east, north) in enumerate(speeds)
+    )
+    case = loaded(tmp_path, own, scenarios)
+    assert len({id(models.model_of(scenario)) for scenario in case.scenarios}) == 1
+    last = drift.run(case).particles.isel(time=-1)
+    far = np.radians([last["lon"].values + 20 + 10 / 60, last["lat"].values]) * RADIUS
+    for k, speed in enumerate(speeds):
+        members = last["scenario"].values == k
+        assert members.sum() > 20
+        expected = np.array(speed)[:, None] * HOURS * 3600
+        assert np.abs(far[:, members] - expected).max() < 3.0  # [m] of 30 km
 
 
 def test_shards_give_the_same_bits(tmp_path: Path) -> None:
@@ -236,7 +261,6 @@ def test_another_file_makes_another_case(tmp_path: Path) -> None:
     assert loaded(tmp_path, iceberg(), scenario).inputs == (str(tmp_path / "own.py"),)
 
 
-GIVEN = "def velocity(current, wind, waves, parameters):\n"
 NONE = "def velocity(current, wind, waves, parameters):\n    x = wind\n"
 REFUSED = {
     "no file": (None, "", 'motion: no file "own.py"; looked for '),
@@ -255,10 +279,10 @@ REFUSED = {
         "own.py: velocity(current, wind, waves, parameters, *, k=1) must take (current,",
     ),
     "no return": (NONE, "", "own.py: velocity must return its velocity in its last line, and nowhere else; assign"),
-    "nothing returned": (f"{NONE}    return\n", "", "must return its velocity in its last line, and nowhere else, not in line 3;"),
+    "nothing returned": (f"{NONE}    return\n", "", "must return its velocity in its last line, and nowhere else; assign"),
     "two returns": (
         f"{GIVEN}    if wind[0] > 0:\n        return wind\n    return current\n", "",
-        "must return its velocity in its last line, and nowhere else, not in lines 3, 4; assign it to a variable in branches",
+        "must return its velocity in its last line, and nowhere else, not in line 3; assign it to a variable in branches",
     ),
     "a parameter too many": (
         f"PARAMETERS = ('a',)\n{GIVEN}    return wind * parameters[1]\n", "parameters = { a = 1 }",
@@ -274,6 +298,10 @@ REFUSED = {
     "unknown": (PLAIN, "parameters = { a = 1 }", 'parameters: "a" is unknown; own.py takes none'),
     "negative": (PLAIN, "parameters = { a = { mean = 1, std = -1 } }", "parameters.a.std"),
     "no waves": (PLAIN.replace("return wind", "return wind + waves"), "", "own.py takes waves and there are none: add [[stokes]], their Stokes drift"),
+    "no waves in a branch": (
+        f"{GIVEN}    if wind[0] > 0:\n        waves = wind * 0.01\n    return current + waves\n", "",
+        "own.py takes waves and there are none",
+    ),
     "an object too": (PLAIN, 'object = "PIW-1"', 'motion = "own.py" says how it drifts; leave object out'),
     "jibing": (PLAIN, "jibe = 0.1", 'jibe belongs to leeway, and motion = "own.py" has none; leave jibe out'),
     "another word": (None, 'motion = "sail"', "no model of motion 'sail'; there is: \"drift\", and a Python file such as"),
