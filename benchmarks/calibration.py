@@ -198,7 +198,7 @@ def main() -> None:
                     shown.setdefault(name, []).extend(values[name])
         told = f"effective worlds: median {np.median(sizes):.0f}, least {min(sizes):.0f}; {time.perf_counter() - begin:.0f} s"
         print(line(f"{count} finds", total, stretch), told, flush=True)
-        # A run would draw worlds anew for the others; which they are depends on what was found
+        # A run would draw worlds again for the others; which they are depends on what was found
         # alone, so ranks stay uniform.
         enough = [k for k, size in enumerate(sizes) if size >= renewal.FEWEST]
         total, stretch = [total[k] for k in enough], [stretch[k] for k in enough]

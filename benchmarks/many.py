@@ -5,7 +5,7 @@ drift.run_many; and what does a map cost?
 
 Without CASE: 24 h of a raft in a made-up 3-hourly current and wind on regular grids off Norway,
 with errors and diffusion, in the open sea without a coast and along the Norwegian one. Forecasts
-differ in start, place and seed. `a second` is by the clock; `own` is what the main thread reckoned
+differ in start, place and seed. `a second` is by the clock; `own` is what the main thread computed
 for a forecast, `all` what all threads did, Taichi's and those of the maps among them: they tell
 more where other programs share the machine.
 """
@@ -96,7 +96,7 @@ def varied(base: drift.Case, count: int) -> list[drift.Case]:
 
 
 def timed(spent: dict[str, float]) -> None:
-    """Add up what the main thread reckons in each phase."""
+    """Add up what the main thread computes in each phase."""
     for module, name in PHASES:
         setattr(module, name, _measured(getattr(module, name), name, spent))
 

@@ -5,8 +5,8 @@ A field of currents on a grid of 0.02 degrees in the open Atlantic, of one of th
 (all drift as one), strait (from far and wide towards one gap, and through it), front (converging on
 a line, along which they are sheared), saddle (strain and a vortex). Errors of the current are
 Ornstein-Uhlenbeck of 0.03 to 0.7 m/s a component over 2 to 14 h, and a bias that lasts. One to
-three stories of 0.2 to 8 nmi, one in three with a failed search. Two to four units, boats and
-aircraft together, sweep widths that differ by story and are unsure by up to 60 %, laws of all
+three scenarios of 0.2 to 8 nmi, one in three with a failed search. Two to four units, boats and
+aircraft together, sweep widths that differ by scenario and are unsure by up to 60 %, laws of all
 kinds, one to three rounds, 6 to 72 h. Half of the cases plan for finding alive.
 """
 

@@ -7,7 +7,7 @@ benchmarks/opendrift_spread.py run it:
     python benchmarks/opendrift_ends.py FOLDER_OF_NORKYST ENDS.csv [OBJECTS_PER_CLASS]
 
 All objects of a class start at one point. Their leeway errors are OpenDrift's own, drawn by its
-seed_elements: one normal number for the downwind line, drawn anew until its slope is not negative,
+seed_elements: one normal number for the downwind line, drawn again until its slope is not negative,
 and one for the crosswind line. Patched:
 
 - Mirror. OpenDrift moves an object of positive crosswind leeway to the left of downwind
@@ -17,7 +17,7 @@ and one for the crosswind line. Patched:
   error, so that an object of another right than left line drifts on neither after its first jibe.
   Here it gets the other line whole: slope, offset and that line's own error, drawn independently at
   the start. The rate is OpenDrift's: -ln(1 - 0.04) an hour.
-- Errors of current and wind. OpenDrift draws them anew at each time step, so that their effect
+- Errors of current and wind. OpenDrift draws them again at each time step, so that their effect
   shrinks with the step. Here they are Ornstein-Uhlenbeck processes, their exact transition over
   each step, added to what its readers return.
 

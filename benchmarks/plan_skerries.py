@@ -2,7 +2,7 @@
 beacon, a flare, debris.
 
 Prints the metres of the boats' ways that lie on land (must be 0), their lengths by sea and
-straight, the share of the way that is near land, and what reckoning them cost. Made up but for the
+straight, the share of the way that is near land, and what computing them cost. Made up but for the
 coast. With a folder, all files of the plan are written there.
 
     python benchmarks/plan_skerries.py [FOLDER]

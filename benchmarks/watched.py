@@ -1,8 +1,8 @@
 """Numbered trials in a process of their own, seen from outside: one that crashes or hangs is an
 outcome, not the end.
 
-A benchmark calls `run`; its own file, started anew with `--trials` and their numbers, calls `trial`
-for each of them.
+A benchmark calls `run`; its own file, started again with `--trials` and their numbers, calls
+`trial` for each of them.
 """
 
 import collections
@@ -52,7 +52,7 @@ def trial(number: int, name: str, make: Callable[[], str]) -> None:
 def run(
     file: str, numbers: Sequence[int], more: Sequence[str] = (), *, told: bool = False
 ) -> Outcomes:
-    """Return what came of numbered trials of a benchmark's file, which is started anew where it
+    """Return what came of numbered trials of a benchmark's file, which is started again where it
     crashes or hangs.
 
     more: words of its command line besides --trials; told: print every trial, not only what must

@@ -168,7 +168,7 @@ def since_2000(name: str) -> float:
 
 
 def overdue_boat(rng: np.random.Generator, n: int) -> World:
-    """Three stories in the built-in Gulf."""
+    """Three scenarios in the built-in Gulf."""
     told, zero = table("overdue_boat"), since_2000("overdue_boat")
     coast = oracle.gshhg(-93, 25, -84, 31)
     report, swamped, passage = told["scenario"]
@@ -280,7 +280,7 @@ def washington(data: Path) -> tuple[Field, Field]:
 
 
 def washington_piw(rng: np.random.Generator, n: int, data: Path) -> World:
-    """Two stories of a person off Washington."""
+    """Two scenarios of a person off Washington."""
     coast, told = oracle.gshhg(-127, 46, -122, 50), table("washington_piw")["scenario"]
     jacket, suit = (one["position"] for one in told)
 
@@ -316,7 +316,7 @@ def paria_forcing(data: Path, name: str) -> tuple[Field, Field]:
 
 
 def paria_boat(rng: np.random.Generator, n: int, data: Path) -> World:
-    """Two stories of a fishing boat."""
+    """Two scenarios of a fishing boat."""
     coast, told = oracle.gshhg(-67, 8, -61, 14), table("paria_boat")["scenario"]
 
     def first(n: int) -> tuple[Array, Array]:
@@ -403,8 +403,8 @@ def gulf_containers(rng: np.random.Generator, n: int) -> World:
 
 
 def overdue_yacht(rng: np.random.Generator, n: int) -> list[tuple[Array, Array, Array, Array]]:
-    """Return where the yachts of three stories are at the end (lon, lat), what has become of each,
-    and when it arrived [s]; never: inf.
+    """Return where the yachts of three scenarios are at the end (lon, lat), what has become of
+    each, and when it arrived [s]; never: inf.
 
     Under way along great circles, until the distress; then adrift, where they were.
     """

@@ -1,4 +1,4 @@
-"""Case pacsearch, 300 stories, four arrays and two contacts, against a second opinion that draws
+"""Case pacsearch, 300 scenarios, four arrays and two contacts, against a second opinion that draws
 what is heard (tests/oracles/pacific.py).
 """
 

@@ -2,8 +2,8 @@
 (tests/oracles/passages.py).
 
 Had nothing been searched or seen: at two times, by scenario, what has become of them, where they
-are on average, and second moments. Then, given all that was: the posterior of the stories, mean and
-second moments. overdue_yacht goes on adrift: it stands in test_case_oracles.py.
+are on average, and second moments. Then, given all that was: the posterior of the scenarios, mean
+and second moments. overdue_yacht goes on adrift: it stands in test_case_oracles.py.
 """
 
 import functools
@@ -528,7 +528,7 @@ SEEN = {
     ],
 )
 def test_what_was_seen_says_what_a_second_opinion_says(name: str) -> None:
-    """Posterior of the stories, what has arrived, mean and second moments at the end, given all
+    """Posterior of the scenarios, what has arrived, mean and second moments at the end, given all
     sensors and contacts.
     """
     n, particles = SEEN[name]
@@ -548,16 +548,16 @@ def test_what_was_seen_says_what_a_second_opinion_says(name: str) -> None:
     apart = (found[0] - expected[0]) / np.maximum(np.hypot(found[1], expected[1]), 1e-300)
     assert (np.abs(apart[found[0] != expected[0]]) < SIGMAS).all(), (found, expected, apart)
     before = np.array([one.get("weight", 1.0) for one in table(name)["scenario"]])[:-1]
-    # what was seen says something of the stories, where there are several
+    # what was seen says something of the scenarios, where there are several
     there = slice(0, before.size)
     assert not before.size or (np.abs(found[0][there] - before) > 10 * found[1][there]).any()
 
 
 def told(where: list[Where], weight: list[Array]) -> tuple[Array, Array]:
-    """Return the shares of all stories but the last and of what has arrived, mean place and second
-    moments, with standard errors.
+    """Return the shares of all scenarios but the last and of what has arrived, mean place and
+    second moments, with standard errors.
 
-    They are ratios of weighted sums, linearised by story.
+    They are ratios of weighted sums, linearised by scenario.
     """
     total, stories = sum(float(w.sum()) for w in weight), np.eye(len(where))[:, :-1]
     middle = [

@@ -1,7 +1,7 @@
 """Transmission loss of made-up water for shipped cases: a parabolic equation, from Munk's profile
 to packed netCDF files.
 
-`python docs/generate/losses.py` writes the files of `cases/losses/` anew. Nothing in them was
+`python docs/generate/losses.py` writes the files of `cases/losses/` again. Nothing in them was
 measured: the water is Munk's canonical profile, whose axis and strength follow a smooth law of
 place, over a flat bottom without land.
 
@@ -42,7 +42,7 @@ SEDIMENT_LOSS = 0.5  # [dB] a wavelength in the bottom
 OCTAVE = np.linspace(-1 / 6, 1 / 6, 5)
 STEEPEST = math.radians(75)  # of the source's sound; steeper than 60 degrees it fades
 WORST = 150.0  # [dB] beyond which no loss is told apart
-REFRESH = 5000.0  # [m] after which the water along a radial is taken anew
+REFRESH = 5000.0  # [m] after which the water along a radial is taken again
 
 
 @dataclass(frozen=True)

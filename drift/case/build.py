@@ -198,7 +198,7 @@ def _not_filled(
     scenarios: tuple[Scenario, ...],
     start: np.datetime64,
 ) -> list[str]:
-    """Return complaints about a case whose particles cannot be placed anew at its contacts."""
+    """Return complaints about a case whose particles cannot be placed again at its contacts."""
     lines = [filling.refused(resampling, scenarios, search.contacts, start)]
     if table.unit or table.tow or "plan" in table.model_fields_set:
         lines.append(

@@ -287,7 +287,7 @@ class CaseTable(fields.Table):
     @model_validator(mode="before")
     @classmethod
     def with_shared(cls, data: Any) -> Any:
-        """Make scenarios of families, and put the voyages and trackers that stories share where
+        """Make scenarios of families, and put the voyages and trackers that scenarios share where
         they are named.
         """
         return shared(expanded(data))

@@ -3,7 +3,7 @@
 Every file and picture asks here, and nowhere else.
 
 Weights make a few particles count for all of them: their effective number is one over the sum of
-their squared shares (Kong 1992; Kish 1965, sec. 11.2). What was drawn anew counts as the particle
+their squared shares (Kong 1992; Kish 1965, sec. 11.2). What was drawn again counts as the particle
 that it descends from: copies add no information, however many there are. Objects of one world share
 all its unknowns, so for a spill its worlds count.
 """

@@ -68,7 +68,7 @@ def likeliest_scenarios(probability: npt.ArrayLike) -> Shown:
     """Return which scenarios are shown, by the probability that each has at some times, (...,
     scenarios).
 
-    The largest over the times counts, so that a story is shown that was likely before something
+    The largest over the times counts, so that a scenario is shown that was likely before something
     ruled it out. Where there would be one other alone, it is shown too.
     """
     table = np.asarray(probability, np.float64)

@@ -71,7 +71,7 @@ class Result:
     begun: Standing | None = None
     # of what is not position; None: nothing steers and nothing was seen
     posteriors: Posteriors | None = None
-    # winds and currents of the likeliest story, for arrows
+    # winds and currents of the likeliest scenario, for arrows
     flows: Mapping[str, Flow] = field(default_factory=dict)
     members: Members | None = None  # of an ensemble of winds and currents; None: there is none
     saved: Callable[["Result", Path, bool], None] | None = (

@@ -6,7 +6,7 @@ What comes back is a dataset like that of a file: read on demand, decoded by the
 question asks for the header or for a piece of at most 2 MB of values. A server that leaves one
 unanswered for the time-out (60 s unless the case says otherwise) is given up. A wait heeds signals,
 and ends within half a second when nobody needs its answer any more. The process starts with the
-first question, starts anew if it had to be ended, and never outlives this one.
+first question, starts again if it had to be ended, and never outlives this one.
 """
 
 import contextlib

@@ -123,7 +123,7 @@ class Dataset:
 
 
 def _patiently(ask: Callable[[], Any], timeout: float) -> Any:
-    """Return an answer, asked for anew while its failures may pass, for half the time that the
+    """Return an answer, asked for again while its failures may pass, for half the time that the
     other end waits.
     """
     until, pause = time.monotonic() + timeout / 2, 0.5

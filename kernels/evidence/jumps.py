@@ -3,7 +3,7 @@ signal excess changes.
 
 The signal excess has a fluctuation that keeps its value until it jumps, at a rate lambda, to an
 independent one. Written with the fluctuation's own probability u, uniform on (0, 1), a target is
-heard as soon as u < p(t), p the probability that signal excess and a fluctuation drawn anew are
+heard as soon as u < p(t), p the probability that signal excess and a fluctuation drawn again are
 above 0. With M(t) the probability of having heard nothing,
 
     M(t) = e^(-lambda t) (1 - max p[0, t]) + integral of lambda e^(-lambda (t - s)) M(s) (1 - max
@@ -130,7 +130,7 @@ def _cut(silence: ti.template(), p: ti.f32):
 
 @ti.func
 def _fall(silence: ti.template(), p: ti.f32):
-    """Have p fall below the last edge: what had been heard there is drawn anew from now on."""
+    """Have p fall below the last edge: what had been heard there is drawn again from now on."""
     if silence.many == 1 or silence.anew > HIGH or silence.faded < FADED:
         _fold(silence)
     if silence.many == STAIRS:

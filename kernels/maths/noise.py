@@ -159,7 +159,7 @@ class Purpose(enum.IntEnum):
     DEBRIS_COAST = 14
     TARGET = 15  # the way of a target that acts, which is followed
     PURSUIT = 16  # the cloud by which a path is judged that was planned on another
-    FILLING = 17  # particles placed anew where a contact may have been; number: of the contact
+    FILLING = 17  # particles placed again where a contact may have been; number: of the contact
     GUIDE = 18  # how far particles are guided toward finds
 
 

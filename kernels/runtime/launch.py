@@ -1,7 +1,7 @@
 """Arguments of kernels in groups, and a kernel with its arguments set once, to be launched again
 and again.
 
-Taichi looks at all arguments anew at every launch, which takes longer than a step of some thousand
+Taichi looks at all arguments again at every launch, which takes longer than a step of some thousand
 particles.
 """
 

@@ -1,11 +1,11 @@
-"""How fast the current sets targets under way off their reckoned way, where they do not make it
-good.
+"""How fast the current sets targets under way off their dead-reckoned track, where they do not make
+it good.
 
 A vessel that keeps its course by dead reckoning heads and goes through the water as its itinerary
 has it, and the current at the place where it really is carries it besides: dX/dt = way through the
-water + current(X, t). Its course is a compass course: at a higher latitude than reckoned the same
-way east spans more longitude. What sets it off is held constant over a step, as it is in the step's
-middle (the explicit midpoint rule, of order 2).
+water + current(X, t). Its course is a compass course: at a higher latitude than reckoned with, the
+same way east spans more longitude. What sets it off is held constant over a step, as it is in the
+step's middle (the explicit midpoint rule, of order 2).
 """
 
 from typing import Any

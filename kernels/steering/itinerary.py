@@ -105,8 +105,8 @@ def packed(tables: Mapping[str, np.ndarray]) -> Any:
 
 @ti.dataclass
 class Target:
-    """Where a target is and where it goes next, by its reckoning; and how far the current has set
-    it off that.
+    """Where a target is and where it goes next, by its dead reckoning; and how far the current has
+    set it off that.
     """
 
     lon: ti.i32
@@ -327,8 +327,8 @@ def when(plan: ti.template(), point: ti.i32, start: ti.i32, word: ti.u32, other:
 
 @ti.func
 def set_at(target: Target, time: ti.i32):
-    """Return (dlon, dlat) [binary angle] by which the current has set a target off its reckoned way
-    at a time [s].
+    """Return (dlon, dlat) [binary angle] by which the current has set a target off its
+    dead-reckoned track at a time [s].
     """
     lasting = ti.cast(time - target.set_since, ti.f32)
     dlon = target.set_lon + ti.cast(ti.round(target.rate_lon * lasting), ti.i32)
@@ -565,8 +565,8 @@ def _loiter(plan: ti.template(), key: Chance, target: Target):
     """Return a target with the next leg inside the polygon of its phase, and -1.
 
     The leg is a great circle of exponential length in any direction; at the polygon's edge it is
-    reflected, with a length drawn anew: an exponential law has no memory. So the law uniform in the
-    polygon stays uniform. leg: 0 as the phase begins, 1 inside, 2 + k at edge k.
+    reflected, with a length drawn again: an exponential law has no memory. So the law uniform in
+    the polygon stays uniform. leg: 0 as the phase begins, 1 inside, 2 + k at edge k.
 
     A target that comes from outside goes in first, to any place in the polygon: the way point of
     the number returned.

@@ -6,8 +6,8 @@ what was kept of the step's begin, wherever something inside the step is asked f
 is at a time, and, once for all sensors, what these have seen of it (kernels.steering.pieces).
 
 A target that feels the current keeps to its itinerary by dead reckoning, and the current sets it
-off its reckoned way, steadily within a step (kernels.steering.felt). What the columns hold is where
-it is; itineraries know only the reckoned place.
+off its dead-reckoned track, steadily within a step (kernels.steering.felt). What the columns hold
+is where it is; itineraries know only the dead-reckoned position.
 """
 
 from typing import Any
@@ -631,8 +631,8 @@ def _inside(
 
 @ti.func
 def velocity(plan: ti.template(), target: Target) -> f32x2:
-    """Return (east, north) [m/s] with which a target goes by its reckoning: on its course, or to
-    its way point in time.
+    """Return (east, north) [m/s] with which a target goes by its dead reckoning: on its course, or
+    to its way point in time.
     """
     s, c = angles.sincos(target.course)
     found = target.speed * f32x2(s, c)

@@ -92,8 +92,8 @@ def draw_errors(
 ):
     """Draw what chance does to the particles of a bundle over their parts dt [s] of a lattice step.
 
-    held: see kernels.step.advance. Read: story, slot (in the whole run, the key of its noise), dt,
-    bias, and `nudge`, which is added to the normals of the errors where particles are guided
+    held: see kernels.step.advance. Read: scenario, slot (in the whole run, the key of its noise),
+    dt, bias, and `nudge`, which is added to the normals of the errors where particles are guided
     (kernels.step.guide). Made new: errors of current and wind, east and north [m/s], and the side.
     Written: `error`, the mean of those at begin and end of the step, with the bias, and `walk`,
     east and north [m], of the variance 2 D dt [m2]. table: the `Physics` of each scenario; terms:

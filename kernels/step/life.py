@@ -125,7 +125,7 @@ def refloats(status_since: ti.i32, uniform: ti.f32, stay: ti.f32) -> ti.i32:
     """Return when [s] a particle that went ashore at `status_since` is afloat again.
 
     The wait on the beach is exponential of mean `stay` [s]. uniform: a number in (0, 1) of this
-    landing, so that no step draws the wait anew.
+    landing, so that no step draws the wait again.
     """
     wait = ti.min(-ti.log(uniform) * stay, LONGEST)
     return status_since + ti.cast(ti.min(wait, LONGEST - ti.cast(status_since, ti.f32)), ti.i32)

@@ -309,7 +309,7 @@ def draw_object(
     number.
 
     So the standard deviation at wind speed W is slope_std W + offset_std (Breivik and Allen 2008,
-    doi:10.1016/j.jmarsys.2007.02.010). A slope below `least` is drawn anew with its offset, which
+    doi:10.1016/j.jmarsys.2007.02.010). A slope below `least` is drawn again with its offset, which
     cuts the normal law there (docs/leeway.md). No more than half of the law may lie below. A slope
     that fails REDRAWS times is `least`.
     """

@@ -1,7 +1,7 @@
 """What the shore does to a step: touches on the way, the time of landing, sliding along,
 refloating.
 
-Where a step meets the shore is exact (kernels.step.coast). What happens there is reckoned in
+Where a step meets the shore is exact (kernels.step.coast). What happens there is computed in
 float32 metres on the plane tangent at the particle, with the shore near it taken as a straight
 line.
 """

@@ -69,7 +69,7 @@ class Track:
     ESTIMATE = 0  # stored: unit vector, speed [rad/s] (< 0: there is none yet) and time [s]
     LOST = 5  # [s] when it was lost last; NaN: never
     # Of the last time of detections: share of the cloud that they left before it was filled, < 0:
-    # there was none; 1 where so few were left that it was drawn anew; and that time [s].
+    # there was none; 1 where so few were left that it was drawn again; and that time [s].
     LEFT = 6
     REAL = 9
 
@@ -105,7 +105,7 @@ Tracks = ti.types.argpack(track_real=DoubleTable, track_whole=IntTable)
 Sweeps = ti.types.argpack(sweep_real=DoubleTable, sweep_whole=IntTable)
 
 # Of an estimate; velocities [rad/s]. level: share of the cloud that lies where it is denser than at
-# the target; NaN: not asked. lost: when the track was lost last [s]; left, anew: see Tracks: these
+# the target; NaN: not asked. lost: when the track was lost last [s]; left, again: see Tracks: these
 # are told without a track too
 FIELDS = ("x", "y", "z", "east", "north", "rate", "count", "total", "level", "lost", "left", "anew")
 WIDE = len(FIELDS)

@@ -64,7 +64,7 @@ class Rule:
     SPREAD = 6  # [rad] half of the sector about the reciprocal bearing in which one hides
     FASTEST = 7  # [rad/s]
     PARTIAL = 8  # share of particles below which duplicates are made
-    BULK = 9  # share below which the box is drawn from anew, or the track is lost
+    BULK = 9  # share below which the box is drawn from again, or the track is lost
     METHOD = 10  # WEIGHTED, AIMED or COMBINED
     REAL = 11
 
@@ -152,7 +152,7 @@ def anchor_and_tangent(cloud: ti.template(), i: ti.i32):
 
 @ti.func
 def anchor(cloud: ti.template(), i: ti.i32, p: f64x3, u: f64x3, time: ti.f64):
-    """Anchor a particle anew, at a place [unit vector] on a way [unit tangent], since a time [s]."""
+    """Anchor a particle again, at a place [unit vector] on a way [unit tangent], since a time [s]."""
     for d in ti.static(range(3)):
         cloud.own_real[i, Own.PLACE + d] = p[d]
         cloud.own_real[i, Own.WAY + d] = u[d]

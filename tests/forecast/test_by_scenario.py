@@ -22,8 +22,8 @@ N = 6000
 
 
 def made(weights, east=20_000.0, lon=-60.0, learnt=True):
-    """Return a forecast of stories that lie side by side, of which a fifth has stranded and a tenth
-    of the first has sunk.
+    """Return a forecast of scenarios that lie side by side, of which a fifth has stranded and a
+    tenth of the first has sunk.
 
     learnt: the weights are those after the first output, which has equal ones.
     """
@@ -113,8 +113,8 @@ def test_of_many_stories_the_others_stand_together_and_count_as_their_particles_
     assert [story.name for story in found[:-1]] == [f"story {k}" for k in range(13, 3, -1)]
     assert found[-1].name == "4 others"
     rest = (last.scenario < 4) & (last.status != Status.SUNK)
-    # Weights of a story on the map and off it are not told apart by how many count: a tenth of the
-    # first has sunk.
+    # Weights of a scenario on the map and off it are not told apart by how many count: a tenth of
+    # the first has sunk.
     assert float(found[-1].forecast.data["effective_particles"][0]) == pytest.approx(
         effective.number(last.probability[rest]), rel=0.02
     )

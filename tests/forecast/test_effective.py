@@ -249,8 +249,8 @@ def test_a_part_that_stands_on_few_is_told():
 
 
 def test_stories_that_stand_on_few_are_one_line():
-    """Fifths of the probability on 60, 50 and 80 particles of three stories, the rest on many of a
-    fourth.
+    """Fifths of the probability on 60, 50 and 80 particles of three scenarios, the rest on many of
+    a fourth.
     """
     n = 50_000
     lon, lat = cloud(n=n)
@@ -430,7 +430,7 @@ position = { at = "27 31N 087 58W", std = "0.15 nmi" }
 
 
 def test_copies_do_not_make_a_run_look_sure(tmp_path):
-    """A contact of 0.15 nmi in a prior of 4 nmi leaves one in 350 of 3,000; drawn anew, these are
+    """A contact of 0.15 nmi in a prior of 4 nmi leaves one in 350 of 3,000; drawn again, these are
     3,000 again, and no more.
     """
     (tmp_path / "few.toml").write_text(CASE)

@@ -48,7 +48,7 @@ def test_sums_and_means_of_the_others() -> None:
 
 @pytest.fixture(scope="module")
 def snapshots() -> list[Snapshot]:
-    """Seventeen stories, each about a place of its own; some have become likelier by the second
+    """Seventeen scenarios, each about a place of its own; some have become likelier by the second
     output.
     """
     random, n = np.random.default_rng(6), 6800

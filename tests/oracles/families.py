@@ -1,11 +1,11 @@
 """Exact Bayes for ships that go north along meridians: routes x speeds x times of departure, in
 closed form and NumPy alone.
 
-A ship of a story goes from the latitude SOUTH along its route's meridian at a speed that is uniform
-in the story's range, at a distance east of the meridian that is normal. What sensors say is a
-product of factors a + b 1{east of the meridian in X} 1{speed in V}, so that means of products are
-sums over subsets of the factors, of probabilities of intersections of intervals. It is all near the
-equator: what a plane makes of it errs by 3e-4 of a distance.
+A ship of a scenario goes from the latitude SOUTH along its route's meridian at a speed that is
+uniform in the scenario's range, at a distance east of the meridian that is normal. What sensors say
+is a product of factors a + b 1{east of the meridian in X} 1{speed in V}, so that means of products
+are sums over subsets of the factors, of probabilities of intersections of intervals. It is all near
+the equator: what a plane makes of it errs by 3e-4 of a distance.
 """
 
 import itertools
@@ -90,7 +90,7 @@ def factors(story: tuple[int, int, int]) -> list[Factor]:
 
 
 def mean(story: tuple[int, int, int], some: list[Factor]) -> float:
-    """Return the mean of a product of factors over the ships of a story."""
+    """Return the mean of a product of factors over the ships of a scenario."""
     low, high = (float(SPEEDS[story[1] + k]) for k in (0, 1))
     total = 0.0
     for chosen in itertools.product((False, True), repeat=len(some)):
@@ -113,7 +113,7 @@ def squared(one: Factor) -> Factor:
 
 
 def exact(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and variance of the likelihood of the first sensors, each (stories,)."""
+    """Return mean and variance of the likelihood of the first sensors, each (scenarios,)."""
     means = np.array([mean(story, factors(story)[:count]) for story in STORIES])
     squares = np.array(
         [mean(story, [squared(one) for one in factors(story)[:count]]) for story in STORIES]
@@ -122,16 +122,16 @@ def exact(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def posterior(means: np.ndarray) -> np.ndarray:
-    """Return the probability of each story."""
+    """Return the probability of each scenario."""
     weights = PRIOR * means
     return weights / weights.sum()
 
 
 def error(means: np.ndarray, variances: np.ndarray, drawn: np.ndarray, value: np.ndarray) -> float:
-    """Return the standard error of the mean of a value of stories, by a run of so many particles of
-    each (delta method).
+    """Return the standard error of the mean of a value of scenarios, by a run of so many particles
+    of each (delta method).
 
-    value: (stories,), 1 where a story counts, else 0.
+    value: (scenarios,), 1 where a scenario counts, else 0.
     """
     weights = PRIOR * means
     off = value - (weights @ value) / weights.sum()
@@ -139,7 +139,7 @@ def error(means: np.ndarray, variances: np.ndarray, drawn: np.ndarray, value: np
 
 
 def case(particles: int, *, below: float = 0.0) -> str:
-    """Return the case file of all this: 300 stories of one family."""
+    """Return the case file of all this: 300 scenarios of one family."""
     routes = "\n".join(
         f'"{lon:.2f}" = [[{lon:.2f}, {SOUTH}], [{lon:.2f}, {NORTH}]]' for lon in MERIDIANS
     )

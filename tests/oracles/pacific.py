@@ -1,5 +1,5 @@
-"""pacsearch in plain float64: submarines by their stories, arrays that hear them or not by chance,
-and what contacts make of it.
+"""pacsearch in plain float64: submarines by their scenarios, arrays that hear them or not by
+chance, and what contacts make of it.
 
 Where the project carries the probability of silence along, this draws the fluctuation of each array
 for each submarine and lets it jump: who is heard is out. It shares no code with the project.
@@ -84,7 +84,7 @@ class Submarines:
 
 
 def drawn(rng: np.random.Generator, n: int) -> Submarines:
-    """Draw submarines by the weights of their stories."""
+    """Draw submarines by the weights of their scenarios."""
     (family,) = CASE["family"]
     axis = family["axis"]
     weights = [

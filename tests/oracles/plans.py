@@ -22,7 +22,7 @@ BEGIN = np.datetime64("2024-03-20T06:00:00", "s")
 PLACE = (179.98, -41.0)  # across the antimeridian, south, lon unlike lat
 
 
-# The sea of cases on which plans are tried, but for their stories and units.
+# The sea of cases on which plans are tried, but for their scenarios and units.
 SEA = """
 [output]
 every = "{every} h"

@@ -140,7 +140,7 @@ def contacts(lon, lat):
 
 
 class Cloud:
-    """Particles of three stories that drift to the south-east and spread."""
+    """Particles of three scenarios that drift to the south-east and spread."""
 
     def __init__(self, lon, lat, seed=5):
         rng = np.random.default_rng(seed)

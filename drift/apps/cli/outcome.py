@@ -313,8 +313,8 @@ def _search(numbers: dict[str, Any]) -> Facts:
 
 
 def _filled(update: Mapping[str, Any]) -> str:
-    """Return what became of the particles after a contact or silence, where they are placed anew at
-    contacts.
+    """Return what became of the particles after a contact or silence, where they are placed again
+    at contacts.
     """
     if update["filled"] == "contact":
         return f"; repopulated, {update['ess_resampled']:,.0f} of them effective"

@@ -41,7 +41,7 @@ Report = Callable[[str, float], None]  # what is being fetched, and the share of
 
 
 def patiently(attempt: Callable[[], T], tell: Callable[[str], None]) -> T:
-    """Return what an attempt gives, made anew while its failures may pass; bounded in number and
+    """Return what an attempt gives, made again while its failures may pass; bounded in number and
     time.
     """
     until = time.monotonic() + PATIENCE

@@ -1,4 +1,4 @@
-"""Where a sensor hears, reckoned: round its place by bearing and range, and on a grid of longitude
+"""Where a sensor hears, computed: round its place by bearing and range, and on a grid of longitude
 and latitude.
 
 A look is one instant: it detects with probability Phi(signal excess / fluctuation), averaged over

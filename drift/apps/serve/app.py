@@ -223,7 +223,7 @@ def _refusal(status: int, line: str) -> Response:
 
 @lru_cache
 def _shipped() -> dict[str, str]:
-    """Return the titles of what a case may begin with, by name: commented stories, then cases."""
+    """Return the titles of what a case may begin with, by name: commented scenarios, then cases."""
     return {
         name: f"a commented case: {words}" for name, words in template.TEMPLATES.items()
     } | dict(case_file.shipped())

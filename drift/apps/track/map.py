@@ -326,7 +326,7 @@ def _times(on: sheet.Page, axes: Axes, frame: Frame, found: Regained) -> None:
 
 
 def _chase(axes: Axes, frame: Frame, found: Regained, chased: Chased) -> list[tuple[Any, str]]:
-    """Draw the path with its looks, filled where it was planned anew."""
+    """Draw the path with its looks, filled where it was planned again."""
     chase = found.held.study.pursuit
     assert chase is not None
     x, y = _project(frame, chased.found.path.place)

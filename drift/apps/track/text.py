@@ -74,7 +74,7 @@ def _lost(found: Regained, losses: Sequence[Loss]) -> str:
 
 
 def _anew(found: Regained) -> str:
-    """Return which plots had most of the cloud drawn anew, and what that means."""
+    """Return which plots had most of the cloud drawn again, and what that means."""
     held = found.held
     filling = held.study.methods[0].filling
     each = ", ".join(

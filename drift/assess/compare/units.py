@@ -7,7 +7,7 @@ their units in pairs, which are independent of each other. A figure's influence 
 unit moves it; the variance of a difference of figures is that of the differences of influence,
 summed over the pairs (the infinitesimal jackknife: Efron 1982, doi:10.1137/1.9781611970319, chapter
 6). Particles of a scenario are drawn from one law, those of two are not: the mean influence of each
-scenario, whose number of particles is fixed, is no chance. Where particles were drawn anew, units
+scenario, whose number of particles is fixed, is no chance. Where particles were drawn again, units
 are families (Chan and Lai 2013, doi:10.1214/13-AOS1172): a systematic draw varies less than the
 independent one that this holds for, so that errors are then rather too large.
 """

@@ -21,7 +21,7 @@ from geo.errors import UserError
 
 LEAST, MOST = 1000, 1_000_000  # particles that a plan is made on
 MOST_ROUNDS = 20
-BULK = 0.1  # share of survivors below which a contact places particles anew
+BULK = 0.1  # share of survivors below which a contact places particles again
 MOST_ENDURANCE = 30 * 86_400.0  # [s]
 MOST_TURNAROUND = 30 * 86_400.0  # [s]
 
@@ -197,7 +197,7 @@ class ResamplingTable(fields.Table):
 
     @model_validator(mode="after")
     def filled(self) -> "ResamplingTable":
-        """Refuse what placing particles anew lacks, and what is of that alone."""
+        """Refuse what placing particles again lacks, and what is of that alone."""
         wrong = []
         if self.method in METHODS:
             bulk = BULK if self.bulk is None else self.bulk

@@ -26,7 +26,7 @@ class Line:
 
     A particle draws xi ~ N(0, 1) once for a line and has slope + slope_std * xi and offset +
     offset_std * xi, so that at 10 m/s of wind its error is std * xi (Breivik and Allen 2008,
-    doi:10.1016/j.jmarsys.2007.02.010). On a downwind line xi is drawn anew until its slope is not
+    doi:10.1016/j.jmarsys.2007.02.010). On a downwind line xi is drawn again until its slope is not
     negative (docs/leeway.md).
     """
 

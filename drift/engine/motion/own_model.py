@@ -37,8 +37,8 @@ LATITUDES = np.radians([-75.0, -45.0, -15.0, 0.1, 15.0, 45.0, 75.0])
 
 
 def model(own: OwnMotion) -> Model:
-    """Return the model of a file: the same one whatever its parameters are, so that one launch moves
-    all scenarios that name the file.
+    """Return the model of a file: the same one whatever its parameters are, so that one launch
+    moves all scenarios that name the file.
 
     Raises:
         UserError: where the file has changed since it was read, or fails when it is run.

@@ -32,7 +32,7 @@ class Moment:
     status: Array  # int32 (n,)
     layout: Layout  # which slots belong to which scenario
     log_weight: Array | None = None  # float32 (n,) at that time; None: those of the end of the run
-    # (n,) slots of the whole run at the moment before, if any were drawn anew since
+    # (n,) slots of the whole run at the moment before, if any were drawn again since
     ancestors: Array | None = None
     # int32 (n,) particle of the begin from which each descends; None: itself
     lineage: Array | None = None

@@ -25,7 +25,7 @@ from geo.array import Array
 from geo.errors import UserError
 
 # Takes an update, and columns of all particles: log weights `before` and `after` it and, where any
-# has been drawn anew, `lineage`, the particle of the begin from which each descends.
+# has been drawn again, `lineage`, the particle of the begin from which each descends.
 Noted = Callable[[Update, Columns], None]
 
 
@@ -34,9 +34,9 @@ class Event:
     """Something that took effect, and what particles were like then.
 
     Columns before, after: log weights. release [s after start]. lineage: the particle of the begin
-    from which each descends, where any has been drawn anew. never: share of the time that no sortie
-    searched it, once one has. Of a sortie also searched: the same share of this one; there: whether
-    it lay ashore, or had run aground.
+    from which each descends, where any has been drawn again. never: share of the time that no
+    sortie searched it, once one has. Of a sortie also searched: the same share of this one; there:
+    whether it lay ashore, or had run aground.
     """
 
     name: str
@@ -109,7 +109,7 @@ class Account:
             self._noted(update, columns)
 
     def drawn_anew(self, log_weight: Array, lineage: Array, layout: Layout, many: int) -> None:
-        """Take down that particles were drawn anew after the last update: their log weights and
+        """Take down that particles were drawn again after the last update: their log weights and
         lineage (n,).
 
         many: of them at first.
@@ -119,7 +119,7 @@ class Account:
         self.updates[-1] = replace(self.updates[-1], ess_resampled=ess, distinct=distinct)
 
     def filled(self, log_weight: Array, layout: Layout) -> None:
-        """Take down that particles were placed anew after the last update, which was a contact:
+        """Take down that particles were placed again after the last update, which was a contact:
         their log weights (n,).
         """
         ess = weights.weighed(log_weight, layout.blocks).ess

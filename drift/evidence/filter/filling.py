@@ -1,4 +1,4 @@
-"""Particles placed anew where a contact has ruled most of them out: the bulk repopulation of
+"""Particles placed again where a contact has ruled most of them out: the bulk repopulation of
 Borovies 2007.
 
 That is Particle filter based tracking in a detection sparse discrete event simulation environment,
@@ -78,7 +78,7 @@ class Placed:
 
 def bounded(contact: Contact) -> bool:
     """Return whether a contact is surely of the object, and says where that may be: only then does
-    it rule out and place anew.
+    it rule out and place again.
     """
     sure = (
         contact.belief == 1
@@ -102,7 +102,7 @@ def estimate(cloud: Cloud, time: int) -> Estimate:
 
 
 class Filling:
-    """How particles are placed anew at contacts, one after the other."""
+    """How particles are placed again at contacts, one after the other."""
 
     def __init__(
         self,
@@ -246,7 +246,7 @@ def _waits(law: float | tuple[float, float], n: int, rng: np.random.Generator) -
 
 
 def of_run(rule: Resampling, spec: EnsembleSpec, shore: DeviceCoast | None) -> Filling:
-    """Return how the particles of a run are placed anew, all of whose scenarios keep a course."""
+    """Return how the particles of a run are placed again, all of whose scenarios keep a course."""
     itineraries = [scenario.itinerary for scenario in spec.scenarios]
     changes = [
         phase.between if isinstance(phase, Acts) else phase.change
@@ -265,7 +265,7 @@ def refused(
     contacts: Sequence[Contact],
     start: np.datetime64,
 ) -> str:
-    """Return why particles cannot be placed anew at the contacts of a case, in a line; "": they
+    """Return why particles cannot be placed again at the contacts of a case, in a line; "": they
     can.
     """
     what = f'resampling: method "{rule.method}" places what keeps a course where a contact may have been'
@@ -295,7 +295,7 @@ def _keeps_course(itinerary: Itinerary) -> bool:
 
 
 def changed(cloud: Cloud, placed: Placed) -> Cloud:
-    """Return a cloud with those that have been placed anew."""
+    """Return a cloud with those that have been placed again."""
     columns = {}
     for name in ("lon", "lat", "speed"):
         columns[name] = np.array(getattr(cloud, name), np.float64)

@@ -336,7 +336,9 @@ class SearchFilter:
             self._tell(seen.what.name, seen.kind, time, likelihood, seen.positive)
 
     def _fill(self, how: Filling, contact: Contact, number: int, time: int) -> None:
-        """Place particles anew that a contact at the end of a step rules out, if it leaves too few."""
+        """Place particles again that a contact at the end of a step rules out, if it leaves too
+        few.
+        """
         e, own = self.ensemble, self.ensemble.columns
         lon, lat = (own[name].to_numpy() * sphere.UNIT for name in ("lon", "lat"))
         cloud = Cloud(
@@ -462,7 +464,7 @@ class SearchFilter:
 
     def _allowed(self, contact: Contact, likelihood: Array, unit: float) -> Array:
         """Return the log likelihoods of a contact (n,), with a floor above its `unit` where
-        particles are placed anew at contacts.
+        particles are placed again at contacts.
         """
         if self._filling is None or not filling.bounded(contact):
             return likelihood
@@ -647,7 +649,7 @@ class SearchFilter:
             )
 
     def redraw(self, drawn: Drawn, until: int) -> None:
-        """Draw all particles of a run anew at a time [s after start]."""
+        """Draw all particles of a run again at a time [s after start]."""
         record.inherit(self.columns.values(), drawn.ancestors)
         self.begin_anew(drawn, until)
 
@@ -672,7 +674,7 @@ class SearchFilter:
         """Let the waits of particles ashore begin at a time, where they refloat.
 
         A wait is drawn for slot and landing. It has no memory, so that copies may begin theirs
-        anew.
+        again.
         """
         if self._scene.place.beach.stay > 0:
             ashore, since = which.status.to_numpy() == Status.ASHORE, which.status_since.to_numpy()

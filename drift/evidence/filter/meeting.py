@@ -1,8 +1,8 @@
 """Where all particles of a run meet: what the filter asks of them together.
 
-That is how likely a doubtful contact is, and whether so few of them count that they are drawn anew.
-A run in one piece has its particles here (`Alone`); a shard of a run stops where it has to ask
-(drift.pipeline.shards.stretch).
+That is how likely a doubtful contact is, and whether so few of them count that they are drawn
+again. A run in one piece has its particles here (`Alone`); a shard of a run stops where it has to
+ask (drift.pipeline.shards.stretch).
 """
 
 from typing import NamedTuple, Protocol
@@ -18,7 +18,7 @@ from geo.array import Array
 
 
 class Drawn(NamedTuple):
-    """Particles that have been drawn anew, by slots of the whole run."""
+    """Particles that have been drawn again, by slots of the whole run."""
 
     ancestors: Array  # int64 (n,) slot of each one's ancestor
     log_weight: Array  # float32 (n,)
@@ -41,7 +41,7 @@ class Meeting(Protocol):
         """
 
     def anew(self, log_weight: Array, layout: Layout) -> Drawn | None:
-        """Return the particles drawn anew at the end of a step in which something took effect;
+        """Return the particles drawn again at the end of a step in which something took effect;
 
         None: they need not be.
         """
@@ -55,14 +55,14 @@ def log_mean(before: Weighed, after: Weighed) -> float:
 
 
 class Redrawing:
-    """When and how all particles of a run are drawn anew."""
+    """When and how all particles of a run are drawn again."""
 
     def __init__(self, seed: int, rule: Resampling, target: list[int]) -> None:
         """Make ready; target: how many particles each scenario aims at."""
         self._seed, self._rule, self.target = seed, rule, target
 
     def anew(self, log_weight: Array, layout: Layout, events: int) -> Drawn | None:
-        """Return the particles drawn anew by their log weights (n,) after so many events;
+        """Return the particles drawn again by their log weights (n,) after so many events;
 
         None: they need not be.
         """
@@ -124,7 +124,7 @@ class Alone:
         return log_mean(before, after)
 
     def anew(self, log_weight: Array, layout: Layout) -> Drawn | None:
-        """Return the particles drawn anew; None: they need not be."""
+        """Return the particles drawn again; None: they need not be."""
         events = len(self.account.updates)
         if events == self._events:
             return None

@@ -5,9 +5,9 @@ other: it makes a distress on the way likelier, and slow passages too. It holds 
 something is searched or seen later, and as a plan begins, those that have come in since are known
 to be no longer missing.
 
-In port is who has arrived by its own reckoning, and lies within a radius of its last way point.
-Whom the current has set farther off, or who kept farther off its way, would not be there: it goes
-on as what it is.
+In port is who has arrived by its own dead reckoning, and lies within a radius of its last way
+point. Whom the current has set farther off, or who kept farther off its way, would not be there: it
+goes on as what it is.
 """
 
 from collections.abc import Sequence

@@ -337,22 +337,23 @@ class PlanSpec:
 
 @dataclass(frozen=True)
 class Resampling:
-    """When and how particles are drawn anew in proportion to their weights."""
+    """When and how particles are drawn again in proportion to their weights."""
 
     method: Literal["systematic", "kahn", "duplicates", "position", "course", "combined"] = (
         "systematic"
     )
-    # share of the particles; with fewer effective ones, or survivors, they are drawn anew; 0: never
+    # share of the particles; with fewer effective ones, or survivors, they are drawn again; 0:
+    # never
     below: float = 0.0
     across: bool = False  # whether slots may go from one scenario to another, or each keeps its own
     bulk: float = (
-        # share of survivors below which a contact places particles anew, and silence loses the
+        # share of survivors below which a contact places particles again, and silence loses the
         # track; 0: never
         0.0
     )
-    fastest: float = 0.0  # [m/s] of what is placed anew
+    fastest: float = 0.0  # [m/s] of what is placed again
 
     @property
     def fills(self) -> bool:
-        """Whether particles are placed anew at contacts."""
+        """Whether particles are placed again at contacts."""
         return self.bulk > 0

@@ -39,9 +39,9 @@ class Update:
     # probability that it would have found the object alive; only with survival times
     alive: Array | None = None
     cumulative: Array | None = None  # 1 - product of (1 - pos) over the sorties so far
-    ess_resampled: float | None = None  # after particles were drawn anew, if they were
+    ess_resampled: float | None = None  # after particles were drawn again, if they were
     standing: Standing | None = None  # how the search stands then
-    # "contact": particles were placed anew where it may have been; "lost": it left too few for a
+    # "contact": particles were placed again where it may have been; "lost": it left too few for a
     # track; "": neither
     filled: Literal["", "contact", "lost"] = ""
     # share of the original particles that still have descendants, after this update
@@ -49,12 +49,12 @@ class Update:
 
     @property
     def resampled(self) -> bool:
-        """Whether particles were drawn anew after it."""
+        """Whether particles were drawn again after it."""
         return self.ess_resampled is not None
 
     @property
     def left(self) -> float:
-        """How many particles count from it on: copies add nothing, but what is placed anew does."""
+        """How many particles count from it on: copies add nothing, but what is placed again does."""
         return (
             self.ess_after
             if self.ess_resampled is None or self.filled != "contact"

@@ -53,7 +53,7 @@ class Marginal:
 class Weighted(NamedTuple):
     """Particles by their weights, and what these and their squares add up to."""
 
-    # log_weight; lineage where any was drawn anew; holds of a quantity that means nothing for some
+    # log_weight; lineage where any was drawn again; holds of a quantity that means nothing for some
     columns: Columns
     top: float  # the largest log weight of all
     total: Array  # (rows,) in units of the largest weight

@@ -25,7 +25,7 @@ class Losses:
     loss: NDArray[np.float32]  # [dB] (p, b, r), of each place
     lon: Array  # float64 (p,) [rad] of the places; (0,): the same everywhere, with p = 1
     lat: Array
-    name: str = ""  # for messages: the file, or how it was reckoned
+    name: str = ""  # for messages: the file, or how it was computed
 
 
 @dataclass(frozen=True, eq=False)

@@ -381,7 +381,7 @@ def _coarsened(area: areas.Area, grid: Cells) -> tuple[Array, Cells]:
 
 
 def _containment(own: areas.Area, total: Array, cell_area: Array) -> Array:
-    """Return the containment on the common cells: the map's own, or anew from the sums of finer
+    """Return the containment on the common cells: the map's own, or again from the sums of finer
     cells.
     """
     if total.shape == own.cells.shape:

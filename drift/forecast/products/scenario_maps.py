@@ -26,8 +26,8 @@ from drift.products.maps.sheet import Badge, Row, Sheet
 from geo import notation
 
 WIDE, GAP, OVER, SIDE = 3.0, 0.14, 0.46, 0.35  # [in] of a map, between maps, over each, left of all
-LETTERS = 30  # of a story's name over its map
-LIKELY = 0.01  # probability of a story from which on the maps' extent follows it
+LETTERS = 30  # of a scenario's name over its map
+LIKELY = 0.01  # probability of a scenario from which on the maps' extent follows it
 
 
 def plot_scenarios(
@@ -115,14 +115,14 @@ def _count(story: OneScenario, setting: Setting) -> effective.Count:
 
 
 def _bounds(story: OneScenario) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the longitudes and latitudes [deg] between which a story's largest area lies."""
+    """Return the longitudes and latitudes [deg] between which a scenario's largest area lies."""
     west, south, east, north = layers.widest(story.forecast.contours).bounds
     return (west, east), (south, north)
 
 
 def _own(setting: Setting, story: OneScenario) -> Setting:
-    """Return a setting with what is marked of a story alone: as drift.forecast.starts labels it; a
-    release is of all.
+    """Return a setting with what is marked of a scenario alone: as drift.forecast.starts labels it;
+    a release is of all.
     """
     marks = [mark for mark in setting.marks if mark.label.partition(", ")[2] in ("", story.name)]
     return replace(

@@ -238,7 +238,7 @@ def _go_on(
 
 
 def _drawn_anew(job: Job, run: Divided, kept: Work, way: _Way, told: Told, since: From) -> From:
-    """Draw all particles anew at the end of a stretch if too few of them count; return where the
+    """Draw all particles again at the end of a stretch if too few of them count; return where the
     next goes on.
     """
     name, layout = f"drawn-{way.number:03}", way.layout

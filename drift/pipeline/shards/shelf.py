@@ -44,7 +44,7 @@ from kernels.runtime import runtime
 NOTED = 80
 # [bytes] a particle where shards meet, about; more for each kind of debris
 STATE, DEBRIS = 200, 100
-DRAWN = 24  # [bytes] a particle, each time that particles are drawn anew
+DRAWN = 24  # [bytes] a particle, each time that particles are drawn again
 
 
 @contextlib.contextmanager
@@ -197,7 +197,7 @@ def _removed_if_empty(folder: Path) -> None:
 
 def _take_up(work: Work, fingerprint: Mapping[str, str]) -> None:
     """Use what a run before has finished, if it was the same; else say what has changed, and begin
-    anew.
+    again.
     """
     about, before = work.folder / ABOUT, mark_of(work.folder)
     if before == dict(fingerprint):

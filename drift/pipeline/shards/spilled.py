@@ -1,6 +1,6 @@
 """A spill's run cut into shards: ranges of whole blocks of its worlds, with all classes of objects.
 
-Each round, the worlds first drawn and those drawn anew after it, is moved shard by shard, and what
+Each round, the worlds first drawn and those drawn again after it, is moved shard by shard, and what
 it was like is kept beside the rounds before. What finds say of worlds is made of their fates, read
 from the files of the shards part by part, as from the file of a run in one piece.
 """

@@ -2,9 +2,9 @@
 over.
 
 They meet where a doubtful contact asks how likely it was by all particles, and after a step in
-which something took effect if particles may be drawn anew. There a shard stops. Before a contact it
-leaves its state as it was at the begin of the step, which is made again once the answer is known;
-nothing of that step counts until then.
+which something took effect if particles may be drawn again. There a shard stops. Before a contact
+it leaves its state as it was at the begin of the step, which is made again once the answer is
+known; nothing of that step counts until then.
 
 What took effect is taken down in the shard's reel, with all columns from which it is told later
 (drift.pipeline.shards.told).
@@ -130,7 +130,7 @@ class Stretch:
         raise Stop
 
     def anew(self, log_weight: Array, layout: Layout) -> Drawn | None:
-        """Stop to ask whether particles are drawn anew."""
+        """Stop to ask whether particles are drawn again."""
         self._keep(self._until)
         self.ended(Result(self.since, anew=True))
         raise Stop

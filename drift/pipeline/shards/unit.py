@@ -34,7 +34,7 @@ class From:
     states: tuple[
         tuple[str, int, int], ...
     ]  # of all shards before: their files, first slots, and those after their last
-    drawn: str = ""  # file of the particles drawn anew since; "": they are themselves
+    drawn: str = ""  # file of the particles drawn again since; "": they are themselves
 
 
 @dataclass(frozen=True)

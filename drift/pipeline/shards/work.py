@@ -30,7 +30,7 @@ from geo.errors import UserError
 ABOUT = "about.json"
 NUMBER, BACKEND = "the number of shards", "the backend"  # in the fingerprint
 INDICES = "shard-*.json"
-# of stretches, of where they ended, of who was drawn anew there
+# of stretches, of where they ended, of who was drawn again there
 KINDS_OF_FILES = ("shard", "state", "drawn")
 FORCING = "forcing"  # folder of slices, which all shards sample and one makes
 CHUNK = 2**24
@@ -109,7 +109,7 @@ class Work:
             data.unlink()
             return
         with self._room(data):
-            if run_in(self.folder) != self.run:  # another run has begun anew there meanwhile
+            if run_in(self.folder) != self.run:  # another run has begun again there meanwhile
                 raise Gone(name)
             index = {**_index(reel), "of": of, "bytes": _digest(data)}
             replace(self._index(name), json.dumps({**index, "seal": self._seal(name, index)}))

@@ -211,7 +211,7 @@ def carried(field: Field, chosen: Chosen) -> Real:
     (m,).
 
     Here an array's fluctuation is carried from slot to slot, and is the same for all of its beams,
-    of which the best is listened to: that is how a watch that processes these beams is reckoned by
+    of which the best is listened to: that is how a watch that processes these beams is computed by
     a run.
     """
     whole = 0, len(field.swarm.time) - 1

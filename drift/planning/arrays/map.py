@@ -51,7 +51,7 @@ def plot_processing(
 ) -> None:
     """Draw which beams are processed when, and how much is heard by then.
 
-    lines: under the title, of a plan, whose chances are of slots begun anew; without them what the
+    lines: under the title, of a plan, whose chances are of slots begun again; without them what the
     allocation is worth.
     """
     told = lines or [processing_text.worth(allocation)]

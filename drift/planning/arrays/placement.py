@@ -34,8 +34,8 @@ FIRST = 1  # stage on whose particles all ships' ways are first chosen together
 STARTS = 40  # ways of the first ship from which that begins
 # first steps: of the size of where it may begin, degrees of course, of the turn's share
 STEPS = (0.10, 12.0, 0.15)
-TURNS = 3  # most times that all ships are placed anew
-WORTH = 1e-3  # share of the value by which placing a ship anew is worth it
+TURNS = 3  # most times that all ships are placed again
+WORTH = 1e-3  # share of the value by which placing a ship again is worth it
 POOL = 4  # ways of each ship that alternatives are made of
 
 

@@ -10,7 +10,7 @@ So -log of a miss is at most the sum of hazards h of the cells through which an 
 Ways from cell to cell at the ship's speed are then mixed: the sum over particles of w (1 - exp(-sum
 y h)) is concave in the shares y, so that Frank and Wolfe's method (1956) bounds its maximum from
 above at every step. What is relaxed, therefore: the array takes the best of its cell and of all
-headings, turns at will, draws its fluctuation anew at each slot, and may be shared out among ways.
+headings, turns at will, draws its fluctuation again at each slot, and may be shared out among ways.
 Bound and plan are compared on the same particles.
 """
 

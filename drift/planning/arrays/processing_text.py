@@ -127,7 +127,7 @@ def summary_of_processing(allocation: Allocation, hearing: Hearing, names: Names
 
 
 def pod(plan: Any) -> str:
-    """Return in a line what a plan is worth as a run would reckon it; plan: a
+    """Return in a line what a plan is worth as a run would compute it; plan: a
     drift.planning.arrays.processing_plan.ProcessingPlan.
     """
     return (
@@ -137,7 +137,7 @@ def pod(plan: Any) -> str:
 
 
 def begun_anew(plan: Any) -> str:
-    """Return in a line what a plan is worth if every slot is begun anew, and the bound of that."""
+    """Return in a line what a plan is worth if every slot is begun again, and the bound of that."""
     return f"Each slot by itself, h{worth(plan.allocation)[1:]}"
 
 

@@ -5,7 +5,7 @@ reported, buried, refloated or found before. That is the model of drift.spills.w
 the worlds as the finds weigh them. The visits to a stretch are worth what they find there, with
 diminishing returns, so a plan is a choice of one set of visits for each stretch within each team's
 length of shore a day, solved as an integer programme (HiGHS). In that choice, what refloats and
-lands anew may be counted on two stretches. The plan's figures are computed over all visits at once
+lands again may be counted on two stretches. The plan's figures are computed over all visits at once
 and do not count it twice; the bound does, and so holds all the more.
 """
 

@@ -193,7 +193,7 @@ def ascend(field: allocate.Field, budget: Budget, areas: Array, enough: float = 
             last = k if attained > best + ENOUGH / 10 else last
             best, best_effort = attained, new
         next_t = (1 + np.sqrt(1 + 4 * t * t)) / 2
-        # Momentum starts anew where it leads astray (O'Donoghue and Candes 2015).
+        # Momentum starts again where it leads astray (O'Donoghue and Candes 2015).
         if np.sum((extrapolated - new) * curvature * (new - effort)) > 0:
             t, extrapolated = 1.0, new
         else:

@@ -45,13 +45,13 @@ BINS = 10  # most bins of time while legs are smeared out, where all drifts
 STEERED = 30  # the same where something steers, which turns
 FEW, MORE, MANY = 2_500, 8_000, 10_000  # particles in the first, second and third stage
 BEGINNINGS = 3
-KICKS = 8  # times that two units of the best plan are tasked anew
+KICKS = 8  # times that two units of the best plan are tasked again
 ROUNDS = 4  # most rounds over all units in the first stage
 DRAWN = 768  # rectangles drawn at the beginning of a search
 PATIENCE = 5e-3  # share of what is found that an hour of waiting must add
 PRICES = (0.0, 0.1, 0.3, 1.0)  # prices of being too near to another unit, used one after the other
 NEAR = 0.998  # a new rectangle that saves waiting may lower the plan's worth to this share
-FILLED = 0.9  # a boat that uses less of its search time is tasked anew
+FILLED = 0.9  # a boat that uses less of its search time is tasked again
 # every so many-th particle, in the order of strata, takes no part in making plans but in choosing
 # one
 JUDGES = 3
@@ -228,7 +228,7 @@ def _as_flown(plan: Plan, crews: list[Crew], executed: Stage, rng: np.random.Gen
     """Return a plan improved with its legs as flown.
 
     Smeared out, legs are searched over land too. A boat whose legs end at the coast with time left
-    is tasked anew.
+    is tasked again.
     """
     best = candidates.at_stage(plan, executed)
     for turn in range(2):
@@ -336,7 +336,7 @@ def _kick(
     rng: np.random.Generator,
     prices: Sequence[float],
 ) -> Plan:
-    """Return the plan with two units tasked anew from nothing, and the others improved after that."""
+    """Return the plan with two units tasked again from nothing, and the others improved after that."""
     redone = rng.permutation(len(crews))[:2].tolist()
     kicked: Plan = [None if u in redone else choice for u, choice in enumerate(current)]
     for u in redone:

@@ -117,7 +117,7 @@ def _fork() -> int:
     """Fork; other threads may hold locks, as Python says, but a copy draws, and uses none of
     theirs.
 
-    Matplotlib opens its fonts anew after a fork.
+    Matplotlib opens its fonts again after a fork.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)

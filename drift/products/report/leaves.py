@@ -37,7 +37,7 @@ def maps(
     containment: Array | None = None,
     shown: float = 1.0,
 ) -> Leaf:
-    """Return maps of probability over time, of which one story is shown at a time.
+    """Return maps of probability over time, of which one scenario is shown at a time.
 
     time: datetime64 (t,). lon, lat: cells' middles [deg], evenly spaced. stories: probability by
     cell, (t, nlat, nlon) each, by name; the first is of all. area: of cells [m2], (nlat, nlon).

@@ -223,7 +223,7 @@ def usual(fates: Source, known: Known, log_weight: Real) -> Real:
     before any; else 0.
 
     log_weight: (W,) of the worlds before any find. What others leave on the shore does not change
-    when worlds are drawn anew: it is reckoned once, from the worlds first drawn.
+    when worlds are drawn again: it is computed once, from the worlds first drawn.
     """
     if not any(0 < find.false < 1 for find in known.finds):
         return np.zeros(len(known.finds))

@@ -121,7 +121,7 @@ class Spill:
     windage_bias: float  # standard deviation of the logarithm of a factor on all leeway
     current_bias: float  # [m/s] standard deviation of an error of the current, a component
     reporting_bias: float  # standard deviation of the logarithm of a factor on all reporting rates
-    redraws: int  # times that worlds may be drawn anew where the finds leave too few
+    redraws: int  # times that worlds may be drawn again where the finds leave too few
     stretch: float  # [m] length of a stretch of coast
     stretches: str | None  # file of named ones
     reporting: Reporting

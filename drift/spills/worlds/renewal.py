@@ -1,7 +1,7 @@
 """After a spill's drift: its fates, what the finds say about its worlds, and the washup that
 follows.
 
-Where the finds leave too few worlds that count, worlds are drawn anew about those that do and the
+Where the finds leave too few worlds that count, worlds are drawn again about those that do and the
 drift is run again: this is population Monte Carlo (Cappe et al. 2004, doi:10.1198/106186004X12803).
 The finds are tempered while worlds are chosen, never in the result.
 """
@@ -38,7 +38,7 @@ from geo.array import Array, Real
 from geo.coast.edges import Coast
 from geo.coast.segments import Segments
 
-FEWEST = effective.FEW["worlds"]  # effective worlds below which they are drawn anew
+FEWEST = effective.FEW["worlds"]  # effective worlds below which they are drawn again
 NARROWING = (
     # a renewal narrows by this: its proposal is tempered so that so many times fewer worlds count
     # than drawn
@@ -99,7 +99,7 @@ def settle(
     """Return the run of which the finds leave enough worlds, weighted by the finds, and its
     aftermath.
 
-    renew: draws worlds anew from a proposal and moves their objects through the run; it takes the
+    renew: draws worlds again from a proposal and moves their objects through the run; it takes the
     number of the renewal too, from 1.
     """
     assert first.worlds is not None

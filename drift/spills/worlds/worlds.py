@@ -3,10 +3,10 @@
 The unknowns are drawn as independent standard normals.
 
 Each unknown is a function of one or more latent normals, so a prior is a standard normal in every
-direction, cut to what is possible (releases in the stated area, in water); worlds can be drawn anew
-from any density over the latents and weighted by the ratio of the two (importance sampling; Cappe
-et al. 2004, "Population Monte Carlo", doi:10.1198/106186004X12803). Works on NumPy float64; nothing
-here touches the device.
+direction, cut to what is possible (releases in the stated area, in water); worlds can be drawn
+again from any density over the latents and weighted by the ratio of the two (importance sampling;
+Cappe et al. 2004, "Population Monte Carlo", doi:10.1198/106186004X12803). Works on NumPy float64;
+nothing here touches the device.
 """
 
 import hashlib

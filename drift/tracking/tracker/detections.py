@@ -30,7 +30,7 @@ def swept(
 ) -> list[Sweeps]:
     """Return what each sensor's sweeps came to until an end [s]: what they detected first.
 
-    What is drawn anew from a detection at one time is then cut by what others did not see at that
+    What is drawn again from a detection at one time is then cut by what others did not see at that
     time. A detection's box is the measured range less and more the sensor's share of it, at most
     its reach. Silence counts as `silences` says.
     """

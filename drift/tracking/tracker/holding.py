@@ -71,7 +71,7 @@ class Held:
     # share of the cloud that the plots of the last time left, before it was filled; NaN: none was
     # held
     left: Array
-    drawn: Array  # whether it was drawn anew from them, as too little was left of what was held
+    drawn: Array  # whether it was drawn again from them, as too little was left of what was held
     # that hold each of SHARES; none while no track is held
     areas: tuple[Mapping[float, Region], ...]
     shown: tuple[Shown, ...]
@@ -83,7 +83,7 @@ class Held:
 
     @property
     def anew(self) -> Array:
-        """Whether plots had a cloud drawn anew that knew of a course by two plots or more (n,)."""
+        """Whether plots had a cloud drawn again that knew of a course by two plots or more (n,)."""
         rows = np.flatnonzero(self.detected)
         found = np.zeros(len(self.time), bool)
         found[rows[1:]] = (

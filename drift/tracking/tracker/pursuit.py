@@ -3,7 +3,7 @@
 At the end of each step the vessel looks round: particles within its reach are met, and where it
 sees nothing they are ruled out. Paths are by A* on the cloud binned by cells
 (drift.tracking.tracker.astar). What a path meets is added step by step, so that what stays in reach
-is counted again: a plan is made anew with what is left when the likelihood of having seen nothing
+is counted again: a plan is made again with what is left when the likelihood of having seen nothing
 since the last plan falls below a threshold (Klaas, Southey and Cheeseman 2005, Particle-based
 communication among game agents).
 """
@@ -57,7 +57,7 @@ class Pursuit:
     to: tuple[float, float] | None = None  # where it goes that avoids [rad]
     # [s] of detour that one would take for a meeting less, by -log(1 - share met)
     worth: float = 3600.0
-    threshold: float = 0.8  # likelihood of having seen nothing below which the plan is made anew
+    threshold: float = 0.8  # likelihood of having seen nothing below which the plan is made again
 
     @property
     def times(self) -> Array:
@@ -88,7 +88,7 @@ class Trigger:
 
     def observed(self, weight: float) -> bool:
         """Return whether it is time, by the sum of weights, 1 before, that an observation left;
-        then begin anew.
+        then begin again.
         """
         self.likelihood *= weight
         if self.likelihood >= self.threshold:

@@ -12,7 +12,7 @@ METHODS = {
     "position": 1,
     "course": 2,
     "combined": 3,
-}  # how a box is drawn from anew; kernels.tracking.clouds names the numbers
+}  # how a box is drawn from again; kernels.tracking.clouds names the numbers
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Filling:
 
     method: str = "combined"  # of METHODS
     partial: float = 0.75  # share of the particles below which what is left is duplicated
-    # share below which they are drawn anew from the detection's box; after silence the track is
+    # share below which they are drawn again from the detection's box; after silence the track is
     # lost
     bulk: float = 0.1
 

@@ -29,7 +29,7 @@ NOISE = [(0, 70.0), (60, 66.0), (120, 67.5), (180, 74.0), (240, 73.0), (300, 71.
 GAIN = [(0, 12.0), (60, 9.0), (120, 3.0), (180, 7.0), (240, 2.0), (300, 5.0)]
 LEVEL, THRESHOLD, SIGMA, UNKNOWN = 152.0, -1.5, 5.0, 3.0
 HEADING = (
-    # hearing.Ear lays gains out anew by true bearing: between bearings of the table it would round
+    # hearing.Ear lays gains out again by true bearing: between bearings of the table it would round
     # corners off
     120.0
 )

@@ -1,5 +1,5 @@
-"""The page of drift serve in a real browser: the story of a first case, and what hostile files may
-do there.
+"""The page of drift serve in a real browser: the scenario of a first case, and what hostile files
+may do there.
 """
 
 import re

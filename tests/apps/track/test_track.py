@@ -513,7 +513,7 @@ def test_a_case_of_another_command_is_named() -> None:
 
 
 def test_a_lost_track_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every particle is too slow for the detections: what is drawn anew stays, until radar finds
+    """Every particle is too slow for the detections: what is drawn again stays, until radar finds
     nothing there.
     """
     (tmp_path / "d.csv").write_text(
@@ -762,8 +762,8 @@ def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
     """A fix, and from there two plots on either side, 10 min apart: the share of the cloud in their
     boxes, in the plane.
 
-    The second has a tenth of it and less drawn anew too, of whom nobody knew a course; the third is
-    told of, and not what another sensor has at the same time.
+    The second has a tenth of it and less drawn again too, of whom nobody knew a course; the third
+    is told of, and not what another sensor has at the same time.
     """
     lon, lat, _ = EARTH.fwd(-30.0, 40.0, 37.0, 5 * NMI)
     there = f"{lat:.6f},{lon:.6f}"
@@ -844,7 +844,7 @@ def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
 
 def test_a_plot_on_land_leaves_nothing_and_draws_nothing(tmp_path: Path) -> None:
     """The third, wholly on land: it left none of the cloud, that is told, and nothing is said to be
-    drawn anew from it.
+    drawn again from it.
     """
     (tmp_path / "c.toml").write_text(DOUBTFUL, encoding="utf-8")
     log = (
@@ -867,7 +867,7 @@ def test_a_plot_on_land_leaves_nothing_and_draws_nothing(tmp_path: Path) -> None
     assert np.isnan(held.left[held.row(120.0)])
     assert not held.drawn[held.row(120.0)]
     # In the second of the third another is in water: nothing is left of what was held, and it is
-    # drawn anew.
+    # drawn again.
     (tmp_path / "d.csv").write_text(f"{log}+20 min,radar,140,6\n", encoding="utf-8")
     found = drift.track(tmp_path / "c.toml", changes=off)
     assert files.summary_of_track(found)["drawn_anew"] == [

@@ -118,7 +118,7 @@ def dense(tracks, law, mean):
         )
         covariance = steps @ position @ steps.T
         for c in range(2):
-            # sums start anew with each stretch, and no step crosses from one to the next
+            # sums start again with each stretch, and no step crosses from one to the next
             left = steps @ (tracks.data[d, :n, c] - tracks.regressors[d, :n, c] @ mean)
             total += stats.multivariate_normal(np.zeros(len(left)), covariance).logpdf(left)
             design = steps @ tracks.regressors[d, :n, c]

@@ -464,4 +464,5 @@ def test_a_shared_voyage_that_is_wrong(tmp_path: Path, old: str, new: str, told:
     assert all(
         told in line or line.startswith("trial.toml: scenario") for line in refusal.value.lines
     )
-    assert any(told in line for line in refusal.value.lines)  # a line for each story that names it
+    # a line for each scenario that names it
+    assert any(told in line for line in refusal.value.lines)

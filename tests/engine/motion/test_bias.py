@@ -154,7 +154,7 @@ def test_a_bias_is_no_copy_of_the_error_that_each_particle_starts_with(folder: P
 
 
 def test_copies_keep_the_bias_of_what_they_were_drawn_from(folder: Path) -> None:
-    """A sortie over the east at 12 h, then drawing anew: every track, followed through its
+    """A sortie over the east at 12 h, then drawing again: every track, followed through its
     ancestors, still has one velocity.
     """
     sortie = """uncertainty.current = { std = 0, bias = "0.1 m/s" }

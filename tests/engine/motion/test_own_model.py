@@ -1,5 +1,5 @@
 """Drift models of a user's own: the iceberg of docs/howto/model.md against its balance of forces,
-leeway written anew, and refusals.
+leeway written again, and refusals.
 """
 
 import re

@@ -159,7 +159,7 @@ def test_releases_are_uniform_in_their_window_forward_and_backward() -> None:
 def test_scenarios_share_the_particles_and_keep_their_weights() -> None:
     spec = told(scenario(position(-88, 27), 0.999, "a"), scenario(position(-85, 25), 0.001, "b"))
     ensemble = columns(spec)[0]
-    # an unlikely story is still told by 5 %
+    # an unlikely scenario is still told by 5 %
     assert ensemble.bounds[1] / N == pytest.approx(0.999 / 1.049, abs=1e-4)
     assert record.weighed(ensemble).scenarios == pytest.approx([0.999, 0.001], rel=1e-5)
 

@@ -22,7 +22,7 @@ N, OUTPUTS = BOUNDS[-1], 5
 
 def moments(ensemble: Ensemble, weighted: bool) -> list[Moment]:
     """Return five moments, of which the second and the fourth come after particles have been drawn
-    anew.
+    again.
     """
     random, taken, lineage = np.random.default_rng(3), [], None
     for k in range(OUTPUTS):

@@ -155,7 +155,7 @@ def test_counts_leave_none_without() -> None:
 
 @pytest.mark.parametrize("across", [False, True])
 def test_a_mixture_of_kalman_filters(tmp_path: Path, across: bool) -> None:
-    """Stories of normals that diffuse: their posterior after fixes, and a sortie under way that
+    """Scenarios of normals that diffuse: their posterior after fixes, and a sortie under way that
     sees some, in closed form.
     """
     fixes = [
@@ -229,8 +229,8 @@ def test_a_mixture_of_kalman_filters(tmp_path: Path, across: bool) -> None:
 
 
 def test_tracks_and_debris_follow_particles_into_other_slots(tmp_path: Path) -> None:
-    """Each track begins where its story does, and each piece of debris lies by its own story's
-    objects.
+    """Each track begins where its scenario does, and each piece of debris lies by its own
+    scenario's objects.
     """
     contact = '[[contact]]\nname = "{name}"\n{of}time = "{time}"\nposition = {{ at = [179.97, 30.01], error = "{error} nmi" }}\n'
     more = contact.format(name="one", of="", time="+70 min", error=1.5)

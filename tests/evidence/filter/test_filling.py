@@ -1,4 +1,4 @@
-"""Particles placed anew at contacts, against Borovies' rules (2007, III.B.2) written out a second
+"""Particles placed again at contacts, against Borovies' rules (2007, III.B.2) written out a second
 time, on vectors, from what a run puts out.
 """
 
@@ -179,7 +179,7 @@ radius = "6 nmi"
     result = run(tmp_path, "combined", case=CASE + look)
     assert [update.filled for update in result.updates.all] == ["", "lost", "contact"]
     assert not result.updates.all[1].resampled  # what little is left is not multiplied
-    # what is placed anew counts
+    # what is placed again counts
     assert not any("effective after" in warning for warning in result.summary["warnings"])
     assert any("track is lost" in warning for warning in result.summary["warnings"])
     assert any(

@@ -62,8 +62,8 @@ def close(found: float, share: float) -> None:
 
 
 def test_whom_the_current_has_set_off_is_not_in_port(tmp_path: Path) -> None:
-    """By its reckoning it is there after 60 nmi, and the current has set it 60 / v nmi off: within
-    12 nmi if it made 5 knots.
+    """By its dead reckoning it is there after 60 nmi, and the current has set it 60 / v nmi off:
+    within 12 nmi if it made 5 knots.
 
     At 11 h those of 60 / 11 knots and more are known to be in port, at the sortie those of 5 knots
     too, and nobody else ever.
@@ -85,8 +85,8 @@ def test_whom_the_current_has_set_off_is_not_in_port(tmp_path: Path) -> None:
         1 - near, abs=3 * math.sqrt(0.25 / N)
     )
     assert not rest
-    # The others go on as what they are: arrived by their reckoning, on the map, and with all of the
-    # weight.
+    # The others go on as what they are: arrived by their dead reckoning, on the map, and with all
+    # of the weight.
     assert result.summary["account"]["arrived"] == pytest.approx(1, abs=1e-6)
     snapshot = result.forecast.data.isel(time=-1)
     # those of 4 to 5 knots lie 60 / v off: on average 60 ln(5 / 4)

@@ -85,7 +85,7 @@ def test_what_is_settled_is_what_the_targets_do(tmp_path: Path) -> None:
 
 
 def test_copies_keep_what_was_settled(tmp_path: Path) -> None:
-    """What is read after particles have been drawn anew is what their ancestors had."""
+    """What is read after particles have been drawn again is what their ancestors had."""
     case = load(tmp_path, COURSE, BRIDGE, n=900)
     runtime.start()
     begin = run_setup.prepare(case, run_setup.open_for(case))

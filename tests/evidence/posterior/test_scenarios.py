@@ -148,7 +148,7 @@ def test_the_picture_is_drawn_however_long_names_are(
 
 
 def test_the_report_lists_few_rows(run: tuple[Result, Path]) -> None:
-    """Scenarios by rank and by axis; the table of what is believed has no rows of single stories."""
+    """Scenarios by rank and by axis; the table of what is believed has no rows of single scenarios."""
     found = {
         leaf["title"]: leaf
         for leaf in chapter._leaves(posteriors(run), ranking.ranking_of(posteriors(run)))

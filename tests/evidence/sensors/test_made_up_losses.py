@@ -64,7 +64,7 @@ def test_under_a_mirror_it_is_the_sound_and_its_image() -> None:
 
 
 def sound_speed(depth: np.ndarray | float) -> np.ndarray:
-    """Return Munk's canonical profile about AXIS, written out anew [m/s]."""
+    """Return Munk's canonical profile about AXIS, written out again [m/s]."""
     eta = (np.asarray(depth) - AXIS) / 650
     return 1492 * (1 + 0.00737 * (np.exp(-eta) - (1 - eta)))
 

@@ -162,7 +162,7 @@ law = "definite_range"
 @pytest.mark.parametrize("more", ["", "[resampling]\nbelow = 0.999\n"])
 def test_alive_and_never_searched_are_those_of_bayes_by_hand(tmp_path: Path, more: str) -> None:
     """A uniform prior at rest, its west searched, then its south: posterior and alive in closed
-    form, by story and of all.
+    form, by scenario and of all.
     """
     result = run(tmp_path, more=SOUTH + more)
     suspension = flow.suspension(result)
@@ -385,8 +385,8 @@ def test_a_day_like_the_last_one(small: tuple[drift.Result, decision.Suspension,
     np.testing.assert_allclose(swept / further.area(sorties[0]), [0.5, 0.8], rtol=1e-6)
     one = suspension.further[0]
     whole = 60 * np.cos(np.radians(45.2)) * 24 * 1852**2
-    # No more is found than if each story had all effort where it is likeliest, and no less than by
-    # even effort
+    # No more is found than if each scenario had all effort where it is likeliest, and no less than
+    # by even effort
     low = float(suspension.share @ -np.expm1(-swept / whole))
     assert (
         low - 3 * one.pos_error

@@ -613,7 +613,7 @@ def test_a_library_that_crashes_or_hangs_is_one_line(
     first = decoder._running().process
     first.kill()
     first.wait()
-    # a helper that went away between two questions is started anew
+    # a helper that went away between two questions is started again
     assert decoder.values(raw).size == 900
     assert decoder._running().process.pid != first.pid
 

@@ -65,7 +65,7 @@ def swarm(m: int, scenario: np.ndarray) -> tuple[Swarm, np.ndarray, np.ndarray]:
 def chances(
     far: np.ndarray, turn: np.ndarray, level: np.ndarray, bin_: int, gain: np.ndarray
 ) -> np.ndarray:
-    """Return the probability that the excess and a fluctuation drawn anew are above 0."""
+    """Return the probability that the excess and a fluctuation drawn again are above 0."""
     closed = np.linspace(0, 2 * np.pi, LOSS.shape[1] + 1)
     lost = np.zeros(far.size)
     for place, weight in zip(WHICH[bin_], WEIGHT[bin_], strict=True):

@@ -79,7 +79,7 @@ def printed(code: str, folder: Path, *arguments: str, fork: str = FORK) -> list[
 
 
 def test_groups_are_told_apart_from_launch_to_launch(tmp_path: Path) -> None:
-    """Other arrays and numbers, without compiling anew; and one array that stands twice in its
+    """Other arrays and numbers, without compiling again; and one array that stands twice in its
     group.
     """
     assert printed(GROUPS, tmp_path) == [

@@ -80,7 +80,7 @@ def test_both_ways_give_the_same_bits() -> None:
 def test_insides_are_used_of_the_release_that_is_known_alone(
     version: str, environment: dict[str, str], way: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What chooses is run anew, here, beside the one that has chosen."""
+    """What chooses is run again, here, beside the one that has chosen."""
     monkeypatch.delenv("DRIFT_PLAIN_TAICHI", raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)

@@ -96,7 +96,7 @@ def test_courses_change_at_exponential_times() -> None:
         np.radians(20.0), np.radians(3.0), np.radians(fleet["lon"]), np.radians(fleet["lat"])
     )
     # A velocity jump process: E r^2 = 2 v^2 (mean t - mean^2 (1 - exp(-t / mean))) for directions
-    # drawn anew.
+    # drawn again.
     t, m, v = hours * HOUR, mean * HOUR, 4.0
     expected = 2 * v * v * (m * t - m * m * (1 - np.exp(-t / m)))
     squared = east**2 + north**2
@@ -512,7 +512,7 @@ def test_distress(kind: str) -> None:
         d = triangle(rng, 0, 2, 6, 3.0, 200_000) * HOUR
         t = 2 * HOUR + triangle(rng, 0, 8, 10, 4.0, 200_000) * HOUR
         # Given its departure the distress comes after it: weigh departures alike, draw the distress
-        # anew until it does.
+        # again until it does.
         while (early := t < d).any():
             t[early] = 2 * HOUR + triangle(rng, 0, 8, 10, 4.0, int(early.sum())) * HOUR
         assert stats.ks_2samp(release, t).pvalue > 1e-4

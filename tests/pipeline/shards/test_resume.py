@@ -287,7 +287,7 @@ def test_what_is_made_afterwards_may_change(
 def test_the_memory_counts_where_a_run_goes_on(
     case: drift.Case, made: drift.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A run that was cut into fewer shards than the memory asks for now begins anew."""
+    """A run that was cut into fewer shards than the memory asks for now begins again."""
     out = tmp_path / "out"
     with pytest.raises(Stopped):
         drift.run(case, out, shards=2, report=stopping(0.6))

@@ -409,7 +409,7 @@ def test_two_workers_make_the_same(
 @pytest.mark.usefixtures("unwritten")
 def test_one_that_loses_too_much_keeps_nothing(tmp_path: Path) -> None:
     """What finds leave cannot mend it: the same refusal as in one piece, and the next run begins
-    anew.
+    again.
     """
     case = case_of(tmp_path, FINDS)
     lossy = drift.vary(case, {"domain.south": -0.04, "domain.north": 0.15, "max_lost": 0.05})

@@ -83,7 +83,9 @@ def toward(here, there) -> tuple[float, float]:
 
 
 def chance_now(own: Sonar, beam: int, here, heading: float, there, level: float) -> float:
-    """Return the probability that excess and a fluctuation drawn anew are above 0, from the tables."""
+    """Return the probability that excess and a fluctuation drawn again are above 0, from the
+    tables.
+    """
     far, bearing = toward(here, there)
     if far > RINGS[-1]:
         return 0.0

@@ -562,8 +562,8 @@ def test_boxes_are_cut_where_they_are_plainly_uneven() -> None:
 # (share that is close together, price of the densest place at which search stops)
 @pytest.mark.parametrize(("share", "price"), [(0.01, 0.1), (0.2, 0.1), (0.2, 0.4)])
 def test_a_few_particles_close_together_in_a_wide_cloud(share: float, price: float) -> None:
-    """An unlikely story that says where: spread over boxes of the whole, it was bounded by 0.6 to
-    0.9 of what finds it.
+    """An unlikely scenario that says where: spread over boxes of the whole, it was bounded by 0.6
+    to 0.9 of what finds it.
 
     Random search of a radial density: coverage log(rho / price) where that is above 0 (Koopman
     1957).
@@ -644,7 +644,7 @@ def test_where_it_tells_nothing_it_says_why() -> None:
     for seen, scored in ((0.81, 0.7), (0.7, 0.83)):
         assert "more than the estimate" in bound.silent(0.8, 5000, 0.01, seen, scored)
     # It speaks up to where these begin: as many particles, as high, as unsure, and a plan that is
-    # all that was reckoned.
+    # all that was computed.
     assert bound.silent(0.8, 1000, 0.01, 0.7, 0.7) == ""
     assert bound.silent(0.995, 5000, 0.01, 0.7, 0.7) == ""
     assert bound.silent(0.8, 5000, 0.05, 0.7, 0.7) == ""

@@ -130,7 +130,7 @@ def mixture(tmp_path_factory: pytest.TempPathFactory) -> tuple[Job, Tracks]:
 
 
 def scored(case: Case, tracks: Tracks, name: str) -> tuple[np.ndarray, Sortie]:
-    """Return the POS by scenario that the planner reckons of an area of AREAS, and the sortie that
+    """Return the POS by scenario that the planner computes of an area of AREAS, and the sortie that
     it makes of it.
     """
     plane = record.plane(tracks)
@@ -156,7 +156,7 @@ def test_what_a_sortie_is_reckoned_to_find_it_finds_when_executed(
     particles' own seed.
 
     Drifters and yachts take the same ways in both. What is left is that tracks are straight for
-    five minutes, and the flat plane: 1 %. A bridge is drawn anew between the ends of its steps: K
+    five minutes, and the flat plane: 1 %. A bridge is drawn again between the ends of its steps: K
     sqrt(30 min) / 2 = 2.8 nmi, about an area's margin; the two then differ by less than four
     standard errors of independent draws.
     """

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.browser
 GLOBE = ccrs.Globe(semimajor_axis=sphere.RADIUS, semiminor_axis=sphere.RADIUS, ellipse=None)
 NASTY = "</script><img src=x onerror=alert(1)>"
 
-# Off Taveuni, whose middle 180 degrees crosses: two stories, one with a hostile name, a sortie, a
+# Off Taveuni, whose middle 180 degrees crosses: two scenarios, one with a hostile name, a sortie, a
 # sighting.
 SEAM = f"""
 title = "Taveuni {NASTY}"

@@ -177,7 +177,7 @@ def _at_sea(lon: Array, lat: Array) -> Array:
 
 
 def test_a_renewal_finds_the_same_member(tmp_path: Path) -> None:
-    """With few worlds the finds leave too few, so worlds are drawn anew about those: members are
+    """With few worlds the finds leave too few, so worlds are drawn again about those: members are
     drawn with them.
     """
     result = drift.run(load(tmp_path, 100, redraws=2))

@@ -342,7 +342,7 @@ def test_a_fit_in_words_and_as_a_line_of_a_case() -> None:
 
 
 def test_real_ships(data: Path) -> None:
-    """Ships about the Suez Canal every 3 h at over 5 kn, beside a plain reckoning in a plane: the
+    """Ships about the Suez Canal every 3 h at over 5 kn, beside a plain computation in a plane: the
     same triples, K within 0.3 %.
     """
     path = data / "ships" / "suez_ships.csv"

@@ -119,7 +119,7 @@ def test_a_track_follows_its_detections_and_its_areas_grow_in_silence() -> None:
 
 def test_a_track_is_lost_and_found_again() -> None:
     """Within reach of a radar that finds nothing no particle is left; a later detection begins
-    anew.
+    again.
     """
     asked = tracking.load("lost_contact")
     seen = found((60, 1, 40, 6), (3000, 1, 20, 9))

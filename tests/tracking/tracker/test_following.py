@@ -267,7 +267,7 @@ def test_a_hider_flees_within_its_sector() -> None:
 
 
 def test_of_two_detections_at_one_time_the_first_tells_no_speed() -> None:
-    """A second box in the first, a sixth of it: what is drawn anew is as likely as what was left,
+    """A second box in the first, a sixth of it: what is drawn again is as likely as what was left,
     on any course at any speed.
     """
     here = path.vector(LON, LAT)

@@ -204,7 +204,7 @@ def test_clouds_are_filled_below_their_thresholds_and_at_them_are_not(
     scene = World(STILL, sweeps.ordered([box, look, sweeps.marks(np.array([10.0]), STILL)]))
     found = Clouds([scene], [law], 32, 7).go()
     assert len(found.particles(0, 0, 10.0).weight) == after
-    if after == 32:  # copies of those that were left, none drawn anew
+    if after == 32:  # copies of those that were left, none drawn again
         assert len(np.unique(found.particles(0, 0, 10.0).place.round(9), axis=0)) <= left
 
 

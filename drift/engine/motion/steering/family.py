@@ -35,8 +35,8 @@ class Family:
     stories: tuple[tuple[int, ...], ...]  # of each its values on the axes, by number
 
     def __hash__(self) -> int:
-        """Return the hash of its name: that of thousands of stories would be reckoned anew for each
-        of them.
+        """Return the hash of its name: that of thousands of scenarios would be computed again for
+        each of them.
         """
         return hash(self.name)
 

@@ -303,7 +303,7 @@ def columns(ensemble: Ensemble) -> dict[str, Device]:
 
 
 def place_targets(ensemble: Ensemble, slots: Array, new: Mapping[str, Array], time: int) -> None:
-    """Place targets that keep a course or act anew, under way at a time at which a step ends [s
+    """Place targets that keep a course or act again, under way at a time at which a step ends [s
     after start].
 
     slots: (m,); new: lon, lat, course [rad], speed [m/s], change [s after start]: when those change

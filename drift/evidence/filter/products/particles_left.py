@@ -53,7 +53,7 @@ def _cause(update: Update, contacts: Sequence[Contact]) -> str:
 
 
 def _placed(update: Update) -> str:
-    """Return a warning of the first update after which particles were placed anew."""
+    """Return a warning of the first update after which particles were placed again."""
     return (
         f"Particles were repopulated {after(update)}, as [resampling] asks: a heuristic, no posterior. Areas and shares from then on are "
         "rough; speed and course are of the particles before"

@@ -2,8 +2,8 @@
 begins.
 
 dlat/dt = (way north + v) / R, dlon/dt = (way east + u) / (R cos lat), all at the place where the
-vessel is; the way through the water is that of its reckoning: its compass course, or towards its
-next way point from where it reckons to be.
+vessel is; the way through the water is that of its dead reckoning: its compass course, or towards
+its next way point from its dead-reckoned position.
 """
 
 import json
@@ -155,8 +155,8 @@ def test_a_course_through_a_sheared_current_is_of_second_order(tmp_path: Path) -
 
 
 class Voyage:
-    """Where vessels reckon to be, and how they go through the water; they pass way points at whole
-    seconds.
+    """The dead-reckoned positions of vessels, and how they go through the water; they pass way
+    points at whole seconds.
     """
 
     def __init__(self, departure: Array, speed: Array) -> None:
@@ -186,7 +186,7 @@ def test_a_voyage_misses_its_way_points_and_goes_adrift_from_where_it_is(tmp_pat
     """Places inside steps, round a bend, and after the distress, by a step of 10 min.
 
     Over the step with the bend a vessel keeps, for up to half of it, the wrong one of its two ways
-    east when what its compass course makes of the latitude it is set to is reckoned; else the
+    east when what its compass course makes of the latitude it is set to is computed; else the
     scheme errs by 0.3 m, its 10 m at an hour over 36.
     """
     times = [7 * HOUR + 1000, 10 * HOUR + 333, 18 * HOUR + 60, 24 * HOUR]

@@ -156,7 +156,7 @@ def test_an_array_that_passes_close_by(tmp_path: Path) -> None:
 
 
 def test_transit_legs_hear_nothing(tmp_path: Path) -> None:
-    """Of three legs the middle one: what was not heard on the first is drawn anew on it."""
+    """Of three legs the middle one: what was not heard on the first is drawn again on it."""
     way = Way((0.5, 2.0, 3.5, 5.5), ((-30.3, 35.8), (-30.1, 36.0), (-30.0, 35.7), (-29.6, 36.0)))
     sonar = array(rate=0.4)
     ran = run(

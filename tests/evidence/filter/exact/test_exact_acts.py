@@ -1,4 +1,4 @@
-"""Stories of a boat that keeps on, flees from a patrol or seeks it, weighed by two contacts:
+"""Scenarios of a boat that keeps on, flees from a patrol or seeks it, weighed by two contacts:
 against NumPy and pyproj by brute force.
 """
 
@@ -140,7 +140,7 @@ def moved(rng: np.random.Generator, story: str) -> tuple[np.ndarray, np.ndarray]
 
 @pytest.fixture(scope="module")
 def boxes() -> list[tuple[np.ndarray, np.ndarray]]:
-    """Who is in the boxes, by stories."""
+    """Who is in the boxes, by scenarios."""
     rng = np.random.default_rng(3)
     return [moved(rng, story) for story in ("keeps on", "flees", "seeks")]
 
@@ -149,7 +149,7 @@ def boxes() -> list[tuple[np.ndarray, np.ndarray]]:
 def test_stories_are_weighed_as_brute_force_weighs_them(
     step: int, boxes: list[tuple[np.ndarray, np.ndarray]], tmp_path: Path
 ) -> None:
-    """The probability of each story after each contact, within four standard errors of both
+    """The probability of each scenario after each contact, within four standard errors of both
     simulations.
     """
     path = tmp_path / "case.toml"

@@ -224,7 +224,7 @@ def brute():
 
 @pytest.fixture(scope="module", params=["", "resampling.below = 0.95\n"], ids=["", "resampled"])
 def run(request, tmp_path_factory):
-    """The run, and what a particle counts less for being drawn anew."""
+    """The run, and what a particle counts less for being drawn again."""
     path = tmp_path_factory.mktemp("bridge") / "case.toml"
     path.write_text(request.param + CASE)
     result = drift.run(drift.load(path))
@@ -252,7 +252,7 @@ def test_places(brute, run):
     tracks = result.trajectories
     for when, there in enumerate(places):
         if worse > 1 and when < 2:
-            # the tracks of what is drawn anew later are no sample of what was known before that
+            # the tracks of what is drawn again later are no sample of what was known before that
             continue
         at = np.searchsorted(
             tracks.time, tracks.time[0] + np.timedelta64(round(TIMES[when] * HOUR), "s")

@@ -21,7 +21,7 @@ PARTICLES = 300_000
 
 
 def names() -> list[str]:
-    """Return what the oracle's stories are called in the case."""
+    """Return what the oracle's scenarios are called in the case."""
     return [
         f"north, {families.SPEEDS[v]:g}-{families.SPEEDS[v + 1]:g} kn, +{families.DEPARTURES[t]:g} h, {families.MERIDIANS[r]:.2f}"
         for r, v, t in families.STORIES
@@ -37,7 +37,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 @pytest.fixture(scope="module")
 def number(run: Result) -> list[int]:
-    """Return where the oracle's stories stand among the scenarios."""
+    """Return where the oracle's scenarios stand among the scenarios."""
     found = {scenario.name: k for k, scenario in enumerate(run.case.scenarios)}
     return [found[name] for name in names()]
 
@@ -49,7 +49,7 @@ def test_the_family_is_what_the_oracle_thinks(run: Result, number: list[int]) ->
 
 
 def drawn() -> np.ndarray:
-    """Return how many particles stories have: as their weights, to the nearest."""
+    """Return how many particles scenarios have: as their weights, to the nearest."""
     return np.maximum(families.PRIOR * PARTICLES - 1, 1)
 
 
