@@ -81,6 +81,20 @@ def test_help_explains_each_argument_result_and_error(name: str) -> None:
     assert name == "progress" or "UserError: " in found["Raises"]
 
 
+@pytest.mark.parametrize(
+    "name", ["run", "plan", "patrol", "place", "allocate", "origin", "compare"]
+)
+def test_a_case_alone_is_enough_and_options_have_their_defaults(name: str) -> None:
+    signature = inspect.signature(getattr(drift, name))
+    cases = ["a case"] * (2 if name == "compare" else 1)
+    given = signature.bind(*cases)
+    given.apply_defaults()
+    shared = ("datasets", "threads", "backend", "overwrite", "report")
+    assert [given.arguments[key] for key in shared] == [None, None, "cpu", False, None]
+    with pytest.raises(TypeError, match="thread"):
+        signature.bind(*cases, thread=2)
+
+
 def test_help_of_a_run_says_units_and_shapes() -> None:
     shown = pydoc.render_doc(drift.run, renderer=pydoc.plaintext)
     for words in (

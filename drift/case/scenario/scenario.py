@@ -215,7 +215,7 @@ class ScenarioTable(fields.Table):
     """How what is adrift moves:
 
     `drift`, by the leeway of its object, or a Python file with a velocity of your own
-    ([how](howto/model.md)).
+    (`docs/howto/model.md` shows one).
     """
     parameters: dict[str, Annotated[ParameterTable, BeforeValidator(_parameter)]] = Field(
         default_factory=dict

@@ -141,6 +141,19 @@ def test_a_constant_current_more_moves_the_mean_by_its_way(tmp_path: Path) -> No
     assert [(row.difference, row.error) for row in first] == [(0.0, 0.0)] * len(first)
 
 
+def test_a_dataset_belongs_to_the_case_that_names_it(tmp_path: Path) -> None:
+    """0.3 m/s east and north from a dataset in memory, and the same velocity as a constant of the
+    other case, which names no dataset.
+    """
+    named = small_case.CASE.replace('files = "current.nc"', 'dataset = "sea"')
+    constant = f"constant = {{ speed = {0.3 * 2**0.5}, toward = 45 }}"
+    a = case_of(tmp_path, named, "a")
+    b = case_of(tmp_path, small_case.CASE.replace('files = "current.nc"', constant), "b")
+    found = drift.compare(a, b, datasets={"sea": small_case.field()})
+    for row in found.at(found.times[-1], figures.SHIFT):
+        assert abs(row.difference) < 0.1  # 9 km of way, of which float32 keeps seven digits
+
+
 def test_weights_of_scenarios_alone_change_what_they_say(search: drift.Case) -> None:
     """B keeps A's slots whatever its weights are: before anything is seen the difference is exact,
     and has no error.

@@ -176,6 +176,18 @@ def test_windage_written_as_a_function_drifts_as_windage_does(tmp_path: Path) ->
         np.testing.assert_array_equal(one[name].values, other[name].values)
 
 
+def test_the_fastest_of_its_parameters_and_winds_draws_the_domain(tmp_path: Path) -> None:
+    own = 'PARAMETERS = ("share", "wave")\n\n\n' + GIVEN
+    own += "    return current + parameters[0] * wind + parameters[1] * waves\n"
+    scenario = BERG.format(at="59-40N 001-40E").replace(
+        "length = 1800, width = 900", "share = { mean = 0.021, std = 0.003 }, wave = -0.5"
+    )
+    (berg,) = loaded(tmp_path, own, scenario, WAVES).scenarios
+    model = models.model_of(berg)
+    assert model.usual(berg, 20.0) == pytest.approx(20 * 0.021, rel=1e-6)  # float32
+    assert model.fastest(berg, 20.0, 4.0) == pytest.approx(20 * (0.021 + 4 * 0.003), rel=1e-6)
+
+
 def test_scenarios_that_name_one_file_move_in_one_launch_each_by_its_parameters(
     tmp_path: Path,
 ) -> None:

@@ -201,6 +201,9 @@ def test_auto_goes_on_where_an_unfinished_run_was(tmp_path: Path) -> None:
         assert shelf.settled("auto", out) == "cuda"
         assert shelf.settled("cpu", out) == "cpu"  # who asks for one gets it
         assert shelf.settled("auto", out, client=object()) == "auto"
+        # this process runs on another
+        with pytest.raises(UserError, match="start a new process for cuda"):
+            drift.run(case_of(tmp_path, 200), out, backend="auto")
         (kept.folder / work.ABOUT).write_text(
             json.dumps({work.BACKEND: "abacus"}), encoding="utf-8"
         )
