@@ -66,6 +66,7 @@ def _ours(path: Path) -> bool:
     ).exists()
 
 
+@pytest.mark.thorough
 def test_imports_go_down_the_picture() -> None:
     picture = [line for floor in floors().values() for line in floor]
     height = {name: -k for k, line in enumerate(picture) for name in line}

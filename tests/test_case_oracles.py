@@ -636,6 +636,7 @@ def world_of(
     return world, (float(world.clouds[0].lon.mean()), float(world.clouds[0].lat.mean()))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name",
     [
@@ -772,6 +773,7 @@ def posterior(told: list[Told], weights: list[Array]) -> tuple[Array, Array]:
     return np.concatenate(found), np.concatenate(errors)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", ["overdue_boat", pytest.param("norkyst_raft", marks=pytest.mark.thorough)]
 )
@@ -875,6 +877,7 @@ def bayes(name: str, spacing: float, chance: Hearing) -> tuple[Array, Array, Arr
     return mass / mass.sum(), np.stack([east, north], axis=1), area
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "chance"), [("convergence_zones", zoned), ("sound_channel", by_ear)]
 )

@@ -24,7 +24,11 @@ def given(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> st
 
 
 @pytest.mark.usefixtures("coarse_maps")
-@pytest.mark.parametrize("given", NAMES, indirect=True)
+@pytest.mark.parametrize(
+    "given",
+    [pytest.param(name, marks=[pytest.mark.thorough] * (name == "pacsearch")) for name in NAMES],
+    indirect=True,
+)
 def test_case_runs(given: str) -> None:
     """With few particles: nothing is refused, and all of the probability is somewhere at its end."""
     fewer = {

@@ -112,6 +112,7 @@ def test_a_backward_run_returns_to_where_a_forward_run_came_from(tmp_path: Path)
     assert (np.diff(data["time"].values).astype(int) < 0).all()
 
 
+@pytest.mark.thorough
 def test_nobody_is_inland_and_strandings_are_kept(tmp_path: Path) -> None:
     """A strong wind onto the coast of Norway at steps of 5 and 60 minutes: all end in water, on the
     sea side of islets.
@@ -139,6 +140,7 @@ def test_nobody_is_inland_and_strandings_are_kept(tmp_path: Path) -> None:
             assert (tracks.lon[track, first[track] :] == tracks.lon[track, first[track]]).all()
 
 
+@pytest.mark.thorough
 def test_a_picture_that_cannot_be_drawn_costs_no_other_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -157,6 +159,7 @@ def test_a_picture_that_cannot_be_drawn_costs_no_other_file(
     assert {"forecast.nc", "particles.nc", "summary.json", "snapshots.png"} <= names
 
 
+@pytest.mark.thorough
 def test_nobody_is_inland_at_outputs_inside_a_step(tmp_path: Path) -> None:
     """Outputs every 7 minutes within steps of an hour, diffusion on: bridges to the coast of Norway
     stay in water.

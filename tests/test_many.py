@@ -121,6 +121,7 @@ def same(one: drift.Brief, alone: drift.Result) -> None:
 GRIDS = {"regular": writers.regular, "staggered": writers.roms, "triangles": writers.fvcom}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "grid",
     ["staggered", *(pytest.param(g, marks=pytest.mark.thorough) for g in ("regular", "triangles"))],
@@ -157,6 +158,7 @@ OTHERS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "grid",
     [pytest.param(grid, marks=[pytest.mark.thorough] * (grid == "curvilinear")) for grid in OTHERS],
@@ -205,6 +207,7 @@ def test_what_is_ready_to_be_sampled_is_made_once(
     assert sum(shape[:2] > (2, 2) for shape in filled) == 3
 
 
+@pytest.mark.thorough
 def test_stranded_particles_too(tmp_path: Path) -> None:
     base = case(
         tmp_path, writers.regular(tmp_path / "current.nc"), islands(tmp_path / "islands.geojson")
@@ -225,6 +228,7 @@ def bits(one: drift.Brief) -> list[bytes]:
     ]
 
 
+@pytest.mark.thorough
 def test_neither_order_nor_company_matters(tmp_path: Path) -> None:
     lon, lat = middle()
     base = case(
@@ -315,6 +319,7 @@ def test_maps_are_those_of_a_run(tmp_path: Path) -> None:
     assert none.mean[-1] == pytest.approx(at_end, abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_maps_of_many_come_in_order_and_are_those_of_each_alone(tmp_path: Path) -> None:
     lon, lat = middle()
     base = case(

@@ -56,6 +56,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[drift.Result, Path]:
     return drift.run(drift.load(folder / "case.toml")).save(folder / "results"), folder / "results"
 
 
+@pytest.mark.thorough
 def test_tables_are_those_of_the_files(ran: tuple[drift.Result, Path]) -> None:
     result, folder = ran
     assert set(result.tables) == {"track", "ashore", "sorties", "posteriors"} & {
@@ -70,6 +71,7 @@ def test_tables_are_those_of_the_files(ran: tuple[drift.Result, Path]) -> None:
     assert (times.to_numpy() == xr.open_dataset(folder / "forecast.nc")["time"].values).all()
 
 
+@pytest.mark.thorough
 def test_times_of_all_join(ran: tuple[drift.Result, Path]) -> None:
     """Tables, areas, particles and maps have times of one kind: UTC as xarray has it."""
     result, _ = ran
@@ -127,6 +129,7 @@ def test_areas_are_shapes_of_their_size(ran: tuple[drift.Result, Path]) -> None:
     assert areas.geometry.total_bounds[0] < 180 < areas.geometry.total_bounds[2]  # no jump
 
 
+@pytest.mark.thorough
 def test_the_map_is_map_png(ran: tuple[drift.Result, Path]) -> None:
     """Pixel for pixel, and another output time is another map."""
     result, folder = ran

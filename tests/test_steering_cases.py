@@ -328,6 +328,7 @@ def numbers(told: Where, about: tuple[float, float]) -> tuple[list[str], Array, 
     return names, np.array(values), np.array(errors)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "hours"),
     [*END.items(), *(pytest.param(*one, marks=pytest.mark.thorough) for one in MIDWAY.items())],
@@ -520,6 +521,7 @@ SEEN = {
 }  # particles: theirs, ours
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name",
     [

@@ -108,6 +108,7 @@ def test_no_page_of_the_program_has_banned_words() -> None:
     assert {name: words for name, words in shown.items() if words} == {}
 
 
+@pytest.mark.thorough
 def test_no_message_has_banned_words() -> None:
     """In the strings of the program, --help among them."""
     read = {

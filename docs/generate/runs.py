@@ -11,7 +11,8 @@ import os
 import shutil
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -89,9 +90,16 @@ def every() -> list[Run]:
     ]
 
 
-def make(docs: Path, folder: Path) -> dict[str, Path]:
-    """Run what is not there, or older than what it is made from; return the folders of the results
-    by name.
+def results(folder: Path) -> dict[str, Path]:
+    """Return the folders of the results by the names of their runs."""
+    return {one.name: folder / RESULTS / one.name for one in every()}
+
+
+def make(docs: Path, folder: Path) -> Iterator[tuple[str, int]]:
+    """Run what is not there, or older than what it is made from.
+
+    Yields:
+        what has been run last ("" at first), and how many runs are still to end.
     """
     (folder / RESULTS).mkdir(parents=True, exist_ok=True)
     for case in SMALL:
@@ -104,30 +112,39 @@ def make(docs: Path, folder: Path) -> dict[str, Path]:
         if path.suffix != ".pyc"
     ]
     newest = max(path.stat().st_mtime for path in [*sources, *SMALL, Path(__file__)])
+    tutorials = [
+        (page, folder.parent / "tutorials" / page.stem)
+        for page in sorted((docs / "tutorials").glob("*.md"))
+    ]
     with ThreadPoolExecutor(AT_ONCE) as pool:
-        pages = sorted((docs / "tutorials").glob("*.md"))
-        jobs = [
-            pool.submit(_tutorial, page, folder.parent / "tutorials" / page.stem, newest)
-            for page in pages
-        ]
-        jobs += [pool.submit(_run, one, folder, newest) for one in every()]
-        for job in jobs:
+        jobs = {
+            pool.submit(_tutorial, page, place): f"tutorial {page.stem}"
+            for page, place in tutorials
+            if not _stands(place / "examples.txt", max(newest, page.stat().st_mtime))
+        }
+        jobs |= {
+            pool.submit(_run, one, folder): one.command
+            for one in every()
+            if not _stands(_printed(one, folder), newest)
+        }
+        yield "", len(jobs)
+        for number, job in enumerate(as_completed(jobs), start=1):
             job.result()
-    return {one.name: folder / RESULTS / one.name for one in every()}
+            yield jobs[job], len(jobs) - number
 
 
-def _run(one: Run, folder: Path, newest: float) -> None:
-    told = folder / RESULTS / f"{one.name}.txt"  # written last
-    if _stands(told, newest):
-        return
+def _printed(one: Run, folder: Path) -> Path:
+    """Return the file of what a run has printed, which is written last."""
+    return folder / RESULTS / f"{one.name}.txt"
+
+
+def _run(one: Run, folder: Path) -> None:
     words = ["drift", *one.words, "--out", f"{RESULTS}/{one.name}", "--overwrite", "--threads", "1"]
-    told.write_text(_call(one.command, words, folder), encoding="utf-8")
+    _printed(one, folder).write_text(_call(one.command, words, folder), encoding="utf-8")
 
 
-def _tutorial(page: Path, folder: Path, newest: float) -> None:
+def _tutorial(page: Path, folder: Path) -> None:
     """Run the examples of a tutorial, whose pictures its page shows."""
-    if _stands(folder / "examples.txt", max(newest, page.stat().st_mtime)):
-        return
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     _call(page.name, ["generate.examples", str(page), str(folder)], folder)

@@ -129,6 +129,7 @@ def test_each_alone_is_one_line(alone):
     assert {name: len(lines) for name, lines in alone.items() if len(lines) != 1} == {}
 
 
+@pytest.mark.thorough
 def test_any_two_are_told_together(alone, tmp_path):
     wrong = {}
     for pair in itertools.combinations(MISTAKES, 2):

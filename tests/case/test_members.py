@@ -88,6 +88,7 @@ def test_refusals(tmp_path: Path, current: str, told: str) -> None:
     assert len(refused.value.lines) == 1
 
 
+@pytest.mark.thorough
 def test_members_of_a_built_in_flow_add_to_its_parameters(tmp_path: Path) -> None:
     flow = '[[current]]\nanalytic = "inertial"\nparameters = { mean_east = 0.2 }\nmembers = [{ parameters = { speed = 0.1 } }, { parameters = { speed = 0.3 } }]'
     case = load(tmp_path, flow)

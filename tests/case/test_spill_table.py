@@ -665,6 +665,7 @@ def test_finds_that_may_all_be_false(tmp_path: Path) -> None:
     assert 10 < total(spill, "found") <= 20
 
 
+@pytest.mark.thorough
 def test_two_hundred_finds(tmp_path: Path) -> None:
     given = (
         SPILL.replace("objects = 20", "objects = 240")

@@ -137,3 +137,20 @@ def test_tutorials_were_run(site: Path, capsys: Any) -> None:
         with capsys.disabled():
             print(f"\n{page.name}: {count} examples run")
         assert count >= 5
+
+
+def one_page(page: str, out: Path) -> subprocess.CompletedProcess[str]:
+    """Build one page as CONTRIBUTING.md says."""
+    words = [sys.executable, "-m", "sphinx", "-W", "-D", f"only={page}", "docs", str(out)]
+    return subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=300)
+
+
+def test_one_page_is_built_without_a_run(tmp_path: Path) -> None:
+    done = one_page("howto/model", tmp_path / "page")
+    assert done.returncode == 0, done.stderr
+    assert "iceberg" in (tmp_path / "page" / "howto" / "model.html").read_text(encoding="utf-8")
+    assert "ran " not in done.stdout
+    assert [path.name for path in (tmp_path / "page" / "howto").glob("*.html")] == ["model.html"]
+    assert 'there is no page docs/howto/modle.md; write for example "howto/model"' in (
+        one_page("howto/modle", tmp_path / "none").stderr
+    )

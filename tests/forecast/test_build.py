@@ -480,6 +480,7 @@ class InParts:
             )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("cuts", [[], [1], [2, 3, 5]])
 def test_same_bits_for_particles_in_any_parts(cuts):
     """Copies, worlds, scenarios in blocks of their own, weights over six orders, some off the map:

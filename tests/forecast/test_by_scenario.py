@@ -87,6 +87,17 @@ def test_each_story_has_the_map_of_its_own_particles():
         )
 
 
+def test_what_is_ashore_of_a_scenario_is_a_share_of_its_own_map():
+    """Far apart, each cell is of one scenario: what is ashore adds up to its share of stranded."""
+    forecast, (_, last) = made([1.0, 3.0], east=200_000.0)
+    for scenario in by_scenario.each(forecast, -1):
+        own = last.scenario == int(scenario.name[-1])
+        stranded = last.probability[own & (last.status == Status.ASHORE)].sum()
+        ashore = scenario.forecast.data["probability_ashore"].values[0]
+        expected = stranded / last.probability[own].sum()
+        assert np.nansum(ashore) == pytest.approx(expected, abs=1e-4)  # float32 of maps
+
+
 def test_areas_of_a_story_hold_their_shares_of_its_map_and_are_as_large_as_their_outlines():
     """The smallest set of cells that holds a share holds less than the share by at most one cell;
     outlines keep sizes to 0.5 %.
@@ -121,6 +132,7 @@ def test_of_many_stories_the_others_stand_together_and_count_as_their_particles_
     assert found[-1].now == pytest.approx(last.probability[last.scenario < 4].sum(), abs=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("weights", "east", "lon"),
     [([1.0, 3.0, 0.0], 20_000.0, -60.0), (np.arange(1.0, 15.0), 3000.0, 179.9)],

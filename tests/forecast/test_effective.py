@@ -130,6 +130,7 @@ def test_one_threshold_for_particles_and_one_for_worlds(count, few, text):
     assert count.words == text
 
 
+@pytest.mark.thorough
 def test_pictures_say_that_few_count_and_when(tmp_path, forecast, words):
     setting = Setting(Imprint("Few"), particles=N)
     cautioned = Setting(Imprint("Few", caution=WRONG), particles=N)
@@ -356,6 +357,7 @@ def test_a_place_just_beyond_the_frame_is_shown_and_one_far_off_is_told(tmp_path
     )
 
 
+@pytest.mark.thorough
 def test_a_plan_made_or_scored_on_few_says_so_everywhere(tmp_path, words):
     forecast = searches.search()[0]
     plan = replace(searches.plan(), made_on=Count(2500.0, 20_000), scored_on=Count(6.25, 100_000))
@@ -387,6 +389,7 @@ def test_a_plan_made_or_scored_on_few_says_so_everywhere(tmp_path, words):
     assert not any("ONLY" in text for text in words)
 
 
+@pytest.mark.thorough
 def test_the_evidence_says_after_what_few_are_left(tmp_path, words):
     updates, setting = searches.search()[3], Setting(Imprint("t"), particles=12_000)
     evidence_map.plot_evidence(updates, tmp_path / "sure.png", setting)
@@ -429,6 +432,7 @@ position = { at = "27 31N 087 58W", std = "0.15 nmi" }
 """
 
 
+@pytest.mark.thorough
 def test_copies_do_not_make_a_run_look_sure(tmp_path):
     """A contact of 0.15 nmi in a prior of 4 nmi leaves one in 350 of 3,000; drawn again, these are
     3,000 again, and no more.

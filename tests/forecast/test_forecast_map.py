@@ -53,6 +53,7 @@ def size(path):
     return struct.unpack(">II", head[16:24])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("lon", "lat", "spread"),
     [
@@ -139,10 +140,11 @@ def test_arrows_point_where_the_water_goes():
     np.testing.assert_allclose(np.hypot(u, v), 0.5, rtol=1e-12)
 
 
-def test_the_frame_shows_area_track_and_marks_but_not_outliers():
+@pytest.mark.parametrize("turn", [0.0, 360.0])  # a mark may be written as -179 or as 181
+def test_the_frame_shows_area_track_and_marks_but_not_outliers(turn):
     made = forecast(179.9, -17.5)
     times = [made.data["time"].values[-1]]
-    far = Mark(-179.0, -18.4, "LKP")
+    far = Mark(-179.0 + turn, -18.4, "LKP")
     here = layers.extent(made, times, [far], (), aspect=1.3)
     west, south, east, north = next(
         c for c in made.contours if c.time == times[0] and c.share == 0.95
@@ -156,6 +158,7 @@ def test_the_frame_shows_area_track_and_marks_but_not_outliers():
     assert (y > here.y[0]).all()
     assert (y < here.y[1]).all()
     assert (here.x[1] - here.x[0]) / (here.y[1] - here.y[0]) == pytest.approx(1.3)
+    assert west < here.centre[0] < 181.0  # between the area and the mark, not round the Earth
     plain = layers.extent(made, times, [], (), aspect=1.3)
     grid = made.data["lat"].values
     assert (plain.y[1] - plain.y[0]) < 1.2 * sphere.RADIUS * np.radians(
@@ -305,6 +308,7 @@ def test_a_backward_run_counts_hours_before():
     assert forecast_words.basis(back, -1, None).startswith("24 h before 221830ZNOV26")
 
 
+@pytest.mark.thorough
 def test_provenance_is_in_the_picture(tmp_path):
     made = forecast(-87.5, 28.7)
     setting = Setting(
@@ -317,6 +321,7 @@ def test_provenance_is_in_the_picture(tmp_path):
         assert image.text["case"] == "title = 'Bjørnøya → 1'"
 
 
+@pytest.mark.thorough
 def test_pyplot_stays_out():
     program = (
         "import sys, drift.forecast.products.map; sys.exit('matplotlib.pyplot' in sys.modules)"

@@ -103,6 +103,7 @@ def test_a_hole_in_time_is_refused_with_its_times(
     assert "another [[current]]" in line
 
 
+@pytest.mark.thorough
 def test_a_hole_that_another_source_covers_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

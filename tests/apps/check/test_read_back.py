@@ -101,6 +101,7 @@ def test_check_reads_back(lines, line, words):
     assert words in lines[line]
 
 
+@pytest.mark.thorough
 def test_check_rounds_what_it_derives(tmp_path):
     """A factor from its logarithm, hours from minutes, knots from metres per second; what is stated
     stays.

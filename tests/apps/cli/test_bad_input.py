@@ -126,6 +126,7 @@ def test_backend_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "cpu" in line
 
 
+@pytest.mark.thorough
 def test_a_run_that_loses_too_much_fails_and_one_that_may_does_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,6 +12,7 @@ import pytest
 from geo.errors import UserError
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("first", [pytest.param(20_000, marks=pytest.mark.thorough), 20_040])
 def test_mutated_cases_are_refused_in_lines_or_understood(first: int, tmp_path: Path) -> None:
     """Warnings are errors here: none of NumPy's reaches a user either."""

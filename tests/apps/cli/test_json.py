@@ -103,6 +103,7 @@ def test_a_run_whose_map_opens_at_its_end_says_nothing_of_it(
     assert not [name for name in found["facts"] if "map.png" in name]
 
 
+@pytest.mark.thorough
 def test_a_plan(folder: Path, few_trials: None, capsys: pytest.CaptureFixture[str]) -> None:  # noqa: F811
     status, found, _ = told(capsys, "plan", "trial.toml", "--out", "plan")
     assert status == 0

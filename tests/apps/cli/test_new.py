@@ -14,6 +14,7 @@ PAINTS = False
 SMALL = {"spill": ["--set", "spill.worlds=100", "--set", "duration=1 d"]}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("story", "runs"),
     [

@@ -68,6 +68,7 @@ def layer(path: Path, name: str) -> tuple[dict[str, list], np.ndarray]:
     return dict(zip(meta["fields"], map(list, columns), strict=True)), shapely.from_wkb(geometry)
 
 
+@pytest.mark.thorough
 def test_kml_shows_the_areas_at_their_times(
     run: Path, forecast: xr.Dataset, tmp_path: Path
 ) -> None:
@@ -131,6 +132,7 @@ def test_kml_shows_the_areas_at_their_times(
         assert np.abs(lat - forecast[f"{name}_lat"].values).max() <= HALF
 
 
+@pytest.mark.thorough
 def test_kml_has_the_search_and_the_plan_and_needs_no_colour(run: Path, tmp_path: Path) -> None:
     drift.export(run, "kml", tmp_path / "out")
     root = ET.parse(tmp_path / "out/forecast.kml").getroot()
@@ -541,6 +543,7 @@ def test_refusals_are_a_line_and_nothing_is_written(
     assert before == after
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")  # of affine, in rasterio
 def test_a_damaged_result_is_refused_in_a_line_or_written_so_that_it_can_be_read(
     run: Path, tmp_path: Path

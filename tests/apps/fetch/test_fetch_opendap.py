@@ -128,6 +128,7 @@ def fetched(folder: Path, address: str, box: tuple[float, ...], **more: object) 
     return drift.fetch(box=box, catalogue=written(folder, address, protocol), **how)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("axes", "protocol"),
     [  # each way of counting by one protocol; by the other one too in the thorough stage
@@ -199,6 +200,7 @@ def two(folder: Path, address: str, names: tuple[str, str], level: float) -> Pat
     return path
 
 
+@pytest.mark.thorough
 def test_what_a_part_holds_is_what_it_is_known_by(monkeypatch: pytest.MonkeyPatch) -> None:
     """A part that is kept serves another order only if both hold the same: box, times, and the
     state of the dataset.
@@ -238,6 +240,7 @@ def test_what_a_part_holds_is_what_it_is_known_by(monkeypatch: pytest.MonkeyPatc
             assert not set(other) & set(first)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("level", [pytest.param(0, marks=pytest.mark.thorough), 2.4, -15])
 def test_components_at_two_addresses_at_a_level(tmp_path: Path, level: float) -> None:
     """As HYCOM has them: each address holds one component, at depths of which the nearest is taken."""
@@ -306,6 +309,7 @@ def test_a_curvilinear_grid_whose_components_lie_along_it(tmp_path: Path) -> Non
             assert np.abs(got_there[..., axis] - expected)[inside].max() < writers.tolerance()
 
 
+@pytest.mark.thorough
 def test_components_at_other_points_are_refused(tmp_path: Path) -> None:
     """NEMO's grid_U and grid_V hold their own points under the same names."""
     served = [hostile.held(path) for path in writers.nemo(tmp_path)]
@@ -646,6 +650,7 @@ def test_what_cannot_be_had_is_refused(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.thorough
 def test_a_disk_without_room_is_refused_before_and_in_the_middle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -674,6 +679,7 @@ def test_a_disk_without_room_is_refused_before_and_in_the_middle(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.thorough
 def test_the_command_asks_before_large_amounts_and_tells_all(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -700,6 +706,7 @@ def test_the_command_asks_before_large_amounts_and_tells_all(
         assert "is not empty" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_ctrl_c_keeps_what_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,6 +18,7 @@ from scipy.stats import norm
 import drift
 from drift.apps.cli import commands as cli
 from drift.apps.sensor import reach as reaching
+from drift.apps.sensor import text
 from geo import sphere
 from geo.errors import UserError
 
@@ -143,6 +144,7 @@ def excess(place: tuple[float, float], lon: Any, lat: Any) -> Any:
     return LEVEL - loss - (circle(NOISE, azimuth) - circle(GAIN, azimuth - HEADING)) - THRESHOLD
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "where",
     [
@@ -195,6 +197,7 @@ def test_ranges_of_half_the_looks_are_where_the_excess_is_nothing(tmp_path: Path
                 assert abs(excess(place, np.array([lon]), np.array([lat]))[0]) < 0.1
 
 
+@pytest.mark.thorough
 def test_a_towed_array_is_where_its_sortie_has_it(tmp_path: Path) -> None:
     """Four hours at 8 knots along the geodesic, and the array lies along it."""
     case = drift.load(write(tmp_path, array(), TOWED))
@@ -206,6 +209,7 @@ def test_a_towed_array_is_where_its_sortie_has_it(tmp_path: Path) -> None:
     assert drift.sensor_reach(case, "array").question.time == np.datetime64("2026-11-21T02:00")
 
 
+@pytest.mark.thorough
 def test_the_source_is_the_one_that_is_asked_for(tmp_path: Path) -> None:
     case = drift.load(write(tmp_path, array(PLACES["atlantic"])))
     levels = [
@@ -297,3 +301,30 @@ def test_a_time_before_and_after_the_run_may_be_asked_for(tmp_path: Path) -> Non
     assert drift.sensor_reach(
         case, "array", time="+900 h"
     ).question.time == case.start + np.timedelta64(900, "h")
+
+
+@pytest.mark.thorough
+def test_each_question_has_a_run_id_of_its_own(tmp_path: Path) -> None:
+    """The same sensor of the same case at two times; asked again, the first has its id again."""
+    case = drift.load(write(tmp_path, array(PLACES["atlantic"])))
+    found = []
+    for number, hours in enumerate((2, 3, 2)):
+        out = tmp_path / str(number)
+        drift.sensor_reach(case, "array", out, time=f"+{hours} h")
+        with xr.open_dataset(out / "sensor.nc") as data:
+            found.append(data.attrs["run_id"])
+    assert found[0] == found[2] != found[1]
+
+
+def test_a_sonar_that_hears_the_same_all_round_needs_no_heading(tmp_path: Path) -> None:
+    lines = [line for line in SONAR.splitlines() if not line.startswith("gain")]
+    case = drift.load(
+        write(
+            tmp_path,
+            '[[sensor]]\nname = "buoy"\nat = "36 00N 070 00W"\n',
+            "\n".join([*lines, "gain = 9", ""]),
+        )
+    )
+    question = drift.sensor_reach(case, "buoy").question
+    assert not question.has_array
+    assert "array on" not in text.described(question)

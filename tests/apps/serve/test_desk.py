@@ -546,6 +546,7 @@ def over(served: Server, number: int) -> Any:
 OUTSIDE = ("/etc/passwd", "../secret.toml", "/etc/*", "*/../../*.toml", "linked/summary.json", "link.toml", "http://169.254.169.254/x", "file:///etc/passwd", "${HOME}/x.nc")  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", [pytest.param("check", marks=pytest.mark.thorough), "run"])
 def test_a_case_reads_nothing_outside(served: Server, kind: str) -> None:
     """Every way of naming it is refused, a line each, where files are opened: in the process of the
@@ -589,7 +590,7 @@ def test_no_current_is_taken_from_a_file_that_a_file_names(served: Server) -> No
     assert "cannot read slice 0 of uo (NetCDF: HDF error)" in job["lines"][-1]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_run_tells_progress_and_ends_in_a_report(
     served: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -819,6 +820,7 @@ def children() -> dict[int, int]:
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are not listed here")
 @pytest.mark.parametrize(
     "how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)]

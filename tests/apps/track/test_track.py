@@ -49,6 +49,7 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(holding, "OTHERS", 1)
 
 
+@pytest.mark.thorough
 def test_a_track_is_written(contact: tuple[Regained, Path]) -> None:
     found, out = contact
     names = {file.name for file in out.iterdir()}
@@ -120,6 +121,7 @@ def test_a_track_is_written(contact: tuple[Regained, Path]) -> None:
     assert (out / "track.png").stat().st_size > 50_000
 
 
+@pytest.mark.thorough
 def test_a_path_is_written(contact: tuple[Regained, Path]) -> None:
     found, out = contact
     assert isinstance(found.chased, Chased)
@@ -214,6 +216,7 @@ def test_a_path_keeps_off_the_land_there_is(tmp_path: Path) -> None:
     assert there < 50 * 1852 / 10 / 4  # within its cell
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("box", "least"),
     [
@@ -362,6 +365,7 @@ def test_a_square_is_closed_where_there_is_land_in_it_and_open_away_from_it(
     assert not shut[~touches(1.15 * half)].any()
 
 
+@pytest.mark.thorough
 def test_what_flees_reacts_to_the_path_and_what_another_vessel_does_not_matter_to_it() -> None:
     always = {**SMALL, "method.0.hide": "1", "method.0.change": "0", "method.0.leave": "0"}
     asked = tracking.load("lost_contact", always)
@@ -512,6 +516,7 @@ def test_a_case_of_another_command_is_named() -> None:
         drift.track("overdue_boat")
 
 
+@pytest.mark.thorough
 def test_a_lost_track_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Every particle is too slow for the detections: what is drawn again stays, until radar finds
     nothing there.
@@ -757,6 +762,7 @@ fastest = "32 kn"
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("alone")
 def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
     """A fix, and from there two plots on either side, 10 min apart: the share of the cloud in their
@@ -842,6 +848,7 @@ def test_what_a_plot_leaves_of_the_cloud_is_told(tmp_path: Path) -> None:
     assert kept.held.left[np.searchsorted(kept.held.time, 1260)] == 1
 
 
+@pytest.mark.thorough
 def test_a_plot_on_land_leaves_nothing_and_draws_nothing(tmp_path: Path) -> None:
     """The third, wholly on land: it left none of the cloud, that is told, and nothing is said to be
     drawn again from it.
@@ -951,6 +958,7 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     assert "areas go by chance" not in told
 
 
+@pytest.mark.thorough
 def test_plots_on_land_and_a_tracker_inland_are_told(tmp_path: Path) -> None:
     """Off Anholt, by the full shoreline and geodesics of pyproj: a plot on the island, one off it,
     one by bearing alone.
@@ -1077,6 +1085,7 @@ fastest = "32 kn"
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("alone")
 def test_a_log_that_ends_with_the_case_counts_to_its_end_with_a_path_too(tmp_path: Path) -> None:
     """The boat was at the edge of the radar's reach: whether silence after the path's begin counts

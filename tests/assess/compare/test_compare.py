@@ -22,6 +22,7 @@ from drift.assess.compare.maps import maps
 from drift.assess.compare.units import GROUPS, Units
 from drift.engine.particles.snapshot import Snapshot
 from drift.engine.particles.status import Status
+from drift.pipeline import flow
 from drift.products.maps.imprint import Imprint, Setting
 from drift.products.maps.marks import Mark
 from geo import cells, sphere
@@ -64,6 +65,7 @@ def search(tmp_path_factory: pytest.TempPathFactory) -> drift.Case:
     return case_of(tmp_path_factory.mktemp("search"), SEARCH, particles=3000)
 
 
+@pytest.mark.thorough
 def test_a_case_against_itself_is_zero_in_every_number(search: drift.Case) -> None:
     found = drift.compare(search, search)
     assert {row.quantity for row in found.rows} == {
@@ -79,6 +81,7 @@ def test_a_case_against_itself_is_zero_in_every_number(search: drift.Case) -> No
     np.testing.assert_allclose(found.data["probability_a"].sum(("lat", "lon")), 1.0, atol=1e-5)
 
 
+@pytest.mark.thorough
 def test_differences_are_a_table_with_units(search: drift.Case) -> None:
     found = drift.compare(search, drift.vary(search, {"scenario.0.position.std": "2 nmi"}))
     table = found.differences
@@ -100,6 +103,7 @@ def test_differences_are_a_table_with_units(search: drift.Case) -> None:
     assert (areas["standard_error"] > 0).all()
 
 
+@pytest.mark.thorough
 def test_runs_are_those_of_drift_run(search: drift.Case) -> None:
     """A is not changed by what it is compared with: its particles, weights and POS are those of its
     run alone.
@@ -154,6 +158,7 @@ def test_a_dataset_belongs_to_the_case_that_names_it(tmp_path: Path) -> None:
         assert abs(row.difference) < 0.1  # 9 km of way, of which float32 keeps seven digits
 
 
+@pytest.mark.thorough
 def test_weights_of_scenarios_alone_change_what_they_say(search: drift.Case) -> None:
     """B keeps A's slots whatever its weights are: before anything is seen the difference is exact,
     and has no error.
@@ -174,6 +179,7 @@ def test_weights_of_scenarios_alone_change_what_they_say(search: drift.Case) -> 
     assert pos.difference == pos.b - pos.a
 
 
+@pytest.mark.thorough
 def test_families_count_together_where_particles_are_drawn_anew(search: drift.Case) -> None:
     a = drift.vary(search, {"resampling": {"below": 0.99}, "sortie.0.sweep_width": "2 nmi"})
     found = drift.compare(a, drift.vary(a, {"wind.0.constant.speed": "12 kn"}))
@@ -183,6 +189,7 @@ def test_families_count_together_where_particles_are_drawn_anew(search: drift.Ca
     assert 0 < east.error < abs(east.difference)
 
 
+@pytest.mark.thorough
 def test_files_hold_what_was_found(
     search: drift.Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -249,6 +256,25 @@ def test_the_report_says_where_the_cases_began(search: drift.Case) -> None:
         ]
 
 
+@pytest.mark.thorough
+def test_the_picture_bears_the_caution_of_either_case(
+    search: drift.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown: list[Setting] = []
+    monkeypatch.setattr(
+        flow, "publish", lambda out, chapters, setting, **more: shown.append(setting)
+    )
+    made_up = {"wind.0": {"name": "air", "analytic": "breeze"}}
+    other = drift.vary(search, made_up)
+    for a, b in ((search, search), (other, search), (search, other)):
+        drift.compare(a, b, out=tmp_path / "out")
+    cautions = [setting.imprint.caution for setting in shown]
+    assert not cautions[0].startswith("SYNTHETIC")
+    assert cautions[1] == cautions[2]
+    assert cautions[1].startswith("SYNTHETIC")
+
+
+@pytest.mark.thorough
 def test_steps_that_end_elsewhere_share_no_errors_and_this_is_said(tmp_path: Path) -> None:
     """The same current in files whose times are twenty minutes apart: the difference is none but
     for chance.
@@ -281,6 +307,7 @@ def test_backward_against_backward(tmp_path: Path) -> None:
     assert east.difference == pytest.approx(-(0.5 - 0.5 * 1852 / 3600) * 3600 * HOURS, abs=2.0)
 
 
+@pytest.mark.thorough
 def test_a_grid_of_the_first_case_is_that_of_both(search: drift.Case) -> None:
     grid = {"west": -88.3, "south": 27.2, "east": -87.4, "north": 27.9, "spacing": "1 nmi"}
     a = drift.vary(search, {"output.grid": grid})
@@ -336,6 +363,7 @@ def test_a_spill_against_a_search_is_refused(search: drift.Case, spill: drift.Ca
         drift.compare(search, spill)
 
 
+@pytest.mark.thorough
 def test_washup_of_spills(spill: drift.Case, tmp_path: Path) -> None:
     """A world's objects on a stretch in both runs: the error is that of the mean of paired worlds."""
     same = drift.compare(spill, spill)
@@ -360,6 +388,7 @@ def test_washup_of_spills(spill: drift.Case, tmp_path: Path) -> None:
         assert sorted(getattr(row, side) for row in rows) == pytest.approx(sorted(expected))
 
 
+@pytest.mark.thorough
 def test_what_both_sides_are_given_is_told(spill: drift.Case, tmp_path: Path) -> None:
     """Finds weigh both sides of a comparison: in words, in the table and in the report; without
     them there is nothing to tell.
@@ -449,6 +478,7 @@ def test_standard_errors_are_the_spread_over_seeds() -> None:
     assert checked == 6  # two statuses, two scenarios, east and north
 
 
+@pytest.mark.thorough
 def test_standard_errors_of_maps_are_the_spread_over_seeds() -> None:
     """Pooled over the cells that have anything; of independent cells, of which there are tens, the
     ratio is nearer to 1.
@@ -515,6 +545,7 @@ particles = 1000
 """
 
 
+@pytest.mark.thorough
 def test_the_next_search_of_each_is_planned_and_compared(
     tmp_path: Path, search: drift.Case
 ) -> None:

@@ -44,6 +44,7 @@ def case(tmp_path: Path) -> str:
     return str(tmp_path / "raft.toml")
 
 
+@pytest.mark.thorough
 def test_figures_are_those_of_runs_with_the_seeds_that_follow(case: str, tmp_path: Path) -> None:
     """Each by drift.run of the case; a variant that changes nothing differs by nothing, one that
     does by its own runs.
@@ -183,6 +184,7 @@ def test_how_often_areas_hold_the_target_is_told_at_each_time(tmp_path: Path) ->
         assert len(set(shares)) > 2
 
 
+@pytest.mark.thorough
 def test_the_command_writes_the_same_bits_with_one_thread_and_two(
     one_thread: Process, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -183,6 +183,7 @@ def fit_of(sets):
     return functools.cache(lambda k: fitting.fitted_errors(sets[k], True))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("many", [2, pytest.param(SETS, marks=pytest.mark.thorough)])
 def test_parameters_are_recovered_within_what_their_errors_say(fit_of, many):
     """Each z is about a standard normal: the sum of the squares of so many has a chi-square law.
@@ -400,6 +401,7 @@ def test_a_wind_that_is_always_the_same_tells_no_windage():
     assert np.isfinite(fit.mean_error).all()
 
 
+@pytest.mark.thorough
 def test_the_command_prints_an_uncertainty_to_paste(tmp_path, capsys):
     rows = ["buoy;time;lat;lon;u;v;a;b"]
     for track in simulated(

@@ -98,6 +98,7 @@ def simulated(count, seed, std=0.26, time=7.0, diffusivity=25.0, error=600.0, ho
 COUNT = 80
 
 
+@pytest.mark.thorough
 def test_areas_hold_what_they_say_and_ranks_are_uniform(tmp_path):
     """Within three standard errors of independent forecasts; ranks by Kolmogorov and Smirnov at 1
     in 1,000.

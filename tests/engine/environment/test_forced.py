@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import small_case
 
 import drift
 from drift.engine.environment import coastline, domain, environment
@@ -14,6 +15,7 @@ from drift.engine.motion import leeway
 from drift.engine.motion.drift import DRIFT
 from drift.engine.motion.ensemble_spec import EnsembleSpec
 from drift.engine.motion.models import MODELS
+from drift.engine.particles.status import Status
 from drift.pipeline import run_setup
 from geo import sphere
 from geo.box import Box
@@ -105,3 +107,31 @@ def test_a_current_that_ends_ends_no_run_of_what_takes_none(case: drift.Case) ->
         with pytest.raises(UserError, match="lasts from"):
             environment.open_for(refused, asked, {})
     environment.open_for(spec(case, "slow"), asked, {})
+
+
+def test_a_short_source_within_a_longer_one_leaves_no_hole(tmp_path: Path) -> None:
+    """Two nested currents: one for the whole run, one from its second to its fourth hour."""
+    nested = small_case.CASE.replace(
+        "[[wind]]", '[[current]]\nname = "bay"\ndataset = "bay"\n[[wind]]'
+    ).replace('files = "current.nc"', 'dataset = "sea"')
+    (tmp_path / "case.toml").write_text(nested)
+    sea = small_case.field()
+    bay = sea.isel(time=slice(4, 7), lon=slice(4, 16), lat=slice(4, 14))
+    for first, second in ((sea, bay), (bay, sea)):
+        result = drift.run(
+            drift.load(tmp_path / "case.toml", {"particles": 50}),
+            datasets={"sea": first, "bay": second},
+        )
+        assert "no values" not in " ".join(result.summary["warnings"])
+        lost = result.forecast.data["status_probability"].sel(status="outside").values
+        assert (lost == 0).all()
+
+
+def test_what_never_went_ashore_has_no_edge_of_the_shoreline(tmp_path: Path) -> None:
+    """Some of it leaves a small domain, the rest is afloat at the end."""
+    small = small_case.STEADY + "[domain]\nwest = -90\neast = -87.93\nsouth = 26\nnorth = 29\n"
+    (tmp_path / "case.toml").write_text(small)
+    result = drift.run(drift.load(tmp_path / "case.toml", {"particles": 50, "max_lost": 1}))
+    status = result.trajectories.status[:, -1]
+    assert 0 < (status == Status.LEFT).sum() < status.size
+    assert (result.trajectories.edge == -1).all()

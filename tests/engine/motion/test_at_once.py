@@ -159,6 +159,7 @@ position = { at = [0.11, 0.05], std = "200 m" }
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "contact", [SEEN, FOUND], ids=["a sighting", "debris that guides particles"]
 )

@@ -80,6 +80,7 @@ def held(found: float, expected: float, error: float) -> None:
     assert abs(found - expected) < 3 * error
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("step", "back"), [(1800, False), (900, True)])
 def test_the_default_error_spreads_and_lasts_as_its_closed_form(
     folder: Path, step: int, back: bool

@@ -170,6 +170,7 @@ def test_a_bent_way_is_followed_until_it_lands(law: str) -> None:
     assert np.isfinite(lands).sum() == (ensemble.status.to_numpy() == Status.ASHORE).sum()
 
 
+@pytest.mark.thorough
 def test_what_refloats_waits_for_the_drift_to_turn_off_the_beach_within_a_step() -> None:
     """Onto the beach until 01:24, off it by 0.6 m/s at 02:00: who is afloat then, and how far off,
     at steps of an hour.
@@ -321,6 +322,7 @@ def test_a_cut_step_has_noise_of_its_own_and_covers_the_run() -> None:
             assert set(ends[:-1]) == set(inner) - {0}
 
 
+@pytest.mark.thorough
 def test_the_step_is_tested_over_the_whole_run() -> None:
     """A whirl that spins up after 30 hours: a step chosen by the first day alone would be the
     longest.
@@ -497,6 +499,7 @@ def written(folder: Path, **how: str) -> Path:
     return path
 
 
+@pytest.mark.thorough
 def test_what_searches_inside_steps_find_does_not_depend_on_the_step(tmp_path: Path) -> None:
     """A tide that turns through 270 degrees in five hours: POS at an hour's steps against steps of
     three minutes.
@@ -517,6 +520,7 @@ def test_what_searches_inside_steps_find_does_not_depend_on_the_step(tmp_path: P
         assert pos["1 h"][name] == pytest.approx(value, abs=0.006)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "step",
     [
@@ -623,6 +627,7 @@ def test_the_step_is_chosen_for_what_slides_too(tmp_path: Path) -> None:
     assert np.percentile(off["10 min"][::2], 95, axis=1).max() < 50
 
 
+@pytest.mark.thorough
 def test_what_slides_and_walks_is_where_it_is_at_any_step(tmp_path: Path) -> None:
     """With a random walk: the mean place after each hour at steps of three minutes and of ten,
     other noise in each.

@@ -265,6 +265,7 @@ def test_errors_that_a_case_switches_off_stand_on_a_banner(
     assert run_metadata.caution(drift.load(tmp_path / "trial.toml", changes)) == banner
 
 
+@pytest.mark.thorough
 def test_check_run_files_and_every_picture_say_which_errors_were_used(
     tmp_path, capsys, monkeypatch
 ) -> None:

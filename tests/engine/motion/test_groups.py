@@ -95,6 +95,7 @@ def shore() -> Coast:
     )
 
 
+@pytest.mark.thorough
 def test_many_scenarios_move_in_one_launch_a_forcing(
     shore: Coast, monkeypatch: pytest.MonkeyPatch
 ) -> None:

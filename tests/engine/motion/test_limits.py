@@ -118,6 +118,7 @@ def test_a_slice_that_cannot_be_read_stops_the_run_and_only_where_it_is_needed()
     place.forcing.close()
 
 
+@pytest.mark.thorough
 def test_nobody_inland_where_land_lies_across_the_antimeridian() -> None:
     land = [shapely.box(178, -5, 180, 5), shapely.box(-180, -5, -178, 5)]
     box = Box(-180, -80, 180, 88)

@@ -213,6 +213,7 @@ def exact(case: drift.Case, flow: Array) -> Array:
     return np.asarray(1 - seen)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "make",  # they give the same bits, as above
     [

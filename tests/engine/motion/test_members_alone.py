@@ -154,12 +154,14 @@ def same_as_alone(together: Ensemble, alone: Sequence[Ensemble]) -> None:
             )
 
 
+@pytest.mark.thorough
 def test_drifting_and_steering_are_those_of_the_member_alone(runs: tuple[Run, list[Run]]) -> None:
     together, alone = runs
     same_as_alone(together.ensemble, [run.ensemble for run in alone])
     assert len(np.unique(together.ensemble.status.to_numpy())) > 1  # some have been ashore
 
 
+@pytest.mark.thorough
 def test_members_of_the_current_alone(tmp_path: Path) -> None:
     alone = [
         moved(tmp_path, f"constant = {flow}", f"constant = {AIR[0]}").ensemble for flow in FLOW
@@ -167,6 +169,7 @@ def test_members_of_the_current_alone(tmp_path: Path) -> None:
     same_as_alone(moved(tmp_path, typed(FLOW), f"constant = {AIR[0]}").ensemble, alone)
 
 
+@pytest.mark.thorough
 def test_debris_drifts_in_the_member_of_its_object(runs: tuple[Run, list[Run]]) -> None:
     found = []
     for run in (runs[0], *runs[1]):

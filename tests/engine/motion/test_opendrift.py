@@ -59,6 +59,7 @@ def a_day(ensemble: record.Ensemble, sources: Sources, physics: kernel.Physics) 
     return end
 
 
+@pytest.mark.thorough
 def test_a_raft_ends_within_one_percent_of_where_opendrift_has_it(sources: Sources) -> None:
     """Median separation under 1 % of the way, largest under 3 %, among those whose forcing lasts
     the day in both.

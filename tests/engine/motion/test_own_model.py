@@ -157,6 +157,7 @@ PLAIN = "def velocity(current, wind, waves, parameters):\n    return wind\n"
 DOWNWIND = "def velocity(current, wind, waves, parameters):\n    return current + waves + parameters[0] * wind\n"
 
 
+@pytest.mark.thorough
 def test_windage_written_as_a_function_drifts_as_windage_does(tmp_path: Path) -> None:
     """With errors of the forcing and a random walk, and beside a raft, which drifts as it does
     anyway.

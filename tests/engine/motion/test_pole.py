@@ -159,6 +159,7 @@ position = {{ at = "{lat} 010 00W", error = "0.001 m" }}
     assert float(sphere.distance(*final(tmp_path / "case.toml"), *expected)) < 3.0  # of 36 km
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("axes", "shift"), [("grid", 0.0), ("true", 1250.0)])
 def test_a_polar_stereographic_file_is_followed_over_the_pole(
     tmp_path: Path, axes: str, shift: float
@@ -270,6 +271,7 @@ def searched(path: Path, sorties: str, **how: object) -> list[dict]:
     return list(drift.run(drift.load(path)).summary["search"]["updates"])
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_maps")
 def test_a_search_over_the_pole_finds_what_the_same_search_at_the_equator_finds(
     tmp_path: Path,
@@ -324,6 +326,7 @@ pod = 0.6
     assert pos[1] == pytest.approx(pos[0], abs=1 / 40_000)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_maps")
 @pytest.mark.parametrize("step", [pytest.param("5 min", marks=pytest.mark.thorough), "1 h"])
 def test_a_pattern_drifts_with_its_datum_past_a_pole_as_past_any_point(
@@ -361,6 +364,7 @@ orientation = {(30 + pole * lon) % 360:.6f}
         assert pos[pole] == pytest.approx(pos[0], rel=5e-5)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_maps")
 @pytest.mark.parametrize("pole", [-1])
 def test_the_area_of_a_pattern_round_a_pole_is_the_circle_about_it(
@@ -449,6 +453,7 @@ def test_no_north_arrow_where_north_is_no_direction_of_the_paper(
     assert ("N" in [text.get_text() for text in axes.texts]) == arrow
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     # [m/s] what an hour adds to an error of 100 years: std sqrt(2 h / time)
     ("pole", "error", "kick"),

@@ -44,6 +44,7 @@ def counted() -> tuple[np.ndarray, np.ndarray]:
     return scaled, raw
 
 
+@pytest.mark.thorough
 def test_duplicates_come_to_what_is_counted_and_not_to_the_posterior() -> None:
     found = shares("duplicates")
     scaled, raw = counted()

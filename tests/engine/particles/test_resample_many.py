@@ -64,6 +64,7 @@ def drawn(cloud: Cloud, how: str, event: int) -> tuple[Array, Array, Array]:
     return owner, np.exp(new.astype(float)), cloud.at[ancestors]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("how", ["systematic", "across"])
 def test_mean_covariance_and_masses_stay(how: str) -> None:
     cloud = Cloud()
@@ -78,6 +79,7 @@ def test_mean_covariance_and_masses_stay(how: str) -> None:
     np.testing.assert_allclose(kept, np.broadcast_to(masses, kept.shape), rtol=2e-6)
 
 
+@pytest.mark.thorough
 def test_kahns_way_keeps_them_in_the_mean() -> None:
     """Its numbers float, and masses with them."""
     cloud = Cloud()

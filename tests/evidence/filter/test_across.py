@@ -228,6 +228,7 @@ def test_a_mixture_of_kalman_filters(tmp_path: Path, across: bool) -> None:
         assert np.all(np.abs(found - mean[:, best]) < 4 * spread + 1e-3 * np.abs(mean[:, best]))
 
 
+@pytest.mark.thorough
 def test_tracks_and_debris_follow_particles_into_other_slots(tmp_path: Path) -> None:
     """Each track begins where its scenario does, and each piece of debris lies by its own
     scenario's objects.

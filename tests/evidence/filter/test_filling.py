@@ -158,6 +158,7 @@ def test_what_survives_keeps_its_place_and_weighs_by_the_estimate(tmp_path):
     np.testing.assert_allclose(weight, expected / expected.sum(), rtol=2e-3)
 
 
+@pytest.mark.thorough
 def test_it_does_not_depend_on_the_step(tmp_path):
     """What goes straight goes alike in any step."""
     fine, coarse = (run(tmp_path, "combined", step).trajectories for step in ("60", "20"))
@@ -296,6 +297,7 @@ def test_a_range_is_all_round_and_an_area_full():
     )  # places spread some 45 km; the sphere bends it by less than 200 m
 
 
+@pytest.mark.thorough
 def test_nothing_is_placed_on_land(tmp_path):
     """A box half of which is land is filled in its water; where a target minds no land it is filled
     all over.

@@ -45,6 +45,7 @@ position = {{ at = [3.0{k}, 2.01], error = "2 nmi" }}
 """
 
 
+@pytest.mark.thorough
 def test_launches_of_a_sortie_go_by_currents_and_not_by_scenarios(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

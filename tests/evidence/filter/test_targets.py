@@ -149,6 +149,7 @@ def flies(flown: Legs, begin: float, end: float, dt: float) -> Array:
     return plane(*(np.interp(time, flown.time, x) for x in (flown.lon, flown.lat)))
 
 
+@pytest.mark.thorough
 def test_a_slow_leg_on_a_bridge(tmp_path: Path) -> None:
     """POD by inverse cube, at two steps: the hazard per time where the bridge is, by the leg's own
     velocity.
@@ -172,6 +173,7 @@ def test_a_slow_leg_on_a_bridge(tmp_path: Path) -> None:
         assert abs(pod(search) - truth.mean()) < 3 * error
 
 
+@pytest.mark.thorough
 def test_a_watch_and_an_area_on_a_bridge(tmp_path: Path) -> None:
     """Time in a zone and in a box, at two steps of which one is longer than the whole watch."""
     place = (-38.2, 30.45)
@@ -207,6 +209,7 @@ def test_a_watch_and_an_area_on_a_bridge(tmp_path: Path) -> None:
             assert abs(pod(search) - truth.mean()) < 3 * error
 
 
+@pytest.mark.thorough
 def test_definite_range_on_a_bridge(tmp_path: Path) -> None:
     """The first pass abeam on a leg counts: found if the target is within half the sweep width
     then.
@@ -300,6 +303,7 @@ def test_equation_10_with_any_step(
     assert abs(found - exact) < 3 * np.sqrt(exact * (1 - exact) / n)
 
 
+@pytest.mark.thorough
 def test_presence_and_barriers_on_a_bridge(tmp_path: Path) -> None:
     """In a box throughout, never in a circle, past a barrier with a near end: against fine paths,
     at two steps.

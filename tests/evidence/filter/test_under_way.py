@@ -133,6 +133,7 @@ def test_the_position_law_at_distress_and_later(tmp_path: Path, step: int) -> No
     assert abs(release[adrift].mean() - oracle.distress[own].mean()) < 3.5 * error
 
 
+@pytest.mark.thorough
 def test_overdue_and_a_failed_sortie_change_when_the_distress_was(tmp_path: Path) -> None:
     """Not in port at 30 h, and not seen by a leg along its track at 14 h: the posterior of the time
     of distress.

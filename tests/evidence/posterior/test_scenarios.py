@@ -57,6 +57,7 @@ def posteriors(run: tuple[Result, Path]) -> Posteriors:
     return run[0].posteriors
 
 
+@pytest.mark.thorough
 def test_the_table_is_ranked(run: tuple[Result, Path]) -> None:
     rows = list(csv.DictReader(io.StringIO((run[1] / "scenarios.csv").read_text())))
     assert len(rows) == 19
@@ -83,6 +84,7 @@ def test_the_table_is_ranked(run: tuple[Result, Path]) -> None:
     assert run[0].tables["scenarios"]["rank"].tolist() == list(range(1, 20))
 
 
+@pytest.mark.thorough
 def test_shares_by_axis_are_sums_of_scenarios(run: tuple[Result, Path]) -> None:
     own = posteriors(run)
     rows = list(csv.DictReader(io.StringIO(tables.csv(own, "x"))))

@@ -24,6 +24,7 @@ from drift.evidence.suspend import text as suspend_text
 from drift.pipeline import flow
 from drift.products.maps import page
 from drift.products.maps.imprint import Imprint
+from geo import notation
 from geo.errors import UserError
 
 PAINTS = False  # but for one test
@@ -159,6 +160,7 @@ law = "definite_range"
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("more", ["", "[resampling]\nbelow = 0.999\n"])
 def test_alive_and_never_searched_are_those_of_bayes_by_hand(tmp_path: Path, more: str) -> None:
     """A uniform prior at rest, its west searched, then its south: posterior and alive in closed
@@ -197,6 +199,7 @@ def test_alive_and_never_searched_are_those_of_bayes_by_hand(tmp_path: Path, mor
     assert later[-1] >= further.GONE
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("distress", ["", 'distress = { rate = "0.02/h" }'])
 def test_who_never_goes_adrift_does_not_blur_when_others_did(tmp_path: Path, distress: str) -> None:
     """A yacht that is under way throughout, or goes adrift weeks after the run: the others' chances
@@ -371,6 +374,7 @@ def small(
     return result, told, folder / "out"
 
 
+@pytest.mark.thorough
 def test_a_day_like_the_last_one(small: tuple[drift.Result, decision.Suspension, Path]) -> None:
     """What is swept is W v t; a uniform area holds what random search of it finds, the searched
     third less.
@@ -406,6 +410,7 @@ def test_a_day_like_the_last_one(small: tuple[drift.Result, decision.Suspension,
     assert (out / "suspend.png").exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("painted")
 def test_the_picture_is_painted(
     small: tuple[drift.Result, decision.Suspension, Path], tmp_path: Path
@@ -444,6 +449,28 @@ def test_days_on_a_held_map_bear_no_error_and_no_panel_is_empty(
         notes = " ".join(text.get_text() for text in drawn[-1].texts)
         assert ("no scenario has survival times" in notes) == (not mortal)
         assert ("drift is ignored" in notes) == (not planned)
+
+
+def test_bars_and_words_of_what_was_searched_are_shares_of_all(
+    small: tuple[drift.Result, decision.Suspension, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Bars add up to all; right after a sortie 1/3 was searched, of which it left 1/2 or 1/5."""
+    drawn: list[Any] = []
+    monkeypatch.setattr(page, "save", lambda canvas, *args, **more: drawn.append(canvas.figure))
+    _, told, out = small
+    suspend_map.plot_suspension(told, tmp_path / "suspend.png", imprint=Imprint("Title"))
+    panel = next(ax for ax in drawn[-1].axes if ax.get_title(loc="left") == "Searched so far")
+    wide = np.array([[bar.get_width() for bar in bars] for bars in panel.containers])
+    np.testing.assert_allclose(wide.sum(axis=0), 1.0, atol=1e-12)
+    for update, _ in told.sorties:
+        assert update.poc is not None
+        assert update.pos is not None
+        poc, pos = float(update.poc[-1]), float(update.pos[-1])
+        left = notation.percent((poc - pos) / (1 - pos))
+        assert left != notation.percent(poc - pos)
+        assert f"{left}  {update.name}" in (out / "suspend.txt").read_text()
 
 
 def test_survival_times_alone_are_told_from_the_start(tmp_path: Path) -> None:

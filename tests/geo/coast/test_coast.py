@@ -48,6 +48,23 @@ def data(name):
     return path
 
 
+@pytest.mark.parametrize("turn", [0, 360])
+def test_a_coast_covers_boxes_inside_it_alone(turn):
+    """A grid from 176 E over the antimeridian to 178 W; longitudes as they are, or a turn on."""
+    ring = shapely.box(178.0, -19.0, 179.0, -17.0)
+    coast = edges.build_coast(Shore(np.array([ring]), "made up"), Box(176.0, -20.0, 182.0, -16.0))
+    for west, east, inside in (
+        (177.0, 181.0, True),
+        (176.5, 178.0, True),
+        (181.0, 184.5, False),
+        (170.0, 177.0, False),
+        (174.0, 175.0, False),
+    ):
+        assert edges.covers(coast, Box(west - turn, -19.0, east - turn, -17.0)) == inside
+    assert not edges.covers(coast, Box(177.0, -22.0, 178.0, -17.0))
+    assert not edges.covers(coast, Box(177.0, -19.0, 178.0, -14.0))
+
+
 def on_lattice(polygons):
     """Return polygons [deg] as one multipolygon of lattice units; whole numbers, so shapely's
     predicates are exact.
@@ -144,6 +161,7 @@ def test_crossings_agree_with_shapely(norway, length):
     assert np.percentile(nearest - stopped, 90) < 3
 
 
+@pytest.mark.thorough
 def test_degenerate_steps_agree_with_shapely():
     """Vertices hit, edges grazed and followed, cell borders: everything lies on a coarse lattice of
     2**15 units.

@@ -329,6 +329,7 @@ def test_taveuni_is_one_ring_across_the_antimeridian(fiji):
     assert east < 183
 
 
+@pytest.mark.thorough
 def test_nearest_against_brute_force(fiji):
     """The nearest of points every 20 m along all lines: at 1 km or more from the shore, 10 m aside
     add 5 cm.

@@ -253,6 +253,7 @@ def test_lakes_where_no_land_is(tmp_path):
 # GSHHG at 180 degrees, where it cuts its polygons
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("box", "on_land"),
     [

@@ -75,6 +75,7 @@ position = {{ at = "38 30S 179 30W", error = "1 km" }}
     return path
 
 
+@pytest.mark.thorough
 def test_a_server_s_values_are_those_of_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -126,6 +127,7 @@ def test_threads_share_one_dataset() -> None:
         np.testing.assert_array_equal(values, wide["v"].values[k % 4, k : k + 60])
 
 
+@pytest.mark.thorough
 def test_a_process_that_ended_is_started_anew_on_the_same_data() -> None:
     held = dict(SEA)
     with hostile.serving(
@@ -206,6 +208,7 @@ def test_a_crash_of_the_library_is_one_line(monkeypatch: pytest.MonkeyPatch) -> 
         dataset.open_one("http://127.0.0.1:9/sea", "wind", SHORT)
 
 
+@pytest.mark.thorough
 def test_a_server_that_falls_silent_between_slices_is_one_line() -> None:
     wide, quiet = hostile.sea(130, 270), threading.Event()
 
@@ -272,6 +275,7 @@ def test_a_process_of_an_address_ends_with_ours_even_when_that_is_killed() -> No
         assert gone.wait(FAREWELL + 10)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize(
     ("command", "number", "status"),

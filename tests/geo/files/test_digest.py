@@ -75,6 +75,7 @@ def test_digests_are_sha256_of_all_that_is_there(tmp_path: Path) -> None:
     assert digest.digest_of(str(store)) != before[0]
 
 
+@pytest.mark.thorough
 def test_a_summary_holds_the_digest_of_every_input_file(tmp_path: Path) -> None:
     files = [current(tmp_path / "current.nc"), tmp_path / "boat.gpx"]
     files[1].write_text(GPX)

@@ -633,6 +633,7 @@ def test_a_library_that_crashes_or_hangs_is_one_line(
     assert decoder.values(raw).size == 900
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize("size", [100, 2**20])  # the second is more than fits into a pipe
 def test_closing_forcing_does_not_wait_for_a_library_that_hangs(size: int, tmp_path: Path) -> None:
@@ -652,6 +653,7 @@ def test_closing_forcing_does_not_wait_for_a_library_that_hangs(size: int, tmp_p
     assert decoder.values(raw).size == 900  # another one is started
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
 def test_a_signal_ends_a_wait_for_a_library_that_hangs(name: str, tmp_path: Path) -> None:

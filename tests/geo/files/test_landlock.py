@@ -48,6 +48,7 @@ def inside(tmp_path: Path) -> Path:
 needs = pytest.mark.skipif(not landlock.version(), reason="this system has no Landlock")
 
 
+@pytest.mark.thorough
 @needs
 @pytest.mark.parametrize(
     "how",

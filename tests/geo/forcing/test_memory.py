@@ -247,6 +247,7 @@ def case_of(folder: Path, source: str) -> drift.Case:
     return drift.load(folder / "case.toml")
 
 
+@pytest.mark.thorough
 def test_a_run_gives_the_bits_of_a_run_from_the_file_and_lets_the_dataset_go(
     tmp_path: Path,
 ) -> None:

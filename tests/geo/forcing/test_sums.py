@@ -177,6 +177,7 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[xr.Datase
     return folder, [slow, fast]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "direction", ["forward", pytest.param("backward", marks=pytest.mark.thorough)]
 )

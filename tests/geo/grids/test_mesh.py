@@ -16,6 +16,7 @@ from geo.errors import UserError
 from geo.forcing import sources
 from geo.forcing.sources import Source
 from geo.grids.grid import sample
+from geo.grids.ugrid import mesh_of
 
 AREA = Box(writers.LON[0], writers.LAT[0], writers.LON[1], writers.LAT[1])
 EAST = {"standard_name": "longitude", "units": "degrees_east"}
@@ -303,6 +304,33 @@ def polygons(path: Path, *, centred: bool, corners: int, start_index: bool = Tru
         {"lon": ("node", lon, EAST), "lat": ("node", lat, NORTH)},
     ).to_netcdf(path)
     return path
+
+
+@pytest.mark.parametrize("transposed", [False, True])
+def test_faces_are_the_longer_side_of_their_table(transposed: bool) -> None:
+    """Without face_dimension or coordinates of faces, their number is that of the table."""
+    table = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2]], np.int32)
+    dims = ("corner", "cell") if transposed else ("cell", "corner")
+    data = xr.Dataset(
+        {
+            "mesh": (
+                (),
+                0,
+                {
+                    "cf_role": "mesh_topology",
+                    "node_coordinates": "lon lat",
+                    "face_node_connectivity": "table",
+                },
+            ),
+            "table": (dims, table.T if transposed else table),
+            "u": ("cell", np.zeros(4), {"mesh": "mesh", "location": "face"}),
+        },
+        {"lon": ("node", np.arange(5.0), EAST), "lat": ("node", np.arange(5.0), NORTH)},
+    )
+    mesh = mesh_of(data, "u", "cell")
+    assert mesh is not None
+    assert mesh.place == "face"
+    assert mesh.dims["face"] == "cell"
 
 
 @pytest.mark.parametrize("corners", [4, 6])

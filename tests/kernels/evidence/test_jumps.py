@@ -70,6 +70,7 @@ def simulated(p, rate, part, many, seed):
     return left / many
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("many", "parts"), [(1, 600), pytest.param(9, 3600, marks=pytest.mark.thorough)]
 )

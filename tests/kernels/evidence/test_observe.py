@@ -153,6 +153,7 @@ KINDS = {
 }  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_step_does_not_matter(kind: int) -> None:
     """The mean over 40,000 paths seen in 3, 6 and 12 steps changes by less than 1 % of what
@@ -288,6 +289,7 @@ def test_a_bridge_crosses_a_line_with_the_probability_of_equation_10(
         )
 
 
+@pytest.mark.thorough
 def test_a_report_finds_the_first_touch_in_time() -> None:
     """Fits are the mean density of the report over the time of the first touch, drawn from fine
     paths; any step tells the same.
@@ -341,6 +343,7 @@ def test_a_straight_way_touches_at_its_own_time() -> None:
         assert (fits[1:] == 0).all()
 
 
+@pytest.mark.thorough
 def test_noise_is_that_of_its_key() -> None:
     """The same seed gives the same bits; another one others, and the same mean."""
     where, corners, spread, _ = KINDS[observe.LINE]

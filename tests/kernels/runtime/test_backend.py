@@ -129,6 +129,7 @@ def test_a_software_device_is_taken_where_it_is_asked_for_and_said_to_be_for_tes
     )
 
 
+@pytest.mark.thorough
 def test_a_software_device_that_may_compute_wrongly_is_refused_and_the_remedies_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

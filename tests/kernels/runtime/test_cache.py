@@ -42,6 +42,7 @@ def launched(folder: Path, **environment: str) -> subprocess.CompletedProcess[st
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("named", [False, pytest.param(True, marks=pytest.mark.thorough)])
 def test_a_cache_that_cannot_be_written_costs_a_line(tmp_path: Path, named: bool) -> None:
     """Of the home, and of the variable; the remedy that the line names works."""

@@ -95,6 +95,7 @@ def test_a_card_of_cuda_that_cannot_be_used(ask: Ask, says: dict, why: str) -> N
     assert device["remedy"]
 
 
+@pytest.mark.thorough
 def test_no_card_of_cuda(ask: Ask) -> None:
     """What the driver says is told, and a variable that hides cards is named: without it they are
     there.

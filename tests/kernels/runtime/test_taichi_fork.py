@@ -88,7 +88,6 @@ def test_groups_are_told_apart_from_launch_to_launch(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.slow
 def test_a_fork_moves_and_weighs_as_taichi_does(tmp_path: Path) -> None:
     """Another release of LLVM rounds sums of products elsewhere: a few last bits of float32, 6e-8
     each.

@@ -75,6 +75,7 @@ def test_threads_of_a_program_run_cases_one_after_another(path: Path, program: s
     assert (made.returncode, made.stdout) == (0, "as one after another\n"), made.stderr
 
 
+@pytest.mark.thorough
 def test_a_run_may_be_started_while_another_one_reports(path: Path) -> None:
     """From the same thread, as a notebook's callback may."""
     inner = []

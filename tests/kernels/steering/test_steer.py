@@ -422,6 +422,7 @@ def test_destinations_have_their_probabilities() -> None:
         assert abs(there.mean() - probability) < 4 * np.sqrt(probability * (1 - probability) / n)
 
 
+@pytest.mark.thorough
 def test_loitering_keeps_the_uniform_law() -> None:
     """Legs reflected at the edge of a polygon that is not convex: uniform in true area at any time
     (chi-squared).

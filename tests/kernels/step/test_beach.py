@@ -86,6 +86,7 @@ def drift_on(
     return ensemble, moments
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step", [pytest.param(900, marks=pytest.mark.thorough), 3600])
 def test_arrivals_with_diffusion_follow_the_inverse_gaussian_law(step: int) -> None:
     """Brownian motion with drift first meets a line at distance a after IG(a / u, a^2 / 2D)
@@ -211,6 +212,7 @@ def test_sliding_follows_the_shore_at_the_drift_along_it(step: int) -> None:
     assert not shoreline.is_land(shore, end.lon, end.lat).any()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step", [pytest.param(900, marks=pytest.mark.thorough), 3600])
 def test_sliding_with_diffusion_is_reflected_brownian_motion(step: int) -> None:
     """The law of the distance from a wall, from which it starts, with a drift u onto it (Harrison
@@ -279,6 +281,7 @@ def test_refloating_has_its_half_life_and_waits_for_a_drift_off_the_beach(step: 
     assert drifted(0.1)[1] == [1, 1, 1]
 
 
+@pytest.mark.thorough
 def test_object_and_debris_land_and_refloat_each_by_its_own_chance() -> None:
     """From one place by walks of their own: who lands, when, and how long it stays there; noise in
     common would correlate.
@@ -316,6 +319,7 @@ def test_object_and_debris_land_and_refloat_each_by_its_own_chance() -> None:
     assert np.abs(np.corrcoef(waits) - np.eye(3)).max() < 4.5 / np.sqrt(n)
 
 
+@pytest.mark.thorough
 def test_half_of_refloating_under_diffusion_does_not_depend_on_the_step() -> None:
     """An offing of fixed length makes the chance of going ashore again exp(-u d / D), not a matter
     of the step.

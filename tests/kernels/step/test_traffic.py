@@ -32,6 +32,7 @@ CASES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", CASES)
 def test_as_many_columns_are_counted_as_a_step_reads_and_writes(case: str) -> None:
     """Read is what changes another column when it is another; written is what is not as before."""

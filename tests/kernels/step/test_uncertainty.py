@@ -119,6 +119,7 @@ def uniform_wind(speed: float, east: float = 0.0) -> Tiles:
     return tiles
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step", [3600, 900])
 def test_wind_errors_act_through_the_leeway(step: int) -> None:
     """With a slope s downwind and no crosswind, an error in the wind moves the object by s times
@@ -230,6 +231,7 @@ def test_a_walk_near_the_pole_has_no_drift_of_its_own() -> None:
     assert (np.abs(way.mean(axis=1)) < 4.5 * way.std(axis=1) / np.sqrt(n)).all()
 
 
+@pytest.mark.thorough
 def test_debris_jibes_and_walks_on_its_own() -> None:
     """It shares the errors of the forcing with its object slot by slot, to the bit; sides and walks
     are independent.
@@ -279,6 +281,7 @@ def test_debris_jibes_and_walks_on_its_own() -> None:
         )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step", [3600, 600])
 def test_jibing_swaps_the_whole_line_at_its_rate(step: int) -> None:
     """Sides form a telegraph process: the mean of side(0) side(t) is exp(-2 r t) (Kac 1974)."""

@@ -68,6 +68,7 @@ def left(out: Path) -> list[str]:
     return sorted(path.name for path in out.parent.iterdir() if path != out)
 
 
+@pytest.mark.thorough
 def test_results_that_stand_are_left_alone(
     case: drift.Case, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -79,6 +80,7 @@ def test_results_that_stand_are_left_alone(
     assert left(out) == []
 
 
+@pytest.mark.thorough
 def test_the_command_line_says_so_in_a_line(
     case: drift.Case, out: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -114,6 +116,7 @@ def test_the_command_line_says_so_in_a_line(
     }
 
 
+@pytest.mark.thorough
 def test_results_of_another_run_stand_until_the_new_ones_are_complete(
     case: drift.Case, out: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -265,6 +268,7 @@ def test_nothing_to_go_on_with(case: drift.Case) -> None:
         drift.run(case, resume=True)  # type: ignore[call-overload]
 
 
+@pytest.mark.thorough
 def test_forcing_of_files_is_asked_by_its_bytes(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -72,6 +72,7 @@ def unwritten(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(flow, "write", lambda *given, **more: None)
 
 
+@pytest.mark.thorough
 def test_two_workers_make_the_same(
     case: drift.Case, made: drift.Result, client: Any, tmp_path: Path
 ) -> None:
@@ -505,6 +506,7 @@ def test_workers_search(client: Any, tmp_path: Path) -> None:
     runs.same(drift.run(searched, client=client, shards=3), drift.run(searched))
 
 
+@pytest.mark.thorough
 def test_workers_have_no_gpu(case: drift.Case, client: Any) -> None:
     with pytest.raises(
         drift.UserError, match='backend = "cuda": workers move particles on processors'
@@ -512,6 +514,7 @@ def test_workers_have_no_gpu(case: drift.Case, client: Any) -> None:
         drift.run(case, client=client, backend="cuda")
 
 
+@pytest.mark.thorough
 def test_threads_of_this_process_are_no_workers(case: drift.Case, tmp_path: Path) -> None:
     with (
         distributed.Client(

@@ -114,6 +114,7 @@ def put(half: Path, out: Path) -> None:
     shutil.copytree(half, unfinished(out))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("many", [pytest.param(2, marks=pytest.mark.thorough), 9])
 def test_no_number_of_shards_changes_a_bit(case: drift.Case, made: drift.Result, many: int) -> None:
     runs.same(drift.run(case, shards=many), made)
@@ -135,6 +136,7 @@ def test_where_and_when_particles_begin_is_drawn_alike_without_how_they_move(
         assert np.array_equal(column.to_numpy(), whole.ensemble.columns[name].to_numpy()), name
 
 
+@pytest.mark.thorough
 def test_members_are_dealt_out_alike_to_shards(tmp_path: Path) -> None:
     case = runs.case(tmp_path, members=True)
     one, many = drift.run(case), drift.run(case, shards=7)
@@ -146,6 +148,7 @@ def test_members_are_dealt_out_alike_to_shards(tmp_path: Path) -> None:
     assert np.ptp(one.members.place[:, 0]) > 0.01  # and they part
 
 
+@pytest.mark.thorough
 def test_no_file_differs(case: drift.Case, whole: Path, tmp_path: Path) -> None:
     drift.run(case, tmp_path / "out", shards=3)
     assert same_files.differences(whole, tmp_path / "out") == []
@@ -506,6 +509,7 @@ def test_a_folder_beside_which_nothing_can_be_made(
     assert list(out.iterdir()) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unwritten")
 def test_a_link_to_a_disk_with_more_room(
     case: drift.Case, made: drift.Result, tmp_path: Path

@@ -251,6 +251,7 @@ RESAMPLED = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "rule",
     [
@@ -289,6 +290,7 @@ def test_what_a_sonar_heard_is_as_in_one_piece(tmp_path: Path) -> None:
     same(whole, drift.run(case, shards=3))
 
 
+@pytest.mark.thorough
 def test_what_drifts_is_searched_as_in_one_piece(searched: tuple[drift.Case, drift.Result]) -> None:
     """On a coast that refloats, with debris and a sortie that drifts with its marker."""
     case, whole = searched
@@ -342,6 +344,7 @@ def test_a_search_that_was_killed_goes_on(
     same(whole, drift.run(case, out, shards=3))
 
 
+@pytest.mark.thorough
 def test_a_stretch_whose_begin_is_gone_begins_anew(
     searched: tuple[drift.Case, drift.Result],
     tmp_path: Path,
@@ -374,6 +377,7 @@ def test_a_stretch_whose_begin_is_gone_begins_anew(
     assert filled.count(0) == 3
 
 
+@pytest.mark.thorough
 def test_a_search_that_contradicts_all_keeps_nothing(tmp_path: Path) -> None:
     text = runs.FEWER + runs.SEARCHED.replace("belief = 0.7\n", "").replace(
         "[0.03, 0.05]", "[-0.5, -0.5]"
@@ -429,6 +433,7 @@ class Nothing:
     saved: object = None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "text",
     [

@@ -79,6 +79,7 @@ def slices_of(out: Path) -> list[Path]:
     return sorted((out.parent / f".{out.name}{hidden.UNFINISHED}" / work.FORCING).glob("*.slice"))
 
 
+@pytest.mark.thorough
 def test_each_slice_is_regridded_once(
     case: drift.Case, made: drift.Result, tmp_path: Path, read: list[int]
 ) -> None:
@@ -87,6 +88,7 @@ def test_each_slice_is_regridded_once(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("forgetful")
 def test_each_is_regridded_once_for_all_shards_and_products(
     case: drift.Case, made: drift.Result, tmp_path: Path, read: list[int]
@@ -99,6 +101,7 @@ def test_each_is_regridded_once_for_all_shards_and_products(
     assert sorted(read) == [0, 0, 1, 1, 2, 2]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("forgetful")
 def test_a_run_that_goes_on_reads_what_was_regridded(
     case: drift.Case, made: drift.Result, tmp_path: Path, read: list[int]
@@ -142,6 +145,7 @@ def test_without_room_for_them_shards_read_for_themselves(
     assert len(read) > 6
 
 
+@pytest.mark.thorough
 def test_another_forcing_takes_nothing_over(case: drift.Case, tmp_path: Path) -> None:
     """The file is replaced by one of the same name: its slices go, and make room."""
     out = tmp_path / "out"

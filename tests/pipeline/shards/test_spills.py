@@ -194,11 +194,13 @@ def moved(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return numbers
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("many", [pytest.param(2, marks=pytest.mark.thorough), 5])
 def test_no_number_of_shards_changes_a_bit(case: drift.Case, made: drift.Result, many: int) -> None:
     same(drift.run(case, shards=many), made)
 
 
+@pytest.mark.thorough
 def test_no_more_than_a_part_is_read_at_once(
     case: drift.Case, made: drift.Result, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -352,6 +354,7 @@ def elsewhere(case: drift.Case, out: Path, many: int, monkeypatch: pytest.Monkey
         stopped(case, out, many, 0.0, "map")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unwritten")
 def test_a_round_of_other_worlds_is_not_used(
     case: drift.Case,
@@ -406,6 +409,7 @@ def test_two_workers_make_the_same(
     assert told == [0.8, 1.0, 0.2, 0.4, 0.6, 0.8, 1.0]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unwritten")
 def test_one_that_loses_too_much_keeps_nothing(tmp_path: Path) -> None:
     """What finds leave cannot mend it: the same refusal as in one piece, and the next run begins
@@ -423,6 +427,7 @@ def test_one_that_loses_too_much_keeps_nothing(tmp_path: Path) -> None:
     assert kept(out) == []
 
 
+@pytest.mark.thorough
 def test_no_water_is_refused_as_in_one_piece(tmp_path: Path) -> None:
     case = case_of(tmp_path, "")
     west, south, east, north = -0.1503, 0.0297, -0.1497, 0.0303  # of a pond

@@ -136,6 +136,7 @@ def test_of_a_particle_that_lies_still():
         assert table[0] == pytest.approx(np.where(expected < 1e-6, 0, expected), abs=2e-5)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "passing", [(178.9, 40.7, 180.6, 41.9), (179.2, 42.0, 180.5, 40.2), (180.6, 40.9, 180.35, 41.9)]
 )

@@ -64,6 +64,7 @@ def test_cells_that_are_filled_are_those_that_are_processed(
         assert abs(float(words) - share) <= (0.05 if share >= 9.95 else 0.005)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("slots", "beams"),
     [

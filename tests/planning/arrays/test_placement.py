@@ -108,6 +108,7 @@ def test_no_way_of_a_grid_is_better(seed, m, side, courses):
     assert plan.value >= 0.99 * best
 
 
+@pytest.mark.thorough
 def test_what_a_way_hears_is_what_the_search_hears():
     """The planner's kernel against the same process in plain NumPy: ranges by the haversine, parts
     of 15 s, G by its recursion.
@@ -228,6 +229,7 @@ def test_arrays_of_one_group_share_an_unknown():
     assert np.abs(apart - told).max() > 0.01
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "seed", [*(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(3)), 3]
 )
@@ -252,6 +254,7 @@ def test_bound_holds_against_what_is_better_than_any_ship(seed):
     )
 
 
+@pytest.mark.thorough
 def test_a_bound_that_says_something():
     """In a small sea without zones and with a loud target cells lose little; in others the bound is
     loose, and says so.
@@ -269,6 +272,7 @@ def test_a_bound_that_says_something():
     assert found.value < 1
 
 
+@pytest.mark.thorough
 def test_ways_keep_to_what_is_asked():
     some = tracks(6, m=600)
     asked = ship(
@@ -295,12 +299,20 @@ def test_ways_keep_to_what_is_asked():
     assert inside.all()
 
 
+def test_without_a_plan_one_goes_from_the_middle_within_the_sector():
+    """A sector of 100 degrees through north: the first of its eight courses that is possible."""
+    asked = ship(6, courses=(math.radians(300), math.radians(40)))
+    way = placement._middle(ways.sea(asked, BEGIN, BEGIN + 18 * 3600), np.array([BEGIN]))
+    assert math.degrees(way.course[0]) == pytest.approx(300 + 100 / 16)
+
+
 def test_a_ship_that_cannot_go_anywhere_says_so():
     sea = ways.sea(ship(1, allowed=box(200, 200, 210, 210)), BEGIN, BEGIN + 18 * 3600)
     with pytest.raises(ValueError, match="ship has no way"):
         placement.best_ways([sea], tracks(1, m=500), 1)
 
 
+@pytest.mark.thorough
 def test_the_same_seed_gives_the_same_plan():
     some, sea = tracks(9, m=200), ways.sea(ship(9), BEGIN, BEGIN + 18 * 3600)
     a, b = (placement.best_ways([sea], some, 4) for _ in range(2))

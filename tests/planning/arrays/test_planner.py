@@ -67,6 +67,7 @@ def load(folder, text=CASE):
     return drift.load(path)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("planned", [1000, pytest.param(4000, marks=pytest.mark.thorough)])
 def test_a_plan_is_worth_what_its_watches_hear(tmp_path, planned):
     of = CASE.replace("\nparticles = 4000\n", f"\nparticles = {planned}\n")

@@ -82,6 +82,7 @@ def small(seed: int) -> Hearing:
     raise AssertionError
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "block", [0, *(pytest.param(block, marks=pytest.mark.thorough) for block in (1, 2))]
 )
@@ -135,6 +136,7 @@ def highs(hearing: Hearing) -> float:
     return total
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("block", [1, pytest.param(0, marks=pytest.mark.thorough)])
 def test_beams_that_share_a_level_count_by_their_best(block: int) -> None:
     """What the allocation tells is what NumPy makes of it, no choice of brute force is above the
@@ -267,6 +269,7 @@ def test_the_bound_holds_against(name: str) -> None:
         assert relaxation.bound(hearing, share, steps=steps, gap=0.0).bound >= most - 1e-15 * scale
 
 
+@pytest.mark.thorough
 def test_the_relaxations_bound_is_what_a_general_solver_finds() -> None:
     """Where the exponential alone is the lesser side: its maximum over sum x = 2 by SLSQP."""
     rng = np.random.default_rng(3)
@@ -443,6 +446,7 @@ def passing(many: int, arrays: int, per: int, slots: int, processors: int) -> He
     )
 
 
+@pytest.mark.thorough
 def test_it_comes_near_the_bound_on_a_sample_and_on_all(monkeypatch: pytest.MonkeyPatch) -> None:
     """More particles than the sample: the bound is of all, for it is settled on them."""
     monkeypatch.setattr(processing, "SAMPLE", 2_500)

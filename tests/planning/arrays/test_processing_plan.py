@@ -97,7 +97,7 @@ def heard(plan, choice):
     return float(plan.hearing.weight.sum() - missed.sum())
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_plan_by_the_command_is_the_best_of_all(tmp_path, capsys):
     load(tmp_path)
     assert main(["plan", str(tmp_path / "scarce.toml"), "--out", str(tmp_path / "out")]) == 0
@@ -131,6 +131,7 @@ def test_a_plan_by_the_command_is_the_best_of_all(tmp_path, capsys):
     assert "processing.txt" in (tmp_path / "out" / "report.html").read_text()
 
 
+@pytest.mark.thorough
 def test_its_pod_is_that_of_the_watch_that_was_planned(tmp_path):
     """One beam over the whole plan: a run with that watch, on other particles, finds as much."""
     case = load(
@@ -158,6 +159,7 @@ def test_its_pod_is_that_of_the_watch_that_was_planned(tmp_path):
     assert plan.allocation.exact
 
 
+@pytest.mark.thorough
 def test_processors_by_name_work_in_their_hours_on_their_sensors(tmp_path):
     people = 'processors = [{ name = "day", sensors = ["west"], manned = [["+4 h", "+6 h"], ["+6 h", "+7.5 h"]] }, { name = "all" }]'
     case = load(
@@ -182,6 +184,7 @@ def test_processors_by_name_work_in_their_hours_on_their_sensors(tmp_path):
     assert plan.allocation.value <= plan.allocation.heard
 
 
+@pytest.mark.thorough
 def test_an_array_that_is_towed_on_a_known_way(tmp_path):
     way = '{ sensor = "tail", name = "ship", waypoints = [["+5 h", "35 30N 179 40E"], ["+8 h", "35 50N 180E"]] }'
     case = load(tmp_path, changed(('["west", "east"]', f'["west", {way}]')))

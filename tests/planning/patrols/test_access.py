@@ -237,6 +237,7 @@ def test_a_town_across_water_is_not_what_a_shore_lies_near(tmp_path, monkeypatch
     ]
 
 
+@pytest.mark.thorough
 def test_a_whole_plan_crosses_no_water(tmp_path):
     """drift plan on the bay: every stretch that it sends a team to lies on the mainland; without
     reach to it none.

@@ -197,6 +197,7 @@ def planned(tmp_path_factory: pytest.TempPathFactory):
     return *patrol.patrol(drift.load(case.path), folder / "out"), folder
 
 
+@pytest.mark.thorough
 def test_a_straight_coast_is_found_as_its_closed_form_says(planned) -> None:
     """Visits by what an independent sampler of the coast finds, report rates 0.02 a day: three
     standard errors.
@@ -229,6 +230,7 @@ def test_a_straight_coast_is_found_as_its_closed_form_says(planned) -> None:
         assert sum(segments.length[v.segment] for v in visits) <= slot.team.length * (1 + 1e-9)
 
 
+@pytest.mark.thorough
 def test_patrols_made_as_planned_find_as_many(planned, tmp_path: Path) -> None:
     """patrols.toml appended to the case: the patrols are those planned, and drawn."""
     plan, result, folder = planned
@@ -289,6 +291,7 @@ def test_patrols_and_stretches_for_other_programs(planned, tmp_path: Path) -> No
     assert [track.findtext("{*}name") for track in stretches] == [f["id"] for f in touched]
 
 
+@pytest.mark.thorough
 def test_what_is_longer_than_a_teams_day_is_told(tmp_path: Path, monkeypatch) -> None:
     """Of two named stretches one is longer than the walkers' day: its length and what lies there,
     in all that a plan hands out.

@@ -62,6 +62,7 @@ def any_legs(c: np.ndarray) -> np.ndarray:
     return 1 - np.exp(-4 * c * c / np.pi) + c * special.erfc(2 * c / np.sqrt(np.pi))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("u", [pytest.param(0.6, marks=pytest.mark.thorough), 1.9])
 def test_a_circular_normal(u: float) -> None:
     """Koopman 1957: 1 - (1 + u) e^-u; a disc searched once: 1 - exp(-u^2 / 2).
@@ -78,6 +79,7 @@ def test_a_circular_normal(u: float) -> None:
     assert filled(u, lambda c: laws.pod(Law(), c)) < filled(u, any_legs)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("grows", [4.0, 0.25])
 def test_a_circular_normal_that_grows_or_shrinks(grows: float) -> None:
     """As Koopman's that stands still, an hour's search counting by 1 over the square of how wide
@@ -119,6 +121,7 @@ def test_few_particles_leave_it_above() -> None:
         assert np.mean(values) > 1 - (1 + u) * np.exp(-u)
 
 
+@pytest.mark.thorough
 def test_a_box_that_can_be_swept_once() -> None:
     """An even prior with sharp edges, definite range: what is swept, to the edge; tight boxes lose
     none of it outside.
@@ -294,6 +297,7 @@ def test_laws_whose_bound_is_known() -> None:
     assert np.all(limit_of(concave.curve((Law(),)), c) >= any_legs(c) - 1e-7)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("wander", [0.05, 0.6])
 def test_no_more_is_found_of_what_wanders_than_its_curve(wander: float) -> None:
     """Brownian motion past a sensor of inverse cube, by small steps: min(H, h) over the area swept,
@@ -411,6 +415,7 @@ MOVING = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name",
     [
@@ -449,6 +454,7 @@ LINES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name",
     [
@@ -560,6 +566,7 @@ def test_boxes_are_cut_where_they_are_plainly_uneven() -> None:
 
 
 # (share that is close together, price of the densest place at which search stops)
+@pytest.mark.thorough
 @pytest.mark.parametrize(("share", "price"), [(0.01, 0.1), (0.2, 0.1), (0.2, 0.4)])
 def test_a_few_particles_close_together_in_a_wide_cloud(share: float, price: float) -> None:
     """An unlikely scenario that says where: spread over boxes of the whole, it was bounded by 0.6
@@ -586,6 +593,7 @@ def test_a_few_particles_close_together_in_a_wide_cloud(share: float, price: flo
     assert best < bound.bound(some, [one], spec(), [None]).value
 
 
+@pytest.mark.thorough
 def test_sixteen_particles_a_box(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few particles, of unequal weight, against Koopman's optimum 1 - (1 + u) e^-u of a circular
     normal.

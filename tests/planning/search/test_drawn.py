@@ -54,6 +54,7 @@ def test_a_unit_whose_whole_search_is_short_is_sent(few_trials: None) -> None:
     assert 0.98 * 0.2542 < made.seen < 1.02 * 0.2542
 
 
+@pytest.mark.thorough
 def test_a_plan_of_a_slow_boat_drifts_with_the_cloud(few_trials: None) -> None:
     """2 kn over five hours: the plan on the ground found 0.48, an expanding square that drifts
     0.51.
@@ -197,6 +198,7 @@ def test_areas_that_drift_keep_apart_all_along() -> None:
     ] == pytest.approx(side, abs=0.06 * NMI)
 
 
+@pytest.mark.thorough
 def test_a_drifting_plan_is_executed_as_it_was_reckoned(few_trials: None, tmp_path: Path) -> None:
     """Its tables, run with the case, fail as often as the plan said; its text says how the area
     drifts.

@@ -21,6 +21,7 @@ from kernels.planning import rectangles, sweeps
 STD = 5 * NMI
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("u", "best"), [(1.0, 0.2542), (2.0, 0.5649)])
 def test_best_square_on_a_circular_normal(u: float, best: float) -> None:
     """Random search of a rectangle: what its sides hold, times 1 - e^-C; the best is a square
@@ -99,6 +100,7 @@ def planned() -> tuple:
         return two, units, asked, optimiser.plan(two, units, asked, 7, [None, None])
 
 
+@pytest.mark.thorough
 def test_a_plan_keeps_the_rules(planned: tuple) -> None:
     _, units, asked, made = planned
     assert {task.unit.name for task in made.taskings} == {one.name for one in units}
@@ -138,6 +140,7 @@ def test_a_plan_keeps_the_rules(planned: tuple) -> None:
                 assert shapes[0].distance(shapes[1]) > asked.separation * 0.999
 
 
+@pytest.mark.thorough
 def test_a_plan_is_near_the_bound_and_beats_what_is_done_by_hand(planned: tuple) -> None:
     two, units, asked, made = planned
     limit = bound.bound(two, units, asked, [None, None])
@@ -154,6 +157,7 @@ def test_a_plan_is_near_the_bound_and_beats_what_is_done_by_hand(planned: tuple)
         assert alternative.difference > 3 * alternative.standard_error > 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("separation", [pytest.param(0.0, marks=pytest.mark.thorough), 12 * NMI])
 def test_a_plan_is_never_worse_than_another_that_was_computed(
     monkeypatch: pytest.MonkeyPatch, separation: float
@@ -294,6 +298,7 @@ def test_a_wait_is_told_with_its_own_reason() -> None:
     assert told(14 * HOUR, daylight=True, ready=3) == "for daylight, then more is found then"
 
 
+@pytest.mark.thorough
 def test_alive_is_worth_going_at_once() -> None:
     """A cloud that draws together is best searched late, unless nobody lives that long."""
     tight, wide = cloud(1024, 2 * NMI, hours=10, bins=10), cloud(1024, 12 * NMI, hours=10, bins=10)

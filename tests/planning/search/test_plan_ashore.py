@@ -51,6 +51,7 @@ def planned(folder: Path, ashore: str) -> drift.planning.search.records.Plan:
     return planner.plan(drift.load(folder / "case.toml"), folder / "out")[0]
 
 
+@pytest.mark.thorough
 def test_legs_are_spent_on_what_is_afloat(tmp_path: Path) -> None:
     made = planned(tmp_path, "")
     (task,) = made.taskings
@@ -74,6 +75,7 @@ def test_legs_are_spent_on_what_is_afloat(tmp_path: Path) -> None:
     assert flown.summary["search"]["cumulative_pos"]["all"] == pytest.approx(made.pos, abs=0.003)
 
 
+@pytest.mark.thorough
 def test_units_that_see_the_shore_are_sent_there(tmp_path: Path) -> None:
     made = planned(tmp_path, "ashore = true")
     assert made.pos > 1 - made.ashore  # more than all that is afloat

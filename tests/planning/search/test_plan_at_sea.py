@@ -104,6 +104,7 @@ def one(made: Plan, name: str) -> drift.planning.search.records.Tasking:
     return next(task for task in made.taskings if task.unit.name == name)
 
 
+@pytest.mark.thorough
 def test_a_boat_goes_round_and_an_aircraft_over(planned: tuple[Path, Plan]) -> None:
     folder, made = planned
     boat, plane = one(made, "boat"), one(made, "plane")
@@ -129,6 +130,7 @@ def test_a_boat_goes_round_and_an_aircraft_over(planned: tuple[Path, Plan]) -> N
     assert boat.off_scene <= made.spec.until
 
 
+@pytest.mark.thorough
 def test_what_is_told_is_what_is_scored(planned: tuple[Path, Plan]) -> None:
     folder, made = planned
     boat = one(made, "boat")
@@ -157,6 +159,7 @@ def test_what_is_told_is_what_is_scored(planned: tuple[Path, Plan]) -> None:
     assert sum(update.log_evidence[-1] for update in more.updates.all) < evidence - 1e-3
 
 
+@pytest.mark.thorough
 def test_files_and_sheets_carry_the_way(planned: tuple[Path, Plan]) -> None:
     folder, made = planned
     boat, out = one(made, "boat"), folder / "out"
@@ -205,6 +208,7 @@ def test_files_and_sheets_carry_the_way(planned: tuple[Path, Plan]) -> None:
     assert all((out / name).stat().st_size > 20_000 for name in sheets)
 
 
+@pytest.mark.thorough
 def test_a_long_search_goes_on_on_further_pages(planned: tuple[Path, Plan], tmp_path: Path) -> None:
     _, made = planned
     boat = one(made, "boat")
@@ -226,6 +230,7 @@ def test_a_long_search_goes_on_on_further_pages(planned: tuple[Path, Plan], tmp_
     assert (tmp_path / "two.png").stat().st_size > 20_000
 
 
+@pytest.mark.thorough
 def test_a_boat_that_cannot_get_there_is_said_by_name(tmp_path: Path) -> None:
     walled = CASE.replace('source = "islands.geojson"', 'source = "wall.geojson"')
     ring = [(178.9, 19.0), (179.88, 19.0), (179.88, 21.0), (178.9, 21.0)]

@@ -149,6 +149,7 @@ def scored(case: Case, tracks: Tracks, name: str) -> tuple[np.ndarray, Sortie]:
     return pos, tasking.sortie
 
 
+@pytest.mark.thorough
 def test_what_a_sortie_is_reckoned_to_find_it_finds_when_executed(
     mixture: tuple[Job, Tracks],
 ) -> None:
@@ -233,6 +234,7 @@ def test_bins_end_where_steps_do_and_are_short(mixture: tuple[Job, Tracks]) -> N
     assert (kinds[2] > start + 1e6).all()  # the smuggler is in no distress
 
 
+@pytest.mark.thorough
 def test_the_bound_counts_the_wider_of_both_states(
     mixture: tuple[Job, Tracks], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -353,6 +355,7 @@ def mixed(m: int) -> Tracks:
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("targets", "speed", "search"),
     [
@@ -375,6 +378,7 @@ def test_no_legs_by_hand_find_more_than_the_bound(
     assert 0.15 < hunted(some, speed, search, width, 160) < reckoned.value < 0.9
 
 
+@pytest.mark.thorough
 def test_what_stands_still_is_bounded_as_what_drifts() -> None:
     """A circular normal, random search: 1 - (1 + u) e^-u.
 
@@ -413,6 +417,7 @@ def test_bins_of_a_convoy_are_short_and_of_a_stream_long() -> None:
     assert (long["stream"] == bins.LONGEST).all()
 
 
+@pytest.mark.thorough
 def test_there_is_no_bound_where_it_could_be_beaten(
     mixture: tuple[Job, Tracks], monkeypatch: pytest.MonkeyPatch
 ) -> None:

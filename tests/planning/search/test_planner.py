@@ -83,6 +83,7 @@ def planned(
     return folder, *planner.plan(case_of(folder))
 
 
+@pytest.mark.thorough
 def test_executing_a_plan_fails_as_often_as_it_said(
     planned: tuple[Path, Plan, drift.Result],
 ) -> None:
@@ -125,6 +126,7 @@ def test_rounds_are_planned_on_the_failure_of_those_before(
     assert len({tasking.sortie.name for tasking in made.taskings}) == len(made.taskings)
 
 
+@pytest.mark.thorough
 def test_a_round_finds_alive_what_those_before_found_neither_alive_nor_dead(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -148,6 +150,7 @@ def test_a_round_finds_alive_what_those_before_found_neither_alive_nor_dead(
     assert made.seen < 1 - (1 - first.seen) * (1 - second.seen) - 0.001
 
 
+@pytest.mark.thorough
 def test_finding_alive_is_worth_less_than_finding(tmp_path: Path) -> None:
     made, result = planner.plan(case_of(tmp_path, objective="alive"))
     assert 0.05 < made.value < made.pos
@@ -270,6 +273,7 @@ def losing(folder: Path, edge: float) -> drift.Case:
     return drift.load(folder / "losing.toml")
 
 
+@pytest.mark.thorough
 def test_a_plan_is_not_refused_for_being_good(tmp_path: Path) -> None:
     """A tenth of the probability leaves the domain; once the rest has been searched, most of what
     is left has left it.

@@ -188,6 +188,7 @@ def islands(count: int) -> list[shapely.Polygon]:
     ]
 
 
+@pytest.mark.thorough
 def test_ways_among_many_islands_against_brute_force() -> None:
     """The side on which an island is passed is chosen by distances that are up to 2.8 % too long;
     few ways are longer for that.
@@ -239,6 +240,7 @@ def boat(**more: object) -> courses.Unit:
     return courses.Unit(**{**told, **more})  # type: ignore[arg-type]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("keeps", [pytest.param(0.0, marks=pytest.mark.thorough), 200.0])
 def test_no_metre_on_land_among_skerries(norway: np.ndarray, keeps: float) -> None:
     places = np.array([OUT, (4.75, 60.42)])
@@ -266,6 +268,7 @@ def test_no_metre_on_land_among_skerries(norway: np.ndarray, keeps: float) -> No
         assert (close > 0) == (keeps > 0)
 
 
+@pytest.mark.thorough
 def test_arrival_is_never_early_and_hardly_late(norway: np.ndarray) -> None:
     rng = np.random.default_rng(3)
     places = np.column_stack([rng.uniform(4.5, 4.9, 12), rng.uniform(60.45, 60.7, 12)])
@@ -281,6 +284,7 @@ def test_arrival_is_never_early_and_hardly_late(norway: np.ndarray) -> None:
             assert far < 1.04 * length + 2 * course.sea.step
 
 
+@pytest.mark.thorough
 def test_a_base_far_from_the_sea_is_refused_and_one_near_it_is_not(norway: np.ndarray) -> None:
     with pytest.raises(
         ValueError,
@@ -295,6 +299,7 @@ def test_a_base_far_from_the_sea_is_refused_and_one_near_it_is_not(norway: np.nd
     assert 0 < course.out.ashore < courses.HARBOUR
 
 
+@pytest.mark.thorough
 def test_legs_are_cut_at_the_coast_and_sailed_round_it() -> None:
     islet = shapely.Polygon([(-520, -320), (360, -568), (504, 280), (-164, 608)])
     shapes = [islet, shapely.box(4000, -9000, 9000, 9000)]

@@ -104,6 +104,7 @@ def by_brute_force(made: swept.Swept, some: Sailed, width: float) -> float:
     return float(-np.expm1(-hazard * width**2 / (4 * math.pi)).mean())
 
 
+@pytest.mark.thorough
 def test_the_pod_of_cut_legs_is_off_by_no_more_than_that_of_whole_ones() -> None:
     """erf(sqrt(pi)/2 W/S) is of endless legs: of two whole ones it is too high by what is seen
     beyond the area's edges.
@@ -172,6 +173,7 @@ def stage_of(x: Array, y: Array) -> candidates.Stage:
     return candidates.Stage(m, swarm, np.full(m, 1 / m), np.ones(1), True, 0.0)
 
 
+@pytest.mark.thorough
 def test_a_boat_whose_legs_end_ashore_with_time_left_is_tasked_anew(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -485,6 +485,7 @@ def test_what_came_in_the_way_of_putting_back_is_told_and_stays(tmp_path: Path) 
     assert read(folder) == OLD
 
 
+@pytest.mark.thorough
 @posix
 def test_real_kills(tmp_path: Path) -> None:
     """A slice of benchmarks/kill_overwrite.py: SIGKILL at seeded moments of processes of their own."""

@@ -279,6 +279,7 @@ def origin(
     )
 
 
+@pytest.mark.thorough
 def test_backward_and_forward_agree_with_the_closed_form_where_the_flow_converges(
     tmp_path, monkeypatch
 ) -> None:
@@ -316,6 +317,7 @@ def test_backward_and_forward_agree_with_the_closed_form_where_the_flow_converge
     assert found.prior.sum() == pytest.approx(1)
 
 
+@pytest.mark.thorough
 def test_finds_multiply_within_a_world_not_between_averages(tmp_path) -> None:
     """Averages over worlds multiplied are the posterior of finds that share no error of the
     current: another one.
@@ -379,6 +381,7 @@ def straight() -> shoreline.Coast:
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("count", [1, pytest.param(4, marks=pytest.mark.thorough)])
 def test_finds_ashore_tell_the_release_by_the_law_of_arrivals(tmp_path, count: int) -> None:
     """Arrivals at a straight shore follow the inverse Gaussian law, waits the exponential:

@@ -19,6 +19,7 @@ def straight(tmp_path_factory: pytest.TempPathFactory) -> drift.Result:
     return drift.run(case_of(tmp_path_factory.mktemp("straight")))
 
 
+@pytest.mark.thorough
 def test_arrival_times_and_numbers_on_a_straight_coast_are_those_of_the_closed_form(
     straight,
 ) -> None:
@@ -63,11 +64,13 @@ def test_arrival_times_and_numbers_on_a_straight_coast_are_those_of_the_closed_f
     assert tested >= 3
 
 
+@pytest.mark.thorough
 def test_every_world_adds_up(straight) -> None:
     total = straight.washup["world_total"].values
     assert (total.sum(-1) == 60).all()
 
 
+@pytest.mark.thorough
 def test_finds_draw_the_forecast_to_where_they_were_and_the_odd_one_is_called_odd(
     tmp_path: Path, straight
 ) -> None:
@@ -122,6 +125,7 @@ def test_finds_draw_the_forecast_to_where_they_were_and_the_odd_one_is_called_od
     ).all()
 
 
+@pytest.mark.thorough
 def test_worlds_are_drawn_anew_where_too_few_count(tmp_path: Path) -> None:
     """A release that is vague by 40 km and ten finds close together: few worlds of 500 count, then
     enough do.

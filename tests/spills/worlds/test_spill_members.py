@@ -187,6 +187,7 @@ def test_a_renewal_finds_the_same_member(tmp_path: Path) -> None:
     assert np.bincount(result.aftermath.worlds.member)[0] > 50
 
 
+@pytest.mark.thorough
 def test_an_origin_is_a_mixture_over_the_members(tmp_path: Path) -> None:
     """A find at sea after T: in member k the release is normal about the find less u_k T, times the
     prior, in closed form.

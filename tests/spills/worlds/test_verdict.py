@@ -48,6 +48,7 @@ def summary(folder: Path) -> Any:
     return json.loads((folder / "summary.json").read_text())
 
 
+@pytest.mark.thorough
 def test_every_odd_find_is_a_warning_wherever_warnings_stand(told, tmp_path: Path) -> None:
     result, folder = told
     warnings = result.summary["warnings"]
@@ -68,6 +69,7 @@ def test_every_odd_find_is_a_warning_wherever_warnings_stand(told, tmp_path: Pat
     assert not any('"one"' in line for line in warnings)
 
 
+@pytest.mark.thorough
 def test_finds_stand_in_a_table_of_their_own(told) -> None:
     _, folder = told
     with open(folder / "finds.csv", newline="", encoding="utf-8") as file:

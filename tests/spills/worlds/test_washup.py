@@ -180,6 +180,7 @@ def test_by_hand():
     assert made["first_arrival"].attrs["units"] == formats.EPOCH
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_every_figure_is_that_of_brute_force(seed):
@@ -251,6 +252,7 @@ def test_every_figure_is_that_of_brute_force(seed):
             assert made["bulk_arrival"].values[q, j] - begin == quantile(bulk, of, share)
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_account_adds_up_in_every_world_at_every_time(seed):
@@ -349,6 +351,7 @@ def test_what_sinks_ashore_no_longer_lies_there():
     assert made["total"].sel(fate="sunk").values.tolist() == [0, 0, 1]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("repeats", [100, pytest.param(400, marks=pytest.mark.thorough)])
 def test_standard_errors_are_the_spread_of_repeated_forecasts(repeats):
     # Worlds differ (each has its own chance and arrival time) and are weighted; repeated forecasts
@@ -410,6 +413,7 @@ def test_two_errors_of_a_rare_number_hold_whatever_its_mean():
     assert (stats.poisson.pmf(count, means) * held).sum(axis=1).min() >= 0.95
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("worlds", "each", "scatter", "length", "drawn"),
     [

@@ -145,6 +145,7 @@ def test_none_ashore(tmp_path, monkeypatch):
     assert WRONG not in said
 
 
+@pytest.mark.thorough
 def test_the_same_spill_gives_the_same_bytes(tmp_path):
     where, land = coast(-95.0, 29.0, 12)
     made = spill(where, list(range(12)))
@@ -220,6 +221,7 @@ def test_numbers_of_stretches_are_those_of_the_table(tmp_path, monkeypatch):
     assert [text for text in said if text in ("(1)", "(2)", "(3)")] == ["(1)", "(3)"] * 3
 
 
+@pytest.mark.thorough
 def test_what_is_planned_is_shown_near_and_listed_alone(tmp_path, monkeypatch):
     """A map of all of a long coast shows no patrol: what is framed and listed is what is patrolled,
     numbered as in the tables.
@@ -242,6 +244,7 @@ def test_what_is_planned_is_shown_near_and_listed_alone(tmp_path, monkeypatch):
         assert ("▲far" in said) == (not near)
 
 
+@pytest.mark.thorough
 def test_finds_bear_their_numbers_and_patrols_are_drawn(tmp_path, monkeypatch):
     said = words(monkeypatch)
     where, land = coast(-95.0, 29.0, 12)

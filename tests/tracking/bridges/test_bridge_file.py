@@ -205,6 +205,7 @@ def test_what_strays_far_is_told_to_be_rough(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.thorough
 def test_command_writes_a_picture_and_geojson(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -249,6 +250,7 @@ def test_command_writes_a_picture_and_geojson(
         assert plane == pytest.approx(shape["properties"]["area_nmi2"], rel=5e-3)
 
 
+@pytest.mark.thorough
 def test_a_picture_across_the_antimeridian_and_near_a_pole(tmp_path: Path) -> None:
     words = WRITTEN.replace('"12 10N 072 10W"', '"71 00N 176 00E"').replace(
         "[-70.5, 15.2]", "[-177.0, 76.0]"

@@ -341,6 +341,7 @@ def test_a_fit_in_words_and_as_a_line_of_a_case() -> None:
     assert "20 comparisons in 1 stretch;" in facts["tracks"]
 
 
+@pytest.mark.thorough
 def test_real_ships(data: Path) -> None:
     """Ships about the Suez Canal every 3 h at over 5 kn, beside a plain computation in a plane: the
     same triples, K within 0.3 %.

@@ -102,6 +102,7 @@ CLOUDS = {
 FIRST = ("two clumps", "heavy tails")  # the others in the thorough stage
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "kind",
     [pytest.param(kind, marks=[pytest.mark.thorough] * (kind not in FIRST)) for kind in CLOUDS],

@@ -90,6 +90,7 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(holding, "OTHERS", 1)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("alone")
 def test_a_track_follows_its_detections_and_its_areas_grow_in_silence() -> None:
     asked = tracking.load("lost_contact")
@@ -117,6 +118,7 @@ def test_a_track_follows_its_detections_and_its_areas_grow_in_silence() -> None:
     assert spread[0] < spread[1] < spread[2]
 
 
+@pytest.mark.thorough
 def test_a_track_is_lost_and_found_again() -> None:
     """Within reach of a radar that finds nothing no particle is left; a later detection begins
     again.
@@ -172,6 +174,7 @@ def test_no_silence_counts_from_when_a_path_begins_that_no_log_tells_of() -> Non
         assert (held.shown[0].cloud is None) == bool(lost)
 
 
+@pytest.mark.thorough
 def test_a_loss_is_told_where_a_detection_finds_the_target_before_any_figure() -> None:
     """Figures at the begin and the end alone; silence rules out all from 5 minutes after a plot,
     when no radar is off.
@@ -227,6 +230,7 @@ def test_the_mean_of_a_ring_lies_within_none_of_its_areas() -> None:
     assert north * 60 / 2 == pytest.approx(8.8, rel=0.03)
 
 
+@pytest.mark.thorough
 def test_other_clouds_say_how_far_areas_go_by_chance() -> None:
     """The least and the largest area are those of ten clouds, each followed alone by the random
     numbers of a run of its own.
@@ -270,6 +274,7 @@ def test_other_clouds_say_how_far_areas_go_by_chance() -> None:
         assert one.holding == holding.OTHERS == 9
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("alone")
 def test_the_times_shown_do_not_change_the_track() -> None:
     asked = tracking.load("lost_contact", {"particles": "600"})

@@ -160,6 +160,7 @@ def test_runs_of_a_target_that_acts_have_worlds_of_their_own() -> None:
     assert len(np.unique(errors[0][np.isfinite(errors[0])])) > 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("far", "median"),
     [

@@ -91,6 +91,7 @@ def test_the_first_closing_detection_is_off_by_half_of_its_box() -> None:
     assert np.linalg.norm(found.velocity[0, 0, 0]) / KNOT < 4 * 32 / np.sqrt(3 * size)
 
 
+@pytest.mark.thorough
 def test_nothing_parts_naive_from_contextual_before_three_minutes_and_the_methods_in_closing() -> (
     None
 ):

@@ -23,6 +23,7 @@ def moments(*some: Gaussian) -> tuple[np.ndarray, np.ndarray]:
     return mean, np.einsum("ij,ijk,ijl->kl", p, points - mean, points - mean)
 
 
+@pytest.mark.thorough
 def test_a_merged_distribution_is_the_product_in_any_order() -> None:
     third = gaussians.observed(-80.0, 700.0, 300.0, 250.0, np.radians(165))
     mean, covariance = moments(FIRST, SECOND, third)

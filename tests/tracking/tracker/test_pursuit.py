@@ -165,6 +165,7 @@ def asked(**changes: object) -> Pursuit:
     return Pursuit(**{**given, **changes})  # type: ignore[arg-type]
 
 
+@pytest.mark.thorough
 def test_a_boat_on_a_known_course_is_met_where_the_speeds_allow_it() -> None:
     """It passes abeam at 12 nmi on a course across, at 10 kn: they are within reach after 40 to 60
     min; 30 nmi off, never.

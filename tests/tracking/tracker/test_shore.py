@@ -104,6 +104,7 @@ def test_a_box_on_land_places_nobody_and_loses_the_track() -> None:
     assert len(batch.go(600.0).particles(0, 0, 600.0).weight) == 500
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("way", [0, 1, 2], ids=["keeps", "changes", "flees"])
 def test_no_particle_crosses_land(way: int) -> None:
     """Looked at every 20 s for two hours: no place and no way between two is on land, but for the
@@ -164,6 +165,7 @@ def test_duplicates_keep_off_the_land_too() -> None:
         assert not shapely.contains_xy(inner, *places(batch.go(time), 0, time)).any()
 
 
+@pytest.mark.thorough
 def test_far_north_parallels_are_short() -> None:
     """Off Spitsbergen, where a degree of longitude is a fifth of one of latitude, nobody comes
     ashore on Prins Karls Forland.

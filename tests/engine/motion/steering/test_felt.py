@@ -136,6 +136,7 @@ def fine(
     return lon, lat
 
 
+@pytest.mark.thorough
 def test_a_course_through_a_sheared_current_is_of_second_order(tmp_path: Path) -> None:
     """24 h at 9 kn at 58 N, set off by up to 40 nmi: under 10 m at an hour, 1 m at a quarter of
     one, and a quarter of the error with half the step.
@@ -182,6 +183,7 @@ class Voyage:
         return rate * R * east, rate * R * north
 
 
+@pytest.mark.thorough
 def test_a_voyage_misses_its_way_points_and_goes_adrift_from_where_it_is(tmp_path: Path) -> None:
     """Places inside steps, round a bend, and after the distress, by a step of 10 min.
 
@@ -222,6 +224,7 @@ def test_a_voyage_misses_its_way_points_and_goes_adrift_from_where_it_is(tmp_pat
     assert sphere.distance(*ended, *np.radians(POINTS[-1])).min() > 5_000
 
 
+@pytest.mark.thorough
 def test_the_current_s_error_is_that_of_what_drifts(tmp_path: Path) -> None:
     """Displacements by an Ornstein-Uhlenbeck error: variance 2 s^2 T (t - T (1 - exp(-t / T))), as
     of what is adrift.
@@ -241,6 +244,7 @@ def test_the_current_s_error_is_that_of_what_drifts(tmp_path: Path) -> None:
         assert moved.var() == pytest.approx(expected, rel=3 * np.sqrt(2 / n))
 
 
+@pytest.mark.thorough
 def test_sensors_see_it_where_it_is(tmp_path: Path) -> None:
     """In a uniform current a vessel that feels it goes as one does with the sum of both velocities,
     that makes it good.

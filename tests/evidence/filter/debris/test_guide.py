@@ -211,6 +211,7 @@ def test_posterior_by_joint_normals(tmp_path, errors, clocked):
     )
 
 
+@pytest.mark.thorough
 def test_two_finds_of_which_one_may_be_false(tmp_path):
     """A doubtful find that fits no other is believed as its likelihood says: particles follow each
     find alone too.
@@ -245,6 +246,7 @@ def test_two_finds_of_which_one_may_be_false(tmp_path):
     held_to(at, weight, (0, 8400, 12_000), exact, evidence, share)
 
 
+@pytest.mark.thorough
 def test_guided_only_where_it_helps_and_is_asked_for(tmp_path):
     """A wide find, one with guide = false, and a case without debris leave particles as their
     streams draw them.
@@ -273,6 +275,7 @@ def test_guided_only_where_it_helps_and_is_asked_for(tmp_path):
     assert 1 / (weight**2).sum() > 0.25 * 2000
 
 
+@pytest.mark.thorough
 def test_a_scenario_that_is_under_way_is_not_guided(tmp_path):
     """Debris of what steers begins where it goes adrift: there particles stay as they are, beside
     guided ones.
@@ -305,6 +308,7 @@ between = ["+1 h", "+3 h"]
     assert updates.all[0].ess_after > 100
 
 
+@pytest.mark.thorough
 def test_shards_and_resampling(tmp_path):
     """Shards guide particles to the same bits; resampling waits for the find, and comes then."""
     text = text_of(12_000, 0.3, 0.0, 0.0, 300.0).replace("12 h", "14 h") + find_text(
@@ -326,6 +330,7 @@ def test_shards_and_resampling(tmp_path):
     np.testing.assert_array_equal(whole.probability.values, parts.probability.values)
 
 
+@pytest.mark.thorough
 def test_land_in_the_prior_and_on_the_way(tmp_path):
     """Releases stay in water; the scenario keeps its probability; against four times as many
     particles, unguided.

@@ -98,6 +98,7 @@ def by_place() -> xr.DataArray:
     return xr.DataArray(bump, {"lat": lat, "lon": lon}, ("lat", "lon"), attrs={"units": "1"})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("per", "scale"), [("", 3.7), (', per = "1 h"', 1.0)])
 def test_by_place(tmp_path: Path, per: str, scale: float) -> None:
     pod = by_place()
@@ -110,6 +111,7 @@ def test_by_place(tmp_path: Path, per: str, scale: float) -> None:
     agree(result, hazard.sum(axis=1) * (when[1] - when[0]) / scale)
 
 
+@pytest.mark.thorough
 def test_it_changes_with_time(tmp_path: Path) -> None:
     times = np.datetime64("2026-11-21T00:00") + np.array([0, 150, 400], "timedelta64[m]")
     pod = by_place().expand_dims(time=times) * xr.DataArray([0.2, 1.0, 0.4], dims="time")
@@ -126,6 +128,7 @@ def test_it_changes_with_time(tmp_path: Path) -> None:
     agree(result, -np.log1p(-there.fillna(0).values).sum(axis=1) * (when[1] - when[0]))
 
 
+@pytest.mark.thorough
 def test_round_a_carrier_that_moves(tmp_path: Path) -> None:
     """Uneven bearings and ranges; from pole to pole of its circle."""
     bearing, ranges = (
@@ -161,6 +164,7 @@ def test_round_a_carrier_that_moves(tmp_path: Path) -> None:
     agree(result, hazard.sum(axis=1) * (when[1] - when[0]))
 
 
+@pytest.mark.thorough
 def test_a_pod_of_one_leaves_a_chance(tmp_path: Path) -> None:
     result = run(tmp_path, xr.ones_like(by_place()).assign_attrs(units="1"), per=', per = "1 h"')
     assert result.trajectories is not None
@@ -194,6 +198,7 @@ probability = 1
 """
 
 
+@pytest.mark.thorough
 def test_bridges_wander_into_a_table_and_out_of_it(tmp_path: Path) -> None:
     """Against bridges by steps of 24 s in the plane, on the equator; at any step."""
     lon, lat = np.linspace(179.9, 180.1, 21), np.linspace(-0.06, 0.06, 13)

@@ -105,6 +105,7 @@ FEW = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("sonar", "step"),
     [
@@ -134,6 +135,7 @@ def test_an_array_that_turns_past_what_is_at_rest(tmp_path: Path, sonar: Sonar, 
     assert agree(ran.said[far], expected, sonar) < 0.05
 
 
+@pytest.mark.thorough
 def test_an_array_that_passes_close_by(tmp_path: Path) -> None:
     """At 700 m to 2 km, of a target that is not loud: the oracle by times of six seconds."""
     case = RAFT.replace('[-30.0, 36.0], std = "25 nmi"', '[-30.15, 35.96], std = "1 nmi"')
@@ -270,6 +272,7 @@ def targets(
     return at
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step", [pytest.param(10, marks=pytest.mark.thorough), 60])
 def test_what_moves_past_a_sonar(tmp_path: Path, step: int) -> None:
     """What drifts, is released late, keeps a course, bends, arrives, and goes adrift while it is
@@ -427,6 +430,7 @@ def everything(tmp_path: Path, unknown: float = 3.0) -> str:
     )
 
 
+@pytest.mark.thorough
 def test_outputs_show_watches_under_way_and_change_nothing(tmp_path: Path) -> None:
     """In the middle of a watch weights are those of a watch that ends there; the end has the same
     bits.
@@ -453,6 +457,7 @@ answer = sonars.run(Path(given[0]), given[1]).said.tobytes().hex()
 """
 
 
+@pytest.mark.thorough
 def test_one_thread_and_two(one_thread: Process, tmp_path: Path) -> None:
     text = everything(tmp_path)
     assert one_thread.ask(THREADS, str(tmp_path), text) == run(tmp_path, text).said.tobytes().hex()
@@ -468,6 +473,7 @@ bridge = { k = "6 nmi/sqrt(h)", points = [
 """
 
 
+@pytest.mark.thorough
 def test_bridges_are_heard_alike_at_all_steps(tmp_path: Path) -> None:
     """Mean POD of steps within 2 %, beside 3 standard errors, and within 4 % of that of paths in
     NumPy, told each minute.
@@ -515,6 +521,7 @@ def test_bridges_are_heard_alike_at_all_steps(tmp_path: Path) -> None:
     assert max(means) - min(means) < 0.02 * pod.mean() + noise
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("method", "across"),
     [

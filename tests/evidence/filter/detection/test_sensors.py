@@ -214,6 +214,7 @@ def test_what_a_sensor_says_is_as_likely_as_on_fine_paths(tmp_path, name: str, s
     )
 
 
+@pytest.mark.thorough
 def test_a_line_is_told_and_changes_no_weight(tmp_path) -> None:
     """Probability and 5, 50, 95 % of the first crossing by scenario, against fine paths; weights
     keep their bits.

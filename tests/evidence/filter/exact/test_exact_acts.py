@@ -145,6 +145,7 @@ def boxes() -> list[tuple[np.ndarray, np.ndarray]]:
     return [moved(rng, story) for story in ("keeps on", "flees", "seeks")]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step", [pytest.param(120, marks=pytest.mark.thorough), 1800])
 def test_stories_are_weighed_as_brute_force_weighs_them(
     step: int, boxes: list[tuple[np.ndarray, np.ndarray]], tmp_path: Path

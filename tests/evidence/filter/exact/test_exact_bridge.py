@@ -239,6 +239,7 @@ def agree(found, weights, values, worse, what):
     assert abs(found - expected) < 3 * error + 1e-9, (what, found, expected, error)
 
 
+@pytest.mark.thorough
 def test_evidence(brute, run):
     (_, seen, _), (result, worse) = brute, run
     before = np.ones(DRAWS)
@@ -247,6 +248,7 @@ def test_evidence(brute, run):
         before = before * likelihood
 
 
+@pytest.mark.thorough
 def test_places(brute, run):
     (paths, seen, places), (result, worse) = brute, run
     tracks = result.trajectories

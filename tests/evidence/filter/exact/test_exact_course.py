@@ -46,6 +46,7 @@ course.change = "{CHANGE} h"
 """
 
 
+@pytest.mark.thorough
 def test_places_under_changes_of_course(tmp_path):
     path = tmp_path / "case.toml"
     path.write_text(CHANGES)
@@ -171,6 +172,7 @@ def likelihood(lon, lat, course, speed):
     return np.exp(-squares / 2) / scale
 
 
+@pytest.mark.thorough
 def test_contact_with_course_and_speed(tmp_path):
     path = tmp_path / "case.toml"
     path.write_text(CONTACT)

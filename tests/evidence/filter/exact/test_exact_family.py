@@ -42,6 +42,7 @@ def number(run: Result) -> list[int]:
     return [found[name] for name in names()]
 
 
+@pytest.mark.thorough
 def test_the_family_is_what_the_oracle_thinks(run: Result, number: list[int]) -> None:
     assert sorted(number) == list(range(300))
     weights = np.array([run.case.scenarios[k].weight for k in number])

@@ -193,7 +193,7 @@ def brute():
     return plane(*rhumb(lon, lat, course, speed * 7.0), START), likelihood, tow
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_contacts_of_arrays(tmp_path):
     path = tmp_path / "case.toml"
     path.write_text(case())

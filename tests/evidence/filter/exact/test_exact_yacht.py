@@ -250,6 +250,7 @@ def agree(found, weights, values, what, draws=DRAWS):
     assert abs(found - expected) < 3 * error, (what, found, expected, error)
 
 
+@pytest.mark.thorough
 def test_evidence(yachts, result):
     drawn, chance = yachts
     late = ~((drawn.arrival < OVERDUE) & (drawn.distress > drawn.arrival))
@@ -321,6 +322,7 @@ def ways(yachts, begin, end, about):
     yield from itertools.pairwise(np.stack(place, axis=-1) for place in places)
 
 
+@pytest.mark.thorough
 def test_fields_and_a_barrier_that_see_both_states(tmp_path):
     """Some are not yet under way when a field is first listened in, some go adrift in the next one,
     and at the barrier.
@@ -366,6 +368,7 @@ def test_fields_and_a_barrier_that_see_both_states(tmp_path):
         weights = weights * likelihood
 
 
+@pytest.mark.thorough
 def test_a_pod_in_place_of_a_sweep_width_holds_in_both_states(tmp_path):
     """An area that holds all of them all the time finds each with its POD, whether it is under way
     or adrift.

@@ -61,6 +61,7 @@ SETTING = Setting(IMPRINT)
 CAUTIONED = replace(IMPRINT, caution=WRONG)
 
 
+@pytest.mark.thorough
 def test_each_sortie_before_amid_and_after(tmp_path, search, words):
     """Each with the ways that are on every map, and the plan and the forecast with them too."""
     forecast, sorties, contacts, updates = search
@@ -105,6 +106,7 @@ def test_pages_hold_four_sorties_and_off_times_are_told(tmp_path, search, words)
     assert "before 221230Z (+180 min)" in words  # no output is nearer to its start at 0930Z
 
 
+@pytest.mark.thorough
 def test_pictures_anywhere(tmp_path):
     """Far north, and across the antimeridian."""
     lon, lat = 179.9, 82.0
@@ -388,6 +390,7 @@ def test_contacts_are_drawn_with_the_sorties_that_they_concern(
     assert drawn == []
 
 
+@pytest.mark.thorough
 def test_the_same_search_gives_the_same_bytes(tmp_path, search):
     forecast, sorties, contacts, updates = search
     for name in ("a", "b"):

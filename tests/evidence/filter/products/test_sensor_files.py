@@ -99,6 +99,7 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.thorough
 def test_the_table_of_updates_names_sensors(written) -> None:
     """In the order in which they took effect, with the posterior that Bayes makes of their
     evidence.
@@ -116,6 +117,7 @@ def test_the_table_of_updates_names_sensors(written) -> None:
         assert raft["pod"] == raft["pos"] == ""
 
 
+@pytest.mark.thorough
 def test_the_table_of_lines_is_that_of_the_summary(written) -> None:
     found = rows(written[2] / "lines.csv")
     summary = json.loads((written[2] / "summary.json").read_text())
@@ -187,6 +189,7 @@ def test_pictures_are_drawn(written) -> None:
     }
 
 
+@pytest.mark.thorough
 def test_lines_alone_make_no_search(tmp_path) -> None:
     """Their files, and none of sorties and evidence."""
     (tmp_path / "case.toml").write_text(CASE + LINES)
@@ -222,6 +225,7 @@ def test_a_line_without_first_crossings_has_no_times() -> None:
     )
 
 
+@pytest.mark.thorough
 def test_a_plan_begins_after_sensors(tmp_path) -> None:
     """And is scored on what they left."""
     unit = """
