@@ -365,8 +365,9 @@ def test_the_list_holds_whole_runs_and_cases_of_the_folder(served: Server) -> No
     told = served.json("GET", "/api/folder")
     assert [run["name"] for run in told["runs"]] == ["done"]
     assert told["runs"][0]["title"] == NASTY
-    assert {case["name"] for case in told["cases"]} == {"case.toml", "nasty.toml"}
-    assert {case["title"] for case in told["cases"]} == {"trial", NASTY}
+    titles = {case["name"]: case["title"] for case in told["cases"]}
+    titles.pop("sound_channel.toml", None)  # a test that may come before copies it
+    assert titles == {"case.toml": "trial", "nasty.toml": NASTY}
     assert len(told["shipped"]) >= 10
     assert [one["name"] for one in told["shipped"]][:4] == [
         "position",
