@@ -9,7 +9,7 @@ notebook result.probability                  # xarray.DataArray (time, lat, lon)
 forecasts, forcing and coast opened once result.washup                       # of a spill:
 xarray.Dataset by stretch of coast and time drift.results("results")            # paths of a
 finished run's files, once all are as it wrote them drift.export("results", "kml")      # the same
-for other programs: kml, kmz, gpx, geotiff, rtz drift.compare(case, drift.vary(case, {...}))  #
+for other programs: kml, kmz, gpx, geotiff, rtz, gif drift.compare(case, drift.vary(case, {...}))  #
 what-if on common random numbers: b less a, with standard errors drift.verify(case, "drifters.csv",
 out="results")  # forecasts of real drifters, and how they went: see drift.verify
 drift.fit_errors(case, "drifters.csv")  # the errors of a case that suit drifters: see

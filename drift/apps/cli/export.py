@@ -6,13 +6,14 @@ from typing import Any
 
 from drift.apps.cli.answer import Answer
 
-FORMATS = ("kml", "kmz", "gpx", "geojson", "geotiff", "rtz")
+FORMATS = ("kml", "kmz", "gpx", "geojson", "geotiff", "rtz", "gif")
 
 
 def add(commands: Any) -> argparse.ArgumentParser:
     """Add the command to the grammar, and return it."""
     export: argparse.ArgumentParser = commands.add_parser(
-        "export", help="write a finished run for Google Earth, chart plotters, ECDIS or a GIS"
+        "export",
+        help="write a finished run for Google Earth, chart plotters, ECDIS or a GIS, or as an animation",
     )
     export.add_argument(
         "folder", metavar="FOLDER", help="results of drift run, drift plan or drift origin"

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from drift.apps.export import bridge, finished, gis, globe, plotter, raster
+from drift.apps.export import animation, bridge, finished, gis, globe, plotter, raster
 from drift.apps.export.finished import Finished, Release
 from drift.products.files import publication, writer
 from geo.errors import UserError
@@ -18,6 +18,7 @@ FORMATS: Mapping[str, Callable[[Finished], dict[str, bytes]]] = {
     "geojson": gis.files,
     "geotiff": raster.files,
     "rtz": bridge.files,
+    "gif": animation.files,
 }
 # Formats of results of `drift origin`.
 OF_RELEASE: Mapping[str, Callable[[Release], dict[str, bytes]]] = {
@@ -39,7 +40,7 @@ def export(
 
     Args:
         folder: what `run`, `plan` or `origin` wrote, whole (see `results`).
-        format: "kml", "kmz", "gpx", "geojson", "geotiff" or "rtz" (of plans); of an origin "kml",
+        format: "kml", "kmz", "gpx", "geojson", "geotiff", "rtz" (of plans) or "gif"; of an origin "kml",
             "gpx" or "geojson".
         out: a folder; None: FOLDER-FORMAT in the current one.
         times: outputs that are wanted, such as ["+12 h", "221200ZNOV26"]; () for all.

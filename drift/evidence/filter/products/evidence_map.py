@@ -161,7 +161,7 @@ def evidence_in_words(update: Update, before: Array, scenarios: tuple[str, ...])
 
 
 def _quoted(names: list[str]) -> str:
-    quoted = [f'"{page.fit(name, 34 if len(names) == 1 else 30)}"' for name in names[:2]]
+    quoted = [f'"{page.fit(name, 30)}"' for name in names[:2]]
     return " and ".join(quoted) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
 
 
