@@ -1,28 +1,23 @@
-"""drift: forecasts and search plans for things adrift at sea.
+"""drift: forecasts and search plans for objects adrift at sea.
 
-import drift case = drift.load("case.toml")      # or the name of a shipped case result =
-drift.run(case)            # or drift.run(case, out=Path("results")) drift.run(case,
-datasets={"roms": data})  # xarray.Datasets for the sources with dataset = "roms" with
-drift.progress(case) as report: drift.run(case, report=report)  # a bar on a terminal or in a
-notebook result.probability                  # xarray.DataArray (time, lat, lon) cases =
-[drift.vary(case, {"seed": k}) for k in range(100)] for one in drift.run_many(cases): ...  # many
-forecasts, forcing and coast opened once result.washup                       # of a spill:
-xarray.Dataset by stretch of coast and time drift.results("results")            # paths of a
-finished run's files, once all are as it wrote them drift.export("results", "kml")      # the same
-for other programs: kml, kmz, gpx, geotiff, rtz, gif drift.compare(case, drift.vary(case, {...}))  #
-what-if on common random numbers: b less a, with standard errors drift.verify(case, "drifters.csv",
-out="results")  # forecasts of real drifters, and how they went: see drift.verify
-drift.fit_errors(case, "drifters.csv")  # the errors of a case that suit drifters: see
-drift.fit_errors drift.fetch("my.toml", out="forcing")  # winds and currents for a case from
-providers; see drift fetch --list drift.check(case)                   # how a case was understood,
-nothing run plan, result = drift.plan(case)     # the next search by the case's units; of a spill:
-drift.patrol; of towed arrays: drift.place plan, result = drift.allocate(case) # which beams of
-arrays to process when, where processors are few drift.sensor_reach(case, "array", out="reach")  #
-where a sensor of the case would hear or see a target drift.experiment("closing")         # many
-runs of any case, in several ways, and how their figures scatter drift.track("lost_contact")
-# a target followed by the detections there are: its track and areas drift.serve("cases")
-# edit, run and read cases in the browser drift.origin(case)                  # of a spill: where it
-may have come from, backward from its finds
+    import drift
+    case = drift.load("case.toml")      # or the name of a shipped case
+    case = drift.vary(case, {"seed": 2})
+    result = drift.run(case, out="out") # without out nothing is written
+    result.probability                  # xarray.DataArray (time, lat, lon)
+    result.washup                       # of a spill: xarray.Dataset by stretch of coast and time
+
+| function | what |
+|---|---|
+| `load`, `vary`, `check` | read a case, change keys of it, report how it was understood |
+| `run`, `run_many`, `progress` | a forecast, many forecasts that share their forcing, a progress bar |
+| `plan`, `patrol`, `place`, `allocate` | the next search by units, patrols of a coast, towed arrays, beams |
+| `origin` | where a spill may have come from, backward from its finds |
+| `compare` | two cases on common random numbers: differences with standard errors |
+| `verify`, `fit_errors` | forecasts of real drifters against their tracks, and errors that fit them |
+| `sensor_reach` | where a sensor of a case would detect a target |
+| `track`, `experiment` | a contact that was lost, followed; many runs, and how their figures scatter |
+| `fetch`, `results`, `export`, `serve` | forcing from providers, files of a run, other formats, browser |
 """
 
 import lazy_loader as _lazy

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import hypothesis
+import numpy as np
 import pytest
 from one_thread import Process
 from PIL import Image
@@ -88,6 +89,23 @@ def one_thread() -> Iterator[Process]:
     process = Process()
     yield process
     process.end()
+
+
+@pytest.fixture(scope="module")
+def states_of_generators(request: pytest.FixtureRequest) -> list[tuple[np.random.Generator, Any]]:
+    """The random generators of a test module, each with its state before the first test."""
+    held = vars(request.module).values()
+    generators = [value for value in held if isinstance(value, np.random.Generator)]
+    return [(generator, generator.bit_generator.state) for generator in generators]
+
+
+@pytest.fixture(autouse=True)
+def same_numbers_in_any_order(
+    states_of_generators: list[tuple[np.random.Generator, Any]],
+) -> None:
+    """Give each test the first numbers of its module's generators, whatever ran before it."""
+    for generator, state in states_of_generators:
+        generator.bit_generator.state = state
 
 
 @pytest.fixture(scope="module")

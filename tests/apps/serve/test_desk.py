@@ -36,7 +36,7 @@ SLOW = small_case.STEADY.replace("particles = 500", "").replace('duration = "6 h
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     outer = tmp_path_factory.mktemp("outer")
     folder = outer / "folder"
     folder.mkdir()
@@ -55,6 +55,15 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     (folder / "linked").symlink_to(outer / "elsewhere")
     with Server(folder.resolve()) as one:
         yield one
+
+
+@pytest.fixture
+def served(running: Server) -> Iterator[Server]:
+    """The server; what a test leaves in its folder is removed."""
+    before = set(running.folder.iterdir())
+    yield running
+    for path in set(running.folder.iterdir()) - before:
+        shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
 
 
 # --- who may ask -----------------------------------------------------------------------------------------------------
@@ -525,7 +534,6 @@ def test_a_copy_of_a_shipped_case_brings_its_losses(served: Server) -> None:
         ROOT / "cases" / "losses" / "sargasso.nc"
     ).read_bytes()
     assert drift.load(served.folder / "sound_channel.toml").named_sensors
-    (served.folder / "sound_channel.toml").unlink()  # other tests list the folder
 
 
 # --- jobs ------------------------------------------------------------------------------------------------------------
