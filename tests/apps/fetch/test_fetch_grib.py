@@ -144,7 +144,7 @@ def test_what_is_no_field_is_never_used(tmp_path: Path, content: bytes, message:
 def test_other_times_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="filter has about"):
         fetched(tmp_path, "http://127.0.0.1:9", NOW - 30 * 24 * HOUR, NOW, (4.0, 59.0, 7.0, 61.0))
-    with pytest.raises(UserError, match="is more than its last run holds"):
+    with pytest.raises(UserError, match="is beyond the end of its last run"):
         fetched(tmp_path, "http://127.0.0.1:9", NOW, NOW + 60 * HOUR, (4.0, 59.0, 7.0, 61.0))
 
 

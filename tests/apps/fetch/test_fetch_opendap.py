@@ -316,7 +316,7 @@ def test_components_at_other_points_are_refused(tmp_path: Path) -> None:
     names = [next(name for name, one in held.items() if one.values.ndim == 4) for held in served]
     with (
         hostile.serving(by_component(served)) as address,
-        pytest.raises(UserError, match="stand at other points"),
+        pytest.raises(UserError, match="are on different points"),
     ):
         drift.fetch(
             box=(3.2, 58.4, 4.7, 59.3), begin="2024-03-05T00:00Z", end="2024-03-05T05:00Z", providers=["trial"],
@@ -404,7 +404,7 @@ def test_what_was_killed_goes_on(
     told = capsys.readouterr().out
     listed = list((tmp_path / "out").glob("*.nc"))
     asked = sum(".dods?u[" in target for target in seen[before:])
-    said = re.search(r"; (\d+) parts are there from before", told)
+    said = re.search(r"; (\d+) parts are already downloaded", told)
     assert said, told
     kept = int(said[1])
     assert len(there) - 2 <= kept < len(listed)
@@ -725,9 +725,9 @@ def test_ctrl_c_keeps_what_is_there(
         words += ["--catalogue", str(written(tmp_path, address)), "--out", str(tmp_path / "out")]
         assert cli.main(words) == 130
         assert (
-            "what was fetched is kept; the same command goes on from there"
+            "downloaded parts are kept; the same command continues from there"
             in capsys.readouterr().err
         )
         assert not (tmp_path / "out").exists()
         assert cli.main(words) == 0
-        assert "2 parts are there from before" in capsys.readouterr().out
+        assert "2 parts are already downloaded" in capsys.readouterr().out
