@@ -1,4 +1,4 @@
-"""What is handed out of where a sensor hears: a grid, a table, a picture."""
+"""Output files of `drift sensor`: a grid, a table and a map."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from drift.products.maps.imprint import Imprint
 
 @dataclass(frozen=True)
 class SensorOutputs:
-    """What the files and the picture are made from."""
+    """The data that the files and the map are made from."""
 
     found: Reach
     imprint: Imprint
@@ -21,7 +21,7 @@ class SensorOutputs:
 
 
 def _map(matter: SensorOutputs, path: Path) -> None:
-    from drift.apps.sensor import map as reach_map  # here: Matplotlib takes a second to import
+    from drift.apps.sensor import map as reach_map  # imported here: Matplotlib takes a second
 
     reach_map.plot_reach(matter.found, path, matter.imprint, matter.land)
 
@@ -34,6 +34,6 @@ PICTURES: dict[str, Callable[[SensorOutputs, Path], None]] = {"sensor.png": _map
 
 
 def chapter(matter: SensorOutputs, attributes: dict[str, str]) -> Chapter:
-    """Return the chapter of a sensor."""
+    """Return the outputs of `drift sensor`."""
     numbers = {"sensor": text.summary_of_reach(matter.found)}
     return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), facts=attributes)

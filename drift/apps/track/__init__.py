@@ -1,3 +1,3 @@
-"""A contact that was lost: its track by the detections there are, its areas now, and a path on
-which to regain it.
+"""`drift track`: follow a target after its last detection; its track, areas, and a path to regain
+contact.
 """

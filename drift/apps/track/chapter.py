@@ -13,7 +13,7 @@ from drift.products.maps.imprint import Imprint
 
 @dataclass(frozen=True)
 class TrackOutputs:
-    """What the files and the picture are made from."""
+    """The data that the files and the map are made from."""
 
     found: Regained
     imprint: Imprint
@@ -21,7 +21,7 @@ class TrackOutputs:
 
 
 def _map(matter: TrackOutputs, path: Path) -> None:
-    from drift.apps.track import map as track_map  # here: Matplotlib takes a second to import
+    from drift.apps.track import map as track_map  # imported here: Matplotlib takes a second
 
     track_map.plot_track(matter.found, path, matter.imprint, matter.land)
 
@@ -31,7 +31,7 @@ FILES: dict[str, Callable[[TrackOutputs, Stamped], Contents]] = {
     "track.gpx": lambda matter, stamped: files.gpx(matter.found, stamped["run_id"]),
     "track_areas.geojson": lambda matter, stamped: files.areas(matter.found, stamped),
 }
-PATHS: dict[str, Callable[[TrackOutputs, Stamped], Contents]] = {  # where there is a path
+PATHS: dict[str, Callable[[TrackOutputs, Stamped], Contents]] = {  # if there is a path
     "path.csv": lambda matter, stamped: files.path_table(matter.found),
     "path.gpx": lambda matter, stamped: files.path_gpx(matter.found, stamped["run_id"]),
 }
@@ -39,7 +39,7 @@ PICTURES: dict[str, Callable[[TrackOutputs, Path], None]] = {"track.png": _map}
 
 
 def chapter(matter: TrackOutputs, attributes: dict[str, str]) -> Chapter:
-    """Return the chapter of a contact that was lost."""
+    """Return the outputs of `drift track`."""
     numbers = {"track": files.summary_of_track(matter.found)}
     written = {**FILES, **(PATHS if isinstance(matter.found.chased, Chased) else {})}
     return Chapter(numbers, bound(written, matter), bound(PICTURES, matter), facts=attributes)

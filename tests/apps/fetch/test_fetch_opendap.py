@@ -474,7 +474,7 @@ REFUSALS = {
     "values fail": (
         hostile.always(hostile.http(b"Error {};", "500 Internal Server Error")),
         ".dods",
-        "given up after 5",
+        "stopped after 5",
     ),
     "values are a page": (hostile.always(hostile.http(PAGE)), ".dods", "sent a web page"),
 }
@@ -528,7 +528,7 @@ def test_nobody_there(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as door:
         port = door.getsockname()[1]
     with pytest.raises(
-        UserError, match=r"cannot be reached \(.*refused\); given up after 5 attempts"
+        UserError, match=r"cannot be reached \(.*refused\); stopped after 5 attempts"
     ):
         fetched(tmp_path, f"http://127.0.0.1:{port}/sea", AXES["plain"][2])
 
@@ -661,7 +661,7 @@ def test_a_disk_without_room_is_refused_before_and_in_the_middle(
     with hostile.serving(hostile.speaking_dap(ocean(*AXES["plain"][:2]))) as address:
         with monkeypatch.context() as patch:
             patch.setattr(shutil, "disk_usage", lambda folder: usage(1, 1, 1000))
-            with pytest.raises(UserError, match=r"has 1\.0 kB free, and .* are to come"):
+            with pytest.raises(UserError, match=r"has 1\.0 kB free, and .* are to be fetched"):
                 fetched(tmp_path, address, AXES["plain"][2])
         with monkeypatch.context() as patch:
             make, left = opendap._make, [2]
