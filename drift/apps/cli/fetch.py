@@ -123,7 +123,7 @@ def run(args: argparse.Namespace) -> Answer:
     if interactive:  # before anything is fetched
         terminal.print_facts("Forcing", facts)
     if not args.yes and (remaining > fetching.LARGEST or not all(s.size for s in shipments)):
-        _confirm_size(remaining, asked=interactive)
+        _confirm_size(remaining, interactive=interactive)
     try:
         with progress.progress(quiet=not interactive) as report:
             fetched = fetching.carry_out(

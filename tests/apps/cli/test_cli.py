@@ -152,7 +152,7 @@ def test_interrupted_run_leaves_nothing(tmp_path: Path, delay: float) -> None:
     running.send_signal(signal.SIGINT)
     out, err = running.communicate(timeout=60)
     assert (running.returncode, out) == (130, "")
-    assert err == "drift: interrupted; no half file is left\n"
+    assert err == "drift: interrupted; no incomplete file is left\n"
     assert list(tmp_path.iterdir()) == []
 
 

@@ -417,7 +417,7 @@ def test_release_and_end_of_trajectories(tmp_path, forecast, tracks, direction):
 
 def test_refused_folders(tmp_path):
     (tmp_path / "file").write_text("x")
-    with pytest.raises(UserError, match="is no folder"):
+    with pytest.raises(UserError, match="is not a folder"):
         writer.check_folder(tmp_path / "file")
     with pytest.raises(UserError, match="cannot write"):
         writer.check_folder(tmp_path / "file" / "out")
