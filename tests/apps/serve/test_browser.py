@@ -80,7 +80,7 @@ def test_the_story_of_a_first_case(browser: Any, served: Server) -> None:
         text.press("Control+s")
         page.get_by_text("Saved.", exact=True).wait_for()
         page.get_by_role("button", name="Check").click()
-        page.get_by_role("heading", name="In order").wait_for(timeout=PATIENCE)
+        page.get_by_role("heading", name="Valid").wait_for(timeout=PATIENCE)
         page.get_by_role("button", name="Run the forecast").focus()
         page.keyboard.press("Enter")
         page.get_by_role("progressbar", name="Progress of overdue_boat.toml").wait_for()
