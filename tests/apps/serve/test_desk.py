@@ -893,7 +893,7 @@ def test_refusals_of_the_command_are_a_line(
         ("--memory", "0.1"),
         ("--memory", "inf"),
     ):
-        assert f"{option} {value}: is" in refused(capsys, str(tmp_path), option, value)
+        assert f"{option} {value}: must be" in refused(capsys, str(tmp_path), option, value)
     assert "is not a host" in refused(capsys, str(tmp_path), "--allow-host", "http://x/")
 
 

@@ -438,7 +438,7 @@ def test_a_run_that_another_has_overtaken_leaves_its_results_alone(tmp_path):
         (tmp_path / "out").mkdir()
         (tmp_path / "out" / "forecast.nc").write_text("the other's")
 
-    with pytest.raises(UserError, match="meanwhile"):
+    with pytest.raises(UserError, match="in the meantime"):
         write_little(tmp_path / "out", pictures={"map.png": meanwhile})
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
     assert (tmp_path / "out" / "forecast.nc").read_text() == "the other's"

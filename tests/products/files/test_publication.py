@@ -322,9 +322,9 @@ def test_what_is_in_the_way_is_refused_and_stays(
     with pytest.raises(UserError) as refusal:
         attempt()
     assert name in str(refusal.value) or (
-        meanwhile and name == "manifest.json" and "meanwhile" in str(refusal.value)
+        meanwhile and name == "manifest.json" and "in the meantime" in str(refusal.value)
     )
-    assert words in str(refusal.value) or "meanwhile" in str(refusal.value)
+    assert words in str(refusal.value) or "in the meantime" in str(refusal.value)
     assert {path.name: path.lstat().st_mode for path in folder.iterdir()} == kinds
     assert untouched(folder)
     rest = {key: text for key, text in OLD.items() if key != name}
@@ -448,7 +448,7 @@ def test_a_folder_of_another_machine_is_left_for_a_day(
 
 def test_a_reader_is_told_which_file_is_not_as_the_run_wrote_it(tmp_path: Path) -> None:
     folder = tmp_path / "out"
-    for there, word in ((False, "no such folder"), (True, "has no manifest.json")):
+    for there, word in ((False, "does not exist"), (True, "has no manifest.json")):
         if there:
             folder.mkdir()
         with pytest.raises(UserError, match=word):
