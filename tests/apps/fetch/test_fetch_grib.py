@@ -162,7 +162,8 @@ def test_no_run_is_asked_for_before_it_is_out(tmp_path: Path, minutes: int, begi
     provider = catalogue.read_providers(own)["filter"]
     order = Order(provider, Box(4.0, 59.0, 7.0, 61.0), first, last, 5.0, asked)
     told = [
-        (time, parse_qs(address.partition("?")[2])) for time, address in grib_filter._requests(order)
+        (time, parse_qs(address.partition("?")[2]))
+        for time, address in grib_filter._requests(order)
     ]
     asked_for = {
         key: {query[key][0] for _, query in told}

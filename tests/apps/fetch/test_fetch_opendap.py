@@ -535,7 +535,10 @@ def test_nobody_there(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("trouble", "times", "said"),
-    [(socket.EAI_NONAME, 1, "no machine is called sea.invalid"), (socket.EAI_AGAIN, 5, "stopped after")],
+    [
+        (socket.EAI_NONAME, 1, "no machine is called sea.invalid"),
+        (socket.EAI_AGAIN, 5, "stopped after"),
+    ],
 )
 def test_a_name_that_nobody_has_is_asked_for_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trouble: int, times: int, said: str

@@ -188,7 +188,9 @@ def test_the_tracker_that_goes_a_path_is_not_drawn_on_the_legs_it_leaves(
         went = EARTH.inv(-77, 14, *(float(x) for x in path.degrees(place[-1])))[2]
         assert went == pytest.approx(20 * KNOT * end, rel=1e-4)  # a rhumb line of 10 nmi at 14 N
     log, _ = contact
-    assert map._tracker_positions(log)[1][-1] == min(log.held.study.tracker.time[-1], log.held.study.end)
+    assert map._tracker_positions(log)[1][-1] == min(
+        log.held.study.tracker.time[-1], log.held.study.end
+    )
 
 
 @pytest.mark.usefixtures("alone")
@@ -585,7 +587,8 @@ def test_a_mean_beside_the_half_that_is_likeliest_and_a_track_that_is_found_agai
 
 def test_what_has_no_detections_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
     with pytest.raises(
-        UserError, match=r'"closing" has a .target. instead of detections: use drift experiment closing'
+        UserError,
+        match=r'"closing" has a .target. instead of detections: use drift experiment closing',
     ):
         drift.track("closing", tmp_path / "out")
     with pytest.raises(UserError, match="drift track lost_contact"):
@@ -649,7 +652,7 @@ def test_what_is_drawn_anew_in_the_second_of_a_sweep_is_cut_by_what_that_did_not
 @pytest.mark.usefixtures("alone")
 def test_a_mean_that_lies_in_no_area_is_no_place(tmp_path: Path) -> None:
     """After a range alone the mean is on the tracker: track.csv says so, track.gpx leaves it out,
-    and what is said calls it no one place.
+    and what is said calls it no single position.
     """
     (tmp_path / "d.csv").write_text(
         "time,sensor,bearing,range\n+2 min,radar,,8\n+12 min,radar,70,8\n", encoding="utf-8"
@@ -695,7 +698,7 @@ def test_a_mean_that_lies_in_no_area_is_no_place(tmp_path: Path) -> None:
         "no single position (the mean, 13-59.9N 077-00.0W, is outside the areas), any course"
         in told["050005ZMAR26"]
     )
-    assert "no one place" not in told["050012ZMAR26"]
+    assert "no single position" not in told["050012ZMAR26"]
     shown = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["track"][
         "shown"
     ]
@@ -951,7 +954,10 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     # its silence is not to count
     assert "was off" not in text.track_facts(drift.track(tmp_path / "c.toml"))["warning"]
     told = text.track_facts(drift.track(tmp_path / "c.toml", changes={"particles": "1"}))["warning"]
-    assert "areas depend on chance: that of 50 % at 050003ZMAR26 contains 0 % of 9 other clouds" in told
+    assert (
+        "areas depend on chance: that of 50 % at 050003ZMAR26 contains 0 % of 9 other clouds"
+        in told
+    )
     many = {"particles": "2000"}
     told = text.track_facts(drift.track(tmp_path / "c.toml", changes=many))["warning"]
     assert "needs" not in told
