@@ -301,7 +301,7 @@ def _named_sensor(sensor: Sensor) -> str:
     else:
         kind = f"POD {sees.name}, {'by place' if sees.range is None else f'to {notation.number(sees.range[-1] / NMI)} nmi'}"
     where = (
-        "on what carries it"
+        "on its carrier"
         if sensor.place is None
         else f"at {notation.stated_position(*sensor.place)}"
     )
@@ -411,7 +411,7 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
         )
     if spill.finds or spill.patrols:
         last = max([find.time for find in spill.finds] + [patrol.time for patrol in spill.patrols])
-        lines["besides, none reported"] = (
+        lines["assumed no other reports"] = (
             f"until {notation.stated_time(spill.reporting.until)} (spill.reporting.until)"
             if spill.reporting.until is not None
             else f"until {notation.group(last)}, the last find or patrol; set spill.reporting.until to change that"

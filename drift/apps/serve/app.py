@@ -59,7 +59,7 @@ class Desk:
             return _error_response(404, "no such file")
         return Response(_asset(home, request.path_params["name"]), media_type=kind)
 
-    async def shown(self, request: Request) -> Response:
+    async def list_folder(self, request: Request) -> Response:
         """Return the contents of the folder: cases, results, and shipped cases."""
         try:
             # reading a large summary takes time
@@ -89,7 +89,7 @@ class Desk:
             )
         return JSONResponse({"name": name, "text": text, "digest": digest})
 
-    async def copied(self, request: Request) -> Response:
+    async def copy_shipped(self, request: Request) -> Response:
         """Save a copy of a template or a shipped case in the folder, under a free name."""
         name = request.path_params["name"]
         if name not in _shipped():
@@ -147,7 +147,7 @@ class Desk:
 
     async def jobs_all(self, request: Request) -> Response:
         """Return all jobs."""
-        return JSONResponse({"jobs": [self._job(job.told()) for job in self.jobs.all()]})
+        return JSONResponse({"jobs": [self._job(job.summary()) for job in self.jobs.all()]})
 
     async def job_new(self, request: Request) -> Response:
         """Start a job on a saved case."""
@@ -164,7 +164,7 @@ class Desk:
         return (
             _error_response(429, "too many jobs are waiting")
             if job is None
-            else JSONResponse(self._job(job.told()))
+            else JSONResponse(self._job(job.summary()))
         )
 
     async def job_cancel(self, request: Request) -> Response:
@@ -173,7 +173,7 @@ class Desk:
         if job is None:
             return _error_response(404, "no such job")
         await self.jobs.cancel(job)
-        return JSONResponse(self._job(job.told()))
+        return JSONResponse(self._job(job.summary()))
 
     async def file(self, request: Request) -> Response:
         """Return a file of a run; the gate has checked its key."""
@@ -196,8 +196,8 @@ class Desk:
         response.headers["Content-Type"] = kind
         return response
 
-    def _job(self, told: dict[str, Any]) -> dict[str, Any]:
-        return {**told, "key": self.secret.key(told["out"]) if told["out"] else None}
+    def _job(self, summary: dict[str, Any]) -> dict[str, Any]:
+        return {**summary, "key": self.secret.key(summary["out"]) if summary["out"] else None}
 
 
 class Pieces(StreamingResponse):
@@ -273,10 +273,10 @@ def make(
     routes = [
         Route("/", desk.page),
         Route("/assets/{name}", desk.asset),
-        Route("/api/folder", desk.shown),
+        Route("/api/folder", desk.list_folder),
         Route("/api/cases/{name}", desk.case),
         Route("/api/cases/{name}", desk.save, methods=["POST"]),
-        Route("/api/shipped/{name}", desk.copied, methods=["POST"]),
+        Route("/api/shipped/{name}", desk.copy_shipped, methods=["POST"]),
         Route("/api/jobs", desk.jobs_all),
         Route("/api/jobs", desk.job_new, methods=["POST"]),
         Route("/api/jobs/{number:int}/cancel", desk.job_cancel, methods=["POST"]),

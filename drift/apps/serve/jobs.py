@@ -74,7 +74,7 @@ class Job:
         """Whether the job has ended."""
         return self.state in {"done", "failed", "cancelled"}
 
-    def told(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, Any]:
         """Return what the page shows of the job."""
         took = (
             time.monotonic() - self.started

@@ -138,7 +138,7 @@ def _detected_positions(found: Regained) -> Array:
 
 
 def _tracker_positions(found: Regained) -> tuple[Array, Array]:
-    """Return known positions and times [s] of the tracker, without a plan replaced by the path."""
+    """Return known positions and times [s] of the tracker, up to the start of the pursuit path."""
     study = found.held.study
     way, end = study.tracker, study.end
     if isinstance(found.chased, Chased) and holding.pursues(study) and not study.logged:

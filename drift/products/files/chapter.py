@@ -40,10 +40,10 @@ class Chapter:
 
 
 def bound(
-    table: Mapping[str, Callable[Concatenate[T, P], R]], matter: T
+    table: Mapping[str, Callable[Concatenate[T, P], R]], topic_data: T
 ) -> dict[str, Callable[P, R]]:
     """Return a table of files or pictures with the topic's data bound as their first argument."""
-    return {name: partial(make, matter) for name, make in table.items()}
+    return {name: partial(make, topic_data) for name, make in table.items()}
 
 
 def join_contents(chapters: Iterable[Chapter]) -> Chapter:
