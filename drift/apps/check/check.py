@@ -1,4 +1,4 @@
-"""`drift check`: open all inputs of a case, draw a few particles, and report how it is interpreted."""
+"""`drift check`: open a case's inputs, draw a few particles, and report how it is interpreted."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -99,7 +99,8 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
         unit = "world" if case.spill else "particle"
         each = (case.spill.worlds if case.spill else case.particles) // members
         lines["members"] = (
-            f"{members}, all equally likely; each {unit} drifts in one of them throughout, about {each:,} in each"
+            f"{members}, all equally likely; each {unit} drifts in one of them throughout, about "
+            f"{each:,} in each"
         )
     if case.spill and stretches:
         lines |= _spill(case.spill, stretches)
@@ -121,7 +122,7 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
 
 
 def _domain(stated: Box | None, box: Box) -> str:
-    """Return the limits of the domain [deg]: as stated in the case, or rounded if the run chose it."""
+    """Return the limits of the domain [deg]: as stated, or rounded if the run chose it."""
     west, east, south, north = (
         notation.number(angle) if stated else f"{angle:.2f}"
         for angle in (box.west, box.east, box.south, box.north)
@@ -149,7 +150,8 @@ def _families(case: Case, dry: Sequence[float]) -> dict[str, str]:
             for axis in family.axes
         ]
         lines[f'family "{family.name}"'] = (
-            f"{_weight(sum(case.scenarios[k].weight for k in members))}, {len(members):,} scenarios: {'; '.join(axes)}"
+            f"{_weight(sum(case.scenarios[k].weight for k in members))}, {len(members):,} "
+            f"scenarios: {'; '.join(axes)}"
         )
         name = f'such as "{first.name}"'
         lines[name] = _scenario(first, max(dry[k] for k in members)).replace(
@@ -203,7 +205,8 @@ def _search(case: Case) -> dict[str, str]:
         if contact.false_density > 0:
             doubt = f"false {notation.number(contact.false_density)} per unit"
         lines[f'contact "{contact.name}"'] = (
-            f"{contact.kind}, {notation.stated_time(contact.time)}, {_sensor_report(contact)}{doubt}"
+            f"{contact.kind}, {notation.stated_time(contact.time)}, "
+            f"{_sensor_report(contact)}{doubt}"
         )
     for what in (*case.sensors.telling, *case.sensors.lines):
         lines[f'{type(what).__name__.lower()} "{what.name}"'] = _observation(what)
@@ -318,7 +321,10 @@ def _observation(observation: Look | Presence | Barrier | Line) -> str:
             assert observation.sensor is not None
             return f'sensor "{observation.sensor.name}", {notation.stated_time(observation.time)}, sees {sees}'
         return f"{_field(observation.field)}, {notation.stated_time(observation.time)}, {observation.sight.kind.replace('_', ' ')}, sees {sees}"
-    span = f"{notation.stated_time(observation.start)} to {notation.stated_time(observation.end)}, detection {notation.number(observation.detection)}"
+    span = (
+        f"{notation.stated_time(observation.start)} to "
+        f"{notation.stated_time(observation.end)}, detection {notation.number(observation.detection)}"
+    )
     if isinstance(observation, Presence):
         return f"{_field(observation.field)}, {span}, present {observation.present}"
     report = (

@@ -1,4 +1,4 @@
-"""Predictions before a run: its work and memory, gaps in its forcing, and how particles will end."""
+"""Predictions before a run: its work and memory, gaps in its forcing, and the particles' fates."""
 
 from dataclasses import replace
 from typing import Any
@@ -78,8 +78,10 @@ def needs(case: Case, memory: float | None = None, shards: int | None = None) ->
     disk = notation.size(shelf.need(case, case.particles))
     lasting = _duration_in_words(case.particles / PACE)
     return (
-        f"{case.particles:,} particles are moved in {count:,} shards. They need {disk} of disk next to the results, and each step "
-        f"takes about {lasting} on two cores; use fewer particles, fewer output times or --memory to change that"
+        f"{case.particles:,} particles are moved in {count:,} shards. They need {disk} of disk "
+        "next to the results, and each step "
+        f"takes about {lasting} on two cores; use fewer particles, fewer output times or "
+        "--memory to change that"
     )
 
 
@@ -91,7 +93,7 @@ def caution(case: Case) -> str | None:
 
 
 def advised(case: Case, environment: Environment, setup: Start) -> str:
-    """Return what step = "auto" would choose in place of a step that makes a lot of work; else ""."""
+    """Return what step = "auto" would choose if the case's step makes a lot of work; else ""."""
     if caution(case) is None:
         return ""
     spec = replace(run_setup.clock_spec(case), step=None)
@@ -100,7 +102,8 @@ def advised(case: Case, environment: Environment, setup: Start) -> str:
     )
     count = -(-case.period.duration // auto.step)
     return (
-        f'; step = "auto" would take {auto.step} s: {count:,} steps, about {_duration_in_words(count * case.particles / PACE)}'
+        f'; step = "auto" would take {auto.step} s: {count:,} steps, about '
+        f"{_duration_in_words(count * case.particles / PACE)}"
         if auto.step > setup.clock.step
         else ""
     )
@@ -114,7 +117,8 @@ def holes(case: Case, source: Source) -> str:
     ]
     usual = np.median(np.diff(source.times)) if gaps else None
     return "; ".join(
-        f"no data from {notation.group(a)} to {notation.group(b)}, {_interval_in_words(b - a)}, while its other times are "
+        f"no data from {notation.group(a)} to {notation.group(b)}, {_interval_in_words(b - a)}, "
+        "while its other times are "
         f"{_interval_in_words(usual)} apart"
         for a, b in gaps
     )
@@ -165,7 +169,10 @@ def ends(case: Case, setup: Start) -> tuple[str, str]:
         f"a run would be rejected at its end: about {notation.percent(lost)} of the probability is lost, at most {notation.hundredths(case.max_lost)} % is allowed (max_lost). "
         "Shorten it, add a source, or widen [domain]"
     )
-    basis = f"roughly: {chosen.size:,} particles at a step of {_interval_in_words(np.timedelta64(step, 's'))}"
+    basis = (
+        f"roughly: {chosen.size:,} particles at a step of "
+        f"{_interval_in_words(np.timedelta64(step, 's'))}"
+    )
     return f"{summary} ({basis})", rejection if lost > case.max_lost else ""
 
 

@@ -33,7 +33,8 @@ def itinerary_in_words(itinerary: Itinerary, adrift: str) -> str:
         text += f"; in distress {_distress(itinerary.distress)}, and then adrift as {adrift}"
     if itinerary.overdue is not None:
         text += (
-            f"; from {notation.stated_time(itinerary.overdue)} on, targets that have arrived within {notation.number(itinerary.arrival_radius / NMI)} nmi of their "
+            f"; from {notation.stated_time(itinerary.overdue)} on, targets that have arrived "
+            f"within {notation.number(itinerary.arrival_radius / NMI)} nmi of their "
             "last way point are in port and no longer searched for"
         )
     return text
@@ -71,7 +72,10 @@ def _acts(phase: Acts) -> str:
     ]
     least, longest = (f"{notation.number(seconds / 60)}" for seconds in phase.between)
     interval = least if least == longest else f"{least} to {longest}"
-    text = f"course {_course(phase.course)} at {_speed(phase.speed)}; every {interval} min {', '.join(actions) or 'it goes on'}"
+    text = (
+        f"course {_course(phase.course)} at {_speed(phase.speed)}; every {interval} min "
+        f"{', '.join(actions) or 'it goes on'}"
+    )
     if phase.hide > 0:
         text += (
             f" within {notation.number(math.degrees(phase.spread))} deg of the reciprocal bearing"

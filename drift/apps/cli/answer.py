@@ -1,6 +1,4 @@
-"""The result of a command and its three ways of printing: a page, one JSON object, or warnings
-only.
-"""
+"""The result of a command, printed as a page, as one JSON object, or as warnings only."""
 
 import json
 import sys

@@ -45,9 +45,7 @@ def say_choice(args: argparse.Namespace) -> None:
 
 
 def listed() -> Answer:
-    """Return the graphics cards that the drivers list, and what --backend auto selects for a large
-    run.
-    """
+    """Return the graphics cards that drivers list, and what --backend auto selects for large runs."""
     with interrupt.leaving_at_once():  # nothing is written
         from kernels.runtime import devices, drivers
 

@@ -113,7 +113,10 @@ def _run(argv: Sequence[str] | None) -> int:
             print(f"drift: {message}", file=sys.stderr)
             return _failed(argv, 2, [message])
         if isinstance(error, ImportError) and NO_LIBRARY in str(error):
-            message = f"a library of the system is missing ({error}); install it, on Debian and Ubuntu libX11 by: apt-get install libx11-6"
+            message = (
+                f"a library of the system is missing ({error}); install it, on Debian and "
+                "Ubuntu libX11 by: apt-get install libx11-6"
+            )
             print(f"drift: {message}", file=sys.stderr)
             return _failed(argv, 2, [message])
         traceback.print_exc()

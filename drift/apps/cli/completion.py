@@ -19,7 +19,8 @@ def script(root: argparse.ArgumentParser, shell: str) -> str:
         import shtab
     except ImportError:
         raise UserError(
-            '--print-completion needs shtab: pip install -e ".[completion]" in the folder of drift\'s source'
+            '--print-completion needs shtab: pip install -e ".[completion]" in the folder of '
+            "drift's source"
         ) from None
 
     cases = _words("cases", [name for name, _ in case_file.shipped()], files="toml")

@@ -102,7 +102,8 @@ def _variant(text: str) -> tuple[str, dict[str, str]]:
     name, colon, changes = text.partition(":")
     if not colon or not name.strip() or not changes.strip():
         raise UserError(
-            f'--with "{text}" must be NAME: KEY=VALUE, several separated by ; like "wet: scenario.0.weight=0.2"'
+            f'--with "{text}" must be NAME: KEY=VALUE, several separated by ; like "wet: '
+            'scenario.0.weight=0.2"'
         )
     return name.strip(), take.changed(
         [change.strip() for change in changes.split(";") if change.strip()], "--with"

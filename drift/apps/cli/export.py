@@ -29,7 +29,8 @@ def add(commands: Any) -> argparse.ArgumentParser:
         default=[],
         dest="times",
         metavar="TIME",
-        help="time of an output to export, like '+12 h' or 221200ZNOV26; may be repeated (default: all)",
+        help="time of an output to export, like '+12 h' or 221200ZNOV26; may be repeated "
+        "(default: all)",
     )
     export.add_argument(
         "--overwrite", action="store_true", help="replace files that an earlier export wrote there"

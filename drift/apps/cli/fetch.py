@@ -162,7 +162,7 @@ def _list(own: Path | None) -> Answer:
 
 
 def _confirm_size(size: float, *, interactive: bool) -> None:
-    """Ask the user whether to fetch this amount; raise UserError if the answer is no or impossible."""
+    """Ask the user whether to fetch this amount; raise UserError without a yes."""
     from drift.apps.fetch import parts
 
     much = (

@@ -88,9 +88,7 @@ def memory(text: str | None) -> float | None:
 
 
 def probable_error(text: str) -> float:
-    """Return the standard deviation [m] per component, from the radius that contains half of the
-    errors.
-    """
+    """Return the standard deviation [m] per component, from the radius with half of the errors."""
     from drift.case.values import units
 
     try:

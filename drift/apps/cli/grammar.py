@@ -55,7 +55,8 @@ def parser() -> Parser:
         "--print-completion",
         choices=SHELLS,
         metavar="SHELL",
-        help=f"print a script that completes drift's commands and options in a shell: {', '.join(SHELLS)}",
+        help="print a script that completes drift's commands and options in a shell: "
+        f"{', '.join(SHELLS)}",
     )
     root.set_defaults(json=False, quiet=False)
     commands = root.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
@@ -107,7 +108,8 @@ def parser() -> Parser:
     _add_experiment(commands)
     track = commands.add_parser(
         "track",
-        help="estimate a target's track from its detections: track, containment areas, and where to search",
+        help="estimate a target's track from its detections: track, containment areas, and where "
+        "to search",
     )
     _add_case(track)
     _add_results(track, "NAME-track")
@@ -147,7 +149,8 @@ def _add_case(command: argparse.ArgumentParser) -> None:
         default=[],
         dest="changes",
         metavar="KEY=VALUE",
-        help="change one value of the case, like clock.step='10 min'; list items count from 0; may be repeated",
+        help="change one value of the case, like clock.step='10 min'; list items count from 0; "
+        "may be repeated",
     )
     command.add_argument("--seed", type=int, metavar="N", help="another seed than the case's")
 
@@ -199,7 +202,8 @@ def _add_results(command: argparse.ArgumentParser, folder: str) -> None:
         "--backend",
         choices=BACKENDS,
         default="cpu",
-        help="where particles are computed: the CPU or a graphics card; auto: a card if there is one and the run is "
+        help="where particles are computed: the CPU or a graphics card; auto: a card if there is "
+        "one and the run is "
         "large enough (default: cpu)",
     )
     command.add_argument(
@@ -212,7 +216,8 @@ def _add_scale(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--memory",
         metavar="SIZE",
-        help='memory that the run may use, as "4 GB" (default: half of the free memory); more particles '
+        help='memory that the run may use, as "4 GB" (default: half of the free memory); more '
+        "particles "
         "than fit are computed in shards, and a stopped run continues with the missing shards",
     )
     command.add_argument(
@@ -228,7 +233,8 @@ def _add_resume(command: argparse.ArgumentParser) -> None:
         "--resume",
         action="store_true",
         help="do nothing if the folder contains the results of exactly this run; otherwise compute "
-        "them, continue if this run was stopped, and replace results of another run once the new ones are complete",
+        "them, continue if this run was stopped, and replace results of another run once the new "
+        "ones are complete",
     )
 
 
@@ -307,7 +313,8 @@ def _add_verify(commands: Any) -> None:
 def _add_bridge(commands: Any) -> None:
     bridge = commands.add_parser(
         "bridge",
-        help="estimate positions between known way points, and crossing times of lines, without particles",
+        help="estimate positions between known way points, and crossing times of lines, without "
+        "particles",
     )
     bridge.add_argument(
         "file", metavar="FILE", help="way points, lines and times as TOML (docs/bridges.md)"
@@ -340,7 +347,8 @@ def _add_fit_bridge(commands: Any) -> None:
         "--by",
         choices=("neighbours", "steady", "wandering"),
         default="neighbours",
-        help="the likelihood: of each fix given its neighbours, of all steps with a mean velocity, or of all steps without "
+        help="the likelihood: of each fix given its neighbours, of all steps with a mean "
+        "velocity, or of all steps without "
         "(default: neighbours)",
     )
     fit.add_argument(
@@ -368,7 +376,8 @@ def _add_fit_bridge(commands: Any) -> None:
         "--error",
         default="10 m",
         metavar="LENGTH",
-        help='radius that contains half of the position errors of the fixes, or "fit" to fit it too (default: 10 m)',
+        help='radius that contains half of the position errors of the fixes, or "fit" to fit it '
+        "too (default: 10 m)",
     )
     fit.add_argument(
         "--without",
@@ -378,7 +387,8 @@ def _add_fit_bridge(commands: Any) -> None:
     fit.add_argument(
         "--hold-out",
         action="store_true",
-        help="also fit every other track and report the coverage of the 50 and 90 %% areas on the rest",
+        help="also fit every other track and report the coverage of the 50 and 90 %% areas on "
+        "the rest",
     )
     _add_output(fit, quiet=False)
 
@@ -386,7 +396,8 @@ def _add_fit_bridge(commands: Any) -> None:
 def _add_experiment(commands: Any) -> None:
     experiment = commands.add_parser(
         "experiment",
-        help="run a case many times, in several variants on common random numbers, and report the spread of its figures",
+        help="run a case many times, in several variants on common random numbers, and report "
+        "the spread of its figures",
     )
     _add_case(experiment)
     experiment.add_argument(
@@ -409,7 +420,8 @@ def _add_experiment(commands: Any) -> None:
         default=[],
         dest="figures",
         metavar="PATH",
-        help="a number of summary.json, like outputs.-1.area_nmi2.95%%; * at the end for all; may be repeated (default: "
+        help="a number of summary.json, like outputs.-1.area_nmi2.95%%; * at the end for all; "
+        "may be repeated (default: "
         "areas, POS, evidence)",
     )
     _add_results(experiment, "NAME-experiment")
@@ -430,7 +442,8 @@ def _add_sensor(commands: Any) -> None:
     sensor.add_argument(
         "--at",
         metavar="POSITION",
-        help="position of the sensor, like '36 00N 070 00W', if its table gives none (default: the position "
+        help="position of the sensor, like '36 00N 070 00W', if its table gives none (default: "
+        "the position "
         "then of the one sortie that carries it)",
     )
     sensor.add_argument(

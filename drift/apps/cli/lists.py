@@ -41,7 +41,8 @@ def new(args: argparse.Namespace) -> Answer:
     template.write(args.story, path)
     return Answer(
         lines=(
-            f"{path}: {(template.TEMPLATES | template.TRACKED)[args.story]}. Next: drift check {path}",
+            f"{path}: {(template.TEMPLATES | template.TRACKED)[args.story]}. Next: drift check "
+            f"{path}",
         ),
         numbers={"file": path},
     )
@@ -58,7 +59,8 @@ def objects(args: argparse.Namespace) -> Answer:
     classes = leeway.search(words)
     if not classes:
         raise UserError(
-            f'no leeway class contains "{words}"; list all: drift objects. If none fits, describe the object in the case: '
+            f'no leeway class contains "{words}"; list all: drift objects. If none fits, '
+            "describe the object in the case: "
             'object = { windage = "3 %" }, or leeway coefficients of your own'
         )
     names = tuple(leeway.classes())
@@ -85,7 +87,8 @@ def objects(args: argparse.Namespace) -> Answer:
         ]:
             listed = ", ".join(upwind)
             terminal.say(
-                f"Mean drift is upwind, as published, in winds below [m/s]: {listed} (docs/leeway.md)."
+                f"Mean drift is upwind, as published, in winds below [m/s]: {listed} "
+                "(docs/leeway.md)."
             )
         for target, drifters in seen.items():
             terminal.say(f"search_object of {_shortened(drifters)}: {target}")
@@ -93,7 +96,8 @@ def objects(args: argparse.Namespace) -> Answer:
             terminal.say(note)
         if not words:
             terminal.say(
-                'Also: "water" for a pure water drifter, { windage = "3 %" } or coefficients of your own in the case file.'
+                'Also: "water" for a pure water drifter, { windage = "3 %" } or coefficients of '
+                "your own in the case file."
             )
 
     return Answer(

@@ -81,9 +81,7 @@ def _opened(numbers: dict[str, Any]) -> dict[str, Any]:
 
 
 def _opening(numbers: dict[str, Any]) -> Facts:
-    """Return the time that the map and the report show first, with its areas; nothing if it is the
-    end.
-    """
+    """Return the time that the map and the report show first, with its areas; {} for the end."""
     opened = _opened(numbers)
     if opened is numbers["outputs"][-1]:
         return {}
@@ -164,14 +162,16 @@ def _scenarios(scenarios: dict[str, Any]) -> Facts:
     for name, scenario in ((names[k], scenarios[names[k]]) for k in shown.alone):
         remarks = (
             [
-                f"{notation.percent(scenario['posterior'])} (before: {notation.percent(scenario['prior'])})"
+                f"{notation.percent(scenario['posterior'])} (before: "
+                f"{notation.percent(scenario['prior'])})"
             ]
             if len(scenarios) > 1
             else []
         )
         if scenario["prior_on_land"] > 0:
             remarks.append(
-                f"{notation.percent(scenario['prior_on_land'])} of its starting positions were on land and ignored"
+                f"{notation.percent(scenario['prior_on_land'])} of its starting positions were "
+                "on land and ignored"
             )
         if remarks:
             facts[f'scenario "{name}"'] = "; ".join(remarks)
@@ -184,8 +184,9 @@ def _scenarios(scenarios: dict[str, Any]) -> Facts:
 
 
 def _by_axis(families: dict[str, Any]) -> Facts:
-    """Return the likeliest values on each axis of scenario families, and the effective number of
-    scenarios; nothing without families.
+    """Return the likeliest values on each axis of scenario families, and effective scenarios.
+
+    The result is empty without families.
     """
     facts: Facts = {}
     for axis, values in families["axes"].items():
@@ -295,7 +296,8 @@ def _search(numbers: dict[str, Any]) -> Facts:
             ):
                 contradicted.add(name)
                 facts[f'note on "{name}"'] = (
-                    f'{update["kind"]} "{update["name"]}" contradicts this scenario: its posterior probability is 0'
+                    f'{update["kind"]} "{update["name"]}" contradicts this scenario: its '
+                    "posterior probability is 0"
                 )
         if update["kind"] == "sortie":
             facts[f'sortie "{update["name"]}"'] = (
@@ -303,7 +305,8 @@ def _search(numbers: dict[str, Any]) -> Facts:
             )
         else:
             facts[f'{update["kind"]} "{update["name"]}"'] = (
-                f"{Count(update['ess_after']).words} after it, {update['ess_before']:,.0f} before{_repopulation(update)}"
+                f"{Count(update['ess_after']).words} after it, {update['ess_before']:,.0f} "
+                f"before{_repopulation(update)}"
             )
     for line in numbers.get("search", {}).get("lines", ()):
         facts[f'line "{line["name"]}"'] = (
@@ -313,7 +316,7 @@ def _search(numbers: dict[str, Any]) -> Facts:
 
 
 def _repopulation(update: Mapping[str, Any]) -> str:
-    """Return whether particles were repopulated or the track was lost after a contact or silence."""
+    """Return whether particles were repopulated or the track was lost after an update."""
     if update["filled"] == "contact":
         return f"; repopulated, {update['ess_resampled']:,.0f} of them effective"
     return "; the track is lost" if update["filled"] == "lost" else ""
@@ -382,9 +385,7 @@ def _near(place: dict[str, Any]) -> str:
 
 
 def _number(figure: dict[str, float]) -> str:
-    """Return a number of objects as text: the 10 to 90 % range over simulated spills, then the mean
-    and its sampling error.
-    """
+    """Return a number of objects as text: 10 to 90 % range over spills, mean, sampling error."""
     low, high, mean = (figure[name] for name in ("number_10", "number_90", "expected"))
     span = (
         f"{low:.0f} to {high:.0f} objects" if high > low else f"{low:.0f} object{'s' * (low != 1)}"
@@ -398,7 +399,8 @@ def origin(release: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:
     """Return where and when a spill may have been released, from a backward run."""
     facts = origin_text.origin_facts(release) | _warnings(warnings)
     facts["note"] = (
-        "backtrack: proposes where to look; missed objects are not used. Confirm it with a forward run (drift run) "
+        "backtrack: proposes where to look; missed objects are not used. Confirm it with a "
+        "forward run (drift run) "
         "with this release as its prior, weighted by all finds"
     )
     return facts

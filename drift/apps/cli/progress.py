@@ -1,5 +1,4 @@
-"""Progress of a run: a bar with rate and remaining time on a terminal, a bar in a notebook, and
-nothing if the output is piped.
+"""Progress of a run: a bar on a terminal or in a notebook, and nothing in a pipe.
 
 With the environment variable DRIFT_PROGRESS=lines, which `drift serve` sets, it writes lines of
 JSON for another program.
@@ -24,7 +23,7 @@ def silent(phase: str, share: float) -> None:
 
 
 def sparing(report_now: Report) -> Report:
-    """Return a reporter that passes on a new phase at once, and its share at most 5 times a second."""
+    """Return a reporter that passes on a new phase at once, a share at most 5 times a second."""
     last = ("", 0.0)
 
     def report(phase: str, share: float) -> None:

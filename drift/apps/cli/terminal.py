@@ -20,8 +20,9 @@ def _line(text: str) -> str:
 
 
 def open_streams() -> None:
-    """Replace closed streams (`>&-`) by the null device, and print "?" for letters that a stream
-    cannot encode.
+    """Make the standard streams safe to print to.
+
+    Closed streams (`>&-`) become the null device; letters that cannot be encoded become "?".
     """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
@@ -48,12 +49,13 @@ def say(text: str) -> None:
         with contextlib.suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise UserError(
-            f"cannot write to standard output: {error.strerror}; results already written are complete"
+            f"cannot write to standard output: {error.strerror}; results already written are "
+            "complete"
         ) from None
 
 
 def print_facts(title: str, facts: dict[str, str]) -> None:
-    """Print a title, and facts by name: folded to the width of a terminal, one line each in a pipe."""
+    """Print a title and facts by name, folded on a terminal, one line each in a pipe."""
     table = empty_table("", "")
     table.show_header = False
     for column in table.columns:

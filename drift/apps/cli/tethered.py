@@ -46,8 +46,9 @@ def main(memory: int | None = None) -> None:
 
 
 def enclose(cards: bool = False) -> None:
-    """Have the kernel enforce the file fence too, if it can: the allowed folders, the working
-    directory and the program's own files.
+    """Have the kernel enforce the file fence too, if it can.
+
+    It allows the fence's folders, the working directory and the program's own files.
 
     cards: whether the command may use graphics cards, which are files.
     """

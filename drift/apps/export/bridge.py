@@ -20,7 +20,8 @@ def files(run: Finished) -> dict[str, bytes]:
     """Return the files plan-A-1.rtz and so on, from the routes of plan.gpx."""
     if "plan.gpx" not in run.names:
         raise UserError(
-            f"results {run.folder}: contain no plan, and rtz holds the routes of a plan; see: drift plan --help"
+            f"results {run.folder}: contain no plan, and rtz holds the routes of a plan; see: "
+            "drift plan --help"
         )
     path = run.folder / "plan.gpx"
     routes = list(checked.xml(path).iter(f"{IN}rte"))

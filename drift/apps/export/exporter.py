@@ -73,7 +73,8 @@ def _format_files(run: Finished | Release, format: str) -> dict[str, bytes]:
             return FORMATS[format](run)
         if format not in OF_RELEASE:
             raise UserError(
-                f"results {run.folder}: come from drift origin, which {format} does not support; use {', '.join(OF_RELEASE)}"
+                f"results {run.folder}: come from drift origin, which {format} does not support; "
+                f"use {', '.join(OF_RELEASE)}"
             )
         return OF_RELEASE[format](run)
     except (

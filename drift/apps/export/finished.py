@@ -119,7 +119,7 @@ class Finished:
         return [float(share) for share in self.forecast["share"].values]
 
     def features(self, name: str) -> list[dict[str, Any]]:
-        """Return the features of a GeoJSON file of the run; an empty list if there is no such file."""
+        """Return the features of a GeoJSON file of the run; [] if there is no such file."""
         return _features(self.folder / name) if name in self.names else []
 
     def rows(self, name: str) -> list[dict[str, str]]:
@@ -127,7 +127,7 @@ class Finished:
         return checked.rows(self.folder / name, READ[name]) if name in self.names else []
 
     def search(self) -> list[dict[str, Any]]:
-        """Return the features of sorties, looks and contacts, without sorties that are only planned."""
+        """Return the features of sorties, looks and contacts, without planned sorties."""
         found = [
             f
             for f in self.features("sorties.geojson")
@@ -155,7 +155,7 @@ class Finished:
         return found
 
     def areas(self) -> list[tuple[np.datetime64, float, dict[str, Any], dict[str, Any]]]:
-        """Return (time, share, geometry, properties) of each area at the requested outputs, sorted."""
+        """Return (time, share, geometry, properties) of areas at the requested outputs, sorted."""
         wanted = {notation.iso(time): time for time in self.forecast["time"].values}
         shares, levels = (
             self.shares,
@@ -179,7 +179,7 @@ class Finished:
         return sorted(found, key=lambda area: (area[0], area[1]))
 
     def positions(self, name: str) -> list[tuple[np.datetime64, float, float]]:
-        """Return (time, lon, lat) [deg] of "mean" or "datum" where known; longitudes are unwrapped."""
+        """Return (time, lon, lat) [deg] of "mean" or "datum" where known, unwrapped."""
         at = [self.forecast[key].values for key in ("time", f"{name}_lon", f"{name}_lat")]
         rows = zip(*at, strict=True)
         return [
@@ -283,7 +283,8 @@ def open_result(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Fi
         return Release(folder, names, data)
     if "forecast.nc" not in names:
         raise UserError(
-            f"results {folder}: contain no forecast.nc; give a folder written by drift run, drift plan or drift origin"
+            f"results {folder}: contain no forecast.nc; give a folder written by drift run, "
+            "drift plan or drift origin"
         )
     path = folder / "forecast.nc"
     forecast = checked.dataset(path, LARGE, FORECAST)
@@ -311,7 +312,8 @@ def _chosen(outputs: Any, times: Sequence[str]) -> list[int]:
         if not found:
             ends = f"{notation.group(outputs[0])} to {notation.group(outputs[-1])}"
             raise UserError(
-                f'--time "{text}": there is no output in that minute; outputs go from {ends}, see track.csv'
+                f'--time "{text}": there is no output in that minute; outputs go from {ends}, '
+                "see track.csv"
             )
         wanted.update(found)
     return [k for k in order if k in wanted]

@@ -1,5 +1,4 @@
-"""KML 2.2 export for Google Earth and similar programs: areas, datum, track, search and plan by
-time.
+"""KML 2.2 export for Google Earth and others: areas, datum, track, search and plan by time.
 
 Areas differ in outline width, opacity and name, not in colour alone.
 """
@@ -63,7 +62,10 @@ def _document(run: Finished) -> str:
         if day not in days:
             days[day] = kml.folder(document, f"Forecast {day}")
         name = f"{notation.hundredths(share)} % {notation.group(time)}"
-        description = f"{run.words}. {notation.hundredths(share)} % area of {properties['area_nmi2']:,.1f} nmi2"
+        description = (
+            f"{run.words}. {notation.hundredths(share)} % area of "
+            f"{properties['area_nmi2']:,.1f} nmi2"
+        )
         kml.append_place(
             days[day],
             name,
@@ -123,7 +125,7 @@ def release_files(run: Release) -> dict[str, bytes]:
 
 
 def _spans(times: Any) -> dict[str, tuple[str, str]]:
-    """Return the interval in which each output is shown: until one second before the next output."""
+    """Return the interval in which each output is shown, up to a second before the next output."""
     ends = [*(times[1:] - np.timedelta64(1, "s")), times[-1]]
     return {
         notation.iso(a): (notation.iso(a), notation.iso(b))
@@ -203,7 +205,10 @@ def _plan(document: ET.Element, run: Finished) -> None:
             if in_transit
             else (properties["on_scene"], properties["off_scene"])
         )
-        description = f"{name}: on scene {properties['on_scene']} to {properties['off_scene']}, POS {notation.percent(properties['pos'])}"
+        description = (
+            f"{name}: on scene {properties['on_scene']} to {properties['off_scene']}, "
+            f"POS {notation.percent(properties['pos'])}"
+        )
         style = {"area": "field", "csp": ""}.get(properties["shape"], "legs")
         kml.append_place(
             folders[name],
@@ -216,14 +221,18 @@ def _plan(document: ET.Element, run: Finished) -> None:
 
 
 def _coast(run: Finished) -> Iterator[Place]:
-    """Yield the stretches of coast that a spill reaches, by rank, shown during the whole forecast."""
+    """Yield the stretches of coast that a spill reaches, by rank, shown all the time."""
     times = run.forecast["time"].values
     span = notation.iso(times[0]), notation.iso(times[-1])
     for feature in run.features("washup.geojson"):
         properties = feature["properties"]
         description = (
-            f"{properties['position']}, {properties['access']}, {properties['length_km']:.1f} km: {properties['number_10']:.0f} to {properties['number_90']:.0f} objects at the end (10 "
-            f"to 90 %), {properties['expected']:.3g} on average, probability of any {notation.percent(properties['probability'])}, that any ever comes {notation.percent(properties['ever'])}"
+            f"{properties['position']}, {properties['access']}, {properties['length_km']:.1f} "
+            f"km: {properties['number_10']:.0f} to {properties['number_90']:.0f} objects at the "
+            "end (10 "
+            f"to 90 %), {properties['expected']:.3g} on average, probability of any "
+            f"{notation.percent(properties['probability'])}, that any ever comes "
+            f"{notation.percent(properties['ever'])}"
         )
         name = f"{properties['rank']}  {properties['name']}"
         description = f"{properties.get('stretch_id') or ''} {description}".strip()
@@ -235,7 +244,8 @@ def _patrols(run: Finished) -> Iterator[Place]:
     for feature in run.features("patrols.geojson"):
         properties = feature["properties"]
         description = (
-            f"{properties['patrol_unit']}, {properties['time']}: {properties['stretch']} ({properties['stretch_id']}), {properties['length_km']:.1f} km, "
+            f"{properties['patrol_unit']}, {properties['time']}: {properties['stretch']} "
+            f"({properties['stretch_id']}), {properties['length_km']:.1f} km, "
             f"finds {properties['found']:.2g} on average"
         )
         name = f"{properties['patrol_unit']} {properties['stretch_id']}"

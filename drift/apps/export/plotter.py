@@ -1,7 +1,6 @@
-"""GPX 1.1 export for chart plotters (OpenCPN and others): datum and contacts as waypoints, areas,
-mean and search as tracks.
+"""GPX 1.1 export for chart plotters (OpenCPN and others).
 
-Names are short and unique, as many plotters cut them: D for datum, then day and time, D221830Z.
+Datum and contacts become waypoints; areas, mean position and search become tracks. Names are short and unique, as many plotters cut them: D for datum, then day and time, D221830Z.
 Plotters accept few points: outlines are thinned, and the file states the error of thinning.
 """
 
@@ -81,10 +80,16 @@ def _coast(run: Finished) -> dict[str, bytes]:
             properties = feature["properties"]
             if name == "washup":
                 track_name = str(properties.get("stretch_id") or properties["name"])
-                description = f"{properties['rank']} {properties['name']}, {properties['expected']:.3g} objects on average at the end"
+                description = (
+                    f"{properties['rank']} {properties['name']}, "
+                    f"{properties['expected']:.3g} objects on average at the end"
+                )
             else:
                 track_name = f"{properties['patrol_unit']} {properties['stretch_id']}"
-                description = f"{properties['time']} {properties['stretch']}, {properties['length_km']:.1f} km, {properties['found']:.2g} found on average"
+                description = (
+                    f"{properties['time']} {properties['stretch']}, "
+                    f"{properties['length_km']:.1f} km, {properties['found']:.2g} found on average"
+                )
             _lines(_track(root, track_name, description, title), feature["geometry"]["coordinates"])
         contents[f"{title}.gpx"] = markup.document_text(root).encode()
     return contents

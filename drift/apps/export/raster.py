@@ -21,10 +21,9 @@ WASHUP = frozenset({"washup.geojson"})
 
 
 def files(run: Finished) -> dict[str, bytes]:
-    """Return probability-20261122T1800Z.tif and so on: band 1 probability by cell, band 2
-    containment.
+    """Return a GeoTIFF for each output, like probability-20261122T1800Z.tif.
 
-    NaN marks missing data: containment at times without a map. A grid across the antimeridian
+    Band 1 is the probability by cell, band 2 the containment. NaN marks missing data: containment at times without a map. A grid across the antimeridian
     becomes two files, -E and -W, each within [-180, 180] to half a cell. Results of a spill add
     washup.geojson, the stretches of coast.
     """

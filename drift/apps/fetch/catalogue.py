@@ -1,6 +1,4 @@
-"""The catalogue of forcing providers: a table shipped with drift, and the user's own, which takes
-precedence.
-"""
+"""The catalogue of forcing providers: the user's own entries come before the shipped ones."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -146,7 +144,8 @@ def _parse_provider(name: str, table: Any) -> Provider:
     for one in address:
         if not str(one).startswith(("https://", "http://")) or "@" in str(one).split("/")[2]:
             raise UserError(
-                "an address begins with https:// or http://, and contains no name or password (use ~/.netrc)"
+                "an address begins with https:// or http://, and contains no name or password "
+                "(use ~/.netrc)"
             )
     if table["protocol"] in ("erddap", "copernicusmarine") and not table.get("dataset"):
         raise UserError("dataset is missing")
@@ -184,8 +183,9 @@ def choose(
     end: np.datetime64,
     now: np.datetime64,
 ) -> list[Provider]:
-    """Return a provider for each quantity: the named one, else the first suitable one that needs no
-    credentials.
+    """Return a provider for each quantity.
+
+    It is the named one, else the first suitable one that needs no credentials.
     """
     chosen = {}
     for name in names:

@@ -1,6 +1,4 @@
-"""`drift.fetch`: download winds and currents for a case, or for a box and a span, into files that a
-run can read.
-"""
+"""`drift.fetch`: download winds and currents for a case, or for a box and a span, into files."""
 
 import json
 import os
@@ -66,8 +64,9 @@ def reach(
 
 
 def box_of(text: str) -> Box:
-    """Return the box of a text "west,south,east,north" [deg]; its east may be above 180, or less
-    than its west.
+    """Return the box of a text "west,south,east,north" [deg].
+
+    East may be above 180, or less than west.
     """
     try:
         west, south, east, north = (float(word) for word in text.split(","))
@@ -179,7 +178,8 @@ def _check_readable(shipment: Shipment, files: list[Path]) -> None:
         )
     except UserError as error:
         raise UserError(
-            f"{order.provider.name} was downloaded completely, but cannot be read as {order.provider.quantity}: {error}"
+            f"{order.provider.name} was downloaded completely, but cannot be read as "
+            f"{order.provider.quantity}: {error}"
         ) from None
 
 
@@ -359,7 +359,8 @@ def _parse_moment(
     if isinstance(moment, np.timedelta64):
         if own is None:
             raise UserError(
-                f'{name} "{stated}" is relative to the start of a case: give a case, or a date and time'
+                f'{name} "{stated}" is relative to the start of a case: give a case, or a date '
+                "and time"
             )
         return units.resolve(moment, own)
     return moment

@@ -90,7 +90,7 @@ class Field:
 
 
 def ship(order: Order) -> Shipment:
-    """Return the shipment of an order after reading headers and axes; raise UserError or Passing."""
+    """Return the shipment of an order from headers and axes; raise UserError or Passing."""
     provider = order.provider
     griddap = [f"{a.rstrip('/')}/griddap/{provider.dataset}" for a in provider.address]
     addresses = griddap if provider.protocol == "erddap" else list(provider.address)
@@ -109,7 +109,8 @@ def ship(order: Order) -> Shipment:
         for pair in zip(first.points, second.points, strict=True)
     ):
         raise UserError(
-            f"{provider.name}: its two components are on different points (a staggered grid), which fetch does not support"
+            f"{provider.name}: its two components are on different points (a staggered grid), "
+            "which fetch does not support"
         )
     begin, end = _span(first, order)
     itemsize = sum(field.data.variables[field.name].dtype.itemsize for field in fields)
@@ -206,7 +207,7 @@ def _times(data: Header, name: str) -> NDArray[np.datetime64]:
 
 
 def _coordinate_names(data: Header, name: str) -> tuple[str, str]:
-    """Return the names of a variable's longitude and latitude, which are axes or on its own grid."""
+    """Return the names of a variable's longitude and latitude: axes, or on its own grid."""
     found = []
     dims = set(data.variables[name].dims)
     for units, standard, usual in (
@@ -240,7 +241,8 @@ def _level(data: Header, dim: Hashable, order: Order) -> int:
         axis = np.abs(data.read(str(dim), {}).astype(float))  # some have negative depths
         return int(np.argmin(np.abs(axis - abs(order.provider.level))))
     raise UserError(
-        f'"{data.address}" has {size} layers along {dim}: the catalogue must choose one, by level or first. '
+        f'"{data.address}" has {size} layers along {dim}: the catalogue must choose one, by '
+        "level or first. "
         "See: docs/fetch.md"
     )
 
@@ -278,7 +280,7 @@ def _fingerprint(field: Field) -> list[Any]:
 
 
 def _make(fields: list[Field], start: int, stop: int, path: Path) -> None:
-    """Write the times from `start` up to `stop` of both components as a netCDF file, bit for bit."""
+    """Write the times from `start` up to `stop` of both components as a netCDF file."""
     variables: dict[str, xr.Variable] = {}
     for field in fields:
         _read(field, start, stop, variables)

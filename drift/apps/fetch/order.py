@@ -13,9 +13,9 @@ from geo.box import Box
 
 @dataclass(frozen=True)
 class Order:
-    """A quantity of a provider in a box, from its last time at or before `begin` to its first at or
-    after `end`.
+    """A quantity of a provider in a box and a span.
 
+    The times go from the last one at or before `begin` to the first one at or after `end`.
     timeout: longest wait for a server's answer [s]. asked: when it was ordered, which determines
     the times that a forecast's provider has.
     """

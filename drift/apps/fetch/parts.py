@@ -49,7 +49,8 @@ def patiently(attempt: Callable[[], T], tell: Callable[[str], None]) -> T:
             pause = PAUSE * 2 ** (number - 1)
             if number == ATTEMPTS or time.monotonic() + pause > until:
                 raise UserError(
-                    f"{error}; stopped after {number} attempts, the same command continues from here"
+                    f"{error}; stopped after {number} attempts, the same command continues from "
+                    "here"
                 ) from None
             tell(f"{error}; attempt {number + 1} of {ATTEMPTS} in {pause:g} s")
             _wait(pause)
@@ -206,14 +207,16 @@ def _check_free_space(folder: Path, size: float) -> None:
     free = shutil.disk_usage(folder).free
     if size * SPARE > free:
         raise UserError(
-            f"{folder.parent} has {size_in_words(free)} free, and {size_in_words(size)} are to be fetched: free some, or name another folder "
+            f"{folder.parent} has {size_in_words(free)} free, and {size_in_words(size)} are to "
+            "be fetched: free some, or name another folder "
             "with --out"
         )
 
 
 def _disk_full_error(folder: Path, done: int, of: int) -> UserError:
     return UserError(
-        f"disk full: {folder.parent} has no space left; {done} of {of} parts are kept, and the same command continues "
+        f"disk full: {folder.parent} has no space left; {done} of {of} parts are kept, and the "
+        "same command continues "
         "from there"
     )
 

@@ -31,8 +31,9 @@ class Window:
 
 
 def along_axes(lon: Real, lat: Real, box: Box) -> Window | None:
-    """Return the window of a box on axes [deg], shapes (nlon,) and (nlat,), ascending or
-    descending; None if the box is outside the grid.
+    """Return the window of a box on axes [deg], shapes (nlon,) and (nlat,).
+
+    Axes may ascend or descend. The result is None if the box is outside the grid.
     """
     dlon, dlat = _spacing(lon), _spacing(lat)
     grown = box.grown(MARGIN * dlon, MARGIN * dlat)

@@ -1,6 +1,4 @@
-"""Build the question to a sensor from a case and the options of a user, and reject what does not
-fit.
-"""
+"""Build the question to a sensor from a case and a user's options; invalid options are rejected."""
 
 import difflib
 import math
@@ -84,13 +82,14 @@ def _sensor(case: Case, name: str) -> Sensor:
 
 
 def _carrying_sortie(case: Case, sensor: Sensor) -> Sortie | None:
-    """Return the sortie that carries a sensor, None if there is none; raise UserError for several."""
+    """Return the sortie that carries a sensor, None without one; raise UserError for several."""
     every = [s for s in case.sorties if s.sensor is not None and s.sensor.name == sensor.name]
     every = [s for s in every if s.legs is not None and s.frame == "ground"]
     if len(every) > 1:
         names = ", ".join(f'"{sortie.name}"' for sortie in every)
         raise UserError(
-            f'where is sensor "{sensor.name}"? Sorties {names} carry it: give --at, and --heading if it is an array'
+            f'where is sensor "{sensor.name}"? Sorties {names} carry it: give --at, and '
+            "--heading if it is an array"
         )
     return every[0] if every else None
 
@@ -122,7 +121,8 @@ def _place(
     if sensor.place is not None:
         if at is not None or heading is not None:
             raise UserError(
-                f'sensor "{sensor.name}" has the position of its table (at); remove --at and --heading, or change the table '
+                f'sensor "{sensor.name}" has the position of its table (at); remove --at and '
+                "--heading, or change the table "
                 "by --set"
             )
         return sensor.place, sensor.heading
@@ -140,8 +140,10 @@ def _place(
         assert sortie.legs is not None
         if not sortie.start <= when <= sortie.end:
             raise UserError(
-                f'sensor "{sensor.name}": sortie "{sortie.name}" carries it from {notation.group(sortie.start)} to '
-                f"{notation.group(sortie.end)}, not at {notation.group(when)}; give --time within, or --at"
+                f'sensor "{sensor.name}": sortie "{sortie.name}" carries it from '
+                f"{notation.group(sortie.start)} to "
+                f"{notation.group(sortie.end)}, not at {notation.group(when)}; give --time "
+                "within, or --at"
             )
         place, course = _position_on_legs(sortie.legs, float(notation.epoch(when)))
         assumed.append(("place", f'that of sortie "{sortie.name}" then'))
@@ -151,12 +153,14 @@ def _place(
         assumed.append(
             (
                 "place",
-                "the centre of its table's coverage, from which ranges are measured: the table gives no position",
+                "the centre of its table's coverage, from which ranges are measured: the table "
+                "gives no position",
             )
         )
         return _coverage_centre(grid, when), toward or 0.0
     raise UserError(
-        f'where is sensor "{sensor.name}"? Neither its table (at) nor a sortie gives a position; give --at'
+        f'where is sensor "{sensor.name}"? Neither its table (at) nor a sortie gives a position; '
+        "give --at"
     )
 
 
@@ -174,7 +178,7 @@ def _heading(heading: object) -> float | None:
 
 
 def _position_on_legs(legs: Legs, time: float) -> tuple[tuple[float, float], float]:
-    """Return the position (lon, lat) [deg] and the course [rad] on legs at a time [s since 1970]."""
+    """Return position (lon, lat) [deg] and course [rad] on legs at a time [s since 1970]."""
     k = min(max(int(np.searchsorted(legs.time, time, side="right")) - 1, 0), len(legs.time) - 2)
     share = min(max((time - legs.time[k]) / (legs.time[k + 1] - legs.time[k]), 0.0), 1.0)
     ends = np.radians([[legs.lon[k], legs.lat[k]], [legs.lon[k + 1], legs.lat[k + 1]]])
@@ -213,7 +217,8 @@ def _level(
         ]
         if options:
             raise UserError(
-                f'{options[0]}: sensor "{sensor.name}" is a POD table, the same for all targets; remove the option'
+                f'{options[0]}: sensor "{sensor.name}" is a POD table, the same for all targets; '
+                "remove the option"
             )
         return math.nan
     names = [one.name for one in case.scenarios]

@@ -1,4 +1,4 @@
-"""`drift sensor` and `drift.sensor_reach`: compute where a sensor detects, and write the results."""
+"""`drift sensor` and `drift.sensor_reach`: compute where a sensor detects, and write results."""
 
 import os
 from collections.abc import Sequence
@@ -64,7 +64,8 @@ def _write(case: Case, found: Reach, folder: Path, overwrite: bool) -> None:
     attributes = _attributes(case, found.question)
     imprint = Imprint(
         f'{case.title}: sensor "{found.question.sensor.name}"',
-        f"{attributes['source']}. A look is one instant; land is ignored; blank areas are out of range.",
+        f"{attributes['source']}. A look is one instant; land is ignored; blank areas are out of "
+        "range.",
         {**attributes, "run_id": formats.run_id(attributes)},
     )
     land = coastline.lands(None, case.coast)

@@ -133,7 +133,8 @@ def _terms(question: Question) -> tuple[str, str]:
     level = f"Source level {assumed['source level']}"
     return (
         level,
-        f"Noise {assumed['noise']}; threshold {notation.number(sonar.threshold)} dB; fluctuation {notation.number(sonar.fluctuation)} dB{unknown}",
+        f"Noise {assumed['noise']}; threshold {notation.number(sonar.threshold)} dB; fluctuation "
+        f"{notation.number(sonar.fluctuation)} dB{unknown}",
     )
 
 
@@ -304,7 +305,7 @@ def _marks(on: Page, axes: Axes, frame: Frame, found: Reach) -> None:
 
 
 def rays(asked: Question) -> list[tuple[int, float]]:
-    """Return the numbers and true bearings [rad] of beams with their mirror images; [] if too many."""
+    """Return numbers and true bearings [rad] of beams, mirror images included; [] if too many."""
     sonar = asked.sonar
     if sonar is None:
         return []

@@ -1,5 +1,4 @@
-"""Compute a sensor's reach: detection by bearing and range, and on a grid of longitude and
-latitude.
+"""Compute a sensor's reach: detection by bearing and range, and on a longitude-latitude grid.
 
 A look is one instant. It detects with probability Phi(signal excess / fluctuation), averaged over
 the `unknown` of the sensor, or with that of its POD table. Land does not block sound, as in a run,

@@ -1,4 +1,4 @@
-"""A sensor's reach as text and numbers: for the terminal, for programs, and under the map's title."""
+"""A sensor's reach as text and numbers: for the terminal, for programs, and for the map."""
 
 import math
 from typing import Any

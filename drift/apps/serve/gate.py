@@ -194,7 +194,7 @@ class Gate:
         )
 
     async def _body(self, scope: Scope, receive: Receive) -> dict[str, Any]:
-        """Return the JSON object of a body; raise Refused if it is not one, too large or too slow."""
+        """Return the JSON object of a body; raise Refused if it is invalid, too large or slow."""
         kind = _header_values(scope, b"content-type")
         if [one.replace(" ", "").lower() for one in kind] not in (
             ["application/json"],

@@ -65,7 +65,8 @@ def serve(
         from drift.apps.serve.gate import Secret
     except ImportError as error:
         raise UserError(
-            f"drift serve needs {error.name}; pip install -e '.[serve]' in the folder of drift's source"
+            f"drift serve needs {error.name}; pip install -e '.[serve]' in the folder of drift's "
+            "source"
         ) from None
     root = _folder(folder)
     allowed = _fence(root, allow, allow_host)
@@ -89,7 +90,8 @@ def serve(
         address = f"http://{host_in_url}:{bound_port}/?token={secret.token}"
         if host not in LOOPBACK:
             say(
-                f"drift: warning: other machines can reach {host}: anyone with the address below can work here as you, "
+                f"drift: warning: other machines can reach {host}: anyone with the address below "
+                "can work here as you, "
                 "and the connection is not encrypted"
             )
         say(f"Serving {root}\nOpen {address}\nCtrl-C ends it, and every run with it")

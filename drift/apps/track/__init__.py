@@ -1,3 +1,1 @@
-"""`drift track`: follow a target after its last detection; its track, areas, and a path to regain
-contact.
-"""
+"""`drift track`: estimate the track of a lost target, its areas, and a path to regain contact."""

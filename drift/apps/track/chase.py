@@ -1,4 +1,4 @@
-"""The pursuit path that a case asks for: planned around land, on the cloud after the last detection."""
+"""The pursuit path of a case: planned around land, on the cloud after the last detection."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -46,7 +46,8 @@ def check(study: Study, land: Land) -> None:
             lon, lat = np.degrees(place)
             if barrier.in_squares(np.array([lon]), np.array([lat]), 0.0)[0]:
                 errors.append(
-                    f"{study.name}.toml: pursuit: {what} on land, at {notation.position(float(lon), float(lat))}"
+                    f"{study.name}.toml: pursuit: {what} on land, at "
+                    f"{notation.position(float(lon), float(lat))}"
                 )
     if errors:
         raise UserError(*errors)
@@ -56,7 +57,7 @@ def chased(study: Study, land: Land, coast: DeviceCoast | None) -> Chased | Fail
     """Return the path that a case asks for, or why there is none.
 
     Args:
-        asked: the tracking case; without a pursuit the result is None.
+        study: the tracking case; without a pursuit the result is None.
         land: returns the land polygons [deg] in a box.
         coast: the coast that particles avoid; None: no coast.
 

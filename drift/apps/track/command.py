@@ -55,7 +55,8 @@ def track(
     study = tracking.load(name, changes)
     if not isinstance(study.target, Detections):
         raise UserError(
-            f'"{study.name}" has a [target] instead of detections: use drift experiment {study.name}, or give detections = "file.csv"'
+            f'"{study.name}" has a [target] instead of detections: use drift experiment '
+            f'{study.name}, or give detections = "file.csv"'
         )
     land = chase.land()
     chase.check(study, land)

@@ -21,8 +21,9 @@ def _percent(share: float) -> str:
 
 
 def path_table(found: Regained) -> str:
-    """Return the path as CSV, a row per look, with the shares of its own and of a check cloud that
-    were within reach by then.
+    """Return the path as CSV, a row per look.
+
+    Columns have the shares of its own and of a check cloud that were within reach by then.
     """
     chased = found.chased
     assert isinstance(chased, Chased)

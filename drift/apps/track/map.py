@@ -1,6 +1,4 @@
-"""Map of `drift track`: detections, the estimated track, and the cloud with areas at the times
-shown.
-"""
+"""Map of `drift track`: detections, estimated track, and clouds with areas at the times shown."""
 
 import textwrap
 from collections.abc import Callable, Iterable
@@ -169,8 +167,9 @@ def _tracker(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]
 
 
 def _detections(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
-    """Draw a ray for each detection, as long as its range or the sensor's reach; a circle for a
-    range without bearing.
+    """Draw a ray for each detection, as long as its range or the sensor's reach.
+
+    A range without a bearing becomes a circle.
     """
     detections, study = found.held.study.target, found.held.study
     assert isinstance(detections, Detections)
@@ -346,7 +345,10 @@ def _pursuit_path(
     )
     replanned = list(chased.found.plans)
     (plans,) = axes.plot(x[replanned], y[replanned], "o", color=PATH, markersize=5.5, zorder=12)
-    description = f"path to {pursuit.aim} it, looks every {notation.number(pursuit.interval / 60)} min\nto {notation.number(pursuit.reach / NMI)} nmi"
+    description = (
+        f"path to {pursuit.aim} it, looks every "
+        f"{notation.number(pursuit.interval / 60)} min\nto {notation.number(pursuit.reach / NMI)} nmi"
+    )
     symbols: list[tuple[Any, str]] = [
         ((line, spots), description),
         (plans, "planned, or replanned"),

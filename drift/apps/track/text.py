@@ -24,7 +24,7 @@ def moment(found: Regained, seconds: float) -> np.datetime64:
 
 
 def track_facts(found: Regained) -> dict[str, str]:
-    """Return facts on the last detection, the estimate at each time shown, the path and warnings."""
+    """Return facts on the last detection, the estimates shown, the path, and warnings."""
     held = found.held
     detections = held.study.target
     assert isinstance(detections, Detections)
@@ -68,8 +68,10 @@ def _lost(found: Regained, losses: Sequence[Loss]) -> str:
         else ""
     )
     return (
-        f"{since}{left} left by sensors that detected nothing at {silent}. If the log does not contain every plot, give that sensor a longer grace, or on = false; "
-        "otherwise check positions, reaches and when it is on, or use a higher fastest speed, or more particles"
+        f"{since}{left} left by sensors that detected nothing at {silent}. If the log does not "
+        "contain every plot, give that sensor a longer grace, or on = false; "
+        "otherwise check positions, reaches and when it is on, or use a higher fastest speed, or "
+        "more particles"
     )
 
 
@@ -88,19 +90,22 @@ def _repopulated(found: Regained) -> str:
 
 
 def _warnings(found: Regained) -> list[str]:
-    """Return warnings: doubtful detections, areas that depend on chance, unused methods, no path."""
+    """Return warnings: doubtful detections, areas that depend on chance, no path, and so on."""
     held, study = found.held, found.held.study
     warnings = doubts.doubts_about(study)
     if rough := [words for one in held.shown for words in _rough(found, one)]:
         warnings.append(
-            f"areas depend on chance: {', '.join(rough)}: use more particles, or treat them as rough"
+            f"areas depend on chance: {', '.join(rough)}: use more particles, or treat them as "
+            "rough"
         )
     for one in held.shown:
         astray = one.holding if one.cloud is None else holding.OTHERS - one.holding
         if astray:
             warnings.append(
-                f"at {notation.group(moment(found, one.time))} {astray} of {holding.OTHERS} clouds with other random numbers hold "
-                f"{'a' if one.cloud is None else 'no'} track: the result depends on chance, use more particles"
+                f"at {notation.group(moment(found, one.time))} {astray} of {holding.OTHERS} "
+                "clouds with other random numbers hold "
+                f"{'a' if one.cloud is None else 'no'} track: the result depends on chance, use "
+                "more particles"
             )
     if len(study.methods) > 1:
         warnings.append(
@@ -116,7 +121,8 @@ def _warnings(found: Regained) -> list[str]:
             dict.fromkeys(notation.group(moment(found, float(time))) for time in without_water)
         )
         warnings.append(
-            f"no track is held from {times} on, as there is no water in the box of the detection: check position, bearing and range"
+            f"no track is held from {times} on, as there is no water in the box of the "
+            "detection: check position, bearing and range"
         )
     if held.shown[-1].cloud is None:
         warnings.append("no track is held at the end")
@@ -125,8 +131,10 @@ def _warnings(found: Regained) -> list[str]:
     known = min(float(study.tracker.time[-1]), study.end)
     if study.pursuit is not None and study.logged and known > study.pursuit.begin + 1:
         warnings.append(
-            f"the path is planned on what was known at its start, {notation.group(moment(found, study.pursuit.begin))}, but the tracker's log "
-            f"continues until {notation.group(moment(found, known))}: looks since then only affect the track; remove begin"
+            "the path is planned on what was known at its start, "
+            f"{notation.group(moment(found, study.pursuit.begin))}, but the tracker's log "
+            f"continues until {notation.group(moment(found, known))}: looks since then only "
+            "affect the track; remove begin"
         )
     return warnings
 
@@ -138,7 +146,8 @@ def _rough(found: Regained, one: Shown) -> list[str]:
         which = f"that of {notation.hundredths(share)} % at {when}"
         if one.within.get(share, share) < share - ASTRAY:
             doubts_found.append(
-                f"{which} contains {notation.short_percent(one.within[share])} of {one.holding} other clouds"
+                f"{which} contains {notation.short_percent(one.within[share])} of {one.holding} "
+                "other clouds"
             )
         elif high > WILD * low:
             doubts_found.append(

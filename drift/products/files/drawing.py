@@ -120,7 +120,7 @@ def _start_copy(
 
 
 def _fork() -> int:
-    """Fork without Python's warning about threads: a copy only draws, and needs none of their locks.
+    """Fork without Python's warning about threads: a copy only draws, and uses none of their locks.
 
     Matplotlib opens its fonts again after a fork.
     """

@@ -50,7 +50,7 @@ def plain(value: Any) -> Any:
 
 
 def run_id(attributes: Mapping[str, Any]) -> str:
-    """Return the identifier of a run: a digest of its inputs (case, forcing, versions), and its seed.
+    """Return the identifier of a run: a digest of its inputs (case, forcing, versions) and seed.
 
     It is the same in all files of the run. No spreadsheet reads it as a number or a date.
     """
@@ -76,7 +76,7 @@ def csv_text(header: list[str], rows: list[list[Any]]) -> str:
     """Return a table as CSV that a spreadsheet shows and does not execute.
 
     All CSV files of drift are made here. A text that a spreadsheet would read as a formula gets an
-    apostrophe in front (OWASP, CSV injection); numbers, negative ones too, stay numbers. Line breaks
+    apostrophe in front (OWASP, CSV injection). Numbers, also negative ones, stay so. Line breaks
     inside a cell become spaces, as many readers split there.
     """
     text = io.StringIO()

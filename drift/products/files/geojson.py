@@ -58,7 +58,7 @@ def feature(
 
 
 def collection(features: Sequence[Any], attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return features as a FeatureCollection, with the attributes of a run sorted by name in front."""
+    """Return features as a FeatureCollection; the run's attributes come first, sorted by name."""
     return {
         "type": "FeatureCollection",
         **{k: attributes[k] for k in sorted(attributes)},

@@ -1,4 +1,4 @@
-"""GPX 1.1 (topografix.com/GPX/1/1): documents, points and tracks, in the element order of the schema.
+"""GPX 1.1 (topografix.com/GPX/1/1): documents, points and tracks, in the schema's element order.
 
 The schema's longitudes end below 180. A track is split there, and a segment that reaches the
 antimeridian from the west ends at LAST_EAST, 1 cm short of it, so that no segment jumps by 360

@@ -34,7 +34,7 @@ ATTEMPTS = 10
 
 
 def make(ground: Path) -> tuple[Path, int]:
-    """Create a hidden folder in another one; return it with the open lock that marks it as owned."""
+    """Create a hidden folder in another one; return it with the open lock of its owner."""
     for _ in range(ATTEMPTS):
         folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{'-'.join(_owner_names())}-", dir=ground))
         lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -135,7 +135,7 @@ def _try_lock(lock: int) -> bool | None:
 
 
 def _owner_names() -> tuple[str, str, str, str]:
-    """Return short names of this machine, its kernel's boot, its process namespace, and the process."""
+    """Return short names of this machine, kernel boot, process namespace, and process."""
     host, kernel, space = socket.gethostname(), "", ""
     with contextlib.suppress(OSError):
         kernel = Path("/proc/sys/kernel/random/boot_id").read_text()

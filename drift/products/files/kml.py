@@ -1,5 +1,6 @@
-"""KML 2.2 (OGC 07-147r2): styles, folders, and places with times, from GeoJSON geometries that are
-split at 180 degrees.
+"""KML 2.2 (OGC 07-147r2): styles, folders, and places with times.
+
+Geometries come as GeoJSON, split at 180 degrees.
 """
 
 import html

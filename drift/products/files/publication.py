@@ -186,7 +186,8 @@ def _rename_to_target(stage: Stage) -> None:
 
 def _overtaken_error(target: Path) -> UserError:
     return UserError(
-        f"output folder {target}: another run has filled it in the meantime, and nothing of this one was written; "
+        f"output folder {target}: another run has filled it in the meantime, and nothing of this "
+        "one was written; "
         "name another with --out"
     )
 
@@ -220,8 +221,10 @@ def _exchange(stage: Stage, listed: Manifest) -> None:
             _finish_exchange(target, stage.folder)
         except OSError as trouble:
             raise UserError(
-                f"output folder {target}: cannot be written ({error}), and the old results cannot be restored "
-                f"({trouble.strerror}) from {stage.folder.name}/{OLD}; the next run or reader there will restore them"
+                f"output folder {target}: cannot be written ({error}), and the old results "
+                "cannot be restored "
+                f"({trouble.strerror}) from {stage.folder.name}/{OLD}; the next run or reader "
+                "there will restore them"
             ) from error
         raise
     _finish_exchange(target, stage.folder)
@@ -245,13 +248,14 @@ def _check_obstacles(folder: Path, names: Iterable[str]) -> None:
             else "a file that no run of drift lists"
         )
         raise UserError(
-            f'output folder {folder}: "{name}" is in the way: it is {obstacle}, and is not replaced; move it away, or name '
+            f'output folder {folder}: "{name}" is in the way: it is {obstacle}, and is not '
+            "replaced; move it away, or name "
             "another folder with --out"
         )
 
 
 def settle(folder: Path) -> None:
-    """Restore the old result if a dead process left it half replaced; raise UserError on failure."""
+    """Restore an old result that is half replaced; raise UserError on failure."""
     if any((place / JOURNAL).exists() for place in hidden.within(folder)):
         with _locked_folder(folder), undisturbed():
             _settle_locked(folder)
@@ -265,14 +269,16 @@ def _settle_locked(folder: Path) -> None:
         with hidden.taken(place) as held:
             if not held:
                 raise UserError(
-                    f"output folder {folder}: another process is replacing its results ({place.name}); "
+                    f"output folder {folder}: another process is replacing its results "
+                    f"({place.name}); "
                     "wait for it to finish, or name another with --out"
                 )
             try:
                 _finish_exchange(folder, place)
             except OSError as error:
                 raise UserError(
-                    f"output folder {folder}: a run died while it replaced the results, and the old ones cannot be restored "
+                    f"output folder {folder}: a run died while it replaced the results, and the "
+                    "old ones cannot be restored "
                     f"from {place.name} ({error.strerror}); fix that, or name another with --out"
                 ) from None
             hidden.remove(place)
@@ -308,7 +314,8 @@ def _restore(target: Path, folder: Path, aside: list[str], new: dict[str, str]) 
             continue
         if os.path.lexists(target / name):
             raise UserError(
-                f'output folder {target}: a run died while it replaced the results, and "{name}", which is not one of '
+                f"output folder {target}: a run died while it replaced the results, and "
+                f'"{name}", which is not one of '
                 f"its files, is in the way of the old ones in {folder.name}/{OLD}; move it away"
             )
         os.rename(folder / OLD / name, target / name)
@@ -373,7 +380,8 @@ def _locked_folder(folder: Path, *, shared: bool = False) -> Iterator[None]:
     with hidden.alone(folder, PATIENCE, shared=shared) as free:
         if not free:
             raise UserError(
-                f"output folder {folder}: another process is replacing its results; wait for it to finish"
+                f"output folder {folder}: another process is replacing its results; wait for it "
+                "to finish"
             )
         yield
 

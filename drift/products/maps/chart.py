@@ -76,7 +76,7 @@ class Frame:
         return xyz[:, 0].reshape(lon.shape), xyz[:, 1].reshape(lon.shape)
 
     def net(self, lon: Array, lat: Array) -> tuple[Array, Array]:
-        """Return (x, y) [m] of the crossings of meridians (n,) and parallels (m,) [deg], each (m, n)."""
+        """Return (x, y) [m] where meridians (n,) cross parallels (m,) [deg], each (m, n)."""
         if not isinstance(self.crs, ccrs.Mercator):
             return self.project(*np.meshgrid(lon, lat))
         # In Mercator each meridian has one x, and each parallel one y.

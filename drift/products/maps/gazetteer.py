@@ -1,4 +1,4 @@
-"""Towns and harbours on coasts, to name places in maps and tables; data/places.md lists the sources.
+"""Towns and harbours on coasts, to name places in maps and tables; data/places.md has the sources.
 
 A place on the shore is named after the nearest town on its own land mass. If there is none within
 FARTHEST, the nearest town of all is used, with "across water" in the text. That remark is left out

@@ -129,8 +129,9 @@ def scale(top: float) -> tuple[float, str]:
 
 
 def ticks(top: float) -> Array:
-    """Return 0 and round numbers (1, 2 or 5 times a power of ten) up to `top`, well apart on a
-    square-root scale.
+    """Return 0 and round numbers up to `top`, well apart on a square-root scale.
+
+    Round numbers are 1, 2 or 5 times a power of ten.
     """
     power = int(np.floor(np.log10(top)))
     values = [np.inf]

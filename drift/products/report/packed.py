@@ -57,7 +57,7 @@ def axis(middles: Array, fold: int) -> dict[str, float]:
 
 
 def summed(values: Array, fold: int) -> Array:
-    """Return the sums over fold x fold cells, (..., nlat, nlon); cells beyond the edge count as 0."""
+    """Return sums over fold x fold cells, (..., nlat, nlon); cells beyond the edge count as 0."""
     if fold == 1:
         return values
     if values.ndim > 2:  # one map at a time, as all at once need twice their memory

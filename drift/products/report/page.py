@@ -1,5 +1,4 @@
-"""report.html: the leaves of a run and the files that they need, in one page that loads nothing
-from outside.
+"""report.html: the leaves of a run and their files, in one page that loads nothing from outside.
 
 The map is OpenLayers, shipped as published. The page's Content-Security-Policy allows its own
 scripts, by their digests, and no connections. Text from a case is stored in JSON and is inserted as
@@ -141,7 +140,7 @@ def _coordinates(nested: Any) -> Array:
 
 
 def _projection(box: Box) -> dict[str, Any]:
-    """Return the projection of the page's map, the same as for charts: drift.products.maps.chart."""
+    """Return the projection of the page's map, as in drift.products.maps.chart."""
     lon, lat = (box.west + box.east) / 2, (box.south + box.north) / 2
     is_mercator = (
         max(abs(box.south), abs(box.north)) <= MERCATOR_UP_TO and box.east - box.west < 180
@@ -156,8 +155,9 @@ def _projection(box: Box) -> dict[str, Any]:
 
 
 def _land(on: Setting, box: Box) -> list[list[list[int]]]:
-    """Return rings of land around the map, in whole steps of FINEST degrees, each point as the
-    difference from the previous one.
+    """Return rings of land around the map.
+
+    Each point is the difference from the previous one, in whole steps of FINEST degrees.
     """
     high, wide = box.north - box.south, box.east - box.west
     grown = Box(
