@@ -45,7 +45,7 @@ def say_choice(args: argparse.Namespace) -> None:
 
 
 def listed() -> Answer:
-    """Return the graphics cards that drivers list, and what --backend auto selects for large runs."""
+    """Return the graphics cards that drivers list, and the choice of --backend auto."""
     with interrupt.leaving_at_once():  # nothing is written
         from kernels.runtime import devices, drivers
 

@@ -1,7 +1,8 @@
 """GPX 1.1 export for chart plotters (OpenCPN and others).
 
-Datum and contacts become waypoints; areas, mean position and search become tracks. Names are short and unique, as many plotters cut them: D for datum, then day and time, D221830Z.
-Plotters accept few points: outlines are thinned, and the file states the error of thinning.
+Datum and contacts become waypoints; areas, mean position and search become tracks. Names are short
+and unique, as many plotters cut them: D for datum, then day and time, D221830Z. Plotters accept few
+points: outlines are thinned, and the file states the error of thinning.
 """
 
 from collections.abc import Iterator, Sequence

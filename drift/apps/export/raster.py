@@ -23,9 +23,9 @@ WASHUP = frozenset({"washup.geojson"})
 def files(run: Finished) -> dict[str, bytes]:
     """Return a GeoTIFF for each output, like probability-20261122T1800Z.tif.
 
-    Band 1 is the probability by cell, band 2 the containment. NaN marks missing data: containment at times without a map. A grid across the antimeridian
-    becomes two files, -E and -W, each within [-180, 180] to half a cell. Results of a spill add
-    washup.geojson, the stretches of coast.
+    Band 1 is the probability by cell, band 2 the containment. NaN marks missing data: containment
+    at times without a map. A grid across the antimeridian becomes two files, -E and -W, each within
+    [-180, 180] to half a cell. Results of a spill add washup.geojson, the stretches of coast.
     """
     try:
         import rasterio  # noqa: F401 (an extra)
