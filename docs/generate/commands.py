@@ -8,7 +8,7 @@ from drift.apps.cli import grammar
 INTRODUCTION = """# Commands
 
 Every command of `drift`, made from its grammar. `drift COMMAND --help` says the same in a terminal. Exit status: 0; 2 for mistakes that you can mend,
-a line each; 1 for an error of drift itself, and for a forecast that misses
+a line each; 1 for an internal error of drift, and for a forecast that misses
 what its case states in `[expect]`; 130 when interrupted, 143 when asked to end. With `--json` a command prints one object, errors too."""
 
 

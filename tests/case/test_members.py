@@ -101,7 +101,7 @@ def test_members_of_a_built_in_flow_add_to_its_parameters(tmp_path: Path) -> Non
     told = check.check(case)
     assert "speed = 0.1, speed = 0.3" in told["current current 1"]
     assert told["members"].startswith(
-        "2, all as likely; each particle drifts in one of them for its life, about 300"
+        "2, all equally likely; each particle drifts in one of them throughout, about 300"
     )
 
 

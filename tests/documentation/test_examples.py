@@ -97,7 +97,7 @@ def test_tables_are_understood(page: Path) -> None:
 def is_catalogue(text: str) -> bool:
     """Return whether a block is one of providers, as `drift fetch --catalogue` takes it."""
     try:
-        return bool(catalogue._parsed(text, "page"))
+        return bool(catalogue._parse_catalogue(text, "page"))
     except UserError:
         return False
 

@@ -26,7 +26,7 @@ class Server:
         self.socket.bind(("127.0.0.1", 0))
         self.port = self.socket.getsockname()[1]
         self.host = f"127.0.0.1:{self.port}"
-        allowed = server._allowed(folder, [], ["thredds.example.org"])
+        allowed = server._fence(folder, [], ["thredds.example.org"])
         made = app.make(folder, (self.host, f"localhost:{self.port}"), self.secret, allowed, limits)
         self._uvicorn = uvicorn.Server(server.configured(made))
         self._thread = threading.Thread(target=self._uvicorn.run, kwargs={"sockets": [self.socket]})

@@ -1,1 +1,1 @@
-"""How a case was understood, and what can be known of its run before it is made."""
+"""`drift check`: how a case is interpreted, and what can be predicted of its run."""

@@ -1,4 +1,4 @@
-"""How a case was understood: all opened and a few particles drawn, nothing run."""
+"""`drift check`: open a case's inputs, draw a few particles, and report how it is interpreted."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -28,21 +28,23 @@ from geo.notation import KNOT, NMI
 from geo.polyline import Area
 from kernels.runtime import runtime
 
-NAMED = 4  # values on an axis of a family that are all named
+NAMED = 4  # most values on an axis of a scenario family that are all listed
 CHECKED = 10_000  # particles that a check draws
 
 
 @in_turn
 def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, str]:
-    """Return how a case was understood, having opened all and drawn a few particles; run nothing.
+    """Report how a case is interpreted, after opening its inputs and drawing a few particles.
+
+    Nothing is run.
 
     Args:
-        case: of `drift.load` or `drift.vary`.
-        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that
-            name; they are only read, and not kept.
+        case: a case from `drift.load` or `drift.vary`.
+        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` refer to, by
+            that name; they are only read, and no reference is kept.
 
     Returns:
-        Facts by name, in the words of `drift check`: "run", "errors", "coast" .. A fact "warning"
+        The facts that `drift check` prints, by name: "run", "errors", "coast" .. A fact "warning"
         says what a run would reject at its end.
 
     Raises:
@@ -50,66 +52,77 @@ def check(case: Case, datasets: Mapping[str, Any] | None = None) -> dict[str, st
             would reject at its start.
     """
     runtime.start()
-    where = run_setup.open_for(case, datasets, shore.thinned)
-    # each scenario needs a particle of each, and has a tenth of an equal share at least
-    members = len(where.members)
-    few = replace(
+    environment = run_setup.open_for(case, datasets, shore.thinned)
+    # each scenario needs a particle in each member, and gets at least a tenth of an equal share
+    members = len(environment.members)
+    reduced = replace(
         case, particles=min(case.particles, max(CHECKED, 20 * members * len(case.scenarios)))
     )
     if case.spill:
-        few = replace(
-            few, spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2, members))
+        reduced = replace(
+            reduced,
+            spill=replace(case.spill, worlds=max(CHECKED // case.spill.per_world, 2, members)),
         )
-    begin = run_setup.prepare(few, where)
+    setup = run_setup.prepare(reduced, environment)
     try:
-        stretches = run_setup.stretches(few, where, begin.worlds)
-        nodes = sum(s.grid.nlon * s.grid.nlat * len(s.members) for s in where.sources if s.others)
-        work = outlook.work(case, begin.clock.step, nodes) + outlook.advised(case, where, begin)
-        ends, refused = outlook.ends(case, begin)
+        stretches = run_setup.stretches(reduced, environment, setup.worlds)
+        nodes = sum(
+            s.grid.nlon * s.grid.nlat * len(s.members) for s in environment.sources if s.others
+        )
+        work = outlook.work(case, setup.clock.step, nodes) + outlook.advised(
+            case, environment, setup
+        )
+        ends, rejection = outlook.ends(case, setup)
     finally:
-        begin.scene.forcing.close()
-    box, span = where.box, f"{notation.stated_time(case.start)} to {notation.stated_time(case.end)}"
+        setup.scene.forcing.close()
+    box, span = (
+        environment.box,
+        f"{notation.stated_time(case.start)} to {notation.stated_time(case.end)}",
+    )
     lines = {
-        "warning": refused,
-        "run": f"{span}, {case.particles:,} particles, step {begin.clock.step} s",
+        "warning": rejection,
+        "run": f"{span}, {case.particles:,} particles, step {setup.clock.step} s",
         "domain": _domain(case.domain, box),
         "work": work,
         "by the end": ends,
         "errors": run_metadata.errors(case),
-        "coast": f"{where.coast.source}; {run_metadata.behaviour(case)}"
-        if where.coast
+        "coast": f"{environment.coast.source}; {run_metadata.behaviour(case)}"
+        if environment.coast
         else "none in the domain",
     }
     lines = {name: text for name, text in lines.items() if text}
-    lines |= {f"coast, note {k}": note for k, note in enumerate(where.notes, 1)}
-    lines |= {f"{source.quantity} {source.name}": _source(case, source) for source in where.sources}
+    lines |= {f"coast, note {k}": note for k, note in enumerate(environment.notes, 1)}
+    lines |= {
+        f"{source.quantity} {source.name}": _source(case, source) for source in environment.sources
+    }
     if members:
-        one = "world" if case.spill else "particle"
+        unit = "world" if case.spill else "particle"
         each = (case.spill.worlds if case.spill else case.particles) // members
         lines["members"] = (
-            f"{members}, all as likely; each {one} drifts in one of them for its life, about {each:,} in each"
+            f"{members}, all equally likely; each {unit} drifts in one of them throughout, about "
+            f"{each:,} in each"
         )
     if case.spill and stretches:
         lines |= _spill(case.spill, stretches)
-    story = "class" if case.spill else "scenario"
-    lines |= _families(case, begin.dry)
-    own = [k for k, scenario in enumerate(case.scenarios) if scenario.family is None]
-    weights = np.array([case.scenarios[k].weight for k in own])
+    label = "class" if case.spill else "scenario"
+    lines |= _families(case, setup.dry)
+    singles = [k for k, scenario in enumerate(case.scenarios) if scenario.family is None]
+    weights = np.array([case.scenarios[k].weight for k in singles])
     shown = likeliest.likeliest_scenarios(weights)
-    for scenario, dry in ((case.scenarios[own[k]], begin.dry[own[k]]) for k in shown.alone):
-        lines[f'{story} "{scenario.name}"'] = _scenario(scenario, dry)
+    for scenario, dry in ((case.scenarios[singles[k]], setup.dry[singles[k]]) for k in shown.alone):
+        lines[f'{label} "{scenario.name}"'] = _scenario(scenario, dry)
     if shown.rest:
-        objects = {_becomes(case.scenarios[own[k]]) for k in shown.rest}
-        some = ", ".join(sorted(objects)[:3]) + (
+        objects = {_object_name(case.scenarios[singles[k]]) for k in shown.rest}
+        listed = ", ".join(sorted(objects)[:3]) + (
             f" and {len(objects) - 3} more" if len(objects) > 3 else ""
         )
-        name = shown.names([case.scenarios[k].name for k in own])[-1]
-        lines[name] = f"{notation.percent(shown.sums(weights)[-1])} together: {some}"
+        name = shown.names([case.scenarios[k].name for k in singles])[-1]
+        lines[name] = f"{notation.percent(shown.sums(weights)[-1])} together: {listed}"
     return lines | _search(case)
 
 
 def _domain(stated: Box | None, box: Box) -> str:
-    """Return the limits of the domain [deg]: as stated, or rounded where the run chose it."""
+    """Return the limits of the domain [deg]: as stated, or rounded if the run chose it."""
     west, east, south, north = (
         notation.number(angle) if stated else f"{angle:.2f}"
         for angle in (box.west, box.east, box.south, box.north)
@@ -118,28 +131,30 @@ def _domain(stated: Box | None, box: Box) -> str:
 
 
 def _families(case: Case, dry: Sequence[float]) -> dict[str, str]:
-    """Return how families of scenarios were understood, each by its axes and its likeliest
-    scenario; dry: as of `_scenario`.
+    """Describe families of scenarios by their axes and their likeliest scenario.
+
+    dry: share of the prior on land, by scenario.
     """
     lines: dict[str, str] = {}
     for family in dict.fromkeys(
         scenario.family.family for scenario in case.scenarios if scenario.family
     ):
-        own = [
+        members = [
             k
             for k, s in enumerate(case.scenarios)
             if s.family is not None and s.family.family == family
         ]
-        first = case.scenarios[max(own, key=lambda k: case.scenarios[k].weight)]
+        first = case.scenarios[max(members, key=lambda k: case.scenarios[k].weight)]
         axes = [
             f"{axis.name} {', '.join(axis.labels) if len(axis.labels) <= NAMED else _span(axis.labels)}"
             for axis in family.axes
         ]
         lines[f'family "{family.name}"'] = (
-            f"{_weight(sum(case.scenarios[k].weight for k in own))}, {len(own):,} scenarios: {'; '.join(axes)}"
+            f"{_weight(sum(case.scenarios[k].weight for k in members))}, {len(members):,} "
+            f"scenarios: {'; '.join(axes)}"
         )
         name = f'such as "{first.name}"'
-        lines[name] = _scenario(first, max(dry[k] for k in own)).replace(
+        lines[name] = _scenario(first, max(dry[k] for k in members)).replace(
             "its prior", "a prior at most"
         )
     return lines
@@ -149,22 +164,22 @@ def _span(labels: Sequence[str]) -> str:
     return f"{labels[0]} to {labels[-1]} ({len(labels)})"
 
 
-def _becomes(scenario: Scenario) -> str:
-    """Return what drifts in a scenario; of what never goes adrift, that it is under way."""
+def _object_name(scenario: Scenario) -> str:
+    """Return the name of the object that drifts; "under way" if the scenario has no distress."""
     own = scenario.itinerary
     return "under way" if own is not None and own.distress is None else scenario.object.name
 
 
 def _source(case: Case, source: Source) -> str:
-    """Return how a source was understood, and when within the run it has nothing."""
+    """Describe a source of forcing, with the times within the run when it has no data."""
     missing = f"{notation.percent(source.missing)} missing; " if source.missing else ""
     text = f"{missing}{'; '.join(source.notes) or 'as is'}"
     holes = outlook.holes(case, source)
-    return f"{text}; {holes}: what drifts then needs another source" if holes else text
+    return f"{text}; {holes}: particles that drift then need another source" if holes else text
 
 
 def _scenario(scenario: Scenario, dry: float) -> str:
-    """Return how a scenario was understood; dry: share of its prior that is on land."""
+    """Describe a scenario; dry: share of its prior that is on land."""
     own = scenario.itinerary
     adrift = f"{scenario.object.name}: {scenario.object.description}"
     text = f"{_weight(scenario.weight)}, {adrift if own is None else voyage.itinerary_in_words(own, adrift)}"
@@ -178,24 +193,23 @@ def _scenario(scenario: Scenario, dry: float) -> str:
 
 
 def _weight(weight: float) -> str:
-    """Return a weight in percent: as stated, or to three digits where the case states it in other
-    units.
-    """
+    """Return a weight in percent: as stated, or to three digits if the case states it otherwise."""
     return f"{notation.number(100 * weight, 3)} %"
 
 
 def _search(case: Case) -> dict[str, str]:
-    """Return how sorties, contacts, sensors and what a plan may send were understood."""
+    """Describe sorties, contacts, sensors, and the units or arrays that a plan may use."""
     lines = {f'sortie "{sortie.name}"': _sortie(sortie) for sortie in case.sorties}
     for contact in case.contacts:
         doubt = f"belief {notation.number(contact.belief)}"
         if contact.false_density > 0:
             doubt = f"false {notation.number(contact.false_density)} per unit"
         lines[f'contact "{contact.name}"'] = (
-            f"{contact.kind}, {notation.stated_time(contact.time)}, {_heard(contact)}{doubt}"
+            f"{contact.kind}, {notation.stated_time(contact.time)}, "
+            f"{_sensor_report(contact)}{doubt}"
         )
     for what in (*case.sensors.telling, *case.sensors.lines):
-        lines[f'{type(what).__name__.lower()} "{what.name}"'] = _sensor(what)
+        lines[f'{type(what).__name__.lower()} "{what.name}"'] = _observation(what)
     for sensor in case.named_sensors.values():
         lines[f'sensor "{sensor.name}"'] = _named_sensor(sensor)
     for unit in case.units:
@@ -218,7 +232,7 @@ def _search(case: Case) -> dict[str, str]:
 
 
 def _tow(tow: Tow) -> str:
-    """Return what a ship tows, from when on, how, and where it may."""
+    """Describe a towed array of a plan: its speed, legs, ready time, and allowed areas."""
     words = [
         f'tows "{tow.sensor.name}" at {notation.number(tow.speed / KNOT)} kn on {"a leg" if tow.legs == 1 else "one or two legs"}'
     ]
@@ -239,14 +253,14 @@ def _tow(tow: Tow) -> str:
 
 
 def _extent(area: Area) -> str:
-    """Return the corners of an area."""
+    """Return the corners of an area as text."""
     return " - ".join(
         f"{notation.stated_position(*corner)}" for corner in zip(area.lon, area.lat, strict=True)
     )
 
 
 def _processing(own: Processing) -> str:
-    """Return whose beams are processed, by how many, and when."""
+    """Describe the processing plan: beams, number of processors, and time slots."""
     beams = ", ".join(
         f"{one.name} {many}" for one, many in zip(own.listeners, own.beams, strict=True)
     )
@@ -260,8 +274,8 @@ def _processing(own: Processing) -> str:
     return f"{span}, {slots} slot(s) of {notation.number(hours)} h, {len(own.processors)} processor(s){manned}, beams: {beams}{cost}"
 
 
-def _heard(contact: Contact) -> str:
-    """Return what a sensor of the case told of a contact; "" where none did."""
+def _sensor_report(contact: Contact) -> str:
+    """Describe what a sensor of the case reported of a contact; "" without such a sensor."""
     own = contact.heard
     if own is None:
         return ""
@@ -281,7 +295,7 @@ def _heard(contact: Contact) -> str:
 
 
 def _named_sensor(sensor: Sensor) -> str:
-    """Return what a sensor is, and where."""
+    """Describe a sensor by its kind and position."""
     sees = sensor.sees
     if isinstance(sees, Sonar):
         many = len(sees.gain.beams)
@@ -290,32 +304,35 @@ def _named_sensor(sensor: Sensor) -> str:
     else:
         kind = f"POD {sees.name}, {'by place' if sees.range is None else f'to {notation.number(sees.range[-1] / NMI)} nmi'}"
     where = (
-        "on what carries it"
+        "on its carrier"
         if sensor.place is None
         else f"at {notation.stated_position(*sensor.place)}"
     )
     return f"{kind}, {where}"
 
 
-def _sensor(what: Look | Presence | Barrier | Line) -> str:
-    """Return what a sensor was, when it looked on, and what it said."""
-    if isinstance(what, Line):
-        return f"{len(what.points)} points; its first crossing is reported"
-    if isinstance(what, Look):
-        sees = "something" if what.positive else "nothing"
-        if what.field is None:
-            assert what.sensor is not None
-            return f'sensor "{what.sensor.name}", {notation.stated_time(what.time)}, sees {sees}'
-        return f"{_field(what.field)}, {notation.stated_time(what.time)}, {what.sight.kind.replace('_', ' ')}, sees {sees}"
-    span = f"{notation.stated_time(what.start)} to {notation.stated_time(what.end)}, detection {notation.number(what.detection)}"
-    if isinstance(what, Presence):
-        return f"{_field(what.field)}, {span}, present {what.present}"
+def _observation(observation: Look | Presence | Barrier | Line) -> str:
+    """Describe an observation of a sensor: its field, times and report."""
+    if isinstance(observation, Line):
+        return f"{len(observation.points)} points; its first crossing is reported"
+    if isinstance(observation, Look):
+        sees = "something" if observation.positive else "nothing"
+        if observation.field is None:
+            assert observation.sensor is not None
+            return f'sensor "{observation.sensor.name}", {notation.stated_time(observation.time)}, sees {sees}'
+        return f"{_field(observation.field)}, {notation.stated_time(observation.time)}, {observation.sight.kind.replace('_', ' ')}, sees {sees}"
+    span = (
+        f"{notation.stated_time(observation.start)} to "
+        f"{notation.stated_time(observation.end)}, detection {notation.number(observation.detection)}"
+    )
+    if isinstance(observation, Presence):
+        return f"{_field(observation.field)}, {span}, present {observation.present}"
     report = (
         "reports nothing"
-        if what.reported is None
-        else f"reports {notation.stated_time(what.reported)}"
+        if observation.reported is None
+        else f"reports {notation.stated_time(observation.reported)}"
     )
-    return f"{len(what.points)} points, {span}, {report}"
+    return f"{len(observation.points)} points, {span}, {report}"
 
 
 def _field(field: Field) -> str:
@@ -325,7 +342,7 @@ def _field(field: Field) -> str:
 
 
 def _sortie(sortie: Sortie) -> str:
-    """Return what a sortie searched, when, and how well."""
+    """Describe a sortie: where it searched, when, and with which detection function."""
     kind = (
         "a watch"
         if sortie.watches
@@ -335,21 +352,23 @@ def _sortie(sortie: Sortie) -> str:
     )
     law = sortie.law.kind.replace("_", " ")
     if sortie.sensor:
-        some = (
+        beams = (
             f" by beams {', '.join(str(beam + 1) for beam in sortie.beams)}" if sortie.beams else ""
         )
-        how = f'sensor "{sortie.sensor.name}"{some}'
+        detection = f'sensor "{sortie.sensor.name}"{beams}'
     elif sortie.watch:
         zones = zip(sortie.watch.inner, sortie.watch.outer, sortie.watch.pod, strict=True)
-        how = "zones " + ", ".join(
+        detection = "zones " + ", ".join(
             f"{notation.number(a / NMI)} to {notation.number(b / NMI)} nmi {notation.hundredths(pod)} %"
             for a, b, pod in zones
         )
     elif sortie.coverage:
-        how = f"{law}, coverage {_by_scenario(sortie.coverage, '')}"
+        detection = f"{law}, coverage {_by_scenario(sortie.coverage, '')}"
     else:
-        how = f"{law}, W {_widths(sortie.sweep_width)}"
-    return f"{kind}, {notation.stated_time(sortie.start)} to {notation.group(sortie.end)}, {how}"
+        detection = f"{law}, W {_widths(sortie.sweep_width)}"
+    return (
+        f"{kind}, {notation.stated_time(sortie.start)} to {notation.group(sortie.end)}, {detection}"
+    )
 
 
 def _legs(number: int) -> str:
@@ -357,7 +376,7 @@ def _legs(number: int) -> str:
 
 
 def _widths(widths: Sequence[float]) -> str:
-    """Return sweep widths [m] in words; once where they are the same for all scenarios."""
+    """Return sweep widths [m] as text; one number if all scenarios have the same."""
     words = [f"{notation.number(width / NMI)} nmi" for width in widths]
     return (
         words[0]
@@ -367,7 +386,7 @@ def _widths(widths: Sequence[float]) -> str:
 
 
 def _by_scenario(values: Sequence[float], unit: str) -> str:
-    """Return a number of each scenario in words; from least to most where they are many."""
+    """Return a number for each scenario as text; the range if there are many."""
     words = [f"{notation.number(value)}{unit}" for value in values]
     if not likeliest.likeliest_scenarios(values).rest:
         return ", ".join(words)
@@ -376,7 +395,7 @@ def _by_scenario(values: Sequence[float], unit: str) -> str:
 
 
 def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
-    """Return how a spill was understood."""
+    """Describe a spill: objects, release, biases, reporting, finds and patrols."""
     low, high = spill.objects
     rates = ", ".join(
         f"{kind} {notation.number(86_400 * rate)} a day"
@@ -398,10 +417,10 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
         )
     if spill.finds or spill.patrols:
         last = max([find.time for find in spill.finds] + [patrol.time for patrol in spill.patrols])
-        lines["besides, none reported"] = (
+        lines["assumed no other reports"] = (
             f"until {notation.stated_time(spill.reporting.until)} (spill.reporting.until)"
             if spill.reporting.until is not None
-            else f"until {notation.group(last)}, the last find or patrol; say otherwise by spill.reporting.until"
+            else f"until {notation.group(last)}, the last find or patrol; set spill.reporting.until to change that"
         )
     for patrol in renewal.patrols(spill, stretches):
         lines[f'patrol "{patrol["name"]}"'] = (
@@ -416,9 +435,9 @@ def _spill(spill: Spill, stretches: Segments) -> dict[str, str]:
 
 
 def _destroyed(least: float, most: float) -> str:
-    """Return in words what share of a spill's objects is lost at once."""
+    """Describe the share of a spill's objects that is destroyed at once."""
     if most == 0:
-        return "none is lost at once"
+        return "none is destroyed at once"
     low, high = notation.hundredths(least), notation.hundredths(most)
     share = f"{low} %" if least == most else f"{low} to {high} %"
-    return f"of which {share} are lost at once (destroyed: they neither drift nor come ashore)"
+    return f"of which {share} are destroyed at once (they neither drift nor come ashore)"

@@ -1,6 +1,4 @@
-"""The picture of a lane network: what its file says, on a chart, with the names of its nodes and
-areas.
-"""
+"""Chart of a lane network: its lanes and patrol areas, with the names of nodes and areas."""
 
 from pathlib import Path
 
@@ -29,22 +27,26 @@ MAP = (0.04, 0.075, 0.93, 0.83)  # left, bottom, width, height, of the page
 
 
 def plot_network(found: Chart, path: Path, setting: Setting, view: Box | None = None) -> None:
-    """Draw a network and its areas on land.
+    """Plot a network and its patrol areas on a chart.
 
-    setting: its title and polygons count. view: the part to draw, by default all of it.
+    Args:
+        found: the network and its areas.
+        path: file of the picture.
+        setting: gives the title and the land polygons.
+        view: the part to draw; None: all of it.
     """
-    on = sheet.begin(SHEET)
+    page = sheet.begin(SHEET)
     network = found.network
     lon, lat = np.degrees(network.lon), np.degrees(network.lat)
-    whole = np.concatenate(
+    corners = np.concatenate(
         [*layers.middles(network), *(np.array(ring) for ring in found.areas.values())]
     )
     if view is not None:
-        whole = np.array([[view.west, view.south], [view.east, view.north]])
+        corners = np.array([[view.west, view.south], [view.east, view.north]])
     frame = chart.frame(
-        whole[:, 0], whole[:, 1], MAP[2] * SHEET.width / (MAP[3] * SHEET.height), margin=0.03
+        corners[:, 0], corners[:, 1], MAP[2] * SHEET.width / (MAP[3] * SHEET.height), margin=0.03
     )
-    ax = on.figure.add_axes(MAP)
+    ax = page.figure.add_axes(MAP)
     chart.prepare(ax, frame)
     chart.draw_land(ax, chart.land_path(frame, setting.polygons(frame.box()), 1600))
     chart.graticule(ax, frame, lines=8)
@@ -64,9 +66,9 @@ def plot_network(found: Chart, path: Path, setting: Setting, view: Box | None = 
         if frame.holds(*at):
             words = {"fontsize": 8.5, "weight": "bold", "color": layers.AREA["color"]}
             points.append((float(at[0]), float(at[1]), name, words))
-    labels.place_labels(ax, on.canvas, points, [bar], set(range(len(network.name), len(points))))
+    labels.place_labels(ax, page.canvas, points, [bar], set(range(len(network.name), len(points))))
     sheet.legend(
-        on.figure,
+        page.figure,
         layers.key(bool(found.areas)),
         loc="lower right",
         ncols=3,
@@ -74,7 +76,7 @@ def plot_network(found: Chart, path: Path, setting: Setting, view: Box | None = 
         bbox_to_anchor=(0.97, 0.012),
     )
     count = (
-        f"{len(network.name)} nodes, {network.start.size} lanes, {len(found.areas)} areas of patrol"
+        f"{len(network.name)} nodes, {network.start.size} lanes, {len(found.areas)} patrol areas"
     )
-    sheet.head(on, setting.imprint, count)
-    sheet.end(on, path, setting.imprint)
+    sheet.head(page, setting.imprint, count)
+    sheet.end(page, path, setting.imprint)

@@ -1,6 +1,4 @@
-"""What can be known of a run before it is made: its work, how its forcing lasts, and what will
-leave it.
-"""
+"""Predictions before a run: its work and memory, gaps in its forcing, and the particles' fates."""
 
 from dataclasses import replace
 from typing import Any
@@ -21,14 +19,14 @@ from geo import notation
 from geo.forcing.reading import stream
 from geo.forcing.sources import Source
 
-# particle-steps a second of two cores, with errors, diffusion and the coast (docs/performance.md)
+# particle-steps per second on two cores, with errors, diffusion and coast (docs/performance.md)
 PACE = 8e6
-LONG = 600.0  # [s] of work from which a caution is given
-FOLLOWED = 2_000  # particles that are moved to the end by a coarse step
-MOST_STEPS, FEWEST_STEPS = 60, 8  # that those particles take
-# of a member: two slices on the device, three of half their size that are read ahead
+LONG = 600.0  # [s] of work above which a caution is printed
+FOLLOWED = 2_000  # particles that are moved to the end with a coarse step
+MOST_STEPS, FEWEST_STEPS = 60, 8  # coarse steps to the end
+# per ensemble member: two slices on the device, and three of half their size that are read ahead
 BYTES_PER_NODE = 40
-NODES = 2e8  # nodes of forcing that are read for them; it limits the number of steps
+NODES = 2e8  # forcing nodes read for the coarse run; limits the number of its steps
 ENDS = {
     Status.ADRIFT: "adrift",
     Status.ASHORE: "ashore",
@@ -43,113 +41,121 @@ ENDS = {
 
 
 def work(case: Case, step: int, nodes: int = 0) -> str:
-    """Return how much a run with a step [s] has to do, and about how long that takes.
+    """Return the work of a run with a step [s] as text: steps, duration, disk and memory.
 
-    nodes: of the grids of all members of an ensemble.
+    nodes: total number of grid nodes of all ensemble members.
     """
     count = -(-case.period.duration // step)
-    waiting = _lasting(count * case.particles / PACE)
+    waiting = _duration_in_words(count * case.particles / PACE)
     text = f"{count:,} steps x {case.particles:,} particles, moved in about {waiting} on two cores"
     text += f"; {case.outputs.size:,} output times"
-    kept, many = case.outputs.size * case.particles * BYTES / 2**30, divide.number(case, None, None)
-    if many > 1:
-        text += f", in {many:,} shards, {notation.size(shelf.need(case, case.particles))} beside the results"
-    elif kept >= 1:
-        text += f", {kept:,.0f} GiB in the temporary folder"
-    held = (
-        -(-case.particles // many) * (run_setup.BYTES_PER_PARTICLE + run_setup.more_bytes(case))
+    stored, shards = (
+        case.outputs.size * case.particles * BYTES / 2**30,
+        divide.number(case, None, None),
+    )
+    if shards > 1:
+        text += f", in {shards:,} shards, with {notation.size(shelf.need(case, case.particles))} next to the results"
+    elif stored >= 1:
+        text += f", {stored:,.0f} GiB in the temporary folder"
+    memory = (
+        -(-case.particles // shards) * (run_setup.BYTES_PER_PARTICLE + run_setup.more_bytes(case))
         + nodes * BYTES_PER_NODE
     )
-    return f"{text}; {max(held / 2**30, 0.1):.1f} GiB of memory"
+    return f"{text}; {max(memory / 2**30, 0.1):.1f} GiB of memory"
 
 
 def needs(case: Case, memory: float | None = None, shards: int | None = None) -> str | None:
-    """Return the shards, disk and time that a run larger than memory needs; None where it fits.
+    """Return the shards, disk and time of a run that exceeds the memory; None if it fits.
 
-    memory: [GiB] that it may take, and shards: how many, as the command line gives them.
+    Args:
+        case: the case.
+        memory: memory that the run may use [GiB]; None: chosen by drift.
+        shards: number of shards; None: chosen by drift.
     """
-    many = divide.number(case, memory, shards)
-    if many == 1:
+    count = divide.number(case, memory, shards)
+    if count == 1:
         return None
-    kept = notation.size(shelf.need(case, case.particles))
-    lasting = _lasting(case.particles / PACE)
+    disk = notation.size(shelf.need(case, case.particles))
+    lasting = _duration_in_words(case.particles / PACE)
     return (
-        f"{case.particles:,} particles are moved in {many:,} shards. They need {kept} of disk beside the results, and each step "
-        f"takes about {lasting} on two cores; fewer particles, fewer output times or --memory change that"
+        f"{case.particles:,} particles are moved in {count:,} shards. They need {disk} of disk "
+        "next to the results, and each step "
+        f"takes about {lasting} on two cores; use fewer particles, fewer output times or "
+        "--memory to change that"
     )
 
 
 def caution(case: Case) -> str | None:
-    """Return a word of caution about the work of a case that states its step, if there is much of
-    it.
-    """
+    """Return a caution if the step that a case states makes a lot of work; else None."""
     if case.step is None or -(-case.period.duration // case.step) * case.particles / PACE < LONG:
         return None
     return f'clock.step = {case.step} s: {work(case, case.step)}; step = "auto" takes the longest that is exact enough'
 
 
-def advised(case: Case, where: Environment, begin: Start) -> str:
-    """Return what "auto" would do instead of a step that makes much work; "" where there is nothing
-    to say.
-    """
+def advised(case: Case, environment: Environment, setup: Start) -> str:
+    """Return what step = "auto" would choose if the case's step makes a lot of work; else ""."""
     if caution(case) is None:
         return ""
-    free = replace(run_setup.clock_spec(case), step=None)
+    spec = replace(run_setup.clock_spec(case), step=None)
     auto, _ = step_size.clock_of(
-        case.period, free, case.errors, where.sources, begin.ensemble, begin.scene
+        case.period, spec, case.errors, environment.sources, setup.ensemble, setup.scene
     )
     count = -(-case.period.duration // auto.step)
     return (
-        f'; step = "auto" would take {auto.step} s: {count:,} steps, about {_lasting(count * case.particles / PACE)}'
-        if auto.step > begin.clock.step
+        f'; step = "auto" would take {auto.step} s: {count:,} steps, about '
+        f"{_duration_in_words(count * case.particles / PACE)}"
+        if auto.step > setup.clock.step
         else ""
     )
 
 
 def holes(case: Case, source: Source) -> str:
-    """Return when within the run a source has nothing between its times; "" where it has no holes."""
+    """Return the gaps between a source's times within the run as text; "" without gaps."""
     first, last = case.period.span
     gaps = [
         (max(a, first), min(b, last)) for a, b in stream.holes_of(source) if a < last and b > first
     ]
     usual = np.median(np.diff(source.times)) if gaps else None
     return "; ".join(
-        f"nothing from {notation.group(a)} to {notation.group(b)}, {_hours(b - a)}, where its times are else "
-        f"{_hours(usual)} apart"
+        f"no data from {notation.group(a)} to {notation.group(b)}, {_interval_in_words(b - a)}, "
+        "while its other times are "
+        f"{_interval_in_words(usual)} apart"
         for a, b in gaps
     )
 
 
-def ends(case: Case, begin: Start) -> tuple[str, str]:
-    """Return what becomes of a sample of particles by the end of the run, and when the first leave
-    it.
+def ends(case: Case, setup: Start) -> tuple[str, str]:
+    """Predict the final statuses of a sample of particles, and the time of the first loss.
 
-    They are moved by a coarse step. The second is why a run would be refused at its end, "" where
-    it would not.
+    The particles are moved with a coarse step.
+
+    Returns:
+        The shares by status as text, and why a run would be rejected at its end ("" if it would
+        not be).
     """
-    ensemble = begin.ensemble
+    ensemble = setup.ensemble
     chosen = np.unique(np.linspace(0, ensemble.n - 1, min(FOLLOWED, ensemble.n)).astype(np.int64))
-    some = record.sample(ensemble, chosen)
-    nodes = begin.scene.forcing.tiles.members * sum(
-        tile.nlon * tile.nlat for tile in {id(t): t for t in _grids(begin)}.values()
+    sampled = record.sample(ensemble, chosen)
+    nodes = setup.scene.forcing.tiles.members * sum(
+        tile.nlon * tile.nlat for tile in {id(t): t for t in _grids(setup)}.values()
     )
     steps = int(np.clip(NODES / max(nodes, 1), FEWEST_STEPS, MOST_STEPS))
     duration = case.period.duration
-    step = begin.clock.step * max(-(-duration // (steps * begin.clock.step)), 1)
-    # from the start to the end: what steers would go on until a step's end
+    step = setup.clock.step * max(-(-duration // (steps * setup.clock.step)), 1)
+    # the last step ends at the end of the run: steered targets would go on to the end of a step
     step = -(-duration // -(-duration // step))
     clock = Clock(
-        begin.clock.start,
-        begin.clock.duration,
-        begin.clock.direction,
+        setup.clock.start,
+        setup.clock.duration,
+        setup.clock.direction,
         step,
-        begin.clock.start % step,
+        setup.clock.start % step,
     )
     for low, high, part in clock.steps():
-        begin.scene.advance(some, low, high, part)
-    weight, status = record.probability(some), some.status.to_numpy()
+        setup.scene.advance(sampled, low, high, part)
+    weight, status = record.probability(sampled), sampled.status.to_numpy()
     share = {kind: float(weight[status == kind].sum()) for kind in Status}
-    text = ", ".join(
+    summary = ", ".join(
         f"{notation.percent(share[kind], 0)} {word}"
         for kind, word in ENDS.items()
         if share[kind] > 0
@@ -157,27 +163,30 @@ def ends(case: Case, begin: Start) -> tuple[str, str]:
     lost = share[Status.OUTSIDE] + share[Status.LEFT]
     if lost > 0:
         gone = np.isin(status, (Status.OUTSIDE, Status.LEFT)) & (weight > 0)
-        when = case.period.time(int(max(some.status_since.to_numpy()[gone].min(), 0)))
-        text += f"; the first is lost about {notation.group(when)}"
-    refused = (
+        when = case.period.time(int(max(sampled.status_since.to_numpy()[gone].min(), 0)))
+        summary += f"; the first is lost about {notation.group(when)}"
+    rejection = (
         f"a run would be rejected at its end: about {notation.percent(lost)} of the probability is lost, at most {notation.hundredths(case.max_lost)} % is allowed (max_lost). "
         "Shorten it, add a source, or widen [domain]"
     )
-    rough = f"roughly: {chosen.size:,} particles at a step of {_hours(np.timedelta64(step, 's'))}"
-    return f"{text} ({rough})", refused if lost > case.max_lost else ""
+    basis = (
+        f"roughly: {chosen.size:,} particles at a step of "
+        f"{_interval_in_words(np.timedelta64(step, 's'))}"
+    )
+    return f"{summary} ({basis})", rejection if lost > case.max_lost else ""
 
 
 def _grids(begin: Start) -> list[Any]:
     return list(begin.scene.forcing.tiles.grids)
 
 
-def _hours(span: Any) -> str:
+def _interval_in_words(span: Any) -> str:
     seconds = float(span / np.timedelta64(1, "s"))
     return f"{seconds / 3600:.3g} h" if seconds >= 3600 else f"{seconds / 60:.3g} min"
 
 
-def _lasting(seconds: float) -> str:
-    """Return a time of waiting in words that fit an estimate."""
+def _duration_in_words(seconds: float) -> str:
+    """Return a waiting time as text, rounded as an estimate."""
     for size, word in ((86_400, "days"), (3600, "h"), (60, "min")):
         if seconds >= 2 * size:
             return f"{seconds / size:,.0f} {word}"

@@ -1,6 +1,4 @@
-"""How an itinerary was understood, in words: its phases in their order, its distress, when it is
-overdue.
-"""
+"""Itineraries as text: phases in order, distress, and when a target is overdue."""
 
 import math
 
@@ -27,7 +25,7 @@ HOUR = 3600.0
 
 
 def itinerary_in_words(itinerary: Itinerary, adrift: str) -> str:
-    """Return an itinerary in words; adrift: the same of the object that it is in distress."""
+    """Describe an itinerary; adrift: description of the object that it becomes in distress."""
     text = "; then ".join(_phase(phase) for phase in itinerary.phases)
     if itinerary.currents == "felt":
         text += "; by dead reckoning, set off its way by the current"
@@ -35,8 +33,9 @@ def itinerary_in_words(itinerary: Itinerary, adrift: str) -> str:
         text += f"; in distress {_distress(itinerary.distress)}, and then adrift as {adrift}"
     if itinerary.overdue is not None:
         text += (
-            f"; from {notation.stated_time(itinerary.overdue)} on, what has arrived within {notation.number(itinerary.arrival_radius / NMI)} nmi of its "
-            "last way point is in port and not looked for"
+            f"; from {notation.stated_time(itinerary.overdue)} on, targets that have arrived "
+            f"within {notation.number(itinerary.arrival_radius / NMI)} nmi of their "
+            "last way point are in port and no longer searched for"
         )
     return text
 
@@ -49,39 +48,43 @@ def _phase(phase: Phase) -> str:
                 if phase.change
                 else ""
             )
-            return f"course {_course(phase.course)} at {_knots(phase.speed)}{change}{_until(phase)}"
+            return f"course {_course(phase.course)} at {_speed(phase.speed)}{change}{_until(phase)}"
         case Acts():
             return f"{_acts(phase)}{_until(phase)}"
         case Loiter():
-            return f"to and fro in a polygon at {_knots(phase.speed)}, legs of {notation.number(phase.leg / NMI)} nmi{_until(phase)}"
+            return f"to and fro in a polygon at {_speed(phase.speed)}, legs of {notation.number(phase.leg / NMI)} nmi{_until(phase)}"
         case Ways():
             return _way(phase)
 
 
 def _acts(phase: Acts) -> str:
-    """Return what a target does at times of its own, like "course any at 2 to 12 kn; every 3 to 15
-    min 45 % take another".
+    """Describe the actions that a target takes at random times.
+
+    Example: "course any at 2 to 12 kn; every 3 to 15 min 45 % take another".
     """
     parts = {
         f"take another at up to {notation.number(phase.fastest / KNOT)} kn": phase.change,
         "seek": phase.seek,
         "flee": phase.hide,
     }
-    told = [
+    actions = [
         f"{notation.number(100 * share)} % {what}" for what, share in parts.items() if share > 0
     ]
     least, longest = (f"{notation.number(seconds / 60)}" for seconds in phase.between)
-    often = least if least == longest else f"{least} to {longest}"
-    text = f"course {_course(phase.course)} at {_knots(phase.speed)}; every {often} min {', '.join(told) or 'it goes on'}"
+    interval = least if least == longest else f"{least} to {longest}"
+    text = (
+        f"course {_course(phase.course)} at {_speed(phase.speed)}; every {interval} min "
+        f"{', '.join(actions) or 'it goes on'}"
+    )
     if phase.hide > 0:
         text += (
             f" within {notation.number(math.degrees(phase.spread))} deg of the reciprocal bearing"
         )
     if phase.leave > 0 and phase.seek + phase.hide > 0:
-        text += f"; {notation.number(100 * phase.leave)} % of those cease to"
+        text += f"; {notation.number(100 * phase.leave)} % of those stop doing so"
     if phase.tracker is not None:
         lon, lat = (math.degrees(x[0]) for x in (phase.tracker.lon, phase.tracker.lat))
-        text += f"; the tracker begins at {notation.stated_position(lon, lat)}"
+        text += f"; the tracker starts at {notation.stated_position(lon, lat)}"
     return text
 
 
@@ -91,11 +94,11 @@ def _way(phase: Ways) -> str:
         nodes, along = phase.lanes.route.node, phase.lanes.route.along[-1]
         return (
             f"lanes from {nodes[0]} to {nodes[-1]} by {len(nodes) - 2} nodes, {along / NMI:,.0f} nmi, {begin}, at "
-            f"{_knots(phase.speed)}"
+            f"{_speed(phase.speed)}"
         )
     if phase.points[-1].time is None and not phase.destinations:
         length = math.fsum(point.distance for point in phase.points)
-        return f"voyage of {length / NMI:,.0f} nmi by {len(phase.points)} way points, {begin}, at {_knots(phase.speed)}"
+        return f"voyage of {length / NMI:,.0f} nmi by {len(phase.points)} way points, {begin}, at {_speed(phase.speed)}"
     times = [point.time for point in phase.points]
     first = times[0]
     if phase.k > 0 or phase.destinations:
@@ -107,8 +110,8 @@ def _way(phase: Ways) -> str:
         k = f"K = {notation.number(phase.k * math.sqrt(HOUR) / NMI)} nmi/sqrt(h){uncertain}"
         ends = [point for point, _ in phase.destinations] or [phase.points[-1]]
         odds = f" to one of {len(ends)} destinations" if len(ends) > 1 else ""
-        last = " or ".join(_moment(phase.start, end.time) for end in ends)
-        return f"bridge{odds}, {k}, from {_moment(phase.start, first)}, there {last}"
+        last = " or ".join(_normal_time(phase.start, end.time) for end in ends)
+        return f"bridge{odds}, {k}, from {_normal_time(phase.start, first)}, there {last}"
     return f"track of {len(phase.points)} way points, {begin}, the last after {_hours(times[-1])}"
 
 
@@ -131,7 +134,7 @@ def _distress(distress: Distress) -> str:
 
 
 def _time(earliest: np.datetime64, after: Spread) -> str:
-    """Return an uncertain time in words."""
+    """Return an uncertain time as text."""
     first, last = (
         notation.stated_time(earliest + np.timedelta64(round(t), "s"))
         for t in (after.low, after.high)
@@ -146,7 +149,7 @@ def _time(earliest: np.datetime64, after: Spread) -> str:
     )
 
 
-def _moment(start: np.datetime64, time: Spread | Moment | None) -> str:
+def _normal_time(start: np.datetime64, time: Spread | Moment | None) -> str:
     if isinstance(time, Moment):
         return f"{notation.stated_time(start + np.timedelta64(round(time.mean), 's'))} +- {notation.number(time.std / HOUR)} h"
     return _time(start, time or Spread(0.0, 0.0, 0.0))
@@ -156,7 +159,7 @@ def _hours(time: Spread | Moment | None) -> str:
     return f"{_span(time, 1 / HOUR)} h" if isinstance(time, Spread) else "none"
 
 
-def _knots(speed: Spread) -> str:
+def _speed(speed: Spread) -> str:
     return f"{_span(speed, 1 / KNOT)} kn"
 
 
@@ -173,7 +176,7 @@ def _course(course: Spread) -> str:
 
 
 def _span(spread: Spread, unit: float) -> str:
-    """Return an uncertain number in words, in a unit."""
+    """Return an uncertain number as text, in a unit."""
     low, mode, high = (
         f"{notation.number(x * unit)}" for x in (spread.low, spread.mode, spread.high)
     )

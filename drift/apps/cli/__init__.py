@@ -1,1 +1,1 @@
-"""The command line: what it prints, and how far a run has come."""
+"""The command line: its grammar, the commands, and what they print."""

@@ -1,6 +1,4 @@
-"""What a command found, and the three ways to tell it: as a page, as one JSON object, or not at
-all.
-"""
+"""The result of a command, printed as a page, as one JSON object, or as warnings only."""
 
 import json
 import sys
@@ -11,31 +9,31 @@ from typing import Any
 
 from drift.apps.cli import terminal
 
-WARNED = ("warning", "lost", "missed")  # facts of these names are told even where nothing else is
+WARNED = ("warning", "lost", "missed")  # first words of facts that --quiet prints as well
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a command found."""
+    """The result of a command: facts for people, numbers for programs, and the exit status."""
 
     title: str = ""
     facts: Mapping[str, str] = field(default_factory=dict)
-    lines: tuple[str, ...] = ()  # after the facts
-    # for programs; units stand in the names
+    lines: tuple[str, ...] = ()  # printed after the facts
+    # for programs; names end in the unit
     numbers: Mapping[str, Any] = field(default_factory=dict)
     results: Path | None = None  # folder that was written
-    status: int = 0  # exit status; 1 where a forecast misses what its case expects
-    show: Callable[[], None] | None = None  # prints what is no list of facts, in their place
+    status: int = 0  # exit status; 1 if a forecast misses its case's [expect]
+    show: Callable[[], None] | None = None  # prints tables and other output before the facts
 
 
 def tell(answer: Answer, command: str, *, as_json: bool, quiet: bool) -> None:
-    """Print an answer on standard output; quiet: only its warnings, on standard error."""
+    """Print an answer on standard output; quiet: print only warnings, on standard error."""
     if as_json:
-        written = {} if answer.results is None else {"results": str(answer.results)}
-        told = {"title": answer.title, "facts": dict(answer.facts)} if answer.title else {}
+        folder = {} if answer.results is None else {"results": str(answer.results)}
+        heading = {"title": answer.title, "facts": dict(answer.facts)} if answer.title else {}
         from drift.products.files import formats
 
-        _json(formats.plain({"command": command, **told, **answer.numbers, **written}))
+        _json(formats.plain({"command": command, **heading, **answer.numbers, **folder}))
         return
     if quiet:
         for name, fact in answer.facts.items():
@@ -51,7 +49,7 @@ def tell(answer: Answer, command: str, *, as_json: bool, quiet: bool) -> None:
 
 
 def refuse(lines: list[str]) -> None:
-    """Print on standard output, as JSON, why there is no answer."""
+    """Print error messages on standard output as JSON."""
     _json({"error": lines})
 
 

@@ -1,7 +1,4 @@
-"""Graphics cards on the command line:
-
-`drift info --backend`, and what --backend auto took, in a line.
-"""
+"""Graphics cards on the command line: `drift info --backend`, and the choice of --backend auto."""
 
 import argparse
 import sys
@@ -13,59 +10,63 @@ from drift.apps.cli.answer import Answer
 from drift.products.files import interrupt
 
 
-def start(given: argparse.Namespace, out: Path, particles: int, elsewhere: bool) -> None:
-    """Start the backend that is asked for, where it is no processor: what is wrong with a card is
-    said before all else.
+def start(args: argparse.Namespace, out: Path, particles: int, elsewhere: bool) -> None:
+    """Start the requested backend unless it is the CPU, so that a broken card is reported first.
 
-    out: folder for the results, where an unfinished run settles what auto takes; elsewhere: workers
-    move the particles. What auto takes is said in a line.
+    Prints in one line what --backend auto selects.
+
+    Args:
+        args: the parsed command line; its `backend` is replaced once auto is decided.
+        out: folder of the results; an unfinished run in it determines the backend.
+        particles: number of particles of the run.
+        elsewhere: whether worker processes move the particles.
     """
     from drift.pipeline.shards import shelf
     from kernels.runtime import runtime
 
     why = ""
-    if given.backend == runtime.AUTO and elsewhere:
-        given.backend, why = "cpu", "workers move particles on processors"
-    elif (settled := shelf.settled(given.backend, out)) != given.backend:
-        given.backend, why = settled, f"on it an unfinished run in {out} was moved"
-    if why and not given.quiet:
-        print(f"drift: --backend auto takes {given.backend}: {why}", file=sys.stderr)
-    if given.backend != "cpu" and not elsewhere:
-        runtime.start(given.backend, given.threads, particles)
-        say_choice(given)
+    if args.backend == runtime.AUTO and elsewhere:
+        args.backend, why = "cpu", "workers move particles on processors"
+    elif (settled := shelf.settled(args.backend, out)) != args.backend:
+        args.backend, why = settled, f"the unfinished run in {out} used it"
+    if why and not args.quiet:
+        print(f"drift: --backend auto takes {args.backend}: {why}", file=sys.stderr)
+    if args.backend != "cpu" and not elsewhere:
+        runtime.start(args.backend, args.threads, particles)
+        say_choice(args)
 
 
-def say_choice(given: argparse.Namespace) -> None:
-    """Print what --backend auto took and why; quiet: print only a warning, where a card could not
-    be used.
-    """
+def say_choice(args: argparse.Namespace) -> None:
+    """Print what --backend auto selected and why; with --quiet print nothing."""
     from kernels.runtime import runtime
 
-    if given.backend == runtime.AUTO and runtime.told() and not given.quiet:
+    if args.backend == runtime.AUTO and runtime.told() and not args.quiet:
         print(f"drift: {runtime.told()}", file=sys.stderr)
 
 
 def listed() -> Answer:
-    """Return the graphics cards that drivers list, and which backend --backend auto takes for a
-    large run.
-    """
+    """Return the graphics cards that drivers list, and the choice of --backend auto."""
     with interrupt.leaving_at_once():  # nothing is written
         from kernels.runtime import devices, drivers
 
         found = [drivers.ask(backend) for backend in devices.CARDS]
-        choice = devices.automatic(None, {one.backend: one for one in found}.__getitem__)
+        choice = devices.automatic(
+            None, {backend.backend: backend for backend in found}.__getitem__
+        )
 
     def show() -> None:
         table = terminal.empty_table("Backend", "Device", "Kind", "Driver", "Memory", "Usable")
         table.add_row("cpu", "this processor", "processor", "", "", "yes")
-        for one in found:
-            if not one.devices:
-                table.add_row(one.backend, "none", "", "", "", _unusable(one.why, one.remedy))
-            for device in one.devices:
+        for backend in found:
+            if not backend.devices:
+                table.add_row(
+                    backend.backend, "none", "", "", "", _unusable(backend.why, backend.remedy)
+                )
+            for device in backend.devices:
                 usable = _unusable(device.unfit, device.remedy) if device.unfit else "yes"
-                named = (
+                name = (
                     f"{device.name} *"
-                    if device == one.taken and len(one.devices) > 1
+                    if device == backend.taken and len(backend.devices) > 1
                     else device.name
                 )
                 note = (
@@ -74,29 +75,33 @@ def listed() -> Answer:
                     else ""
                 )
                 table.add_row(
-                    one.backend, named, device.kind, device.driver, device.memory, usable + note
+                    backend.backend, name, device.kind, device.driver, device.memory, usable + note
                 )
         terminal.show(table)
 
     taken = choice.device.backend if choice.device else "cpu"
-    few = (
-        f"; runs of fewer than {devices.WORTH:,} particles stay on the cpu" if choice.device else ""
+    threshold = (
+        f"; runs with fewer than {devices.WORTH:,} particles use the CPU" if choice.device else ""
     )
     numbers: dict[str, Any] = {
         "devices": [
-            _numbers(device, device == one.taken) for one in found for device in one.devices
+            _numbers(device, device == backend.taken)
+            for backend in found
+            for device in backend.devices
         ],
         "missing": {
-            one.backend: {"why": one.why, "remedy": one.remedy} for one in found if not one.devices
+            backend.backend: {"why": backend.why, "remedy": backend.remedy}
+            for backend in found
+            if not backend.devices
         },
         "auto": {"backend": taken, "why": choice.why, "least_particles": devices.WORTH},
     }
-    starred = (
-        ("* the device on which its backend starts",)
-        if any(len(one.devices) > 1 for one in found)
+    legend = (
+        ("* the device that its backend uses",)
+        if any(len(backend.devices) > 1 for backend in found)
         else ()
     )
-    lines = (*starred, f"--backend auto takes {taken}: {choice.why}{few}")
+    lines = (*legend, f"--backend auto takes {taken}: {choice.why}{threshold}")
     return Answer(lines=lines, numbers=numbers, show=show)
 
 
@@ -105,7 +110,7 @@ def _unusable(why: str, remedy: str) -> str:
 
 
 def _numbers(device: Any, taken: bool) -> dict[str, Any]:
-    """Return a graphics card for programs; taken: its backend would start it."""
+    """Return a graphics card for programs; taken: whether its backend would use it."""
     return {
         "backend": device.backend,
         "number": device.number,

@@ -1,8 +1,8 @@
-"""The command line `drift`: which command is done, and how the process ends.
+"""The command line `drift`: dispatch of a command, and the exit status of the process.
 
-Exit status: 0, 1 where a forecast misses what its case expects ([expect]), 2 for the user's errors
-(a line each), 1 for ours, 130 when interrupted, 143 when asked to end, 129 when its terminal went.
-Nothing heavy is imported before the command that needs it, so that help and lists come at once.
+Exit status: 0 for success; 1 if a forecast misses its case's [expect], or for an internal error; 2
+for a user error (one line each); 130 if interrupted, 143 if terminated, 129 if the terminal closed.
+Slow imports wait for the command that needs them, so that help and lists are printed at once.
 """
 
 import argparse
@@ -59,9 +59,9 @@ NO_MEMORY = (
     "emory allocation",
     "failed to map segment",
     "annot allocate memory",
-)  # what libraries say, in errors of all kinds
+)  # parts of the messages of libraries, which raise errors of several types
 
-# what the loader says of one; a bare image lacks Taichi's libX11
+# message of the dynamic loader; a minimal container image lacks Taichi's libX11
 NO_LIBRARY = ": cannot open shared object file"
 
 
@@ -73,11 +73,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(argv: Sequence[str] | None) -> int:
     terminal.open_streams()
-    # NumPy's, which a user cannot mend; tests take them as errors.
+    # NumPy's RuntimeWarnings are of no use to a user; the tests turn them into errors.
     warnings.filterwarnings("ignore", category=RuntimeWarning)
-    # the map shows a box in its place
+    # the map shows a box in place of a missing glyph
     warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-    # of a home that cannot be written it warns at length
+    # Matplotlib warns at length about a home folder that is not writable
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     if os.name == "posix" and not os.environ.get("HOME"):  # Taichi aborts at import without one
         home = os.path.expanduser("~")
@@ -93,74 +93,77 @@ def _run(argv: Sequence[str] | None) -> int:
     except KeyboardInterrupt:
         print(interrupt.INTERRUPTED, file=sys.stderr)
         return _failed(argv, 130, [interrupt.INTERRUPTED])
-    except interrupt.Terminated as asked:
-        with suppress(OSError):  # the terminal may have gone
+    except interrupt.Terminated as request:
+        with suppress(OSError):  # the terminal may be closed
             print(interrupt.TERMINATED, file=sys.stderr, flush=True)
-        return _failed(argv, 128 + asked.number, [interrupt.TERMINATED])
-    except BrokenPipeError:  # the reader left, as in `drift objects | head`
+        return _failed(argv, 128 + request.number, [interrupt.TERMINATED])
+    except BrokenPipeError:  # the reader closed the pipe, as in `drift objects | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except SystemExit as leaving:  # argparse's --help
-        return int(leaving.code or 0)
+    except SystemExit as exit_request:  # argparse's --help
+        return int(exit_request.code or 0)
     except Exception as error:
-        if isinstance(error, MemoryError) or any(words in str(error) for words in NO_MEMORY):
-            # If a library cannot be loaded, fewer particles do not help.
+        if isinstance(error, MemoryError) or any(message in str(error) for message in NO_MEMORY):
+            # Fewer particles do not help if a library cannot be loaded.
             fewer = "" if isinstance(error, ImportError | OSError) else "take fewer particles, or "
             why = str(error) or "no more could be allocated"
-            words = (
+            message = (
                 f"not enough memory ({why}); {fewer}raise the limit (ulimit -v), if there is one"
             )
-            print(f"drift: {words}", file=sys.stderr)
-            return _failed(argv, 2, [words])
+            print(f"drift: {message}", file=sys.stderr)
+            return _failed(argv, 2, [message])
         if isinstance(error, ImportError) and NO_LIBRARY in str(error):
-            words = f"a library of the system is missing ({error}); install it, on Debian and Ubuntu libX11 by: apt-get install libx11-6"
-            print(f"drift: {words}", file=sys.stderr)
-            return _failed(argv, 2, [words])
+            message = (
+                f"a library of the system is missing ({error}); install it, on Debian and "
+                "Ubuntu libX11 by: apt-get install libx11-6"
+            )
+            print(f"drift: {message}", file=sys.stderr)
+            return _failed(argv, 2, [message])
         traceback.print_exc()
-        words = f"an error of drift itself: {type(error).__name__}: {error}"
-        print(f"drift: {words}", file=sys.stderr)
-        return _failed(argv, 1, [words])
+        message = f"internal error in drift: {type(error).__name__}: {error}"
+        print(f"drift: {message}", file=sys.stderr)
+        return _failed(argv, 1, [message])
 
 
 def _failed(argv: Sequence[str] | None, status: int, lines: list[str]) -> int:
-    """Return the exit status of a failure, and tell of it as JSON where that was asked for.
+    """Return the exit status of a failure; with --json also print the error as JSON.
 
-    The arguments themselves are looked at, for they may be what is wrong.
+    `--json` is looked for in the raw arguments, as parsing them may be what failed.
     """
     if "--json" in (sys.argv[1:] if argv is None else argv):
-        with suppress(UserError, BrokenPipeError):  # of a standard output that takes nothing
+        with suppress(UserError, BrokenPipeError):  # standard output may be closed
             answer.refuse([line.removeprefix("drift: ") for line in lines])
     return status
 
 
 def _dispatch(argv: Sequence[str] | None) -> int:
-    whole = grammar.parser()
-    given = whole.parse_args(argv)
-    if given.version:
+    root = grammar.parser()
+    args = root.parse_args(argv)
+    if args.version:
         from importlib.metadata import version
 
         terminal.say(f"drift {version('casp-drift')}")
         return 0
-    if given.print_completion is not None:
+    if args.print_completion is not None:
         from drift.apps.cli import completion
 
-        terminal.say(completion.script(whole, given.print_completion))
+        terminal.say(completion.script(root, args.print_completion))
         return 0
-    if given.command is None:
-        whole.print_help()
+    if args.command is None:
+        root.print_help()
         return 0
-    told = COMMANDS[given.command](given)
-    answer.tell(told, given.command, as_json=given.json, quiet=given.quiet)
-    return told.status
+    result = COMMANDS[args.command](args)
+    answer.tell(result, args.command, as_json=args.json, quiet=args.quiet)
+    return result.status
 
 
 def leave() -> None:
     """Run the command line and end the process.
 
-    An interrupted run ends at once, as taking Taichi down takes a second.
+    An interrupted run skips the interpreter's shutdown, as shutting Taichi down takes a second.
     """
     status = main()
-    if status in (129, 130, 143):  # all is unwound, nothing is left to write
+    if status in (129, 130, 143):  # everything is cleaned up, nothing is left to write
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError):
                 stream.flush()

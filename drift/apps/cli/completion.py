@@ -1,6 +1,6 @@
-"""What makes a shell complete words of the command line: commands, options, shipped cases, files.
+"""Shell completion for the command line: commands, options, shipped cases and files.
 
-The script is shtab's (Casper da Costa-Luis), made from the grammar; it is printed, and nothing is
+The script is generated from the grammar by shtab (Casper da Costa-Luis); it is only printed, not
 installed.
 """
 
@@ -13,32 +13,33 @@ from drift.case import template
 from geo.errors import UserError
 
 
-def script(whole: argparse.ArgumentParser, shell: str) -> str:
-    """Return the script that a shell is to source; raise UserError where shtab is not installed."""
+def script(root: argparse.ArgumentParser, shell: str) -> str:
+    """Return the completion script for a shell; raise UserError if shtab is not installed."""
     try:
         import shtab
     except ImportError:
         raise UserError(
-            '--print-completion needs shtab: pip install -e ".[completion]" where drift lies'
+            '--print-completion needs shtab: pip install -e ".[completion]" in the folder of '
+            "drift's source"
         ) from None
 
     cases = _words("cases", [name for name, _ in case_file.shipped()], files="toml")
-    known = {
+    completions = {
         "CASE": cases,
         "B": cases,
         "TEMPLATE": _words("stories", [*template.TEMPLATES, *template.TRACKED]),
         **dict.fromkeys(("FILE", "TRACKS", "PNG"), shtab.FILE),
         "DIR": shtab.DIRECTORY,
     }
-    for action in _actions(whole):
-        if isinstance(action.metavar, str) and action.metavar in known:
-            action.complete = known[action.metavar]  # type: ignore[attr-defined]
-    made: str = shtab.complete(whole, shell)
-    return made
+    for action in _actions(root):
+        if isinstance(action.metavar, str) and action.metavar in completions:
+            action.complete = completions[action.metavar]  # type: ignore[attr-defined]
+    completion: str = shtab.complete(root, shell)
+    return completion
 
 
 def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """Give all arguments of a parser and of its commands."""
+    """Yield all arguments of a parser and of its commands."""
     for action in parser._actions:
         yield action
         if isinstance(action, argparse._SubParsersAction):
@@ -47,9 +48,7 @@ def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 
 def _words(name: str, words: list[str], files: str = "") -> dict[str, Any]:
-    """Return what completes some words and, where `files` says, files of that ending and folders;
-    by shell.
-    """
+    """Return shtab's completion, by shell, for some words and for files with the ending `files`."""
     listed = " ".join(words)
     bash = [f'compgen -W "{listed}" -- "$1"']
     zsh, fish = [f"'{name}:{name}:({listed})'"], [f"printf '%s\\n' {listed}"]
@@ -62,7 +61,7 @@ def _words(name: str, words: list[str], files: str = "") -> dict[str, Any]:
         "bash": function,
         "zsh": function,
         "fish": f"({function})",
-        "tcsh": f"f:*.{files}" if files else f"({listed})",  # it takes one kind
+        "tcsh": f"f:*.{files}" if files else f"({listed})",  # tcsh supports only one kind
         "preamble": {
             "bash": f"{function}() {{\n  {'; '.join(bash)}\n}}\n",
             "zsh": f"{function}() {{\n  _alternative {' '.join(zsh)}\n}}\n",

@@ -1,4 +1,4 @@
-"""The commands of tracking cases, and of many runs of any case: experiment, track."""
+"""The commands `experiment` (many runs of any case) and `track` (tracking cases)."""
 
 import argparse
 from pathlib import Path
@@ -10,35 +10,37 @@ from drift.products.files import interrupt
 from geo.errors import UserError
 
 
-def experiment(given: argparse.Namespace) -> Answer:
-    """Run a case many times, in several ways, and say how its figures scatter."""
+def experiment(args: argparse.Namespace) -> Answer:
+    """Run a case many times, in several variants, and report the spread of its figures."""
     with interrupt.leaving_at_once():
-        changes = take.changed(given.changes)
-        if given.seed is not None:
-            changes["seed"] = str(given.seed)
-        named = [_variant(text) for text in given.variants]
-        if twice := sorted(
-            {name for name, _ in named if [other for other, _ in named].count(name) > 1}
+        changes = take.changed(args.changes)
+        if args.seed is not None:
+            changes["seed"] = str(args.seed)
+        parsed = [_variant(text) for text in args.variants]
+        if repeated := sorted(
+            {name for name, _ in parsed if [other for other, _ in parsed].count(name) > 1}
         ):
-            raise UserError(f'--with "{twice[0]}": there are two of this name')
-        variants = dict(named)
-        out = given.out or Path(f"{Path(given.case).stem}-experiment")
+            raise UserError(
+                f'--with "{repeated[0]}": the name is used twice; give each variant its own'
+            )
+        variants = dict(parsed)
+        out = args.out or Path(f"{Path(args.case).stem}-experiment")
         from drift.apps.cli import progress
         from drift.assess.experiment import command, text
-    with progress.progress(quiet=given.quiet or given.json) as tell:
+    with progress.progress(quiet=args.quiet or args.json) as report:
         found = command.experiment(
-            given.case,
+            args.case,
             out,
             changes=changes,
             variants=variants,
-            figures=given.figures,
-            runs=given.runs,
-            backend=given.backend,
-            threads=given.threads,
-            overwrite=given.overwrite,
-            tell=tell,
+            figures=args.figures,
+            runs=args.runs,
+            backend=args.backend,
+            threads=args.threads,
+            overwrite=args.overwrite,
+            tell=report,
         )
-    cards.say_choice(given)
+    cards.say_choice(args)
     lines = (f"{found.runs:,} runs, each of {found.about}; seed {found.seed}", f"Results in {out}")
     return Answer(
         found.title,
@@ -49,26 +51,26 @@ def experiment(given: argparse.Namespace) -> Answer:
     )
 
 
-def track(given: argparse.Namespace) -> Answer:
-    """Follow a target by its detections."""
+def track(args: argparse.Namespace) -> Answer:
+    """Estimate a target's track from its detections."""
     with interrupt.leaving_at_once():
-        changes = take.changed(given.changes)
-        if given.seed is not None:
-            changes["seed"] = str(given.seed)
-        out = given.out or Path(f"{Path(given.case).stem}-track")
+        changes = take.changed(args.changes)
+        if args.seed is not None:
+            changes["seed"] = str(args.seed)
+        out = args.out or Path(f"{Path(args.case).stem}-track")
         from drift.apps.cli import progress
         from drift.apps.track import command, files, text
-    with progress.progress(quiet=given.quiet or given.json) as tell:
+    with progress.progress(quiet=args.quiet or args.json) as report:
         found = command.track(
-            given.case,
+            args.case,
             out,
             changes=changes,
-            backend=given.backend,
-            threads=given.threads,
-            overwrite=given.overwrite,
-            tell=tell,
+            backend=args.backend,
+            threads=args.threads,
+            overwrite=args.overwrite,
+            tell=report,
         )
-    cards.say_choice(given)
+    cards.say_choice(args)
     lines = (f"Map in {out / 'track.png'}, all results in {out}",)
     return Answer(
         found.held.study.title,
@@ -79,16 +81,16 @@ def track(given: argparse.Namespace) -> Answer:
     )
 
 
-def checked(given: argparse.Namespace) -> Answer:
+def checked(args: argparse.Namespace) -> Answer:
     """Validate a tracking case."""
     from drift.apps.track import chase
     from drift.case.tracking import tracking
     from drift.tracking.tracker import said
 
-    changes = take.changed(given.changes)
-    if given.seed is not None:
-        changes["seed"] = str(given.seed)
-    study = tracking.load(given.case, changes)
+    changes = take.changed(args.changes)
+    if args.seed is not None:
+        changes["seed"] = str(args.seed)
+    study = tracking.load(args.case, changes)
     chase.check(study, chase.land())
     return Answer(
         f"{study.title}: ready to run", said.tracking_facts(study), numbers={"ready": True}
@@ -96,11 +98,12 @@ def checked(given: argparse.Namespace) -> Answer:
 
 
 def _variant(text: str) -> tuple[str, dict[str, str]]:
-    """Return name and changes of "NAME: KEY=VALUE; KEY=VALUE"."""
+    """Return the name and the overrides of a text "NAME: KEY=VALUE; KEY=VALUE"."""
     name, colon, changes = text.partition(":")
     if not colon or not name.strip() or not changes.strip():
         raise UserError(
-            f'--with "{text}" must be NAME: KEY=VALUE, several with ; between, like "wet: scenario.0.weight=0.2"'
+            f'--with "{text}" must be NAME: KEY=VALUE, several separated by ; like "wet: '
+            'scenario.0.weight=0.2"'
         )
     return name.strip(), take.changed(
         [change.strip() for change in changes.split(";") if change.strip()], "--with"

@@ -1,4 +1,4 @@
-"""The command `drift export`: its grammar, and what it does."""
+"""The command `drift export`: its options and its call."""
 
 import argparse
 from pathlib import Path
@@ -10,7 +10,7 @@ FORMATS = ("kml", "kmz", "gpx", "geojson", "geotiff", "rtz", "gif")
 
 
 def add(commands: Any) -> argparse.ArgumentParser:
-    """Add the command to the grammar, and return it."""
+    """Add the command's parser to the grammar, and return it."""
     export: argparse.ArgumentParser = commands.add_parser(
         "export",
         help="write a finished run for Google Earth, chart plotters, ECDIS or a GIS, or as an animation",
@@ -30,7 +30,8 @@ def add(commands: Any) -> argparse.ArgumentParser:
         default=[],
         dest="times",
         metavar="TIME",
-        help="an output that is wanted, like '+12 h' or 221200ZNOV26; may be repeated (default: all)",
+        help="time of an output to export, like '+12 h' or 221200ZNOV26; may be repeated "
+        "(default: all)",
     )
     export.add_argument(
         "--overwrite", action="store_true", help="replace files that an earlier export wrote there"
@@ -38,13 +39,13 @@ def add(commands: Any) -> argparse.ArgumentParser:
     return export
 
 
-def run(given: argparse.Namespace) -> Answer:
-    """Export a finished run and return where to."""
+def run(args: argparse.Namespace) -> Answer:
+    """Export a finished run and list the files."""
     from drift.apps.export import exporter
     from drift.products.files import manifest
 
     paths = exporter.export(
-        given.folder, given.format, given.out, times=given.times, overwrite=given.overwrite
+        args.folder, args.format, args.out, times=args.times, overwrite=args.overwrite
     )
     names = [path.name for path in paths if path.name != manifest.NAME]
     listed = ", ".join(names) if len(names) <= 4 else f"{len(names)} files"

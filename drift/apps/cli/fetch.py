@@ -1,4 +1,4 @@
-"""The command `drift fetch`: its grammar, and what it does."""
+"""The command `drift fetch`: its options and its call."""
 
 import argparse
 import sys
@@ -15,7 +15,7 @@ SUFFIX = "forcing"
 
 
 def add(commands: Any) -> argparse.ArgumentParser:
-    """Add the command to the grammar, and return it."""
+    """Add the command's parser to the grammar, and return it."""
     fetch: argparse.ArgumentParser = commands.add_parser(
         "fetch", help="fetch winds and currents for a case, or a box and a span, from providers"
     )
@@ -54,12 +54,12 @@ def add(commands: Any) -> argparse.ArgumentParser:
         type=float,
         default=60.0,
         metavar="S",
-        help="a server's longest silence (default: 60 s)",
+        help="longest wait for a server's answer (default: 60 s)",
     )
     fetch.add_argument(
-        "--list", action="store_true", dest="listed", help="list the providers and end"
+        "--list", action="store_true", dest="listed", help="list the providers and stop"
     )
-    fetch.add_argument("--dry-run", action="store_true", help="ask how much it is and end")
+    fetch.add_argument("--dry-run", action="store_true", help="show the size and stop")
     fetch.add_argument("--yes", action="store_true", help="fetch large amounts without asking")
     fetch.add_argument(
         "--overwrite", action="store_true", help="replace files that an earlier fetch wrote there"
@@ -75,30 +75,30 @@ def add(commands: Any) -> argparse.ArgumentParser:
     return fetch
 
 
-def run(given: argparse.Namespace) -> Answer:
-    """Fetch what a case needs, and return what it takes to read it."""
-    if given.listed:
-        return _list(given.catalogue)
+def run(args: argparse.Namespace) -> Answer:
+    """Fetch forcing, and return the TOML tables that read it in a case."""
+    if args.listed:
+        return _list(args.catalogue)
     from drift.apps.cli import progress
     from drift.apps.fetch import fetching, parts
 
-    if not 0 < given.timeout < 1e6:
-        raise UserError(f"--timeout {given.timeout:g} must be a number of seconds above 0")
-    where = fetching.ordered_span(
-        given.case, given.box, given.begin, given.end, take.changed(given.changes)
+    if not 0 < args.timeout < 1e6:
+        raise UserError(f"--timeout {args.timeout:g} must be a number of seconds above 0")
+    area_and_span = fetching.ordered_span(
+        args.case, args.box, args.begin, args.end, take.changed(args.changes)
     )
-    out = given.out or Path(f"{Path(given.case).stem}-{SUFFIX}" if given.case else SUFFIX)
-    ordered = fetching.orders(
-        *where,
-        providers=given.providers,
-        quantities=given.quantities,
-        own=given.catalogue,
-        timeout=given.timeout,
+    out = args.out or Path(f"{Path(args.case).stem}-{SUFFIX}" if args.case else SUFFIX)
+    orders = fetching.orders(
+        *area_and_span,
+        providers=args.providers,
+        quantities=args.quantities,
+        own=args.catalogue,
+        timeout=args.timeout,
     )
-    shipments = fetching.ship(ordered, _tell)
-    there = fetching.there(out, shipments)
-    left = parts.missing(shipments, there)
-    box, begin, end = where
+    shipments = fetching.ship(orders, _print_note)
+    downloaded = fetching.there(out, shipments)
+    remaining = parts.missing(shipments, downloaded)
+    box, begin, end = area_and_span
     facts = {
         "box": f"{box.west:.2f} to {box.east:.2f} E, {box.south:.2f} to {box.north:.2f} N",
         "span": f"{begin}Z to {end}Z",
@@ -109,30 +109,30 @@ def run(given: argparse.Namespace) -> Answer:
         facts[f"{provider.quantity} {provider.name}"] = (
             f"{provider.title}: {parts.size_in_words(shipment.size)} in {len(shipment.parts)} files{notes}"
         )
-    facts["to fetch"] = f"about {parts.size_in_words(left)}" + (
-        f"; {len(there)} parts are there from before" if there else ""
+    facts["to fetch"] = f"about {parts.size_in_words(remaining)}" + (
+        f"; {len(downloaded)} parts are already downloaded" if downloaded else ""
     )
     numbers: dict[str, Any] = {
         "providers": [shipment.order.provider.name for shipment in shipments],
         "size_bytes": sum(shipment.size for shipment in shipments),
-        "to_fetch_bytes": left,
+        "to_fetch_bytes": remaining,
     }
-    if given.dry_run:
+    if args.dry_run:
         return Answer("Forcing", facts, numbers=numbers)
-    aloud = not (given.json or given.quiet)
-    if aloud:  # before anything is fetched
+    interactive = not (args.json or args.quiet)
+    if interactive:  # before anything is fetched
         terminal.print_facts("Forcing", facts)
-    if not given.yes and (left > fetching.LARGEST or not all(s.size for s in shipments)):
-        _agree(left, asked=aloud)
+    if not args.yes and (remaining > fetching.LARGEST or not all(s.size for s in shipments)):
+        _confirm_size(remaining, interactive=interactive)
     try:
-        with progress.progress(quiet=not aloud) as report:
+        with progress.progress(quiet=not interactive) as report:
             fetched = fetching.carry_out(
-                out, shipments, overwrite=given.overwrite, report=report, tell=_tell
+                out, shipments, overwrite=args.overwrite, report=report, tell=_print_note
             )
     except BaseException as error:
         if not isinstance(error, Exception):  # Ctrl-C, or a request to end
             print(
-                "drift: what was fetched is kept; the same command goes on from there",
+                "drift: downloaded parts are kept; the same command continues from there",
                 file=sys.stderr,
             )
         raise
@@ -144,28 +144,31 @@ def run(given: argparse.Namespace) -> Answer:
 def _list(own: Path | None) -> Answer:
     from drift.apps.fetch import catalogue
 
-    known = catalogue.read_providers(own).values()
+    providers = catalogue.read_providers(own).values()
     columns = ("name", "quantity", "title", "resolution", "stamp", "kind", "credentials")
 
     def show() -> None:
         page = terminal.empty_table(*columns)
-        for one in known:
-            page.add_row(*(getattr(one, column) for column in columns))
+        for provider in providers:
+            page.add_row(*(getattr(provider, column) for column in columns))
         terminal.show(page)
 
     return Answer(
-        numbers={"providers": [{c: getattr(one, c) for c in columns} for one in known]}, show=show
+        numbers={
+            "providers": [{c: getattr(provider, c) for c in columns} for provider in providers]
+        },
+        show=show,
     )
 
 
-def _agree(size: float, *, asked: bool) -> None:
-    """Ask whether to fetch so much; where nobody can be asked, refuse."""
+def _confirm_size(size: float, *, interactive: bool) -> None:
+    """Ask the user whether to fetch this amount; raise UserError without a yes."""
     from drift.apps.fetch import parts
 
     much = (
-        f"about {parts.size_in_words(size)}" if size else "an amount that is not known beforehand"
+        f"about {parts.size_in_words(size)}" if size else "an amount that is not known in advance"
     )
-    if not asked or not sys.stdin or not sys.stdin.isatty():
+    if not interactive or not sys.stdin or not sys.stdin.isatty():
         raise UserError(
             f"this is {much}: add --yes to fetch it, or ask for a smaller box or a shorter span"
         )
@@ -174,5 +177,5 @@ def _agree(size: float, *, asked: bool) -> None:
         raise UserError("nothing was fetched")
 
 
-def _tell(line: str) -> None:
+def _print_note(line: str) -> None:
     print(f"drift: {line}", file=sys.stderr)

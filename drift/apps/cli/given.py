@@ -1,5 +1,6 @@
-"""What the command line gives, as commands take it: cases, quantities, boxes, files; or a refusal
-in a line.
+"""Values of command line options in the form that commands need: cases, quantities, boxes, files.
+
+An invalid value raises UserError with a message of one line.
 """
 
 import argparse
@@ -21,8 +22,20 @@ def case(
     option: str = "--set",
     along: Collection[str] = (),
 ) -> Any:
-    """Return a case file or a shipped case with its changes; along: quantities that it needs no
-    sources of.
+    """Load a case file or a shipped case with its overrides.
+
+    Args:
+        name: path of a case file, or the name of a shipped case.
+        changes: overrides as KEY=VALUE.
+        seed: seed in place of the case's; None keeps that.
+        option: name of the option that gave `changes`, for messages.
+        along: quantities that the case needs no sources for.
+
+    Returns:
+        The case (`drift.case.record.Case`).
+
+    Raises:
+        UserError: the current folder does not exist, or the case is invalid.
     """
     from drift.case import file as case_file
 
@@ -30,7 +43,7 @@ def case(
         os.getcwd()
     except OSError as error:
         raise UserError(
-            f"the current folder is not there any more ({error.strerror}); go to one that is"
+            f"the current folder no longer exists ({error.strerror}); change to one that does"
         ) from None
     overrides = changed(changes, option)
     if seed is not None:
@@ -39,7 +52,7 @@ def case(
 
 
 def changed(changes: Sequence[str], option: str = "--set") -> dict[str, str]:
-    """Return what KEY=VALUE changes, by key."""
+    """Return overrides by key, from texts KEY=VALUE."""
     overrides = {}
     for change in changes:
         key, equals, value = change.partition("=")
@@ -50,7 +63,7 @@ def changed(changes: Sequence[str], option: str = "--set") -> dict[str, str]:
 
 
 def quantity(text: str, unit: str, option: str, example: str) -> float:
-    """Return what an option says in SI; raise UserError unless it is above zero."""
+    """Return the value of an option in SI units; raise UserError unless it is above zero."""
     from drift.case.values import units
 
     try:
@@ -62,22 +75,20 @@ def quantity(text: str, unit: str, option: str, example: str) -> float:
     return number
 
 
-def scale(given: argparse.Namespace) -> dict[str, Any]:
-    """Return how a run is to be cut into shards."""
-    return {"memory": memory(given.memory), "shards": given.shards}
+def scale(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of a run that divide it into shards: memory [GiB] and shards."""
+    return {"memory": memory(args.memory), "shards": args.shards}
 
 
 def memory(text: str | None) -> float | None:
-    """Return a size of memory [GiB]; None where none is given."""
+    """Return a size of memory [GiB]; None if the option is not given."""
     if text is None:
         return None
     return quantity(text, "GiB", "--memory", "4 GB")
 
 
 def probable_error(text: str) -> float:
-    """Return the standard deviation [m] in each component of errors of which half are within a
-    radius.
-    """
+    """Return the standard deviation [m] per component, from the radius with half of the errors."""
     from drift.case.values import units
 
     try:
@@ -92,7 +103,7 @@ def probable_error(text: str) -> float:
 
 
 def box(text: str) -> Any:
-    """Return the box of "west,south,east,north" [deg]."""
+    """Return the box of a text "west,south,east,north" [deg]."""
     from geo.box import between
 
     try:
@@ -112,33 +123,33 @@ def box(text: str) -> Any:
         raise UserError(f'--without "{text}": {error}') from None
 
 
-def drifters(given: argparse.Namespace) -> dict[str, Any]:
-    """Return how a file of drifters is to be read."""
+def drifters(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the options for reading a file of drifter tracks."""
     from drift.assess.verify import reading
 
     return {
-        "columns": reading.mapped(given.columns),
-        "gap": quantity(given.max_gap, "s", "--max-gap", "3 h"),
-        "fastest": quantity(given.max_speed, "m/s", "--max-speed", "3 m/s"),
-        "ends_aground": given.ends_aground,
+        "columns": reading.mapped(args.columns),
+        "gap": quantity(args.max_gap, "s", "--max-gap", "3 h"),
+        "fastest": quantity(args.max_speed, "m/s", "--max-speed", "3 m/s"),
+        "ends_aground": args.ends_aground,
     }
 
 
 def along(columns: Mapping[str, str]) -> list[str]:
-    """Return the quantities that columns of a drifters' file give."""
+    """Return the quantities that columns of a drifter file provide, without repetition."""
     return list(dict.fromkeys(key.rpartition("_")[0] for key in columns))
 
 
 def check_file(path: Path, option: str, suffix: str) -> None:
-    """Raise UserError unless a file of a kind can be written to a path."""
+    """Raise UserError unless a file with this suffix can be written to this path."""
     folder = path.absolute().parent
     try:
-        there = os.path.lexists(path) and not (path.is_file() and os.access(path, os.W_OK))
+        blocked = os.path.lexists(path) and not (path.is_file() and os.access(path, os.W_OK))
         if (
             path.suffix.lower() != suffix
             or not folder.is_dir()
             or len(os.fsencode(path.name)) > 255
-            or there
+            or blocked
         ):
             raise UserError(
                 f"{option} {str(path)[:300]}: must be a {suffix} file in a folder that exists"
@@ -150,16 +161,17 @@ def check_file(path: Path, option: str, suffix: str) -> None:
 
 
 def replace(path: Path, option: str, write: Callable[[Path], object]) -> None:
-    """Write a file beside its place and move it there once it is whole; raise UserError where that
-    is not possible.
+    """Write a file under a temporary name beside its path, then move it into place.
+
+    Raises UserError if it cannot be written.
     """
-    half = path.with_name(f".{path.name[:100]}.{os.getpid()}{path.suffix}")
+    partial_file = path.with_name(f".{path.name[:100]}.{os.getpid()}{path.suffix}")
     try:
-        write(half)
-        os.replace(half, os.path.realpath(path))
+        write(partial_file)
+        os.replace(partial_file, os.path.realpath(path))
     except OSError as error:
         raise UserError(
             f"{option} {path}: cannot be written ({error.strerror}); name another file"
         ) from error
     finally:
-        half.unlink(missing_ok=True)
+        partial_file.unlink(missing_ok=True)

@@ -1,6 +1,6 @@
-"""The grammar of the command line: commands, their options, and what help says of them.
+"""The grammar of the command line: commands, their options and help texts.
 
-It imports nothing heavy, so that help comes at once.
+The module imports nothing slow, so that `--help` answers at once.
 """
 
 import argparse
@@ -29,38 +29,37 @@ EXAMPLES = """examples:
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line, and for which a minus and a digit begin a
-    value, not an option.
-    """
+    """Argument parser that reports an error in one line and reads "-" before a digit as a value."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
-        """Take what argparse takes."""
+        """Create a parser with argparse's own arguments."""
         super().__init__(*args, **options)
         # argparse knows -98 as a value, but not -98,18,-80,31 nor -1e3 nor -3h.
         self._negative_number_matcher = re.compile(r"^-\.?\d")
 
     def error(self, message: str) -> Any:
-        """Refuse the command line."""
+        """Raise UserError with argparse's message and a hint to `--help`."""
         raise UserError(f"{message}. See: {self.prog} --help")
 
 
 def parser() -> Parser:
-    """Return the command line's grammar."""
-    whole = Parser(
+    """Return the parser of the whole command line."""
+    root = Parser(
         prog="drift",
         description="Forecast where an object adrift at sea may be.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    whole.add_argument("--version", action="store_true", help="print the version")
-    whole.add_argument(
+    root.add_argument("--version", action="store_true", help="print the version")
+    root.add_argument(
         "--print-completion",
         choices=SHELLS,
         metavar="SHELL",
-        help=f"print what makes a shell complete words of drift: {', '.join(SHELLS)}",
+        help="print a script that completes drift's commands and options in a shell: "
+        f"{', '.join(SHELLS)}",
     )
-    whole.set_defaults(json=False, quiet=False)
-    commands = whole.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
+    root.set_defaults(json=False, quiet=False)
+    commands = root.add_subparsers(dest="command", metavar="COMMAND", parser_class=Parser)
 
     run = commands.add_parser("run", help="forecast a case and write maps and tables")
     _add_case(run)
@@ -99,7 +98,7 @@ def parser() -> Parser:
     fit.add_argument(
         "--hold-out",
         action="store_true",
-        help="also fit half of the drifters and say how well that suits the other half",
+        help="also fit half of the drifters and report how well that fit suits the other half",
     )
 
     _add_bridge(commands)
@@ -109,7 +108,8 @@ def parser() -> Parser:
     _add_experiment(commands)
     track = commands.add_parser(
         "track",
-        help="follow a target by the detections there are: its track, its areas, and where to look for it",
+        help="estimate a target's track from its detections: track, containment areas, and where "
+        "to search",
     )
     _add_case(track)
     _add_results(track, "NAME-track")
@@ -121,7 +121,7 @@ def parser() -> Parser:
     cases = commands.add_parser("cases", help="list the cases that ship with drift")
     _add_output(cases, quiet=False)
 
-    new = commands.add_parser("new", help="write a commented case to begin with")
+    new = commands.add_parser("new", help="write a commented case file as a starting point")
     new.add_argument(
         "story", metavar="TEMPLATE", help="position, passage, spill, search or contact"
     )
@@ -132,13 +132,13 @@ def parser() -> Parser:
 
     objects = commands.add_parser("objects", help="list leeway classes, or search them")
     objects.add_argument(
-        "words", nargs="*", metavar="WORDS", help="only classes that hold every word"
+        "words", nargs="*", metavar="WORDS", help="only classes that contain every word"
     )
     _add_output(objects, quiet=False)
 
     _add_info(commands)
     serve.add(commands, BACKENDS)
-    return whole
+    return root
 
 
 def _add_case(command: argparse.ArgumentParser) -> None:
@@ -149,7 +149,8 @@ def _add_case(command: argparse.ArgumentParser) -> None:
         default=[],
         dest="changes",
         metavar="KEY=VALUE",
-        help="change one place of the case, like clock.step='10 min'; lists count from 0; may be repeated",
+        help="change one value of the case, like clock.step='10 min'; list items count from 0; "
+        "may be repeated",
     )
     command.add_argument("--seed", type=int, metavar="N", help="another seed than the case's")
 
@@ -172,13 +173,13 @@ def _add_drifters(command: argparse.ArgumentParser) -> None:
         "--max-gap",
         default="3 h",
         metavar="TIME",
-        help="longest time between fixes that is spanned (default: 3 h)",
+        help="longest gap between fixes that is interpolated (default: 3 h)",
     )
     command.add_argument(
         "--max-speed",
         default="3 m/s",
         metavar="SPEED",
-        help="fixes that need more are not believed (default: 3 m/s)",
+        help="reject fixes that imply a higher speed (default: 3 m/s)",
     )
     command.add_argument(
         "--ends-aground",
@@ -201,11 +202,12 @@ def _add_results(command: argparse.ArgumentParser, folder: str) -> None:
         "--backend",
         choices=BACKENDS,
         default="cpu",
-        help="where the particles move: on the processor or on a graphics card; auto: on a card if there is one and it is "
-        "worth it (default: cpu)",
+        help="where particles are computed: the CPU or a graphics card; auto: a card if there is "
+        "one and the run is "
+        "large enough (default: cpu)",
     )
     command.add_argument(
-        "--overwrite", action="store_true", help="replace results that the folder holds"
+        "--overwrite", action="store_true", help="replace results that the folder contains"
     )
     _add_output(command)
 
@@ -214,14 +216,15 @@ def _add_scale(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--memory",
         metavar="SIZE",
-        help='memory that it may take, as "4 GB" (default: half of what is free); more particles '
-        "than fit are moved in shards, and a run that was stopped goes on with those that are missing",
+        help='memory that the run may use, as "4 GB" (default: half of the free memory); more '
+        "particles "
+        "than fit are computed in shards, and a stopped run continues with the missing shards",
     )
     command.add_argument(
         "--shards",
         type=int,
         metavar="N",
-        help="cut the particles into so many shards; the result doesn't change",
+        help="divide the particles into this many shards; the result doesn't change",
     )
 
 
@@ -229,8 +232,9 @@ def _add_resume(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--resume",
         action="store_true",
-        help="do nothing where the folder holds the results of exactly this run, else make "
-        "them: go on where this run was stopped, and replace results of another one once the new ones are complete",
+        help="do nothing if the folder contains the results of exactly this run; otherwise compute "
+        "them, continue if this run was stopped, and replace results of another run once the new "
+        "ones are complete",
     )
 
 
@@ -239,10 +243,12 @@ def _add_cluster(command: argparse.ArgumentParser) -> None:
         "--workers",
         type=int,
         metavar="N",
-        help="deal the shards out to so many processes of this machine",
+        help="distribute the shards over this many processes of this machine",
     )
     command.add_argument(
-        "--cluster", metavar="ADDRESS", help="deal them out to a dask cluster, as tcp://head:8786"
+        "--cluster",
+        metavar="ADDRESS",
+        help="distribute them over a dask cluster, as tcp://head:8786",
     )
 
 
@@ -250,19 +256,19 @@ def _add_output(command: argparse.ArgumentParser, *, quiet: bool = True) -> None
     how = command.add_mutually_exclusive_group()
     how.add_argument("--json", action="store_true", help="print one JSON object, errors too")
     if quiet:
-        how.add_argument("--quiet", action="store_true", help="print errors and warnings alone")
+        how.add_argument("--quiet", action="store_true", help="print only errors and warnings")
 
 
 def _add_compare(commands: Any) -> None:
     compare = commands.add_parser(
-        "compare", help="run two cases on the same random numbers and say what differs"
+        "compare", help="run two cases on the same random numbers and report the differences"
     )
     _add_case(compare)
     compare.add_argument(
         "other",
         metavar="B",
         nargs="?",
-        help="the case that is compared with it (default: the same, changed by --set-b)",
+        help="the second case (default: the first one, changed by --set-b)",
     )
     compare.add_argument(
         "--set-b",
@@ -270,19 +276,19 @@ def _add_compare(commands: Any) -> None:
         default=[],
         dest="changes_b",
         metavar="KEY=VALUE",
-        help="change one place of B alone, where --set changes both; may be repeated",
+        help="change one value of B only, where --set changes both; may be repeated",
     )
     compare.add_argument(
         "--plan",
         action="store_true",
-        help="plan the next search of each too, and compare what it finds",
+        help="also plan the next search of each, and compare the probability of success",
     )
     _add_results(compare, "NAME-compare")
 
 
 def _add_verify(commands: Any) -> None:
     verify = commands.add_parser(
-        "verify", help="forecast real drifters from many starts and say how that went"
+        "verify", help="forecast real drifters from many starts and score the forecasts"
     )
     _add_case(verify)
     _add_drifters(verify)
@@ -296,7 +302,7 @@ def _add_verify(commands: Any) -> None:
         "--error",
         default="100 m",
         metavar="LENGTH",
-        help="radius that holds half of the fixes' errors (default: 100 m)",
+        help="radius that contains half of the position errors of the fixes (default: 100 m)",
     )
     verify.add_argument(
         "--particles", type=int, default=4000, metavar="N", help="in each forecast (default: 4000)"
@@ -307,7 +313,8 @@ def _add_verify(commands: Any) -> None:
 def _add_bridge(commands: Any) -> None:
     bridge = commands.add_parser(
         "bridge",
-        help="say where something is between known places, and when it crosses a line, without particles",
+        help="estimate positions between known way points, and crossing times of lines, without "
+        "particles",
     )
     bridge.add_argument(
         "file", metavar="FILE", help="way points, lines and times as TOML (docs/bridges.md)"
@@ -319,7 +326,7 @@ def _add_bridge(commands: Any) -> None:
         "--out",
         type=Path,
         metavar="PNG",
-        help="draw the areas on the coast, and the crossing times",
+        help="draw the areas on a chart, and the crossing times",
     )
     bridge.add_argument(
         "--geojson", type=Path, metavar="FILE", help="write the areas and mean positions as GeoJSON"
@@ -340,35 +347,37 @@ def _add_fit_bridge(commands: Any) -> None:
         "--by",
         choices=("neighbours", "steady", "wandering"),
         default="neighbours",
-        help="the likelihood: fixes against their neighbours, all steps with a mean velocity, or without "
+        help="the likelihood: of each fix given its neighbours, of all steps with a mean "
+        "velocity, or of all steps without "
         "(default: neighbours)",
     )
     fit.add_argument(
         "--every",
         metavar="TIME",
-        help="thin the tracks to fixes so far apart, like '6 h' (default: all)",
+        help="thin the tracks to fixes this far apart, like '6 h' (default: all)",
     )
     fit.add_argument(
         "--max-gap",
         metavar="TIME",
-        help="longest time from fix to fix that counts (default: 1.5 times --every, or 24 h)",
+        help="longest time between fixes that is used (default: 1.5 times --every, or 24 h)",
     )
     fit.add_argument(
         "--min-speed",
         metavar="SPEED",
-        help="only steps faster than this from fix to fix, like '5 kn' (default: all)",
+        help="use only steps faster than this between fixes, like '5 kn' (default: all)",
     )
     fit.add_argument(
         "--max-speed",
         default="60 kn",
         metavar="SPEED",
-        help="fixes that need more are not believed (default: 60 kn)",
+        help="reject fixes that imply a higher speed (default: 60 kn)",
     )
     fit.add_argument(
         "--error",
         default="10 m",
         metavar="LENGTH",
-        help='radius that holds half of the fixes\' errors, or "fit" to fit it too (default: 10 m)',
+        help='radius that contains half of the position errors of the fixes, or "fit" to fit it '
+        "too (default: 10 m)",
     )
     fit.add_argument(
         "--without",
@@ -378,7 +387,8 @@ def _add_fit_bridge(commands: Any) -> None:
     fit.add_argument(
         "--hold-out",
         action="store_true",
-        help="also fit every other track and say what the 50 and 90 %% areas hold of the rest",
+        help="also fit every other track and report the coverage of the 50 and 90 %% areas on "
+        "the rest",
     )
     _add_output(fit, quiet=False)
 
@@ -386,14 +396,15 @@ def _add_fit_bridge(commands: Any) -> None:
 def _add_experiment(commands: Any) -> None:
     experiment = commands.add_parser(
         "experiment",
-        help="run a case many times, in several ways on common random numbers, and say how its figures scatter",
+        help="run a case many times, in several variants on common random numbers, and report "
+        "the spread of its figures",
     )
     _add_case(experiment)
     experiment.add_argument(
         "--runs",
         type=int,
         metavar="N",
-        help="how many of each (default: 20, or the tracking case's)",
+        help="runs of each variant (default: 20, or the tracking case's)",
     )
     experiment.add_argument(
         "--with",
@@ -401,7 +412,7 @@ def _add_experiment(commands: Any) -> None:
         default=[],
         dest="variants",
         metavar="NAME:KEY=VALUE",
-        help="run it also with one place changed, several with ; between; may be repeated",
+        help="also run a variant with one value changed, several separated by ; may be repeated",
     )
     experiment.add_argument(
         "--figure",
@@ -409,7 +420,8 @@ def _add_experiment(commands: Any) -> None:
         default=[],
         dest="figures",
         metavar="PATH",
-        help="a number of summary.json, like outputs.-1.area_nmi2.95%%, * at the end for all; may be repeated (default: "
+        help="a number of summary.json, like outputs.-1.area_nmi2.95%%; * at the end for all; "
+        "may be repeated (default: "
         "areas, POS, evidence)",
     )
     _add_results(experiment, "NAME-experiment")
@@ -417,60 +429,61 @@ def _add_experiment(commands: Any) -> None:
 
 def _add_sensor(commands: Any) -> None:
     sensor = commands.add_parser(
-        "sensor", help="say where a sensor of a case would hear, or see, a target"
+        "sensor", help="map where a sensor of a case would detect a target"
     )
     _add_case(sensor)
-    sensor.add_argument("name", metavar="NAME", help="of its [[sensor]] table")
+    sensor.add_argument("name", metavar="NAME", help="name of a [[sensor]] table of the case")
     sensor.add_argument(
         "--time",
         metavar="TIME",
-        help="when, like 211830ZNOV26 or '+6 h' (default: the start of the case, or of the one "
+        help="like 211830ZNOV26 or '+6 h' (default: the start of the case, or of the one "
         "sortie that carries the sensor)",
     )
     sensor.add_argument(
         "--at",
         metavar="POSITION",
-        help="where, like '36 00N 070 00W', of a sensor whose table does not say (default: where "
-        "the one sortie that carries it is then)",
+        help="position of the sensor, like '36 00N 070 00W', if its table gives none (default: "
+        "the position "
+        "then of the one sortie that carries it)",
     )
     sensor.add_argument(
-        "--heading", metavar="DEG", help="of the array of a sensor that is placed by --at"
+        "--heading", metavar="DEG", help="heading of the array of a sensor that is placed by --at"
     )
     sensor.add_argument(
-        "--beams", metavar="1,4", help="numbers of the beams that are listened to (default: all)"
+        "--beams", metavar="1,4", help="numbers of the beams that are processed (default: all)"
     )
     sensor.add_argument(
         "--scenario",
         metavar="SCENARIO",
-        help="whose source level is heard (default: the likeliest beforehand)",
+        help="scenario whose source level is used (default: the one with the highest prior)",
     )
     sensor.add_argument(
         "--speed",
         metavar="SPEED",
-        help="of the target, like '8 kn', where its source level goes by speed (default: the "
-        "slowest that is given)",
+        help="speed of the target, like '8 kn', if its source level depends on speed (default: the "
+        "lowest in its table)",
     )
     sensor.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for the results (default: CASE-sensor-NAME)"
     )
     sensor.add_argument(
-        "--overwrite", action="store_true", help="replace results that the folder holds"
+        "--overwrite", action="store_true", help="replace results that the folder contains"
     )
     _add_output(sensor)
 
 
 def _add_info(commands: Any) -> None:
     info = commands.add_parser(
-        "info", help="say how a forcing file was understood, or which graphics cards there are"
+        "info", help="report how forcing files are interpreted, or which graphics cards there are"
     )
     info.add_argument(
         "files",
         nargs="*",
         metavar="FILE",
-        help="files of one source: joined in time, u and v may be apart",
+        help="files of one source; they are joined in time, u and v may be in separate files",
     )
     info.add_argument(
-        "--backend", action="store_true", help="list graphics cards, and what --backend auto takes"
+        "--backend", action="store_true", help="list graphics cards and what --backend auto selects"
     )
     info.add_argument(
         "--as", choices=tuple(QUANTITIES), dest="quantity", help="read the files as this quantity"

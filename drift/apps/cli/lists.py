@@ -1,4 +1,4 @@
-"""Commands that list or describe, and the one that begins a case: cases, new, objects, info."""
+"""Commands that list or describe (cases, objects, info), and `new`, which writes a case file."""
 
 import argparse
 from pathlib import Path
@@ -11,7 +11,7 @@ from drift.products.files import interrupt
 from geo.errors import UserError
 
 
-def cases(given: argparse.Namespace) -> Answer:
+def cases(args: argparse.Namespace) -> Answer:
     """List the shipped cases."""
     from drift.case import file as case_file
 
@@ -25,40 +25,43 @@ def cases(given: argparse.Namespace) -> Answer:
             table.add_row(name, f"{title} (tracking)")
         terminal.show(table)
 
-    told = {"cases": shipped, "tracking_cases": tracking}
+    titles = {"cases": shipped, "tracking_cases": tracking}
     numbers = {
-        key: [{"name": name, "title": title} for name, title in rows] for key, rows in told.items()
+        key: [{"name": name, "title": title} for name, title in rows]
+        for key, rows in titles.items()
     }
     return Answer(numbers=numbers, show=show)
 
 
-def new(given: argparse.Namespace) -> Answer:
-    """Write a commented case to begin with."""
+def new(args: argparse.Namespace) -> Answer:
+    """Write a commented case file as a starting point."""
     from drift.case import template
 
-    path = given.file or Path(f"{given.story}.toml")
-    template.write(given.story, path)
+    path = args.file or Path(f"{args.story}.toml")
+    template.write(args.story, path)
     return Answer(
         lines=(
-            f"{path}: {(template.TEMPLATES | template.TRACKED)[given.story]}. Next: drift check {path}",
+            f"{path}: {(template.TEMPLATES | template.TRACKED)[args.story]}. Next: drift check "
+            f"{path}",
         ),
         numbers={"file": path},
     )
 
 
-NO_SEARCH_OBJECT = "none of the sweep width tables fits; give sweep_width itself"
+NO_SEARCH_OBJECT = "no sweep width table fits; give sweep_width instead"
 
 
-def objects(given: argparse.Namespace) -> Answer:
+def objects(args: argparse.Namespace) -> Answer:
     """List leeway classes, or search them."""
     from drift.engine.motion import everyday, leeway
 
-    words = " ".join(given.words)
+    words = " ".join(args.words)
     classes = leeway.search(words)
     if not classes:
         raise UserError(
-            f'no leeway class holds "{words}"; see them all: drift objects. What none fits is described in the case: '
-            'object = { windage = "3 %" }, or leeway lines of your own'
+            f'no leeway class contains "{words}"; list all: drift objects. If none fits, '
+            "describe the object in the case: "
+            'object = { windage = "3 %" }, or leeway coefficients of your own'
         )
     names = tuple(leeway.classes())
     meant = ((word, everyday.meaning(word, names)) for word in everyday.parts(words))
@@ -82,17 +85,19 @@ def objects(given: argparse.Namespace) -> Answer:
         if upwind := [
             f"{drifter.name} {drifter.lull:.1f}" for drifter in classes if drifter.lull > 0
         ]:
-            told = ", ".join(upwind)
+            listed = ", ".join(upwind)
             terminal.say(
-                f"Mean drift is upwind, as published, in winds below [m/s]: {told} (docs/leeway.md)."
+                f"Mean drift is upwind, as published, in winds below [m/s]: {listed} "
+                "(docs/leeway.md)."
             )
-        for target, own in seen.items():
-            terminal.say(f"search_object of {_listed(own)}: {target}")
+        for target, drifters in seen.items():
+            terminal.say(f"search_object of {_shortened(drifters)}: {target}")
         for note in notes:
             terminal.say(note)
         if not words:
             terminal.say(
-                'Besides: "water" for a pure water drifter, { windage = "3 %" } or lines of your own in the case file.'
+                'Also: "water" for a pure water drifter, { windage = "3 %" } or coefficients of '
+                "your own in the case file."
             )
 
     return Answer(
@@ -100,8 +105,8 @@ def objects(given: argparse.Namespace) -> Answer:
     )
 
 
-def _listed(names: list[str]) -> str:
-    """Return names of one kind in few words: SKIFF-1, -2, -4, SPORT-BOAT."""
+def _shortened(names: list[str]) -> str:
+    """Return names as one text, with equal prefixes shortened: SKIFF-1, -2, -4, SPORT-BOAT."""
     kinds: dict[str, list[str]] = {}
     for name in names:
         kind, _, number = name.rpartition("-")
@@ -113,7 +118,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _numbers(drifter: Any) -> dict[str, Any]:
-    """Return a leeway class for programs, in SI."""
+    """Return a leeway class for programs, in SI units."""
     from drift.engine.motion import everyday
 
     found = everyday.search_objects(drifter.name)
@@ -130,35 +135,35 @@ def _numbers(drifter: Any) -> dict[str, Any]:
     }
 
 
-def info(given: argparse.Namespace) -> Answer:
-    """Say how forcing files were understood, or which graphics cards there are."""
-    if given.backend and (given.files or given.quantity or given.changes or given.plot):
+def info(args: argparse.Namespace) -> Answer:
+    """Report how forcing files are interpreted, or which graphics cards there are."""
+    if args.backend and (args.files or args.quantity or args.changes or args.plot):
         raise UserError("--backend lists graphics cards: give no files with it")
-    if given.backend:
+    if args.backend:
         return cards.listed()
-    if not given.files:
+    if not args.files:
         raise UserError(
             "give forcing files, or --backend to list graphics cards. See: drift info --help"
         )
     with interrupt.leaving_at_once():  # nothing is written
         from geo.forcing import describe
 
-        if given.plot is not None:
-            take.check_file(given.plot, "--plot", ".png")
+        if args.plot is not None:
+            take.check_file(args.plot, "--plot", ".png")
         options: dict[str, Any] = {}
-        if given.changes:
+        if args.changes:
             from drift.case import file as case_file
             from drift.engine.environment import forcing_spec
 
-            changes = take.changed(given.changes)
-            spec = case_file.source(given.quantity or "current", given.files, changes)
+            changes = take.changed(args.changes)
+            spec = case_file.source(args.quantity or "current", args.files, changes)
             options = forcing_spec.options(spec)
-        understood = describe.understand(given.files, given.quantity, **options)
-        told = [describe.describe(source) for source in understood]
-        sketches = [] if given.json else [describe.sketch(source) for source in understood]
+        interpreted = describe.understand(args.files, args.quantity, **options)
+        descriptions = [describe.describe(source) for source in interpreted]
+        sketches = [] if args.json else [describe.sketch(source) for source in interpreted]
 
     def show() -> None:
-        for lines, sketch in zip(told, sketches, strict=True):
+        for lines, sketch in zip(descriptions, sketches, strict=True):
             terminal.say("\n".join([*lines, *sketch]))
 
     numbers: dict[str, Any] = {
@@ -180,23 +185,23 @@ def info(given: argparse.Namespace) -> Answer:
                 "fingerprint": source.fingerprint,
                 "facts": lines,
             }
-            for source, lines in zip(understood, told, strict=True)
+            for source, lines in zip(interpreted, descriptions, strict=True)
         ]
     }
-    if given.plot is None:
+    if args.plot is None:
         return Answer(numbers=numbers, show=show)
     plots = []
-    for source in understood:
-        plot = given.plot
-        if len(understood) > 1:
+    for source in interpreted:
+        plot = args.plot
+        if len(interpreted) > 1:
             plot = plot.with_name(f"{plot.stem}-{source.quantity}{plot.suffix}")
-        _draw(source, plot)
+        _plot_source(source, plot)
         plots.append(plot)
     lines = tuple(f"Map in {plot}" for plot in plots)
     return Answer(lines=lines, numbers={**numbers, "plots": plots}, show=show)
 
 
-def _draw(source: Any, path: Path) -> None:
+def _plot_source(source: Any, path: Path) -> None:
     from drift.products.maps import field, page
     from geo import notation
     from geo.coast import shore

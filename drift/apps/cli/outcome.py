@@ -1,6 +1,4 @@
-"""What a run came to, in a few lines for a terminal: facts by name, in the order in which they are
-read.
-"""
+"""Terminal summaries of runs and plans: short facts by name, in reading order."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -20,45 +18,46 @@ from drift.spills.worlds.products import tables as washup_tables
 from geo import notation
 from geo.notation import NMI, group, position
 
-WORTH_A_WARNING = 0.01  # share of the probability lost from which a line says so
-ASHORE = 0.01  # share of a POS that is of what lies ashore from which it is told apart
+WORTH_A_WARNING = 0.01  # share of lost probability above which a line reports it
+ASHORE = 0.01  # share of a POS due to stranded particles above which it is reported separately
 WORST = 5  # stretches of coast that are listed
-LIKELIEST = 3  # values on an axis of families that are told
-DENSEST = 3  # of those with most objects per km
+LIKELIEST = 3  # values listed for each axis of a scenario family
+DENSEST = 3  # stretches listed by objects per km
 
 
-ALIKE = {"prior": 0.0}  # of what stands for many scenarios together
+NO_PRIOR = {"prior": 0.0}  # for a name that stands for many scenarios together
 
 Facts = dict[str, str]
 
 
 def forecast(numbers: dict[str, Any]) -> Facts:
-    """Return where, how sure and what ended how, at the end of the run; numbers: those of the
-    summary.
+    """Return the state at the end of the run as facts: positions, areas, statuses, evidence.
+
+    numbers: the content of summary.json.
     """
     end = numbers["outputs"][-1]
-    # before the areas that they doubt
+    # warnings come before the areas that they qualify
     facts = {"time": end["date_time_group"]} | _warnings(numbers["warnings"])
     moving = [name for name in ("adrift", "under_way") if end["probability"].get(name, 0.0) > 0]
     afloat = " or ".join(name.replace("_", " ") for name in moving) or "adrift"
     for name, key in (("mean position", "mean"), (f"datum (mean of those {afloat})", "datum")):
         if end[key]:
             facts[name] = end[key]["text"]
-    facts |= {f"{share} area": told for share, told in _areas(end).items()} | _opening(numbers)
+    facts |= {f"{share} area": errors for share, errors in _areas(end).items()} | _opening(numbers)
     for status, share in numbers["account"].items():
         if share > 0:
             facts[status.replace("_", " ")] = notation.percent(share)
-    facts |= {"errors": told} if (told := numbers["uncertainty"]["told"]) else {}
+    facts |= {"errors": errors} if (errors := numbers["uncertainty"]["told"]) else {}
     facts |= _search(numbers) | _guided(numbers)
     facts |= _lost(numbers)
     facts |= _coast(numbers)
     facts |= {"members": _members(numbers["members"])} if "members" in numbers else {}
-    facts |= _stories(numbers["scenario_weights"])
+    facts |= _scenarios(numbers["scenario_weights"])
     return facts | _by_axis(numbers["stories"]) if "stories" in numbers else facts
 
 
 def _guided(numbers: dict[str, Any]) -> Facts:
-    """Return the finds toward which particles were guided, if any."""
+    """Return the contacts toward which the particles were guided; nothing without guidance."""
     if "guide" not in numbers:
         return {}
     finds = ", ".join(f'"{name}"' for name in numbers["guide"]["finds"])
@@ -69,7 +68,7 @@ def _guided(numbers: dict[str, Any]) -> Facts:
 
 
 def _areas(output: dict[str, Any]) -> Facts:
-    """Return the areas of an output in words, by the shares that they hold."""
+    """Return the containment areas of an output as text, by their shares."""
     return {
         share: f"{area:,.0f} nmi2" if area == area else "none"
         for share, area in output["area_nmi2"].items()
@@ -77,28 +76,26 @@ def _areas(output: dict[str, Any]) -> Facts:
 
 
 def _opened(numbers: dict[str, Any]) -> dict[str, Any]:
-    """Return the output that the map and the report show first."""
+    """Return the output that the map and the report show when they are opened."""
     return next(output for output in numbers["outputs"] if output["time"] == numbers["opens"])
 
 
 def _opening(numbers: dict[str, Any]) -> Facts:
-    """Return at which time the map and the report open, and the areas then, where that is not the
-    end.
-    """
-    at = _opened(numbers)
-    if at is numbers["outputs"][-1]:
+    """Return the time that the map and the report show first, with its areas; {} for the end."""
+    opened = _opened(numbers)
+    if opened is numbers["outputs"][-1]:
         return {}
-    areas = ", ".join(f"{share} {told}" for share, told in _areas(at).items())
-    return {"map.png, report.html": f"open at {at['date_time_group']}, areas then: {areas}"}
+    areas = ", ".join(f"{share} {area}" for share, area in _areas(opened).items())
+    return {"map.png, report.html": f"open opened {opened['date_time_group']}, areas then: {areas}"}
 
 
 def summary_of_outcome(last: dict[str, Any]) -> dict[str, Any]:
-    """Return the same for programs, at the end of the run: positions in degrees, the rest in SI.
+    """Return the same facts for programs: positions in degrees, everything else in SI units.
 
-    last: the numbers of the summary. What there are more of stands in summary.json.
+    last: the content of summary.json, which has more.
     """
     end, opened, run = last["outputs"][-1], _opened(last), last["run"]
-    told = {
+    summary = {
         "time": end["time"],
         **{
             name: end[name] and {"lon_deg": end[name]["lon"], "lat_deg": end[name]["lat"]}
@@ -119,9 +116,9 @@ def summary_of_outcome(last: dict[str, Any]) -> dict[str, Any]:
         "warnings": list(last["warnings"]),
     }
     if "members" in last:
-        told["members"] = last["members"]
+        summary["members"] = last["members"]
     if "search" in last:
-        told["sorties"] = [
+        summary["sorties"] = [
             {
                 "name": update["name"],
                 "pos": update["pos"]["all"],
@@ -131,47 +128,50 @@ def summary_of_outcome(last: dict[str, Any]) -> dict[str, Any]:
             if update["kind"] == "sortie"
         ]
     if "spill" in last:
-        told |= {
+        summary |= {
             key: last["spill"][key]
             for key in ("totals", "worst_stretches", "effective_worlds", "finds", "silence")
         }
-    return told
+    return summary
 
 
 def _square_metres(output: dict[str, Any]) -> dict[str, float]:
-    """Return the areas of an output [m2] by the shares that they hold."""
+    """Return the containment areas of an output [m2] by their shares."""
     return {share: 1e6 * area for share, area in output["area_km2"].items()}
 
 
-def _members(told: dict[str, Any]) -> str:
-    """Return how many members of the winds and currents there are, and for which the evidence
-    speaks.
-    """
-    weights = {name: weight["posterior"] for name, weight in told["weights"].items()}
-    if told["effective"] > 0.999 * told["number"]:
-        return f"{told['number']}, all as likely"
+def _members(members: dict[str, Any]) -> str:
+    """Return the number of ensemble members of the forcing, and which the evidence favours."""
+    weights = {name: weight["posterior"] for name, weight in members["weights"].items()}
+    if members["effective"] > 0.999 * members["number"]:
+        return f"{members['number']}, all equally likely"
     first = sorted(weights, key=lambda name: -weights[name])[:3]
     likeliest = ", ".join(f"{name} {notation.percent(weights[name])}" for name in first)
-    return f"{told['number']}, of which {told['effective']:.1f} are effective after all observations; likeliest {likeliest}"
+    return f"{members['number']}, of which {members['effective']:.1f} are effective after all observations; likeliest {likeliest}"
 
 
-def _stories(stories: dict[str, Any]) -> Facts:
-    """Return how likely each scenario is; of many the likeliest, and the others together."""
+def _scenarios(scenarios: dict[str, Any]) -> Facts:
+    """Return the probability of each scenario; of many, the likeliest and the sum of the rest."""
     facts: Facts = {}
     table = np.array(
-        [[story[key] for story in stories.values()] for key in ("prior", "posterior")], float
+        [[scenario[key] for scenario in scenarios.values()] for key in ("prior", "posterior")],
+        float,
     )
     shown = likeliest.likeliest_scenarios(table)
-    names = list(stories)
-    for name, story in ((names[k], stories[names[k]]) for k in shown.alone):
+    names = list(scenarios)
+    for name, scenario in ((names[k], scenarios[names[k]]) for k in shown.alone):
         remarks = (
-            [f"{notation.percent(story['posterior'])} (before: {notation.percent(story['prior'])})"]
-            if len(stories) > 1
+            [
+                f"{notation.percent(scenario['posterior'])} (before: "
+                f"{notation.percent(scenario['prior'])})"
+            ]
+            if len(scenarios) > 1
             else []
         )
-        if story["prior_on_land"] > 0:
+        if scenario["prior_on_land"] > 0:
             remarks.append(
-                f"{notation.percent(story['prior_on_land'])} of its starting positions were on land and ignored"
+                f"{notation.percent(scenario['prior_on_land'])} of its starting positions were "
+                "on land and ignored"
             )
         if remarks:
             facts[f'scenario "{name}"'] = "; ".join(remarks)
@@ -183,12 +183,13 @@ def _stories(stories: dict[str, Any]) -> Facts:
     return facts
 
 
-def _by_axis(told: dict[str, Any]) -> Facts:
-    """Return of families how likely the likeliest values on each axis are, and how many scenarios
-    count; nothing without families.
+def _by_axis(families: dict[str, Any]) -> Facts:
+    """Return the likeliest values on each axis of scenario families, and effective scenarios.
+
+    The result is empty without families.
     """
     facts: Facts = {}
-    for axis, values in told["axes"].items():
+    for axis, values in families["axes"].items():
         first = sorted(values, key=lambda label: -values[label]["posterior"])[:LIKELIEST]
         parts = [
             f"{label} {notation.percent(values[label]['posterior'])} (before: {notation.percent(values[label]['prior'])})"
@@ -196,13 +197,13 @@ def _by_axis(told: dict[str, Any]) -> Facts:
         ]
         facts[f"scenarios by {axis}"] = ", ".join(parts)
     if facts:
-        before, now = (told["effective"][key] for key in ("prior", "posterior"))
-        facts["effective scenarios"] = f"{now:.3g} of {told['number']:,} (before: {before:.3g})"
+        before, now = (families["effective"][key] for key in ("prior", "posterior"))
+        facts["effective scenarios"] = f"{now:.3g} of {families['number']:,} (before: {before:.3g})"
     return facts
 
 
 def plan(planned: Plan) -> Facts:
-    """Return what a plan is worth, and what each unit is to do."""
+    """Return the value of a search plan, and the task of each unit."""
     facts = {"plan": plan_text.worth(planned)}
     facts |= {"ashore": words} if (words := plan_text.stranded(planned)) else {}
     for name, tasking in zip(subareas.names(planned), planned.taskings, strict=True):
@@ -227,7 +228,7 @@ def plan(planned: Plan) -> Facts:
 
 
 def plan_numbers(planned: Plan) -> dict[str, Any]:
-    """Return the same for programs: positions and directions in degrees, the rest in SI."""
+    """Return a plan for programs: positions and directions in degrees, the rest in SI units."""
     return {
         "objective": planned.spec.objective,
         "value": planned.value,
@@ -265,7 +266,7 @@ def plan_numbers(planned: Plan) -> dict[str, Any]:
 
 
 def _at_sea(tasking: Tasking) -> str:
-    """Return of a boat how far it goes by sea, and which of its legs are cut."""
+    """Return the sea distances of a boat, and which of its legs are cut at the coast."""
     remarks = [
         f"{name.lower()} {way / NMI:.1f} nmi by sea, {straight / NMI:.1f} straight"
         for name, way, straight in subareas.by_sea(tasking)
@@ -275,7 +276,7 @@ def _at_sea(tasking: Tasking) -> str:
 
 
 def _warnings(warnings: Sequence[str]) -> Facts:
-    """Return warnings by number, where there are several."""
+    """Return warnings as facts, numbered if there are several."""
     return {
         f"warning {k}" if len(warnings) > 1 else "warning": text
         for k, text in enumerate(warnings, 1)
@@ -283,19 +284,20 @@ def _warnings(warnings: Sequence[str]) -> Facts:
 
 
 def _search(numbers: dict[str, Any]) -> Facts:
-    """Return what sorties and contacts came to."""
+    """Return the POS of each sortie, the effect of each contact, and line crossings."""
     facts: Facts = {}
-    dead: set[str] = set()
+    contradicted: set[str] = set()
     for update in numbers.get("search", {}).get("updates", ()):
         for name, share in update["posterior"].items():
             if (
                 share == 0
-                and name not in dead
-                and numbers["scenario_weights"].get(name, ALIKE)["prior"] > 0
+                and name not in contradicted
+                and numbers["scenario_weights"].get(name, NO_PRIOR)["prior"] > 0
             ):
-                dead.add(name)
+                contradicted.add(name)
                 facts[f'note on "{name}"'] = (
-                    f'{update["kind"]} "{update["name"]}" contradicts this scenario: nothing of it is left'
+                    f'{update["kind"]} "{update["name"]}" contradicts this scenario: its '
+                    "posterior probability is 0"
                 )
         if update["kind"] == "sortie":
             facts[f'sortie "{update["name"]}"'] = (
@@ -303,7 +305,8 @@ def _search(numbers: dict[str, Any]) -> Facts:
             )
         else:
             facts[f'{update["kind"]} "{update["name"]}"'] = (
-                f"{Count(update['ess_after']).words} after it, {update['ess_before']:,.0f} before{_filled(update)}"
+                f"{Count(update['ess_after']).words} after it, {update['ess_before']:,.0f} "
+                f"before{_repopulation(update)}"
             )
     for line in numbers.get("search", {}).get("lines", ()):
         facts[f'line "{line["name"]}"'] = (
@@ -312,17 +315,15 @@ def _search(numbers: dict[str, Any]) -> Facts:
     return facts
 
 
-def _filled(update: Mapping[str, Any]) -> str:
-    """Return what became of the particles after a contact or silence, where they are placed again
-    at contacts.
-    """
+def _repopulation(update: Mapping[str, Any]) -> str:
+    """Return whether particles were repopulated or the track was lost after an update."""
     if update["filled"] == "contact":
         return f"; repopulated, {update['ess_resampled']:,.0f} of them effective"
     return "; the track is lost" if update["filled"] == "lost" else ""
 
 
 def _ashore(update: dict[str, Any]) -> str:
-    """Return which part of a POS is of what lies ashore, where it is worth telling."""
+    """Return the share of a POS that is due to stranded particles, if it is large enough."""
     part = update["pos_ashore"]["all"]
     return (
         f" ({notation.percent(part)} of it ashore)"
@@ -332,7 +333,7 @@ def _ashore(update: dict[str, Any]) -> str:
 
 
 def spill(numbers: dict[str, Any]) -> Facts:
-    """Return how many objects ended how, which stretches get most and when, and what the finds say."""
+    """Return a spill's objects by fate, its worst stretches and when, and the evidence of finds."""
     end, washup = numbers["outputs"][-1], numbers["spill"]
     facts = {"time": end["date_time_group"]}
     for fate, figure in washup["totals"].items():
@@ -377,16 +378,14 @@ def spill(numbers: dict[str, Any]) -> Facts:
 
 
 def _near(place: dict[str, Any]) -> str:
-    """Return the nearest town of a stretch that has no name of its own."""
+    """Return the nearest town to a stretch that has no name of its own; "" otherwise."""
     near = Near(place["near"], 1000 * place["near_km"], place["near_across_water"] == "yes")
     town = gazetteer.place_in_words(near) if place["position"] in place["name"] else ""
     return town and f", {town}"
 
 
 def _number(figure: dict[str, float]) -> str:
-    """Return a number of objects in words: the range over simulated spills first, then the mean and
-    its own error.
-    """
+    """Return a number of objects as text: 10 to 90 % range over spills, mean, sampling error."""
     low, high, mean = (figure[name] for name in ("number_10", "number_90", "expected"))
     span = (
         f"{low:.0f} to {high:.0f} objects" if high > low else f"{low:.0f} object{'s' * (low != 1)}"
@@ -397,23 +396,24 @@ def _number(figure: dict[str, float]) -> str:
 
 
 def origin(release: dict[str, Any], warnings: Sequence[str] = ()) -> Facts:
-    """Return where and when a spill may have been released, by a backward run."""
+    """Return where and when a spill may have been released, from a backward run."""
     facts = origin_text.origin_facts(release) | _warnings(warnings)
     facts["note"] = (
-        "backward: proposes where to look; objects not found are left out. The answer is a forward run (drift run) "
+        "backtrack: proposes where to look; missed objects are not used. Confirm it with a "
+        "forward run (drift run) "
         "with this release as its prior, weighted by all finds"
     )
     return facts
 
 
 def _group(iso: str) -> str:
-    """Return a time as files hold it, 2026-11-21T18:30:00Z, as a date-time group; "never" for NaT."""
+    """Return an ISO time of a results file as a date-time group; "never" for NaT."""
     time = np.datetime64(iso.removesuffix("Z"))
     return "never" if np.isnat(time) else group(time)
 
 
 def _coast(numbers: dict[str, Any]) -> Facts:
-    """Return what the coast does, and what was done to the shoreline."""
+    """Return the behaviour at the coast, and notes on the shoreline."""
     return {
         "coast": numbers["run"]["coast_behaviour"],
         **{f"coast, note {k}": note for k, note in enumerate(numbers["coast"]["notes"], 1)},

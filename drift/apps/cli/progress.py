@@ -1,8 +1,7 @@
-"""Progress of a run: a bar with rate and time left on a terminal, a bar in a notebook, nothing
-where the output is piped.
+"""Progress of a run: a bar on a terminal or in a notebook, and nothing in a pipe.
 
-With the environment variable DRIFT_PROGRESS=lines, which `drift serve` sets, lines of JSON for
-another program.
+With the environment variable DRIFT_PROGRESS=lines, which `drift serve` sets, it writes lines of
+JSON for another program.
 """
 
 import html
@@ -15,16 +14,16 @@ from contextlib import contextmanager
 
 from drift.case.record import Case
 
-Report = Callable[[str, float], None]  # (what is being done, share of it that is done)
-OFTEN = 0.2  # [s] between what other programs and notebooks are told of one phase
+Report = Callable[[str, float], None]  # (phase, share of it that is done, 0 to 1)
+OFTEN = 0.2  # [s] shortest interval between two reports of one phase
 
 
 def silent(phase: str, share: float) -> None:
     """Report nothing."""
 
 
-def sparing(tell: Report) -> Report:
-    """Return a function that reports each phase at once, and its share five times a second at most."""
+def sparing(report_now: Report) -> Report:
+    """Return a reporter that passes on a new phase at once, a share at most 5 times a second."""
     last = ("", 0.0)
 
     def report(phase: str, share: float) -> None:
@@ -32,31 +31,31 @@ def sparing(tell: Report) -> Report:
         now = time.monotonic()
         if phase != last[0] or now - last[1] >= OFTEN:
             last = (phase, now)
-            tell(phase, share)
+            report_now(phase, share)
 
     return report
 
 
 def line(phase: str, share: float) -> None:
-    """Write progress on standard error as a line: a mark (RS) and JSON."""
+    """Write progress on standard error as one line: a record separator (RS) and JSON."""
     print(f"\x1e{json.dumps({'phase': phase, 'share': share})}", file=sys.stderr, flush=True)
 
 
 def _in_notebook() -> bool:
-    """Whether what runs this is a Jupyter kernel, which shows HTML."""
+    """Return True in a Jupyter kernel, which can show HTML."""
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     return getattr(shell, "kernel", None) is not None
 
 
 @contextmanager
 def _beneath_cell() -> Iterator[Report]:
-    """Give a function that shows progress beneath a notebook's cell, where nothing of it stays."""
+    """Yield a function that shows progress beneath a notebook's cell, and remove it at the end."""
     from IPython.display import HTML, display
 
     shown = display(HTML(""), display_id=True)
 
     def report(phase: str, share: float) -> None:
-        done = f" value='{share:.3f}'" if share > 0 else ""  # none: a pulse
+        done = f" value='{share:.3f}'" if share > 0 else ""  # without a value the bar pulses
         shown.update(HTML(f"<progress{done}></progress> {html.escape(phase)}"))
 
     try:
@@ -67,24 +66,24 @@ def _beneath_cell() -> Iterator[Report]:
 
 @contextmanager
 def progress(case: Case | None = None, *, quiet: bool = False) -> Iterator[Report]:
-    """Give a function that shows how far a job is, for its `report`: `with drift.progress(case) as
-    report:`.
+    """Yield a function that shows progress, for the `report` argument of a job.
 
-    It shows a bar on a terminal, by standard error, or in a notebook; elsewhere nothing.
+    Use it as `with drift.progress(case) as report:`. It shows a bar on a terminal (on standard
+    error) or in a notebook, elsewhere nothing.
 
     Args:
-        case: whose simulated hours a second are shown on a terminal; None: shares alone.
+        case: a case whose simulated hours per second are shown on a terminal; None: only shares.
         quiet: whether nothing is shown anywhere.
 
     Returns:
-        A context with the function (phase, share of it that is done, 0 to 1).
+        A context manager that yields the function (phase, share of it that is done, 0 to 1).
     """
     if os.environ.get("DRIFT_PROGRESS") == "lines":
         yield sparing(line)
         return
     if not quiet and _in_notebook():
-        with _beneath_cell() as tell:
-            yield tell
+        with _beneath_cell() as report_in_notebook:
+            yield report_in_notebook
         return
     if quiet or not sys.stderr.isatty():
         yield silent
@@ -107,7 +106,7 @@ def progress(case: Case | None = None, *, quiet: bool = False) -> Iterator[Repor
         if phase not in tasks:
             for done in tasks.values():
                 bar.update(done, completed=1.0, visible=False)
-            # a pulse until a share is known
+            # the bar pulses until a share is known
             tasks[phase] = bar.add_task(phase, total=None, rate="")
         speed = next(task.speed for task in bar.tasks if task.id == tasks[phase])
         rate = f"{speed * hours:.1f} h/s" if hours and speed and phase.endswith("drift") else ""

@@ -1,4 +1,4 @@
-"""The command of sensors: sensor."""
+"""The command `drift sensor`."""
 
 import argparse
 import re
@@ -10,26 +10,26 @@ from drift.products.files import interrupt
 from geo.errors import UserError
 
 
-def sensor(given: argparse.Namespace) -> Answer:
-    """Say where a sensor of a case would hear, or see, a target."""
+def sensor(args: argparse.Namespace) -> Answer:
+    """Map where a sensor of a case would detect a target."""
     with interrupt.leaving_at_once():
-        case = take.case(given.case, given.changes, given.seed)
-        label = re.sub(r"[^\w.-]+", "_", given.name)[:60]
-        out = given.out or Path(f"{case.path.stem}-sensor-{label}")
-        beams = None if given.beams is None else _beams(given.beams)
+        case = take.case(args.case, args.changes, args.seed)
+        label = re.sub(r"[^\w.-]+", "_", args.name)[:60]
+        out = args.out or Path(f"{case.path.stem}-sensor-{label}")
+        beams = None if args.beams is None else _beams(args.beams)
         from drift.apps.sensor import command, text
 
     found = command.sensor_reach(
         case,
-        given.name,
+        args.name,
         out,
-        time=given.time,
-        at=given.at,
-        heading=given.heading,
+        time=args.time,
+        at=args.at,
+        heading=args.heading,
         beams=beams,
-        scenario=given.scenario,
-        speed=given.speed,
-        overwrite=given.overwrite,
+        scenario=args.scenario,
+        speed=args.speed,
+        overwrite=args.overwrite,
     )
     line = f"Maps in {out / 'sensor.png'}, all results in {out}"
     return Answer(
@@ -38,8 +38,8 @@ def sensor(given: argparse.Namespace) -> Answer:
 
 
 def _beams(text: str) -> list[int]:
-    """Return the numbers of "1,4"."""
+    """Return the beam numbers of a text like "1,4"."""
     try:
         return [int(part) for part in text.split(",")]
     except ValueError:
-        raise UserError(f'--beams "{text}" must be numbers with commas between, like 1,4') from None
+        raise UserError(f'--beams "{text}" must be numbers separated by commas, like 1,4') from None

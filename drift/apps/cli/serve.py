@@ -1,4 +1,4 @@
-"""`drift serve`: its options, and its call."""
+"""The command `drift serve`: its options and its call."""
 
 import argparse
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from drift.apps.cli.answer import Answer
 
 
 def add(commands: Any, backends: Sequence[str]) -> None:
-    """Add the command to the grammar; backends: where particles can move."""
+    """Add the command's parser to the grammar; backends: the allowed values of --backend."""
     serve = commands.add_parser(
         "serve", help="edit, run and read cases in the browser (docs/serve.md)"
     )
@@ -18,13 +18,13 @@ def add(commands: Any, backends: Sequence[str]) -> None:
         nargs="?",
         default=".",
         metavar="FOLDER",
-        help="cases and results (default: this folder)",
+        help="folder of cases and results (default: the current folder)",
     )
     serve.add_argument(
         "--host",
         default="127.0.0.1",
         metavar="ADDRESS",
-        help="where it listens (default: this machine alone)",
+        help="address to listen on (default: 127.0.0.1, this machine only)",
     )
     serve.add_argument(
         "--port", type=int, metavar="N", help="port (default: 8765, or the next free one)"
@@ -34,51 +34,51 @@ def add(commands: Any, backends: Sequence[str]) -> None:
         action="append",
         default=[],
         metavar="PATH",
-        help="cases may read this file or folder too, besides FOLDER and DRIFT_DATA; may be repeated",
+        help="a file or folder that cases may read, besides FOLDER and DRIFT_DATA; may be repeated",
     )
     serve.add_argument(
         "--allow-host",
         action="append",
         default=[],
         metavar="HOST",
-        help="cases may ask addresses at this host (OPeNDAP); may be repeated",
+        help="a host that cases may open addresses at (OPeNDAP); may be repeated",
     )
     serve.add_argument(
         "--hours",
         type=float,
         default=12.0,
         metavar="N",
-        help="the most that a job may take (default: 12)",
+        help="longest time that a job may run [h] (default: 12)",
     )
     serve.add_argument(
         "--memory",
         type=float,
         metavar="GIB",
-        help="the most memory that a job may take (default: what the machine has; not on Windows)",
+        help="most memory that a job may use (default: no limit but the machine's; not on Windows)",
     )
     serve.add_argument(
         "--backend",
         choices=backends,
         default="cpu",
-        help="where particles of jobs move, as in drift run (default: cpu)",
+        help="where particles of jobs are computed, as in drift run (default: cpu)",
     )
     serve.add_argument("--no-browser", action="store_true", help="only print the address")
 
 
-def run(given: argparse.Namespace) -> Answer:
-    """Serve until interrupted."""
+def run(args: argparse.Namespace) -> Answer:
+    """Serve the folder until interrupted."""
     from drift.apps.serve import server
 
     server.serve(
-        given.folder,
-        host=given.host,
-        port=given.port,
-        allow=given.allow,
-        allow_host=given.allow_host,
-        hours=given.hours,
-        memory=given.memory,
-        backend=given.backend,
-        browser=not given.no_browser,
+        args.folder,
+        host=args.host,
+        port=args.port,
+        allow=args.allow,
+        allow_host=args.allow_host,
+        hours=args.hours,
+        memory=args.memory,
+        backend=args.backend,
+        browser=not args.no_browser,
         say=terminal.say,
     )
     return Answer()

@@ -1,6 +1,4 @@
-"""What the command line prints: lines at once, tables of `rich`, streams that always have a place
-to go.
-"""
+"""What the command line prints: lines that appear at once, tables of `rich`, and safe streams."""
 
 import contextlib
 import io
@@ -12,9 +10,7 @@ from geo.errors import UserError
 
 
 def lines(error: UserError) -> list[str]:
-    """Return a refusal as lines that a terminal can show, one a mistake, whatever the user had
-    written.
-    """
+    """Return the lines of an error, one per mistake, without unprintable letters and shortened."""
     return [_line(line) for line in error.lines]
 
 
@@ -24,16 +20,17 @@ def _line(text: str) -> str:
 
 
 def open_streams() -> None:
-    """Give closed streams (`>&-`) a place to go, and letters that a stream cannot show a
-    substitute.
+    """Make the standard streams safe to print to.
+
+    Closed streams (`>&-`) become the null device; letters that cannot be encoded become "?".
     """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
-            nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
-            setattr(sys, name, nowhere)
-            # Taichi takes a stream that was exchanged for a notebook's
-            setattr(sys, f"__{name}__", nowhere)
+            null_stream = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+            setattr(sys, name, null_stream)
+            # Taichi mistakes a replaced stream for a notebook's
+            setattr(sys, f"__{name}__", null_stream)
         elif isinstance(stream, io.TextIOWrapper) and stream.errors in {
             "strict",
             "surrogateescape",
@@ -42,57 +39,55 @@ def open_streams() -> None:
 
 
 def say(text: str) -> None:
-    """Print on standard output, at once: a failure can still be told."""
+    """Print a line on standard output at once; raise UserError if the stream rejects it."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
         raise
     except OSError as error:
-        # what is left in the buffer would fail once more at the end
+        # else the text that is left in the buffer would fail again at exit
         with contextlib.suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise UserError(
-            f"cannot write to standard output: {error.strerror}; results that were asked for stand"
+            f"cannot write to standard output: {error.strerror}; results already written are "
+            "complete"
         ) from None
 
 
-def print_facts(title: str, named: dict[str, str]) -> None:
-    """Print a title, and facts by name.
-
-    On a terminal they are folded to its width; in a pipe each is one line.
-    """
-    page = empty_table("", "")
-    page.show_header = False
-    for column in page.columns:
+def print_facts(title: str, facts: dict[str, str]) -> None:
+    """Print a title and facts by name, folded on a terminal, one line each in a pipe."""
+    table = empty_table("", "")
+    table.show_header = False
+    for column in table.columns:
         column.overflow = "fold"  # a long path is folded, not cut
     if sys.stdout.isatty():
         from rich.console import Console
 
         console = Console(highlight=False, markup=False)
-        page.columns[0].max_width = max(console.width // 3, 16)
+        table.columns[0].max_width = max(console.width // 3, 16)
         console.print(title, overflow="fold")
     else:
         say(title)
-    for name, fact in named.items():
-        page.add_row(name, fact)
-    show(page)
+    for name, fact in facts.items():
+        table.add_row(name, fact)
+    show(table)
 
 
 def show(table: Any) -> None:
-    """Print a table."""
+    """Print a table of `rich`."""
     from rich.console import Console
 
     if sys.stdout.isatty():
         Console(highlight=False, markup=False).print(table)
         return
-    # A pipe has no width of its own: lines stay whole there, and end where their text does.
+    # A pipe has no width: lines are not folded there, and trailing blanks are removed.
     page = io.StringIO()
     Console(file=page, highlight=False, markup=False, width=10_000, color_system=None).print(table)
     say("\n".join(line.rstrip() for line in page.getvalue().splitlines()).strip("\n"))
 
 
 def empty_table(*headings: str) -> Any:
-    """Return an empty table of `rich`."""
+    """Return an empty table of `rich` with these headings."""
     from rich import box
     from rich.table import Table
 

@@ -1,5 +1,7 @@
-"""A command that ends with the process that started it, which holds its standard input open
-(`drift.apps.serve.jobs`).
+"""Entry point for a command that ends together with the process that started it.
+
+That process (`drift.apps.serve.jobs`) holds the command's standard input open; its end is the
+signal.
 """
 
 import contextlib
@@ -15,7 +17,7 @@ from drift.apps.cli import commands
 from geo.files import child, fence, landlock
 
 PACKAGES = ("drift", "geo", "kernels", "cases")
-# files of graphics cards and of their drivers, below the root: those that are read, and written too
+# files of graphics cards and their drivers, below the root: read-only ("r") and writable ("w")
 CARDS = {
     "r": (
         "proc/driver/nvidia",
@@ -28,42 +30,52 @@ CARDS = {
     ),
     "w": ("dev/nvidia*", "dev/dri"),
 }
-GRACE = 10.0  # [s] to leave nothing half written
+GRACE = 10.0  # [s] for the command to clean up before it is ended
 
 
 def main(memory: int | None = None) -> None:
-    """Run the command line, and end the process once its input does; memory: the most that it may
-    take [bytes].
+    """Run the command line, and end the process when its standard input closes.
+
+    memory: limit of the process [bytes].
     """
     if memory is not None:
-        child.limit(RLIMIT_DATA=memory)  # what it may write to, of which some it never does
+        child.limit(RLIMIT_DATA=memory)  # writable address space, some of it never used
     enclose(cards="--backend" in sys.argv)
-    threading.Thread(target=_watch, daemon=True).start()
+    threading.Thread(target=_end_with_input, daemon=True).start()
     commands.leave()
 
 
 def enclose(cards: bool = False) -> None:
-    """Have the kernel hold the fence too, where it can: the fence's folders, the working directory
-    and the program.
+    """Have the kernel enforce the file fence too, if it can.
+
+    It allows the fence's folders, the working directory and the program's own files.
 
     cards: whether the command may use graphics cards, which are files.
     """
     if (raised := fence.raised()) is not None:
         specs = filter(None, map(importlib.util.find_spec, PACKAGES))
-        program = [Path(place) for spec in specs for place in spec.submodule_search_locations or ()]
-        # Where it is installed as it stands, what says its version lies beside the packages.
-        about = [path for place in program for path in place.parent.glob("casp_drift*-info")]
+        program = [
+            Path(location) for spec in specs for location in spec.submodule_search_locations or ()
+        ]
+        # In an editable install the metadata with the version is beside the packages.
+        metadata = [
+            path for location in program for path in location.parent.glob("casp_drift*-info")
+        ]
         here = Path.cwd()
         read, written = (
-            [place for one in CARDS[way] for place in Path("/").glob(one)] if cards else []
-            for way in "rw"
+            [location for pattern in CARDS[access] for location in Path("/").glob(pattern)]
+            if cards
+            else []
+            for access in "rw"
         )
         landlock.enclose(
-            [*raised.folders, here], [*program, *about, *read], [*raised.writable, here, *written]
+            [*raised.folders, here],
+            [*program, *metadata, *read],
+            [*raised.writable, here, *written],
         )
 
 
-def _watch() -> None:
+def _end_with_input() -> None:
     with contextlib.suppress(OSError):
         while os.read(0, 4096):
             pass

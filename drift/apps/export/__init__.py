@@ -1,3 +1,1 @@
-"""Finished results in the formats of other programs: globes, chart plotters, bridges, geographic
-information systems.
-"""
+"""`drift export`: finished results as files for Google Earth, chart plotters, ECDIS and GIS."""

@@ -1,8 +1,7 @@
-"""A plan's ways as RTZ 1.0 (IEC 61174:2015, annex S) for ECDIS: a route for each unit's task, with
-its schedule.
+"""Routes of a search plan as RTZ 1.0 (IEC 61174:2015, annex S) for ECDIS, one per unit's task.
 
-Legs are great circles (Orthodrome). The schema of 1.0 writes sheduleElement, and ends below 180
-degrees east.
+Each route has a schedule, and its legs are great circles (Orthodrome). The 1.0 schema spells
+"sheduleElement" that way, and longitudes stay below 180 degrees east.
 """
 
 import re
@@ -18,10 +17,11 @@ IN = f"{{{gpx.SPACE}}}"
 
 
 def files(run: Finished) -> dict[str, bytes]:
-    """Return plan-A-1.rtz and so on, from the routes of plan.gpx."""
+    """Return the files plan-A-1.rtz and so on, from the routes of plan.gpx."""
     if "plan.gpx" not in run.names:
         raise UserError(
-            f"results {run.folder}: hold no plan, and rtz is for the ways of one; see: drift plan --help"
+            f"results {run.folder}: contain no plan, and rtz holds the routes of a plan; see: "
+            "drift plan --help"
         )
     path = run.folder / "plan.gpx"
     routes = list(checked.xml(path).iter(f"{IN}rte"))
@@ -45,22 +45,24 @@ def _document(route: ET.Element, run: Finished) -> str:
     root = ET.Element("route", {"xmlns": SPACE, "version": "1.0"})
     points = list(route.iter(f"{IN}rtept"))
     times = [point.findtext(f"{IN}time", "") for point in points]
-    about = {
+    info = {
         "routeName": route.findtext(f"{IN}name", ""),
         "routeAuthor": f"casp-drift, run {run.run}",
         "routeStatus": run.forecast.attrs.get("caution", "planned"),
         "validityPeriodStart": times[0],
         "validityPeriodStop": times[-1],
     }
-    ET.SubElement(root, "routeInfo", {key: markup.plain(value) for key, value in about.items()})
-    way = ET.SubElement(root, "waypoints")
+    ET.SubElement(root, "routeInfo", {key: markup.plain(value) for key, value in info.items()})
+    waypoints = ET.SubElement(root, "waypoints")
     schedule = ET.SubElement(
         ET.SubElement(root, "schedules"), "schedule", {"id": "0", "name": "plan"}
     )
     calculated = ET.SubElement(schedule, "calculated")
     for number, (point, time) in enumerate(zip(points, times, strict=True), 1):
         name = markup.plain(point.findtext(f"{IN}name", ""))
-        element = ET.SubElement(way, "waypoint", {"id": str(number), "revision": "0", "name": name})
+        element = ET.SubElement(
+            waypoints, "waypoint", {"id": str(number), "revision": "0", "name": name}
+        )
         at = markup.position(float(point.attrib["lon"]), float(point.attrib["lat"]))
         ET.SubElement(element, "position", at)
         ET.SubElement(element, "leg", {"geometryType": "Orthodrome"})

@@ -1,8 +1,7 @@
-"""Read the files of a finished result, and check each, as it may be damaged or made by another
-program.
+"""Read and check the files of a finished result, which may be damaged or come from another program.
 
-A file that differs from those that drift writes is rejected in a line with the file, the place in
-it, and the error.
+A file that drift cannot have written raises UserError with the file, the place in it, and the
+fault.
 """
 
 import csv
@@ -17,22 +16,22 @@ import xarray as xr
 
 from geo.errors import UserError
 
-LARGEST = 2**29  # [bytes] of a text file: far more than ours have
-# of the lists of coordinates; our files have no others
+LARGEST = 2**29  # [bytes] most of a text file, far more than drift writes
+# depth of nested coordinate lists, for the geometry types that drift writes
 DEPTH = {"Point": 0, "MultiLineString": 2, "MultiPolygon": 3}
-SINGLE = ("LineString", "Polygon")  # taken for one of many
-LEAST = {"MultiLineString": 2, "MultiPolygon": 4}  # points of each line or ring
+SINGLE = ("LineString", "Polygon")  # read as a Multi geometry with one part
+LEAST = {"MultiLineString": 2, "MultiPolygon": 4}  # fewest points of each line or ring
 
 Check = Callable[[Any], bool]
 
 
 def words(value: Any) -> bool:
-    """Whether a value is a text."""
+    """Return True for a text."""
     return isinstance(value, str)
 
 
 def number(value: Any) -> bool:
-    """Whether a value is a finite number, or the text of one."""
+    """Return True for a finite number, or a text of one."""
     if isinstance(value, str):
         try:
             value = float(value)
@@ -42,22 +41,22 @@ def number(value: Any) -> bool:
 
 
 def maybe(check: Check) -> Check:
-    """Return a check that lets unknown values pass."""
+    """Return a check that also accepts missing values (None or "")."""
     return lambda value: value is None or value == "" or check(value)
 
 
 def position(lon: Any, lat: Any) -> bool:
-    """Whether two values are a longitude and a latitude, or their texts."""
+    """Return True for a longitude and a latitude [deg], as numbers or texts."""
     return number(lon) and number(lat) and abs(float(lon)) <= 180 and abs(float(lat)) <= 90
 
 
 def fraction(value: Any) -> bool:
-    """Whether a value is a number above 0 and below 1."""
+    """Return True for a number above 0 and below 1."""
     return not isinstance(value, str) and number(value) and 0 < value < 1
 
 
 def moment(value: Any) -> bool:
-    """Whether a value is a time as our files write it, 2026-06-01T20:00:00Z."""
+    """Return True for a time as drift writes it, like 2026-06-01T20:00:00Z."""
     if not (isinstance(value, str) and value.endswith("Z") and 17 <= len(value) <= 28):
         return False
     try:
@@ -69,21 +68,31 @@ def moment(value: Any) -> bool:
 def features(
     path: Path, needed: Mapping[str, Check], kinds: Collection[str] = tuple(DEPTH)
 ) -> list[dict[str, Any]]:
-    """Return the features of a GeoJSON file; needed: checks of properties by name; kinds: of
-    geometries that are allowed.
+    """Return the checked features of a GeoJSON file.
+
+    Args:
+        path: the file.
+        needed: checks of properties, by name.
+        kinds: geometry types that are allowed.
+
+    Returns:
+        The features; a single line or polygon becomes a Multi geometry.
+
+    Raises:
+        UserError: the file is damaged.
     """
-    whole = _json(path)
-    held = whole.get("features") if isinstance(whole, dict) else None
-    if not isinstance(held, list):
+    document = _json(path)
+    listed = document.get("features") if isinstance(document, dict) else None
+    if not isinstance(listed, list):
         raise damaged(path, "holds no list of features")
-    for row, feature in enumerate(held, 1):
+    for row, feature in enumerate(listed, 1):
         place = f"feature {row}"
         if not isinstance(feature, dict) or not isinstance(feature.get("properties"), dict):
             raise damaged(path, f"{place} is not a feature with properties")
-        told = feature["properties"]
+        properties = feature["properties"]
         for key, check in needed.items():
-            if not check(told.get(key)):
-                raise damaged(path, f"{place} has {key} {_shown(told.get(key))}")
+            if not check(properties.get(key)):
+                raise damaged(path, f"{place} has {key} {_shortened(properties.get(key))}")
         shape = feature.get("geometry")
         if isinstance(shape, dict) and shape.get("type") in SINGLE:
             shape = feature["geometry"] = {
@@ -93,19 +102,20 @@ def features(
         kind = shape.get("type") if isinstance(shape, dict) else None
         if not isinstance(kind, str) or kind not in kinds:
             raise damaged(
-                path, f"{place} has the geometry {_shown(kind)}; it must be a {' or '.join(kinds)}"
+                path,
+                f"{place} has the geometry {_shortened(kind)}; it must be a {' or '.join(kinds)}",
             )
         assert isinstance(shape, dict)
         fault = _fault(shape.get("coordinates"), DEPTH[kind], LEAST.get(kind, 1))
         if fault:
             raise damaged(path, f"{place}: {fault}")
-    return held
+    return listed
 
 
 def _fault(coordinates: Any, depth: int, least: int) -> str:
-    """Return what is wrong with coordinates, lists in lists to a depth; "" where nothing is."""
+    """Return what is wrong with coordinates nested to a depth; "" if they are right."""
     if not isinstance(coordinates, list):
-        return f"its coordinates are {_shown(coordinates)}"
+        return f"its coordinates are {_shortened(coordinates)}"
     if depth:
         if depth == 1 and len(coordinates) < least:
             return f"a line of {len(coordinates)} points"
@@ -116,25 +126,25 @@ def _fault(coordinates: Any, depth: int, least: int) -> str:
         number(x) and not isinstance(x, str) for x in coordinates
     )
     if not (good and abs(coordinates[0]) <= 180 and abs(coordinates[1]) <= 90):
-        return f"{_shown(coordinates)} is not a longitude and a latitude"
+        return f"{_shortened(coordinates)} is not a longitude and a latitude"
     return ""
 
 
 def rows(path: Path, needed: Mapping[str, Check]) -> list[dict[str, str]]:
-    """Return the rows of a CSV file; needed: checks of columns by name."""
+    """Return the checked rows of a CSV file; needed: checks of columns, by name."""
     try:
-        held = list(csv.DictReader(_text(path).splitlines()))
+        table = list(csv.DictReader(_text(path).splitlines()))
     except csv.Error as error:
         raise damaged(path, str(error)) from None
-    for line, row in enumerate(held, 2):
+    for line, row in enumerate(table, 2):
         for key, check in needed.items():
             if not check(row.get(key)):
-                raise damaged(path, f"line {line} has {key} {_shown(row.get(key))}")
-    return held
+                raise damaged(path, f"line {line} has {key} {_shortened(row.get(key))}")
+    return table
 
 
 def xml(path: Path) -> ET.Element:
-    """Return the root of an XML file, which defines no entities."""
+    """Return the root of an XML file; a file that defines entities is rejected."""
     text = _text(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise damaged(path, "defines entities")
@@ -147,15 +157,23 @@ def xml(path: Path) -> ET.Element:
 def dataset(
     path: Path, left_out: list[str], variables: Mapping[str, tuple[str, ...]]
 ) -> xr.Dataset:
-    """Return a netCDF file in memory, without some variables; variables: those that are needed,
-    with their dimensions.
+    """Return a checked netCDF file in memory.
 
-    Their numbers are real; coordinates of one dimension are finite, and times are times. Attributes
-    title and run_id are texts.
+    Args:
+        path: the file.
+        left_out: variables that are not read.
+        variables: variables that are needed, with their dimensions.
+
+    Returns:
+        The dataset: real numbers, finite coordinates, times of type datetime, and texts in the
+        attributes title and run_id.
+
+    Raises:
+        UserError: the file is damaged.
     """
     try:
         data = xr.load_dataset(path, engine="netcdf4", drop_variables=left_out)
-    except Exception as error:  # whatever the libraries raise about a file that they cannot read
+    except Exception as error:  # the libraries raise many types for a file that they cannot read
         raise damaged(
             path, f"cannot be read as netCDF ({' '.join(str(error).split())[:150]})"
         ) from None
@@ -171,35 +189,35 @@ def dataset(
                 path,
                 f"{name} has the dimensions {', '.join(map(str, value.dims)) or 'none'}; {', '.join(dims)} are needed",
             )
-        kind = value.dtype.kind
-        if (kind != "M") if name == "time" else (kind not in "fiu"):
+        dtype_kind = value.dtype.kind
+        if (dtype_kind != "M") if name == "time" else (dtype_kind not in "fiu"):
             raise damaged(path, f"{name} holds no {'times' if name == 'time' else 'numbers'}")
         if value.size == 0:
             raise damaged(path, f"{name} is empty")
         if dims == (name,) and not np.isfinite(value.values).all():
             raise damaged(path, f"{name} has unknown values")
-        if kind == "f" and np.isinf(value.values).any():
+        if dtype_kind == "f" and np.isinf(value.values).any():
             raise damaged(path, f"{name} has infinite values")
     return data
 
 
 def within(path: Path, data: xr.Dataset, names: Mapping[str, float]) -> None:
-    """Reject values of variables whose size exceeds a limit; NaN is none."""
-    for name, most in names.items():
+    """Reject variables with absolute values above a limit; NaN is allowed."""
+    for name, limit in names.items():
         values = data[name].values
-        wrong = np.abs(values) > most
+        wrong = np.abs(values) > limit
         if wrong.any():
-            raise damaged(path, f"{name} has {values[wrong].flat[0]:g}, beyond {most:g}")
+            raise damaged(path, f"{name} has {values[wrong].flat[0]:g}, beyond {limit:g}")
 
 
 def _json(path: Path) -> Any:
     try:
-        return json.loads(_text(path), parse_constant=_refused)
+        return json.loads(_text(path), parse_constant=_reject_constant)
     except (ValueError, RecursionError) as error:
         raise damaged(path, f"is no JSON ({str(error).splitlines()[0][:150]})") from None
 
 
-def _refused(word: str) -> Any:
+def _reject_constant(word: str) -> Any:
     raise ValueError(f"{word} is no number of JSON")
 
 
@@ -214,13 +232,13 @@ def _text(path: Path) -> str:
         raise damaged(path, "is no UTF-8 text") from None
 
 
-def _shown(value: Any) -> str:
+def _shortened(value: Any) -> str:
     text = "missing" if value is None else repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def damaged(path: Path, what: str) -> UserError:
-    """Return the error for a file that drift cannot have written."""
+    """Return the error for a file that is damaged or was not written by drift."""
     line = " ".join(
         f"results {path.parent}: {path.name} is damaged, or was not written by drift: {what}".split()
     )

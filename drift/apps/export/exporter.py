@@ -1,6 +1,4 @@
-"""A finished result, written for other programs: a folder of files in one format, whole or not
-there.
-"""
+"""Export a finished result for other programs: a folder of files in one format, all or none."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +18,7 @@ FORMATS: Mapping[str, Callable[[Finished], dict[str, bytes]]] = {
     "rtz": bridge.files,
     "gif": animation.files,
 }
-# Formats of results of `drift origin`.
+# Formats for results of `drift origin`.
 OF_RELEASE: Mapping[str, Callable[[Release], dict[str, bytes]]] = {
     "kml": globe.release_files,
     "gpx": plotter.release_files,
@@ -39,19 +37,19 @@ def export(
     """Write a finished run in a format of other programs.
 
     Args:
-        folder: what `run`, `plan` or `origin` wrote, whole (see `results`).
-        format: "kml", "kmz", "gpx", "geojson", "geotiff", "rtz" (of plans) or "gif"; of an origin "kml",
-            "gpx" or "geojson".
+        folder: complete results of `run`, `plan` or `origin` (see `results`).
+        format: "kml", "kmz", "gpx", "geojson", "geotiff", "rtz" (of plans) or "gif"; of an origin
+            "kml", "gpx" or "geojson".
         out: a folder; None: FOLDER-FORMAT in the current one.
-        times: outputs that are wanted, such as ["+12 h", "221200ZNOV26"]; () for all.
-        overwrite: whether an earlier export that `out` holds is replaced.
+        times: outputs to export, such as ["+12 h", "221200ZNOV26"]; () for all.
+        overwrite: whether an earlier export in `out` is replaced.
 
     Returns:
         The paths of the files.
 
     Raises:
-        UserError: the folder is not whole, the format does not suit it, a time is no output, or
-            `out` holds something; then nothing is written.
+        UserError: the results are incomplete or do not suit the format, there is no output at a
+            time, or `out` contains files; then nothing is written.
     """
     if format not in FORMATS:
         raise UserError(f'format "{format}" is not known; there are {", ".join(FORMATS)}')
@@ -59,24 +57,25 @@ def export(
     target = Path(out) if out is not None else Path(f"{folder.resolve().name}-{format}")
     publication.check(target, overwrite)
     run = finished.open_result(folder, times)
-    made = _made(run, format)
-    publication.check(target, overwrite, made)
+    contents_by_name = _format_files(run, format)
+    publication.check(target, overwrite, contents_by_name)
 
-    def fill(place: Path) -> None:
-        for name, contents in made.items():
-            (place / name).write_bytes(contents)
+    def fill(staging: Path) -> None:
+        for name, contents in contents_by_name.items():
+            (staging / name).write_bytes(contents)
 
     return writer.whole(target, run.run, fill, overwrite=overwrite)
 
 
-def _made(run: Finished | Release, format: str) -> dict[str, bytes]:
-    """Return the files of a format by name; raise UserError where the result is damaged."""
+def _format_files(run: Finished | Release, format: str) -> dict[str, bytes]:
+    """Return the contents of a format's files by name; raise UserError if the result is damaged."""
     try:
         if isinstance(run, Finished):
             return FORMATS[format](run)
         if format not in OF_RELEASE:
             raise UserError(
-                f"results {run.folder}: come from drift origin, and {format} is for forecasts; give {', '.join(OF_RELEASE)}"
+                f"results {run.folder}: come from drift origin, which {format} does not support; "
+                f"use {', '.join(OF_RELEASE)}"
             )
         return OF_RELEASE[format](run)
     except (
@@ -87,7 +86,7 @@ def _made(run: Finished | Release, format: str) -> dict[str, bytes]:
         AttributeError,
         RecursionError,
     ) as error:
-        # Each file is checked when it is read, but two files may still contradict each other.
+        # Each file is checked when it is read, but two files may contradict each other.
         reason = " ".join(str(error).split())[:150] or type(error).__name__
         raise UserError(
             f"results {run.folder}: cannot be written as {format} ({reason}); run the case again"

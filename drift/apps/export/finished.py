@@ -1,4 +1,4 @@
-"""A finished run as its folder holds it: what files for other programs are made from."""
+"""A finished run as read from its folder: the input of every export format."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from drift.products.files import publication
 from geo import notation
 from geo.errors import UserError
 
-# variables of forecast.nc that no format has
+# variables of forecast.nc that no export format uses
 LARGE = ["probability_by_scenario", "probability_ashore"]
 FORECAST: Mapping[str, tuple[str, ...]] = {
     "time": ("time",),
@@ -29,7 +29,7 @@ CELLS: Mapping[str, tuple[str, ...]] = {
     "probability": ("time", "lat", "lon"),
     "containment": ("time", "lat", "lon"),
 }
-# What is read of the files of a run: checks of properties and columns by name.
+# Checks of properties and columns by name, for the files of a run that are read.
 READ: Mapping[str, Mapping[str, Check]] = {
     "contours.geojson": {"time": moment, "level": fraction, "area_nmi2": number},
     "sorties.geojson": {
@@ -84,11 +84,11 @@ def _features(path: Path) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True)
 class Finished:
-    """A whole result that holds a forecast."""
+    """A complete result with a forecast."""
 
     folder: Path
     names: frozenset[str]  # of its files
-    forecast: xr.Dataset  # at the outputs that are wanted, in ascending order
+    forecast: xr.Dataset  # at the requested outputs, in ascending order
 
     @property
     def title(self) -> str:
@@ -97,61 +97,65 @@ class Finished:
 
     @property
     def run(self) -> str:
-        """The run_id."""
+        """The identifier of the run (run_id)."""
         return str(self.forecast.attrs["run_id"])
 
     @property
     def words(self) -> str:
-        """The description of the run in every file, beginning with what it must not be used for."""
-        told = self.forecast.attrs
-        parts = [str(told.get("caution", "")), f"run {self.run}", str(told.get("source", ""))]
-        parts += [f"WARNING: {told['warning']}"] if told.get("warning") else []
-        parts += [f"Errors: {told['uncertainty']}"] if told.get("uncertainty") else []
+        """The description of the run in every file; it starts with the caution."""
+        attributes = self.forecast.attrs
+        parts = [
+            str(attributes.get("caution", "")),
+            f"run {self.run}",
+            str(attributes.get("source", "")),
+        ]
+        parts += [f"WARNING: {attributes['warning']}"] if attributes.get("warning") else []
+        parts += [f"Errors: {attributes['uncertainty']}"] if attributes.get("uncertainty") else []
         return ". ".join(part for part in parts if part)
 
     @property
     def shares(self) -> list[float]:
-        """The shares whose areas are told."""
+        """The shares whose containment areas are reported, 0 to 1."""
         return [float(share) for share in self.forecast["share"].values]
 
     def features(self, name: str) -> list[dict[str, Any]]:
-        """Return the features of a GeoJSON file of the run; none where it has no such file."""
+        """Return the features of a GeoJSON file of the run; [] if there is no such file."""
         return _features(self.folder / name) if name in self.names else []
 
     def rows(self, name: str) -> list[dict[str, str]]:
-        """Return the rows of a CSV file of the run; none where it has no such file."""
+        """Return the rows of a CSV file of the run; an empty list if there is no such file."""
         return checked.rows(self.folder / name, READ[name]) if name in self.names else []
 
     def search(self) -> list[dict[str, Any]]:
-        """Return the features of what was searched and told; of a plan without its own sorties,
-        which are not flown.
-        """
+        """Return the features of sorties, looks and contacts, without planned sorties."""
         found = [
             f
             for f in self.features("sorties.geojson")
             if f["properties"].get("status") != "planned"
         ]
         for feature in found:
-            told = feature["properties"]
+            properties = feature["properties"]
             times = (
                 ("start", "end")
-                if told["shape"] == "legs"
+                if properties["shape"] == "legs"
                 else ("time",)
-                if told["kind"] == "contact"
+                if properties["kind"] == "contact"
                 else ()
             )
-            wrong = [name for name in times if not told.get(name)]
-            wrong += ["belief"] if told["kind"] == "contact" and told.get("belief") is None else []
-            if wrong:
+            missing = [name for name in times if not properties.get(name)]
+            missing += (
+                ["belief"]
+                if properties["kind"] == "contact" and properties.get("belief") is None
+                else []
+            )
+            if missing:
                 raise checked.damaged(
-                    self.folder / "sorties.geojson", f"a {told['kind']} has no {wrong[0]}"
+                    self.folder / "sorties.geojson", f"a {properties['kind']} has no {missing[0]}"
                 )
         return found
 
     def areas(self) -> list[tuple[np.datetime64, float, dict[str, Any], dict[str, Any]]]:
-        """Return (time, share, geometry, properties) of each area at the outputs that are wanted,
-        in their order.
-        """
+        """Return (time, share, geometry, properties) of areas at the requested outputs, sorted."""
         wanted = {notation.iso(time): time for time in self.forecast["time"].values}
         shares, levels = (
             self.shares,
@@ -163,14 +167,19 @@ class Finished:
                 self.folder / "contours.geojson", f"level {strange} is not a share of forecast.nc"
             )
         found = [
-            (wanted[told["time"]], float(told["level"]), feature["geometry"], told)
+            (
+                wanted[properties["time"]],
+                float(properties["level"]),
+                feature["geometry"],
+                properties,
+            )
             for feature in self.features("contours.geojson")
-            if (told := feature["properties"])["time"] in wanted
+            if (properties := feature["properties"])["time"] in wanted
         ]
         return sorted(found, key=lambda area: (area[0], area[1]))
 
     def positions(self, name: str) -> list[tuple[np.datetime64, float, float]]:
-        """Return (time, lon, lat) [deg] of "mean" or "datum" where there is one; longitudes run on."""
+        """Return (time, lon, lat) [deg] of "mean" or "datum" where known, unwrapped."""
         at = [self.forecast[key].values for key in ("time", f"{name}_lon", f"{name}_lat")]
         rows = zip(*at, strict=True)
         return [
@@ -180,7 +189,7 @@ class Finished:
         ]
 
     def cells(self) -> xr.Dataset:
-        """Return the forecast with its cells, checked; raise UserError where they are damaged."""
+        """Return the forecast with checked grid cells; raise UserError if they are damaged."""
         path = self.folder / "forecast.nc"
         for name, dims in CELLS.items():
             if name not in self.forecast or self.forecast[name].dims != dims:
@@ -198,12 +207,12 @@ class Finished:
                 raise UserError(
                     f"results {self.folder}: come from an older version, which wrote no cell edges; run the case again"
                 )
-            held = self.forecast[edges]
+            bounds = self.forecast[edges]
             count = self.forecast.sizes[name]
-            flat = np.asarray(held.values).ravel()
+            flat = np.asarray(bounds.values).ravel()
             if (
-                held.shape != (count, 2)
-                or held.dtype.kind != "f"
+                bounds.shape != (count, 2)
+                or bounds.dtype.kind != "f"
                 or not np.isfinite(flat).all()
                 or not (np.diff(flat[::2]) > 0).all()
                 or not flat[0] < flat[-1]
@@ -217,7 +226,7 @@ class Finished:
 
 @dataclass(frozen=True)
 class Release:
-    """A whole result of a backward run."""
+    """A complete result of a backward run (`drift origin`)."""
 
     folder: Path
     names: frozenset[str]
@@ -230,32 +239,38 @@ class Release:
 
     @property
     def run(self) -> str:
-        """The run_id."""
+        """The identifier of the run (run_id)."""
         return str(self.data.attrs["run_id"])
 
     @property
     def words(self) -> str:
-        """The description of the run in every file, beginning with what it must not be used for."""
-        told = self.data.attrs
+        """The description of the run in every file; it starts with the caution."""
+        attributes = self.data.attrs
         parts = [
-            str(told.get("caution", "")),
+            str(attributes.get("caution", "")),
             f"run {self.run}",
-            str(told.get("source", "")),
-            str(told.get("comment", "")),
+            str(attributes.get("source", "")),
+            str(attributes.get("comment", "")),
         ]
         return ". ".join(part for part in parts if part)
 
     def features(self) -> list[dict[str, Any]]:
-        """Return areas, mean and finds."""
+        """Return the features of release areas, mean position and finds."""
         return _features(self.folder / "origin.geojson")
 
 
 def open_result(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Finished | Release:
-    """Return what a folder holds; raise UserError unless it is the whole result of a run with a
-    forecast, or of `drift origin`.
+    """Open the complete result in a folder.
 
-    times: of the outputs that are wanted, as case files write times; all by default. An origin has
-    none.
+    Args:
+        folder: results of a run with a forecast, or of `drift origin`.
+        times: outputs to export, as case files write times; () for all. An origin has none.
+
+    Returns:
+        The forecast or the release, checked.
+
+    Raises:
+        UserError: the folder contains no such result, or it is damaged.
     """
     folder = Path(folder)
     names = frozenset(path.name for path in publication.results(folder))
@@ -268,7 +283,8 @@ def open_result(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Fi
         return Release(folder, names, data)
     if "forecast.nc" not in names:
         raise UserError(
-            f"results {folder}: hold no forecast.nc; give a folder written by drift run, drift plan or drift origin"
+            f"results {folder}: contain no forecast.nc; give a folder written by drift run, "
+            "drift plan or drift origin"
         )
     path = folder / "forecast.nc"
     forecast = checked.dataset(path, LARGE, FORECAST)
@@ -281,7 +297,7 @@ def open_result(folder: str | os.PathLike[str], times: Sequence[str] = ()) -> Fi
 
 
 def _chosen(outputs: Any, times: Sequence[str]) -> list[int]:
-    """Return which outputs are wanted, in ascending order of time."""
+    """Return the indices of the requested outputs, in ascending order of time."""
     order: list[int] = np.argsort(outputs, kind="stable").tolist()
     if not times:
         return order
@@ -296,7 +312,8 @@ def _chosen(outputs: Any, times: Sequence[str]) -> list[int]:
         if not found:
             ends = f"{notation.group(outputs[0])} to {notation.group(outputs[-1])}"
             raise UserError(
-                f'--time "{text}": there is no output in that minute; they go from {ends}, see track.csv'
+                f'--time "{text}": there is no output in that minute; outputs go from {ends}, '
+                "see track.csv"
             )
         wanted.update(found)
     return [k for k in order if k in wanted]

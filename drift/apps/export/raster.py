@@ -1,6 +1,6 @@
-"""Probability and containment by cell as GeoTIFF:
+"""GeoTIFF export of probability and containment by cell: WGS 84, north up.
 
-WGS 84, north up, a file for each output and each side of 180 degrees.
+There is one file for each output and each side of 180 degrees.
 """
 
 import warnings
@@ -21,20 +21,19 @@ WASHUP = frozenset({"washup.geojson"})
 
 
 def files(run: Finished) -> dict[str, bytes]:
-    """Return probability-20261122T1800Z.tif and so on: band 1 probability by cell, band 2
-    containment.
+    """Return a GeoTIFF for each output, like probability-20261122T1800Z.tif.
 
-    No data is NaN: containment at times without a map. A grid across the antimeridian is two files,
-    -E and -W of Greenwich, each within [-180, 180] to half a cell. Of a spill washup.geojson, the
-    stretches of coast, comes along.
+    Band 1 is the probability by cell, band 2 the containment. NaN marks missing data: containment
+    at times without a map. A grid across the antimeridian becomes two files, -E and -W, each within
+    [-180, 180] to half a cell. Results of a spill add washup.geojson, the stretches of coast.
     """
     try:
         import rasterio  # noqa: F401 (an extra)
     except ImportError:
         raise UserError(
-            "geotiff needs rasterio: pip install -e '.[geotiff]' where drift lies"
+            "geotiff needs rasterio: pip install -e '.[geotiff]' in the folder of drift's source"
         ) from None
-    made, forecast = {}, run.cells()
+    contents, forecast = {}, run.cells()
     lon, sides = forecast["lon"].values, {}
     turns = np.floor((lon + 180) / 360).astype(int)
     for turn in np.unique(turns):
@@ -43,24 +42,24 @@ def files(run: Finished) -> dict[str, bytes]:
     for k, time in enumerate(forecast["time"].values):
         stamp = notation.iso(time).replace("-", "").replace(":", "")
         for suffix, (columns, shift) in sides.items():
-            at = forecast.isel(time=k, lon=columns)
+            part = forecast.isel(time=k, lon=columns)
             name = f"probability-{stamp[:13]}{'' if stamp[13:15] == '00' else stamp[13:15]}Z{suffix}.tif"
-            made[name] = _file(run, at, shift)
-    for name in WASHUP & run.names:  # what comes ashore of a spill is lines, which no raster holds
-        run.features(name)  # rejected where it is damaged
-        made[name] = (run.folder / name).read_bytes()
-    return made
+            contents[name] = _file(run, part, shift)
+    for name in WASHUP & run.names:  # stretches of coast are lines, which a raster cannot hold
+        run.features(name)  # raises UserError if the file is damaged
+        contents[name] = (run.folder / name).read_bytes()
+    return contents
 
 
-def _file(run: Finished, at: Any, shift: float) -> bytes:
-    """Return a file of a time; shift: whole turns [deg] by which its longitudes are too far east."""
+def _file(run: Finished, output: Any, shift: float) -> bytes:
+    """Return the file of one output; shift: whole turns [deg] to subtract from its longitudes."""
     import rasterio
     from rasterio.io import MemoryFile
     from rasterio.transform import from_bounds
 
-    nlat, nlon = at["probability"].shape
-    west, east = at["lon_bnds"].values[0, 0] - shift, at["lon_bnds"].values[-1, 1] - shift
-    south, north = at["lat_bnds"].values[0, 0], at["lat_bnds"].values[-1, 1]
+    nlat, nlon = output["probability"].shape
+    west, east = output["lon_bnds"].values[0, 0] - shift, output["lon_bnds"].values[-1, 1] - shift
+    south, north = output["lat_bnds"].values[0, 0], output["lat_bnds"].values[-1, 1]
     profile = {
         "driver": "GTiff",
         "dtype": "float32",
@@ -72,11 +71,11 @@ def _file(run: Finished, at: Any, shift: float) -> bytes:
         "nodata": np.nan,
         "compress": "deflate",
     }
-    time = notation.iso(at["time"].values)
+    time = notation.iso(output["time"].values)
     with MemoryFile() as memory:
         with warnings.catch_warnings(), memory.open(**profile) as file:
             for band, (name, words) in enumerate(BANDS.items(), 1):
-                file.write(at[name].values[::-1].astype(np.float32), band)
+                file.write(output[name].values[::-1].astype(np.float32), band)
                 file.set_band_description(band, name)
                 file.update_tags(band, long_name=words, time=time)
             stamp = time.replace("-", ":").replace("T", " ").rstrip("Z")

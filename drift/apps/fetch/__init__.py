@@ -1,3 +1,1 @@
-"""Where winds and currents come from: providers, what they offer of a box and a span, and how it is
-fetched.
-"""
+"""`drift fetch`: download winds and currents for a box and a span from providers."""

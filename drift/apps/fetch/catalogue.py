@@ -1,6 +1,4 @@
-"""The catalogue of providers: a table shipped with the project, and a user's own, whose entries
-come first.
-"""
+"""The catalogue of forcing providers: the user's own entries come before the shipped ones."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -25,14 +23,13 @@ DAY = np.timedelta64(86_400, "s")
 
 @dataclass(frozen=True)
 class Provider:
-    """One product of a provider: a quantity, where it is had, and what it covers as far as that is
-    known.
+    """One product of a provider: a quantity, its address, and its coverage as far as known.
 
-    address: one, or one for each component; variables: east and north; level: of the wanted layer,
-    in the units of its axis; first: dimensions of which the first member is taken; days_back,
-    days_ahead: from now; runs: of forecasts that lie in a file for each run and lead time, how
-    these are named; stamp: "instant", or where in the interval of a mean its time stands, "start",
-    "middle" or "end"; "" where its files must say it.
+    address: one, or one for each component. variables: names of the east and north component.
+    level: the wanted layer, in the units of its axis. first: dimensions whose first element is
+    used. days_back, days_ahead: coverage relative to now. runs: naming of files by run and lead
+    time, for forecasts stored that way. stamp: "instant", or which part of an averaging interval
+    its time marks ("start", "middle", "end"); "" if the files say it.
     """
 
     name: str
@@ -57,14 +54,14 @@ class Provider:
     runs: Mapping[str, Any] | None = None
 
     def span(self, now: np.datetime64) -> tuple[np.datetime64, np.datetime64]:
-        """Return from when until when it has something, as its entry says."""
+        """Return the first and the last time that it covers, according to its entry."""
         begin = self.since if self.since is not None else np.datetime64("1900-01-01", "s")
         if self.days_back is not None:
             begin = max(begin, now - self.days_back * DAY)
         return begin, self.until if self.until is not None else now + self.days_ahead * DAY
 
     def suits(self, box: Box, begin: np.datetime64, end: np.datetime64, now: np.datetime64) -> bool:
-        """Whether its entry says that it covers a box and a span."""
+        """Return True if it covers a box and a span, according to its entry."""
         first, last = self.span(now)
         return bool(first <= begin and end <= last) and (
             self.area is None or _within(box, self.area)
@@ -79,45 +76,46 @@ def _within(box: Box, area: Box) -> bool:
 
 
 def read_providers(own: Path | None = None) -> dict[str, Provider]:
-    """Return all providers by name: the user's own first, which replace shipped ones of the same
-    name.
+    """Return all providers by name; the user's entries come first and replace shipped ones.
 
-    own: a file in place of `providers.toml` in the user's folder of settings.
+    own: a catalogue file in place of `providers.toml` in the user's configuration folder.
     """
     shipped = resources.files("drift.data").joinpath("providers.toml").read_text(encoding="utf-8")
-    settled = own or Path(platformdirs.user_config_dir("casp-drift")) / "providers.toml"
-    mine: dict[str, Provider] = {}
-    if own is not None or settled.is_file():
+    user_file = own or Path(platformdirs.user_config_dir("casp-drift")) / "providers.toml"
+    user_providers: dict[str, Provider] = {}
+    if own is not None or user_file.is_file():
         try:
-            mine = _parsed(settled.read_text(encoding="utf-8"), str(settled))
+            user_providers = _parse_catalogue(user_file.read_text(encoding="utf-8"), str(user_file))
         except OSError as error:
-            raise UserError(f'catalogue "{settled}": {error.strerror}') from None
+            raise UserError(f'catalogue "{user_file}": {error.strerror}') from None
         except UnicodeError:
-            raise UserError(f'catalogue "{settled}": is no text in UTF-8') from None
-    return mine | {
-        name: one for name, one in _parsed(shipped, "providers.toml").items() if name not in mine
+            raise UserError(f'catalogue "{user_file}": is not UTF-8 text') from None
+    return user_providers | {
+        name: one
+        for name, one in _parse_catalogue(shipped, "providers.toml").items()
+        if name not in user_providers
     }
 
 
-def _parsed(text: str, where: str) -> dict[str, Provider]:
+def _parse_catalogue(text: str, origin: str) -> dict[str, Provider]:
     try:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise UserError(f'catalogue "{where}": not valid TOML: {error}') from None
-    wrong: list[str] = []
+        raise UserError(f'catalogue "{origin}": not valid TOML: {error}') from None
+    errors: list[str] = []
     found: dict[str, Provider] = {}
     for name, table in tables.items():
         try:
-            found[name] = _provider(name, table)
+            found[name] = _parse_provider(name, table)
         except UserError as error:
-            wrong.append(f'catalogue "{where}": [{name}]: {error}')
-    if wrong:
-        raise UserError(*wrong)
+            errors.append(f'catalogue "{origin}": [{name}]: {error}')
+    if errors:
+        raise UserError(*errors)
     return found
 
 
-def _provider(name: str, table: Any) -> Provider:
-    """Return an entry of the catalogue, or raise UserError for what is wrong with it."""
+def _parse_provider(name: str, table: Any) -> Provider:
+    """Return the provider of a catalogue entry; raise UserError for an invalid entry."""
     if not isinstance(table, dict):
         raise UserError("is no table")
     known = {field.name for field in fields(Provider)} - {"name"}
@@ -146,22 +144,23 @@ def _provider(name: str, table: Any) -> Provider:
     for one in address:
         if not str(one).startswith(("https://", "http://")) or "@" in str(one).split("/")[2]:
             raise UserError(
-                "an address begins with https:// or http://, and holds no name or password (~/.netrc does)"
+                "an address begins with https:// or http://, and contains no name or password "
+                "(use ~/.netrc)"
             )
     if table["protocol"] in ("erddap", "copernicusmarine") and not table.get("dataset"):
         raise UserError("dataset is missing")
     if table["protocol"] == "grib_filter" and set(table.get("runs", ())) != RUNS:
         raise UserError(f"runs must say {', '.join(sorted(RUNS))}")
     try:
-        changed: dict[str, Any] = {"address": address, "variables": tuple(table["variables"])}
-        changed |= {"first": tuple(table.get("first", ()))}
-        changed |= {key: _time(table[key]) for key in ("since", "until") if key in table}
-        changed |= {
+        converted: dict[str, Any] = {"address": address, "variables": tuple(table["variables"])}
+        converted |= {"first": tuple(table.get("first", ()))}
+        converted |= {key: _time(table[key]) for key in ("since", "until") if key in table}
+        converted |= {
             key: float(table[key]) for key in ("level", "days_back", "days_ahead") if key in table
         }
         if "area" in table:
-            changed["area"] = Box(**{side: float(edge) for side, edge in table["area"].items()})
-        return Provider(name, **{**table, **changed})
+            converted["area"] = Box(**{side: float(edge) for side, edge in table["area"].items()})
+        return Provider(name, **{**table, **converted})
     except (TypeError, ValueError) as error:
         raise UserError(f"cannot be read ({error})") from None
 
@@ -170,7 +169,7 @@ RUNS = {"folder", "file", "level", "every", "delay", "steps"}
 
 
 def _time(value: Any) -> np.datetime64:
-    if not isinstance(value, date):  # of which a time of TOML is one too
+    if not isinstance(value, date):  # a datetime of TOML is a date too
         raise UserError(f'"{value}" is no date')
     return np.datetime64(value.isoformat()[:19], "s")
 
@@ -184,8 +183,9 @@ def choose(
     end: np.datetime64,
     now: np.datetime64,
 ) -> list[Provider]:
-    """Return a provider for each quantity: the one named, else the first that asks for no
-    credentials and suits.
+    """Return a provider for each quantity.
+
+    It is the named one, else the first suitable one that needs no credentials.
     """
     chosen = {}
     for name in names:
@@ -194,23 +194,23 @@ def choose(
                 f"--provider {name}: no such provider. Known: {', '.join(catalogue)}. See: drift fetch --list"
             )
         chosen[catalogue[name].quantity] = catalogue[name]
-    wrong = [
+    errors = [
         f"{one.name} has no {' or '.join(quantities)}"
         for one in chosen.values()
         if one.quantity not in quantities
     ]
     for quantity in quantities:
-        held = [one for one in catalogue.values() if one.quantity == quantity]
-        free = [
-            one for one in held if one.credentials == "none" and one.suits(box, begin, end, now)
+        offers = [one for one in catalogue.values() if one.quantity == quantity]
+        suitable = [
+            one for one in offers if one.credentials == "none" and one.suits(box, begin, end, now)
         ]
-        if quantity not in chosen and not free:
-            known = ", ".join(one.name for one in held) or "none"
-            wrong.append(
+        if quantity not in chosen and not suitable:
+            known = ", ".join(one.name for one in offers) or "none"
+            errors.append(
                 f"{quantity}: no provider without credentials covers this box from {begin}Z to {end}Z; "
                 f"name one with --provider ({known})"
             )
-        chosen.setdefault(quantity, free[0]) if free else None
-    if wrong:
-        raise UserError(*wrong)
+        chosen.setdefault(quantity, suitable[0]) if suitable else None
+    if errors:
+        raise UserError(*errors)
     return [chosen[quantity] for quantity in quantities]

@@ -1,6 +1,4 @@
-"""`drift.fetch`: winds and currents for a case, or for a box and a span, from providers into files
-that a run reads.
-"""
+"""`drift.fetch`: download winds and currents for a case, or for a box and a span, into files."""
 
 import json
 import os
@@ -35,15 +33,17 @@ SHIP: dict[str, Callable[[Order], Shipment]] = {
     "grib_filter": grib_filter.ship,
     "copernicusmarine": toolbox.ship,
 }
-LARGEST = 200e6  # [bytes] above which a fetch must be agreed to
+LARGEST = 200e6  # [bytes] above which a fetch needs confirmation
 TABLES = "forcing.toml"
 USUAL = ("current", "wind")
-STILL = '[{ constant = { speed = "0 kn", toward = 0 } }]'  # in place of what is still to be fetched
+NO_FORCING = (
+    '[{ constant = { speed = "0 kn", toward = 0 } }]'  # replaces forcing that is not there yet
+)
 
 
 @dataclass(frozen=True)
 class Fetched:
-    """What was fetched: the files, and the tables that a case takes to read them."""
+    """Result of a fetch: the files, and the TOML tables of a case that read them."""
 
     files: tuple[Path, ...]
     tables: str
@@ -52,20 +52,21 @@ class Fetched:
 def reach(
     case: str | os.PathLike[str] | Case, overrides: Mapping[str, str] | None = None
 ) -> tuple[Box, np.datetime64, np.datetime64]:
-    """Return the domain and the span of a case, whose winds and currents need not be there yet.
+    """Return the domain and the span of a case, whose winds and currents may still be missing.
 
-    overrides: as `drift.case.file.load` takes them, for a case that is given by its file.
+    overrides: as for `drift.case.file.load`, for a case that is given by its file.
     """
     if not isinstance(case, Case):
-        missing = {name: STILL if name in USUAL else "[]" for name in QUANTITIES}
+        missing = {name: NO_FORCING if name in USUAL else "[]" for name in QUANTITIES}
         case = case_file.load(case, {**(overrides or {}), **missing})
     box = domain.bounds(run_setup.ensemble_spec(case), run_setup.environment_spec(case))
     return box, min(case.start, case.end), max(case.start, case.end)
 
 
 def box_of(text: str) -> Box:
-    """Return the box "west,south,east,north" [deg]; its east may lie beyond 180, or be less than
-    its west.
+    """Return the box of a text "west,south,east,north" [deg].
+
+    East may be above 180, or less than west.
     """
     try:
         west, south, east, north = (float(word) for word in text.split(","))
@@ -95,36 +96,45 @@ def orders(
     own: Path | None = None,
     timeout: float = address.TIMEOUT,
 ) -> list[Order]:
-    """Return what to order of whom, for the quantities that are asked for, or those of the
-    providers named.
+    """Return an order for each quantity.
+
+    Args:
+        box: area to fetch.
+        begin, end: span to fetch [s] UTC.
+        providers: names of providers; () chooses them.
+        quantities: quantities to fetch; (): those of the named providers, else current and wind.
+        own: catalogue file of the user; None: that of the user's configuration.
+        timeout: longest wait for a server's answer [s].
     """
     if begin >= end:
-        raise UserError(f"the span ends ({end}Z) before it begins ({begin}Z): set --from and --to")
-    known = catalogue.read_providers(own)
-    named = [known[name].quantity for name in providers if name in known]
+        raise UserError(
+            f"the span ends ({end}Z) before it begins ({begin}Z): change --from and --to"
+        )
+    providers_by_name = catalogue.read_providers(own)
+    named = [providers_by_name[name].quantity for name in providers if name in providers_by_name]
     wanted = list(dict.fromkeys(quantities or named or USUAL))
-    asked = now()
-    chosen = catalogue.choose(known, wanted, providers, box, begin, end, asked)
-    return [Order(provider, box, begin, end, timeout, asked) for provider in chosen]
+    asked_at = now()
+    chosen = catalogue.choose(providers_by_name, wanted, providers, box, begin, end, asked_at)
+    return [Order(provider, box, begin, end, timeout, asked_at) for provider in chosen]
 
 
 def now() -> np.datetime64:
-    """Return the time by the clock [s] UTC."""
+    """Return the current time [s] UTC."""
     return np.datetime64("now", "s")
 
 
 def ship(ordered: Sequence[Order], tell: Callable[[str], None]) -> list[Shipment]:
-    """Return what orders come to, having asked the providers for the shapes of their datasets."""
+    """Return the shipment of each order, after asking the providers for their datasets' shapes."""
     return [patiently(partial(SHIP[order.provider.protocol], order), tell) for order in ordered]
 
 
 def there(out: Path, shipments: Sequence[Shipment]) -> dict[str, str]:
-    """Return the parts that are there from an interrupted run, digests by key."""
+    """Return the parts that an interrupted fetch has left, as digests by key."""
     folder = parts.parts_folder(out, [shipment.order for shipment in shipments])
     if not folder.is_dir():
         return {}
-    with parts.kept(folder) as held:
-        return held
+    with parts.kept(folder) as digests:
+        return digests
 
 
 def carry_out(
@@ -135,27 +145,27 @@ def carry_out(
     report: Report = lambda what, share: None,
     tell: Callable[[str], None] = lambda line: None,
 ) -> Fetched:
-    """Fetch what is not there yet, and publish all files at once, or none."""
+    """Fetch the missing parts, then publish all files at once or none."""
     names = [name for shipment in shipments for name in _names(shipment)]
     publication.check(out, overwrite, [*names, TABLES])
     folder = parts.parts_folder(out, [shipment.order for shipment in shipments])
-    with parts.kept(folder) as held:
-        parts.fetch(folder, shipments, held, report, tell)
+    with parts.kept(folder) as digests:
+        parts.fetch(folder, shipments, digests, report, tell)
         tables = _tables(out, shipments)
         for shipment in shipments:
-            _refuse_unread(shipment, [parts.path(folder, part.key) for part in shipment.parts])
+            _check_readable(shipment, [parts.path(folder, part.key) for part in shipment.parts])
         with publication.staged(out) as stage:
             for shipment in shipments:
                 for name, part in zip(_names(shipment), shipment.parts, strict=True):
-                    _place(parts.path(folder, part.key), stage.new / name)
+                    _link_or_copy(parts.path(folder, part.key), stage.new / name)
             (stage.new / TABLES).write_text(tables, encoding="utf-8")
             files = publication.publish(stage, str(uuid.uuid4()), overwrite)
         shutil.rmtree(folder, ignore_errors=True)
     return Fetched(tuple(files), tables)
 
 
-def _refuse_unread(shipment: Shipment, files: list[Path]) -> None:
-    """Raise UserError unless a run can read the files as the quantity that was ordered."""
+def _check_readable(shipment: Shipment, files: list[Path]) -> None:
+    """Raise UserError unless the files can be read as the quantity that was ordered."""
     order = shipment.order
     try:
         sources.open_source(
@@ -168,14 +178,13 @@ def _refuse_unread(shipment: Shipment, files: list[Path]) -> None:
         )
     except UserError as error:
         raise UserError(
-            f"{order.provider.name} came whole, but cannot be read as {order.provider.quantity}: {error}"
+            f"{order.provider.name} was downloaded completely, but cannot be read as "
+            f"{order.provider.quantity}: {error}"
         ) from None
 
 
 def _variables(shipment: Shipment) -> dict[str, str] | None:
-    """Return the names of the components for the case's table, where files keep those of the
-    catalogue.
-    """
+    """Return the component names for the case's table; None if the files use eccodes' names."""
     provider = shipment.order.provider
     if provider.protocol == "grib_filter":  # eccodes' own names
         return None
@@ -183,7 +192,7 @@ def _variables(shipment: Shipment) -> dict[str, str] | None:
 
 
 def _depth(provider: Provider) -> float | None:
-    """Return the depth [m] that the case must name, as it would not pass for the surface."""
+    """Return the depth [m] that the case must name, if the layer is too deep for the surface."""
     deep = (
         provider.quantity != "wind"
         and provider.level is not None
@@ -193,15 +202,12 @@ def _depth(provider: Provider) -> float | None:
 
 
 def _times(provider: Provider) -> dict[str, str] | None:
-    """Return the `times` key of a case for means whose files do not state it;
-
-    None for slices at an instant.
-    """
+    """Return the `times` key of a case for time means whose files do not state it; else None."""
     return {"stamp": provider.stamp} if provider.stamp in ("start", "middle", "end") else None
 
 
-def _place(part: Path, new: Path) -> None:
-    """Put a part where it is published; it stays among the parts until all is done."""
+def _link_or_copy(part: Path, new: Path) -> None:
+    """Link or copy a part to where it is published; it stays among the parts until all is done."""
     try:
         os.link(part, new)
     except OSError:
@@ -217,7 +223,7 @@ def _names(shipment: Shipment) -> list[str]:
 
 
 def _tables(out: Path, shipments: Sequence[Shipment]) -> str:
-    """Return the tables of a case that read the files of a folder."""
+    """Return the TOML tables of a case that read the files of a folder."""
     lines = []
     for shipment in shipments:
         provider = shipment.order.provider
@@ -226,19 +232,19 @@ def _tables(out: Path, shipments: Sequence[Shipment]) -> str:
             f"# {provider.title}; {provider.license or 'its licence is not known'}",
             f"[[{provider.quantity}]]",
         ]
-        lines += [f"name = {_text(provider.name)}", f"files = {_text(pattern)}"]
+        lines += [f"name = {_toml_string(provider.name)}", f"files = {_toml_string(pattern)}"]
         if names := _variables(shipment):
-            east, north = (_text(names[side]) for side in ("east", "north"))
+            east, north = (_toml_string(names[side]) for side in ("east", "north"))
             lines += [f"variables = {{ east = {east}, north = {north} }}"]
         if (depth := _depth(provider)) is not None:
             lines += [f'depth = "{depth:g} m"']
         if times := _times(provider):
-            lines += [f"times = {{ stamp = {_text(times['stamp'])} }}"]
+            lines += [f"times = {{ stamp = {_toml_string(times['stamp'])} }}"]
         lines += [""]
     return "\n".join(lines)
 
 
-def _text(words: str) -> str:
+def _toml_string(words: str) -> str:
     return json.dumps(words, ensure_ascii=False)
 
 
@@ -257,37 +263,37 @@ def fetch(
     overwrite: bool = False,
     report: Report | None = None,
 ) -> Fetched:
-    """Fetch winds and currents for a case, or a box and a span, into a folder; an interrupted fetch
-    goes on.
+    """Fetch winds and currents for a case, or a box and a span, into a folder.
+
+    An interrupted fetch continues when it is called again.
 
     Args:
         case: a file, a shipped case's name or a `Case`, whose area and times are fetched; None with
             `box`, `begin` and `end`.
         box: west, south, east, north [degrees].
         begin, end: in place of the case's times; UTC, np.datetime64 or text such as "221200ZNOV26".
-        providers: names of the catalogue; (): for each quantity the first that asks for no
+        providers: names of the catalogue; (): for each quantity the first that needs no
             credentials.
         quantities: "current", "wind", "stokes"; (): current and wind.
         out: the folder of the files.
-        catalogue: a file of providers of your own; None: that of the user's configuration, where
+        catalogue: a file of providers of your own; None: that of the user's configuration, if
             there is one.
-        largest: size beyond which an order is rejected [bytes].
-        timeout: of each question to a server [s].
-        overwrite: whether what an earlier order left in `out` is replaced.
-        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share
-            of it that is done, 0 to 1; `drift.progress` makes one. An exception that it raises ends
-            the run.
+        largest: size above which an order is rejected [bytes].
+        timeout: longest wait for a server's answer [s].
+        overwrite: whether files of an earlier order in `out` are replaced.
+        report: called with the phase (the name of a provider, then "done") and the share of it that
+            is done, 0 to 1; `drift.progress` makes one. An exception that it raises ends the fetch.
 
     Returns:
         The files, and the tables of a case that name them.
 
     Raises:
         UserError: the order is too large, no provider has it, a server does not answer, or `out`
-            holds another order.
+            contains another order.
     """
-    where, first, last = ordered_span(case, box, begin, end)
+    area, first, last = ordered_span(case, box, begin, end)
     ordered = orders(
-        where,
+        area,
         first,
         last,
         providers=providers,
@@ -313,47 +319,48 @@ def ordered_span(
     end: np.datetime64 | str | None,
     overrides: Mapping[str, str] | None = None,
 ) -> tuple[Box, np.datetime64, np.datetime64]:
-    """Return the box and the span that are asked for: the case's, where they are not said."""
-    said = box is not None and all(map(_absolute, (begin, end)))
+    """Return the box and the span to fetch; what is not given comes from the case."""
+    complete = box is not None and all(map(_is_absolute, (begin, end)))
     if case is None and (box is None or begin is None or end is None):
-        raise UserError("name a case, or say all of --box, --from and --to")
-    # A case of which nothing is needed may be half written: it gives the folder its name.
-    where, first, last = (
-        reach(case, overrides) if case is not None and not said else (None, None, None)
+        raise UserError("give a case, or all of --box, --from and --to")
+    # With box and times given, the case may be incomplete: it only gives the folder its name.
+    area, first, last = (
+        reach(case, overrides) if case is not None and not complete else (None, None, None)
     )
     if box is not None:
-        where = box_of(box if isinstance(box, str) else ",".join(str(edge) for edge in box))
-    assert where is not None
-    return where, _moment(begin, first, "--from"), _moment(end, last, "--to")
+        area = box_of(box if isinstance(box, str) else ",".join(str(edge) for edge in box))
+    assert area is not None
+    return area, _parse_moment(begin, first, "--from"), _parse_moment(end, last, "--to")
 
 
-def _absolute(given: np.datetime64 | str | None) -> bool:
-    """Whether a time is one by itself, and not counted from a case's start."""
+def _is_absolute(stated: np.datetime64 | str | None) -> bool:
+    """Return True for a time that is absolute, not relative to a case's start."""
     try:
-        return given is not None and not (
-            isinstance(given, str) and isinstance(units.time(given), np.timedelta64)
+        return stated is not None and not (
+            isinstance(stated, str) and isinstance(units.time(stated), np.timedelta64)
         )
     except ValueError:
         return True
 
 
-def _moment(
-    given: np.datetime64 | str | None, own: np.datetime64 | None, name: str
+def _parse_moment(
+    stated: np.datetime64 | str | None, own: np.datetime64 | None, name: str
 ) -> np.datetime64:
-    if given is None:
+    if stated is None:
         assert own is not None
         return own
-    if isinstance(given, np.datetime64):
-        instant: np.datetime64 = given.astype("datetime64[s]")
+    if isinstance(stated, np.datetime64):
+        instant: np.datetime64 = stated.astype("datetime64[s]")
         return instant
     try:
-        moment = units.time(given)
+        moment = units.time(stated)
     except ValueError as error:
         raise UserError(f"{name}: {error}") from None
     if isinstance(moment, np.timedelta64):
         if own is None:
             raise UserError(
-                f'{name} "{given}" is counted from the start of a case: name one, or a date and time'
+                f'{name} "{stated}" is relative to the start of a case: give a case, or a date '
+                "and time"
             )
         return units.resolve(moment, own)
     return moment

@@ -1,8 +1,7 @@
-"""Subsets by OPeNDAP (DAP 2.0), which ERDDAP's griddap speaks as well: values come as they are
-stored, to the bit.
+"""Subsets by OPeNDAP (DAP 2.0), which ERDDAP's griddap speaks too; values are copied bit for bit.
 
-The header and the axes are asked for first; they say what a box and a span come to. The header is
-read through a process of its own (`geo.files.address`), values by `geo.files.dap`.
+The header and the axes are read first; they determine the indices of a box and a span. The header
+is read in a separate process (`geo.files.address`), values by `geo.files.dap`.
 """
 
 import hashlib
@@ -27,7 +26,7 @@ from geo.forcing.times import clock
 from geo.grids import naming
 
 PART = 8_000_000  # [bytes] of values in one part, at least one time
-# attributes that say when something was asked, not what it is
+# attributes about the request, which say nothing about the data
 STALE = ("history", "date_created", "date_modified")
 OF_STORAGE = (
     "_ChunkSizes",
@@ -43,10 +42,10 @@ OF_STORAGE = (
 
 @dataclass(frozen=True)
 class Header:
-    """What an address holds: variables, whose values are not read, and attributes.
+    """The variables and attributes at an address; values are not read.
 
-    grids: the names that must be asked for as a part of their DAP Grid, else its axes would come
-    with them.
+    grids: names that must be requested as a member of their DAP Grid, as the server would send the
+    axes too.
     """
 
     address: str
@@ -56,8 +55,9 @@ class Header:
     timeout: float
 
     def read(self, name: str, spans: Mapping[Hashable, tuple[int, int]]) -> NDArray[Any]:
-        """Return a part of a variable, as it is stored; spans: first index, and the one after the
-        last, by dimension.
+        """Return a part of a variable as it is stored.
+
+        spans: by dimension, the first index and the one after the last; others are read whole.
         """
         variable = self.variables[name]
         bounds = [
@@ -71,10 +71,10 @@ class Header:
 
 @dataclass(frozen=True)
 class Field:
-    """One variable of a dataset, and what of it is wanted.
+    """One variable of a dataset, and the part of it that is needed.
 
-    time: the dimension along which parts are cut; level: index by dimension of all that is neither
-    time nor place; points: longitudes and latitudes [deg] of the whole grid, as they are stored.
+    time: the dimension along which parts are cut. level: index by dimension, for all dimensions but
+    time and position. points: longitudes and latitudes [deg] of the whole grid, as stored.
     """
 
     data: "Header"
@@ -90,48 +90,56 @@ class Field:
 
 
 def ship(order: Order) -> Shipment:
-    """Return what an order comes to; asks for headers and axes, raises UserError or Passing."""
+    """Return the shipment of an order from headers and axes; raise UserError or Passing."""
     provider = order.provider
-    whole = [f"{a.rstrip('/')}/griddap/{provider.dataset}" for a in provider.address]
-    addresses = whole if provider.protocol == "erddap" else list(provider.address)
+    griddap = [f"{a.rstrip('/')}/griddap/{provider.dataset}" for a in provider.address]
+    addresses = griddap if provider.protocol == "erddap" else list(provider.address)
     if len(addresses) == 1:
         addresses *= 2
-    # most have one for both
+    # most providers have one address for both components
     headers = {one: _header(one, order.timeout) for one in dict.fromkeys(addresses)}
     first, second = fields = [
         _field(order, headers[one], name)
         for one, name in zip(addresses, provider.variables, strict=True)
     ]
     if not np.array_equal(first.times, second.times):
-        raise UserError(f"{provider.name}: its two components have other times")
+        raise UserError(f"{provider.name}: its two components have different times")
     if not all(
         np.array_equal(*pair, equal_nan=True)
         for pair in zip(first.points, second.points, strict=True)
     ):
         raise UserError(
-            f"{provider.name}: its two components stand at other points (a staggered grid), which fetch cannot do"
+            f"{provider.name}: its two components are on different points (a staggered grid), "
+            "which fetch does not support"
         )
     begin, end = _span(first, order)
     itemsize = sum(field.data.variables[field.name].dtype.itemsize for field in fields)
     slice_size = itemsize * int(np.prod(first.window.shape))
     count = max(PART // slice_size, 1)
-    said = [_said(field) for field in fields]
+    fingerprints = [_fingerprint(field) for field in fields]
     parts = []
     for start in range(begin, end, count):
         stop = min(start + count, end)
         times = first.times[start:stop]
-        known = [provider.name, addresses, said, str(first.window), [str(t) for t in times]]
-        key = hashlib.sha256(json.dumps(known, default=str).encode()).hexdigest()
+        identity = [
+            provider.name,
+            addresses,
+            fingerprints,
+            str(first.window),
+            [str(t) for t in times],
+        ]
+        key = hashlib.sha256(json.dumps(identity, default=str).encode()).hexdigest()
         parts.append(
             Part(key, partial(_make, fields, start, stop), times, slice_size * (stop - start))
         )
-    notes = () if first.window.whole else ("holds only a part of the box",)
+    notes = () if first.window.whole else ("covers only a part of the box",)
     return Shipment(order, tuple(parts), notes)
 
 
 def _header(one: str, timeout: float) -> Header:
-    """Return what an address holds; its structure is asked for first, for what is wrong shows in
-    what its server says.
+    """Return the header at an address.
+
+    The structure is requested first, as the server's answer to that explains most errors.
     """
     grids = dap.grids(one, timeout)
     line = address.Line(one)
@@ -146,26 +154,28 @@ def _header(one: str, timeout: float) -> Header:
 
 
 def _field(order: Order, data: Header, name: str) -> Field:
-    one = data.address
+    where = data.address
     if name not in data.variables:
-        held = ", ".join(other for other, v in data.variables.items() if v.ndim >= 2)
-        raise UserError(f'"{one}" has no variable {name}; it has {held}')
+        available = ", ".join(other for other, v in data.variables.items() if v.ndim >= 2)
+        raise UserError(f'"{where}" has no variable {name}; it has {available}')
     variable = data.variables[name]
     if variable.dtype.kind not in "iuf":
-        raise UserError(f'"{one}": {name} is no number')
+        raise UserError(f'"{where}": {name} is not a number')
     time = next((str(d) for d in variable.dims if _is_time(data, d)), None)
     if time is None:
-        raise UserError(f'"{one}": {name} has no time')
-    places = _places(data, name)
+        raise UserError(f'"{where}": {name} has no time dimension')
+    places = _coordinate_names(data, name)
     lon, lat = (data.read(place, {}).astype(float) for place in places)
-    along = lon.ndim == 1
+    has_axes = lon.ndim == 1
     rows, columns = (
         (data.variables[places[1]].dims[0], data.variables[places[0]].dims[0])
-        if along
+        if has_axes
         else data.variables[places[0]].dims
     )
     found = (
-        window.along_axes(lon, lat, order.box) if along else window.on_surface(lon, lat, order.box)
+        window.along_axes(lon, lat, order.box)
+        if has_axes
+        else window.on_surface(lon, lat, order.box)
     )
     if found is None:
         raise UserError(
@@ -196,8 +206,8 @@ def _times(data: Header, name: str) -> NDArray[np.datetime64]:
     return times
 
 
-def _places(data: Header, name: str) -> tuple[str, str]:
-    """Return the names of longitude and latitude of a variable: its axes, or those on its own grid."""
+def _coordinate_names(data: Header, name: str) -> tuple[str, str]:
+    """Return the names of a variable's longitude and latitude: axes, or on its own grid."""
     found = []
     dims = set(data.variables[name].dims)
     for units, standard, usual in (
@@ -208,36 +218,37 @@ def _places(data: Header, name: str) -> tuple[str, str]:
         for other, variable in data.variables.items():
             if not variable.ndim or variable.ndim > 2 or not dims.issuperset(variable.dims):
                 continue
-            said = variable.attrs.get("standard_name") == standard or units.match(
+            by_metadata = variable.attrs.get("standard_name") == standard or units.match(
                 str(variable.attrs.get("units", ""))
             )
-            named = "units" not in variable.attrs and usual.match(other)
-            if said or named:
+            by_name = "units" not in variable.attrs and usual.match(other)
+            if by_metadata or by_name:
                 known.append(other)
         if not known:
             raise UserError(f'"{data.address}": {name} has no {standard} that can be recognised')
         found.append(known[0])
     if data.variables[found[0]].ndim != data.variables[found[1]].ndim:
-        raise UserError(f'"{data.address}": {found[0]} and {found[1]} are not of one grid')
+        raise UserError(f'"{data.address}": {found[0]} and {found[1]} are not on the same grid')
     return found[0], found[1]
 
 
 def _level(data: Header, dim: Hashable, order: Order) -> int:
-    """Return which member of a dimension is wanted that is neither time nor place."""
+    """Return the index to use on a dimension that is neither time nor position."""
     size = next(v.sizes[dim] for v in data.variables.values() if dim in v.sizes)
     if size == 1 or dim in order.provider.first:
         return 0
     if str(dim) in data.variables and order.provider.level is not None:
-        axis = np.abs(data.read(str(dim), {}).astype(float))  # some count depths down from 0
+        axis = np.abs(data.read(str(dim), {}).astype(float))  # some have negative depths
         return int(np.argmin(np.abs(axis - abs(order.provider.level))))
     raise UserError(
-        f'"{data.address}" has {size} layers along {dim}: the catalogue must say which, by level or first. '
+        f'"{data.address}" has {size} layers along {dim}: the catalogue must choose one, by '
+        "level or first. "
         "See: docs/fetch.md"
     )
 
 
 def _span(field: Field, order: Order) -> tuple[int, int]:
-    """Return the first index, and the one after the last, of the times that a span needs."""
+    """Return the first index, and the one after the last, of the times that an order needs."""
     times = field.times
     if order.begin < times[0] or order.end > times[-1]:
         raise UserError(
@@ -254,31 +265,31 @@ def _span(field: Field, order: Order) -> tuple[int, int]:
     return first, last
 
 
-def _said(field: Field) -> list[Any]:
-    """Return what tells one state of a dataset from another: shape, type, and attributes but those
-    of the asking.
-    """
+def _fingerprint(field: Field) -> list[Any]:
+    """Return what identifies the state of a dataset: shape, type and attributes of the data."""
     variable = field.data.variables[field.name]
-    said = {
+    attributes = {
         k: str(v) for k, v in {**field.data.attributes, **variable.attrs}.items() if k not in STALE
     }
     return [
         variable.dims,
         [s for d, s in variable.sizes.items() if d != field.time],
         str(variable.dtype),
-        said,
+        attributes,
     ]
 
 
 def _make(fields: list[Field], start: int, stop: int, path: Path) -> None:
-    """Write the times from `start` up to `stop` of both components as a netCDF file, as they are
-    stored.
-    """
+    """Write the times from `start` up to `stop` of both components as a netCDF file."""
     variables: dict[str, xr.Variable] = {}
     for field in fields:
         _read(field, start, stop, variables)
-    said = fields[0].data.attributes
-    attributes = {k: v for k, v in said.items() if k not in OF_STORAGE and not k.startswith("DODS")}
+    attributes_of_dataset = fields[0].data.attributes
+    attributes = {
+        k: v
+        for k, v in attributes_of_dataset.items()
+        if k not in OF_STORAGE and not k.startswith("DODS")
+    }
     out = xr.Dataset(variables, attrs=attributes)
     encoding = {
         n: {"_FillValue": None} for n, v in out.variables.items() if "_FillValue" not in v.attrs
@@ -287,9 +298,7 @@ def _make(fields: list[Field], start: int, stop: int, path: Path) -> None:
 
 
 def _read(field: Field, start: int, stop: int, found: dict[str, xr.Variable]) -> None:
-    """Add a component at some times, with its axes, places and grid mapping, where they are not
-    there yet.
-    """
+    """Add a component at some times to `found`, with its axes, positions and grid mapping."""
     data = field.data
     spans: dict[Hashable, tuple[int, int]] = {
         field.time: (start, stop),
@@ -316,5 +325,5 @@ def _read(field: Field, start: int, stop: int, found: dict[str, xr.Variable]) ->
         joined = np.concatenate(runs, axis=variable.dims.index(field.columns))
         found[name] = xr.Variable(variable.dims, joined, kept)
     mapping = str(data.variables[field.name].attrs.get("grid_mapping", ""))
-    if mapping in data.variables:  # its attributes alone mean something
+    if mapping in data.variables:  # only its attributes carry information
         found[mapping] = xr.Variable((), np.int32(0), data.variables[mapping].attrs)

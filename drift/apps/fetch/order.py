@@ -1,4 +1,4 @@
-"""What is ordered of a provider, and what it ships: parts by time, each one file."""
+"""Records of a fetch: an order to a provider, and the shipment of parts, each one file by time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,11 +13,11 @@ from geo.box import Box
 
 @dataclass(frozen=True)
 class Order:
-    """A quantity of a provider in a box, at all its times from one that is not after `begin` to one
-    not before `end`.
+    """A quantity of a provider in a box and a span.
 
-    timeout: how long a server may leave a question unanswered [s]; asked: when it was ordered,
-    which says what a forecast's provider has.
+    The times go from the last one at or before `begin` to the first one at or after `end`.
+    timeout: longest wait for a server's answer [s]. asked: when it was ordered, which determines
+    the times that a forecast's provider has.
     """
 
     provider: Provider
@@ -30,11 +30,11 @@ class Order:
 
 @dataclass(frozen=True)
 class Part:
-    """A piece of a shipment by time.
+    """A part of a shipment: some of its times, in one file.
 
-    key: what it holds, so that an equal part that was fetched before is known; make: writes it as a
-    netCDF file; times [s] UTC that must be in it, shape (n,); none where the provider alone knows
-    them; size [bytes], about.
+    key: identifies the content, so that a part that was fetched before is recognised. make: writes
+    it as a netCDF file. times: [s] UTC that it must contain, shape (n,); None if only the provider
+    knows them. size: estimate [bytes].
     """
 
     key: str
@@ -45,7 +45,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Shipment:
-    """All parts of an order; notes: what the user should know of it."""
+    """All parts of an order; notes: remarks for the user."""
 
     order: Order
     parts: tuple[Part, ...]
@@ -53,5 +53,5 @@ class Shipment:
 
     @property
     def size(self) -> float:
-        """How much will be fetched [bytes], about."""
+        """The estimated size of the download [bytes]."""
         return sum(part.size for part in self.parts)

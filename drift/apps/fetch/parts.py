@@ -1,9 +1,8 @@
-"""Parts of shipments, fetched one after another and kept until all are there, whatever ends the
-program in between.
+"""Fetch the parts of shipments one by one, and keep them until all are there.
 
-They lie in a hidden folder beside the one that is asked for. A part counts once its digest stands
-in the list there, which is replaced in one rename after each part; whatever else lies in the folder
-is what an interrupted run left, and goes.
+Parts are stored in a hidden folder next to the output folder, so that an interrupted fetch can
+continue. A part counts once its digest is in the list there, which is replaced by one rename after
+each part. All other files in that folder are deleted.
 """
 
 import errno
@@ -32,18 +31,16 @@ from geo.forcing.times import clock
 PREFIX = ".drift-fetch-"
 LIST = "parts.json"
 ATTEMPTS = 5
-PAUSE = 1.0  # [s] before the second attempt; twice as long before each further one
+PAUSE = 1.0  # [s] before the second attempt; doubled before each further one
 PATIENCE = 600.0  # [s] after which no further attempt is made
-SPARE = 1.1  # free space that is asked for, as a multiple of what is to come
+SPARE = 1.1  # free disk space that is required, as a multiple of the missing parts
 
 T = TypeVar("T")
-Report = Callable[[str, float], None]  # what is being fetched, and the share of all that is there
+Report = Callable[[str, float], None]  # (name of the provider, share of all parts that is done)
 
 
 def patiently(attempt: Callable[[], T], tell: Callable[[str], None]) -> T:
-    """Return what an attempt gives, made again while its failures may pass; bounded in number and
-    time.
-    """
+    """Return the result of an attempt; repeat it after temporary failures, up to a limit."""
     until = time.monotonic() + PATIENCE
     for number in range(1, ATTEMPTS + 1):
         try:
@@ -52,7 +49,8 @@ def patiently(attempt: Callable[[], T], tell: Callable[[str], None]) -> T:
             pause = PAUSE * 2 ** (number - 1)
             if number == ATTEMPTS or time.monotonic() + pause > until:
                 raise UserError(
-                    f"{error}; given up after {number} attempts, the same command goes on from here"
+                    f"{error}; stopped after {number} attempts, the same command continues from "
+                    "here"
                 ) from None
             tell(f"{error}; attempt {number + 1} of {ATTEMPTS} in {pause:g} s")
             _wait(pause)
@@ -68,19 +66,17 @@ def _wait(seconds: float) -> None:
 
 
 def parts_folder(out: Path, orders: Sequence[Order]) -> Path:
-    """Return the hidden folder for the parts of some orders: the same for the same orders and
-    folder.
-    """
-    said = [
+    """Return the hidden folder for the parts of some orders, which depends on them and on `out`."""
+    identity = [
         [o.provider.name, o.provider.address, str(o.box), str(o.begin), str(o.end)] for o in orders
     ]
-    key = hashlib.sha256(json.dumps([str(out.absolute()), said]).encode()).hexdigest()[:12]
+    key = hashlib.sha256(json.dumps([str(out.absolute()), identity]).encode()).hexdigest()[:12]
     return out.absolute().parent / f"{PREFIX}{key}"
 
 
 @contextmanager
 def kept(folder: Path) -> Iterator[dict[str, str]]:
-    """Give the parts that are there, digests by key, and hold their folder against other runs."""
+    """Yield the stored parts, as digests by key, while the folder is locked against other runs."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -96,32 +92,32 @@ def kept(folder: Path) -> Iterator[dict[str, str]]:
 
 
 def _verified(folder: Path) -> dict[str, str]:
-    """Return the parts whose digests are right; all other files go."""
+    """Return the stored parts with correct digests; delete all other files."""
     listed: dict[str, str] = {}
     try:
-        read = json.loads((folder / LIST).read_text(encoding="utf-8"))
-        listed = {str(key): str(digest) for key, digest in read.items()}
+        stored = json.loads((folder / LIST).read_text(encoding="utf-8"))
+        listed = {str(key): str(digest) for key, digest in stored.items()}
     except (OSError, ValueError, AttributeError):
         pass
-    sound = {
+    verified = {
         k: d
         for k, d in listed.items()
         if path(folder, k).is_file() and manifest.digest(path(folder, k)) == d
     }
-    names = {path(folder, key).name for key in sound} | {LIST}
+    names = {path(folder, key).name for key in verified} | {LIST}
     for other in folder.iterdir():
         if other.name not in names and other.is_file():
             other.unlink()
-    return sound
+    return verified
 
 
 def path(folder: Path, key: str) -> Path:
-    """Return where a part lies."""
+    """Return the path of a stored part."""
     return folder / f"{key}.nc"
 
 
 def missing(shipments: Sequence[Shipment], there: dict[str, str]) -> float:
-    """Return how much is still to be fetched [bytes], about."""
+    """Return the estimated size of the parts that are still missing [bytes]."""
     return sum(
         part.size for shipment in shipments for part in shipment.parts if part.key not in there
     )
@@ -134,18 +130,18 @@ def fetch(
     report: Report,
     tell: Callable[[str], None],
 ) -> None:
-    """Fetch all parts that are not there yet, each noted as soon as it is whole."""
+    """Fetch all missing parts; each is added to the list as soon as it is complete."""
     parts = [(shipment, part) for shipment in shipments for part in shipment.parts]
-    _refuse_full(folder, missing(shipments, there))
+    _check_free_space(folder, missing(shipments, there))
     for number, (shipment, part) in enumerate(parts):
         report(shipment.order.provider.name, number / len(parts))
         if part.key in there:
             continue
         try:
-            patiently(partial(_one, folder, shipment.order, part), tell)
+            patiently(partial(_fetch_part, folder, shipment.order, part), tell)
         except OSError as error:
             if error.errno in (errno.ENOSPC, errno.EDQUOT):
-                raise _full(folder, number, len(parts)) from None
+                raise _disk_full_error(folder, number, len(parts)) from None
             raise UserError(
                 f"cannot write into {folder.parent}: {error.strerror or error}"
             ) from None
@@ -153,19 +149,19 @@ def fetch(
             there_now = sum(one.key in there for _, one in parts)
             raise UserError(f"{error} ({there_now} of {len(parts)} parts are kept)") from None
         there[part.key] = manifest.digest(path(folder, part.key))
-        _note(folder, there)
+        _write_list(folder, there)
     report("done", 1.0)
 
 
-def _one(folder: Path, order: Order, part: Part) -> None:
-    """Fetch a part; it gets its name once it was read back and holds what it must."""
+def _fetch_part(folder: Path, order: Order, part: Part) -> None:
+    """Fetch a part; it gets its name once it was read back and checked."""
     draft = folder / f"{part.key}.draft.nc"
     draft.unlink(missing_ok=True)
     try:
         part.make(draft)
-        _check(draft, order, part)
+        _check_part(draft, order, part)
     except (RuntimeError, OSError) as error:
-        # the netCDF library tells a full disk in words of its own
+        # the netCDF library reports a full disk with an error of its own
         if shutil.disk_usage(folder).free < part.size:
             raise OSError(errno.ENOSPC, "disk full") from None
         if isinstance(error, OSError) and error.errno is not None and error.errno > 0:
@@ -176,8 +172,8 @@ def _one(folder: Path, order: Order, part: Part) -> None:
     os.replace(draft, path(folder, part.key))
 
 
-def _check(draft: Path, order: Order, part: Part) -> None:
-    """Raise Passing unless a file opens and holds both components at the times that were asked for."""
+def _check_part(draft: Path, order: Order, part: Part) -> None:
+    """Raise Passing unless a file contains both components at the times that were ordered."""
     name = order.provider.name
     try:
         with dataset.open_one(str(draft), order.provider.quantity) as data:
@@ -192,39 +188,41 @@ def _check(draft: Path, order: Order, part: Part) -> None:
             )
             if time is None or len(fields) < 2:
                 raise Passing(f"a part of {name} came without its times or components")
-            there, _ = clock.decode(xr.Dataset({time: data[time].variable}), str(time))
-            if part.times is not None and not np.array_equal(np.atleast_1d(there), part.times):
+            decoded, _ = clock.decode(xr.Dataset({time: data[time].variable}), str(time))
+            if part.times is not None and not np.array_equal(np.atleast_1d(decoded), part.times):
                 raise Passing(f"a part of {name} came with other times than were asked for")
-            for variable in fields:  # read whole: what was cut short shows here
+            for variable in fields:  # reading all values reveals a truncated file
                 variable.values  # noqa: B018
     except UserError as error:
-        raise Passing(f"a part of {name} is not whole ({error})") from None
+        raise Passing(f"a part of {name} is incomplete ({error})") from None
 
 
-def _note(folder: Path, there: dict[str, str]) -> None:
+def _write_list(folder: Path, there: dict[str, str]) -> None:
     draft = folder / f"{LIST}.draft"
     draft.write_text(json.dumps(there), encoding="utf-8")
     os.replace(draft, folder / LIST)
 
 
-def _refuse_full(folder: Path, size: float) -> None:
+def _check_free_space(folder: Path, size: float) -> None:
     free = shutil.disk_usage(folder).free
     if size * SPARE > free:
         raise UserError(
-            f"{folder.parent} has {size_in_words(free)} free, and {size_in_words(size)} are to come: free some, or name another folder "
+            f"{folder.parent} has {size_in_words(free)} free, and {size_in_words(size)} are to "
+            "be fetched: free some, or name another folder "
             "with --out"
         )
 
 
-def _full(folder: Path, done: int, of: int) -> UserError:
+def _disk_full_error(folder: Path, done: int, of: int) -> UserError:
     return UserError(
-        f"disk full: {folder.parent} has no space left; {done} of {of} parts are kept, and the same command goes on "
+        f"disk full: {folder.parent} has no space left; {done} of {of} parts are kept, and the "
+        "same command continues "
         "from there"
     )
 
 
 def size_in_words(size: float) -> str:
-    """Return a size as people read it."""
+    """Return a size [bytes] as text with a decimal unit."""
     for unit in ("bytes", "kB", "MB"):
         if size < 1000:
             return f"{size:.0f} {unit}" if unit == "bytes" else f"{size:.1f} {unit}"

@@ -1,3 +1,1 @@
-"""Where a sensor of a case would hear, or see, a target: from what is asked to maps, tables and
-words.
-"""
+"""`drift sensor`: maps, tables and summaries of where a sensor of a case would detect a target."""

@@ -1,6 +1,4 @@
-"""What is asked of a sensor, from a case and what a user says beside it; all that does not fit is
-refused here.
-"""
+"""Build the question to a sensor from a case and a user's options; invalid options are rejected."""
 
 import difflib
 import math
@@ -35,24 +33,41 @@ def question(
     scenario: str | None = None,
     speed: object = None,
 ) -> Question:
-    """Return what is asked; raise UserError for what does not fit the case or the sensor."""
+    """Return the question for a sensor of a case.
+
+    Args:
+        case: the case.
+        name: name of the sensor.
+        time: time of the look, as a case writes times; None: a default, see `drift sensor --help`.
+        at: position of the sensor, as a case writes positions; None: that of its table or sortie.
+        heading: heading of its array [degrees from north].
+        beams: numbers of beams, from 1; None: all.
+        scenario: scenario that gives the source level; None: the likeliest.
+        speed: speed of the target, for a source level that depends on speed; None: the lowest.
+
+    Returns:
+        The question, with the assumptions that were made.
+
+    Raises:
+        UserError: an option does not fit the case or the sensor.
+    """
     sensor = _sensor(case, name)
-    said: Assumed = []
-    carrying = _carrying(case, sensor) if sensor.place is None and at is None else None
-    when = _time(case, time, carrying, said)
-    place, toward = _place(sensor, at, heading, carrying, when, said)
+    assumed: Assumed = []
+    sortie = _carrying_sortie(case, sensor) if sensor.place is None and at is None else None
+    when = _time(case, time, sortie, assumed)
+    place, toward = _place(sensor, at, heading, sortie, when, assumed)
     try:
-        listened = sonar.beams(beams, sensor)
+        beam_numbers = sonar.beams(beams, sensor)
     except ValueError as error:
         raise UserError(f"--beams: {error}") from None
-    level = _level(case, sensor, scenario, speed, said)
+    level = _level(case, sensor, scenario, speed, assumed)
     if isinstance(sensor.sees, Sonar):
-        said.append(("noise", _noise(sensor.sees.noise, when)))
+        assumed.append(("noise", _noise(sensor.sees.noise, when)))
     elif sensor.sees.times.size:
-        said.append(("POD", _held(sensor.sees.times, when)))
-    said.append(("land", "sound and sight pass it, as in a run"))
+        assumed.append(("POD", _nearest_time_remark(sensor.sees.times, when)))
+    assumed.append(("land", "does not block sound or sight, as in a run"))
     return Question(
-        sensor, place, toward, when, listened, level, tuple((a, b) for a, b in said if b)
+        sensor, place, toward, when, beam_numbers, level, tuple((a, b) for a, b in assumed if b)
     )
 
 
@@ -66,26 +81,27 @@ def _sensor(case: Case, name: str) -> Sensor:
     raise UserError(f'no sensor "{name}" in {case.path.name}; {hint}there are: {names}')
 
 
-def _carrying(case: Case, sensor: Sensor) -> Sortie | None:
-    """Return the sortie that carries a sensor, None where none does; several are refused."""
+def _carrying_sortie(case: Case, sensor: Sensor) -> Sortie | None:
+    """Return the sortie that carries a sensor, None without one; raise UserError for several."""
     every = [s for s in case.sorties if s.sensor is not None and s.sensor.name == sensor.name]
     every = [s for s in every if s.legs is not None and s.frame == "ground"]
     if len(every) > 1:
         names = ", ".join(f'"{sortie.name}"' for sortie in every)
         raise UserError(
-            f'where is sensor "{sensor.name}"? Sorties {names} carry it: give --at, and --heading of an array'
+            f'where is sensor "{sensor.name}"? Sorties {names} carry it: give --at, and '
+            "--heading if it is an array"
         )
     return every[0] if every else None
 
 
-def _time(case: Case, time: object, carrying: Sortie | None, said: Assumed) -> np.datetime64:
+def _time(case: Case, time: object, sortie: Sortie | None, assumed: Assumed) -> np.datetime64:
     if time is None:
-        if carrying is not None and not carrying.start <= case.start <= carrying.end:
-            said.append(
-                ("time", f'{notation.group(carrying.start)}, the start of sortie "{carrying.name}"')
+        if sortie is not None and not sortie.start <= case.start <= sortie.end:
+            assumed.append(
+                ("time", f'{notation.group(sortie.start)}, the start of sortie "{sortie.name}"')
             )
-            return carrying.start
-        said.append(("time", f"{notation.group(case.start)}, the start of the case"))
+            return sortie.start
+        assumed.append(("time", f"{notation.group(case.start)}, the start of the case"))
         return case.start
     try:
         return units.resolve(units.time(time), case.start)
@@ -97,15 +113,16 @@ def _place(
     sensor: Sensor,
     at: object,
     heading: object,
-    carrying: Sortie | None,
+    sortie: Sortie | None,
     when: np.datetime64,
-    said: Assumed,
+    assumed: Assumed,
 ) -> tuple[tuple[float, float], float]:
-    """Return where a sensor is [deg], and the heading [rad] of its array."""
+    """Return the position of a sensor (lon, lat) [deg] and the heading of its array [rad]."""
     if sensor.place is not None:
         if at is not None or heading is not None:
             raise UserError(
-                f'sensor "{sensor.name}" stands where its table says (at); leave --at and --heading out, or change the table '
+                f'sensor "{sensor.name}" has the position of its table (at); remove --at and '
+                "--heading, or change the table "
                 "by --set"
             )
         return sensor.place, sensor.heading
@@ -119,27 +136,31 @@ def _place(
         if array and toward is None:
             raise UserError(f'sensor "{sensor.name}" has an array: give its --heading, like 045')
         return place, toward or 0.0
-    if carrying is not None:
-        assert carrying.legs is not None
-        if not carrying.start <= when <= carrying.end:
+    if sortie is not None:
+        assert sortie.legs is not None
+        if not sortie.start <= when <= sortie.end:
             raise UserError(
-                f'sensor "{sensor.name}": sortie "{carrying.name}" carries it from {notation.group(carrying.start)} to '
-                f"{notation.group(carrying.end)}, not at {notation.group(when)}; give --time within, or --at"
+                f'sensor "{sensor.name}": sortie "{sortie.name}" carries it from '
+                f"{notation.group(sortie.start)} to "
+                f"{notation.group(sortie.end)}, not at {notation.group(when)}; give --time "
+                "within, or --at"
             )
-        place, course = _under_way(carrying.legs, float(notation.epoch(when)))
-        said.append(("place", f'that of sortie "{carrying.name}" then'))
+        place, course = _position_on_legs(sortie.legs, float(notation.epoch(when)))
+        assumed.append(("place", f'that of sortie "{sortie.name}" then'))
         return place, course if toward is None else toward
     grid = sensor.sees
     if isinstance(grid, PodGrid) and grid.lon is not None and grid.lat is not None:
-        said.append(
+        assumed.append(
             (
                 "place",
-                "the middle of what its table sees, from which ranges are measured: it has no place of its own",
+                "the centre of its table's coverage, from which ranges are measured: the table "
+                "gives no position",
             )
         )
-        return _middle(grid, when), toward or 0.0
+        return _coverage_centre(grid, when), toward or 0.0
     raise UserError(
-        f'where is sensor "{sensor.name}"? Neither its table (at) nor one sortie says; give --at'
+        f'where is sensor "{sensor.name}"? Neither its table (at) nor a sortie gives a position; '
+        "give --at"
     )
 
 
@@ -156,16 +177,14 @@ def _heading(heading: object) -> float | None:
         raise UserError(f"--heading: {error}") from None
 
 
-def _under_way(legs: Legs, time: float) -> tuple[tuple[float, float], float]:
-    """Return where something on legs is at a time [s since 1970], (lon, lat) [deg], and its course
-    [rad].
-    """
+def _position_on_legs(legs: Legs, time: float) -> tuple[tuple[float, float], float]:
+    """Return position (lon, lat) [deg] and course [rad] on legs at a time [s since 1970]."""
     k = min(max(int(np.searchsorted(legs.time, time, side="right")) - 1, 0), len(legs.time) - 2)
     share = min(max((time - legs.time[k]) / (legs.time[k + 1] - legs.time[k]), 0.0), 1.0)
     ends = np.radians([[legs.lon[k], legs.lat[k]], [legs.lon[k + 1], legs.lat[k + 1]]])
     east, north = sphere.offset(*ends[0], *ends[1])
     lon, lat = sphere.destination(ends[0, 0], ends[0, 1], east * share, north * share)
-    # The great circle goes on beyond its end as it came there.
+    # The course is the direction of the great circle at this point, also at the end of a leg.
     before, after = (
         sphere.destination(ends[0, 0], ends[0, 1], east * s, north * s)
         for s in (share - 1e-3, share + 1e-3)
@@ -175,28 +194,31 @@ def _under_way(legs: Legs, time: float) -> tuple[tuple[float, float], float]:
     return place, float(np.arctan2(*way)) % hearing.TURN
 
 
-def _middle(grid: PodGrid, when: np.datetime64) -> tuple[float, float]:
-    """Return the middle (lon, lat) [deg] of what a table by place sees."""
+def _coverage_centre(grid: PodGrid, when: np.datetime64) -> tuple[float, float]:
+    """Return the centre (lon, lat) [deg] of the coverage of a POD table by position."""
     assert grid.lon is not None
     assert grid.lat is not None
     seen = grid_pod.pod_at(grid, when) > 0
     seen = seen if seen.any() else ~seen
     lon, lat = grid.lon[seen.any(axis=0)], grid.lat[seen.any(axis=1)]
-    middle = math.degrees((lon[0] + lon[-1]) / 2), math.degrees((lat[0] + lat[-1]) / 2)
-    return float(sphere.wrap_degrees(middle[0])), middle[1]
+    centre = math.degrees((lon[0] + lon[-1]) / 2), math.degrees((lat[0] + lat[-1]) / 2)
+    return float(sphere.wrap_degrees(centre[0])), centre[1]
 
 
-def _level(case: Case, sensor: Sensor, scenario: str | None, speed: object, said: Assumed) -> float:
-    """Return the source level [dB] of the target; NaN where the sensor is no sonar."""
+def _level(
+    case: Case, sensor: Sensor, scenario: str | None, speed: object, assumed: Assumed
+) -> float:
+    """Return the source level of the target [dB]; NaN if the sensor is not a sonar."""
     if not isinstance(sensor.sees, Sonar):
-        given = [
+        options = [
             option
             for option, value in (("--scenario", scenario), ("--speed", speed))
             if value is not None
         ]
-        if given:
+        if options:
             raise UserError(
-                f'{given[0]}: sensor "{sensor.name}" is a table of POD, the same for all targets; leave it out'
+                f'{options[0]}: sensor "{sensor.name}" is a POD table, the same for all targets; '
+                "remove the option"
             )
         return math.nan
     names = [one.name for one in case.scenarios]
@@ -209,25 +231,25 @@ def _level(case: Case, sensor: Sensor, scenario: str | None, speed: object, said
     weights = [one.weight for one in case.scenarios]
     k = int(np.argmax(weights)) if scenario is None else names.index(scenario)
     levels = sensor.sees.levels
-    fast = _speed(speed, levels, k)
-    level = float(hearing.level(sensor.sees, np.array([k]), np.array([fast]))[0])
-    alone = len(names) == 1
+    target_speed = _speed(speed, levels, k)
+    level = float(hearing.level(sensor.sees, np.array([k]), np.array([target_speed]))[0])
+    only_one = len(names) == 1
     why = (
         ""
-        if scenario is not None or alone
+        if scenario is not None or only_one
         else f", the likeliest beforehand ({notation.percent(weights[k] / sum(weights))})"
     )
     words = f'{notation.number(level)} dB, of scenario "{names[k]}"{why}'
     if np.ptp(levels.level[k]) > 0:
-        words += f", at {notation.number(fast / KNOT)} kn{', the slowest that is given' if speed is None else ''}"
-    said.append(("source level", words))
+        words += f", at {notation.number(target_speed / KNOT)} kn{', the slowest that is given' if speed is None else ''}"
+    assumed.append(("source level", words))
     return level
 
 
 def _speed(speed: object, levels: Levels, scenario: int) -> float:
-    """Return the speed [m/s] that is asked for, or the slowest of a scenario's own table."""
+    """Return the given speed [m/s], or the lowest one of a scenario's own table."""
     if speed is None:
-        own = levels.level[scenario]  # other scenarios may be given at slower speeds
+        own = levels.level[scenario]  # other scenarios may start at lower speeds
         changes = np.flatnonzero(own != own[0])
         return float(levels.speed[changes[0] - 1 if changes.size else 0])
     try:
@@ -242,12 +264,12 @@ def _speed(speed: object, levels: Levels, scenario: int) -> float:
 def _noise(noise: Noise, when: np.datetime64) -> str:
     least, most = float(noise.level.min()), float(noise.level.max())
     span = f"{least:.4g} dB" if most - least < 0.05 else f"{least:.4g} to {most:.4g} dB"
-    held = _held(noise.times, when)
-    return f"{span}, {held}" if held else span
+    remark = _nearest_time_remark(noise.times, when)
+    return f"{span}, {remark}" if remark else span
 
 
-def _held(times: NDArray[np.datetime64], when: np.datetime64) -> str:
-    """Return what is said of a time outside of those that are known."""
+def _nearest_time_remark(times: NDArray[np.datetime64], when: np.datetime64) -> str:
+    """Return a remark if a time is outside the known times, whose nearest one is used; else ""."""
     if not times.size or times[0] <= when <= times[-1]:
         return ""
     edge, which = (times[0], "first") if when < times[0] else (times[-1], "last")

@@ -1,4 +1,4 @@
-"""What is handed out of where a sensor hears: a grid, a table, a picture."""
+"""Output files of `drift sensor`: a grid, a table and a map."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,27 +13,27 @@ from drift.products.maps.imprint import Imprint
 
 @dataclass(frozen=True)
 class SensorOutputs:
-    """What the files and the picture are made from."""
+    """The data that the files and the map are made from."""
 
     found: Reach
     imprint: Imprint
     land: Callable[[Any], Any]  # returns the polygons of land in a box [deg]
 
 
-def _map(matter: SensorOutputs, path: Path) -> None:
-    from drift.apps.sensor import map as reach_map  # here: Matplotlib takes a second to import
+def _map(outputs: SensorOutputs, path: Path) -> None:
+    from drift.apps.sensor import map as reach_map  # imported here: Matplotlib takes a second
 
-    reach_map.plot_reach(matter.found, path, matter.imprint, matter.land)
+    reach_map.plot_reach(outputs.found, path, outputs.imprint, outputs.land)
 
 
 FILES: dict[str, Callable[[SensorOutputs, Stamped], Contents]] = {
-    "sensor.nc": lambda matter, stamped: files.grid(matter.found, stamped),
-    "sensor.csv": lambda matter, stamped: files.reach_csv(matter.found, stamped),
+    "sensor.nc": lambda outputs, stamped: files.grid(outputs.found, stamped),
+    "sensor.csv": lambda outputs, stamped: files.reach_csv(outputs.found, stamped),
 }
 PICTURES: dict[str, Callable[[SensorOutputs, Path], None]] = {"sensor.png": _map}
 
 
-def chapter(matter: SensorOutputs, attributes: dict[str, str]) -> Chapter:
-    """Return the chapter of a sensor."""
-    numbers = {"sensor": text.summary_of_reach(matter.found)}
-    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), facts=attributes)
+def chapter(outputs: SensorOutputs, attributes: dict[str, str]) -> Chapter:
+    """Return the outputs of `drift sensor`."""
+    numbers = {"sensor": text.summary_of_reach(outputs.found)}
+    return Chapter(numbers, bound(FILES, outputs), bound(PICTURES, outputs), facts=attributes)

@@ -1,7 +1,4 @@
-"""Where a sensor of a case hears, from the question to the files:
-
-`drift sensor` and `drift.sensor_reach`.
-"""
+"""`drift sensor` and `drift.sensor_reach`: compute where a sensor detects, and write results."""
 
 import os
 from collections.abc import Sequence
@@ -29,27 +26,27 @@ def sensor_reach(
     speed: object = None,
     overwrite: bool = False,
 ) -> Reach:
-    """Return where a sensor of a case would hear, or see, a target by one look; nothing is run.
+    """Return where a sensor of a case would detect a target by one look; nothing is run.
 
     Args:
-        case: of `drift.load` or `drift.vary`, with a `[[sensor]]` of that name.
-        name: of the sensor.
+        case: a case from `drift.load` or `drift.vary`, with a `[[sensor]]` of that name.
+        name: name of the sensor.
         out: a folder for sensor.png, sensor.nc and sensor.csv; None: nothing is written.
         time: as a case writes it, "211830ZNOV26" or "+6 h"; None: the start of the case, or of the
             one sortie that carries the sensor.
-        at: "36 00N 070 00W", of a sensor whose table does not say.
-        heading: of its array [degrees from north].
-        beams: numbers from 1; None: all.
-        scenario: whose source level is heard; None: the likeliest.
-        speed: "8 kn", where the level goes by it.
-        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
+        at: "36 00N 070 00W", for a sensor whose table gives no position.
+        heading: heading of its array [degrees from north].
+        beams: numbers of beams from 1; None: all.
+        scenario: scenario whose source level is used; None: the likeliest.
+        speed: speed of the target, "8 kn", if its source level depends on it.
+        overwrite: whether results in `out` are replaced, once the new ones are complete.
 
     Returns:
-        What one look detects by bearing [rad] and range [m] and on a grid (lat, lon), and how far
-        it detects with 50 % [m], shape (360,) by bearing.
+        The detection by one look, by bearing [rad] and range [m] and on a grid (lat, lon), and the
+        range of 50 % detection [m] by bearing, shape (360,).
 
     Raises:
-        UserError: no such sensor, or its place, heading, time or speed is missing or does not fit.
+        UserError: no such sensor, or its position, heading, time or speed is missing or invalid.
     """
     folder = None if out is None else Path(out)
     question = asked.question(
@@ -64,27 +61,31 @@ def sensor_reach(
 
 
 def _write(case: Case, found: Reach, folder: Path, overwrite: bool) -> None:
-    told = _attributes(case, found.question)
+    attributes = _attributes(case, found.question)
     imprint = Imprint(
         f'{case.title}: sensor "{found.question.sensor.name}"',
-        f"{told['source']}. A look is one instant; land is passed over; where a map is blank nothing is heard or seen.",
-        {**told, "run_id": formats.run_id(told)},
+        f"{attributes['source']}. A look is one instant; land is ignored; blank areas are out of "
+        "range.",
+        {**attributes, "run_id": formats.run_id(attributes)},
     )
     land = coastline.lands(None, case.coast)
     writer.write(
         folder,
-        [chapter.chapter(chapter.SensorOutputs(found, imprint, land), told)],
+        [chapter.chapter(chapter.SensorOutputs(found, imprint, land), attributes)],
         overwrite=overwrite,
     )
 
 
 def _attributes(case: Case, question: Question) -> dict[str, str]:
-    """Return what every file carries.
+    """Return the attributes that every file carries.
 
-    What was asked stands under the case, so that each question has its own run_id.
+    The question is appended to the case, so that each question has its own run_id.
     """
-    words = "; ".join(
-        [text.described(question), *(f"{name}: {words}" for name, words in question.assumed)]
+    description = "; ".join(
+        [
+            text.described(question),
+            *(f"{name}: {description}" for name, description in question.assumed),
+        ]
     )
     return {
         "title": case.title,
@@ -92,6 +93,6 @@ def _attributes(case: Case, question: Question) -> dict[str, str]:
         "versions": version.told(),
         "seed": str(case.seed),
         "coast": case.coast.source,
-        "case": f"{case.text.rstrip()}\n# sensor {question.sensor.name}: {words}\n",
+        "case": f"{case.text.rstrip()}\n# sensor {question.sensor.name}: {description}\n",
         **case.about,
     }

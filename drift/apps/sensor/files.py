@@ -1,4 +1,4 @@
-"""Where a sensor hears, as files: a grid and a table."""
+"""Files of `drift sensor`: a netCDF grid and a CSV table."""
 
 import math
 
@@ -12,13 +12,13 @@ from geo import notation
 from geo.notation import NMI
 
 EVERY = 10  # [deg] between bearings of the table
-ROWS = 100  # ranges of the table on a bearing, at most
-STEPS = tuple(m * 10.0**e for e in range(-2, 4) for m in (1, 2, 5))  # [nmi] between them
+ROWS = 100  # most ranges per bearing in the table
+STEPS = tuple(m * 10.0**e for e in range(-2, 4) for m in (1, 2, 5))  # [nmi] allowed range steps
 
 
 def grid(found: Reach, stamped: Stamped) -> xr.Dataset:
-    """Return signal excess and probability of detection over longitude and latitude."""
-    asked = found.question
+    """Return signal excess and probability of detection by longitude and latitude."""
+    question = found.question
     data: dict[str, object] = {
         "pod": (
             ("lat", "lon"),
@@ -27,7 +27,7 @@ def grid(found: Reach, stamped: Stamped) -> xr.Dataset:
                 "long_name": "probability that a look of the sensor detects a target",
                 "units": "1",
                 "valid_range": np.array([0, 1], np.float32),
-                "comment": "land is passed over; of a sonar Phi(signal excess / fluctuation), averaged over its unknown",
+                "comment": "land is ignored; for a sonar Phi(signal excess / fluctuation), averaged over its unknown",
             },
         )
     }
@@ -38,7 +38,7 @@ def grid(found: Reach, stamped: Stamped) -> xr.Dataset:
             {
                 "long_name": "signal excess",
                 "units": "dB",
-                "comment": "source level - loss - (noise - gain) - threshold; missing where nothing is heard, for it is too far",
+                "comment": "source level - loss - (noise - gain) - threshold; missing beyond the range of the loss table",
             },
         )
     coords: dict[str, object] = {
@@ -54,38 +54,41 @@ def grid(found: Reach, stamped: Stamped) -> xr.Dataset:
         ),
         "time": (
             (),
-            asked.time.astype("datetime64[ns]"),
+            question.time.astype("datetime64[ns]"),
             {"standard_name": "time", "long_name": "time of the look", "axis": "T"},
         ),
     }
-    told: dict[str, object] = {
-        "summary": f'Where the sensor "{asked.sensor.name}" would detect a target by one look.',
-        "sensor": asked.sensor.name,
-        "sensor_lon": asked.place[0],
-        "sensor_lat": asked.place[1],
-        "assumed": "; ".join(f"{name}: {words}" for name, words in asked.assumed),
+    attributes: dict[str, object] = {
+        "summary": f'Where the sensor "{question.sensor.name}" would detect a target by one look.',
+        "sensor": question.sensor.name,
+        "sensor_lon": question.place[0],
+        "sensor_lat": question.place[1],
+        "assumed": "; ".join(f"{name}: {words}" for name, words in question.assumed),
     }
-    if asked.sonar is not None:
-        told |= {"source_level_db": asked.level, "fluctuation_db": asked.sonar.fluctuation}
-        told |= {"heading_deg": math.degrees(asked.heading)} if asked.has_array else {}
-        told |= {"beams": ", ".join(str(beam + 1) for beam in asked.beams) or "all"}
-    return xr.Dataset(data, coords, told)
+    if question.sonar is not None:
+        attributes |= {
+            "source_level_db": question.level,
+            "fluctuation_db": question.sonar.fluctuation,
+        }
+        attributes |= {"heading_deg": math.degrees(question.heading)} if question.has_array else {}
+        attributes |= {"beams": ", ".join(str(beam + 1) for beam in question.beams) or "all"}
+    return xr.Dataset(data, coords, attributes)
 
 
 def reach_csv(found: Reach, stamped: Stamped) -> str:
     """Return signal excess and probability of detection by bearing and range, as CSV."""
     step = next((step for step in STEPS if found.extent / NMI / step <= ROWS), STEPS[-1])
-    far = np.arange(1, math.floor(found.extent / NMI / step + 1e-9) + 1) * step
+    ranges = np.arange(1, math.floor(found.extent / NMI / step + 1e-9) + 1) * step
     rows = []
     for bearing in range(0, len(found.bearing), EVERY):
-        pod = np.interp(far * NMI, found.range, found.around.pod[bearing])
+        pod = np.interp(ranges * NMI, found.range, found.around.pod[bearing])
         excess = None if found.around.excess is None else found.around.excess[bearing]
-        over = (
-            np.full(far.shape, np.nan)
+        signal_excess = (
+            np.full(ranges.shape, np.nan)
             if excess is None
-            else np.interp(far * NMI, found.range, excess)
+            else np.interp(ranges * NMI, found.range, excess)
         )
-        for metres, db, chance in zip(far, over, pod, strict=True):
+        for metres, db, chance in zip(ranges, signal_excess, pod, strict=True):
             rows.append(
                 [
                     bearing,
@@ -95,5 +98,5 @@ def reach_csv(found: Reach, stamped: Stamped) -> str:
                 ]
             )
     head = ["bearing_deg", "range_nmi", "signal_excess_db", "pod", "sensor", "time", "run_id"]
-    same = [found.question.sensor.name, notation.iso(found.question.time), stamped["run_id"]]
-    return formats.csv_text(head, [[*row, *same] for row in rows])
+    constants = [found.question.sensor.name, notation.iso(found.question.time), stamped["run_id"]]
+    return formats.csv_text(head, [[*row, *constants] for row in rows])

@@ -1,9 +1,8 @@
-"""Where a sensor hears, computed: round its place by bearing and range, and on a grid of longitude
-and latitude.
+"""Compute a sensor's reach: detection by bearing and range, and on a longitude-latitude grid.
 
-A look is one instant: it detects with probability Phi(signal excess / fluctuation), averaged over
-the `unknown` of the sensor, or with that of its table. Sound passes land, as it does in a run; a
-target ashore is heard by no sonar there.
+A look is one instant. It detects with probability Phi(signal excess / fluctuation), averaged over
+the `unknown` of the sensor, or with that of its POD table. Land does not block sound, as in a run,
+where a sonar detects no stranded target.
 """
 
 import math
@@ -18,80 +17,84 @@ from geo import sphere
 from geo.array import Array
 from geo.notation import NMI
 
-HALF = 0.5  # probability of detection that tells ranges
-FAINT = 0.01  # probability of detection up to which the map goes
-LEAST, MOST = 10 * NMI, 80 * 60 * NMI  # [m] extents; the map is no wider than a hemisphere
-MARGIN = 1.04  # of the extent beyond the last that is heard
+HALF = 0.5  # probability of detection that defines the range
+FAINT = 0.01  # probability of detection at the edge of the map
+LEAST, MOST = 10 * NMI, 80 * 60 * NMI  # [m] limits of the extent; at most a hemisphere
+MARGIN = 1.04  # extent of the map relative to the farthest detection
 BEARINGS, RINGS = 360, 1201
-# cells along a side of the grid, odd: the sensor is in the middle; all round a pole
+# cells along a side of the grid, odd: the sensor is in the middle; in longitude round a pole
 SIDE, ROUND = 401, 1440
 
 
-def reach(asked: Question) -> Reach:
-    """Return where a sensor hears."""
+def reach(question: Question) -> Reach:
+    """Return the reach of a sensor: detection by bearing and range and on a grid, and ranges."""
     bearing = np.arange(BEARINGS) * hearing.TURN / BEARINGS
-    far = _horizon(asked)
-    # So fine that a table's ring of a quarter mile is met, where it goes to 300 miles.
-    found = _around(asked, bearing, np.linspace(0.0, far, RINGS))
-    heard = np.flatnonzero((found.pod > FAINT).any(axis=0))
-    edge = far * (heard[-1] + 1) / (RINGS - 1) if heard.size else 0.0
+    horizon = _horizon(question)
+    # Fine enough to resolve a ring of a quarter mile in a table that goes to 300 miles.
+    found = _around(question, bearing, np.linspace(0.0, horizon, RINGS))
+    detected = np.flatnonzero((found.pod > FAINT).any(axis=0))
+    edge = horizon * (detected[-1] + 1) / (RINGS - 1) if detected.size else 0.0
     extent = min(max(edge * MARGIN, LEAST), MOST)
     ranges = np.linspace(0.0, extent, RINGS)
-    found = _around(asked, bearing, ranges)
-    lon, lat = _grid(asked.place, extent)
+    found = _around(question, bearing, ranges)
+    lon, lat = _grid(question.place, extent)
     x, y = np.meshgrid(np.radians(lon), np.radians(lat))
     last = np.array([(zones(ranges, row) or [(0.0, 0.0)])[-1][1] for row in found.pod])
     first = [(zones(ranges, row) or [(math.inf, 0.0)])[0] for row in found.pod]
     near = np.array([end if begin == 0 else 0.0 for begin, end in first])
-    return Reach(asked, extent, bearing, ranges, found, last, near, lon, lat, look(asked, x, y))
+    return Reach(
+        question, extent, bearing, ranges, found, last, near, lon, lat, look(question, x, y)
+    )
 
 
-def look(asked: Question, lon: Array, lat: Array) -> Looked:
-    """Return what a look detects at places [rad], any shape."""
-    at = math.radians(asked.place[0]), math.radians(asked.place[1])
-    sees = asked.sensor.sees
+def look(question: Question, lon: Array, lat: Array) -> Looked:
+    """Return the detection of a look at positions lon, lat [rad] of any shape."""
+    at = math.radians(question.place[0]), math.radians(question.place[1])
+    sees = question.sensor.sees
     if isinstance(sees, PodGrid):
-        return Looked(np.asarray(grid_pod.chance(sees, at, asked.time, lon, lat)), None)
-    source = np.array(asked.level)
-    over = hearing.over(Ear(sees, asked.beams), at, asked.heading, asked.time, lon, lat, source)
+        return Looked(np.asarray(grid_pod.chance(sees, at, question.time, lon, lat)), None)
+    source = np.array(question.level)
+    excess = hearing.over(
+        Ear(sees, question.beams), at, question.heading, question.time, lon, lat, source
+    )
     values, shares = unknown.offsets(sees.unknown, sees.fluctuation)
     pod = sum(
-        share * hearing.chance(sees, over + value)
+        share * hearing.chance(sees, excess + value)
         for value, share in zip(values, shares, strict=True)
     )
-    return Looked(np.asarray(pod), np.where(np.isfinite(over), over, np.nan))
+    return Looked(np.asarray(pod), np.where(np.isfinite(excess), excess, np.nan))
 
 
-def _around(asked: Question, bearing: Array, ranges: Array) -> Looked:
-    """Return what a look detects by bearing and range."""
-    at = np.radians(asked.place)
+def _around(question: Question, bearing: Array, ranges: Array) -> Looked:
+    """Return the detection by bearing [rad] and range [m], shape (bearings, ranges)."""
+    at = np.radians(question.place)
     east, north = np.sin(bearing)[:, None] * ranges, np.cos(bearing)[:, None] * ranges
-    return look(asked, *sphere.destination(at[0], at[1], east, north))
+    return look(question, *sphere.destination(at[0], at[1], east, north))
 
 
-def _horizon(asked: Question) -> float:
+def _horizon(question: Question) -> float:
     """Return a range [m] beyond which nothing is detected."""
-    sees = asked.sensor.sees
+    sees = question.sensor.sees
     if not isinstance(sees, PodGrid):
-        return min(float(Ear(sees, asked.beams).ranges[-1]), MOST)
+        return min(float(Ear(sees, question.beams).ranges[-1]), MOST)
     if sees.range is not None:
         return min(float(sees.range[-1]), MOST)
     assert sees.lon is not None
     assert sees.lat is not None
     x, y = np.meshgrid(sees.lon, sees.lat)
-    seen = (grid_pod.pod_at(sees, asked.time) > 0) | np.zeros(x.shape, bool)
-    at = np.radians(asked.place)
-    far = sphere.distance(at[0], at[1], x[seen], y[seen])
-    # A value reaches as far as the points about it.
+    covered = (grid_pod.pod_at(sees, question.time) > 0) | np.zeros(x.shape, bool)
+    at = np.radians(question.place)
+    distances = sphere.distance(at[0], at[1], x[covered], y[covered])
+    # A value of the table applies up to the next points.
     cell = sphere.RADIUS * math.hypot(sees.lon[1] - sees.lon[0], sees.lat[1] - sees.lat[0])
-    return min(float(far.max(initial=LEAST)) + cell, MOST)
+    return min(float(distances.max(initial=LEAST)) + cell, MOST)
 
 
 def _grid(place: tuple[float, float], extent: float) -> tuple[Array, Array]:
-    """Return longitudes and latitudes [deg] of a grid that holds a circle about a place."""
+    """Return longitudes and latitudes [deg] of a grid that contains a circle [m] around a place."""
     half = math.degrees(extent / sphere.RADIUS)
     lat = place[1] + np.linspace(-half, half, SIDE)
-    if abs(place[1]) + half >= 89.0:  # a pole is in it, or next to it
+    if abs(place[1]) + half >= 89.0:  # the grid contains a pole, or is next to it
         lat = lat[np.abs(lat) <= 90.0]
         return -180.0 + (np.arange(ROUND) + 0.5) * 360.0 / ROUND, lat
     wide = math.degrees(
@@ -101,8 +104,9 @@ def _grid(place: tuple[float, float], extent: float) -> tuple[Array, Array]:
 
 
 def zones(ranges: Array, pod: Array) -> list[tuple[float, float]]:
-    """Return from and to which ranges [m] a probability of detection is 50 % or more, straight
-    between those given.
+    """Return the zones (from, to) [m] in which the probability of detection is 50 % or more.
+
+    It is interpolated linearly between the ranges.
     """
     inside = np.concatenate([[False], pod >= HALF, [False]])
     begins, ends = (
@@ -122,8 +126,9 @@ def zones(ranges: Array, pod: Array) -> list[tuple[float, float]]:
 
 
 def order(found: Reach) -> Array:
-    """Return bearings (360,), by number, from the one that is heard farthest to the least far; of
-    ties the most heard first.
+    """Return the bearings [deg], shape (360,), in descending order of range.
+
+    Among equal ranges the higher mean probability of detection comes first.
     """
     return np.lexsort(
         (

@@ -1,4 +1,1 @@
-"""The desk:
-
-`drift serve`, a page in the browser on which cases are written, run and their reports opened.
-"""
+"""`drift serve`: a local web page (the desk) to write and run cases and to open their reports."""

@@ -1,6 +1,6 @@
-"""The desk's pages and questions, as an application;
+"""The pages and the API of the desk, as a Starlette application.
 
-`drift.apps.serve.gate` stands before it, `drift.apps.serve.server` runs it.
+`drift.apps.serve.gate` checks every request first; `drift.apps.serve.server` runs the application.
 """
 
 import mimetypes
@@ -32,7 +32,7 @@ ASSETS = {
     "desk.js": ("drift.apps.serve", "text/javascript"),
     "page.css": ("drift.products.report", "text/css"),  # the look of report.html
 }
-TYPES = {  # of files of runs that a browser shows; all others are saved
+TYPES = {  # of files of runs that a browser shows; it saves all others
     ".png": "image/png",
     ".txt": "text/plain; charset=utf-8",
     ".csv": "text/plain; charset=utf-8",
@@ -43,53 +43,57 @@ CHUNK = 2**18  # [bytes]
 
 
 class Desk:
-    """What the pages show: a folder, what ships with the project, and the jobs."""
+    """Request handlers for the served folder, the shipped cases, and the jobs."""
 
     def __init__(self, folder: Path, secret: Secret, jobs: Jobs) -> None:
         self.folder, self.secret, self.jobs = folder, secret, jobs
 
     async def page(self, request: Request) -> Response:
-        """The page."""
+        """Return the page."""
         return Response(_asset("drift.apps.serve", "desk.html"), media_type="text/html")
 
     async def asset(self, request: Request) -> Response:
-        """Its style and script."""
+        """Return a style sheet or script of the page."""
         home, kind = ASSETS.get(request.path_params["name"], ("", ""))
         if not home:
-            return _refusal(404, "no such file")
+            return _error_response(404, "no such file")
         return Response(_asset(home, request.path_params["name"]), media_type=kind)
 
-    async def shown(self, request: Request) -> Response:
-        """What the folder holds."""
+    async def list_folder(self, request: Request) -> Response:
+        """Return the contents of the folder: cases, results, and shipped cases."""
         try:
-            # a large summary takes its time
+            # reading a large summary takes time
             runs = await run_in_threadpool(shelf.runs, self.folder)
             cases = await run_in_threadpool(shelf.cases, self.folder)
         except OSError as error:
-            return _refusal(500, f"the folder cannot be read: {error.strerror}")
+            return _error_response(500, f"the folder cannot be read: {error.strerror}")
         shipped = [{"name": name, "title": title} for name, title in _shipped().items()]
         runs = [{**run, "key": self.secret.key(run["name"])} for run in runs]
-        called = self.folder.name or str(self.folder)
-        return JSONResponse({"folder": called, "cases": cases, "runs": runs, "shipped": shipped})
+        folder_name = self.folder.name or str(self.folder)
+        return JSONResponse(
+            {"folder": folder_name, "cases": cases, "runs": runs, "shipped": shipped}
+        )
 
     async def case(self, request: Request) -> Response:
-        """A case's text."""
+        """Return the text of a case, and its digest."""
         name = request.path_params["name"]
         try:
-            text, digest = shelf.read_case(self.folder, name) if names.case(name) else _nothing()
+            text, digest = (
+                shelf.read_case(self.folder, name) if names.case(name) else _raise_not_found()
+            )
         except UnicodeDecodeError:
-            return _refusal(400, f"{name} is not text in UTF-8")
+            return _error_response(400, f"{name} is not text in UTF-8")
         except OSError as error:
-            return _refusal(404, f"{name[:100]} cannot be read: {error.strerror or 'no such case'}")
+            return _error_response(
+                404, f"{name[:100]} cannot be read: {error.strerror or 'no such case'}"
+            )
         return JSONResponse({"name": name, "text": text, "digest": digest})
 
-    async def copied(self, request: Request) -> Response:
-        """Lay a copy of a template, or of a case that ships with the project, into the folder,
-        under a free name.
-        """
+    async def copy_shipped(self, request: Request) -> Response:
+        """Save a copy of a template or a shipped case in the folder, under a free name."""
         name = request.path_params["name"]
         if name not in _shipped():
-            return _refusal(404, "no such case")
+            return _error_response(404, "no such case")
         text = (
             template.template_text(name)
             if name in template.TEMPLATES
@@ -98,82 +102,86 @@ class Desk:
         try:
             for beside in set(
                 re.findall(r'"((?:networks|losses)/[\w.-]+)"', text)
-            ):  # files that it names are copied with it
+            ):  # the files that it refers to are copied with it
                 shelf.lay_beside(
                     self.folder, beside, resources.files("cases").joinpath(beside).read_bytes()
                 )
             return JSONResponse({"name": shelf.save_new(self.folder, name, text)})
         except OSError as error:
-            return _refusal(500, f"{name} cannot be copied: {error.strerror}")
+            return _error_response(500, f"{name} cannot be copied: {error.strerror}")
 
     async def save(self, request: Request) -> Response:
-        """Save a case; refuse where it was changed meanwhile."""
+        """Save a case; reject it if the file was changed in the meantime."""
         name, body = request.path_params["name"], request.scope["body"]
-        text, before = body.get("text"), body.get("digest")
+        text, digest_read = body.get("text"), body.get("digest")
         if (
             body.keys() != {"text", "digest"}
             or not isinstance(text, str)
-            or not isinstance(before, str | None)
+            or not isinstance(digest_read, str | None)
         ):
-            return _refusal(400, "give a text and the digest of what it was, null for a new case")
+            return _error_response(
+                400, "give a text and the digest of the version read, null for a new case"
+            )
         if not names.case(name):
             letters = f"letters, digits, spaces and . _ - + ( ), at most {names.LONGEST}"
-            return _refusal(400, f"the name of a case is made of {letters}, and ends in .toml")
+            return _error_response(
+                400, f"the name of a case is made of {letters}, and ends in .toml"
+            )
         if "\0" in text or any("\ud800" <= letter <= "\udfff" for letter in text):
-            return _refusal(400, "this is not text")
+            return _error_response(400, "this is not text")
         if len(text.encode()) > shelf.LARGEST:
-            return _refusal(413, f"a case has at most {shelf.LARGEST:,} bytes")
+            return _error_response(413, f"a case has at most {shelf.LARGEST:,} bytes")
         try:
             return JSONResponse(
-                {"name": name, "digest": shelf.save(self.folder, name, text, before)}
+                {"name": name, "digest": shelf.save(self.folder, name, text, digest_read)}
             )
         except shelf.Conflict:
             what = (
                 "exists already"
-                if before is None
-                else "was changed meanwhile, by another page or program"
+                if digest_read is None
+                else "was changed in the meantime, by another page or program"
             )
-            return _refusal(409, f"{name} {what}; nothing was saved")
+            return _error_response(409, f"{name} {what}; nothing was saved")
         except OSError as error:
-            return _refusal(500, f"{name} cannot be saved: {error.strerror}")
+            return _error_response(500, f"{name} cannot be saved: {error.strerror}")
 
     async def jobs_all(self, request: Request) -> Response:
-        """All jobs."""
-        return JSONResponse({"jobs": [self._job(job.told()) for job in self.jobs.all()]})
+        """Return all jobs."""
+        return JSONResponse({"jobs": [self._job(job.summary()) for job in self.jobs.all()]})
 
     async def job_new(self, request: Request) -> Response:
-        """Ask for a job on a case as it was saved."""
+        """Start a job on a saved case."""
         body = request.scope["body"]
         if body.keys() != {"kind", "case", "digest"} or not all(
             isinstance(value, str) for value in body.values()
         ):
-            return _refusal(400, "give kind, case and digest")
+            return _error_response(400, "give kind, case and digest")
         if not re.fullmatch("[0-9a-f]{64}", body["digest"]):
-            return _refusal(400, "the digest is that of the case as it was read")
+            return _error_response(400, "the digest is that of the case as it was read")
         if body["kind"] not in KINDS or not names.case(body["case"]):
-            return _refusal(400, f"kinds are {', '.join(KINDS)}, on a case of this folder")
+            return _error_response(400, f"kinds are {', '.join(KINDS)}, on a case of this folder")
         job = self.jobs.add(body["kind"], body["case"], body["digest"])
         return (
-            _refusal(429, "too much is waiting already")
+            _error_response(429, "too many jobs are waiting")
             if job is None
-            else JSONResponse(self._job(job.told()))
+            else JSONResponse(self._job(job.summary()))
         )
 
     async def job_cancel(self, request: Request) -> Response:
-        """End a job."""
+        """Cancel a job."""
         job = self.jobs.get(request.path_params["number"])
         if job is None:
-            return _refusal(404, "no such job")
+            return _error_response(404, "no such job")
         await self.jobs.cancel(job)
-        return JSONResponse(self._job(job.told()))
+        return JSONResponse(self._job(job.summary()))
 
     async def file(self, request: Request) -> Response:
-        """A file of a run; its key was asked for at the gate."""
+        """Return a file of a run; the gate has checked its key."""
         run, name = request.path_params["run"], request.path_params["name"]
         try:
             handle, size = shelf.file_of_run(self.folder, run, name)
         except OSError:
-            return _refusal(404, "no such file of a run")
+            return _error_response(404, "no such file of a run")
         suffix = os.path.splitext(name)[1]
         kind = "text/html; charset=utf-8" if name == shelf.REPORT else TYPES.get(suffix)
         headers = {"Content-Length": str(size)}
@@ -188,42 +196,42 @@ class Desk:
         response.headers["Content-Type"] = kind
         return response
 
-    def _job(self, told: dict[str, Any]) -> dict[str, Any]:
-        return {**told, "key": self.secret.key(told["out"]) if told["out"] else None}
+    def _job(self, summary: dict[str, Any]) -> dict[str, Any]:
+        return {**summary, "key": self.secret.key(summary["out"]) if summary["out"] else None}
 
 
 class Pieces(StreamingResponse):
-    """A file in pieces; it is closed also where nobody reads it to its end."""
+    """Response that sends a file in chunks, and closes it even if the client stops reading."""
 
     def __init__(self, file: BinaryIO, size: int, headers: dict[str, str]) -> None:
-        super().__init__(_pieces(file, size), headers=headers)
+        super().__init__(_file_chunks(file, size), headers=headers)
         self._file = file
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer."""
+        """Send the response, and close the file at the end."""
         try:
             await super().__call__(scope, receive, send)
         finally:
             self._file.close()
 
 
-def _pieces(file: BinaryIO, size: int) -> Iterator[bytes]:
+def _file_chunks(file: BinaryIO, size: int) -> Iterator[bytes]:
     while size > 0 and (piece := file.read(min(CHUNK, size))):
         size -= len(piece)
         yield piece
 
 
-def _nothing() -> tuple[str, str]:
+def _raise_not_found() -> tuple[str, str]:
     raise FileNotFoundError
 
 
-def _refusal(status: int, line: str) -> Response:
+def _error_response(status: int, line: str) -> Response:
     return JSONResponse({"error": line}, status)
 
 
 @lru_cache
 def _shipped() -> dict[str, str]:
-    """Return the titles of what a case may begin with, by name: commented scenarios, then cases."""
+    """Return the titles of templates and shipped cases, by name, templates first."""
     return {
         name: f"a commented case: {words}" for name, words in template.TEMPLATES.items()
     } | dict(case_file.shipped())
@@ -231,21 +239,31 @@ def _shipped() -> dict[str, str]:
 
 @lru_cache
 def _asset(home: str, name: str) -> str:
-    place = resources.files(home)
+    package = resources.files(home)
     return (
-        (place if home == "cases" else place / "assets").joinpath(name).read_text(encoding="utf-8")
+        (package if home == "cases" else package / "assets")
+        .joinpath(name)
+        .read_text(encoding="utf-8")
     )
 
 
 def make(
     folder: Path, places: tuple[str, ...], secret: Secret, allowed: fence.Fence, limits: Limits
 ) -> ASGIApp:
-    """Return the application, behind its gate; places: "host:port" as requests must name it."""
+    """Return the application behind its gate.
+
+    Args:
+        folder: the served folder.
+        places: "host:port" that requests must name.
+        secret: token, cookie and keys of this start.
+        allowed: files and hosts that jobs may read.
+        limits: limits of jobs.
+    """
     jobs = Jobs(folder, allowed, limits)
     desk = Desk(folder, secret, jobs)
 
     @asynccontextmanager
-    async def lives(app: Starlette) -> AsyncIterator[None]:
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
         await jobs.open()
         try:
             yield
@@ -255,13 +273,13 @@ def make(
     routes = [
         Route("/", desk.page),
         Route("/assets/{name}", desk.asset),
-        Route("/api/folder", desk.shown),
+        Route("/api/folder", desk.list_folder),
         Route("/api/cases/{name}", desk.case),
         Route("/api/cases/{name}", desk.save, methods=["POST"]),
-        Route("/api/shipped/{name}", desk.copied, methods=["POST"]),
+        Route("/api/shipped/{name}", desk.copy_shipped, methods=["POST"]),
         Route("/api/jobs", desk.jobs_all),
         Route("/api/jobs", desk.job_new, methods=["POST"]),
         Route("/api/jobs/{number:int}/cancel", desk.job_cancel, methods=["POST"]),
         Route("/runs/{run}/{key}/{name}", desk.file),
     ]
-    return Gate(Starlette(routes=routes, lifespan=lives), places, secret)
+    return Gate(Starlette(routes=routes, lifespan=lifespan), places, secret)

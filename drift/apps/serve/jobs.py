@@ -1,9 +1,8 @@
-"""Work on cases: each in a process of its own, one at a time, checks beside runs; none outlives the
-server.
+"""Jobs of the desk: each command runs in its own process, one at a time, checks beside runs.
 
-So a crash or a cancelled run costs the server nothing, and what the case may open is bounded in
-that process (`geo.files.fence`). The process watches its standard input, which ends when this one
-does, however it ends.
+A crash or a cancelled run cannot harm the server, and a process can only open what its fence allows
+(`geo.files.fence`). Each process watches its standard input, which closes when the server ends in
+whatever way, so that no job outlives the server.
 """
 
 import asyncio
@@ -28,17 +27,17 @@ KINDS = {
     "run": "forecast",
     "plan": "plan",
     "origin": "origin",
-}  # commands, and what their folders are called
+}  # commands, and the suffix of their result folders
 START = "from drift.apps.cli import tethered; tethered.main"
-MARK = "\x1e"  # begins a line that tells progress
+MARK = "\x1e"  # begins a line of progress
 MOST_WAITING = 20
-MOST_KEPT = 30  # jobs that are remembered
-MOST_LINES = 400  # of a log, the last ones
-LONGEST_LINE = 1200  # letters
+MOST_KEPT = 30  # jobs that are listed
+MOST_LINES = 400  # last lines of a log that are kept
+LONGEST_LINE = 1200  # characters
 GIB = 2**30  # [bytes]
-GRACE = 10.0  # [s] from asking a process to end to ending it by force
+GRACE = 10.0  # [s] from terminating a process to killing it
 
-# these have other reasons than a lack of memory
+# signals that do not point to a lack of memory
 CRASHES = ("SIGSEGV", "SIGBUS", "SIGILL", "SIGFPE")
 
 Lane = asyncio.Queue["Job"]
@@ -46,7 +45,7 @@ Lane = asyncio.Queue["Job"]
 
 @dataclass(frozen=True)
 class Limits:
-    """The most that a job may take, and where its particles move."""
+    """The limits of a job, and the backend of its particles."""
 
     hours: float = 12.0
     memory: float = float("inf")  # [GiB] of each of its processes
@@ -55,12 +54,12 @@ class Limits:
 
 @dataclass
 class Job:
-    """A command on a case. state: waiting, running, done, failed or cancelled."""
+    """A command on a case; state is waiting, running, done, failed or cancelled."""
 
     number: int
     kind: str
     case: str
-    digest: str  # of the case when it was asked for
+    digest: str  # of the case when the job was requested
     state: str = "waiting"
     out: str | None = None  # name of the folder of its results
     phase: str = ""
@@ -72,11 +71,11 @@ class Job:
 
     @property
     def over(self) -> bool:
-        """Whether nothing more will come of it."""
+        """Whether the job has ended."""
         return self.state in {"done", "failed", "cancelled"}
 
-    def told(self) -> dict[str, Any]:
-        """Return what the page shows of it."""
+    def summary(self) -> dict[str, Any]:
+        """Return what the page shows of the job."""
         took = (
             time.monotonic() - self.started
             if self.took is None and self.started is not None
@@ -97,7 +96,7 @@ class Job:
 
 
 class Jobs:
-    """The jobs of a server: what waits, what runs, what has ended."""
+    """All jobs of a server, in two queues: checks, and everything else."""
 
     def __init__(self, folder: Path, allowed: fence.Fence, limits: Limits) -> None:
         self._folder, self._fence, self._limits = folder, allowed, limits
@@ -107,12 +106,12 @@ class Jobs:
         self._closing = False
 
     async def open(self) -> None:
-        """Begin to work."""
+        """Start the tasks that work on the queues."""
         self._lanes = {True: asyncio.Queue(), False: asyncio.Queue()}
         self._tasks = [asyncio.create_task(self._work(lane)) for lane in self._lanes.values()]
 
     async def close(self) -> None:
-        """End all work, and every process with it."""
+        """Cancel all jobs and end their processes."""
         self._closing = True
         for job in self._jobs.values():
             await self.cancel(job)
@@ -125,11 +124,11 @@ class Jobs:
         return list(reversed(self._jobs.values()))
 
     def get(self, number: int) -> Job | None:
-        """Return a job, None where there is none of the number."""
+        """Return a job by number; None if there is none."""
         return self._jobs.get(number)
 
     def add(self, kind: str, case: str, digest: str) -> Job | None:
-        """Put a job at the end of its queue; None where too many wait."""
+        """Add a job to its queue; return None if too many wait."""
         if sum(job.state == "waiting" for job in self._jobs.values()) >= MOST_WAITING:
             return None
         job = Job(max(self._jobs, default=0) + 1, kind, case, digest)
@@ -142,11 +141,11 @@ class Jobs:
         return job
 
     async def cancel(self, job: Job) -> None:
-        """End a job: one that waits at once, one that runs within GRACE."""
+        """Cancel a job: a waiting one at once, a running one within GRACE."""
         if job.over:
             return
-        before, job.state = job.state, "cancelled"
-        if before == "running" and job.process is not None:
+        previous, job.state = job.state, "cancelled"
+        if previous == "running" and job.process is not None:
             await _end(job.process)
 
     async def _work(self, lane: Lane) -> None:
@@ -157,7 +156,7 @@ class Jobs:
             job.state, job.started = "running", time.monotonic()
             try:
                 status = await self._carry_out(job)
-            except Exception as error:  # one job must not end the lane of all
+            except Exception as error:  # one job must not end its whole queue
                 job.lines.append(
                     f"drift: {error.strerror if isinstance(error, OSError) else error}"
                 )
@@ -169,14 +168,18 @@ class Jobs:
     async def _carry_out(self, job: Job) -> int:
         """Run the command in a process and return its exit status."""
         if shelf.read_case(self._folder, job.case)[1] != job.digest:
-            raise ValueError(f"{job.case} was changed after this was asked for; ask again")
-        given = [job.kind, str(self._folder / job.case)]
-        if (what := KINDS[job.kind]) is not None:
-            job.out = _free(self._folder, f"{job.case.removesuffix('.toml')}-{what}")
-            given += ["--out", str(self._folder / job.out)]
-            given += [] if self._limits.backend == "cpu" else ["--backend", self._limits.backend]
-        # Python looks for modules where it starts: neither in the served folder, nor in any that
-        # others can write.
+            raise ValueError(
+                f"{job.case} was changed after this job was requested; request it again"
+            )
+        arguments = [job.kind, str(self._folder / job.case)]
+        if (suffix := KINDS[job.kind]) is not None:
+            job.out = _unused_name(self._folder, f"{job.case.removesuffix('.toml')}-{suffix}")
+            arguments += ["--out", str(self._folder / job.out)]
+            arguments += (
+                [] if self._limits.backend == "cpu" else ["--backend", self._limits.backend]
+            )
+        # Python looks for modules in its start folder: that must not be the served folder, nor one
+        # that others can write to.
         path = [place for place in sys.path if place and Path(place).resolve() != self._folder]
         memory = int(self._limits.memory * GIB) if self._limits.memory < float("inf") else None
         code = f"import sys; sys.path[:] = {path!r}; {START}({memory!r})"
@@ -185,7 +188,7 @@ class Jobs:
                 sys.executable,
                 "-c",
                 code,
-                *given,
+                *arguments,
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
                 stderr=asyncio.subprocess.STDOUT,
@@ -193,9 +196,9 @@ class Jobs:
                 env=self._environment(empty),
                 start_new_session=os.name == "posix",
             )
-            overdue = asyncio.create_task(_end_after(job.process, self._limits.hours * 3600))
+            timeout = asyncio.create_task(_end_after(job.process, self._limits.hours * 3600))
             try:
-                if job.state == "cancelled":  # while it was started
+                if job.state == "cancelled":  # while the process was starting
                     await _end(job.process)
                 assert job.process.stdout is not None
                 await _read(job.process.stdout, lambda line: _take(job, line))
@@ -204,35 +207,35 @@ class Jobs:
                     job.lines.append(f"drift: {why}")
                 return status
             finally:
-                overdue.cancel()
+                timeout.cancel()
                 if job.process.returncode is None:
                     _kill(job.process)
 
     def _fate(self, job: Job, status: int) -> str:
-        """Return why a job ended, where it could not say it itself; "" where it could."""
+        """Return why a job ended, if the process could not report it itself; else ""."""
         assert job.started is not None
         if status == 0:
             return ""
         if time.monotonic() - job.started >= self._limits.hours * 3600:
-            return f"ended, as it took more than {self._limits.hours:g} h; drift serve --hours allows more"
+            return f"stopped after the limit of {self._limits.hours:g} h; drift serve --hours allows more"
         if status >= 0:
             return ""
         name = (
             signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
         )
         if name in CRASHES:
-            whole = (
+            when = (
                 " after its results were complete"
                 if job.out and (self._folder / job.out).is_dir()
                 else ""
             )
-            return f"a library crashed ({name}){whole}; try again; if it crashes again, report it with the case"
-        most = (
+            return f"a library crashed ({name}){when}; try again; if it crashes again, report it with the case"
+        limit = (
             f", which is limited to {self._limits.memory:.3g} GiB"
             if self._limits.memory < float("inf")
             else ""
         )
-        return f"ended by {name}, as happens when memory runs out{most} (drift serve --memory)"
+        return f"killed by {name}, as happens when memory runs out{limit} (drift serve --memory)"
 
     def _environment(self, empty: str) -> dict[str, str]:
         own = {
@@ -243,19 +246,17 @@ class Jobs:
         return os.environ | own | {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8:replace"}
 
 
-def _free(folder: Path, name: str) -> str:
-    """Return a name for a folder of results that nothing has yet: no result is overwritten from the
-    page.
-    """
+def _unused_name(folder: Path, name: str) -> str:
+    """Return an unused name for a results folder: the page never overwrites a result."""
     stem = name[: names.LONGEST - 5].rstrip(" .")
     for k in range(1, 1000):
-        if not os.path.lexists(folder / (free := stem if k == 1 else f"{stem}-{k}")):
-            return free
+        if not os.path.lexists(folder / (candidate := stem if k == 1 else f"{stem}-{k}")):
+            return candidate
     raise ValueError(f"there are a thousand results {stem} already; move some away")
 
 
 def _take(job: Job, line: str) -> None:
-    """Take in a line of a process: progress, or one for the log."""
+    """Process a line of output: progress, or a line for the log."""
     if not line.startswith(MARK):
         job.lines.append(
             "".join(letter if letter.isprintable() else " " for letter in line)[
@@ -264,17 +265,17 @@ def _take(job: Job, line: str) -> None:
         )
         return
     with contextlib.suppress(ValueError, KeyError, TypeError, OverflowError, RecursionError):
-        told = json.loads(line[1:LONGEST_LINE])
-        share = float(told["share"])
+        progress = json.loads(line[1:LONGEST_LINE])
+        share = float(progress["share"])
         if 0 <= share <= 1:  # neither is NaN
             job.phase, job.share = (
-                "".join(letter for letter in str(told["phase"]) if letter.isprintable())[:100],
+                "".join(letter for letter in str(progress["phase"]) if letter.isprintable())[:100],
                 share,
             )
 
 
 async def _read(stream: asyncio.StreamReader, take: Callable[[str], None]) -> None:
-    """Hand on the lines of a stream until it ends, of an endless one the beginning."""
+    """Pass on the lines of a stream until it ends; overlong lines are cut."""
     rest = b""
     while data := await stream.read(2**16):
         *whole, rest = (rest + data).split(b"\n")
@@ -286,9 +287,7 @@ async def _read(stream: asyncio.StreamReader, take: Callable[[str], None]) -> No
 
 
 async def _end(process: asyncio.subprocess.Process) -> None:
-    """Ask a process to end, so that it leaves nothing half written; end it by force where it does
-    not.
-    """
+    """Terminate a process, so that it can clean up; kill it after GRACE."""
     with contextlib.suppress(ProcessLookupError):
         process.terminate()
     try:
@@ -298,7 +297,7 @@ async def _end(process: asyncio.subprocess.Process) -> None:
 
 
 async def _end_after(process: asyncio.subprocess.Process, seconds: float) -> None:
-    """End a process that takes too long."""
+    """End a process after a time limit."""
     await asyncio.sleep(seconds)
     await _end(process)
 
@@ -306,6 +305,6 @@ async def _end_after(process: asyncio.subprocess.Process, seconds: float) -> Non
 def _kill(process: asyncio.subprocess.Process) -> None:
     with contextlib.suppress(ProcessLookupError, PermissionError):
         if os.name == "posix":
-            os.killpg(process.pid, signal.SIGKILL)  # it leads a group of its own
+            os.killpg(process.pid, signal.SIGKILL)  # it leads its own process group
         else:
             process.kill()

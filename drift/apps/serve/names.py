@@ -1,8 +1,7 @@
-"""Names that a request may use, and the files that they mean: those right inside the served folder,
-and no others.
+"""Check names in requests, and open the files that they refer to inside the served folder only.
 
-A name is checked by its letters, and a file is opened step by step without following a link, so
-that neither a spelling nor a link, were it put there in between, leads out.
+A name is checked by its characters, and a file is opened step by step without following links, so
+that neither a spelling nor a link created in the meantime can lead out of the folder.
 """
 
 import errno
@@ -11,16 +10,16 @@ import re
 import stat
 from pathlib import Path
 
-LONGEST = 100  # letters of a name
+LONGEST = 100  # characters of a name
 PLAIN = re.compile(r"\w[\w .+()-]*")  # no separator, no hidden file, no option of a command
 RESERVED = re.compile(
     r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE
-)  # devices of Windows, whatever their ending
+)  # device names of Windows, with any suffix
 LINKS = getattr(os, "O_NOFOLLOW", 0)
 
 
 def plain(name: str) -> bool:
-    """Whether a name is one of a file or a folder, and of nothing else, on every system."""
+    """Return True for a name that is a plain file or folder name on every system."""
     return (
         len(name) <= LONGEST
         and bool(PLAIN.fullmatch(name))
@@ -31,13 +30,14 @@ def plain(name: str) -> bool:
 
 
 def case(name: str) -> bool:
-    """Whether a name is one of a case file."""
+    """Return True for a name of a case file."""
     return plain(name) and name.endswith(".toml")
 
 
 def open_inside(folder: Path, *parts: str) -> int:
-    """Return a handle to read a file inside a folder; raise OSError where it is none, or a link is
-    on the way.
+    """Return a handle for reading a file inside a folder.
+
+    Raises OSError if it is not a regular file, or its path contains a link.
     """
     if not all(map(plain, parts)):
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
@@ -63,8 +63,9 @@ def open_inside(folder: Path, *parts: str) -> int:
 
 
 def contents(folder: Path, *parts: str, largest: int) -> bytes:
-    """Return the bytes of a file inside a folder; raise OSError as `opened` does, or where it is
-    larger [bytes].
+    """Return the bytes of a file inside a folder.
+
+    Raises OSError as `open_inside` does, and for a file above `largest` [bytes].
     """
     with os.fdopen(open_inside(folder, *parts), "rb") as file:
         data = file.read(largest + 1)

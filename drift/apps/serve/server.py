@@ -1,4 +1,4 @@
-"""The server of the desk: where it listens, what it prints, and its end."""
+"""The server of the desk: its address, its limits, and what it prints."""
 
 import errno
 import os
@@ -17,10 +17,10 @@ from kernels.runtime import devices, drivers
 
 HOST, PORT = "127.0.0.1", 8765
 NEXT = 20  # ports that are tried after PORT
-CONNECTIONS = 100  # at most at once
+CONNECTIONS = 100  # most at once
 REASONS = {
     errno.EADDRINUSE: "is in use",
-    errno.EACCES: "is not yours to take, as those below 1024 mostly are not",
+    errno.EACCES: "needs privileges, as most below 1024 do",
 }
 HOURS, LEAST_MEMORY = 12.0, 2.0  # [h], [GiB]
 LOOPBACK = {"127.0.0.1", "localhost", "::1"}
@@ -42,16 +42,16 @@ def serve(
     """Serve a folder of cases and results as a page for this machine's browser, until interrupted.
 
     Args:
-        folder: of the cases and results; its jobs write nowhere else.
-        host: where it listens, this machine alone by default.
+        folder: folder of the cases and results; its jobs write nowhere else.
+        host: address to listen on; by default only this machine can connect.
         port: None: 8765 or the next free one.
         allow: files and folders, besides the served one and that of DRIFT_DATA, that cases may
             read.
-        allow_host: hosts of addresses that cases may ask, "host" or "host:port".
-        hours: the most that a job may take [h].
-        memory: the most that a job may take [GiB]; None: what the machine has.
-        backend: where particles of jobs move, as for `drift.run`.
-        browser: whether it is opened.
+        allow_host: hosts that cases may open addresses at, "host" or "host:port".
+        hours: longest time that a job may run [h].
+        memory: most memory that a job may use [GiB]; None: that of the machine.
+        backend: where particles of jobs are computed, as for `drift.run`.
+        browser: whether the browser is opened.
         say: prints a line.
 
     Raises:
@@ -65,39 +65,43 @@ def serve(
         from drift.apps.serve.gate import Secret
     except ImportError as error:
         raise UserError(
-            f"drift serve needs {error.name}; pip install -e '.[serve]' where drift lies"
+            f"drift serve needs {error.name}; pip install -e '.[serve]' in the folder of drift's "
+            "source"
         ) from None
-    place = _folder(folder)
-    allowed = _allowed(place, allow, allow_host)
+    root = _folder(folder)
+    allowed = _fence(root, allow, allow_host)
     if backend in devices.CARDS:
         devices.usable(drivers.ask(backend))
     limits = replace(_limits(hours, memory), backend=backend)
-    listening = _listen(host, port)
-    with listening:
-        number = listening.getsockname()[1]
-        shown = f"[{host}]" if ":" in host else host
-        called = (
-            ["127.0.0.1", "localhost"] if host in ("127.0.0.1", "localhost") else [shown.lower()]
+    listener = _listen(host, port)
+    with listener:
+        bound_port = listener.getsockname()[1]
+        host_in_url = f"[{host}]" if ":" in host else host
+        host_names = (
+            ["127.0.0.1", "localhost"]
+            if host in ("127.0.0.1", "localhost")
+            else [host_in_url.lower()]
         )
-        places = [f"{name}:{number}" for name in dict.fromkeys([shown.lower(), *called])]
+        places = [
+            f"{name}:{bound_port}" for name in dict.fromkeys([host_in_url.lower(), *host_names])
+        ]
         secret = Secret()
-        app = desk_app.make(place, tuple(places), secret, allowed, limits)
-        address = f"http://{shown}:{number}/?token={secret.token}"
+        app = desk_app.make(root, tuple(places), secret, allowed, limits)
+        address = f"http://{host_in_url}:{bound_port}/?token={secret.token}"
         if host not in LOOPBACK:
             say(
-                f"drift: warning: {host} can be reached from other machines: who has the address below works here as you, "
-                "and the line is not encrypted"
+                f"drift: warning: other machines can reach {host}: anyone with the address below "
+                "can work here as you, "
+                "and the connection is not encrypted"
             )
-        say(f"Serving {place}\nOpen {address}\nCtrl-C ends it, and every run with it")
+        say(f"Serving {root}\nOpen {address}\nCtrl-C ends it, and every run with it")
         if browser:
             webbrowser.open(address)
-        uvicorn.Server(configured(app)).run(sockets=[listening])
+        uvicorn.Server(configured(app)).run(sockets=[listener])
 
 
 def configured(app: Any) -> Any:
-    """Return uvicorn's configuration for an application: no log, which would hold the token, and no
-    patience.
-    """
+    """Return uvicorn's configuration: no log, as it would contain the token, and short timeouts."""
     import uvicorn
 
     return uvicorn.Config(
@@ -124,19 +128,19 @@ def _folder(folder: str | os.PathLike[str]) -> Path:
         place = Path(folder).resolve(strict=True)
     except (OSError, RuntimeError, ValueError):
         raise UserError(
-            f'folder "{str(folder)[:300]}": is not there; make it, or name another'
+            f'folder "{str(folder)[:300]}": does not exist; create it, or name another'
         ) from None
     if not place.is_dir():
-        raise UserError(f'"{folder}" is no folder; name the one that holds your cases')
+        raise UserError(f'"{folder}" is not a folder; name the one that contains your cases')
     if not os.access(place, os.R_OK | os.W_OK | os.X_OK):
         raise UserError(f'folder "{folder}": cannot be read and written; name another')
     return place
 
 
-def _allowed(
+def _fence(
     folder: Path, allow: Sequence[str | os.PathLike[str]], hosts: Sequence[str]
 ) -> fence.Fence:
-    """Return what cases may read; results are written into the served folder."""
+    """Return the files and hosts that jobs may read; they write into the served folder only."""
     folders = [folder, Path(str(resources.files("cases"))).resolve()]
     if data := os.environ.get("DRIFT_DATA"):
         folders.append(Path(data).resolve())
@@ -144,11 +148,11 @@ def _allowed(
         try:
             folders.append(Path(path).expanduser().resolve(strict=True))
         except (OSError, RuntimeError, ValueError):
-            raise UserError(f'--allow "{str(path)[:300]}": is not there') from None
+            raise UserError(f'--allow "{str(path)[:300]}": does not exist') from None
     for host in hosts:
         if not fence.PLACE.fullmatch(host):
             raise UserError(
-                f'--allow-host "{host[:300]}": is no host, like thredds.met.no or localhost:8080'
+                f'--allow-host "{host[:300]}": is not a host, like thredds.met.no or localhost:8080'
             )
     return fence.Fence(
         tuple(folders), frozenset(host.lower() for host in hosts), writable=(folder,)
@@ -156,12 +160,12 @@ def _allowed(
 
 
 def _limits(hours: float, memory: float | None) -> Limits:
-    """Return the most that a job may take."""
+    """Return the limits of a job."""
     if not 0 < hours < float("inf"):
-        raise UserError(f"--hours {hours:g}: is more than 0")
+        raise UserError(f"--hours {hours:g}: must be more than 0")
     if memory is not None and not LEAST_MEMORY <= memory < float("inf"):
         raise UserError(
-            f"--memory {memory:g}: is {LEAST_MEMORY:g} (GiB) at least, which a small run takes"
+            f"--memory {memory:g}: must be at least {LEAST_MEMORY:g} (GiB), which a small run needs"
         )
     if memory is None:
         try:
@@ -172,36 +176,36 @@ def _limits(hours: float, memory: float | None) -> Limits:
 
 
 def _listen(host: str, port: int | None) -> socket.socket:
-    """Return a socket that listens, on the given port or from PORT on the first free one."""
+    """Return a listening socket, on the given port or on the first free one from PORT."""
     if port is not None and not 1 <= port <= 65535:
-        raise UserError(f"--port {port}: is from 1 to 65535")
+        raise UserError(f"--port {port}: must be from 1 to 65535")
     try:
         found: Any = socket.getaddrinfo(host, port or PORT, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError):
         raise UserError(f'--host "{host[:300]}": no such host') from None
     family, kind, protocol, _, address = found[0]
-    # a request names the address that it was sent to: it must be known
+    # requests name the address that they are sent to, so it must be known
     if address[0] in ("0.0.0.0", "::"):
         raise UserError(
-            f"--host {host}: name one address or name of this machine, under which it will be asked"
+            f"--host {host}: name one address or name of this machine, which the browser will use"
         )
     for number in [port] if port is not None else range(PORT, PORT + NEXT + 1):
-        listening = socket.socket(family, kind, protocol)
+        listener = socket.socket(family, kind, protocol)
         try:
             if os.name == "posix":
-                listening.setsockopt(
+                listener.setsockopt(
                     socket.SOL_SOCKET, socket.SO_REUSEADDR, 1
-                )  # takes a port that was just left, not one in use
-            listening.bind((address[0], number, *address[2:]))
-            listening.listen(128)
-            return listening
+                )  # allows a port that was just closed, not one in use
+            listener.bind((address[0], number, *address[2:]))
+            listener.listen(128)
+            return listener
         except OSError as error:
-            listening.close()
+            listener.close()
             if error.errno not in {errno.EADDRINUSE, errno.EACCES} or port is not None:
                 reason = REASONS.get(error.errno or 0, f"cannot be used ({error.strerror})")
                 raise UserError(
                     f"port {number} of {host} {reason}; give another with --port"
                 ) from None
     raise UserError(
-        f"ports {PORT} to {PORT + NEXT} of {host} cannot be taken; give another with --port"
+        f"ports {PORT} to {PORT + NEXT} of {host} are not available; give another with --port"
     )

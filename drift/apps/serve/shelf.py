@@ -1,4 +1,4 @@
-"""What the served folder holds: case files, which can be read and saved, and whole results of runs."""
+"""The served folder: case files, which can be read and saved, and complete results of runs."""
 
 import errno
 import hashlib
@@ -17,10 +17,10 @@ from typing import Any
 from drift.apps.serve import names
 from drift.products.files import hidden, manifest
 
-LARGEST = 2**20  # [bytes] of a case: sixty times the largest that ships
+LARGEST = 2**20  # [bytes] most of a case: sixty times the largest that ships
 LARGEST_SUMMARY = 2**26  # [bytes]
-PATIENCE = 2.0  # [s] until another server has saved
-MOST = 1000  # entries that are listed of each kind
+PATIENCE = 2.0  # [s] to wait for another server that is saving
+MOST = 1000  # entries of each kind that are listed
 TITLE = re.compile(r"""^title[ \t]*=[ \t]*(?:("(?:[^"\\\n]|\\.)*")|('[^'\n]*'))""", re.MULTILINE)
 SUMMARY, REPORT = "summary.json", "report.html"
 KINDS = {
@@ -32,34 +32,33 @@ KINDS = {
 
 
 class Conflict(Exception):
-    """A case is not any more, or already, as the one who saves it believes."""
+    """The case file on disk is not in the state that the client expects."""
 
 
 def digest(data: bytes) -> str:
-    """Return what tells one state of a case from another."""
+    """Return the digest that identifies the state of a case file."""
     return hashlib.sha256(data).hexdigest()
 
 
 def read_case(folder: Path, name: str) -> tuple[str, str]:
-    """Return a case's text and digest; raise OSError, or ValueError where it is no text in UTF-8."""
+    """Return a case's text and digest; raise OSError, or ValueError if it is not UTF-8 text."""
     data = names.contents(folder, name, largest=LARGEST)
     return data.decode("utf-8-sig"), digest(data)
 
 
 def save(folder: Path, name: str, text: str, before: str | None) -> str:
-    """Write a case, whole or not at all, and return its digest.
+    """Write a case completely or not at all, and return its digest.
 
-    before: its digest when it was read, None for one that must not be there yet. Raises Conflict,
-    and writes nothing, where it is otherwise by now; OSError where another server saves in the
-    folder and does not come to an end.
+    before: the digest when it was read; None for a case that must not exist yet. Raises Conflict if
+    the file has changed since then, and OSError if another server keeps the folder locked.
     """
-    with hidden.alone(folder, PATIENCE) as free:  # else two servers may both find what they expect
+    with hidden.alone(folder, PATIENCE) as free:  # else two servers may both pass the check
         if not free:
             raise OSError(errno.EBUSY, "another program is writing to this folder; try again")
-        return _written(folder, name, text.encode("utf-8"), before)
+        return _write_case(folder, name, text.encode("utf-8"), before)
 
 
-def _written(folder: Path, name: str, data: bytes, before: str | None) -> str:
+def _write_case(folder: Path, name: str, data: bytes, before: str | None) -> str:
     mode = 0o644
     if before is not None:
         try:
@@ -68,26 +67,26 @@ def _written(folder: Path, name: str, data: bytes, before: str | None) -> str:
             mode = stat.S_IMODE(os.stat(folder / name, follow_symlinks=False).st_mode)
         except FileNotFoundError:
             raise Conflict from None
-    half = folder / f".{secrets.token_hex(8)}.part"
+    partial_file = folder / f".{secrets.token_hex(8)}.part"
     try:
         with os.fdopen(
-            os.open(half, os.O_WRONLY | os.O_CREAT | os.O_EXCL | names.LINKS, mode), "wb"
+            os.open(partial_file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | names.LINKS, mode), "wb"
         ) as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
         if before is None:
-            _appear(half, folder / name)
+            _rename_new(partial_file, folder / name)
         else:
-            # a link that was put there meanwhile is replaced, not followed
-            os.replace(half, folder / name)
+            # a link that was created in the meantime is replaced, not followed
+            os.replace(partial_file, folder / name)
     finally:
-        half.unlink(missing_ok=True)
+        partial_file.unlink(missing_ok=True)
     return digest(data)
 
 
 def save_new(folder: Path, stem: str, text: str) -> str:
-    """Write a case under the first free name and return that."""
+    """Write a case under the first free name, and return that name."""
     for k in range(1, MOST):
         with suppress(Conflict):
             name = f"{stem}.toml" if k == 1 else f"{stem}-{k}.toml"
@@ -97,30 +96,30 @@ def save_new(folder: Path, stem: str, text: str) -> str:
 
 
 def lay_beside(folder: Path, path: str, data: bytes) -> None:
-    """Write "folder/name", unless it is there already; raise OSError where that folder is a link."""
+    """Write "folder/name" unless it exists; raise OSError if that folder is a link."""
     inner, name = path.split("/")
     with suppress(FileExistsError):
         os.mkdir(folder / inner)
     if not stat.S_ISDIR(os.lstat(folder / inner).st_mode):
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
     with suppress(Conflict):
-        _written(folder / inner, name, data, None)
+        _write_case(folder / inner, name, data, None)
 
 
-def _appear(half: Path, path: Path) -> None:
-    """Give a new file its name, unless that is taken."""
+def _rename_new(partial_file: Path, path: Path) -> None:
+    """Rename a new file, unless its name is taken; then raise Conflict."""
     try:
-        os.link(half, path)
+        os.link(partial_file, path)
     except FileExistsError:
         raise Conflict from None
-    except OSError:  # a file system without links
+    except OSError:  # a file system without hard links
         if os.path.lexists(path):
             raise Conflict from None
-        os.replace(half, path)
+        os.replace(partial_file, path)
 
 
 def cases(folder: Path) -> list[dict[str, Any]]:
-    """Return the case files of a folder: name, title, when changed [s since 1970]."""
+    """Return the case files of a folder: name, title, and time of change [s since 1970]."""
     found = []
     for entry in _entries(folder):
         if names.case(entry.name) and entry.is_file(follow_symlinks=False):
@@ -133,10 +132,9 @@ def cases(folder: Path) -> list[dict[str, Any]]:
 
 @lru_cache(4 * MOST)
 def _title(folder: Path, name: str, changed: int, size: int) -> str:
-    """Return a case's title, "" where no line gives one; the state of the file is part of the
-    question.
+    """Return a case's title, "" if it has none; time of change and size are keys of the cache.
 
-    The whole text is parsed in processes of their own only: TOML that is made for it takes hours.
+    The case is not parsed in the server, as crafted TOML can take hours to parse.
     """
     try:
         found = TITLE.search(read_case(folder, name)[0])
@@ -145,19 +143,19 @@ def _title(folder: Path, name: str, changed: int, size: int) -> str:
     if found is None:
         return ""
     try:
-        return _words(json.loads(found[1]) if found[1] else found[2][1:-1])
+        return _one_line(json.loads(found[1]) if found[1] else found[2][1:-1])
     except ValueError:  # an escape that JSON does not have
-        return _words(found[1][1:-1])
+        return _one_line(found[1][1:-1])
 
 
 def runs(folder: Path) -> list[dict[str, Any]]:
-    """Return the whole results in a folder, the newest first."""
+    """Return the complete results in a folder, newest first."""
     found = []
     for entry in _entries(folder):
         if names.plain(entry.name) and entry.is_dir(follow_symlinks=False):
             with suppress(OSError):
                 status = os.stat(folder / entry.name / manifest.NAME, follow_symlinks=False)
-                if (row := _run(folder, entry.name, status.st_mtime_ns)) and _whole(
+                if (row := _run(folder, entry.name, status.st_mtime_ns)) and _is_complete(
                     folder / entry.name, row["sizes"]
                 ):
                     found.append({key: value for key, value in row.items() if key != "sizes"})
@@ -166,28 +164,32 @@ def runs(folder: Path) -> list[dict[str, Any]]:
 
 @lru_cache(MOST)
 def _run(folder: Path, name: str, changed: int) -> dict[str, Any] | None:
-    """Return what the list says of a run, None where it is no result of ours."""
+    """Return the entry of a run in the list; None if the folder is not a result of drift."""
     listed = manifest.read_manifest(folder / name)
     if listed is None or SUMMARY not in listed.names:
         return None
     try:
-        told = json.loads(names.contents(folder, name, SUMMARY, largest=LARGEST_SUMMARY))
-        run, warnings = told.get("run", {}), told.get("warnings", [])
-        seconds = told.get("wall_time_s", {})
-        took = sum(float(part) for part in seconds.values()) if isinstance(seconds, dict) else None
-        took = took if took is not None and math.isfinite(took) else None
+        content = json.loads(names.contents(folder, name, SUMMARY, largest=LARGEST_SUMMARY))
+        run, warnings = content.get("run", {}), content.get("warnings", [])
+        seconds = content.get("wall_time_s", {})
+        seconds_total = (
+            sum(float(part) for part in seconds.values()) if isinstance(seconds, dict) else None
+        )
+        seconds_total = (
+            seconds_total if seconds_total is not None and math.isfinite(seconds_total) else None
+        )
     except (OSError, ValueError, OverflowError, RecursionError, AttributeError, TypeError):
         return None
     sizes = {entry.name: entry.size for entry in listed.files if names.plain(entry.name)}
     return {
         "name": name,
-        "title": _words(told.get("title", "")),
+        "title": _one_line(content.get("title", "")),
         "kind": next((kind for file, kind in KINDS.items() if file in sizes), "forecast"),
-        "start": _words(run.get("start", "")) if isinstance(run, dict) else "",
-        "end": _words(run.get("end", "")) if isinstance(run, dict) else "",
-        "took": took,
-        "warnings": [_words(line) for line in warnings] if isinstance(warnings, list) else [],
-        "made": _words(told.get("date_created", "")),
+        "start": _one_line(run.get("start", "")) if isinstance(run, dict) else "",
+        "end": _one_line(run.get("end", "")) if isinstance(run, dict) else "",
+        "took": seconds_total,
+        "warnings": [_one_line(line) for line in warnings] if isinstance(warnings, list) else [],
+        "made": _one_line(content.get("date_created", "")),
         "report": REPORT in sizes,
         "files": [
             {"name": file, "bytes": size} for file, size in sorted(sizes.items()) if file != REPORT
@@ -196,19 +198,17 @@ def _run(folder: Path, name: str, changed: int) -> dict[str, Any] | None:
     }
 
 
-def _whole(place: Path, sizes: dict[str, int]) -> bool:
-    """Whether all files of a run are there, in their sizes; their digests would take minutes."""
+def _is_complete(folder: Path, sizes: dict[str, int]) -> bool:
+    """Return True if all files of a run exist with their sizes; digests would take minutes."""
     for name, size in sizes.items():
-        status = os.stat(place / name, follow_symlinks=False)
+        status = os.stat(folder / name, follow_symlinks=False)
         if not stat.S_ISREG(status.st_mode) or status.st_size != size:
             return False
     return True
 
 
-def _words(value: Any) -> str:
-    """Return a text that a list may show: one line, not endless, and no half letters, which cannot
-    be sent.
-    """
+def _one_line(value: Any) -> str:
+    """Return a value as one line of limited length that can be encoded."""
     return " ".join(str(value).encode("utf-8", "replace").decode("utf-8").split())[:300]
 
 
@@ -219,8 +219,9 @@ def _entries(folder: Path) -> Iterator["os.DirEntry[str]"]:
 
 
 def file_of_run(folder: Path, run: str, name: str) -> tuple[int, int]:
-    """Return a handle and the size [bytes] of a file that the manifest of a run names; raise
-    OSError for any other.
+    """Return a handle and the size [bytes] of a file that a run's manifest lists.
+
+    Raises OSError for any other file.
     """
     if not (names.plain(run) and names.plain(name)) or os.path.islink(folder / run):
         raise FileNotFoundError

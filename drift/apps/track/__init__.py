@@ -1,3 +1,1 @@
-"""A contact that was lost: its track by the detections there are, its areas now, and a path on
-which to regain it.
-"""
+"""`drift track`: estimate the track of a lost target, its areas, and a path to regain contact."""

@@ -13,33 +13,33 @@ from drift.products.maps.imprint import Imprint
 
 @dataclass(frozen=True)
 class TrackOutputs:
-    """What the files and the picture are made from."""
+    """The data that the files and the map are made from."""
 
     found: Regained
     imprint: Imprint
     land: Callable[[Any], Any]  # returns the polygons of land in a box [deg]
 
 
-def _map(matter: TrackOutputs, path: Path) -> None:
-    from drift.apps.track import map as track_map  # here: Matplotlib takes a second to import
+def _map(outputs: TrackOutputs, path: Path) -> None:
+    from drift.apps.track import map as track_map  # imported here: Matplotlib takes a second
 
-    track_map.plot_track(matter.found, path, matter.imprint, matter.land)
+    track_map.plot_track(outputs.found, path, outputs.imprint, outputs.land)
 
 
 FILES: dict[str, Callable[[TrackOutputs, Stamped], Contents]] = {
-    "track.csv": lambda matter, stamped: files.track_csv(matter.found),
-    "track.gpx": lambda matter, stamped: files.gpx(matter.found, stamped["run_id"]),
-    "track_areas.geojson": lambda matter, stamped: files.areas(matter.found, stamped),
+    "track.csv": lambda outputs, stamped: files.track_csv(outputs.found),
+    "track.gpx": lambda outputs, stamped: files.gpx(outputs.found, stamped["run_id"]),
+    "track_areas.geojson": lambda outputs, stamped: files.areas(outputs.found, stamped),
 }
-PATHS: dict[str, Callable[[TrackOutputs, Stamped], Contents]] = {  # where there is a path
-    "path.csv": lambda matter, stamped: files.path_table(matter.found),
-    "path.gpx": lambda matter, stamped: files.path_gpx(matter.found, stamped["run_id"]),
+PATHS: dict[str, Callable[[TrackOutputs, Stamped], Contents]] = {  # if there is a path
+    "path.csv": lambda outputs, stamped: files.path_table(outputs.found),
+    "path.gpx": lambda outputs, stamped: files.path_gpx(outputs.found, stamped["run_id"]),
 }
 PICTURES: dict[str, Callable[[TrackOutputs, Path], None]] = {"track.png": _map}
 
 
-def chapter(matter: TrackOutputs, attributes: dict[str, str]) -> Chapter:
-    """Return the chapter of a contact that was lost."""
-    numbers = {"track": files.summary_of_track(matter.found)}
-    written = {**FILES, **(PATHS if isinstance(matter.found.chased, Chased) else {})}
-    return Chapter(numbers, bound(written, matter), bound(PICTURES, matter), facts=attributes)
+def chapter(outputs: TrackOutputs, attributes: dict[str, str]) -> Chapter:
+    """Return the outputs of `drift track`."""
+    numbers = {"track": files.summary_of_track(outputs.found)}
+    written = {**FILES, **(PATHS if isinstance(outputs.found.chased, Chased) else {})}
+    return Chapter(numbers, bound(written, outputs), bound(PICTURES, outputs), facts=attributes)

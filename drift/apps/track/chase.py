@@ -1,4 +1,4 @@
-"""The path that a case asks for: around the land there is, on the cloud that its detections leave."""
+"""The pursuit path of a case: planned around land, on the cloud after the last detection."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,71 +20,83 @@ from geo.errors import UserError
 from kernels.maths import noise
 from kernels.step.coast import DeviceCoast
 
-# of a leg: straight lines on the chart in its place are 0.2 m off for 20 nmi along 60 degrees of
-# latitude
+# parts of a leg: straight lines on the chart then differ by 0.2 m from a great circle of 20 nmi
+# along 60 degrees of latitude
 PARTS = 16
 
 Land = Callable[[Box], Any]  # returns the polygons of land in a box [deg]
 
 
 def land() -> Land:
-    """Return what returns the land that a vessel keeps off."""
+    """Return the function that gives the land polygons that a vessel avoids."""
     return coastline.lands(None, Coast("gshhg", "strand"))
 
 
-def check(asked: Study, land: Land) -> None:
-    """Raise UserError where a pursuit begins or ends on land."""
-    chase = asked.pursuit
-    if chase is None:
+def check(study: Study, land: Land) -> None:
+    """Raise UserError if a pursuit starts or ends on land."""
+    pursuit_spec = study.pursuit
+    if pursuit_spec is None:
         return
-    shore, wrong = land_about(chase, land), []
-    for what, place in (("the vessel begins", chase.start), ("the destination is", chase.to)):
+    barrier, errors = land_about(pursuit_spec, land), []
+    for what, place in (
+        ("the vessel begins", pursuit_spec.start),
+        ("the destination is", pursuit_spec.to),
+    ):
         if place is not None:
             lon, lat = np.degrees(place)
-            if shore.in_squares(np.array([lon]), np.array([lat]), 0.0)[0]:
-                wrong.append(
-                    f"{asked.name}.toml: pursuit: {what} on land, at {notation.position(float(lon), float(lat))}"
+            if barrier.in_squares(np.array([lon]), np.array([lat]), 0.0)[0]:
+                errors.append(
+                    f"{study.name}.toml: pursuit: {what} on land, at "
+                    f"{notation.position(float(lon), float(lat))}"
                 )
-    if wrong:
-        raise UserError(*wrong)
+    if errors:
+        raise UserError(*errors)
 
 
-def chased(asked: Study, land: Land, coast: DeviceCoast | None) -> Chased | Failed | None:
-    """Return the path that a case asks for, or why there is none; coast: on whose land no particle
-    is.
+def chased(study: Study, land: Land, coast: DeviceCoast | None) -> Chased | Failed | None:
+    """Return the path that a case asks for, or why there is none.
+
+    Args:
+        study: the tracking case; without a pursuit the result is None.
+        land: returns the land polygons [deg] in a box.
+        coast: the coast that particles avoid; None: no coast.
+
+    Returns:
+        The path with its score on a second cloud, the failure, or None.
     """
-    chase = asked.pursuit
-    if chase is None:
+    pursuit_spec = study.pursuit
+    if pursuit_spec is None:
         return None
     try:
         found = pursuit.pursue(
-            chase, holding.onward(asked, asked.seed, coast), land_about(chase, land)
+            pursuit_spec, holding.onward(study, study.seed, coast), land_about(pursuit_spec, land)
         )
     except ValueError as error:
-        # the cloud may be lost, and land may lie between: the track is known all the same
+        # the cloud may be lost, or land may block the way: the track is still valid
         return Failed(str(error))
-    other = holding.onward(asked, noise.seed_for(asked.seed, noise.Purpose.PURSUIT), coast)
-    return Chased(found, pursuit.judged(chase, found, other))
+    check_cloud = holding.onward(study, noise.seed_for(study.seed, noise.Purpose.PURSUIT), coast)
+    return Chased(found, pursuit.judged(pursuit_spec, found, check_cloud))
 
 
-def land_about(chase: Pursuit, land: Land) -> "Shore":
-    """Return the land about where a pursuit begins."""
-    return Shore(land, float(np.degrees(chase.start[0])))
+def land_about(pursuit_spec: Pursuit, land: Land) -> "Shore":
+    """Return the land around the start of a pursuit."""
+    return Shore(land, float(np.degrees(pursuit_spec.start[0])))
 
 
 @dataclass(frozen=True)
 class Shore:
-    """The land that a vessel keeps off: see `drift.tracking.tracker.pursuit.Barrier`."""
+    """The land that a vessel avoids: see `drift.tracking.tracker.pursuit.Barrier`."""
 
     land: Land
-    about: float  # [deg] a longitude of where it is
+    about: float  # [deg] a longitude near the pursuit
 
     def in_squares(self, lon: Array, lat: Array, half: float) -> Array:
-        """Return whether there is land in squares, by their middles [deg] and half their side [m];
-        in their shape.
+        """Return whether there is land in squares, given their centres [deg] and half side [m].
+
+        The result has the shape of `lon`.
         """
         lon = sphere.near_degrees(lon, self.about)
-        # meridians converge: squares are a little turned
+        # meridians converge: the squares are slightly rotated
         high = np.degrees(1.05 * half / sphere.RADIUS)
         wide = high / np.maximum(np.cos(np.radians(lat)), 0.01)
         reach = Box(
@@ -93,31 +105,34 @@ class Shore:
             float((lon + wide).max()),
             float((lat + high).max()),
         )
-        return self._met(
+        return self._meets_land(
             lambda turn: shapely.box(lon + turn - wide, lat - high, lon + turn + wide, lat + high),
             reach,
             lon.shape,
         )
 
     def on_legs(self, begin: Array, ends: Array) -> Array:
-        """Return whether there is land on great circles from a unit vector (3,) to others (m, 3);
-        (m,).
+        """Return whether there is land on great circles from a unit vector (3,) to others (m, 3).
+
+        The result has shape (m,).
         """
         along = np.linspace(0.0, 1.0, PARTS + 1)[:, None]
         lon, lat = path.degrees(begin * (1 - along) + ends[:, None] * along)
         lon = sphere.near_degrees(lon, self.about)
         reach = Box(float(lon.min()), float(lat.min()), float(lon.max()), float(lat.max()))
-        return self._met(
+        return self._meets_land(
             lambda turn: shapely.linestrings(np.stack([lon + turn, lat], axis=-1)),
             reach,
             (len(ends),),
         )
 
-    def _met(self, shapes: Callable[[float], Any], reach: Box, many: tuple[int, ...]) -> Array:
-        """Return which shapes meet land, wherever its polygons lie by whole turns."""
+    def _meets_land(
+        self, shapes: Callable[[float], Any], reach: Box, many: tuple[int, ...]
+    ) -> Array:
+        """Return which shapes meet land, for polygons at any whole turn of longitude."""
         polygons, found = np.array(list(self.land(reach)), dtype=object), np.zeros(many, bool)
         for turn in (-360.0, 0.0, 360.0):
             tree = shapely.STRtree(np.ravel(shapes(turn)))
-            # continents are prepared, not squares
+            # shapely prepares the large polygons, not the squares
             found.flat[tree.query(polygons, predicate="intersects")[1]] = True
         return found

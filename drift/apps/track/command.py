@@ -1,4 +1,4 @@
-"""A contact that was lost, from its detections to the files: `drift track` and `drift.track`."""
+"""`drift track` and `drift.track`: follow a target by its detections, and write the results."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -28,23 +28,23 @@ def track(
     overwrite: bool = False,
     tell: Callable[[str, float], None] = lambda phase, share: None,
 ) -> Regained:
-    """Return the track of a target by the detections there are, and its areas.
+    """Return the track of a target estimated from its detections, and its containment areas.
 
     Args:
-        name: of a tracking case with `detections`, or its file.
-        out: a folder for the track, its areas and a picture, all or none; None: nothing is written.
-        changes: places in the file and TOML values, {"particles": "4000"}, as --set has them.
+        name: a tracking case with `detections`, by name or file.
+        out: a folder for the track, its areas and a map, all or none; None: nothing is written.
+        changes: overrides by key, {"particles": "4000"}, as for --set.
         backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics
-            card where one is worth it. A process keeps the backend and the threads that it began
-            with.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a
-            bit of the results.
-        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
-        tell: takes what is being done, and the share of it that is done, 0 to 1.
+            card if the run is large enough. A process keeps the backend and the threads that it
+            began with.
+        threads: threads of the CPU; None, or more than there are: all. The results do not depend on
+            it.
+        overwrite: whether results in `out` are replaced, once the new ones are complete.
+        tell: called with the phase and the share of it that is done, 0 to 1.
 
     Returns:
-        In `held` the track by time and its areas; in `chased` with a `[pursuit]` the path, or why
-        there is none.
+        In `held` the track by time and its areas; in `chased`, for a case with a `[pursuit]`, the
+        path, or why there is none.
 
     Raises:
         UserError: what a user can change, one line for each mistake (`error.lines`).
@@ -52,19 +52,20 @@ def track(
     folder = None if out is None else Path(out)
     if folder is not None:
         writer.check_folder(folder, overwrite, (*chapter.FILES, *chapter.PATHS, *chapter.PICTURES))
-    asked = tracking.load(name, changes)
-    if not isinstance(asked.target, Detections):
+    study = tracking.load(name, changes)
+    if not isinstance(study.target, Detections):
         raise UserError(
-            f'"{asked.name}" has a [target], no detections: drift experiment {asked.name}, or give detections = "file.csv"'
+            f'"{study.name}" has a [target] instead of detections: use drift experiment '
+            f'{study.name}, or give detections = "file.csv"'
         )
     land = chase.land()
-    chase.check(asked, land)
+    chase.check(study, land)
     runtime.start(backend, threads, 1 + holding.OTHERS)
     with runtime.alone():
-        coast = shore.of_study(asked)
-        held = holding.hold(asked, coast, partial(tell, "following"))
+        coast = shore.of_study(study)
+        held = holding.hold(study, coast, partial(tell, "following"))
         tell("path", 0.0)
-        found = Regained(held, chase.chased(asked, land, None if coast is None else coast.device))
+        found = Regained(held, chase.chased(study, land, None if coast is None else coast.device))
     if folder is not None:
         tell("writing", 0.0)
         _write(found, folder, overwrite, land)
@@ -72,24 +73,24 @@ def track(
 
 
 def _write(found: Regained, out: Path, overwrite: bool, land: Land) -> None:
-    asked = found.held.study
-    told = {
-        "title": asked.title,
+    study = found.held.study
+    attributes = {
+        "title": study.title,
         "source": f"casp-drift {version.__version__}",
         "versions": version.told(),
-        "seed": str(asked.seed),
-        "case": asked.text,
+        "seed": str(study.seed),
+        "case": study.text,
         **runtime.about(),
-        **formats.inputs(asked.files),
+        **formats.inputs(study.files),
     }
-    about = "A heuristic, no Bayes: take areas as rough (docs/tracking.md)."
+    caution = "Heuristic, not Bayesian: areas are approximate (docs/tracking.md)."
     imprint = Imprint(
-        asked.title,
-        f"{told['source']}, seed {asked.seed}. {about}",
-        {**told, "run_id": formats.run_id(told)},
+        study.title,
+        f"{attributes['source']}, seed {study.seed}. {caution}",
+        {**attributes, "run_id": formats.run_id(attributes)},
     )
     writer.write(
         out,
-        [chapter.chapter(chapter.TrackOutputs(found, imprint, land), told)],
+        [chapter.chapter(chapter.TrackOutputs(found, imprint, land), attributes)],
         overwrite=overwrite,
     )

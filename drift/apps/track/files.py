@@ -1,4 +1,4 @@
-"""A contact that was lost, as tables, plotters' files and numbers."""
+"""Files of `drift track`: CSV tables, GPX, GeoJSON, and a summary for programs."""
 
 import xml.etree.ElementTree as ET
 from typing import Any
@@ -21,15 +21,16 @@ def _percent(share: float) -> str:
 
 
 def path_table(found: Regained) -> str:
-    """Return the path as CSV, a line for each look, with the shares of the cloud and of another one
-    that were within reach by then.
+    """Return the path as CSV, a row per look.
+
+    Columns have the shares of its own and of a check cloud that were within reach by then.
     """
     chased = found.chased
     assert isinstance(chased, Chased)
-    way = chased.found.path
-    lon, lat = path.degrees(way.place)
-    course = np.degrees(path.course(way.place[:-1], way.way)) % 360
-    speed = way.rate * sphere.RADIUS / KNOT
+    path_found = chased.found.path
+    lon, lat = path.degrees(path_found.place)
+    course = np.degrees(path.course(path_found.place[:-1], path_found.way)) % 360
+    speed = path_found.rate * sphere.RADIUS / KNOT
     header = [
         "time",
         "lat",
@@ -41,7 +42,7 @@ def path_table(found: Regained) -> str:
         "planned",
     ]
     rows: list[list[Any]] = []
-    for k, time in enumerate(way.time):
+    for k, time in enumerate(path_found.time):
         last = k == len(speed)
         rows.append(
             [
@@ -77,7 +78,7 @@ def path_gpx(found: Regained, run: str) -> str:
 
 
 def track_csv(found: Regained) -> str:
-    """Return the track as CSV."""
+    """Return the estimated track as CSV, a row per detection and time shown."""
     held = found.held
     sized = [f"area_{notation.hundredths(share)}_nmi2" for share in holding.SHARES]
     header = [
@@ -127,33 +128,33 @@ def track_csv(found: Regained) -> str:
 
 
 def gpx(found: Regained, run: str) -> str:
-    """Return the estimate as a GPX track, and the estimates shown as waypoints.
+    """Return the estimated track as GPX, with waypoints at the times shown.
 
-    A segment is a time over which it was held and lay in its areas: a mean of a ring is no place to
-    steer for.
+    A segment covers a time in which the estimate was inside its areas: the mean of a ring-shaped
+    cloud is not a position to steer for.
     """
     held = found.held
     root = gpx_file.document(held.study.title, f"Estimated track; run {run}")
     lon, lat = path.degrees(held.place)
-    good = np.isfinite(held.within)
+    inside = np.isfinite(held.within)
     for one in held.shown:
         k = held.row(one.time)
-        if good[k]:
+        if inside[k]:
             when = text.moment(found, one.time)
             gpx_file.point(
                 root, "wpt", float(lon[k]), float(lat[k]), time=when, name=notation.group(when)
             )
     track = ET.SubElement(root, "trk")
     markup.leaf(track, "name", "estimated track")
-    for some in np.split(np.arange(len(good)), np.flatnonzero(np.diff(good)) + 1):
-        if good[some[0]]:
+    for some in np.split(np.arange(len(inside)), np.flatnonzero(np.diff(inside)) + 1):
+        if inside[some[0]]:
             times = [text.moment(found, held.time[k]) for k in some]
             gpx_file.segments(track, lon[some].tolist(), lat[some].tolist(), times)
     return markup.document_text(root)
 
 
 def areas(found: Regained, attributes: Stamped) -> dict[str, Any]:
-    """Return the areas at the times shown as GeoJSON, cut at the antimeridian."""
+    """Return the areas at the times shown as GeoJSON, split at the antimeridian."""
     features = []
     for one in found.held.shown:
         when = text.moment(found, one.time)
@@ -170,9 +171,9 @@ def areas(found: Regained, attributes: Stamped) -> dict[str, Any]:
 
 
 def summary_of_track(found: Regained) -> dict[str, Any]:
-    """Return the track at the times shown, for programs."""
+    """Return the track at the times shown, its losses and the path, for programs."""
     held = found.held
-    told = [_numbers(found, one) for one in held.shown]
+    shown = [_estimate_at(found, one) for one in held.shown]
     lost = [
         {
             "time": notation.iso(text.moment(found, loss.time)),
@@ -180,31 +181,31 @@ def summary_of_track(found: Regained) -> dict[str, Any]:
         }
         for loss in held.lost
     ]
-    anew = [
+    repopulated = [
         {"time": notation.iso(text.moment(found, float(time))), "left": float(left)}
         for time, left in zip(held.time[held.anew], held.left[held.anew], strict=True)
     ]
     return {
         "title": held.study.title,
-        "shown": told,
+        "shown": shown,
         "lost": lost,
-        "drawn_anew": anew,
+        "drawn_anew": repopulated,
         **_path_numbers(found.chased),
     }
 
 
-def _numbers(found: Regained, one: Shown) -> dict[str, Any]:
+def _estimate_at(found: Regained, one: Shown) -> dict[str, Any]:
     held, cloud, k = found.held, one.cloud, found.held.row(one.time)
-    told = {
+    numbers = {
         "time": notation.iso(text.moment(found, one.time)),
         "held": cloud is not None,
         "others_holding": one.holding,
     }
     if cloud is None:
-        return told
+        return numbers
     lon, lat = path.degrees(held.place[k])
     return {
-        **told,
+        **numbers,
         "lat": float(lat),
         "lon": float(lon),
         "within": float(held.within[k]),

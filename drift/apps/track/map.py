@@ -1,6 +1,4 @@
-"""The picture of a contact that was lost: what was detected, its track, and its cloud with areas at
-the times shown.
-"""
+"""Map of `drift track`: detections, estimated track, and clouds with areas at the times shown."""
 
 import textwrap
 from collections.abc import Callable, Iterable
@@ -28,21 +26,22 @@ from geo.notation import KNOT, NMI
 
 WIDTH, HEIGHT = 11.7, 9.6  # [in]
 MAP = (0.05, 0.06, 0.655, 0.845)
-KEY = 0.725  # left edge of the key
-DOTS = 1500  # drawn of a cloud
+KEY = 0.725  # left edge of the legend
+DOTS = 1500  # particles drawn of a cloud
 LINES = {0.5: 1.8, 0.9: 0.8}  # widths of the areas' outlines, by share
 RAY = 24  # points along a bearing
 PATH = "#e65100"
-WINDOWS = (7.2, 1.0)  # [deg, kn] of courses and speeds, as Borovies has them
+WINDOWS = (7.2, 1.0)  # [deg, kn] kernel widths of the course and speed densities, as in Borovies
 
 
 def plot_track(
     found: Regained, path: Path, imprint: Imprint, land: Callable[[Box], Iterable[Any]]
 ) -> None:
-    """Draw a track with its cloud at the times shown into a PNG; land: returns its polygons [deg]
-    in a box.
+    """Plot a track with its cloud at the times shown into a PNG.
+
+    land: returns the land polygons [deg] in a box.
     """
-    on = sheet.begin(
+    page_drawn = sheet.begin(
         Sheet(
             WIDTH,
             HEIGHT,
@@ -55,11 +54,11 @@ def plot_track(
     )
     study = found.held.study
     sheet.head(
-        on,
+        page_drawn,
         imprint,
         f"{study.methods[0].name}: {study.size:,} particles, {len(found.held.sweeps):,} sweeps and times",
     )
-    axes = on.figure.add_axes(MAP)
+    axes = page_drawn.figure.add_axes(MAP)
     frame = _frame(found)
     chart.prepare(axes, frame)
     chart.draw_land(axes, chart.land_path(frame, land(frame.box()), 1100))
@@ -71,7 +70,7 @@ def plot_track(
     ]
     key += _estimate(axes, frame, found)
     if isinstance(found.chased, Chased):
-        key += _chase(axes, frame, found, found.chased)
+        key += _pursuit_path(axes, frame, found, found.chased)
     elif found.chased is not None:
         key.append(
             (
@@ -79,12 +78,12 @@ def plot_track(
                 textwrap.fill(f"no path: {found.chased.why}", 46),
             )
         )
-    chart.scale_bar(axes, frame, chart.free_corner(frame, *_dots(frame, found)))
-    _times(on, axes, frame, found)
+    chart.scale_bar(axes, frame, chart.free_corner(frame, *_projected_places(frame, found)))
+    _times(page_drawn, axes, frame, found)
     if any(one.cloud is not None for one in found.held.shown):
-        _densities(on, found)
+        _densities(page_drawn, found)
     sheet.legend(
-        on.figure,
+        page_drawn.figure,
         key,
         loc="upper left",
         bbox_to_anchor=(KEY - 0.01, MAP[1] + MAP[3] + 0.01),
@@ -93,15 +92,20 @@ def plot_track(
         labelspacing=0.7,
     )
     with page.literal():
-        sheet.end(on, path, imprint)
+        sheet.end(page_drawn, path, imprint)
 
 
 def _places(found: Regained) -> tuple[Array, Array]:
-    """Return all positions [deg] that the chart has to show; of clouds the areas, for few particles
-    may be far beyond them.
+    """Return all positions [deg] that the chart must show.
+
+    Clouds count by their areas, as a few particles may be far outside of them.
     """
     held = found.held
-    parts = [held.place[np.isfinite(held.within)], _own(found)[0], _plots(found)]
+    parts = [
+        held.place[np.isfinite(held.within)],
+        _tracker_positions(found)[0],
+        _detected_positions(found),
+    ]
     if isinstance(found.chased, Chased):
         parts.append(found.chased.found.path.place)
     outlines = [
@@ -116,22 +120,23 @@ def _places(found: Regained) -> tuple[Array, Array]:
     return sphere.near_degrees(lon, lon[0]), lat
 
 
-def _plots(found: Regained) -> Array:
-    """Return where bearings and ranges put what was detected, unit vectors (n, 3)."""
-    seen, study = found.held.study.target, found.held.study
-    assert isinstance(seen, Detections)
-    lon, lat = np.radians(paths.degrees(study.tracker.at(seen.time)[0]))
+def _detected_positions(found: Regained) -> Array:
+    """Return the positions of detections with bearing and range, unit vectors (n, 3)."""
+    detections, study = found.held.study.target, found.held.study
+    assert isinstance(detections, Detections)
+    lon, lat = np.radians(paths.degrees(study.tracker.at(detections.time)[0]))
     to = sphere.destination(
-        lon, lat, np.sin(seen.bearing) * seen.range, np.cos(seen.bearing) * seen.range
+        lon,
+        lat,
+        np.sin(detections.bearing) * detections.range,
+        np.cos(detections.bearing) * detections.range,
     )
     place = paths.vector(*to)
     return place[np.isfinite(place[:, 0])]
 
 
-def _own(found: Regained) -> tuple[Array, Array]:
-    """Return places and times [s] of the tracker while it is known; not where it was to go had it
-    not gone the path.
-    """
+def _tracker_positions(found: Regained) -> tuple[Array, Array]:
+    """Return known positions and times [s] of the tracker, up to the start of the pursuit path."""
     study = found.held.study
     way, end = study.tracker, study.end
     if isinstance(found.chased, Chased) and holding.pursues(study) and not study.logged:
@@ -150,34 +155,35 @@ def _project(frame: Frame, place: Array) -> tuple[Array, Array]:
     return frame.project(*paths.degrees(place))
 
 
-def _dots(frame: Frame, found: Regained) -> tuple[Array, Array]:
+def _projected_places(frame: Frame, found: Regained) -> tuple[Array, Array]:
     return frame.project(*_places(found))
 
 
 def _tracker(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
-    place, _ = _own(found)
+    place, _ = _tracker_positions(found)
     (line,) = axes.plot(*_project(frame, place), color="#0b4f8a", linewidth=1.4, zorder=7)
     (end,) = axes.plot(*_project(frame, place[-1:]), "o", color="#0b4f8a", markersize=6, zorder=9)
-    return [((line, end), "tracker, and where it was last known to be")]
+    return [((line, end), "tracker, and its last known position")]
 
 
 def _detections(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
-    """Draw a ray to each detection, as long as its range, or as far as the sensor reaches; of a
-    range alone the circle.
+    """Draw a ray for each detection, as long as its range or the sensor's reach.
+
+    A range without a bearing becomes a circle.
     """
-    seen, study = found.held.study.target, found.held.study
-    assert isinstance(seen, Detections)
+    detections, study = found.held.study.target, found.held.study
+    assert isinstance(detections, Detections)
     symbols, spot = [], None
     styles = ("-", (0, (5, 2)), (0, (1.5, 1.5)), (0, (5, 2, 1.5, 2)))
     for number, sensor in enumerate(study.sensors):
         line = None
-        for k in np.flatnonzero(seen.sensor == number):
-            lon, lat = np.radians(paths.degrees(study.tracker.at([seen.time[k]])[0]))
-            if np.isnan(seen.bearing[k]):
-                bearing, far = np.linspace(0, 2 * np.pi, 10 * RAY), seen.range[k]
+        for k in np.flatnonzero(detections.sensor == number):
+            lon, lat = np.radians(paths.degrees(study.tracker.at([detections.time[k]])[0]))
+            if np.isnan(detections.bearing[k]):
+                bearing, far = np.linspace(0, 2 * np.pi, 10 * RAY), detections.range[k]
             else:
-                whole = sensor.reach if np.isnan(seen.range[k]) else seen.range[k]
-                bearing, far = seen.bearing[k], whole * np.linspace(0, 1, RAY)
+                length = sensor.reach if np.isnan(detections.range[k]) else detections.range[k]
+                bearing, far = detections.bearing[k], length * np.linspace(0, 1, RAY)
             to = sphere.destination(lon, lat, np.sin(bearing) * far, np.cos(bearing) * far)
             x, y = frame.project(*np.degrees(to))
             (line,) = axes.plot(
@@ -190,7 +196,7 @@ def _detections(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, st
                 scalex=False,
                 scaley=False,
             )
-            if not np.isnan(seen.range[k]) and not np.isnan(seen.bearing[k]):
+            if not np.isnan(detections.range[k]) and not np.isnan(detections.bearing[k]):
                 (spot,) = axes.plot(
                     x[-1:], y[-1:], "+", color=INK, markersize=7, zorder=9, linestyle="none"
                 )
@@ -200,7 +206,7 @@ def _detections(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, st
 
 
 def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
-    """Draw the cloud at each time shown, later ones warmer, with the outlines of its areas."""
+    """Draw the cloud at each time shown with the outlines of its areas; later ones are darker."""
     symbols: list[tuple[Any, str]] = []
     colours = _colours(found)
     held = found.held
@@ -213,7 +219,7 @@ def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
         if cloud is None:
             symbols.append((axes.plot([], [], linestyle="none")[0], f"{when}: no track is held"))
             continue
-        # Dots are as many as the weight they stand for.
+        # Systematic sampling: the number of dots is proportional to the weight.
         rows = np.searchsorted(np.cumsum(cloud.weight), (np.arange(DOTS) + 0.5) / DOTS).clip(
             max=len(cloud.weight) - 1
         )
@@ -229,15 +235,15 @@ def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
         for share, region in regions.items():
             for ring in shapely.get_rings(shapely.get_parts(region.outline)):
                 lon, lat = np.array(ring.coords).T
-                seam = np.abs(lat) == 90  # a ring round a pole is closed along it
+                seam = np.abs(lat) == 90  # a ring round a pole is closed along the pole
                 axes.plot(
                     *(np.where(seam, np.nan, v) for v in frame.project(lon, lat)),
                     color=colour,
                     zorder=4,
                     linewidth=LINES[share],
                 )
-        (sign,) = axes.plot([], [], "o", color=colour, markersize=7)
-        symbols.append((sign, f"{when}: area of\n{text.sizes(regions)}"))
+        (symbol,) = axes.plot([], [], "o", color=colour, markersize=7)
+        symbols.append((symbol, f"{when}: area of\n{text.sizes(regions)}"))
     if any(one.cloud is not None for one in held.shown):
         for share, width in LINES.items():
             symbols.append(
@@ -250,12 +256,12 @@ def _clouds(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
 
 
 def _colours(found: Regained) -> Any:
-    """Return a colour for each time shown."""
+    """Return a colour for each time shown, shape (n, 4)."""
     return matplotlib.colormaps["viridis_r"](np.linspace(0.0, 1.0, len(found.held.shown)))
 
 
 def _densities(on: sheet.Page, found: Regained) -> None:
-    """Draw how dense courses and speeds of the particles are at the times shown."""
+    """Plot the densities of the particles' courses and speeds at the times shown."""
     fastest = found.held.study.methods[0].behaviour.fastest / KNOT
     panels = (
         ("Course [deg]", np.linspace(0, 360, 361), WINDOWS[0], 360.0, np.arange(0, 361, 90)),
@@ -290,30 +296,30 @@ def _densities(on: sheet.Page, found: Regained) -> None:
 
 
 def _estimate(axes: Axes, frame: Frame, found: Regained) -> list[tuple[Any, str]]:
-    """Draw the estimates that lie in their areas; one at a time of its own is a dot."""
+    """Draw the estimates that are inside their areas; a single one is a dot."""
     held = found.held
-    good = np.isfinite(held.within)
-    x, y = (np.where(good, v, np.nan) for v in _project(frame, held.place))
+    inside = np.isfinite(held.within)
+    x, y = (np.where(inside, v, np.nan) for v in _project(frame, held.place))
     (line,) = axes.plot(x, y, color=RED, linewidth=1.6, zorder=8)
-    alone = good & ~np.append(good[1:], False) & ~np.append(False, good[:-1])
+    alone = inside & ~np.append(inside[1:], False) & ~np.append(False, inside[:-1])
     axes.plot(x[alone], y[alone], ".", color=RED, markersize=4, zorder=8)
-    shown = [k for one in held.shown if good[k := held.row(one.time)]]
+    shown = [k for one in held.shown if inside[k := held.row(one.time)]]
     (spot,) = axes.plot(x[shown], y[shown], "o", color=RED, markersize=5, zorder=9)
     symbols: list[tuple[Any, str]] = [
         ((line, spot), "estimated track, and where it is at those times")
     ]
-    if (held.count > 0)[~good].any():
+    if (held.count > 0)[~inside].any():
         symbols.append(
             (
                 axes.plot([], [], linestyle="none")[0],
-                "left out where the mean lies outside its areas",
+                "left out where the mean is outside its areas",
             )
         )
     return symbols
 
 
 def _times(on: sheet.Page, axes: Axes, frame: Frame, found: Regained) -> None:
-    """Write the time of day beside the estimates shown."""
+    """Write the time of day next to the estimates shown."""
     held = found.held
     points: list[labels.Point] = []
     for one in held.shown:
@@ -325,23 +331,31 @@ def _times(on: sheet.Page, axes: Axes, frame: Frame, found: Regained) -> None:
     labels.place_labels(axes, on.canvas, points, (), set(range(len(points))))
 
 
-def _chase(axes: Axes, frame: Frame, found: Regained, chased: Chased) -> list[tuple[Any, str]]:
-    """Draw the path with its looks, filled where it was planned again."""
-    chase = found.held.study.pursuit
-    assert chase is not None
+def _pursuit_path(
+    axes: Axes, frame: Frame, found: Regained, chased: Chased
+) -> list[tuple[Any, str]]:
+    """Draw the path with its looks; filled circles mark where it was replanned."""
+    pursuit = found.held.study.pursuit
+    assert pursuit is not None
     x, y = _project(frame, chased.found.path.place)
-    looks = int(np.isin(chased.found.path.time, chase.times).sum())
+    looks = int(np.isin(chased.found.path.time, pursuit.times).sum())
     (line,) = axes.plot(x, y, color=PATH, linewidth=2.2, zorder=10)
     (spots,) = axes.plot(
         x[:looks], y[:looks], "o", color=PATH, markerfacecolor="white", markersize=5, zorder=11
     )
-    anew = list(chased.found.plans)
-    (plans,) = axes.plot(x[anew], y[anew], "o", color=PATH, markersize=5.5, zorder=12)
-    about = f"path to {chase.aim} it, looks every {notation.number(chase.interval / 60)} min\nto {notation.number(chase.reach / NMI)} nmi"
-    symbols: list[tuple[Any, str]] = [((line, spots), about), (plans, "planned, or planned again")]
-    if chase.to is not None:
+    replanned = list(chased.found.plans)
+    (plans,) = axes.plot(x[replanned], y[replanned], "o", color=PATH, markersize=5.5, zorder=12)
+    description = (
+        f"path to {pursuit.aim} it, looks every "
+        f"{notation.number(pursuit.interval / 60)} min\nto {notation.number(pursuit.reach / NMI)} nmi"
+    )
+    symbols: list[tuple[Any, str]] = [
+        ((line, spots), description),
+        (plans, "planned, or replanned"),
+    ]
+    if pursuit.to is not None:
         (goal,) = axes.plot(
-            *frame.project(*np.degrees(np.array(chase.to))[:, None]),
+            *frame.project(*np.degrees(np.array(pursuit.to))[:, None]),
             "*",
             color=PATH,
             markersize=13,

@@ -1,4 +1,4 @@
-"""What is known of a contact that was lost."""
+"""Records of `drift track`: the track, and the path to regain contact."""
 
 from dataclasses import dataclass
 
@@ -9,8 +9,9 @@ from geo.array import Array
 
 @dataclass(frozen=True)
 class Chased:
-    """A path, and the share of another cloud, which its plans have not seen, that it meets by each
-    of its looks.
+    """A path, and its score on a check cloud that was not used to plan it.
+
+    judged: share of the check cloud within reach by each look.
     """
 
     found: Pursued
@@ -19,14 +20,14 @@ class Chased:
 
 @dataclass(frozen=True)
 class Failed:
-    """That there is no path."""
+    """The reason why there is no path."""
 
     why: str
 
 
 @dataclass(frozen=True)
 class Regained:
-    """A track with its areas, and a path on which to meet or to avoid it, if one was asked for."""
+    """An estimated track with its areas, and the path to meet or avoid the target, if requested."""
 
     held: Held
     chased: Chased | Failed | None = None

@@ -1,4 +1,4 @@
-"""A contact that was lost, in words and tables."""
+"""Summaries of `drift track` as text: the estimate at the times shown, the path, and warnings."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,10 +12,10 @@ from drift.tracking.tracker.holding import Loss, Shown
 from geo import notation
 from geo.notation import KNOT, NMI
 
-# spread of courses from which on none is told: if all are alike it is 104 degrees
+# spread of courses from which on the course is reported as "any"; uniform courses have 104 degrees
 VAGUE = np.radians(90)
-WILD = 2.0  # times the least area that the largest of other clouds is, from which on results warn
-ASTRAY = 0.1  # how much less of other clouds an area holds than it says, from which on results warn
+WILD = 2.0  # ratio of the largest to the smallest area of check clouds above which results warn
+ASTRAY = 0.1  # shortfall of an area's share of check clouds above which results warn
 
 
 def moment(found: Regained, seconds: float) -> np.datetime64:
@@ -24,30 +24,30 @@ def moment(found: Regained, seconds: float) -> np.datetime64:
 
 
 def track_facts(found: Regained) -> dict[str, str]:
-    """Return a line for the last detection, each time shown, and for what must be doubted."""
+    """Return facts on the last detection, the estimates shown, the path, and warnings."""
     held = found.held
-    seen = held.study.target
-    assert isinstance(seen, Detections)
-    who = held.study.sensors[int(seen.sensor[-1])].name
-    told = {
-        "last detection": f"{notation.group(moment(found, seen.time[-1]))} by {who}; {len(seen.time)} in all"
+    detections = held.study.target
+    assert isinstance(detections, Detections)
+    sensor = held.study.sensors[int(detections.sensor[-1])].name
+    facts = {
+        "last detection": f"{notation.group(moment(found, detections.time[-1]))} by {sensor}; {len(detections.time)} in all"
     }
     for one in held.shown:
         when = moment(found, one.time)
         minute = notation.group(when)
-        told[notation.iso(when) if minute in told else minute] = _state(found, one)
+        facts[notation.iso(when) if minute in facts else minute] = _state(found, one)
     if found.chased is not None:
-        told["path"] = "none" if isinstance(found.chased, Failed) else _path(found, found.chased)
+        facts["path"] = "none" if isinstance(found.chased, Failed) else _path(found, found.chased)
     if silenced := [loss for loss in held.lost if loss.sensors]:
-        told["lost"] = _lost(found, silenced)
+        facts["lost"] = _lost(found, silenced)
     if held.anew.any():
-        told["repopulated"] = _anew(found)
+        facts["repopulated"] = _repopulated(found)
     warnings = _warnings(found)
-    return {**told, "warning": "; ".join(warnings)} if warnings else told
+    return {**facts, "warning": "; ".join(warnings)} if warnings else facts
 
 
 def _lost(found: Regained, losses: Sequence[Loss]) -> str:
-    """Return whose silence lost the track, when, and what may be done about it."""
+    """Return which sensors' silence lost the track, when, and what may help."""
     bulk = found.held.study.methods[0].filling.bulk
     left = (
         f"fewer than {notation.hundredths(bulk)} % of the particles were"
@@ -63,18 +63,20 @@ def _lost(found: Regained, losses: Sequence[Loss]) -> str:
         each.setdefault(who, []).append(notation.group(moment(found, loss.time)))
     silent = "; ".join(f"{', '.join(times)} by {who}" for who, times in each.items())
     since = (
-        "found again since, but what was known of course and speed is gone: "
+        "found again since, but without the earlier information on course and speed: "
         if found.held.shown[-1].cloud is not None
         else ""
     )
     return (
-        f"{since}{left} left by what found nothing at {silent}. If not every plot is in the log, give that sensor a longer grace, or on = false; "
-        "else check positions, reaches and when it is on, or take a higher fastest speed, or more particles"
+        f"{since}{left} left by sensors that detected nothing at {silent}. If the log does not "
+        "contain every plot, give that sensor a longer grace, or on = false; "
+        "otherwise check positions, reaches and when it is on, or use a higher fastest speed, or "
+        "more particles"
     )
 
 
-def _anew(found: Regained) -> str:
-    """Return which plots had most of the cloud drawn again, and what that means."""
+def _repopulated(found: Regained) -> str:
+    """Return which detections caused the cloud to be repopulated, and the consequence."""
     held = found.held
     filling = held.study.methods[0].filling
     each = ", ".join(
@@ -88,63 +90,70 @@ def _anew(found: Regained) -> str:
 
 
 def _warnings(found: Regained) -> list[str]:
-    """Return what must be doubted: plots that no target made, areas by chance, ways of following
-    that are left out, no path.
-    """
+    """Return warnings: doubtful detections, areas that depend on chance, no path, and so on."""
     held, study = found.held, found.held.study
-    told = doubts.doubts_about(study)
+    warnings = doubts.doubts_about(study)
     if rough := [words for one in held.shown for words in _rough(found, one)]:
-        told.append(
-            f"areas go by chance: {', '.join(rough)}: take more particles, or take them as rough"
+        warnings.append(
+            f"areas depend on chance: {', '.join(rough)}: use more particles, or treat them as "
+            "rough"
         )
     for one in held.shown:
         astray = one.holding if one.cloud is None else holding.OTHERS - one.holding
         if astray:
-            told.append(
-                f"at {notation.group(moment(found, one.time))} {astray} of {holding.OTHERS} clouds of other random numbers hold "
-                f"{'a' if one.cloud is None else 'no'} track: it hangs by chance, take more particles"
+            warnings.append(
+                f"at {notation.group(moment(found, one.time))} {astray} of {holding.OTHERS} "
+                "clouds with other random numbers hold "
+                f"{'a' if one.cloud is None else 'no'} track: the result depends on chance, use "
+                "more particles"
             )
     if len(study.methods) > 1:
-        told.append(
-            f'followed by "{study.methods[0].name}" alone, the first of {len(study.methods)} ways'
+        warnings.append(
+            f'followed by "{study.methods[0].name}" only, the first of {len(study.methods)} methods'
         )
-    # in the second of a detection, perhaps
-    silenced = [loss.time for loss in held.lost if loss.sensors]
-    nothing = held.time[held.detected & np.isnan(held.place[:, 0]) & ~np.isin(held.time, silenced)]
-    if nothing.size:
+    # perhaps in the same second as a detection
+    loss_times = [loss.time for loss in held.lost if loss.sensors]
+    without_water = held.time[
+        held.detected & np.isnan(held.place[:, 0]) & ~np.isin(held.time, loss_times)
+    ]
+    if without_water.size:
         times = ", ".join(
-            dict.fromkeys(notation.group(moment(found, float(time))) for time in nothing)
+            dict.fromkeys(notation.group(moment(found, float(time))) for time in without_water)
         )
-        told.append(
-            f"no track is held from {times} on, as no water is in the box of what was detected: check position, bearing and range"
+        warnings.append(
+            f"no track is held from {times} on, as there is no water in the box of the "
+            "detection: check position, bearing and range"
         )
     if held.shown[-1].cloud is None:
-        told.append("no track is held at the end")
+        warnings.append("no track is held at the end")
     if isinstance(found.chased, Failed):
-        told.append(f"no path: {found.chased.why}")
+        warnings.append(f"no path: {found.chased.why}")
     known = min(float(study.tracker.time[-1]), study.end)
     if study.pursuit is not None and study.logged and known > study.pursuit.begin + 1:
-        told.append(
-            f"the path is planned on what was known at its begin, {notation.group(moment(found, study.pursuit.begin))}, and the tracker's log "
-            f"goes on until {notation.group(moment(found, known))}: what was not seen since counts in the track alone; leave begin out"
+        warnings.append(
+            "the path is planned on what was known at its start, "
+            f"{notation.group(moment(found, study.pursuit.begin))}, but the tracker's log "
+            f"continues until {notation.group(moment(found, known))}: looks since then only "
+            "affect the track; remove begin"
         )
-    return told
+    return warnings
 
 
 def _rough(found: Regained, one: Shown) -> list[str]:
-    """Return which areas at a time are another by other random numbers."""
-    when, told = notation.group(moment(found, one.time)), []
+    """Return which areas at a time differ between clouds with other random numbers."""
+    when, doubts_found = notation.group(moment(found, one.time)), []
     for share, (low, high) in one.sizes.items():
         which = f"that of {notation.hundredths(share)} % at {when}"
         if one.within.get(share, share) < share - ASTRAY:
-            told.append(
-                f"{which} holds {notation.short_percent(one.within[share])} of {one.holding} other clouds"
+            doubts_found.append(
+                f"{which} contains {notation.short_percent(one.within[share])} of {one.holding} "
+                "other clouds"
             )
         elif high > WILD * low:
-            told.append(
+            doubts_found.append(
                 f"{which} is {_rounded(low / NMI**2)} to {_rounded(high / NMI**2)} nmi2 by {one.holding + 1} clouds"
             )
-    return told
+    return doubts_found
 
 
 def _state(found: Regained, one: Shown) -> str:
@@ -155,20 +164,20 @@ def _state(found: Regained, one: Shown) -> str:
     lon, lat = path.degrees(held.place[k])
     place = notation.position(float(lon), float(lat))
     if np.isnan(held.within[k]):
-        place = f"no one place (the mean, {place}, lies outside the areas)"
+        place = f"no single position (the mean, {place}, is outside the areas)"
     elif held.within[k] > min(held.areas[k]):
         place = f"{place} (a mean, outside the area of {notation.hundredths(min(held.areas[k]))} %)"
     course = round(float(np.degrees(held.course[k]))) % 360
-    told = (
+    course_text = (
         f"course {course:03d} +- {np.degrees(held.off[k]):.0f}"
         if held.off[k] < VAGUE
         else "any course"
     )
-    return f"{place}, {told}, {held.speed[k] / KNOT:.0f} +- {held.slower[k] / KNOT:.0f} kn; {sizes(held.areas[k], one.sizes)}"
+    return f"{place}, {course_text}, {held.speed[k] / KNOT:.0f} +- {held.slower[k] / KNOT:.0f} kn; {sizes(held.areas[k], one.sizes)}"
 
 
 def _path(found: Regained, chased: Chased) -> str:
-    """Return what a path comes to."""
+    """Return what share of the cloud a path meets, as text."""
     chase = found.held.study.pursuit
     assert chase is not None
     until = notation.group(moment(found, chased.found.path.time[-1]))
@@ -183,25 +192,29 @@ def _path(found: Regained, chased: Chased) -> str:
         if np.isnan(other)
         else f"; {notation.short_percent(other)} on a check cloud"
     )
-    anew = [notation.group(moment(found, chase.times[step])) for step in chased.found.plans[1:]]
-    return words + (f"; planned again at {', '.join(anew)}" if anew else "")
+    replanned = [
+        notation.group(moment(found, chase.times[step])) for step in chased.found.plans[1:]
+    ]
+    return words + (f"; replanned at {', '.join(replanned)}" if replanned else "")
 
 
 def sizes(
     regions: Mapping[float, Region], spread: Mapping[float, tuple[float, float]] | None = None
 ) -> str:
-    """Return how large the areas are; spread: the least and the largest by clouds alike [m2]."""
+    """Return the sizes of areas as text; spread: smallest and largest of check clouds [m2]."""
     each = []
     for share, region in regions.items():
-        among = (
+        range_text = (
             ""
             if spread is None
             else " ({} to {})".format(*(_rounded(size / NMI**2) for size in spread[share]))
         )
-        each.append(f"{notation.hundredths(share)} % {_rounded(region.area / NMI**2)}{among} nmi2")
+        each.append(
+            f"{notation.hundredths(share)} % {_rounded(region.area / NMI**2)}{range_text} nmi2"
+        )
     return ", ".join(each)
 
 
 def _rounded(value: float) -> str:
-    """Return an area to two digits: more than that a cloud does not know."""
+    """Return an area rounded to two digits, the precision that a cloud supports."""
     return f"{float(f'{value:.2g}'):,.10g}"

@@ -1,1 +1,1 @@
-"""The one writer of results: a folder is whole or not there at all."""
+"""Writing of results: a results folder is either complete or not there at all."""

@@ -1,7 +1,7 @@
-"""What a netCDF file says so that others find and read it: ACDD-1.3, read off its own coordinates,
-and labels as CF has them.
+"""Metadata of netCDF files: ACDD-1.3 attributes derived from the coordinates, and CF labels.
 
-What only a person can say (creator, institution, licence, project, naming authority) is left out.
+Attributes that only a person can give (creator, institution, licence, project, naming authority)
+are left out.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from geo import notation, sphere
 CONVENTIONS = "CF-1.11, ACDD-1.3"
 KEYWORDS = "drift at sea, search and rescue, leeway, particle filter, probability"
 VOCABULARY = "CF Standard Name Table v93"
-EARTH = "crs"  # variable that says on which Earth positions lie
+EARTH = "crs"  # grid mapping variable: the Earth that positions refer to
 SPHERE = {
     "grid_mapping_name": "latitude_longitude",
     "long_name": "the sphere on which the run computes; longitudes and latitudes are those of charts, WGS 84",
@@ -23,16 +23,21 @@ SPHERE = {
     "longitude_of_prime_meridian": 0.0,
     "coverage_content_type": "auxiliaryInformation",
 }
-CLOCK = "leap_seconds: none"  # our seconds since 1970 count none (CF-1.11, section 4.4.1)
+CLOCK = "leap_seconds: none"  # seconds since 1970 count no leap seconds (CF-1.11, section 4.4.1)
 
 
 def described(data: xr.Dataset, stamped: Mapping[str, str], name: str) -> xr.Dataset:
-    """Return a dataset as it is written: with a run's attributes, ACDD's, and labels that are no
-    coordinate variables.
+    """Return a dataset with all its metadata, as it is written.
 
-    name: of its file, without suffix. Where the dataset has an attribute itself, that one holds.
+    Args:
+        data: the dataset; its own attributes take precedence.
+        stamped: attributes of every file of the run.
+        name: name of the file, without suffix.
+
+    Returns:
+        The dataset with ACDD attributes, CF labels and a grid mapping.
     """
-    found = {
+    attributes = {
         **stamped,
         "Conventions": CONVENTIONS,
         "id": f"{stamped.get('run_id', '')}.{name}",
@@ -41,49 +46,51 @@ def described(data: xr.Dataset, stamped: Mapping[str, str], name: str) -> xr.Dat
         **_place(data),
         **_time(data),
     }
-    whole = _labelled(data.assign_attrs({**found, **data.attrs}))
-    for key, variable in whole.variables.items():
+    labelled = _with_labels(data.assign_attrs({**attributes, **data.attrs}))
+    for key, variable in labelled.variables.items():
         if str(key).endswith("_bnds"):
             continue
-        kind = "coordinate" if key in whole.coords else "modelResult"
+        kind = "coordinate" if key in labelled.coords else "modelResult"
         clock = (
             {"units_metadata": CLOCK}
             if variable.dtype.kind == "M" or "calendar" in variable.attrs
             else {}
         )
         variable.attrs = {"coverage_content_type": kind, **variable.attrs, **clock}
-    return _on_the_sphere(whole)
+    return _add_grid_mapping(labelled)
 
 
-def _on_the_sphere(data: xr.Dataset) -> xr.Dataset:
-    """Return a dataset that says on which Earth its longitudes and latitudes lie (CF, 5.6), if it
-    has any.
+def _add_grid_mapping(data: xr.Dataset) -> xr.Dataset:
+    """Add a grid mapping (CF, 5.6) to a dataset with longitudes and latitudes.
 
-    Of variables those refer to it that lie along the axes of both.
+    Variables with the dimensions of both refer to it.
     """
-    along = [
-        set(found[0].dims) for name in ("latitude", "longitude") if (found := _named(data, name))
+    axes = [
+        set(found[0].dims)
+        for name in ("latitude", "longitude")
+        if (found := _variables_of(data, name))
     ]
-    if not along:
+    if not axes:
         return data
     for name, variable in data.data_vars.items():
-        if set().union(*along) <= set(variable.dims) and not str(name).endswith("_bnds"):
+        if set().union(*axes) <= set(variable.dims) and not str(name).endswith("_bnds"):
             variable.attrs["grid_mapping"] = EARTH
     return data.assign({EARTH: ((), np.int32(0), SPHERE)})
 
 
-def _labelled(data: xr.Dataset) -> xr.Dataset:
-    """Return a dataset in which words along a dimension are its labels: a coordinate variable is a
-    number (CF, 1.3).
+def _with_labels(data: xr.Dataset) -> xr.Dataset:
+    """Return a dataset in which text along a dimension is a label, as CF coordinates are numbers.
 
-    Their dimension gets a name of its own; data.set_xindex("status") makes them an index again.
+    The dimension gets a new name; data.set_xindex("status") makes the labels an index again.
     """
-    words = [name for name in data.dims if name in data.coords and data[name].dtype.kind in "OU"]
-    return data.reset_index(words).rename_dims({name: f"{name}_index" for name in words})
+    text_dims = [
+        name for name in data.dims if name in data.coords and data[name].dtype.kind in "OU"
+    ]
+    return data.reset_index(text_dims).rename_dims({name: f"{name}_index" for name in text_dims})
 
 
 def _place(data: xr.Dataset) -> dict[str, Any]:
-    """Return where the values lie [deg], longitudes as they run in the file."""
+    """Return the extent of the values [deg]; longitudes as in the file."""
     lat, lon = (_values(data, name) for name in ("latitude", "longitude"))
     if not (lat.size and lon.size):
         return {}
@@ -102,9 +109,7 @@ def _place(data: xr.Dataset) -> dict[str, Any]:
 
 
 def _time(data: xr.Dataset) -> dict[str, str]:
-    """Return from when to when the values are, UTC, and how far apart where that is always the
-    same.
-    """
+    """Return first and last time of the values, UTC, and their interval if it is constant."""
     times = _values(data, "time")
     if not times.size:
         return {}
@@ -119,22 +124,22 @@ def _time(data: xr.Dataset) -> dict[str, str]:
 
 
 def _values(data: xr.Dataset, standard_name: str) -> Any:
-    """Return what there is of a coordinate, by its standard name: of coordinates, else of other
-    variables.
-    """
-    held = [np.ravel(variable.values) for variable in _named(data, standard_name)]
-    every = np.concatenate(held) if held else np.array([])
-    return every[~np.isnat(every)] if every.dtype.kind == "M" else every[np.isfinite(every)]
+    """Return the finite values of a coordinate, by its standard name."""
+    parts = [np.ravel(variable.values) for variable in _variables_of(data, standard_name)]
+    values = np.concatenate(parts) if parts else np.array([])
+    return values[~np.isnat(values)] if values.dtype.kind == "M" else values[np.isfinite(values)]
 
 
-def _named(data: xr.Dataset, standard_name: str) -> list[xr.DataArray]:
-    """Return the variables of a standard name: of coordinates, else others."""
+def _variables_of(data: xr.Dataset, standard_name: str) -> list[xr.DataArray]:
+    """Return the variables of a standard name: coordinates, else data variables."""
     for variables in (data.coords, data.data_vars):
-        if held := [v for v in variables.values() if v.attrs.get("standard_name") == standard_name]:
-            return held
+        if found := [
+            v for v in variables.values() if v.attrs.get("standard_name") == standard_name
+        ]:
+            return found
     return []
 
 
 def _duration(length: np.timedelta64) -> str:
-    """Return a length of time by ISO 8601."""
+    """Return a duration in ISO 8601."""
     return f"PT{int(length / np.timedelta64(1, 's'))}S"

@@ -1,11 +1,9 @@
-"""How the pictures of a run are drawn: by this process, and on Linux by copies of it at the same
-time.
+"""Draw the pictures of a run in parallel: by this process, and on Linux by forked copies of it.
 
-A copy (a fork) has all that was computed at no cost. Each process takes the next picture that
-nobody has begun, and a copy tells of each that it has drawn. What no copy has told of when none is
-at work any more, this process draws itself: whether the system grants copies, and whatever becomes
-of them, the files are the same. Elsewhere than on Linux libraries do not outlive a fork, or there
-is none.
+A fork has all results in memory at no cost. Each process takes the next picture that none has
+begun, and a fork reports each one that it has drawn. Pictures that no fork reported are drawn by
+this process at the end, so the files do not depend on whether forks succeed. On other systems
+libraries do not survive a fork, or there is none.
 """
 
 import contextlib
@@ -19,103 +17,110 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-MOST = 4  # processes that draw: each holds some 100 MB
+MOST = 4  # processes that draw; each needs some 100 MB
 TURN = 2  # [bytes] of a picture's number
-TURNS = 2000  # pictures that are shared among processes; a pipe takes them at once
-PATIENCE = 60.0  # [s] without a word from a copy after which it is given up
-DIE_WITH_PARENT = 1  # of prctl: the signal that a process gets when the one that began it dies
+TURNS = 2000  # pictures that are shared among processes; their numbers must fit into the pipe
+PATIENCE = 60.0  # [s] without a report after which a fork is given up
+DIE_WITH_PARENT = 1  # option of prctl: signal to a process whose parent dies
 
 Draw = Callable[[Path], None]
-Tell = Callable[[float], None]  # takes the share that is done
+Tell = Callable[[float], None]  # takes the share of pictures that is done
 
 
 @contextlib.contextmanager
 def begun(
     pictures: Mapping[str, Draw], place: Path, processes: int
 ) -> Iterator[Callable[[Tell], None]]:
-    """Have copies of this process begin to draw pictures, by name, into a folder.
+    """Start to draw pictures, by name, into a folder, with forks of this process.
 
-    Gives a function that takes part until all are drawn. processes: how many may draw, this one
-    among them.
+    Args:
+        pictures: drawing functions by file name.
+        place: folder of the pictures.
+        processes: number of processes that may draw, this one included.
+
+    Returns:
+        A context manager that yields a function: it takes part in drawing until all are drawn.
     """
-    copies: dict[int, int] = {}  # the pipe by which each tells what it has drawn, and its process
-    next_one, turns = os.pipe()
-    os.write(turns, b"".join(k.to_bytes(TURN, "big") for k in range(min(len(pictures), TURNS))))
-    os.close(turns)
+    copies: dict[int, int] = {}  # process id by the pipe of its reports
+    queue, queue_end = os.pipe()
+    os.write(queue_end, b"".join(k.to_bytes(TURN, "big") for k in range(min(len(pictures), TURNS))))
+    os.close(queue_end)
     try:
         if sys.platform == "linux":
-            with contextlib.suppress(OSError):  # the system grants no more
+            with contextlib.suppress(OSError):  # the system allows no more processes
                 for _ in range(min(processes, MOST, len(pictures)) - 1):
-                    _copy(pictures, place, next_one, copies)
+                    _start_copy(pictures, place, queue, copies)
 
         def finish(tell: Tell) -> None:
-            left = dict(pictures)
+            remaining = dict(pictures)
 
             def done(name: str) -> None:
-                del left[name]
-                tell(1 - len(left) / len(pictures))
+                del remaining[name]
+                tell(1 - len(remaining) / len(pictures))
 
-            for name in _turns(pictures, next_one):
+            for name in _take_pictures(pictures, queue):
                 pictures[name](place / name)
                 done(name)
-            for told in list(copies):
-                for name, said in _told(told):
-                    for words in said:
-                        warnings.warn(words, stacklevel=2)
+            for reports in list(copies):
+                for name, messages in _drawn_by_copy(reports):
+                    for message in messages:
+                        warnings.warn(message, stacklevel=2)
                     done(name)
-                _end(told, copies.pop(told))
-            for name in list(left):
+                _end_copy(reports, copies.pop(reports))
+            for name in list(remaining):
                 pictures[name](place / name)
                 done(name)
 
         yield finish
     finally:
-        for told, process in copies.items():
-            _end(told, process)
-        os.close(next_one)
+        for reports, process in copies.items():
+            _end_copy(reports, process)
+        os.close(queue)
 
 
-def _turns(pictures: Mapping[str, Draw], next_one: int) -> Iterator[str]:
-    """Give the names of the pictures that no process has begun, each to one process."""
+def _take_pictures(pictures: Mapping[str, Draw], queue: int) -> Iterator[str]:
+    """Yield the names of pictures that no process has begun, each to one process only."""
     names = list(pictures)
-    while turn := os.read(next_one, TURN):
+    while turn := os.read(queue, TURN):
         yield names[int.from_bytes(turn, "big")]
 
 
-def _copy(pictures: Mapping[str, Draw], place: Path, next_one: int, copies: dict[int, int]) -> None:
-    """Have a copy of this process draw, and add it to the copies; raise OSError where the system
-    refuses.
-    """
+def _start_copy(
+    pictures: Mapping[str, Draw], place: Path, queue: int, copies: dict[int, int]
+) -> None:
+    """Fork a copy that draws, and add it to `copies`; raise OSError if the system refuses."""
     library, owner = ctypes.CDLL(None), os.getpid()
-    told, tell = os.pipe()
+    reports, report_end = os.pipe()
     try:
         process = _fork()
     except OSError:
-        os.close(told)
-        os.close(tell)
+        os.close(reports)
+        os.close(report_end)
         raise
     if process:
-        os.close(tell)
-        copies[told] = process
+        os.close(report_end)
+        copies[reports] = process
         return
     try:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # that is for the owner, who ends its copies
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # for the owner, which ends its forks
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         if hasattr(signal, "SIGHUP"):
-            signal.signal(signal.SIGHUP, signal.SIG_IGN)  # likewise
+            signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as above
         library.prctl(DIE_WITH_PARENT, signal.SIGKILL)
-        for name in _turns(pictures, next_one) if os.getppid() == owner else ():
-            with warnings.catch_warnings(record=True) as said:
+        for name in _take_pictures(pictures, queue) if os.getppid() == owner else ():
+            with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("default")
                 pictures[name](place / name)
-            os.write(tell, json.dumps([name, [str(one.message) for one in said]]).encode() + b"\n")
+            os.write(
+                report_end,
+                json.dumps([name, [str(one.message) for one in caught]]).encode() + b"\n",
+            )
     finally:
         os._exit(0)
 
 
 def _fork() -> int:
-    """Fork; other threads may hold locks, as Python says, but a copy draws, and uses none of
-    theirs.
+    """Fork without Python's warning about threads: a copy only draws, and uses none of their locks.
 
     Matplotlib opens its fonts again after a fork.
     """
@@ -124,20 +129,18 @@ def _fork() -> int:
         return os.fork()
 
 
-def _told(told: int) -> Iterator[tuple[str, list[str]]]:
-    """Give the names of the pictures that a copy tells that it has drawn, each with what was warned
-    of, until it ends.
-    """
+def _drawn_by_copy(reports: int) -> Iterator[tuple[str, list[str]]]:
+    """Yield the names of pictures that a copy reports, each with its warnings, until it ends."""
     waiting, rest = select.poll(), b""
-    waiting.register(told)
-    while waiting.poll(1000 * PATIENCE) and (piece := os.read(told, 2**16)):
+    waiting.register(reports)
+    while waiting.poll(1000 * PATIENCE) and (piece := os.read(reports, 2**16)):
         *lines, rest = (rest + piece).split(b"\n")
         yield from map(json.loads, lines)
 
 
-def _end(told: int, process: int) -> None:
-    """End a copy, whatever it is doing."""
-    os.close(told)
+def _end_copy(reports: int, process: int) -> None:
+    """Kill a copy."""
+    os.close(reports)
     with contextlib.suppress(OSError):
         os.kill(process, signal.SIGKILL)
         os.waitpid(process, 0)

@@ -1,7 +1,4 @@
-"""How results are written:
-
-CSV that no spreadsheet runs, values that JSON can hold, the name of a run.
-"""
+"""File formats of results: CSV that spreadsheets cannot execute, JSON values, and the run_id."""
 
 import csv
 import hashlib
@@ -20,7 +17,7 @@ from geo.errors import UserError
 from geo.files import digest
 
 EPOCH = "seconds since 1970-01-01 00:00:00"  # units of times in netCDF files
-# what the formula of a spreadsheet begins with
+# first characters of a spreadsheet formula
 FORMULAS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -28,7 +25,7 @@ NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 def plain(value: Any) -> Any:
     """Return a value that JSON can hold: numbers as numbers, NaN as null, times as ISO text."""
-    # outlines hold tens of thousands: what there is most of is asked for first
+    # outlines hold tens of thousands of floats: the most frequent types are checked first
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, (list, tuple)):
@@ -53,10 +50,9 @@ def plain(value: Any) -> Any:
 
 
 def run_id(attributes: Mapping[str, Any]) -> str:
-    """Return a short name of a run: a digest of what made it (case, forcing, versions), and its
-    seed.
+    """Return the identifier of a run: a digest of its inputs (case, forcing, versions) and seed.
 
-    It is the same in all files of the run. No spreadsheet takes it for a number or a date.
+    It is the same in all files of the run. No spreadsheet reads it as a number or a date.
     """
     names = ["case", "seed", "forcing", "coast", "versions", "backend"]
     names += [name for name in ("device", "inputs") if name in attributes]
@@ -65,38 +61,38 @@ def run_id(attributes: Mapping[str, Any]) -> str:
 
 
 def inputs(files: Iterable[str]) -> dict[str, str]:
-    """Return the attribute that says what files a case read, by their names and digests; nothing
-    where there are none.
+    """Return the attribute that lists the files that a case read, with digests; {} for none.
 
-    Raises UserError where one cannot be read any more.
+    Raises UserError if a file cannot be read any more.
     """
     try:
-        told = "; ".join(f"{Path(file).name}: {digest.digest_of(file)}" for file in files)
+        listed = "; ".join(f"{Path(file).name}: {digest.digest_of(file)}" for file in files)
     except OSError as error:
         raise UserError(f"{error.filename}: cannot be read any more ({error.strerror})") from None
-    return {"inputs": told} if told else {}
+    return {"inputs": listed} if listed else {}
 
 
 def csv_text(header: list[str], rows: list[list[Any]]) -> str:
-    """Return a table as CSV that a spreadsheet shows and does not run; every CSV file of ours is
-    made here.
+    """Return a table as CSV that a spreadsheet shows and does not execute.
 
-    A text that a spreadsheet would take for a formula gets an apostrophe before it (OWASP, CSV
-    injection), numbers stay numbers, negative ones too, and line breaks inside a cell become
-    spaces: readers split there.
+    All CSV files of drift are made here. A text that a spreadsheet would read as a formula gets an
+    apostrophe in front (OWASP, CSV injection). Numbers, also negative ones, stay so. Line breaks
+    inside a cell become spaces, as many readers split there.
     """
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([map(_cell, row) for row in (header, *rows)])
+    csv.writer(text, lineterminator="\n").writerows(
+        [map(_safe_cell, row) for row in (header, *rows)]
+    )
     return text.getvalue()
 
 
-def _cell(value: Any) -> Any:
-    """Return a value as it may stand in a cell."""
-    # no formula, no line break
+def _safe_cell(value: Any) -> Any:
+    """Return a value as it can be written to a cell."""
+    # a plain text: neither a formula nor a line break
     if not isinstance(value, str) or (value[:1].isalnum() and value.isprintable()):
         return value
-    # Letters that stand for a formula's in full width, and blanks before it, which spreadsheets
-    # pass over
-    runs = value.lstrip().startswith(FORMULAS) or value.startswith(("\t", "\r", "\n"))
+    # Full-width variants of formula characters count, as do blanks in front, which spreadsheets
+    # skip
+    is_formula = value.lstrip().startswith(FORMULAS) or value.startswith(("\t", "\r", "\n"))
     flat = " ".join(value.splitlines())
-    return f"'{flat}" if runs and not NUMBER.fullmatch(value) else flat
+    return f"'{flat}" if is_formula and not NUMBER.fullmatch(value) else flat

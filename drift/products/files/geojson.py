@@ -1,4 +1,4 @@
-"""GeoJSON (RFC 7946) of shapes with unwrapped longitudes [deg], which are cut at the antimeridian."""
+"""GeoJSON (RFC 7946) of shapes with unwrapped longitudes [deg], split at the antimeridian."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -12,9 +12,9 @@ DIGITS = 7  # decimals of a degree: 1 cm
 
 
 def polygons(shape: shapely.MultiPolygon) -> dict[str, Any]:
-    """Return polygons as a MultiPolygon, outer rings anticlockwise.
+    """Return polygons [deg] as a MultiPolygon, with outer rings anticlockwise.
 
-    It has no coordinates if nothing is left.
+    Its coordinates are empty if nothing remains.
     """
     coordinates = [
         [_rounded(ring) for ring in (part.exterior, *part.interiors)]
@@ -24,22 +24,22 @@ def polygons(shape: shapely.MultiPolygon) -> dict[str, Any]:
 
 
 def lines(shapes: Iterable[Any]) -> dict[str, Any]:
-    """Return lines (Shapely) as a MultiLineString; from point to point they go the short way round."""
-    parts = [_short(part) for shape in shapes for part in shapely.get_parts(shape)]
+    """Return lines (Shapely, [deg]) as a MultiLineString; each step takes the shorter way round."""
+    parts = [_unwrapped(part) for shape in shapes for part in shapely.get_parts(shape)]
     pieces = [piece for part in parts for piece in antimeridian.cut_line(part)]
     return {"type": "MultiLineString", "coordinates": [_rounded(piece) for piece in pieces]}
 
 
 def point(lon: float, lat: float) -> dict[str, Any]:
-    """Return a position as a Point."""
+    """Return a position [deg] as a Point."""
     return {
         "type": "Point",
         "coordinates": [round(sphere.wrap_degrees(lon), DIGITS), round(lat, DIGITS)],
     }
 
 
-def _short(line: Any) -> Any:
-    """Return a line without jumps of a turn: its longitudes run on."""
+def _unwrapped(line: Any) -> Any:
+    """Return a line with unwrapped longitudes."""
     return shapely.transform(
         line, lambda xy: np.column_stack([np.unwrap(xy[:, 0], period=360), xy[:, 1]])
     )
@@ -53,14 +53,12 @@ def _rounded(line: Any) -> list[list[float]]:
 def feature(
     geometry: Mapping[str, Any], properties: Mapping[str, Any], **members: Any
 ) -> dict[str, Any]:
-    """Return a feature; members: further ones, such as its id."""
+    """Return a feature; members: further members, such as its id."""
     return {"type": "Feature", **members, "geometry": geometry, "properties": properties}
 
 
 def collection(features: Sequence[Any], attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return features as a FeatureCollection with the attributes of a run, which stand first, by
-    name.
-    """
+    """Return features as a FeatureCollection; the run's attributes come first, sorted by name."""
     return {
         "type": "FeatureCollection",
         **{k: attributes[k] for k in sorted(attributes)},

@@ -1,8 +1,8 @@
-"""GPX 1.1 (topografix.com/GPX/1/1): a document, its points and its tracks, in the order of elements
-of its schema.
+"""GPX 1.1 (topografix.com/GPX/1/1): documents, points and tracks, in the schema's element order.
 
-Longitudes of the schema end below 180. A track is cut there, and the end of a segment that comes
-from the west is written LAST_EAST, 1 cm short of it, so that no segment jumps by 360 degrees.
+The schema's longitudes end below 180. A track is split there, and a segment that reaches the
+antimeridian from the west ends at LAST_EAST, 1 cm short of it, so that no segment jumps by 360
+degrees.
 """
 
 import xml.etree.ElementTree as ET
@@ -22,12 +22,12 @@ Fix = tuple[float, float, Any]  # lon, lat [deg], time or None
 
 
 def document(title: str, words: str) -> ET.Element:
-    """Return an empty document; waypoints come first, then routes, then tracks."""
+    """Return an empty document; append waypoints first, then routes, then tracks."""
     root = ET.Element("gpx", {"xmlns": SPACE, "version": "1.1", "creator": "casp-drift"})
-    about = ET.SubElement(root, "metadata")
-    markup.leaf(about, "name", title)
+    metadata = ET.SubElement(root, "metadata")
+    markup.leaf(metadata, "name", title)
     if words:
-        markup.leaf(about, "desc", words)
+        markup.leaf(metadata, "desc", words)
     return root
 
 
@@ -42,15 +42,25 @@ def point(
     words: str = "",
     kind: str = "",
 ) -> None:
-    """Append a point [deg]: wpt, rtept or trkpt; time: np.datetime64, UTC."""
+    """Append a point (wpt, rtept or trkpt) to an element.
+
+    Args:
+        parent: the element.
+        tag: "wpt", "rtept" or "trkpt".
+        lon, lat: position [deg].
+        time: np.datetime64, UTC.
+        name: name of the point.
+        words: its description.
+        kind: its type.
+    """
     element = ET.SubElement(parent, tag, markup.position(lon, lat))
-    told = {
+    children = {
         "time": "" if time is None else notation.iso(time),
         "name": name,
         "desc": words,
         "type": kind,
     }
-    for key, value in told.items():
+    for key, value in children.items():
         if value:
             markup.leaf(element, key, value)
 
@@ -61,9 +71,12 @@ def segments(
     lat: Sequence[float],
     times: Sequence[Any] | None = None,
 ) -> None:
-    """Append a line [deg] to a track, a segment on each side of the antimeridian.
+    """Append a line to a track, with a segment on each side of the antimeridian.
 
-    It goes from point to point the short way round; where it is cut, time is linear in longitude.
+    Args:
+        track: the track element.
+        lon, lat: points [deg], shape (n,); each step takes the shorter way round.
+        times: times of the points; where the line is split, time is linear in longitude.
     """
     points = list(
         zip(
@@ -81,15 +94,13 @@ def segments(
 
 
 def _parts(points: Sequence[Fix]) -> Iterator[tuple[int, list[Fix]]]:
-    """Yield the parts of a line between two antimeridians, and how many turns each is from -180 to
-    180.
-    """
+    """Yield the parts of a line between antimeridians, each with its turns from [-180, 180]."""
     if len(points) == 1:
         yield _turn(points[0][0]), list(points)
         return
     last, part = 0, list[Fix]()
     for a, b in pairwise(points):
-        for begin, end in _halves(a, b):
+        for begin, end in _split_at_seam(a, b):
             turn = _turn((begin[0] + end[0]) / 2)
             if part and turn != last:
                 yield last, part
@@ -100,8 +111,8 @@ def _parts(points: Sequence[Fix]) -> Iterator[tuple[int, list[Fix]]]:
         yield last, part
 
 
-def _halves(a: Fix, b: Fix) -> list[tuple[Fix, Fix]]:
-    """Return the piece from one point to another, or the two into which the antimeridian cuts it."""
+def _split_at_seam(a: Fix, b: Fix) -> list[tuple[Fix, Fix]]:
+    """Return the step between two points as one piece, or two if the antimeridian splits it."""
     seam = 360.0 * max(_turn(a[0]), _turn(b[0])) - 180
     if not min(a[0], b[0]) < seam < max(a[0], b[0]):
         return [(a, b)]

@@ -1,8 +1,8 @@
-"""Hidden folders in which runs make their results: whose each is, and whether its owner lives.
+"""Hidden folders in which runs prepare their results, and whether the owner of each is alive.
 
-The owner holds a lock on a file in its folder, which the kernel gives back at the owner's death,
-however it died. Where a file system's locks say nothing, as between the machines of some networks,
-the owner's machine and process stand in the folder's name; a folder whose owner cannot be asked
+The owner holds a lock on a file in its folder, which the kernel releases when the owner dies in
+whatever way. Where file locks are unreliable, as between the machines of some network file systems,
+the folder's name contains the owner's machine and process. A folder whose owner cannot be checked
 counts as owned until nothing has changed in it for a day.
 """
 
@@ -19,40 +19,39 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # Windows: the owner is known by name alone
+except ImportError:  # Windows: the owner is only known by name
     fcntl = None  # type: ignore[assignment]
 
 PREFIX = ".drift-partial-"
 UNFINISHED = (
-    # how the name of a folder ends in which a run keeps its work; in that of the results its name
+    # suffix of the folder in which a run keeps its work; as a name, that inside of the results
     ".unfinished"
 )
 LOCK = "lock"
-# [s]; a folder whose owner cannot be asked counts as abandoned after so long without a change
+# [s] without a change after which a folder counts as abandoned if its owner cannot be checked
 STALE = 86_400
 ATTEMPTS = 10
 
 
 def make(ground: Path) -> tuple[Path, int]:
-    """Return a new hidden folder in another, and the open lock by which it is owned."""
+    """Create a hidden folder in another one; return it with the open lock of its owner."""
     for _ in range(ATTEMPTS):
-        folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{'-'.join(_self())}-", dir=ground))
+        folder = Path(tempfile.mkdtemp(prefix=f"{PREFIX}{'-'.join(_owner_names())}-", dir=ground))
         lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
-        # Another run may have taken the folder for a dead one's in the moment before the lock was
-        # held.
-        if _locked(lock) is not False and (folder / LOCK).exists():
+        # Another run may have removed the folder as abandoned just before the lock was held.
+        if _try_lock(lock) is not False and (folder / LOCK).exists():
             return folder, lock
         os.close(lock)
     raise OSError(f"no folder can be made in {ground}")
 
 
 def remove(folder: Path) -> None:
-    """Take away a hidden folder as far as that is possible."""
+    """Remove a hidden folder as far as possible."""
     shutil.rmtree(folder, ignore_errors=True)
 
 
 def within(ground: Path) -> list[Path]:
-    """Return the hidden folders in a folder, by name."""
+    """Return the hidden folders in a folder, sorted by name."""
     try:
         with os.scandir(ground) as entries:
             names = sorted(
@@ -67,50 +66,50 @@ def within(ground: Path) -> list[Path]:
 
 @contextmanager
 def taken(folder: Path) -> Iterator[bool]:
-    """Hold a hidden folder that no living process owns; gives whether it is held."""
+    """Lock a hidden folder unless a living process owns it; yield whether it is locked."""
     lock: int | None = None
     try:
-        with contextlib.suppress(OSError):  # it has none yet, is gone, or belongs to another user
+        with contextlib.suppress(OSError):  # no lock file yet, already gone, or another user's
             lock = os.open(folder / LOCK, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
-        yield _dead(folder, None if lock is None else _locked(lock))
+        yield _is_abandoned(folder, None if lock is None else _try_lock(lock))
     finally:
         if lock is not None:
             os.close(lock)
 
 
-def _dead(folder: Path, locked: bool | None) -> bool:
-    """Whether the owner of a folder is known to be dead.
+def _is_abandoned(folder: Path, locked: bool | None) -> bool:
+    """Return True if the owner of a folder is known to be dead.
 
-    locked: whether its lock could be had; None if that says nothing.
+    locked: whether we could lock its file; None if the file system has no locks.
     """
     if locked is False:
         return False
-    host, kernel, space, process = _self()
+    host, kernel, space, process = _owner_names()
     owner = folder.name[len(PREFIX) :].split("-")
     if locked and (owner[:1] == [host] or owner[1:2] == [kernel]):
-        return True  # the lock was given by this machine's kernel
+        return True  # this machine's kernel gave the lock, so the owner had released it
     if (
         os.name == "posix"
         and owner[:3] == [host, kernel, space]
         and len(owner) > 3
         and owner[3].isdecimal()
     ):
-        return owner[3] != process and not _runs(int(owner[3]))
-    return not _changed(folder)
+        return owner[3] != process and not _is_running(int(owner[3]))
+    return not _changed_recently(folder)
 
 
-def _runs(process: int) -> bool:
+def _is_running(process: int) -> bool:
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
         return False
     except OSError:
-        pass  # it is another user's
+        pass  # it belongs to another user
     return True
 
 
-def _changed(folder: Path) -> bool:
-    """Whether anything in a folder is younger than a day."""
+def _changed_recently(folder: Path) -> bool:
+    """Return True if anything in a folder changed within the last day."""
     newest = 0.0
     with contextlib.suppress(OSError):
         newest = folder.stat().st_mtime
@@ -119,10 +118,10 @@ def _changed(folder: Path) -> bool:
     return time.time() - newest < STALE
 
 
-def _locked(lock: int) -> bool | None:
-    """Lock an open file at once;
+def _try_lock(lock: int) -> bool | None:
+    """Try to lock an open file.
 
-    False where another process has it, None where the file system knows no locks.
+    Returns False if another process has locked it, None if the file system has no locks.
     """
     if fcntl is None:
         return None
@@ -135,10 +134,8 @@ def _locked(lock: int) -> bool | None:
     return True
 
 
-def _self() -> tuple[str, str, str, str]:
-    """Return short names of this machine, its running kernel, its space of process numbers, and the
-    process.
-    """
+def _owner_names() -> tuple[str, str, str, str]:
+    """Return short names of this machine, kernel boot, process namespace, and process."""
     host, kernel, space = socket.gethostname(), "", ""
     with contextlib.suppress(OSError):
         kernel = Path("/proc/sys/kernel/random/boot_id").read_text()
@@ -150,22 +147,29 @@ def _self() -> tuple[str, str, str, str]:
 
 @contextmanager
 def alone(folder: Path, patience: float, *, shared: bool = False) -> Iterator[bool]:
-    """Hold a folder against other processes of ours, or share it; gives whether it came free in
-    time [s].
+    """Lock a folder against other processes of drift, or share it.
 
-    A file system without locks on folders gives it at once.
+    A file system without locks grants it at once.
+
+    Args:
+        folder: the folder.
+        patience: longest wait [s].
+        shared: whether others may share it.
+
+    Returns:
+        A context manager that yields whether it was locked in time.
     """
     if fcntl is None:
         yield True
         return
     lock = os.open(folder, os.O_RDONLY)
     try:
-        yield _waited(lock, fcntl.LOCK_SH if shared else fcntl.LOCK_EX, patience)
+        yield _wait_for_lock(lock, fcntl.LOCK_SH if shared else fcntl.LOCK_EX, patience)
     finally:
         os.close(lock)
 
 
-def _waited(lock: int, kind: int, patience: float) -> bool:
+def _wait_for_lock(lock: int, kind: int, patience: float) -> bool:
     until = time.monotonic() + patience
     while True:
         try:

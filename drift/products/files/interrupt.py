@@ -1,6 +1,4 @@
-"""Ctrl-C, requests to end and closing terminals: exceptions that unwind a run, so that no
-half-written file stays.
-"""
+"""Ctrl-C, termination requests and closed terminals, as exceptions that unwind a run cleanly."""
 
 import contextlib
 import os
@@ -10,8 +8,8 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
-INTERRUPTED = "drift: interrupted; no half file is left"
-TERMINATED = "drift: asked to end; no half file is left"
+INTERRUPTED = "drift: interrupted; no incomplete file is left"
+TERMINATED = "drift: terminated on request; no incomplete file is left"
 
 
 ENDS = tuple(
@@ -20,9 +18,9 @@ ENDS = tuple(
 
 
 class Terminated(BaseException):
-    """A request to end (SIGTERM), or a closed terminal (SIGHUP): unwinds as Ctrl-C does.
+    """A termination request (SIGTERM) or a closed terminal (SIGHUP); it unwinds a run like Ctrl-C.
 
-    So nothing half-written stays. number: of the signal.
+    number: that of the signal.
     """
 
     def __init__(self, number: int = signal.SIGTERM) -> None:
@@ -30,87 +28,87 @@ class Terminated(BaseException):
         self.number = int(number)
 
 
-# signals to end that have come: the exception is lost where a destructor is running
-_asked: list[int] = []
+# signals received: an exception raised while a destructor runs is lost
+_pending: list[int] = []
 
 
 @contextlib.contextmanager
 def ending_cleanly() -> Iterator[None]:
-    """Turn Ctrl-C and a request to end into exceptions that unwind the run."""
-    _asked.clear()
+    """Turn Ctrl-C and termination requests into exceptions that unwind the run."""
+    _pending.clear()
 
     def end(number: int, frame: object) -> None:
-        _asked.append(number)
+        _pending.append(number)
         heed()
 
     def unraisable(lost: Any) -> None:
         if not isinstance(lost.exc_value, KeyboardInterrupt | Terminated):
-            before(lost)
+            previous(lost)
 
-    before, sys.unraisablehook = sys.unraisablehook, unraisable
+    previous, sys.unraisablehook = sys.unraisablehook, unraisable
     try:
         with contextlib.ExitStack() as stack:
             for number in ENDS:
-                stack.enter_context(_on(number, end))
+                stack.enter_context(_handling(number, end))
             yield
     finally:
-        sys.unraisablehook = before
+        sys.unraisablehook = previous
 
 
 def heed() -> None:
-    """Leave if that was asked for."""
-    if _asked:
-        raise KeyboardInterrupt if _asked[0] == signal.SIGINT else Terminated(_asked[0])
+    """Raise the exception of a pending signal, if there is one."""
+    if _pending:
+        raise KeyboardInterrupt if _pending[0] == signal.SIGINT else Terminated(_pending[0])
 
 
 @contextlib.contextmanager
-def _on(number: signal.Signals, handler: Callable[[int, Any], None]) -> Iterator[None]:
-    """Handle a signal for a while; only a process's main thread can.
+def _handling(number: signal.Signals, handler: Callable[[int, Any], None]) -> Iterator[None]:
+    """Handle a signal within the context; only the main thread of a process can.
 
-    One that is ignored (nohup) stays so.
+    A signal that is ignored (nohup) stays ignored.
     """
     if threading.current_thread() is not threading.main_thread() or _ignored(number):
         yield
         return
-    before = signal.signal(number, handler)
+    previous = signal.signal(number, handler)
     try:
         yield
     finally:
-        signal.signal(number, before if before is not None else signal.SIG_DFL)
+        signal.signal(number, previous if previous is not None else signal.SIG_DFL)
 
 
 def _ignored(number: int) -> bool:
-    """Whether this process was started to outlive its terminal."""
+    """Return True if this process was started to outlive its terminal."""
     return number != signal.SIGINT and signal.getsignal(number) is signal.SIG_IGN
 
 
 @contextlib.contextmanager
 def leaving_at_once() -> Iterator[None]:
-    """Leave at the first Ctrl-C: libraries swallow KeyboardInterrupt while they are imported.
+    """Exit at once on a signal, as libraries swallow KeyboardInterrupt while they are imported.
 
-    No file is open then.
+    Use it only while no file is open.
     """
 
     def leave(number: int, frame: object) -> None:
-        asked = number != signal.SIGINT
-        with contextlib.suppress(OSError):  # the terminal may have gone
-            os.write(2, f"{TERMINATED if asked else INTERRUPTED}\n".encode())
+        terminated = number != signal.SIGINT
+        with contextlib.suppress(OSError):  # the terminal may be closed
+            os.write(2, f"{TERMINATED if terminated else INTERRUPTED}\n".encode())
         os._exit(128 + number)
 
     with contextlib.ExitStack() as stack:
         for number in ENDS:
-            stack.enter_context(_on(number, leave))
+            stack.enter_context(_handling(number, leave))
         yield
 
 
 @contextlib.contextmanager
 def undisturbed() -> Iterator[None]:
-    """Put off Ctrl-C and a request to end until the block is done."""
+    """Defer Ctrl-C and termination requests until the block is done."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     waiting: list[int] = []
-    before = {
+    previous = {
         number: signal.signal(number, lambda number, _: waiting.append(number))
         for number in ENDS
         if not _ignored(number)
@@ -118,7 +116,7 @@ def undisturbed() -> Iterator[None]:
     try:
         yield
     finally:
-        for number, handler in before.items():
+        for number, handler in previous.items():
             signal.signal(number, handler if handler is not None else signal.SIG_DFL)
         if waiting:
             signal.raise_signal(waiting[0])

@@ -1,5 +1,6 @@
-"""KML 2.2 (OGC 07-147r2) of GeoJSON geometries, which are cut at 180 degrees: styles, places with
-times, folders.
+"""KML 2.2 (OGC 07-147r2): styles, folders, and places with times.
+
+Geometries come as GeoJSON, split at 180 degrees.
 """
 
 import html
@@ -13,7 +14,7 @@ SPACE = "http://www.opengis.net/kml/2.2"
 
 
 def document(title: str, words: str) -> tuple[ET.Element, ET.Element]:
-    """Return the root and its Document, which is still empty; styles come first, then folders."""
+    """Return the root and its empty Document; append styles first, then folders."""
     root = ET.Element("kml", {"xmlns": SPACE})
     inside = ET.SubElement(root, "Document")
     markup.leaf(inside, "name", title)
@@ -24,24 +25,24 @@ def document(title: str, words: str) -> tuple[ET.Element, ET.Element]:
 def style(
     document: ET.Element, name: str, ink: str, width: str, fill: str = "", icon: str = ""
 ) -> None:
-    """Append a style; ink, fill: aabbggrr; icon: the address of a symbol."""
-    made = ET.SubElement(document, "Style", {"id": name})
+    """Append a style; ink, fill: colours as aabbggrr; icon: address of a symbol."""
+    element = ET.SubElement(document, "Style", {"id": name})
     if icon:
-        symbol = ET.SubElement(made, "IconStyle")
+        symbol = ET.SubElement(element, "IconStyle")
         markup.leaf(symbol, "color", ink)
         markup.leaf(ET.SubElement(symbol, "Icon"), "href", icon)
-    line = ET.SubElement(made, "LineStyle")
+    line = ET.SubElement(element, "LineStyle")
     markup.leaf(line, "color", ink)
     markup.leaf(line, "width", width)
     if fill:
-        markup.leaf(ET.SubElement(made, "PolyStyle"), "color", fill)
+        markup.leaf(ET.SubElement(element, "PolyStyle"), "color", fill)
 
 
 def folder(parent: ET.Element, name: str) -> ET.Element:
-    """Append a folder."""
-    made = ET.SubElement(parent, "Folder")
-    markup.leaf(made, "name", name)
-    return made
+    """Append a folder to an element, and return it."""
+    element = ET.SubElement(parent, "Folder")
+    markup.leaf(element, "name", name)
+    return element
 
 
 def append_place(
@@ -52,22 +53,29 @@ def append_place(
     look: str,
     geometry: Mapping[str, Any],
 ) -> None:
-    """Append a place; span: from when to when it is shown, ISO 8601; look: the name of its style,
-    "" for none.
+    """Append a place to a folder.
+
+    Args:
+        parent: the folder.
+        name: name of the place.
+        words: its description, plain text.
+        span: first and last time at which it is shown, ISO 8601.
+        look: name of its style; "" for none.
+        geometry: its GeoJSON geometry.
     """
-    made = ET.SubElement(parent, "Placemark")
-    markup.leaf(made, "name", name)
-    markup.leaf(made, "description", html.escape(words, quote=False))
-    when = ET.SubElement(made, "TimeSpan")
+    element = ET.SubElement(parent, "Placemark")
+    markup.leaf(element, "name", name)
+    markup.leaf(element, "description", html.escape(words, quote=False))
+    when = ET.SubElement(element, "TimeSpan")
     markup.leaf(when, "begin", span[0])
     markup.leaf(when, "end", span[1])
     if look:
-        markup.leaf(made, "styleUrl", f"#{look}")
-    _geometry(made, geometry)
+        markup.leaf(element, "styleUrl", f"#{look}")
+    _geometry(element, geometry)
 
 
 def _geometry(parent: ET.Element, geometry: Mapping[str, Any]) -> None:
-    """Append a GeoJSON geometry as KML's."""
+    """Append a GeoJSON geometry as KML."""
     kind, coordinates = geometry["type"], geometry["coordinates"]
     if kind == "Point":
         markup.leaf(ET.SubElement(parent, "Point"), "coordinates", _coordinates([coordinates]))

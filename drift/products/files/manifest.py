@@ -1,9 +1,7 @@
-"""What a finished run's folder holds: manifest.json names each file with its size and digest.
+"""The manifest of a results folder: manifest.json lists each file with its size and digest.
 
-It is written last.
-
-A folder whose files are as its manifest says is the whole result of one run. Nothing else is: a
-folder without a manifest, or with one that some other program wrote, holds no result of ours.
+It is written last, so a folder whose files match its manifest is the complete result of one run. A
+folder without a manifest, or with one of another program, is not a result of drift.
 """
 
 import hashlib
@@ -15,12 +13,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 NAME = "manifest.json"
-LARGEST = 2**22  # [bytes] of a manifest: far more than ours ever have
+LARGEST = 2**22  # [bytes] most of a manifest, far more than drift writes
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A file of a run."""
+    """A file of a run: name, size and digest."""
 
     name: str  # without a folder
     size: int  # [bytes]
@@ -29,64 +27,63 @@ class Entry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """The files of a run, without the manifest itself."""
+    """The files of a run, except the manifest itself."""
 
     run_id: str
     files: tuple[Entry, ...]
 
     @property
     def names(self) -> set[str]:
-        """Names of all files of the run, the manifest among them."""
+        """Names of all files of the run, including the manifest."""
         return {entry.name for entry in self.files} | {NAME}
 
 
 def manifest_of(run_id: str, paths: Iterable[Path]) -> Manifest:
-    """Return the manifest of files, which are read for it."""
+    """Return the manifest of some files, after reading them."""
     return Manifest(
         run_id, tuple(Entry(path.name, path.stat().st_size, digest(path)) for path in paths)
     )
 
 
 def manifest_text(manifest: Manifest) -> str:
-    """Return a manifest as it is written to its file."""
+    """Return the text of a manifest's file."""
     return json.dumps(asdict(manifest), indent=1) + "\n"
 
 
 def read_manifest(folder: Path) -> Manifest | None:
-    """Return the manifest of a folder; None where there is none, or one that is not ours."""
+    """Return the manifest of a folder; None if it has none that drift wrote."""
     path = folder / NAME
     try:
         if not regular(path) or path.stat().st_size > LARGEST:
             return None
-        held = json.loads(path.read_bytes())
-        entries = tuple(Entry(row["name"], row["size"], row["sha256"]) for row in held["files"])
-        run_id = held["run_id"]
+        content = json.loads(path.read_bytes())
+        entries = tuple(Entry(row["name"], row["size"], row["sha256"]) for row in content["files"])
+        run_id = content["run_id"]
     except (OSError, ValueError, RecursionError, KeyError, TypeError, AttributeError):
         return None
     return (
-        Manifest(run_id, entries) if isinstance(run_id, str) and all(map(_plain, entries)) else None
+        Manifest(run_id, entries)
+        if isinstance(run_id, str) and all(map(_is_valid, entries))
+        else None
     )
 
 
-def _plain(entry: Entry) -> bool:
-    """Whether an entry is one that we write: no name leads out of the folder or to the manifest."""
-    typed = (
+def _is_valid(entry: Entry) -> bool:
+    """Return True for an entry as drift writes it, whose name cannot lead out of the folder."""
+    types_are_right = (
         isinstance(entry.name, str)
         and isinstance(entry.size, int)
         and isinstance(entry.sha256, str)
     )
     return (
-        typed
+        types_are_right
         and Path(entry.name).name == entry.name not in {"", "..", NAME}
         and "\0" not in entry.name
     )
 
 
 def fault(folder: Path, manifest: Manifest) -> str | None:
-    """Return in words where a folder differs from its manifest;
-
-    None where all is as it was written.
-    """
+    """Return how a folder differs from its manifest, as text; None if it does not."""
     for entry in manifest.files:
         path = folder / entry.name
         if not os.path.lexists(path):
@@ -97,12 +94,12 @@ def fault(folder: Path, manifest: Manifest) -> str | None:
 
 
 def unchanged(path: Path, entry: Entry) -> bool:
-    """Whether a path is a file, no link, with the contents of an entry."""
+    """Return True if a path is a file, not a link, with the contents of an entry."""
     return regular(path) and path.stat().st_size == entry.size and digest(path) == entry.sha256
 
 
 def regular(path: Path) -> bool:
-    """Whether a path is a file: no folder, no link, no pipe."""
+    """Return True for a regular file, not a folder, link or pipe."""
     try:
         return stat.S_ISREG(os.lstat(path).st_mode)
     except OSError:
@@ -110,9 +107,9 @@ def regular(path: Path) -> bool:
 
 
 def digest(path: Path) -> str:
-    """Return the SHA-256 of a file's contents."""
-    total = hashlib.sha256()
+    """Return the SHA-256 of a file's contents in hexadecimal."""
+    sha256 = hashlib.sha256()
     with open(path, "rb") as file:
         while chunk := file.read(2**20):
-            total.update(chunk)
-    return total.hexdigest()
+            sha256.update(chunk)
+    return sha256.hexdigest()

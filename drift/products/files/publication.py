@@ -1,16 +1,15 @@
-"""A run's files in their folder: the whole old result or the whole new one, whatever happens in
-between.
+"""Publish a run's files in a folder: always the complete old or the complete new result.
 
-New files are made in a hidden folder, in the target where that is there (it may be a mount or a
-link, and what is beside it not writable), else beside it. A target that is not there yet comes into
-being by one rename. In one that is, the old run's files are moved aside into the hidden folder, its
-manifest first; the new ones are moved in, their manifest last: with that the new result is whole,
-and the old files go. A journal in the hidden folder says what was to be moved. If the process dies
-before the new manifest stands, whoever comes next, another run or a reader, puts the old files back
-by the journal. Each step is one rename, and putting back may be cut short as well.
+New files are prepared in a hidden folder: inside the target if that exists (it may be a mount or a
+link, and its parent may not be writable), else beside it. A new target appears by one rename. In an
+existing target the old run's files are moved aside into the hidden folder, manifest first; the new
+ones are moved in, manifest last. From then on the new result is complete, and the old files are
+deleted. A journal in the hidden folder lists the moves. If the process dies before the new manifest
+is in place, the next run or reader restores the old files by the journal. Each step is one rename,
+and restoring may be interrupted as well.
 
-What no manifest of ours lists is never moved: a folder, a link or somebody else's file in the way
-is refused beforehand.
+Files that no manifest of drift lists are never moved: a folder, a link or a foreign file in the way
+is reported as an error beforehand.
 """
 
 import contextlib
@@ -31,17 +30,17 @@ from geo.errors import UserError
 
 ADVICE = "name another with --out, or add --overwrite"
 NEW, OLD, JOURNAL = "new", "old", "journal.json"
-PATIENCE = 10.0  # [s] after which another process is taken to hang, for renames are short
+PATIENCE = 10.0  # [s] after which another process counts as hanging, as renames are fast
 
 
 @dataclass(frozen=True)
 class Stage:
-    """Where a run makes its files before they are published."""
+    """The hidden folder in which a run prepares its files before they are published."""
 
     target: Path
     folder: Path  # hidden
-    inside: bool  # the target was there already, and the hidden folder lies in it
-    before: str | None  # digest of the manifest that the target had then
+    inside: bool  # the target existed already and contains the hidden folder
+    before: str | None  # digest of the target's manifest at that time
 
     @property
     def new(self) -> Path:
@@ -50,14 +49,18 @@ class Stage:
 
 
 def check(folder: Path, overwrite: bool = False, names: Iterable[str] = ()) -> None:
-    """Raise UserError unless results may be written to a folder; made before the work starts.
-    Creates nothing.
+    """Raise UserError unless results may be written to a folder.
 
-    names: of files that will be written. A result that a dead process left half replaced is put
-    back.
+    Call it before the work starts: it creates nothing. An interrupted replacement of results is
+    undone first.
+
+    Args:
+        folder: the output folder.
+        overwrite: whether results in it may be replaced.
+        names: names of the files that will be written.
     """
     try:
-        str(folder.absolute()).encode(sys.getfilesystemencoding())  # HDF5 takes no other names
+        str(folder.absolute()).encode(sys.getfilesystemencoding())  # HDF5 requires that
         exists = _exists(folder)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
@@ -65,7 +68,7 @@ def check(folder: Path, overwrite: bool = False, names: Iterable[str] = ()) -> N
             f"output folder {str(folder)[:300]!a}: {reason}; name another with --out"
         ) from None
     if exists and not folder.is_dir():
-        raise UserError(f"output folder {folder}: is no folder; name another with --out")
+        raise UserError(f"output folder {folder}: is not a folder; name another with --out")
     ground = folder if exists else next(p for p in folder.absolute().parents if _exists(p))
     if not ground.is_dir() or not os.access(ground, os.R_OK | os.W_OK | os.X_OK):
         raise UserError(
@@ -74,15 +77,13 @@ def check(folder: Path, overwrite: bool = False, names: Iterable[str] = ()) -> N
     if not exists:
         return
     settle(folder)
-    if not overwrite and _filled(folder):
+    if not overwrite and _is_filled(folder):
         raise UserError(f"output folder {folder}: is not empty; {ADVICE}")
-    _refuse_obstacles(folder, names)
+    _check_obstacles(folder, names)
 
 
 def _exists(path: Path) -> bool:
-    """Whether something has a name, were it a link to nothing; raises OSError for a name that
-    cannot be.
-    """
+    """Return True if a path exists, even as a broken link; raise OSError for an invalid name."""
     try:
         os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -90,37 +91,38 @@ def _exists(path: Path) -> bool:
     return True
 
 
-def _filled(folder: Path) -> bool:
-    """Whether a folder holds anything but what a killed run left."""
+def _is_filled(folder: Path) -> bool:
+    """Return True if a folder contains anything but the remains of a killed run."""
     names = [path.name for path in folder.iterdir()]
     return any(not name.startswith(hidden.PREFIX) and name != hidden.UNFINISHED for name in names)
 
 
 @contextmanager
 def staged(target: Path) -> Iterator[Stage]:
-    """Give a hidden folder on the target's file system, gone afterwards; what dead processes left
-    goes too.
+    """Yield a hidden folder on the target's file system, and remove it afterwards.
+
+    Hidden folders of dead processes are removed first.
     """
     inside = target.is_dir()
     ground = target.absolute() if inside else target.absolute().parent
-    # the innermost first
+    # innermost first
     created = [path for path in (ground, *ground.parents) if not path.exists()]
     ground.mkdir(parents=True, exist_ok=True)
     if inside:
         settle(target)
     for place in {ground, target.absolute().parent}:
-        _clean(place)
+        _remove_abandoned(place)
     folder, lock = hidden.make(ground)
     try:
         os.mkdir(folder / NEW)
-        yield Stage(target, folder, inside, _state(target))
+        yield Stage(target, folder, inside, _manifest_digest(target))
     finally:
         with undisturbed():
             try:
-                # with a journal, the old result is in it and could not be put back
+                # with a journal the folder contains the old result, which could not be restored
                 if not (folder / JOURNAL).exists():
                     hidden.remove(folder)
-                # the results are in them, or they were there before
+                # not empty if they contain the results, or existed before
                 with contextlib.suppress(OSError):
                     for path in created:
                         os.rmdir(path)
@@ -128,8 +130,8 @@ def staged(target: Path) -> Iterator[Stage]:
                 os.close(lock)
 
 
-def _clean(ground: Path) -> None:
-    """Take away the hidden folders that dead processes left; those with an old result in them stay."""
+def _remove_abandoned(ground: Path) -> None:
+    """Remove the hidden folders of dead processes, except those with an old result in them."""
     for folder in hidden.within(ground):
         with hidden.taken(folder) as held:
             if held and not (folder / JOURNAL).exists():
@@ -137,13 +139,19 @@ def _clean(ground: Path) -> None:
 
 
 def publish(stage: Stage, run_id: str, overwrite: bool = False) -> list[Path]:
-    """Move all that was staged into the target, complete or not at all; return the files' paths.
+    """Move all staged files and their manifest into the target, completely or not at all.
 
-    The manifest is moved with it.
+    Args:
+        stage: the hidden folder with the new files.
+        run_id: identifier of the run.
+        overwrite: whether the files of an earlier run are replaced; those that this run does not
+            write are removed.
 
-    With `overwrite` what an earlier run wrote into the target, and this one does not, is taken
-    away. Where another run has published there since the stage was made, that one stands and this
-    one is refused.
+    Returns:
+        The paths of the files.
+
+    Raises:
+        UserError: another run has published there since the stage was made; its result stays.
     """
     listed = manifest.manifest_of(run_id, sorted(stage.new.iterdir()))
     _write(stage.new / manifest.NAME, manifest.manifest_text(listed))
@@ -152,39 +160,42 @@ def publish(stage: Stage, run_id: str, overwrite: bool = False) -> list[Path]:
     _sync(stage.new)
     if not stage.inside:
         with undisturbed():
-            _appear(stage)
+            _rename_to_target(stage)
     else:
-        with _alone(stage.target):
-            _settle(stage.target)
-            if _state(stage.target) != stage.before or (not overwrite and _filled(stage.target)):
-                raise _overtaken(stage.target)
+        with _locked_folder(stage.target):
+            _settle_locked(stage.target)
+            if _manifest_digest(stage.target) != stage.before or (
+                not overwrite and _is_filled(stage.target)
+            ):
+                raise _overtaken_error(stage.target)
             with undisturbed():
                 _exchange(stage, listed)
     return [stage.target / name for name in sorted(listed.names)]
 
 
-def _appear(stage: Stage) -> None:
-    """Rename the new files' folder to the target, which must still not be there, or empty."""
+def _rename_to_target(stage: Stage) -> None:
+    """Rename the folder of new files to the target, which must not exist or be empty."""
     try:
         os.rename(stage.new, stage.target)
     except OSError as error:
         if error.errno in {errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR}:
-            raise _overtaken(stage.target) from None
+            raise _overtaken_error(stage.target) from None
         raise
     _sync(stage.target.absolute().parent)
 
 
-def _overtaken(target: Path) -> UserError:
+def _overtaken_error(target: Path) -> UserError:
     return UserError(
-        f"output folder {target}: another run has filled it meanwhile, and nothing of this one was written; "
+        f"output folder {target}: another run has filled it in the meantime, and nothing of this "
+        "one was written; "
         "name another with --out"
     )
 
 
 def _exchange(stage: Stage, listed: Manifest) -> None:
-    """Move the old run's files aside and the new ones in, or leave all as it was."""
+    """Move the old run's files aside and the new ones in, or leave everything unchanged."""
     target, old = stage.target, stage.folder / OLD
-    _refuse_obstacles(target, listed.names)
+    _check_obstacles(target, listed.names)
     before = manifest.read_manifest(target)
     aside = [manifest.NAME] if before else []
     for entry in before.files if before else ():
@@ -201,80 +212,82 @@ def _exchange(stage: Stage, listed: Manifest) -> None:
         for name in aside:
             os.rename(target / name, old / name)
         for name in new:
-            if name == manifest.NAME:  # the last: all others are in their place for good before
+            if name == manifest.NAME:  # the last one: all others must be on disk before it
                 _sync(target)
             os.rename(stage.new / name, target / name)
         _sync(target)
     except BaseException as error:
         try:
-            _finish(target, stage.folder)
+            _finish_exchange(target, stage.folder)
         except OSError as trouble:
             raise UserError(
-                f"output folder {target}: cannot be written ({error}), and the old results cannot be put back "
-                f"({trouble.strerror}) from {stage.folder.name}/{OLD}; the next run or reader there will do it"
+                f"output folder {target}: cannot be written ({error}), and the old results "
+                "cannot be restored "
+                f"({trouble.strerror}) from {stage.folder.name}/{OLD}; the next run or reader "
+                "there will restore them"
             ) from error
         raise
-    _finish(target, stage.folder)
+    _finish_exchange(target, stage.folder)
 
 
-def _refuse_obstacles(folder: Path, names: Iterable[str]) -> None:
-    """Raise UserError where one of our names is taken by anything but a file of an earlier run of
-    ours.
-    """
+def _check_obstacles(folder: Path, names: Iterable[str]) -> None:
+    """Raise UserError if a name is taken by anything but a file of an earlier run of drift."""
     before = manifest.read_manifest(folder)
-    ours = before.names if before else set()
+    own_names = before.names if before else set()
     for name in sorted(names):
         path = folder / name
         if not os.path.lexists(path) or (
-            name in ours and manifest.regular(path) and not os.path.ismount(path)
+            name in own_names and manifest.regular(path) and not os.path.ismount(path)
         ):
             continue
-        what = (
+        obstacle = (
             "a link"
             if path.is_symlink()
             else "a folder"
             if path.is_dir()
-            else "a file that no run of ours lists"
+            else "a file that no run of drift lists"
         )
         raise UserError(
-            f'output folder {folder}: "{name}" is in the way: it is {what}, and stays as it is; move it away, or name '
+            f'output folder {folder}: "{name}" is in the way: it is {obstacle}, and is not '
+            "replaced; move it away, or name "
             "another folder with --out"
         )
 
 
 def settle(folder: Path) -> None:
-    """Put back the old result where a dead process left it half replaced; raise UserError where
-    that cannot be.
-    """
+    """Restore an old result that is half replaced; raise UserError on failure."""
     if any((place / JOURNAL).exists() for place in hidden.within(folder)):
-        with _alone(folder), undisturbed():
-            _settle(folder)
+        with _locked_folder(folder), undisturbed():
+            _settle_locked(folder)
 
 
-def _settle(folder: Path) -> None:
-    """Do what `settle` does, in a folder that is held."""
+def _settle_locked(folder: Path) -> None:
+    """Restore old results as `settle` does, in a folder that is locked."""
     for place in hidden.within(folder):
         if not (place / JOURNAL).exists():
             continue
         with hidden.taken(place) as held:
             if not held:
                 raise UserError(
-                    f"output folder {folder}: another process is replacing its results just now ({place.name}); "
-                    "wait for its end, or name another with --out"
+                    f"output folder {folder}: another process is replacing its results "
+                    f"({place.name}); "
+                    "wait for it to finish, or name another with --out"
                 )
             try:
-                _finish(folder, place)
+                _finish_exchange(folder, place)
             except OSError as error:
                 raise UserError(
-                    f"output folder {folder}: a run died while it replaced the results, and the old ones cannot be put "
-                    f"back from {place.name} ({error.strerror}); mend that, or name another with --out"
+                    f"output folder {folder}: a run died while it replaced the results, and the "
+                    "old ones cannot be restored "
+                    f"from {place.name} ({error.strerror}); fix that, or name another with --out"
                 ) from None
             hidden.remove(place)
 
 
-def _finish(target: Path, folder: Path) -> None:
-    """End an exchange by its journal: the old files go if the new manifest stands, else they are
-    put back.
+def _finish_exchange(target: Path, folder: Path) -> None:
+    """End an exchange by its journal.
+
+    The old files are deleted if the new manifest is in place, else they are restored.
     """
     try:
         journal: dict[str, Any] = json.loads((folder / JOURNAL).read_text(encoding="utf-8"))
@@ -283,106 +296,104 @@ def _finish(target: Path, folder: Path) -> None:
         raise UserError(
             f"output folder {target}: {folder.name}/{JOURNAL} is damaged; see {folder.name}/{OLD}"
         ) from None
-    if _state(target) != new[manifest.NAME]:
-        _put_back(target, folder, aside, new)
-    os.unlink(folder / JOURNAL)  # from here on the hidden folder holds nothing that anybody needs
+    if _manifest_digest(target) != new[manifest.NAME]:
+        _restore(target, folder, aside, new)
+    os.unlink(folder / JOURNAL)  # from here on nothing in the hidden folder is needed
     _sync(folder)
 
 
-def _put_back(target: Path, folder: Path, aside: list[str], new: dict[str, str]) -> None:
-    """Move the new files out of a target and the old ones back; what is done already is passed
-    over.
-    """
+def _restore(target: Path, folder: Path, aside: list[str], new: dict[str, str]) -> None:
+    """Move the new files out of a target and the old ones back; completed steps are skipped."""
     for name, digest in new.items():
         if name in aside and not os.path.lexists(folder / OLD / name):
-            continue  # the old one was never moved, or is back
-        if not os.path.lexists(folder / NEW / name) and _holds(target / name, digest):
+            continue  # the old one was never moved, or is restored already
+        if not os.path.lexists(folder / NEW / name) and _has_digest(target / name, digest):
             os.rename(target / name, folder / NEW / name)
-    for name in reversed(aside):  # the manifest, which went first, comes back last
+    for name in reversed(aside):  # the manifest, which was moved first, is restored last
         if not os.path.lexists(folder / OLD / name):
             continue
         if os.path.lexists(target / name):
             raise UserError(
-                f'output folder {target}: a run died while it replaced the results, and "{name}", which is not its '
-                f"own, is in the way of the old ones in {folder.name}/{OLD}; move it away"
+                f"output folder {target}: a run died while it replaced the results, and "
+                f'"{name}", which is not one of '
+                f"its files, is in the way of the old ones in {folder.name}/{OLD}; move it away"
             )
         os.rename(folder / OLD / name, target / name)
     _sync(target)
 
 
-def _holds(path: Path, digest: str) -> bool:
+def _has_digest(path: Path, digest: str) -> bool:
     return manifest.regular(path) and manifest.digest(path) == digest
 
 
 def summary(folder: Path, name: str) -> dict[str, Any] | None:
-    """Return the object in a JSON file of the finished run that a folder holds; None where there is
-    no such run.
+    """Return the object in a JSON file of the finished run in a folder; None if there is none.
 
-    Where a dead process left results half replaced, the old ones are put back first.
+    Half-replaced results are restored first.
     """
     try:
         if not any(path.name == name for path in results(folder)):
             return None
-        held = json.loads((folder / name).read_text(encoding="utf-8"))
+        content = json.loads((folder / name).read_text(encoding="utf-8"))
     except (UserError, OSError, ValueError):
         return None
-    return held if isinstance(held, dict) else None
+    return content if isinstance(content, dict) else None
 
 
 def results(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the files of the finished run that a folder holds, once all are as the run wrote them.
+    """Return the files of the finished run in a folder, after checking them against its manifest.
 
-    Where a dead process left results half replaced, the old ones are put back first.
+    Half-replaced results are restored first.
 
     Args:
-        folder: that `out` named.
+        folder: a results folder, as given by `out`.
 
     Returns:
         The paths, sorted by name, of all files that manifest.json lists.
 
     Raises:
-        UserError: it holds none, or a file is missing or was changed; one line says which.
+        UserError: the folder contains no result, or a file is missing or was changed; one line says
+            which.
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise UserError(f"results {folder}: there is no such folder")
+        raise UserError(f"results {folder}: the folder does not exist")
     try:
         settle(folder)
-        with _alone(folder, shared=True):
+        with _locked_folder(folder, shared=True):
             listed = manifest.read_manifest(folder)
             fault = (
-                manifest.fault(folder, listed) if listed else f"it has no {manifest.NAME} of ours"
+                manifest.fault(folder, listed) if listed else f"it has no {manifest.NAME} of drift"
             )
     except OSError as error:
         raise UserError(f"results {folder}: cannot be read ({error.strerror})") from None
     if listed is None or fault:
         raise UserError(
-            f"results {folder}: not the whole result of a run: {fault}; run the case again"
+            f"results {folder}: not the complete result of a run: {fault}; run the case again"
         )
     return [folder / name for name in sorted(listed.names)]
 
 
 @contextmanager
-def _alone(folder: Path, *, shared: bool = False) -> Iterator[None]:
-    """Hold a folder against other processes of ours; raise UserError where one does not let go of
-    it.
-    """
+def _locked_folder(folder: Path, *, shared: bool = False) -> Iterator[None]:
+    """Lock a folder against other processes of drift; raise UserError if one keeps it locked."""
     with hidden.alone(folder, PATIENCE, shared=shared) as free:
         if not free:
             raise UserError(
-                f"output folder {folder}: another process is replacing its results; wait for its end"
+                f"output folder {folder}: another process is replacing its results; wait for it "
+                "to finish"
             )
         yield
 
 
-def _state(folder: Path) -> str | None:
-    """Return the digest of the manifest in a folder; None for none."""
+def _manifest_digest(folder: Path) -> str | None:
+    """Return the digest of the manifest in a folder; None if there is none."""
     path = folder / manifest.NAME
     return manifest.digest(path) if manifest.regular(path) else None
 
 
 def _write(path: Path, text: str) -> None:
-    """Write a file so that it outlives a power cut."""
+    """Write a file so that it survives a power cut."""
     with open(path, "w", encoding="utf-8", newline="\n") as file:
         file.write(text)
         file.flush()
@@ -390,14 +401,14 @@ def _write(path: Path, text: str) -> None:
 
 
 def _sync(path: Path) -> None:
-    """Have a file's contents, or a folder's names, outlive a power cut, where the system can."""
+    """Flush a file's contents, or a folder's names, to disk, if the system can."""
     if os.name != "posix":
         return
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     except OSError as error:
-        # a file system that knows no such thing
+        # the file system does not support it
         if error.errno not in {errno.EINVAL, errno.ENOTSUP}:
             raise
     finally:

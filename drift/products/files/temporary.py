@@ -1,4 +1,4 @@
-"""What is too large for memory lies in the temporary folder meanwhile, in files without a name."""
+"""Large arrays in unnamed files of the temporary folder, when they do not fit into memory."""
 
 import math
 import mmap
@@ -14,12 +14,15 @@ from geo import notation
 from geo.array import Array
 from geo.errors import UserError
 
-LARGE = 2**28  # [bytes] of arrays that are laid on disk; fewer stay in memory
+LARGE = 2**28  # [bytes] of arrays from which on they are stored on disk
 
 
 def check_room(need: int, what: str) -> None:
-    """Raise UserError where the temporary folder has less room than that [bytes]; what: needs it,
-    in words.
+    """Raise UserError if the temporary folder has too little space.
+
+    Args:
+        need: space that is needed [bytes].
+        what: what needs it, for the message.
     """
     try:
         free = shutil.disk_usage(tempfile.gettempdir()).free
@@ -30,7 +33,7 @@ def check_room(need: int, what: str) -> None:
 
 
 def refusal(reason: str) -> UserError:
-    """Return an error of the temporary folder, with what helps."""
+    """Return an error about the temporary folder, with advice."""
     temporary = tempfile.tempdir or os.environ.get("TMPDIR", "")
     return UserError(
         f"temporary folder {temporary}: {reason}; free some space, name another folder in the environment variable TMPDIR, or "
@@ -39,11 +42,9 @@ def refusal(reason: str) -> UserError:
 
 
 def zeros(shapes: Sequence[tuple[int, ...]], kind: npt.DTypeLike) -> list[Array]:
-    """Return arrays of zeros: on disk, where they are large together and there is room for them,
-    else in memory.
-    """
+    """Return arrays of zeros: on disk if they are large in total and fit there, else in memory."""
     sizes = [math.prod(shape) * np.dtype(kind).itemsize for shape in shapes]
-    # without it a disk that fills up ends the process
+    # without posix_fallocate a full disk would kill the process
     if sum(sizes) >= LARGE and hasattr(os, "posix_fallocate"):
         try:
             if sum(sizes) < shutil.disk_usage(tempfile.gettempdir()).free:
@@ -62,7 +63,7 @@ def _on_disk(shape: tuple[int, ...], kind: npt.DTypeLike, size: int) -> Array:
 
 
 def let_go(values: Array) -> None:
-    """Let the memory go in which an array on disk was changed or read; its values stay."""
-    held = getattr(values, "_mmap", None)
-    if isinstance(held, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
-        held.madvise(mmap.MADV_DONTNEED)
+    """Release the memory pages of an array on disk; its values stay."""
+    mapped = getattr(values, "_mmap", None)
+    if isinstance(mapped, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+        mapped.madvise(mmap.MADV_DONTNEED)

@@ -1,9 +1,9 @@
-"""The units of a table's columns, by their names: the names of the CSV files end in them."""
+"""Units of table columns, derived from their names: names in the CSV files end in the unit."""
 
 import re
 from collections.abc import Iterable, Mapping
 
-# a pattern of a whole name: its unit, as pint reads it; of places as CF has it
+# pattern of a whole name: its unit, as pint reads it; for positions as in CF
 BY_NAME: Mapping[str, str] = {
     r"(.*_)?lon(_deg)?": "degrees_east",
     r"(.*_)?lat(_deg)?": "degrees_north",
@@ -21,10 +21,10 @@ COMPILED = [(re.compile(pattern), unit) for pattern, unit in BY_NAME.items()]
 
 
 def units_of(numbers: Iterable[str]) -> dict[str, str]:
-    """Return the units of columns of numbers, where their names say them.
+    """Return the units of numeric columns whose names determine them.
 
-    Those of `mean`, `std` and quantiles of posteriors.csv stand in its column `unit`, for they
-    differ by row.
+    `mean`, `std` and the quantiles of posteriors.csv are excluded: their unit differs by row and is
+    in the column `unit`.
     """
     found = {
         name: [unit for pattern, unit in COMPILED if pattern.fullmatch(name)] for name in numbers

@@ -1,10 +1,8 @@
-"""How what a run hands out is written: one folder, complete or not there at all.
+"""Write the outputs of a run into a folder, completely or not at all.
 
-See drift.products.files.publication.
-
-It knows no topic: files, pictures and numbers come in chapters. summary.json holds their numbers,
-manifest.json lists all files. Data depend on the chapters alone; the date of creation stands in
-attributes only.
+See drift.products.files.publication. The writer has no knowledge of topics: files, pictures and
+numbers come in chapters. summary.json holds their numbers, manifest.json lists all files. Data
+depend on the chapters alone; the creation date is only in attributes.
 """
 
 import json
@@ -26,15 +24,18 @@ SUMMARY = "summary.json"
 FILES, PICTURES = (
     0.3,
     0.9,
-)  # the shares of writing after which files stand, and pictures: roughly, for a bar of progress
+)  # approximate share of writing that is done after files, and after pictures, for the progress bar
 
 
 def check_folder(folder: Path, overwrite: bool = False, names: Iterable[str] = ()) -> None:
     """Raise UserError unless results may be written to the folder.
 
-    This is asked before the work starts, and creates nothing.
+    Call it before the work starts: it creates nothing.
 
-    names: of files that will be written, besides those that every run writes.
+    Args:
+        folder: the output folder.
+        overwrite: whether results in it may be replaced.
+        names: files that will be written, besides those that every run writes.
     """
     publication.check(folder, overwrite, (*names, SUMMARY, manifest.NAME))
 
@@ -47,28 +48,38 @@ def write(
     processes: int = 1,
     tell: Callable[[float], None] = lambda share: None,
 ) -> list[Path]:
-    """Write all that the chapters of a run hand out into a folder; return the files' paths.
+    """Write the outputs of a run's chapters into a folder, completely or not at all.
 
-    The folder is written complete or not at all.
+    The chapters' numbers become summary.json. Their facts (title, case, seed, versions, forcing)
+    become attributes of every file, together with `run_id`, `history` and `date_created`.
 
-    Their numbers become the summary. To their facts, which every file carries (title, case, seed,
-    versions, forcing), `run_id`, `history` and `date_created` are added. With `overwrite` what an
-    earlier run wrote into the folder and this one does not is taken away. processes: how many may
-    draw pictures. tell: takes the share that is written.
+    Args:
+        folder: the output folder.
+        chapters: the outputs by topic.
+        overwrite: whether the files of an earlier run are replaced; those that this run does not
+            write are removed.
+        processes: number of processes that may draw pictures.
+        tell: called with the share that is written, 0 to 1.
+
+    Returns:
+        The paths of the files.
+
+    Raises:
+        UserError: the folder cannot be written, or another run has filled it.
     """
     publication.check(folder, overwrite)
-    joined = chapter.join_contents(chapters)
-    stamped = _stamped(joined.facts, joined.warnings)
+    outputs = chapter.join_contents(chapters)
+    stamped = _stamped(outputs.facts, outputs.warnings)
 
-    def fill(place: Path) -> None:
-        with drawing.begun(joined.pictures, place, processes) as finish:
-            for k, (name, make) in enumerate(joined.files.items(), 1):
-                _file(place / name, make(stamped), stamped)
-                tell(FILES * k / len(joined.files))
+    def fill(staging: Path) -> None:
+        with drawing.begun(outputs.pictures, staging, processes) as finish:
+            for k, (name, make) in enumerate(outputs.files.items(), 1):
+                _write_file(staging / name, make(stamped), stamped)
+                tell(FILES * k / len(outputs.files))
             finish(lambda share: tell(FILES + (PICTURES - FILES) * share))
-        _json({**stamped, **joined.numbers}, place / SUMMARY, indent=1)
-        for name, digest in joined.digests.items():
-            digest(place / name)
+        _write_json({**stamped, **outputs.numbers}, staging / SUMMARY, indent=1)
+        for name, digest in outputs.digests.items():
+            digest(staging / name)
 
     return whole(folder, stamped["run_id"], fill, overwrite=overwrite)
 
@@ -76,17 +87,23 @@ def write(
 def write_netcdf(
     path: Path, data: xr.Dataset, name: str, facts: Stamped, warnings: Sequence[str]
 ) -> None:
-    """Write one file of a run, as it is in the folder of results; name: what it is called there,
-    without its ending.
+    """Write one netCDF file of a run, as in the results folder.
+
+    Args:
+        path: the file.
+        data: its content.
+        name: its name in the results folder, without suffix.
+        facts: attributes of every file of the run.
+        warnings: warnings of the run.
     """
     try:
-        _netcdf(discovery.described(data, _stamped(facts, warnings), name), path)
+        _write_dataset(discovery.described(data, _stamped(facts, warnings), name), path)
     except OSError as error:
         raise UserError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
 def _stamped(facts: Stamped, warnings: Sequence[str]) -> Stamped:
-    """Return the attributes that every file of a run carries."""
+    """Return the attributes of every file of a run, with its run_id and date."""
     warning = {"warning": "; ".join(warnings)} if warnings else {}
     now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
     return {
@@ -101,8 +118,19 @@ def _stamped(facts: Stamped, warnings: Sequence[str]) -> Stamped:
 def whole(
     folder: Path, run_id: str, fill: Callable[[Path], None], *, overwrite: bool
 ) -> list[Path]:
-    """Have files written into a folder, all of them or none; return their paths. fill: writes into
-    the path it is given.
+    """Write files into a folder, all of them or none, and return their paths.
+
+    Args:
+        folder: the output folder.
+        run_id: identifier of the run.
+        fill: writes the files into the folder that it is given.
+        overwrite: whether the files of an earlier run are replaced.
+
+    Returns:
+        The paths of the files.
+
+    Raises:
+        UserError: the folder cannot be written, or another run has filled it.
     """
     try:
         with publication.staged(folder) as stage:
@@ -116,22 +144,22 @@ def whole(
         ) from error
 
 
-def _file(path: Path, contents: Contents, stamped: Stamped) -> None:
+def _write_file(path: Path, contents: Contents, stamped: Stamped) -> None:
     """Write a dataset with the run's attributes, a JSON object, or a text."""
     if isinstance(contents, xr.Dataset):
-        _netcdf(discovery.described(contents, stamped, path.stem), path)
+        _write_dataset(discovery.described(contents, stamped, path.stem), path)
     elif isinstance(contents, str):
         path.write_text(contents, encoding="utf-8", newline="\n")
     else:
-        _json(contents, path, indent=None)
+        _write_json(contents, path, indent=None)
 
 
-def _netcdf(data: xr.Dataset, path: Path) -> None:
+def _write_dataset(data: xr.Dataset, path: Path) -> None:
     encoding: dict[str, dict[str, Any]] = {}
     for name, variable in data.variables.items():
         encoding[str(name)] = {"_FillValue": None}
         if variable.dtype.kind == "f":
-            # neither may be missing (CF, 5 and 7.1)
+            # neither coordinates nor bounds may have missing values (CF, 5 and 7.1)
             if name not in data.dims and not str(name).endswith("_bnds"):
                 encoding[str(name)] = {"_FillValue": variable.dtype.type(np.nan)}
             if variable.ndim > 1:
@@ -152,14 +180,14 @@ def _netcdf(data: xr.Dataset, path: Path) -> None:
                 "_FillValue": None,
             }
     try:
-        # an exception in the middle of it leaves HDF5's lock taken: closing waits for ever
+        # an exception in between leaves HDF5's lock taken, and closing the file waits for ever
         with undisturbed():
             data.to_netcdf(path, engine="netcdf4", format="NETCDF4", encoding=encoding)
-    except RuntimeError as error:  # netCDF4 raises this where HDF5 cannot write
+    except RuntimeError as error:  # netCDF4 raises this if HDF5 cannot write
         raise OSError(f"{path.name}: {error}") from error
 
 
-def _json(value: Any, path: Path, indent: int | None) -> None:
+def _write_json(value: Any, path: Path, indent: int | None) -> None:
     path.write_text(
         json.dumps(formats.plain(value), indent=indent, allow_nan=False) + "\n", encoding="utf-8"
     )

@@ -1,4 +1,4 @@
-"""The drawing kit of every map.py: charts, pages and labels.
+"""Tools for every picture: charts, pages, labels.
 
-It knows no topic: each map.py says what stands where.
+They contain nothing about any topic: each topic's map.py draws its own layers with them.
 """

@@ -1,8 +1,9 @@
-"""A chart to draw on: projection, extent, land, graticule, scale bar.
+"""A chart to draw on: projection, extent, land, graticule and scale bar.
 
-Mercator centred on the chart up to 75 degrees of latitude, else Lambert's azimuthal equal-area
-projection: both have north up in the middle. Near a pole that projection is about the pole itself,
-and no north arrow is drawn. None knows an antimeridian. Axes are plain, in projected metres.
+The projection is Mercator, centred on the chart, up to 75 degrees of latitude, else Lambert's
+azimuthal equal-area projection; north is up in the centre of both. Near a pole the latter is
+centred on the pole, and no north arrow is drawn. Neither has a seam at the antimeridian. Axes are
+plain Matplotlib axes in projected metres.
 """
 
 from collections.abc import Iterable
@@ -24,9 +25,9 @@ from geo.box import Box
 from geo.notation import NMI
 
 SEA, LAND, SHORE, INK = "#f4f7f9", "#d8d4c8", "#6b675c", "#1b2733"
-GREY, RED = "#55606b", "#c62828"  # colours of secondary words and of warnings
-POLAR = 88.0  # [deg] of latitude beyond which a chart is centred on the pole
-# [arc minutes] between lines of the graticule
+GREY, RED = "#55606b", "#c62828"  # colours of secondary text and of warnings
+POLAR = 88.0  # [deg] latitude above which a chart is centred on the pole
+# [arc minutes] allowed steps of the graticule
 STEPS = (
     0.001,
     0.002,
@@ -57,39 +58,37 @@ DEGREES = ccrs.Geodetic(globe=GLOBE)
 
 @dataclass(frozen=True)
 class Frame:
-    """A projection and the box of it [m] that is drawn; `centre` is its middle [deg]."""
+    """A projection, and the part of it that is drawn: x, y [m]; `centre` is its centre [deg]."""
 
     crs: Any
     centre: tuple[float, float]
     x: tuple[float, float]
     y: tuple[float, float]
-    # all round its middle is south, or north: no direction of the paper is
+    # centred on a pole: no direction on the paper is north
     about_pole: bool = False
 
     def project(self, lon: Any, lat: Any) -> tuple[Array, Array]:
-        """Return (x, y) [m] of positions [deg] at any number of turns; same shape."""
+        """Return (x, y) [m] of positions [deg], in the same shape; longitudes may be unwrapped."""
         lon, lat = np.broadcast_arrays(np.asarray(lon, float), np.asarray(lat, float))
-        # cells may reach over a pole
+        # cells may extend beyond a pole
         lon, lat = sphere.near_degrees(lon, self.centre[0]), np.clip(lat, -90.0, 90.0)
         xyz = self.crs.transform_points(DEGREES, lon.ravel(), lat.ravel())
         return xyz[:, 0].reshape(lon.shape), xyz[:, 1].reshape(lon.shape)
 
     def net(self, lon: Array, lat: Array) -> tuple[Array, Array]:
-        """Return (x, y) [m] where meridians (n,) cross parallels (m,) [deg], (m, n) each."""
+        """Return (x, y) [m] where meridians (n,) cross parallels (m,) [deg], each (m, n)."""
         if not isinstance(self.crs, ccrs.Mercator):
             return self.project(*np.meshgrid(lon, lat))
-        # A meridian has one x there, and a parallel one y.
+        # In Mercator each meridian has one x, and each parallel one y.
         x, y = np.meshgrid(self.project(lon, 0.0)[0], self.project(self.centre[0], lat)[1])
         return x, y
 
     def holds(self, x: Any, y: Any) -> Array:
-        """Return which points [m] are in the frame, bool; same shape."""
+        """Return which points [m] are in the frame, bool in the same shape."""
         return np.asarray((self.x[0] <= x) & (x <= self.x[1]) & (self.y[0] <= y) & (y <= self.y[1]))
 
     def bounds(self) -> tuple[float, float, float, float]:
-        """Return (west, south, east, north) [deg] that hold the whole frame, unwrapped round the
-        centre.
-        """
+        """Return (west, south, east, north) [deg] around the frame, unwrapped around its centre."""
         x, y = np.meshgrid(np.linspace(*self.x, 25), np.linspace(*self.y, 25))
         lonlat = DEGREES.transform_points(self.crs, x.ravel(), y.ravel())
         lonlat = lonlat[np.isfinite(lonlat).all(axis=1)]
@@ -102,7 +101,7 @@ class Frame:
         )
 
     def box(self) -> Box:
-        """Return the box [deg] that holds the whole frame."""
+        """Return the box [deg] around the frame."""
         west, south, east, north = self.bounds()
         return (
             Box(-180.0, south, 180.0, north)
@@ -114,10 +113,16 @@ class Frame:
 def frame(
     lon: Array, lat: Array, aspect: float, margin: float = 0.08, least: float = 200.0
 ) -> Frame:
-    """Return the frame that shows all positions [deg, unwrapped].
+    """Return the frame that shows all positions.
 
-    aspect: width / height. margin: share of the size on each side. least: smallest width and height
-    [m].
+    Args:
+        lon, lat: positions [deg], longitudes unwrapped, shape (n,).
+        aspect: width / height of the frame.
+        margin: margin on each side, as a share of the size.
+        least: smallest width and height [m].
+
+    Returns:
+        The frame, with a projection that suits its latitudes.
     """
     lon, lat = np.asarray(lon, float), np.asarray(lat, float)
     middle = (float(lon.min() + lon.max()) / 2, float(lat.min() + lat.max()) / 2)
@@ -125,7 +130,7 @@ def frame(
     if np.abs(lat).max() <= 75 and np.ptp(lon) < 180:
         crs = ccrs.Mercator(central_longitude=middle[0], globe=GLOBE)
     elif about_pole:
-        # in the middle of the longitudes of what may lie all round the pole nothing need lie
+        # the mean longitude of positions all round the pole means nothing
         pole = float(np.copysign(90.0, middle[1]))
         crs = ccrs.LambertAzimuthalEqualArea(
             central_longitude=middle[0], central_latitude=pole, globe=GLOBE
@@ -134,8 +139,8 @@ def frame(
         crs = ccrs.LambertAzimuthalEqualArea(
             central_longitude=middle[0], central_latitude=middle[1], globe=GLOBE
         )
-    whole = Frame(crs, middle, (0.0, 1.0), (0.0, 1.0))
-    x, y = whole.project(lon, lat)
+    unbounded = Frame(crs, middle, (0.0, 1.0), (0.0, 1.0))
+    x, y = unbounded.project(lon, lat)
     wide, high = (max(float(np.ptp(v)) * (1 + 2 * margin), least) for v in (x, y))
     wide, high = max(wide, high * aspect), max(high, wide / aspect)
     cx, cy = float(x.min() + x.max()) / 2, float(y.min() + y.max()) / 2
@@ -145,7 +150,7 @@ def frame(
 
 
 def prepare(ax: Axes, frame: Frame) -> None:
-    """Fit axes to a frame."""
+    """Set the limits, aspect and colours of axes for a frame."""
     ax.set_xlim(*frame.x)
     ax.set_ylim(*frame.y)
     ax.set_aspect("equal", adjustable="box")
@@ -155,8 +160,15 @@ def prepare(ax: Axes, frame: Frame) -> None:
 
 
 def land_path(frame: Frame, polygons: Iterable[Any], pixels: float) -> Outline | None:
-    """Return land polygons [deg] cut to the frame and thinned to a pixel of it, as one path in
-    metres.
+    """Return land as one path in projected metres, clipped to the frame and simplified to a pixel.
+
+    Args:
+        frame: the frame of the chart.
+        polygons: Shapely polygons [deg].
+        pixels: width of the chart in pixels.
+
+    Returns:
+        The path; None if there is no land in the frame.
     """
     shapes = np.array(list(polygons), dtype=object)
     if not len(shapes):
@@ -164,7 +176,7 @@ def land_path(frame: Frame, polygons: Iterable[Any], pixels: float) -> Outline |
     west, south, east, north = frame.bounds()
     pad = 0.02 * max(east - west, north - south)
     pixel = (frame.x[1] - frame.x[0]) / pixels
-    fine = 0.5 * pixel / (sphere.RADIUS * np.pi / 180)  # [deg], half a pixel of latitude
+    tolerance = 0.5 * pixel / (sphere.RADIUS * np.pi / 180)  # [deg], half a pixel of latitude
     bounds = shapely.bounds(shapes)
     vertices, codes = [], []
     for turn in (-720, -360, 0, 360, 720):
@@ -176,7 +188,7 @@ def land_path(frame: Frame, polygons: Iterable[Any], pixels: float) -> Outline |
             & (bounds[:, 3] > box[1])
         )
         cut = shapely.simplify(
-            shapely.clip_by_rect(shapes[meets], *box), fine, preserve_topology=False
+            shapely.clip_by_rect(shapes[meets], *box), tolerance, preserve_topology=False
         )
         for part in shapely.get_parts(shapely.get_parts(cut)):
             if part.geom_type != "Polygon" or part.is_empty:
@@ -189,14 +201,16 @@ def land_path(frame: Frame, polygons: Iterable[Any], pixels: float) -> Outline |
 
 
 def draw_land(ax: Axes, path: Outline | None) -> None:
-    """Fill land, over shading, areas and graticule, and under routes and marks."""
+    """Fill land: above shading, areas and graticule, below routes and marks."""
     if path is not None:
         outline(ax, PathPatch(path, facecolor=LAND, edgecolor=SHORE, linewidth=0.6, zorder=5))
 
 
 def outline(ax: Axes, patch: PathPatch) -> None:
-    """Draw an outline of many points, without the limits of its data that `add_patch` finds point
-    by point in Python.
+    """Draw an outline of many points.
+
+    Unlike `add_patch` this skips the data limits, which Matplotlib computes point by point in
+    Python.
     """
     ax.add_artist(patch)
 
@@ -208,9 +222,17 @@ def graticule(
     size: float = 8.0,
     labels: tuple[bool, bool] = (True, True),
 ) -> None:
-    """Draw meridians and parallels with their degrees and minutes on the lower and left edges."""
+    """Draw meridians and parallels, labelled in degrees and minutes on the lower and left edges.
+
+    Args:
+        ax: axes of the chart.
+        frame: its frame.
+        lines: approximate number of lines in each direction.
+        size: font size of the labels.
+        labels: whether meridians and parallels are labelled.
+    """
     west, south, east, north = frame.bounds()
-    drawn, ticks = [], []
+    segments, ticks = [], []
     for low, high, is_lon in ((west, east, True), (south, north, False)):
         step = next((s for s in STEPS if (high - low) * 60 / s <= lines + 1.5), STEPS[-1])
         values = np.arange(np.ceil(low * 60 / step), np.floor(high * 60 / step) + 1) * step / 60
@@ -221,7 +243,7 @@ def graticule(
         labelled: list[tuple[float, str]] = []
         for value in values:
             x, y = frame.project(*((value, across) if is_lon else (across, value)))
-            drawn.append(np.column_stack([x, y]))
+            segments.append(np.column_stack([x, y]))
             edge = _crossing(x, y, frame.y[0]) if is_lon else _crossing(y, x, frame.x[0])
             if (
                 edge is not None
@@ -232,11 +254,11 @@ def graticule(
                 labelled.append((edge, degrees_minutes(value, is_lon, step)))
         ticks.append(labelled)
     ax.add_collection(
-        LineCollection(drawn, colors=INK, linewidths=0.4, alpha=0.35, zorder=4), autolim=False
+        LineCollection(segments, colors=INK, linewidths=0.4, alpha=0.35, zorder=4), autolim=False
     )
     for axis, labelled, shown in zip((ax.xaxis, ax.yaxis), ticks, labels, strict=True):
         low, high = frame.x if axis is ax.xaxis else frame.y
-        # keep clear of the neighbour's labels and of the corner
+        # keep clear of the labels of a neighbouring chart, and of the corner
         inset = (0.1 if lines <= 3 else 0.02) * (high - low)
         clear = [low + inset <= at <= high - inset for at, _ in labelled]
         axis.set_ticks(
@@ -251,9 +273,9 @@ def graticule(
 
 
 def _crossing(along: Array, across: Array, edge: float) -> float | None:
-    """Return where along a line its other coordinate crosses an edge; None if it does not.
+    """Return the coordinate at which a line crosses an edge; None if it does not.
 
-    along, across: coordinates of its points along the edge and across it, (n,).
+    along, across: coordinates of its points along and across the edge, (n,).
     """
     order = np.argsort(across)
     if not across[order[0]] <= edge <= across[order[-1]]:
@@ -262,7 +284,7 @@ def _crossing(along: Array, across: Array, edge: float) -> float | None:
 
 
 def degrees_minutes(value: float, is_lon: bool, step: float) -> str:
-    """Return an angle as 087°30'W, minutes with as many decimals as the step [arc minutes] needs."""
+    """Return an angle like 087°30'W; the step [arc minutes] sets the decimals of the minutes."""
     if is_lon:
         value = sphere.wrap_degrees(value)
     decimals = max(0, int(np.ceil(-np.log10(step) - 1e-9)))
@@ -281,9 +303,16 @@ def degrees_minutes(value: float, is_lon: bool, step: float) -> str:
 
 
 def scale_bar(ax: Axes, frame: Frame, corner: tuple[float, float], small: bool = False) -> Bbox:
-    """Draw a bar in nautical miles with its lower left at a corner [axes fraction]; return its box.
+    """Draw a scale bar in nautical miles, and a north arrow beside it.
 
-    A north arrow stands beside it, unless the bar is small or the chart lies about a pole.
+    Args:
+        ax: axes of the chart.
+        frame: its frame.
+        corner: lower left corner of the bar [axes fraction].
+        small: whether the bar is smaller and has no arrow; near a pole there is none either.
+
+    Returns:
+        The box of the bar [axes fraction].
     """
     (x0, x1), (y0, y1) = frame.x, frame.y
     high, size = (0.105, 7) if small else (0.075, 8)
@@ -291,12 +320,14 @@ def scale_bar(ax: Axes, frame: Frame, corner: tuple[float, float], small: bool =
     ends = DEGREES.transform_points(
         frame.crs, np.array([at[0], at[0] + 0.05 * (x1 - x0)]), np.array([at[1]] * 2)
     )
-    true = float(sphere.distance(*np.radians(ends[0, :2]), *np.radians(ends[1, :2]))) / (
+    true_scale = float(sphere.distance(*np.radians(ends[0, :2]), *np.radians(ends[1, :2]))) / (
         0.05 * (x1 - x0)
     )
-    room = 0.2 * (x1 - x0) * true / NMI  # [nmi]
-    length = next(m * 10.0**e for e in range(4, -6, -1) for m in (5, 2, 1) if m * 10.0**e <= room)
-    wide = length * NMI / true / (x1 - x0)  # axes fraction
+    longest = 0.2 * (x1 - x0) * true_scale / NMI  # [nmi]
+    length = next(
+        m * 10.0**e for e in range(4, -6, -1) for m in (5, 2, 1) if m * 10.0**e <= longest
+    )
+    wide = length * NMI / true_scale / (x1 - x0)  # axes fraction
     box = Rectangle(
         corner,
         wide + (0.13 if small else 0.09),
@@ -358,9 +389,7 @@ def scale_bar(ax: Axes, frame: Frame, corner: tuple[float, float], small: bool =
 
 
 def free_corner(frame: Frame, x: Array, y: Array) -> tuple[float, float]:
-    """Return the corner [axes fraction] for a scale bar with the fewest of these points [m] under
-    it.
-    """
+    """Return the corner [axes fraction] where a scale bar covers the fewest points x, y [m]."""
     fx, fy = (
         (x - frame.x[0]) / (frame.x[1] - frame.x[0]),
         (y - frame.y[0]) / (frame.y[1] - frame.y[0]),
@@ -374,7 +403,7 @@ def free_corner(frame: Frame, x: Array, y: Array) -> tuple[float, float]:
 
 
 def edges(centres: Array) -> Array:
-    """Return the edges of cells from their centres, (n,) -> (n + 1,)."""
+    """Return the edges of cells from their centres, shapes (n,) -> (n + 1,)."""
     if len(centres) == 1:
         return np.array([centres[0] - 0.5, centres[0] + 0.5])
     middle = (centres[1:] + centres[:-1]) / 2

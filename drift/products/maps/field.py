@@ -1,4 +1,4 @@
-"""The picture of a field: how fast and where to the air or the water moves."""
+"""Map of a forcing field: speed as shading and direction as arrows."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -22,9 +22,16 @@ def draw_field(
     title: str,
     polygons: Iterable[Any] = (),
 ) -> None:
-    """Draw a field's speed [m/s] as shading and its direction as arrows; missing values stay blank.
+    """Plot a field's speed as shading and its direction as arrows into a PNG.
 
-    lon: (nlon,), lat: (nlat,) [deg], ascending; east, north: (nlat, nlon) [m/s].
+    Args:
+        path: file of the picture.
+        lon: longitudes [deg], ascending, shape (nlon,).
+        lat: latitudes [deg], ascending, shape (nlat,).
+        east: eastward component [m/s], shape (nlat, nlon); NaN stays blank.
+        north: northward component [m/s], shape (nlat, nlon).
+        title: title of the map.
+        polygons: land, Shapely polygons [deg].
     """
     figure, canvas = page.figure(9.0, 7.2)
     ax = figure.add_axes((0.08, 0.07, 0.76, 0.84))
@@ -69,8 +76,15 @@ def draw_field(
 
 
 def turned(frame: Frame, lon: Array, lat: Array, east: Array, north: Array) -> tuple[Array, Array]:
-    """Return vectors [m/s] at positions [deg] along the axes of the projection, of unchanged
-    length; all (n,).
+    """Return vectors [m/s] rotated to the axes of the projection, with unchanged length.
+
+    Args:
+        frame: the frame with the projection.
+        lon, lat: positions [deg], shape (n,).
+        east, north: components [m/s], shape (n,).
+
+    Returns:
+        The components along x and y [m/s], each (n,).
     """
     step = 1e-4  # [deg]
     x, y = frame.project(lon, lat)

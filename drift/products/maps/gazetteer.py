@@ -1,8 +1,8 @@
-"""Names of towns and harbours on coasts, for maps and tables; data/places.md gives their sources.
+"""Towns and harbours on coasts, to name places in maps and tables; data/places.md has the sources.
 
-A place on the shore is named by the nearest town on its own land mass. Where there is none within
-FARTHEST, the nearest town of all names it, and the name says "across water". Of a town beyond the
-land that is known nothing is said of water.
+A place on the shore is named after the nearest town on its own land mass. If there is none within
+FARTHEST, the nearest town of all is used, with "across water" in the text. That remark is left out
+for a town beyond the known land.
 """
 
 import csv
@@ -19,12 +19,12 @@ from geo.box import Box
 from geo.coast import land_masses
 from geo.coast.land_masses import LandMasses
 
-HARBOUR = 5.0  # factor by which a harbour counts for more than a town of its size
-BESIDE = 10_000.0  # [m] within which a place is near a town
-FARTHEST = 100_000.0  # [m] within which it is told by how far it is from one
+HARBOUR = 5.0  # factor by which a harbour outweighs a town of its size
+BESIDE = 10_000.0  # [m] within which a place is "near" a town
+FARTHEST = 100_000.0  # [m] within which a place is described by its distance to a town
 ACROSS = "across water"
-UNKNOWN = -9  # land mass of what lies beyond the land that is known
-APART = 0.08  # of the box's size: places that are shown are at least so far from each other
+UNKNOWN = -9  # land mass of positions beyond the known land
+APART = 0.08  # smallest distance between places that are shown, as a share of the box's size
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Near:
-    """The town or harbour by which a place is named."""
+    """The town or harbour that a place is named after."""
 
     name: str
     away: float  # [m]
@@ -57,7 +57,7 @@ def _all() -> tuple[list[str], Array, Array, Array, Array]:
 
 
 def around(box: Box, most: int = 12) -> list[Place]:
-    """Return the places of a box that matter most, harbours first, well apart from each other."""
+    """Return up to `most` important places in a box, harbours first, well apart from each other."""
     names, lon, lat, people, harbour = _all()
     x = sphere.east_of_degrees(lon, box.west)
     inside = np.flatnonzero((x <= box.east) & (lat >= box.south) & (lat <= box.north))
@@ -76,10 +76,15 @@ def around(box: Box, most: int = 12) -> list[Place]:
 
 
 def nearest(lon: Array, lat: Array, land: LandMasses | None = None) -> list[Near]:
-    """Return the town or harbour by which each place [deg] is named.
+    """Return the town or harbour that each place is named after.
 
-    land: what towns and places lie on; without it the nearest town names a place. Of two pieces of
-    land that the edge of its box cuts it is not known whether they are one.
+    Args:
+        lon, lat: places [deg], shape (n,).
+        land: land masses of towns and places; None: the nearest town names a place. Two pieces of
+            land that reach the edge of its box may be connected, and count as one.
+
+    Returns:
+        The town of each place, in their order.
     """
     names, lons, lats, _, _ = _all()
     mass = np.full(len(names), UNKNOWN)
@@ -99,16 +104,16 @@ def nearest(lon: Array, lat: Array, land: LandMasses | None = None) -> list[Near
     else:
         own = np.full(len(lon), UNKNOWN)
     found = []
-    for x, y, here in zip(np.radians(lon), np.radians(lat), own, strict=True):
+    for x, y, own_mass in zip(np.radians(lon), np.radians(lat), own, strict=True):
         distance = sphere.distance(x, y, np.radians(lons), np.radians(lats))
-        same = np.where((mass == here) & (mass != UNKNOWN), distance, np.inf)
-        k = int(np.argmin(same))
-        if not same[k] <= FARTHEST:
+        on_own_mass = np.where((mass == own_mass) & (mass != UNKNOWN), distance, np.inf)
+        k = int(np.argmin(on_own_mass))
+        if not on_own_mass[k] <= FARTHEST:
             k = int(np.argmin(distance))
         across = (
-            UNKNOWN not in (here, mass[k])
-            and here != mass[k]
-            and not {int(here), int(mass[k])} <= reaching
+            UNKNOWN not in (own_mass, mass[k])
+            and own_mass != mass[k]
+            and not {int(own_mass), int(mass[k])} <= reaching
         )
         found.append(
             Near(names[k], float(distance[k]), bool(across), float(lons[k]), float(lats[k]))
@@ -117,14 +122,12 @@ def nearest(lon: Array, lat: Array, land: LandMasses | None = None) -> list[Near
 
 
 def place_in_words(near: Near) -> str:
-    """Return where a place is by its town: "near X", "34 km from X", "near X, across water"; far
-    away "".
-    """
+    """Describe a place by its town: "near X", "34 km from X", "near X, across water"; "" if far."""
     if near.away > FARTHEST:
         return ""
-    told = (
+    distance = (
         f"near {near.name}"
         if near.away <= BESIDE
         else f"{near.away / 1000:.0f} km from {near.name}"
     )
-    return f"{told}, {ACROSS}" if near.across else told
+    return f"{distance}, {ACROSS}" if near.across else distance

@@ -1,4 +1,4 @@
-"""What the pictures of a run share: the words on each, and what every chart shows."""
+"""What the pictures of a run share: title, footer and caution, and the content of every chart."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,30 +12,28 @@ from geo.box import Box
 
 @dataclass(frozen=True)
 class Imprint:
-    """Words on every picture: its title, where it comes from, and a caution about what not to
-    believe.
-    """
+    """Text on every picture: title, footer, and a caution about its limits."""
 
     title: str
-    footer: str = ""  # a line of where it comes from: errors, version, seed
-    attributes: Mapping[str, str] = field(default_factory=dict)  # the same in full, into the file
+    footer: str = ""  # a line on the source: errors, version, seed
+    attributes: Mapping[str, str] = field(default_factory=dict)  # metadata of the file
     caution: str = ""  # text of a banner
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What every chart of a run shows, and what stands on it."""
+    """What every chart of a run shows: imprint, land, starting positions and overlays."""
 
     imprint: Imprint
-    # returns those of land in a box, by Shapely [deg]
+    # returns the land polygons (Shapely) [deg] in a box
     polygons: Callable[[Box], Iterable[Any]] = lambda box: ()
-    marks: Sequence[Mark] = ()  # where the run began, as points
-    lines: Sequence[Line] = ()  # the same, as areas and tracklines
-    # positions of those of many that have no mark of their own [deg]
+    marks: Sequence[Mark] = ()  # starting positions, as points
+    lines: Sequence[Line] = ()  # starting areas and tracklines
+    # starting positions without a mark of their own, if there are many [deg]
     others: Sequence[tuple[float, float]] = ()
     known_as: str = "Last known position"  # what the legend calls the marks
     particles: int | None = None  # particles in the run
     # the output that the map and the report show first; None: the last
     opens: np.datetime64 | None = None
-    # what else stands on maps, such as itineraries: maps.overlay.AtTime
+    # further layers of maps, such as itineraries: maps.overlay.AtTime
     overlays: Sequence[Callable[[Any], Any]] = ()

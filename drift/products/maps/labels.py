@@ -1,6 +1,4 @@
-"""The words on a picture: labels of points that keep clear of each other, and numbers and scales as
-text.
-"""
+"""Text on pictures: labels of points that do not overlap, and numbers and scales as text."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -22,7 +20,7 @@ SPOTS = [
     for radius in (9, 18, 30, 45)
     for angle in (0, 180, 45, -45, 135, -135, 90, -90)
 ]
-TINY = 5e-4  # share that would read as 0.0 %
+TINY = 5e-4  # share below which a percentage would be printed as 0.0 %
 # Units of area [nmi2], from large to small.
 UNITS = (
     *((10.0**k, f"{10**k:,} nmi²") for k in (8, 6, 4, 2)),
@@ -32,7 +30,7 @@ UNITS = (
 )
 
 Point = tuple[float, float, str, dict[str, Any]]  # x, y [m], text, style
-STEPS = (1, 2, 3, 6, 12, 24, 48, 72, 120, 240, 480, 960)  # [h] between times on an axis
+STEPS = (1, 2, 3, 6, 12, 24, 48, 72, 120, 240, 480, 960)  # [h] allowed steps of a time axis
 
 
 def place_labels(
@@ -42,14 +40,17 @@ def place_labels(
     taken: Sequence[Bbox],
     must: set[int],
 ) -> None:
-    """Write labels beside their points, each where it covers no other label or point; else leave it
-    out.
+    """Write labels beside their points; leave out a label that would cover another label or point.
 
-    taken: boxes [axes fraction] that are in use. must: labels that are written, wherever they
-    disturb least.
+    Args:
+        ax: axes of the chart.
+        canvas: its canvas, which measures text.
+        points: (x, y [m], text, style) of each label, most important first.
+        taken: boxes that are in use [axes fraction].
+        must: indices of labels that are always written, where they overlap least.
     """
     renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
-    paper = ax.get_window_extent(renderer)
+    frame_box = ax.get_window_extent(renderer)
     boxes = [box.transformed(ax.transAxes) for box in taken]
     for x, y, _, _ in points:
         px, py = ax.transData.transform((x, y))
@@ -61,10 +62,10 @@ def place_labels(
             box = label.get_window_extent(renderer).padded(2)
             label.remove()
             inside = (
-                paper.x0 <= box.x0
-                and box.x1 <= paper.x1
-                and paper.y0 <= box.y0
-                and box.y1 <= paper.y1
+                frame_box.x0 <= box.x0
+                and box.x1 <= frame_box.x1
+                and frame_box.y0 <= box.y0
+                and box.y1 <= frame_box.y1
             )
             options.append(
                 (sum(box.overlaps(other) for other in boxes) + (0 if inside else 100), k, box)
@@ -75,7 +76,7 @@ def place_labels(
         if clashes == 0 or i in must:
             _write(ax, points[i], k)
             boxes.append(box)
-            if k >= 8:  # it stands far off: a hairline leads to its point
+            if k >= 8:  # the label is far away: a thin line leads to its point
                 ax.annotate(
                     "",
                     points[i][:2],
@@ -106,7 +107,7 @@ def _write(ax: Axes, point: Point, spot: int) -> Any:
 
 
 def number(value: float) -> str:
-    """Return a positive number to three digits: 1,234 -> 1,230."""
+    """Return a positive number with three significant digits: 1,234 -> 1,230."""
     if not np.isfinite(value):
         return "none"
     if value <= 0:
@@ -118,8 +119,9 @@ def number(value: float) -> str:
 
 
 def scale(top: float) -> tuple[float, str]:
-    """Return the area [nmi2], and its name, by which a density [% per nmi2] reads best: nmi2 from
-    0.01 to 100.
+    """Return a unit of area [nmi2], and its name, that suits a density [% per nmi2].
+
+    The unit is nmi2 for densities from 0.01 to 100.
     """
     if 0.01 <= top < 100:
         return 1.0, "nmi²"
@@ -127,8 +129,9 @@ def scale(top: float) -> tuple[float, str]:
 
 
 def ticks(top: float) -> Array:
-    """Return 0 and round numbers (1, 2 or 5 times a power of ten) up to `top`, well apart on a
-    scale of roots.
+    """Return 0 and round numbers up to `top`, well apart on a square-root scale.
+
+    Round numbers are 1, 2 or 5 times a power of ten.
     """
     power = int(np.floor(np.log10(top)))
     values = [np.inf]
@@ -142,7 +145,7 @@ def ticks(top: float) -> Array:
 
 
 def plain(value: float) -> str:
-    """Return a round number without exponent: 0.005, 2, 1,000."""
+    """Return a round number without an exponent: 0.005, 2, 1,000."""
     return (
         f"{value:,.0f}"
         if value >= 1
@@ -151,7 +154,7 @@ def plain(value: float) -> str:
 
 
 def round_times(begin: float, end: float, many: int) -> Array:
-    """Return whole hours [s since 1970] between two times, at most `many`, the same every day."""
+    """Return at most `many` round times [s since 1970] between two times, the same every day."""
     hours = (end - begin) / 3600
     step = 3600 * next((step for step in STEPS if hours / step <= many), STEPS[-1])
     return np.arange(np.ceil(begin / step), np.floor(end / step) + 1) * step

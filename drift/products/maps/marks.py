@@ -1,4 +1,4 @@
-"""Points and lines that are drawn on charts with their names."""
+"""Named points and lines that are drawn on charts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Mark:
-    """A point to mark, such as the last known position [deg]."""
+    """A named point, such as the last known position [deg]."""
 
     lon: float
     lat: float
@@ -15,8 +15,9 @@ class Mark:
 
 @dataclass(frozen=True)
 class Line:
-    """A line to draw, such as a prior's area (closed) or a trackline [deg]; longitudes without
-    jumps, (n,).
+    """A named line, such as a prior's area (closed) or a trackline.
+
+    lon, lat: [deg], unwrapped, shape (n,).
     """
 
     lon: Sequence[float]

@@ -1,7 +1,4 @@
-"""What another topic draws on a chart: its layers, its places, its rows of the legend.
-
-The frame should show its places.
-"""
+"""Overlay: what another topic adds to a chart (layers, places, legend rows)."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,14 +12,14 @@ from geo.array import Array
 
 @dataclass(frozen=True)
 class Overlay:
-    """Layers of a topic that the chart knows nothing of."""
+    """Layers of a topic on a chart that has no knowledge of the topic."""
 
     draw: Callable[[Axes, Frame], None]
-    # Shapes by name, each (n, 2) [deg]; the chart says so where it cannot show one.
+    # Shapes by name, each (n, 2) [deg]; the frame should show them, else the chart says so.
     places: Mapping[str, Sequence[Array]]
     key: Sequence[tuple[Any, str]]  # symbols and texts
-    # written beside positions [deg] where there is room
+    # names written at positions [deg] if there is space
     names: Sequence[tuple[float, float, str]] = ()
 
 
-AtTime = Callable[[Any], Overlay]  # what is drawn on a chart of a time, np.datetime64
+AtTime = Callable[[Any], Overlay]  # returns the overlay at a time, np.datetime64

@@ -1,6 +1,4 @@
-"""A page to draw on, and its file: figures without pyplot, that leave no state behind; provenance,
-no date.
-"""
+"""Figures and their PNG files: no pyplot state, provenance as metadata, and no date."""
 
 import textwrap
 import warnings
@@ -17,19 +15,20 @@ from drift.products.maps.chart import RED
 
 
 def figure(width: float, height: float) -> tuple[Figure, FigureCanvasAgg]:
-    """Return a white page [inches] and its canvas."""
+    """Return a white figure of a size [inches], and its canvas."""
     figure = Figure((width, height), facecolor="white")
     return figure, FigureCanvasAgg(figure)
 
 
 def literal() -> AbstractContextManager[None]:
-    """Return a context in which texts are drawn as they are: a "$" in a name is no formula."""
+    """Return a context in which texts are drawn literally: a "$" in a name starts no formula."""
     return matplotlib.rc_context({"text.parse_math": False})
 
 
 def kept(draw: Callable[[Path], None]) -> Callable[[Path], None]:
-    """Return a drawing that, where it fails, costs only its own picture and no other file of a long
-    run.
+    """Return a drawing function that turns an error into a warning.
+
+    A failed picture must not cost the other files of a long run.
     """
 
     def attempt(path: Path) -> None:
@@ -49,25 +48,24 @@ def kept(draw: Callable[[Path], None]) -> Callable[[Path], None]:
 def save(
     canvas: FigureCanvasAgg, path: Path, title: str, attributes: Mapping[str, str] | None, dpi: int
 ) -> None:
-    """Write the picture with its provenance as text chunks, and no date.
+    """Write the picture with its provenance as text chunks, and without a date.
 
-    So the same forecast gives the same bytes.
+    The same forecast therefore gives the same bytes.
     """
     texts = {"Title": title, "Software": "casp-drift", **(attributes or {})}
     canvas.figure.savefig(path, format="png", dpi=dpi, metadata=texts)
 
 
 def fit(text: str, characters: float) -> str:
-    """Return a text cut to a number of letters."""
+    """Return a text shortened to a number of characters."""
     return textwrap.shorten(text, int(characters), placeholder=" …")
 
 
 def names(texts: Sequence[str], characters: float) -> list[str]:
-    """Return names that stand beside each other cut to a number of letters, so that those that
-    differ still do.
+    """Return names shortened to a number of characters, such that different names stay different.
 
-    Names of several parts, "transit, north, 8 kn", that begin alike leave out the parts that they
-    share where one of them is too long. Where cut names would still be alike, they keep their ends.
+    Names of several parts ("transit, north, 8 kn") with equal first parts drop these if one of the
+    names is too long. Shortened names that would be equal keep their ends instead.
     """
     many = int(characters)
     if all(len(text) <= many for text in texts):
@@ -78,12 +76,12 @@ def names(texts: Sequence[str], characters: float) -> list[str]:
     short: dict[str, str] = {}
     for own in families.values():
         parts = [text.split(", ") for text in own]
-        same = 0
+        shared = 0
         if len(own) > 1 and max(map(len, own)) > many:
-            while all(len(one) > same + 1 and one[same] == parts[0][same] for one in parts):
-                same += 1
+            while all(len(one) > shared + 1 and one[shared] == parts[0][shared] for one in parts):
+                shared += 1
         short |= {
-            text: "… " * (same > 0) + ", ".join(one[same:])
+            text: "… " * (shared > 0) + ", ".join(one[shared:])
             for text, one in zip(own, parts, strict=True)
         }
     found = {text: fit(own, many) for text, own in short.items()}
@@ -96,7 +94,7 @@ def names(texts: Sequence[str], characters: float) -> list[str]:
 
 
 def banner(figure: Figure, x: float, y: float, side: str, size: float, text: str) -> None:
-    """Say what a picture must not be believed of, in white on red."""
+    """Draw a caution in white on red at x, y [page fraction], aligned at `side`."""
     figure.text(
         x,
         y,

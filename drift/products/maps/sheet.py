@@ -1,7 +1,7 @@
-"""A sheet: what every picture has on its page, and where. A map adds its own layers to it.
+"""The layout of a picture's page: title, lines, footer and banners, which every picture has.
 
-Places are shares of the page from its lower left corner; sizes of letters are typographic points. A
-text longer than the number of letters that there is room for is cut.
+Positions are fractions of the page from its lower left corner; font sizes are points. A text longer
+than the number of characters that fit is shortened.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from drift.products.maps.imprint import Imprint
 
 @dataclass(frozen=True)
 class Row:
-    """A line of text that begins at the left margin."""
+    """A line of text at the left margin; letters: number of characters that fit, None: any."""
 
     y: float
     size: float
@@ -33,7 +33,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Badge:
-    """A banner; side: the end of it, left or right, that is at the place."""
+    """A banner; side: which end of it, left or right, is at x."""
 
     x: float
     y: float
@@ -43,7 +43,7 @@ class Badge:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A page, and where on it the words stand that every picture has."""
+    """The size of a page, and the positions of the text that every picture has."""
 
     width: float  # [in]
     height: float  # [in]
@@ -52,15 +52,15 @@ class Sheet:
     title: Row
     lines: tuple[Row, ...]  # under the title
     footer: Row
-    caution: Badge | None = None  # warns of what a reader must not believe; None: never shown
-    rough: Badge | None = None  # warns that few count for the picture; None: never shown
-    # letters of a title that has a caution right of it; None: as many as without
+    caution: Badge | None = None  # banner with the limits of a result; None: not shown
+    rough: Badge | None = None  # banner on few effective particles; None: not shown
+    # characters of a title with a caution to its right; None: as without one
     beside: float | None = None
 
 
 @dataclass(frozen=True)
 class Page:
-    """A sheet that is being drawn on."""
+    """A page that is being drawn, with its layout."""
 
     sheet: Sheet
     figure: Figure
@@ -68,12 +68,12 @@ class Page:
 
 
 def begin(sheet: Sheet) -> Page:
-    """Return an empty page."""
+    """Return an empty page with a layout."""
     return Page(sheet, *page.figure(sheet.width, sheet.height))
 
 
 def say(on: Page, row: Row, text: str) -> None:
-    """Write a line."""
+    """Write a line of text at the left margin."""
     words = text if row.letters is None else page.fit(text, row.letters)
     style: dict[str, Any] = {
         "fontsize": row.size,
@@ -85,22 +85,22 @@ def say(on: Page, row: Row, text: str) -> None:
 
 
 def warning(y: float, size: float, letters: float | None = None, va: str = "baseline") -> Row:
-    """Return a line in the red of warnings."""
+    """Return the style of a warning line: bold and red."""
     return Row(y, size, letters, "bold", RED, va)
 
 
 def heading(y: float, size: float, letters: float | None = None) -> Row:
-    """Return a bold line."""
+    """Return the style of a bold line."""
     return Row(y, size, letters, "bold")
 
 
 def small(y: float, size: float, letters: float | None = None) -> Row:
-    """Return a line in the grey of what is said besides, such as a footer."""
+    """Return the style of secondary text, such as a footer: grey."""
     return Row(y, size, letters, colour=GREY)
 
 
 def head(on: Page, imprint: Imprint, *lines: str) -> None:
-    """Write the title, the lines under it, and the caution on its banner."""
+    """Write the title, the lines under it, and the caution as a banner."""
     sheet, title = on.sheet, on.sheet.title
     if imprint.caution and sheet.beside is not None:
         title = Row(title.y, title.size, sheet.beside, title.weight, title.colour, title.va)
@@ -112,7 +112,7 @@ def head(on: Page, imprint: Imprint, *lines: str) -> None:
 
 
 def rough(on: Page, text: str) -> None:
-    """Draw a banner which says that few particles or worlds count for a picture."""
+    """Draw a banner about few effective particles or worlds."""
     assert on.sheet.rough is not None
     _banner(on, on.sheet.rough, text)
 
@@ -122,25 +122,33 @@ def _banner(on: Page, badge: Badge, text: str) -> None:
 
 
 def foot(on: Page, imprint: Imprint) -> None:
-    """Write the line at the foot."""
+    """Write the footer."""
     if imprint.footer:
         say(on, on.sheet.footer, imprint.footer)
 
 
 def end(on: Page, path: Path, imprint: Imprint, title: str = "") -> None:
-    """Write the line at the foot, and the picture into its file.
+    """Write the footer, and save the picture.
 
-    title: of the file, where it differs from that of the imprint.
+    title: title in the file's metadata, if it differs from that of the imprint.
     """
     foot(on, imprint)
     page.save(on.canvas, path, title or imprint.title, imprint.attributes, dpi=on.sheet.dpi)
 
 
 def legend(figure: Figure, rows: Sequence[tuple[Any, str]], **style: Any) -> Any:
-    """Write what symbols mean, without a frame; those of a list stand side by side, those of a
-    tuple on each other.
+    """Draw a legend without a frame.
+
+    Args:
+        figure: the figure.
+        rows: symbol and text of each row. Symbols in a list are drawn side by side, those in a
+            tuple on top of each other.
+        style: further arguments of Matplotlib's legend.
+
+    Returns:
+        The legend.
     """
-    abreast = {
+    side_by_side = {
         tuple(symbol): HandlerTuple(ndivide=None) for symbol, _ in rows if isinstance(symbol, list)
     }
     symbols: list[Any] = [
@@ -148,25 +156,32 @@ def legend(figure: Figure, rows: Sequence[tuple[Any, str]], **style: Any) -> Any
     ]
     texts = [text for _, text in rows]
     return figure.legend(
-        symbols, texts, handler_map=abreast, frameon=False, labelcolor=INK, **style
+        symbols, texts, handler_map=side_by_side, frameon=False, labelcolor=INK, **style
     )
 
 
 def density_bar(
     figure: Figure, box: tuple[float, float, float, float], mesh: Any
 ) -> tuple[Axes, str]:
-    """Draw the colour scale of a probability density [% per nmi2]; return its axes and their unit.
+    """Draw the colour scale of a probability density [% per nmi2], with round numbers.
 
-    The scale has round numbers. box: left, bottom, width, height of the page; the scale runs along
-    its longer side.
+    Args:
+        figure: the figure.
+        box: left, bottom, width, height [page fraction]; the scale runs along the longer side.
+        mesh: the shading that it explains.
+
+    Returns:
+        The axes of the scale, and the name of the unit area.
     """
-    along = box[2] * figure.get_figwidth() > box[3] * figure.get_figheight()
+    horizontal = box[2] * figure.get_figwidth() > box[3] * figure.get_figheight()
     bar = figure.add_axes(box)
-    figure.colorbar(mesh, cax=bar, orientation="horizontal" if along else "vertical", extend="max")
-    per, unit = labels.scale(mesh.norm.vmax)
-    ticks = labels.ticks(mesh.norm.vmax * per)
-    (bar.set_xticks if along else bar.set_yticks)(
-        ticks / per, labels=[labels.plain(tick) for tick in ticks]
+    figure.colorbar(
+        mesh, cax=bar, orientation="horizontal" if horizontal else "vertical", extend="max"
+    )
+    unit_area, unit = labels.scale(mesh.norm.vmax)
+    ticks = labels.ticks(mesh.norm.vmax * unit_area)
+    (bar.set_xticks if horizontal else bar.set_yticks)(
+        ticks / unit_area, labels=[labels.plain(tick) for tick in ticks]
     )
     bar.minorticks_off()
     return bar, unit

@@ -1,1 +1,1 @@
-"""report.html: one file for each run, with a map that moves through time; it knows no topic."""
+"""report.html: one file for each run, with a map over time; it contains nothing about any topic."""

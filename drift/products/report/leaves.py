@@ -1,8 +1,8 @@
-"""Leaves: what a topic shows in report.html, as plain records that the page's script draws.
+"""Leaves: the items of report.html, as plain records that the page's script draws.
 
-Shapes and tables are read from the GeoJSON and CSV files of the run, which the page carries, so
-that it cannot tell anything else than they do. Each function returns a leaf; `look` names how its
-shapes are drawn (LOOKS in assets/looks.js).
+Shapes and tables are read from the run's GeoJSON and CSV files, which the page contains, so that it
+cannot differ from them. Each function returns a leaf; `look` names the style of its shapes (LOOKS
+in assets/looks.js).
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,9 +20,9 @@ from geo.array import Array
 Leaf = dict[str, Any]
 Columns = Sequence[
     tuple[str, str, str]
-]  # name in the file, header, and how values are written (FORMS in assets/tables.js)
+]  # name in the file, header, and number format (FORMS in assets/tables.js)
 
-ALWAYS, AT, SINCE, DURING = "always", "at", "since", "during"  # when a shape is there, by its times
+ALWAYS, AT, SINCE, DURING = "always", "at", "since", "during"  # when a shape is shown
 
 
 def maps(
@@ -37,12 +37,21 @@ def maps(
     containment: Array | None = None,
     shown: float = 1.0,
 ) -> Leaf:
-    """Return maps of probability over time, of which one scenario is shown at a time.
+    """Return probability maps over time; the page shows one scenario at a time.
 
-    time: datetime64 (t,). lon, lat: cells' middles [deg], evenly spaced. stories: probability by
-    cell, (t, nlat, nlon) each, by name; the first is of all. area: of cells [m2], (nlat, nlon).
-    tops: density that ends the colours of each time [1/m2]. containment: smallest share whose area
-    holds a cell, (t, nlat, nlon); shown: that up to which cells are shaded.
+    Args:
+        title: title of the layer.
+        time: times, datetime64 (t,).
+        lon: centres of cells [deg], evenly spaced, (nlon,).
+        lat: centres of cells [deg], evenly spaced, (nlat,).
+        stories: probability by cell and scenario, (t, nlat, nlon) each; the first is the total.
+        area: areas of cells [m2], (nlat, nlon).
+        tops: density at the end of the colour scale of each time [1/m2].
+        containment: smallest share whose area contains a cell, (t, nlat, nlon).
+        shown: containment up to which cells are shaded.
+
+    Returns:
+        The leaf.
     """
     fold = packed.fold(len(time) * (len(stories) + (containment is not None)), len(lat), len(lon))
     cells = packed.summed(area, fold)
@@ -80,13 +89,23 @@ def shapes(
 ) -> Leaf:
     """Return the shapes of a GeoJSON file of the run as a layer.
 
-    where: values that properties of its features have, a list of them for any of these. when: AT
-    (`time` is that of the map), SINCE (its begin has come), DURING (bold between begin and end, not
-    there before), else ALWAYS; span: the properties of begin and end, `time` where there are none.
-    label: the property that is written beside a shape; told: properties that the pointer tells.
-    graded: file, key and column of a CSV file with a column `time`, of which the value at the map's
-    time gives a shape with the same key its colour and width; without a row it is not there. frame:
-    whether the page begins with all of it in view.
+    Args:
+        title: title of the layer.
+        file: name of the file.
+        look: style of the shapes.
+        where: required values of properties; a list allows any of its values.
+        when: AT (at the time `time`), SINCE (from its start on), DURING (from its start on, bold
+            until its end) or ALWAYS.
+        span: properties with start and end; `time` stands in for missing ones.
+        label: property that is written at a shape.
+        told: properties that the pointer shows.
+        graded: file, key and column of a CSV file with a column `time`; its value at the map's time
+            sets the colour and width of the shape with that key. A shape without a row is hidden.
+        shown: whether the layer is visible at first.
+        frame: whether the page opens with all of the layer in view.
+
+    Returns:
+        The leaf.
     """
     return {
         "leaf": "shapes",
@@ -107,14 +126,14 @@ def shapes(
 
 
 def features(title: str, drawn: Sequence[Mapping[str, Any]], look: str, **options: Any) -> Leaf:
-    """Return GeoJSON features that stand in no file as a layer; options: as of `shapes`."""
+    """Return GeoJSON features that are in no file as a layer; options: as for `shapes`."""
     return {**shapes(title, "", look, **options), "features": list(drawn)}
 
 
 def marked(
     title: str, marks: Sequence[Mark], lines: Sequence[Line], look: str, **options: Any
 ) -> Leaf:
-    """Return the marks and lines of a chart, with their names, as a layer; options: as of `shapes`."""
+    """Return the named marks and lines of a chart as a layer; options: as for `shapes`."""
     drawn = [
         geojson.feature(geojson.point(mark.lon, mark.lat), {"name": mark.label}) for mark in marks
     ]
@@ -139,8 +158,17 @@ def points(
 ) -> Leaf:
     """Return the rows of a CSV file with columns lon and lat as points.
 
-    since: the column of the time from which each is there; weight: that by which the area of its
-    dot grows.
+    Args:
+        title: title of the layer.
+        file: name of the file.
+        look: style of the points.
+        since: column with the time from which a point is shown; "": always.
+        weight: column that sets the area of the dots; "": equal.
+        told: columns that the pointer shows.
+        shown: whether the layer is visible at first.
+
+    Returns:
+        The leaf.
     """
     return {
         "leaf": "points",
@@ -155,7 +183,7 @@ def points(
 
 
 def track(title: str, file: str, lon: str, lat: str, look: str, *, shown: bool = True) -> Leaf:
-    """Return a track by time from two columns of a CSV file, and its point at the time of the map."""
+    """Return a track from two columns of a CSV file, with its point at the time of the map."""
     return {
         "leaf": "track",
         "title": title,
@@ -176,10 +204,18 @@ def sample(
     names: Sequence[str],
     story: Array,
 ) -> Leaf:
-    """Return the tracks of some particles.
+    """Return the tracks of a sample of particles.
 
-    lon, lat: [deg] (m, t); status: (m, t), a number among `names`; story: (m,), a number among
-    those of the maps.
+    Args:
+        title: title of the layer.
+        time: times, datetime64 (t,).
+        lon, lat: positions [deg], (m, t).
+        status: indices into `names`, (m, t).
+        names: names of the statuses.
+        story: indices of scenarios among those of the maps, (m,).
+
+    Returns:
+        The leaf.
     """
     return {
         "leaf": "sample",
@@ -198,8 +234,18 @@ def sample(
 def arrows(
     title: str, time: Array, lon: Array, lat: Array, velocity: Array, look: str, *, shown: bool
 ) -> Leaf:
-    """Return arrows of a flow: velocity [m/s] east and north (t, m, 2) at places [deg] (m,), NaN
-    where there is none.
+    """Return arrows of a flow over time.
+
+    Args:
+        title: title of the layer.
+        time: times, datetime64 (t,).
+        lon, lat: positions [deg], (m,).
+        velocity: east and north components [m/s], (t, m, 2); NaN without data.
+        look: style of the arrows.
+        shown: whether the layer is visible at first.
+
+    Returns:
+        The leaf.
     """
     return {
         "leaf": "arrows",
@@ -214,7 +260,7 @@ def arrows(
 
 
 def headline_leaf(words: str) -> Leaf:
-    """Return sentences that stand on top of the page."""
+    """Return sentences for the top of the page."""
     return {"leaf": "headline", "words": words}
 
 
@@ -229,11 +275,20 @@ def table_leaf(
     note: str = "",
     unfolded: bool = False,
 ) -> Leaf:
-    """Return a table of a CSV file, or of rows in the order of the columns.
+    """Return a table from a CSV file, or from rows.
 
-    where: values that columns of the file have, a list of them for any of these. by_time: the
-    column with the time of a row, of which those of the map's time are marked. unfolded: whether it
-    is seen at once.
+    Args:
+        title: title of the table.
+        columns: name in the file, header and number format of each column.
+        file: name of the file; "": use `rows`.
+        rows: rows with values in the order of the columns.
+        where: required values of columns; a list allows any of its values.
+        by_time: column with the time of a row; rows at the map's time are highlighted.
+        note: caption of the table.
+        unfolded: whether the table is open at first.
+
+    Returns:
+        The leaf.
     """
     return {
         "leaf": "table",
@@ -249,5 +304,5 @@ def table_leaf(
 
 
 def text_leaf(title: str, *, file: str = "", words: str = "", unfolded: bool = False) -> Leaf:
-    """Return a text, of a file of the run or as it is; unfolded: whether it is seen at once."""
+    """Return a text, from a file of the run or as given; unfolded: whether it is open at first."""
     return {"leaf": "text", "title": title, "file": file, "words": words, "unfolded": unfolded}

@@ -1,9 +1,8 @@
-"""report.html: the leaves of a run with the files that they are read from, in one page that asks
-for nothing from outside.
+"""report.html: the leaves of a run and their files, in one page that loads nothing from outside.
 
-The map is OpenLayers', shipped as it is published. The page's policy (Content-Security-Policy)
-allows its own scripts, by their digests, and no connection. What comes from a case stands in JSON
-and reaches the page as text, never as markup.
+The map is OpenLayers, shipped as published. The page's Content-Security-Policy allows its own
+scripts, by their digests, and no connections. Text from a case is stored in JSON and is inserted as
+text, never as markup.
 """
 
 import base64
@@ -42,44 +41,51 @@ SCRIPTS = (
     "page.js",
 )
 STYLES = ("ol.css", "page.css")
-# files that the page has in itself
+# types of files that the page contains
 CARRIED = {".geojson", ".csv", ".txt", ".toml", ".gpx", ".kml", ".json"}
-PICTURE = 2_500_000  # [bytes] of a picture that the page shows; a larger one is a link
-LARGEST = 4_000_000  # [characters] of a file as it is carried; a larger one is a link
+PICTURE = 2_500_000  # [bytes] of a picture in the page; a larger one is a link
+LARGEST = 4_000_000  # [characters] of a packed file in the page; a larger one is a link
 MERCATOR_UP_TO = 75.0  # [deg] latitude, as the charts of drift.products.maps.chart
-FINE = 1 / 6000  # of the map's size: detail of the shoreline
+FINE = 1 / 6000  # detail of the shoreline, as a share of the map's size
 FINEST = 1e-4  # [deg]
-PLACES = 40  # named at most
-AROUND = 0.5  # of the map's size: land that is carried beyond each side
+PLACES = 40  # most towns and harbours
+AROUND = 0.5  # land beyond each side of the map, as a share of its size
 
 
 def write(path: Path, leaves: Sequence[Leaf], on: Setting, warnings: Sequence[str]) -> None:
-    """Write the page of a run beside its other files."""
+    """Write report.html next to the run's other files.
+
+    Args:
+        path: the page's file, in the folder of the results.
+        leaves: items of the page.
+        on: title, land and starting positions of the run.
+        warnings: warnings at the top of the page.
+    """
     folder = path.parent
     box = _box(leaves, on, folder)
     leaves = [*leaves, _places(box)]
-    stamped = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    carried, beside = _files(folder, {name for leaf in leaves for name in _read_by(leaf)})
-    about = {
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    embedded, beside = _files(folder, {name for leaf in leaves for name in _files_of_leaf(leaf)})
+    content = {
         "title": on.imprint.title,
         "caution": on.imprint.caution,
         "warnings": list(warnings),
         "source": on.imprint.footer,
-        "attributes": {name: stamped[name] for name in ("run_id", "versions", "date_created")},
+        "attributes": {name: summary[name] for name in ("run_id", "versions", "date_created")},
         "opens": None if on.opens is None else int(notation.epochs(on.opens)),
         "projection": _projection(box),
         "land": packed.packed_text(json.dumps(_land(on, box), separators=(",", ":")).encode()),
         "leaves": list(leaves),
-        "files": carried,
+        "files": embedded,
         "pictures": _pictures(folder),
         "beside": beside,
     }
-    data = json.dumps(formats.plain(about), allow_nan=False, separators=(",", ":"))
-    path.write_text(_filled(on.imprint.title, data), encoding="utf-8", newline="\n")
+    data = json.dumps(formats.plain(content), allow_nan=False, separators=(",", ":"))
+    path.write_text(_fill_page(on.imprint.title, data), encoding="utf-8", newline="\n")
 
 
 def _places(box: Box) -> Leaf:
-    """Return names of towns and harbours."""
+    """Return a leaf with the names of towns and harbours."""
     drawn = [
         geojson.feature(geojson.point(place.lon, place.lat), {"name": place.name})
         for place in gazetteer.around(
@@ -89,16 +95,14 @@ def _places(box: Box) -> Leaf:
     return records.features("Towns and harbours", drawn, "place", label="name")
 
 
-def _read_by(leaf: Leaf) -> list[str]:
-    """Return the files of the run that a leaf is read from."""
+def _files_of_leaf(leaf: Leaf) -> list[str]:
+    """Return the files of the run that a leaf needs."""
     graded = leaf.get("graded") or {}
     return [name for name in (leaf.get("file"), graded.get("file")) if name]
 
 
 def _box(leaves: Sequence[Leaf], on: Setting, folder: Path) -> Box:
-    """Return the box of all that the page shows, by its maps, its framed shapes, and where the run
-    began.
-    """
+    """Return the box of the whole page: its maps, framed shapes, and starting positions."""
     around = on.marks[0].lon if on.marks else None
     places: list[Array] = [np.array([[mark.lon, mark.lat] for mark in on.marks]).reshape(-1, 2)]
     places += [np.column_stack([line.lon, line.lat]) for line in on.lines]
@@ -116,21 +120,19 @@ def _box(leaves: Sequence[Leaf], on: Setting, folder: Path) -> Box:
                 or json.loads((folder / leaf["file"]).read_text(encoding="utf-8"))["features"]
             )
             places += [_coordinates(part["geometry"]["coordinates"]) for part in parts]
-    every = np.concatenate(places)
-    every = every[np.isfinite(every).all(axis=1)]
-    if not len(every):
+    points = np.concatenate(places)
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
         return Box(-180.0, -60.0, 180.0, 60.0)
-    lon = sphere.near_degrees(every[:, 0], float(every[0, 0]) if around is None else around)
+    lon = sphere.near_degrees(points[:, 0], float(points[0, 0]) if around is None else around)
     west, east = float(lon.min()), float(lon.max())
     if east - west >= 360:
         west, east = -180.0, 180.0
-    return Box(west, float(every[:, 1].min()), east, float(every[:, 1].max()))
+    return Box(west, float(points[:, 1].min()), east, float(points[:, 1].max()))
 
 
 def _coordinates(nested: Any) -> Array:
-    """Return the points of a geometry's coordinates, a position or lists of them at any depth, (n,
-    2).
-    """
+    """Return the points of nested GeoJSON coordinates, shape (n, 2)."""
     points = [nested]
     while points and isinstance(points[0][0], (list, tuple)):
         points = [part for parts in points for part in parts if part]
@@ -138,12 +140,14 @@ def _coordinates(nested: Any) -> Array:
 
 
 def _projection(box: Box) -> dict[str, Any]:
-    """Return how the page's map is projected, as charts are: drift.products.maps.chart."""
+    """Return the projection of the page's map, as in drift.products.maps.chart."""
     lon, lat = (box.west + box.east) / 2, (box.south + box.north) / 2
-    flat = max(abs(box.south), abs(box.north)) <= MERCATOR_UP_TO and box.east - box.west < 180
+    is_mercator = (
+        max(abs(box.south), abs(box.north)) <= MERCATOR_UP_TO and box.east - box.west < 180
+    )
     extent = [box.west, box.south, box.east, box.north]
     return {
-        "kind": "mercator" if flat else "azimuthal",
+        "kind": "mercator" if is_mercator else "azimuthal",
         "lon": sphere.wrap_degrees(lon),
         "lat": lat,
         "extent": extent,
@@ -151,8 +155,9 @@ def _projection(box: Box) -> dict[str, Any]:
 
 
 def _land(on: Setting, box: Box) -> list[list[list[int]]]:
-    """Return rings of land round the map, as whole steps of FINEST degrees, each point told from
-    the one before.
+    """Return rings of land around the map.
+
+    Each point is the difference from the previous one, in whole steps of FINEST degrees.
     """
     high, wide = box.north - box.south, box.east - box.west
     grown = Box(
@@ -185,15 +190,16 @@ def _land(on: Setting, box: Box) -> list[list[list[int]]]:
 
 
 def _steps(ring: Array) -> list[int]:
-    whole = np.rint(ring / FINEST).astype(np.int64)
-    return np.diff(whole, axis=0, prepend=np.zeros((1, 2), np.int64)).ravel().tolist()
+    steps = np.rint(ring / FINEST).astype(np.int64)
+    return np.diff(steps, axis=0, prepend=np.zeros((1, 2), np.int64)).ravel().tolist()
 
 
 def _files(folder: Path, needed: set[str]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the files that the page carries, and those beside it, but for pictures; all that its
-    leaves need are carried.
+    """Return the files in the page, and those next to it, without pictures.
+
+    needed: files that leaves need, which the page contains whatever their size.
     """
-    carried, beside = {}, []
+    embedded, beside = {}, []
     for path in sorted(folder.iterdir()):
         size = path.stat().st_size
         if path.suffix == ".png" and size <= PICTURE:
@@ -201,16 +207,14 @@ def _files(folder: Path, needed: set[str]) -> tuple[dict[str, Any], list[dict[st
         if path.suffix in CARRIED and path.name != "manifest.json":
             packed_text = packed.packed_text(path.read_bytes())
             if path.name in needed or len(packed_text) <= LARGEST:
-                carried[path.name] = {"bytes": size, "data": packed_text}
+                embedded[path.name] = {"bytes": size, "data": packed_text}
                 continue
         beside.append({"name": path.name, "bytes": size})
-    return carried, beside
+    return embedded, beside
 
 
 def _pictures(folder: Path) -> dict[str, str]:
-    """Return the pictures beside the page, by name: as base64, for the page shows them without the
-    files.
-    """
+    """Return pictures by name as base64, for the page to show without their files."""
     shown = (path for path in sorted(folder.glob("*.png")) if path.stat().st_size <= PICTURE)
     return {path.name: base64.b64encode(path.read_bytes()).decode() for path in shown}
 
@@ -225,13 +229,13 @@ def _asset(name: str) -> str:
 
 
 def _script(name: str) -> str:
-    """Return a script as it may stand in a page."""
+    """Return a script that can be embedded in a page."""
     text = re.sub(r"^//# sourceMappingURL=.*$", "", _asset(name), flags=re.MULTILINE)
     return text.replace("</script", "<\\/script")
 
 
-def _filled(title: str, data: str) -> str:
-    """Return the page's markup with its styles, scripts and data."""
+def _fill_page(title: str, data: str) -> str:
+    """Return the page with its styles, scripts and data filled in."""
     scripts = [_script(name) for name in SCRIPTS]
     digests = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"

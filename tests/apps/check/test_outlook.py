@@ -114,7 +114,7 @@ def test_a_hole_that_another_source_covers_is_told(
     write(tmp_path / "whole.nc", np.arange(40))
     out = told(tmp_path, capsys, text)
     assert (
-        "nothing from 210500ZNOV26 to 211400ZNOV26, 9 h, where its times are else 1 h apart" in out
+        "no data from 210500ZNOV26 to 211400ZNOV26, 9 h, while its other times are 1 h apart" in out
     )
     assert "99 % adrift" in out or "100 % adrift" in out
     write(tmp_path / "whole.nc", np.arange(18))  # until 11 h: three of 24 hours are left

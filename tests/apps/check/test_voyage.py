@@ -29,7 +29,7 @@ TOLD = {
     'overdue = "+30 h"\ndistress = { part = { low = 0.2, best = 0.5, high = 0.9, ratio = 3 } }\n[[scenario.phase]]\n'
     'voyage = { waypoints = ["45N 030W", "46N 030W"], departure = ["+1 h", "+3 h"], speed = "5 kn" }': (
         "voyage of 60 nmi by 2 way points, from 050100ZMAR26 to 050300ZMAR26, at 5 kn; in distress after 20 to 90 (best 50) % of its "
-        "way, and then adrift as X; from 060600ZMAR26 on, what has arrived within 10 nmi of its last way point is in port and not looked for"
+        "way, and then adrift as X; from 060600ZMAR26 on, targets that have arrived within 10 nmi of their last way point are in port and no longer searched for"
     ),
     'distress = { between = "+7 h" }\n[[scenario.phase]]\n[scenario.phase.bridge]\nk = "9 nmi/sqrt(h)"\nk_spread = 1.5\n'
     'points = [{ at = [-30, 45], time = "+1 h" }, { at = [-31, 47], time = { at = "+40 h", std = "2 h" } }]': (

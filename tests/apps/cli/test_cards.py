@@ -106,7 +106,7 @@ def test_cards_are_listed_with_what_auto_takes(listing, capsys: pytest.CaptureFi
     assert "metal none no: it is for macOS on Apple's own processors" in rows
     assert rows[-1] == (
         "--backend auto takes cuda: Card, driver 550.54, CUDA 12.4; 60.0 GiB of 80.0 GiB free; "
-        "runs of fewer than 100,000 particles stay on the cpu"
+        "runs with fewer than 100,000 particles use the CPU"
     )
 
 

@@ -70,7 +70,7 @@ def test_cases_lists_titles(capsys: pytest.CaptureFixture[str]) -> None:
         (("check", "overdue_boat", "--set", "duration=12 parsecs"), "is of another kind"),
         (("check", "overdue_boat", "--seed", "-3"), "seed: -3 must be 0 to"),
         (("check", "overdue_boat", "--set", "particles=0"), "0 particles"),
-        (("objects", "spaceship"), 'no leeway class holds "spaceship"'),
+        (("objects", "spaceship"), 'no leeway class contains "spaceship"'),
     ],
 )
 def test_users_errors_are_one_line(
@@ -104,7 +104,7 @@ def test_interrupt_and_own_errors(
     monkeypatch.setitem(cli.COMMANDS, "cases", fail(ZeroDivisionError("oops")))
     status, out, err = call(capsys, "cases")
     assert (status, out) == (1, "")
-    assert err.splitlines()[-1] == "drift: an error of drift itself: ZeroDivisionError: oops"
+    assert err.splitlines()[-1] == "drift: internal error in drift: ZeroDivisionError: oops"
     assert "Traceback" in err
 
 
@@ -152,7 +152,7 @@ def test_interrupted_run_leaves_nothing(tmp_path: Path, delay: float) -> None:
     running.send_signal(signal.SIGINT)
     out, err = running.communicate(timeout=60)
     assert (running.returncode, out) == (130, "")
-    assert err == "drift: interrupted; no half file is left\n"
+    assert err == "drift: interrupted; no incomplete file is left\n"
     assert list(tmp_path.iterdir()) == []
 
 

@@ -84,5 +84,5 @@ def test_without_shtab_a_line_says_what_to_install(
     monkeypatch.setattr(builtins, "__import__", without)
     assert cli.main(["--print-completion", "bash"]) == 2
     assert capsys.readouterr().err == (
-        'drift: --print-completion needs shtab: pip install -e ".[completion]" where drift lies\n'
+        'drift: --print-completion needs shtab: pip install -e ".[completion]" in the folder of drift\'s source\n'
     )

@@ -204,7 +204,7 @@ def test_own_errors_are_json_too(
     monkeypatch.setitem(cli.COMMANDS, "cases", fail)
     assert told(capsys, "cases")[:2] == (
         1,
-        {"error": ["an error of drift itself: ZeroDivisionError: oops"]},
+        {"error": ["internal error in drift: ZeroDivisionError: oops"]},
     )
 
 

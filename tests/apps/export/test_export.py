@@ -410,7 +410,7 @@ def test_outlines_are_thinned_and_the_file_says_so(
     ]
     assert len(lines) == (2 if tolerance == 0 else 1)  # the speck is no wider than the tolerance
     assert sum(map(len, lines)) <= plotter.MOST
-    said = f"off by up to {tolerance} m"
+    said = f"their error is up to {tolerance} m"
     assert (said in text.decode()) == (tolerance > 0)
     flat = shapely.LineString(np.array(lines[0]) * (0.5 * METRES, METRES))
     off = shapely.distance(shapely.points(ring * (0.5 * METRES, METRES)), flat).max()
@@ -503,12 +503,12 @@ def test_outputs_of_a_backward_run_come_in_ascending_order() -> None:
     ("told", "words"),
     [
         (["{run}", "shp"], "argument FORMAT: invalid choice"),
-        (["{run}", "kml", "--time", "+5 h"], '--time "+5 h": there is no output in that minute; they go from 012000ZJUN26 to 020800ZJUN26'),
+        (["{run}", "kml", "--time", "+5 h"], '--time "+5 h": there is no output in that minute; outputs go from 012000ZJUN26 to 020800ZJUN26'),
         (["{run}", "kml", "--time", "noon"], '--time: "noon" is not a time'),
-        (["nowhere", "kml"], "results nowhere: there is no such folder"),
-        (["{changed}", "kml"], 'not the whole result of a run: "contours.geojson" has been changed'),
-        (["{export}", "kml"], "hold no forecast.nc; give a folder written by drift run, drift plan"),
-        (["{unplanned}", "rtz"], "hold no plan, and rtz is for the ways of one"),
+        (["nowhere", "kml"], "results nowhere: the folder does not exist"),
+        (["{changed}", "kml"], 'not the complete result of a run: "contours.geojson" has been changed'),
+        (["{export}", "kml"], "contain no forecast.nc; give a folder written by drift run, drift plan"),
+        (["{unplanned}", "rtz"], "contain no plan, and rtz holds the routes of a plan"),
         (["{run}", "kml", "--out", "{export}"], "is not empty; name another with --out, or add --overwrite"),
     ],
 )  # fmt: skip
@@ -719,7 +719,7 @@ def test_an_origin_for_other_programs(released: Path, tmp_path: Path) -> None:
     for form in ("rtz", "geotiff", "kmz"):
         with pytest.raises(
             UserError,
-            match=f"come from drift origin, and {form} is for forecasts; give kml, gpx, geojson",
+            match=f"come from drift origin, which {form} does not support; use kml, gpx, geojson",
         ):
             drift.export(released, form, tmp_path / "no")
     with pytest.raises(UserError, match="has no output times; remove time"):

@@ -88,7 +88,7 @@ def test_those_that_suit_are_chosen() -> None:
         ),
         (
             "[a]\ntitle='x'\nquantity='wind'\nprotocol='opendap'\nvariables=['u','v']\naddress='https://ann:pw@a.org/x'",
-            "holds no name or password",
+            "contains no name or password",
         ),
     ],
 )

@@ -128,7 +128,7 @@ def test_times_come_from_the_latest_run_that_has_them(tmp_path: Path) -> None:
         (b"GRIB" + bytes(50), "sent half a message"),
         (b"<html>busy</html>", "sent a web page"),
         (b"data file is not present", "sent no GRIB: data file is not present"),
-        (b"GRIB" + bytes(50) + b"7777", "given up after 5 attempts"),
+        (b"GRIB" + bytes(50) + b"7777", "stopped after 5 attempts"),
     ],
 )
 def test_what_is_no_field_is_never_used(tmp_path: Path, content: bytes, message: str) -> None:
@@ -144,7 +144,7 @@ def test_what_is_no_field_is_never_used(tmp_path: Path, content: bytes, message:
 def test_other_times_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="filter has about"):
         fetched(tmp_path, "http://127.0.0.1:9", NOW - 30 * 24 * HOUR, NOW, (4.0, 59.0, 7.0, 61.0))
-    with pytest.raises(UserError, match="is more than its last run holds"):
+    with pytest.raises(UserError, match="is beyond the end of its last run"):
         fetched(tmp_path, "http://127.0.0.1:9", NOW, NOW + 60 * HOUR, (4.0, 59.0, 7.0, 61.0))
 
 
@@ -162,7 +162,8 @@ def test_no_run_is_asked_for_before_it_is_out(tmp_path: Path, minutes: int, begi
     provider = catalogue.read_providers(own)["filter"]
     order = Order(provider, Box(4.0, 59.0, 7.0, 61.0), first, last, 5.0, asked)
     told = [
-        (time, parse_qs(address.partition("?")[2])) for time, address in grib_filter._stated(order)
+        (time, parse_qs(address.partition("?")[2]))
+        for time, address in grib_filter._requests(order)
     ]
     asked_for = {
         key: {query[key][0] for _, query in told}
@@ -200,7 +201,7 @@ def test_parts_hold_all_times_and_are_known_again(tmp_path: Path) -> None:
     provider = catalogue.read_providers(own)["filter"]
     order = Order(provider, Box(4.0, 59.0, 7.0, 61.0), RUN - 20 * HOUR, RUN + 13 * HOUR, 5.0, NOW)
     parts_of = grib_filter.ship(order).parts
-    times = [time for time, _ in grib_filter._stated(order)]
+    times = [time for time, _ in grib_filter._requests(order)]
     assert np.concatenate([part.times for part in parts_of]).tolist() == [
         time.item() for time in times
     ]

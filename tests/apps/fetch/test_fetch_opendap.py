@@ -316,7 +316,7 @@ def test_components_at_other_points_are_refused(tmp_path: Path) -> None:
     names = [next(name for name, one in held.items() if one.values.ndim == 4) for held in served]
     with (
         hostile.serving(by_component(served)) as address,
-        pytest.raises(UserError, match="stand at other points"),
+        pytest.raises(UserError, match="are on different points"),
     ):
         drift.fetch(
             box=(3.2, 58.4, 4.7, 59.3), begin="2024-03-05T00:00Z", end="2024-03-05T05:00Z", providers=["trial"],
@@ -404,7 +404,7 @@ def test_what_was_killed_goes_on(
     told = capsys.readouterr().out
     listed = list((tmp_path / "out").glob("*.nc"))
     asked = sum(".dods?u[" in target for target in seen[before:])
-    said = re.search(r"; (\d+) parts are there from before", told)
+    said = re.search(r"; (\d+) parts are already downloaded", told)
     assert said, told
     kept = int(said[1])
     assert len(there) - 2 <= kept < len(listed)
@@ -474,7 +474,7 @@ REFUSALS = {
     "values fail": (
         hostile.always(hostile.http(b"Error {};", "500 Internal Server Error")),
         ".dods",
-        "given up after 5",
+        "stopped after 5",
     ),
     "values are a page": (hostile.always(hostile.http(PAGE)), ".dods", "sent a web page"),
 }
@@ -528,14 +528,17 @@ def test_nobody_there(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as door:
         port = door.getsockname()[1]
     with pytest.raises(
-        UserError, match=r"cannot be reached \(.*refused\); given up after 5 attempts"
+        UserError, match=r"cannot be reached \(.*refused\); stopped after 5 attempts"
     ):
         fetched(tmp_path, f"http://127.0.0.1:{port}/sea", AXES["plain"][2])
 
 
 @pytest.mark.parametrize(
     ("trouble", "times", "said"),
-    [(socket.EAI_NONAME, 1, "no machine is called sea.invalid"), (socket.EAI_AGAIN, 5, "given up")],
+    [
+        (socket.EAI_NONAME, 1, "no machine is called sea.invalid"),
+        (socket.EAI_AGAIN, 5, "stopped after"),
+    ],
 )
 def test_a_name_that_nobody_has_is_asked_for_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trouble: int, times: int, said: str
@@ -661,7 +664,7 @@ def test_a_disk_without_room_is_refused_before_and_in_the_middle(
     with hostile.serving(hostile.speaking_dap(ocean(*AXES["plain"][:2]))) as address:
         with monkeypatch.context() as patch:
             patch.setattr(shutil, "disk_usage", lambda folder: usage(1, 1, 1000))
-            with pytest.raises(UserError, match=r"has 1\.0 kB free, and .* are to come"):
+            with pytest.raises(UserError, match=r"has 1\.0 kB free, and .* are to be fetched"):
                 fetched(tmp_path, address, AXES["plain"][2])
         with monkeypatch.context() as patch:
             make, left = opendap._make, [2]
@@ -725,9 +728,9 @@ def test_ctrl_c_keeps_what_is_there(
         words += ["--catalogue", str(written(tmp_path, address)), "--out", str(tmp_path / "out")]
         assert cli.main(words) == 130
         assert (
-            "what was fetched is kept; the same command goes on from there"
+            "downloaded parts are kept; the same command continues from there"
             in capsys.readouterr().err
         )
         assert not (tmp_path / "out").exists()
         assert cli.main(words) == 0
-        assert "2 parts are there from before" in capsys.readouterr().out
+        assert "2 parts are already downloaded" in capsys.readouterr().out

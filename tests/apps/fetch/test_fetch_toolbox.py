@@ -83,8 +83,8 @@ def test_a_toolbox_that_hangs_is_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, order: Order
 ) -> None:
     program(tmp_path, monkeypatch, "import time; time.sleep(60)")
-    with pytest.raises(Passing, match=r"did not come to an end in 0\.5 s"):
-        toolbox._told(["subset"], 0.5)
+    with pytest.raises(Passing, match=r"did not finish within 0\.5 s"):
+        toolbox._run_toolbox(["subset"], 0.5)
 
 
 def test_without_the_toolbox_it_is_said_how_to_get_it(

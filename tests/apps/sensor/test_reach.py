@@ -259,14 +259,14 @@ WRONG: dict[str, tuple[str, dict[str, Any], str]] = {
     "no place": (
         "towed",
         {},
-        'where is sensor "array"? Neither its table (at) nor one sortie says; give at',
+        'where is sensor "array"? Neither its table (at) nor a sortie gives a position; give at',
     ),
     "no heading": (
         "towed",
         {"at": "36 00N 070 00W"},
         'sensor "array" has an array: give its heading, like 045',
     ),
-    "two places": ("", {"at": "36 00N 070 00W"}, 'sensor "array" stands where its table says'),
+    "two places": ("", {"at": "36 00N 070 00W"}, 'sensor "array" has the position of its table'),
     "no position": ("towed", {"at": "here"}, "at: "),
     "a beam too many": ("", {"beams": [2]}, "beams: beams [2] must be numbers from 1 to 1"),
     "no scenario": ("", {"scenario": "lowd"}, 'scenario: no scenario "lowd"; did you mean "loud"?'),

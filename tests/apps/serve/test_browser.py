@@ -80,7 +80,7 @@ def test_the_story_of_a_first_case(browser: Any, served: Server) -> None:
         text.press("Control+s")
         page.get_by_text("Saved.", exact=True).wait_for()
         page.get_by_role("button", name="Check").click()
-        page.get_by_role("heading", name="In order").wait_for(timeout=PATIENCE)
+        page.get_by_role("heading", name="Valid").wait_for(timeout=PATIENCE)
         page.get_by_role("button", name="Run the forecast").focus()
         page.keyboard.press("Enter")
         page.get_by_role("progressbar", name="Progress of overdue_boat.toml").wait_for()
@@ -114,7 +114,7 @@ def test_a_change_by_somebody_else_is_not_lost(browser: Any, served: Server) -> 
         (served.folder / "shared.toml").write_text('title = "second"\n', encoding="utf-8")
         page.locator("#text").fill('title = "third"\n')
         page.get_by_role("button", name="Save").click()
-        page.get_by_text("was changed meanwhile").wait_for()
+        page.get_by_text("was changed in the meantime").wait_for()
         assert (served.folder / "shared.toml").read_text(encoding="utf-8") == 'title = "second"\n'
 
 

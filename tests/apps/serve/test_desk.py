@@ -452,7 +452,7 @@ def test_two_writers_lose_nothing(served: Server) -> None:
     assert served.ask("POST", path, {"text": "b", "digest": None})[0] == 409  # it is there already
     second = served.json("POST", path, {"text": "a = 2\n", "digest": first})["digest"]
     status, _, data = served.ask("POST", path, {"text": "a = 3\n", "digest": first})
-    assert (status, b"was changed meanwhile" in data) == (409, True)
+    assert (status, b"was changed in the meantime" in data) == (409, True)
     assert served.json("GET", path) == {"name": "two.toml", "text": "a = 2\n", "digest": second}
     assert not [one for one in served.folder.iterdir() if one.name.endswith(".part")]
     (served.folder / "two.toml").unlink()
@@ -780,7 +780,7 @@ def _runs(process: int) -> bool:
 
 
 FATES = {  # what a process does, and what its log ends with
-    "it takes too long": ("import time; time.sleep(60); (lambda memory: None)", "took more than 0.0005 h; drift serve --hours"),
+    "it takes too long": ("import time; time.sleep(60); (lambda memory: None)", "after the limit of 0.0005 h; drift serve --hours"),
     "a library crashes": ("import os; os.kill(os.getpid(), 11); (lambda memory: None)", "a library crashed (SIGSEGV); try"),
     "it is killed": ("import os; os.kill(os.getpid(), 9); (lambda memory: None)", "by SIGKILL, as happens when memory"),
     "it asks for too much": (
@@ -889,21 +889,21 @@ def test_refusals_of_the_command_are_a_line(
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         assert "is in use" in refused(capsys, str(tmp_path), "--port", str(taken.getsockname()[1]))
-    assert "is not there" in refused(capsys, str(tmp_path / "nowhere"))
+    assert "does not exist" in refused(capsys, str(tmp_path / "nowhere"))
     (tmp_path / "file").write_text("", encoding="utf-8")
-    assert "is no folder" in refused(capsys, str(tmp_path / "file"))
+    assert "is not a folder" in refused(capsys, str(tmp_path / "file"))
     assert "from 1 to 65535" in refused(capsys, str(tmp_path), "--port", "70000")
     assert "name one address" in refused(capsys, str(tmp_path), "--host", "0.0.0.0")
     assert "no such host" in refused(capsys, str(tmp_path), "--host", "no such host")
-    assert "is not there" in refused(capsys, str(tmp_path), "--allow", str(tmp_path / "nowhere"))
+    assert "does not exist" in refused(capsys, str(tmp_path), "--allow", str(tmp_path / "nowhere"))
     for option, value in (
         ("--hours", "0"),
         ("--hours", "nan"),
         ("--memory", "0.1"),
         ("--memory", "inf"),
     ):
-        assert f"{option} {value}: is" in refused(capsys, str(tmp_path), option, value)
-    assert "is no host" in refused(capsys, str(tmp_path), "--allow-host", "http://x/")
+        assert f"{option} {value}: must be" in refused(capsys, str(tmp_path), option, value)
+    assert "is not a host" in refused(capsys, str(tmp_path), "--allow-host", "http://x/")
 
 
 def test_a_port_that_is_not_ours_is_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -918,10 +918,10 @@ def test_a_port_that_is_not_ours_is_a_line(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(socket.socket, "bind", refuse)
     with pytest.raises(
         UserError,
-        match=r"^port 80 of 127.0.0.1 is not yours to take, as those below 1024 mostly are not; give another with port$",
+        match=r"^port 80 of 127.0.0.1 needs privileges, as most below 1024 do; give another with port$",
     ):
         drift.serve(tmp_path, port=80)
-    with pytest.raises(UserError, match=r"ports 8765 to 8785 of 127.0.0.1 cannot be taken"):
+    with pytest.raises(UserError, match=r"ports 8765 to 8785 of 127.0.0.1 are not available"):
         drift.serve(tmp_path)
 
 
@@ -950,7 +950,7 @@ def test_without_its_library_one_line(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_what_is_allowed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "data").mkdir()
     monkeypatch.setenv("DRIFT_DATA", str(tmp_path / "data"))
-    allowed = server._allowed(tmp_path / "x", [tmp_path], ["THREDDS.example.org"])
+    allowed = server._fence(tmp_path / "x", [tmp_path], ["THREDDS.example.org"])
     assert {tmp_path / "data", tmp_path / "x", tmp_path} <= set(allowed.folders)
     assert isinstance(allowed, fence.Fence)
     assert allowed.hosts == {"thredds.example.org"}

@@ -180,7 +180,7 @@ def test_the_tracker_that_goes_a_path_is_not_drawn_on_the_legs_it_leaves(
     for changes, end in (({}, 600.0), ({"pursuit.at": "14 10N 077W"}, 1800.0)):
         found = drift.track(tmp_path / "c.toml", changes=changes)
         assert isinstance(found.chased, Chased)
-        place, time = map._own(found)
+        place, time = map._tracker_positions(found)
         assert time[-1] == end
         assert "planned on what was known" not in text.track_facts(found).get(
             "warning", ""
@@ -188,7 +188,9 @@ def test_the_tracker_that_goes_a_path_is_not_drawn_on_the_legs_it_leaves(
         went = EARTH.inv(-77, 14, *(float(x) for x in path.degrees(place[-1])))[2]
         assert went == pytest.approx(20 * KNOT * end, rel=1e-4)  # a rhumb line of 10 nmi at 14 N
     log, _ = contact
-    assert map._own(log)[1][-1] == min(log.held.study.tracker.time[-1], log.held.study.end)
+    assert map._tracker_positions(log)[1][-1] == min(
+        log.held.study.tracker.time[-1], log.held.study.end
+    )
 
 
 @pytest.mark.usefixtures("alone")
@@ -547,7 +549,7 @@ fastest = "32 kn"
     said = capsys.readouterr().out
     assert "no track is held" in said
     assert (
-        "fewer than 10 % of the particles were left by what found nothing at 050206ZMAR26 by radar (within 18 nmi, grace 5 min)"
+        "fewer than 10 % of the particles were left by sensors that detected nothing at 050206ZMAR26 by radar (within 18 nmi, grace 5 min)"
         in said
     )
     assert "found again since" not in said
@@ -579,13 +581,14 @@ def test_a_mean_beside_the_half_that_is_likeliest_and_a_track_that_is_found_agai
     )
     lost = (holding.Loss(float(held.time[1]), held.study.sensors[:1]),)
     assert text.track_facts(Regained(replace(held, lost=lost)))["lost"].startswith(
-        "found again since, but what was known of course and speed is gone: fewer than 10 %"
+        "found again since, but without the earlier information on course and speed: fewer than 10 %"
     )
 
 
 def test_what_has_no_detections_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
     with pytest.raises(
-        UserError, match=r'"closing" has a .target., no detections: drift experiment closing'
+        UserError,
+        match=r'"closing" has a .target. instead of detections: use drift experiment closing',
     ):
         drift.track("closing", tmp_path / "out")
     with pytest.raises(UserError, match="drift track lost_contact"):
@@ -649,7 +652,7 @@ def test_what_is_drawn_anew_in_the_second_of_a_sweep_is_cut_by_what_that_did_not
 @pytest.mark.usefixtures("alone")
 def test_a_mean_that_lies_in_no_area_is_no_place(tmp_path: Path) -> None:
     """After a range alone the mean is on the tracker: track.csv says so, track.gpx leaves it out,
-    and what is said calls it no one place.
+    and what is said calls it no single position.
     """
     (tmp_path / "d.csv").write_text(
         "time,sensor,bearing,range\n+2 min,radar,,8\n+12 min,radar,70,8\n", encoding="utf-8"
@@ -692,10 +695,10 @@ def test_a_mean_that_lies_in_no_area_is_no_place(tmp_path: Path) -> None:
     ] == ["050012ZMAR26"]
     told = text.track_facts(found)
     assert (
-        "no one place (the mean, 13-59.9N 077-00.0W, lies outside the areas), any course"
+        "no single position (the mean, 13-59.9N 077-00.0W, is outside the areas), any course"
         in told["050005ZMAR26"]
     )
-    assert "no one place" not in told["050012ZMAR26"]
+    assert "no single position" not in told["050012ZMAR26"]
     shown = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["track"][
         "shown"
     ]
@@ -897,8 +900,8 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
         f"the plot of 050005ZMAR26 needs {speed:,.0f} kn from the one before, fastest is 32 kn"
         in told
     )
-    assert "areas go by chance: that of " in told
-    assert 'followed by "first" alone, the first of 2 ways' in told
+    assert "areas depend on chance: that of " in told
+    assert 'followed by "first" only, the first of 2 methods' in told
     # before it is followed too
     checked = said.tracking_facts(tracking.load(tmp_path / "c.toml"))["warning"]
     assert checked.startswith(f"the plot of 050005ZMAR26 needs {speed:,.0f} kn")
@@ -923,7 +926,7 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
         "100 % of the box of the plot of 050002ZMAR26 is land: check its bearing and range"
     )
     assert (
-        "no track is held from 050002ZMAR26, 050012ZMAR26 on, as no water is in the box of what was detected"
+        "no track is held from 050002ZMAR26, 050012ZMAR26 on, as there is no water in the box of the detection"
         in told
     )
     plots = (tmp_path / "d.csv").read_text(encoding="utf-8")
@@ -931,7 +934,7 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     (tmp_path / "d.csv").write_text(plots.replace(",8\n", ",\n"), encoding="utf-8")
     told = text.track_facts(drift.track(tmp_path / "c.toml", changes=inland))["warning"]
     assert (
-        "no track is held from 050002ZMAR26, 050012ZMAR26 on, as no water is in the box of what was detected: check position"
+        "no track is held from 050002ZMAR26, 050012ZMAR26 on, as there is no water in the box of the detection: check position"
         in told
     )
     (tmp_path / "d.csv").write_text(plots, encoding="utf-8")
@@ -951,11 +954,14 @@ def test_what_must_be_doubted_is_told(tmp_path: Path) -> None:
     # its silence is not to count
     assert "was off" not in text.track_facts(drift.track(tmp_path / "c.toml"))["warning"]
     told = text.track_facts(drift.track(tmp_path / "c.toml", changes={"particles": "1"}))["warning"]
-    assert "areas go by chance: that of 50 % at 050003ZMAR26 holds 0 % of 9 other clouds" in told
+    assert (
+        "areas depend on chance: that of 50 % at 050003ZMAR26 contains 0 % of 9 other clouds"
+        in told
+    )
     many = {"particles": "2000"}
     told = text.track_facts(drift.track(tmp_path / "c.toml", changes=many))["warning"]
     assert "needs" not in told
-    assert "areas go by chance" not in told
+    assert "areas depend on chance" not in told
 
 
 @pytest.mark.thorough
@@ -1042,7 +1048,7 @@ def test_clouds_that_disagree_on_whether_a_track_is_held_are_told() -> None:
     ):
         many, what = (9 - others.sum(), "no") if own else (others.sum(), "a")
         assert (
-            f"at {when} {many} of 9 clouds of other random numbers hold {what} track" in said
+            f"at {when} {many} of 9 clouds with other random numbers hold {what} track" in said
         ) == (many > 0)
 
 
@@ -1102,8 +1108,8 @@ def test_a_log_that_ends_with_the_case_counts_to_its_end_with_a_path_too(tmp_pat
             found[until, more] = track.held.place[:-2]
             end = "050059ZMAR26" if until == "+59 min" else "050100ZMAR26"
             # the whole of the log is drawn
-            assert map._own(track)[1][-1] == (3540 if until == "+59 min" else 3600)
-            late = f"known at its begin, 050030ZMAR26, and the tracker's log goes on until {end}: what was not seen since counts in the track alone"
+            assert map._tracker_positions(track)[1][-1] == (3540 if until == "+59 min" else 3600)
+            late = f"known at its start, 050030ZMAR26, but the tracker's log continues until {end}: looks since then only affect the track"
             assert (late in text.track_facts(track).get("warning", "")) == bool(more)
         told = json.loads((tmp_path / until / "summary.json").read_text(encoding="utf-8"))
         assert told["inputs"] == f"d.csv: sha256:{hashlib.sha256(rows.encode()).hexdigest()}"

@@ -60,7 +60,7 @@ def test_what_people_lose_has_a_class_and_its_search_object_or_none(
     assert (goes_with and goes_with.words) == searched
     assert commands.main(["objects", *words.split()]) == 0
     printed = " ".join(capsys.readouterr().out.split())
-    assert (searched or "none of the sweep width tables fits; give sweep_width itself") in printed
+    assert (searched or "no sweep width table fits; give sweep_width instead") in printed
 
 
 def test_what_no_class_fits_is_described_in_the_case(capsys: pytest.CaptureFixture[str]) -> None:

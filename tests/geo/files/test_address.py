@@ -323,7 +323,7 @@ def test_signals_end_a_wait_for_a_server(
     assert (
         told.strip()
         .splitlines()[-1]
-        .startswith("drift: interrupted" if status == 130 else "drift: asked to end")
+        .startswith("drift: interrupted" if status == 130 else "drift: terminated on request")
     )
     assert "Traceback" not in told
 

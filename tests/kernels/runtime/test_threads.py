@@ -130,7 +130,7 @@ def test_more_threads_than_cores_are_announced_before_the_run(
     assert commands.main(["run", str(path), "--threads", str(runtime.cores() + 1)]) != 0
     first, *_ = capsys.readouterr().err.splitlines()
     cores = runtime.cores()
-    assert first == f"drift: --threads {cores + 1}: runs on {cores}, all the cores it may use here"
+    assert first == f"drift: --threads {cores + 1}: uses {cores}, all the cores available here"
 
 
 @pytest.mark.thorough
@@ -147,7 +147,7 @@ def test_more_threads_than_cores_are_capped_with_a_word(
     )
     assert (
         made.stderr
-        == f"drift: --threads 1000000000: runs on {runtime.cores()}, all the cores it may use here\n"
+        == f"drift: --threads 1000000000: uses {runtime.cores()}, all the cores available here\n"
     )
     monkeypatch.setattr(chapter, "PICTURES", {})
     monkeypatch.setattr(chapter, "SCENARIO_PICTURES", {})

@@ -206,7 +206,7 @@ def test_results_that_are_not_as_they_were_written_are_made_anew(
     else:
         path.unlink()
         with pytest.raises(
-            UserError, match="is in the way: it is a file that no run of ours lists"
+            UserError, match="is in the way: it is a file that no run of drift lists"
         ):
             drift.run(case, out, resume=True)
         return

@@ -417,7 +417,7 @@ def test_release_and_end_of_trajectories(tmp_path, forecast, tracks, direction):
 
 def test_refused_folders(tmp_path):
     (tmp_path / "file").write_text("x")
-    with pytest.raises(UserError, match="is no folder"):
+    with pytest.raises(UserError, match="is not a folder"):
         writer.check_folder(tmp_path / "file")
     with pytest.raises(UserError, match="cannot write"):
         writer.check_folder(tmp_path / "file" / "out")
@@ -438,7 +438,7 @@ def test_a_run_that_another_has_overtaken_leaves_its_results_alone(tmp_path):
         (tmp_path / "out").mkdir()
         (tmp_path / "out" / "forecast.nc").write_text("the other's")
 
-    with pytest.raises(UserError, match="meanwhile"):
+    with pytest.raises(UserError, match="in the meantime"):
         write_little(tmp_path / "out", pictures={"map.png": meanwhile})
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
     assert (tmp_path / "out" / "forecast.nc").read_text() == "the other's"

@@ -112,11 +112,11 @@ def dying(after: float) -> Iterator[list[str]]:
 
         return step
 
-    dead = (*hidden._self()[:3], str(2**30))  # no process has that number
+    dead = (*hidden._owner_names()[:3], str(2**30))  # no process has that number
     with pytest.MonkeyPatch.context() as patch:
         for name in ("rename", "replace", "unlink", "rmdir", "mkdir", "fsync", "open"):
             patch.setattr(os, name, counted(f"os.{name}", getattr(os, name)))
-        patch.setattr(hidden, "_self", lambda: dead)
+        patch.setattr(hidden, "_owner_names", lambda: dead)
         # it opens nothing to read
         patch.setattr(publication, "open", counted("open", open), raising=False)
         yield done
@@ -275,8 +275,8 @@ OBSTACLES: dict[str, tuple[Callable[[Path], object], str]] = {
     "a folder": (lambda path: path.mkdir(), "a folder"),
     "a link": (lambda path: path.symlink_to("notes.txt"), "a link"),
     "a link to nothing": (lambda path: path.symlink_to("nothing"), "a link"),
-    "a file of somebody": (lambda path: path.write_text("mine"), "no run of ours lists"),
-    "a pipe": (lambda path: os.mkfifo(path), "no run of ours lists"),
+    "a file of somebody": (lambda path: path.write_text("mine"), "no run of drift lists"),
+    "a pipe": (lambda path: os.mkfifo(path), "no run of drift lists"),
 }
 
 
@@ -322,9 +322,9 @@ def test_what_is_in_the_way_is_refused_and_stays(
     with pytest.raises(UserError) as refusal:
         attempt()
     assert name in str(refusal.value) or (
-        meanwhile and name == "manifest.json" and "meanwhile" in str(refusal.value)
+        meanwhile and name == "manifest.json" and "in the meantime" in str(refusal.value)
     )
-    assert words in str(refusal.value) or "meanwhile" in str(refusal.value)
+    assert words in str(refusal.value) or "in the meantime" in str(refusal.value)
     assert {path.name: path.lstat().st_mode for path in folder.iterdir()} == kinds
     assert untouched(folder)
     rest = {key: text for key, text in OLD.items() if key != name}
@@ -401,7 +401,7 @@ def test_of_two_at_once_one_wins_whole_and_the_other_is_told(there: bool, tmp_pa
         assert set(files) == {"map.png", "summary.json", f"{winner}.csv"}
         assert read(folder) == files
         (line,) = told
-        assert "another run has filled it meanwhile" in line
+        assert "another run has filled it in the meantime" in line
         assert hiding(folder, folder.parent) == []
 
 
@@ -448,7 +448,7 @@ def test_a_folder_of_another_machine_is_left_for_a_day(
 
 def test_a_reader_is_told_which_file_is_not_as_the_run_wrote_it(tmp_path: Path) -> None:
     folder = tmp_path / "out"
-    for there, word in ((False, "no such folder"), (True, "has no manifest.json")):
+    for there, word in ((False, "does not exist"), (True, "has no manifest.json")):
         if there:
             folder.mkdir()
         with pytest.raises(UserError, match=word):
@@ -476,9 +476,9 @@ def test_what_came_in_the_way_of_putting_back_is_told_and_stays(tmp_path: Path) 
             break
     (folder / "map.png").write_text("mine")
     for _ in range(2):
-        with pytest.raises(UserError, match=r'"map.png", which is not its own'):
+        with pytest.raises(UserError, match=r'"map.png", which is not one of its files'):
             drift.results(folder)
-        with pytest.raises(UserError, match=r'"map.png", which is not its own'):
+        with pytest.raises(UserError, match=r'"map.png", which is not one of its files'):
             publication.check(folder, True)
     assert (folder / "map.png").read_text() == "mine"
     (folder / "map.png").unlink()

@@ -1,5 +1,5 @@
 "use strict";
-// The desk: lists, the editor, and jobs. All that comes from the server or a case reaches the page as text.
+// The desk: lists, the editor, and jobs. Everything from the server or a case is inserted as text, never as markup.
 (() => {
   const get = (id) => document.getElementById(id);
   const state = { name: null, digest: null, saved: "", jobs: new Map(), checkOf: null, busy: false, timer: 0, stopped: false };
@@ -20,7 +20,7 @@
     try {
       answer = await fetch(path, { ...options, credentials: "same-origin", cache: "no-store" });
     } catch {
-      throw new Error("drift serve does not answer: it has ended, or stands still. Start it again and open the address that it prints.");
+      throw new Error("drift serve does not answer: it has ended or hangs. Start it again and open the address that it prints.");
     }
     const told = await answer.json().catch(() => ({ error: `the server answered ${answer.status}` }));
     if (!answer.ok) throw Object.assign(new Error(told.error), { status: answer.status });
@@ -37,7 +37,7 @@
     }
   };
 
-  // Times and sizes as people read them.
+  // Times and sizes as text.
   const when = (iso) => iso.replace("T", " ").replace(/:\d\dZ?$/, "") + (iso ? "Z" : "");
   const bytes = (n) => (n < 1e3 ? `${n} B` : n < 1e6 ? `${Math.round(n / 1e3)} kB` : `${(n / 1e6).toFixed(1)} MB`);
   const span = (s) => (s < 90 ? `${Math.round(s)} s` : `${Math.round(s / 60)} min`);
@@ -51,7 +51,7 @@
     const empty = (words) => [make("li", { class: "soft" }, words)];
     const cases = told.cases.map((one) =>
       make("li", {}, make("button", { type: "button", class: "link", onclick: () => open(one.name) }, one.name), " ", make("span", {}, one.title)));
-    get("cases").replaceChildren(...(cases.length ? cases : empty("No case yet: begin with one of those below, or write one.")));
+    get("cases").replaceChildren(...(cases.length ? cases : empty("No case yet: start from one of those below, or write one.")));
     if (!cases.length) get("shipped-box").open = true;
     get("shipped").replaceChildren(...told.shipped.map((one) =>
       make("li", {}, make("button", { type: "button", onclick: () => copy(one.name), "aria-label": `Use a copy of ${one.name}` }, "Use a copy"), " ",
@@ -129,7 +129,7 @@
     event.preventDefault();
     const given = get("new-name").value.trim();
     const plain = given.replace(/\.toml$/, "");
-    get("new-said").textContent = plain ? "" : "A case needs a name: write one, such as my_case, then press Write one.";
+    get("new-said").textContent = plain ? "" : "A case needs a name: enter one, such as my_case, then press Write one.";
     get("new-name").setAttribute("aria-invalid", !plain);
     if (!plain) return get("new-name").focus();
     if (!leave()) return;
@@ -171,7 +171,7 @@
         get("checked").replaceChildren(make("p", {}, "Checking ..."));
         say("");
       } else {
-        say(`${kind} asked for: see Work, below.`);
+        say(`${kind} started: see Work, below.`);
       }
       poll();
     } finally {
@@ -198,7 +198,7 @@
   function checked(job) {
     const wrong = mistakes(job);
     if (job.state === "done") {
-      get("checked").replaceChildren(make("h3", {}, "In order: this is how it was understood"), make("pre", { tabindex: 0, role: "region", "aria-label": "How the case was understood" }, job.lines.join("\n")));
+      get("checked").replaceChildren(make("h3", {}, "Valid: this is how the case is interpreted"), make("pre", { tabindex: 0, role: "region", "aria-label": "How the case is interpreted" }, job.lines.join("\n")));
     } else if (job.state === "cancelled") {
       get("checked").replaceChildren(make("p", {}, "The check was cancelled."));
     } else {

@@ -1,8 +1,8 @@
 "use strict";
-// Meridians and parallels of what is in view, each with steps of its own, which OpenLayers' graticule has not: near a pole
-// meridians would stand as close as parallels.
+// Meridians and parallels of the view, each with its own step, which OpenLayers' graticule does not support: near a pole
+// meridians would be as dense as parallels.
 const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 2700]; // arc minutes
-const LINES = 7; // at most in each direction
+const LINES = 7; // most in each direction
 
 function degrees(value, digits, positive, negative) {
   const tenths = Math.round(Math.abs(value) * 600), whole = Math.floor(tenths / 600), rest = (tenths % 600) / 10;

@@ -39,7 +39,7 @@ function matches(feature, where) {
   return Object.entries(where).every(([name, value]) => (Array.isArray(value) ? value : [value]).includes(feature.get(name)));
 }
 
-// Whether a shape is there at a time, and how: "gone", "there", "now".
+// Whether a shape is shown at a time, and how: "gone" (hidden), "there" (normal), "now" (bold).
 function presence(feature, { when, span }, time) {
   if (when === "always") return "there";
   const [begin, end] = span.map(name => epoch(feature.get(name) || feature.get("time")));
@@ -49,9 +49,9 @@ function presence(feature, { when, span }, time) {
   return when === "during" && time < end ? "now" : "there";
 }
 
-const SEQUENCE = ["#d7b5e8", "#b77fd4", "#9650bb", "#76289c", "#4a0d67"]; // of graded shapes, from the least
+const SEQUENCE = ["#d7b5e8", "#b77fd4", "#9650bb", "#76289c", "#4a0d67"]; // colours of graded shapes, from the smallest value
 
-// Values by time and key of a table that grades shapes, and the largest: {at: {time: {key: value}}, most}.
+// Values by time and key of a table that grades shapes, and their maximum: {at: {time: {key: value}}, most}.
 function grades({ file, key, column }, files) {
   const table = files.table(file), [when, which, what] = ["time", key, column].map(name => table.header.indexOf(name));
   const found = { at: new Map(), most: 1e-12 };
@@ -108,17 +108,17 @@ function shapes(leaf, files, map, order) {
   };
 }
 
-// Points by their weight: the heaviest that hold half of it all, then those that hold up to these shares. How large and how opaque
-// each class is, as shares of the look's: thousands of cells that hold next to nothing do not hide the few that matter.
+// Classes of points by cumulative weight, heaviest first: up to half of the total, then up to these shares. Size and opacity of each
+// class are relative to the look: thousands of cells with almost no weight must not hide the few that matter.
 const HELD = [0.5, 0.75, 0.9, 0.97], SIZES = [1.5, 1.1, 0.8, 0.6, 0.45], OPAQUE = [1, 0.8, 0.55, 0.35, 0.18];
 
-// The class of each of some weights, 0 of those that hold the first of the shares.
+// The class of each weight; 0: the heaviest, up to the first of the shares.
 function classes(weights) {
   const order = weights.map((weight, k) => k).sort((a, b) => weights[b] - weights[a]), made = [];
   const whole = weights.reduce((sum, weight) => sum + weight, 0);
   let held = 0;
   for (const k of order) {
-    made[k] = HELD.filter(share => held >= share * whole).length; // by what those before it hold: the heaviest is always of the first
+    made[k] = HELD.filter(share => held >= share * whole).length; // by the sum of those before it: the heaviest is always in the first class
     held += weights[k];
   }
   return made;
@@ -137,7 +137,7 @@ function points(leaf, files, map, order) {
   });
   const source = new ol.source.Vector({ wrapX: false });
   let styles = [];
-  every.sort((a, b) => b.get("size") - a.get("size")); // the heaviest over the others
+  every.sort((a, b) => b.get("size") - a.get("size")); // the heaviest are drawn on top
   const layer = vector(source, feature => styles[feature.get("size")], order);
   return {
     ...leaf, layer, every,
@@ -214,7 +214,7 @@ function sample(leaf, files, map, order) {
   };
 }
 
-// Arrows of a flow: an arrow of FULL pixels is the fastest of all times.
+// Arrows of a flow: FULL pixels is the length of the fastest of all times.
 const FULL = 34;
 
 function arrows(leaf, files, map, order) {
@@ -266,7 +266,7 @@ function arrows(leaf, files, map, order) {
   };
 }
 
-// Maps of probability: bytes of the time and story, drawn by looking up the cell under each pixel.
+// Probability maps: the bytes of a time and scenario, drawn by looking up the cell under each pixel.
 function maps(leaf, files, map, order) {
   const kept = new Map();
   async function cells(which, k) {
@@ -286,7 +286,7 @@ function maps(leaf, files, map, order) {
   let frame = null, held = null, colours = null, now = null, top = 1, index = null, indexed = "", asked = 0;
   const canvas = document.createElement("canvas"), context = canvas.getContext("2d");
 
-  // The cell under each pixel, -1 outside: rows and columns by themselves where the projection allows.
+  // The cell under each pixel, -1 outside; rows and columns are computed separately if the projection allows.
   function look(extent, wide, high) {
     const key = [extent, wide, high].join();
     if (key === indexed) return;
@@ -331,19 +331,19 @@ function maps(leaf, files, map, order) {
     async update(next) {
       const k = leaf.time.indexOf(next.time), mine = ++asked, story = Math.min(next.story, leaf.density.length - 1);
       const found = k < 0 ? [null, null] : await Promise.all([cells(story, k), leaf.containment && !story ? cells("containment", k) : null]);
-      if (mine !== asked) return; // another was asked for meanwhile
+      if (mine !== asked) return; // a newer update has been requested
       now = { ...next, story };
       [frame, held] = found;
       top = k < 0 ? 1 : leaf.top[k];
       if (now.story && frame) {
-        const scale = leaf.density[now.story]; // a story's colours end with its own densest cells
+        const scale = leaf.density[now.story]; // a scenario's colour scale ends with its own densest cells
         top = Math.min(top, unpack.density(scale, frame.values.reduce((a, b) => Math.max(a, b), 0)));
       }
       colours = shading(now.theme);
       source.changed();
     },
     scale: () => ({ colours, top: top * NMI * NMI }),
-    // What stands at a position [deg]: density [1/nmi2], and the smallest share whose area holds it.
+    // The values at a position [deg]: density [1/nmi2], and the smallest share whose area contains it.
     at([x, y]) {
       const r = row(y), c = column(x);
       if (!frame || r < 0 || c < 0 || r >= lat.size || c >= lon.size) return null;

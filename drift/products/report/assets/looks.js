@@ -1,5 +1,5 @@
 "use strict";
-// How shapes are drawn: what is told apart by colour is told apart by its dashes or its symbol too.
+// How shapes are drawn: kinds differ in dashes or symbol, not only in colour.
 const INKS = {
   light: { area: "#0b4f8a", search: "#003b36", contact: "#a30052", track: "#111111", datum: "#8a5a00", ashore: "#7a1fa2", start: "#c62828", way: "#1b5e20",
     lane: "#1f4e8c", plan: "#7a3b00", grey: "#55606b", current: "#00629b", wind: "#4a4a4a", halo: "#ffffff", ink: "#1b2733" },
@@ -48,7 +48,7 @@ function tinted(text, share) {
   return `rgba(${rgb(text).join(",")},${share})`;
 }
 
-// 256 colours of shading, as ABGR of a little-endian canvas; on a dark page the densest is the lightest.
+// 256 colours of shading, as ABGR of a little-endian canvas; on a dark page the densest cells are the lightest.
 function shading(theme) {
   const colours = new Uint32Array(256), list = theme === "dark" ? [...SHADES].reverse() : SHADES;
   for (let k = 0; k < 256; k++) {
@@ -61,7 +61,7 @@ function shading(theme) {
 }
 
 function symbol(kind, size, stroke, fill) {
-  const shared = { stroke, fill, declutterMode: "none" }; // a symbol stays, and does not hide its own name
+  const shared = { stroke, fill, declutterMode: "none" }; // a symbol always stays, and does not hide its own name
   if (kind === "circle") return new ol.style.Circle({ radius: size, stroke, declutterMode: "none" });
   if (kind === "dot") return new ol.style.Circle({ radius: size, fill, declutterMode: "none" });
   if (kind === "plus" || kind === "cross")
@@ -69,7 +69,7 @@ function symbol(kind, size, stroke, fill) {
   return new ol.style.RegularShape({ points: 4, radius: size, angle: kind === "square" ? Math.PI / 4 : 0, ...shared });
 }
 
-// A band whose middle is the ink (share 0) to the halo (1): what is thin under it stays seen.
+// A band whose middle goes from the ink (share 0) to the halo (1), so that thin lines under it stay visible.
 function banded(look, theme, share) {
   const made = LOOKS[look], inks = INKS[theme], [ink, halo] = [inks[made.ink], inks.halo].map(rgb);
   const middle = `rgb(${ink.map((value, k) => Math.round(value + share * (halo[k] - value))).join(",")})`;
@@ -95,7 +95,7 @@ function styled(look, now) {
   return styles;
 }
 
-// Where the name of a shape stands: once, however many parts it has.
+// The position of a shape's name: one, however many parts it has.
 function nameplate(geometry) {
   const kind = geometry.getType();
   if (kind === "Point") return geometry;
@@ -112,7 +112,7 @@ function lettered(text, colour, halo, along) {
   });
 }
 
-// A look as it stands in the list of layers.
+// The symbol of a look in the list of layers.
 function swatch(canvas, look, theme) {
   const made = LOOKS[look], context = canvas.getContext("2d"), ink = INKS[theme][made.ink];
   const [wide, high] = [canvas.width, canvas.height];

@@ -1,5 +1,5 @@
 "use strict";
-// The page: what is shown of which time, the pointer, tables and files.
+// The page: the time that is shown, the pointer, tables and files.
 (async () => {
   const get = id => document.getElementById(id);
   const data = JSON.parse(get("data").textContent);
@@ -13,7 +13,7 @@
   };
   const files = { json: name => once(name, JSON.parse), table: name => once(name, unpack.table), text: name => texts.get(name) };
 
-  // What stands above and below.
+  // Header and footer.
   get("title").textContent = data.title;
   if (data.caution) {
     get("caution").textContent = data.caution;
@@ -38,7 +38,7 @@
 
   const grid = graticule(map, view, chart);
   const ORDER = { maps: 1, shapes: 10, points: 12, arrows: 14, sample: 13, track: 16 };
-  const over = leaf => (leaf.label ? 5 : leaf.look === "coast" ? 2.5 : 0); // names over all; the coast in areas over what is ashore
+  const over = leaf => (leaf.label ? 5 : leaf.look === "coast" ? 2.5 : 0); // names on top; coastal areas above stranded cells
   const layers = data.leaves.filter(leaf => LAYERS[leaf.leaf]).map((leaf, k) => LAYERS[leaf.leaf](leaf, files, map, ORDER[leaf.leaf] + over(leaf) + k / 100))
     .filter(one => one.every.length || one.ready || one.leaf === "maps");
   for (const one of layers) {
@@ -48,8 +48,8 @@
   const raster = layers.find(one => one.leaf === "maps");
   const times = raster ? raster.time : [...new Set(layers.flatMap(one => one.time || []))].sort((a, b) => a - b);
 
-  // The state, and what follows from it.
-  // It opens at the output nearest to the time that is asked for, else at the last.
+  // The state, and everything derived from it.
+  // The page opens at the output nearest to the requested time, else at the last one.
   const off = k => Math.abs(times[k] - data.opens);
   const first = data.opens === null ? times.length - 1 : times.reduce((best, time, k) => off(k) < off(best) ? k : best, 0);
   const state = { index: Math.max(0, first), story: 0, playing: false };
@@ -81,7 +81,7 @@
     await painted();
   }
 
-  // What the map shows, in a sentence, from the tables that go by time.
+  // A sentence on what the map shows, from the tables with a time column.
   function sentence(time) {
     const parts = [];
     for (const leaf of data.leaves.filter(one => one.leaf === "table" && one.by_time && one.file)) {
@@ -110,7 +110,7 @@
     place.append(element("div", `${raster.title}, % per nmi²`), canvas, ticks);
   }
 
-  // Pointer, finger or the middle of the map.
+  // The position under the pointer or finger, or the centre of the map.
   let aimed = null;
   function tellReadout() {
     if (!aimed) return;
@@ -214,7 +214,7 @@
   get("slider").addEventListener("input", () => show(Number(get("slider").value)));
   get("before").addEventListener("click", () => show(state.index - 1));
   get("after").addEventListener("click", () => show(state.index + 1));
-  const PAUSE = 450; // [ms] that an output is shown while it plays
+  const PAUSE = 450; // [ms] that each output is shown during playback
   async function play() {
     while (state.playing) {
       const begun = performance.now();
@@ -288,7 +288,7 @@
     show(state.index);
   });
 
-  // The begin: all that matters in view.
+  // Initial view: all framed layers.
   const rings = unpack.land(JSON.parse(await packedLand), (west + east) / 2);
   theLand.getSource().addFeatures(rings.map(polygon => new ol.Feature(new ol.geom.Polygon(polygon.map(ring => ring.map(map.forward))))));
   paint();
@@ -299,6 +299,6 @@
   view.fit(framed, { padding: [30, 30, 30, 30], minResolution: 5 });
   await show(state.index);
   Promise.all(layers.map(one => one.ready).filter(Boolean)).then(() => show(state.index));
-  window.report = { show, state, times, layers, chart, map, view }; // for tests, and for whoever wants to script the page
+  window.report = { show, state, times, layers, chart, map, view }; // for tests, and for scripts that use the page
   document.documentElement.dataset.ready = "yes";
 })();

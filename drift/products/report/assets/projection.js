@@ -1,6 +1,6 @@
 "use strict";
-// The map's projection on a sphere, centred on the run, so that no map has a seam at 180 degrees: Mercator, or near a pole and
-// for half of the Earth and more Lambert's azimuthal equal-area projection (Snyder 1987, eqs. 7-1 and 24-2 to 24-4, 20-14).
+// The map's projection on a sphere, centred on the run, so that no map has a seam at 180 degrees: Mercator, or, near a pole and
+// for maps of half of the Earth or more, Lambert's azimuthal equal-area projection (Snyder 1987, eqs. 7-1 and 24-2 to 24-4, 20-14).
 const R = 6371008.8, RAD = Math.PI / 180, NMI = 1852;
 
 function near(lon, middle) {

@@ -1,5 +1,5 @@
 "use strict";
-// How values are written, and tables made of them. All text goes into the page as text, never as markup.
+// Number formats, and tables. All text is inserted as text, never as markup.
 const MONTHS = ["JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC"];
 
 function element(kind, words = "", options = {}) {
@@ -20,7 +20,7 @@ function group(epoch) {
   return `${two(when.getUTCDate())}${two(when.getUTCHours())}${two(when.getUTCMinutes())}Z${MONTHS[when.getUTCMonth()]}${short}`;
 }
 
-// Seconds since 1970 of an ISO time, NaN of none.
+// Seconds since 1970 of an ISO time; NaN for an empty one.
 function epoch(text) {
   return text ? Date.parse(text) / 1000 : NaN;
 }
@@ -52,13 +52,13 @@ function percent(value) {
   return text === "100.0" ? "> 99.9 %" : `${text} %`;
 }
 
-// By the third member of a column: how its values are written; "words" and "time" stand to the left.
+// Format by the third member of a column; "words" and "time" are left-aligned.
 const FORMS = {
   words: value => value === true ? "yes" : value === false ? "no" : String(value),
   time: value => group(epoch(value)),
   share: value => percent(Number(value)),
   number: value => significant(Number(value)),
-  stated: value => Number(Number(value).toPrecision(12)).toLocaleString("en", { maximumFractionDigits: 12 }), // by the case
+  stated: value => Number(Number(value).toPrecision(12)).toLocaleString("en", { maximumFractionDigits: 12 }), // as stated in the case
   count: value => Math.round(Number(value)).toLocaleString("en"),
   nmi2: value => `${significant(Number(value))} nmi²`,
   factor: value => `× ${significant(Number(value))}`,
@@ -70,16 +70,16 @@ function written(value, form) {
   return nothing || (!LEFT.has(form) && !Number.isFinite(Number(value))) ? "–" : FORMS[form](value);
 }
 
-const WHOLE = 400; // rows shown of a table; the file has all
+const WHOLE = 400; // most rows shown of a table; the file has all
 
-// A leaf's table; file: of unpack.table, null where the leaf has rows of its own; picked(epoch): a row of a time is chosen.
+// A leaf's table. file: result of unpack.table, null if the leaf has its own rows; picked(epoch): called when a row with a time is chosen.
 function tabled(leaf, file, picked) {
   const place = file ? leaf.columns.map(([name]) => file.header.indexOf(name)) : leaf.columns.map((_, k) => k);
   const timed = file && leaf.by_time ? file.header.indexOf(leaf.by_time) : -1;
   let rows = file ? file.rows : leaf.rows;
   for (const [name, value] of Object.entries(leaf.where)) {
     const column = file.header.indexOf(name);
-    const wanted = new Set([value].flat()); // a value, or a list of them for any of these
+    const wanted = new Set([value].flat()); // a value, or a list of allowed values
     rows = rows.filter(row => wanted.has(row[column]));
   }
   const made = element("table"), head = element("tr"), body = element("tbody");

@@ -15,14 +15,14 @@ const unpack = (() => {
     return new Float32Array((await bytes(text)).buffer);
   }
 
-  // One map of bytes, each told as its difference from the one above it, modulo 256: {row, column, rows, columns, values}.
+  // One map of bytes, each stored as the difference from the one above it, modulo 256: {row, column, rows, columns, values}.
   async function frame([row, column, rows, columns, text]) {
     const values = rows * columns ? await bytes(text) : new Uint8Array(0);
     for (let k = columns; k < values.length; k++) values[k] = (values[k] + values[k - columns]) & 255;
     return { row, column, rows, columns, values };
   }
 
-  // What a byte of a map of densities, or of shares, stands for.
+  // The value of a byte in a map of densities or of shares.
   function density(scale, q) {
     return q ? scale.most * 10 ** (scale.decades * ((q - 1) / (scale.levels - 1) - 1)) : 0;
   }
