@@ -1,11 +1,10 @@
-"""The particles at some times -> what a planner reads: maps, containment areas, contours, mean
-tracks.
+"""Builds the forecast products from the particles: maps, containment areas, contours, mean tracks.
 
-Everything here is float64 NumPy on fixed-point deposits, in one order: the same snapshots give the
-same bits on any number of threads. A map holds the object adrift or ashore; what is outside the
-forcing, has left, sunk or is not yet released is in the account (`status_probability`, which adds
-up to 1) but on no map. Longitudes run on over the antimeridian, from the grid's western edge
-eastward. The particles are read part by part: drift.engine.particles.snapshot.
+Computations are float64 NumPy on fixed-point deposits in a fixed order, so the same snapshots give
+the same bits on any number of threads. A map covers the object adrift or ashore. Particles outside
+the forcing, departed, sunk or not yet released are counted in `status_probability`, which adds up
+to 1, but are on no map. Longitudes continue across the antimeridian, eastward from the grid's
+western edge. The particles are read part by part (drift.engine.particles.snapshot).
 """
 
 from collections import deque
@@ -35,7 +34,7 @@ from geo.errors import UserError
 T = TypeVar("T")
 R = TypeVar("R")
 
-AT_ONCE = 2  # maps that are made at the same time: each holds some 50 MB meanwhile
+AT_ONCE = 2  # maps computed at the same time, some 50 MB each
 ACROSS = 360  # most cells across the forecast's grid
 ACROSS_ONE = 840  # most cells across the finer grid of a single snapshot
 MOST_ONE = 1_500_000  # most cells of a snapshot on a grid of the user's own
@@ -44,9 +43,7 @@ METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [binary angle unit] along a meridia
 
 @dataclass(frozen=True)
 class Contour:
-    """Outline of the smallest area that holds a share of the probability at a time [deg,
-    unwrapped].
-    """
+    """Outline [deg, unwrapped] of the containment area of a share at one time."""
 
     time: np.datetime64
     share: float
@@ -56,7 +53,9 @@ class Contour:
 
 @dataclass(frozen=True)
 class Forecast:
-    """All products: `data` is what forecast.nc holds (see drift.forecast.products.dataset)."""
+    """All forecast products; `data` is the content of forecast.nc
+    (drift.forecast.products.dataset).
+    """
 
     data: xr.Dataset
     contours: tuple[Contour, ...]
@@ -67,29 +66,24 @@ class Forecast:
         return self.data["probability"]
 
     def containment_at(self, time: np.datetime64, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
-        """Return the smallest share of the probability whose area holds each of some points [deg],
-        (n,).
-
-        See drift.forecast.containment.
-        """
+        """Return the containment at points [deg], (n,): see drift.forecast.containment."""
         return containment.containment_at(self.data, time, lon, lat)
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Shares of the probability whose areas it gives, ascending."""
+        """Shares of the containment areas, ascending."""
         return tuple(float(share) for share in self.data["share"].values)
 
     @property
     def ends(self) -> tuple[float, ...]:
-        """The smallest and the largest of the shares: a small map has room for these."""
+        """The smallest and the largest share, which small maps show."""
         return tuple(dict.fromkeys((self.shares[0], self.shares[-1])))
 
 
 @dataclass(frozen=True)
 class _Laid:
-    """What a snapshot leaves in its own cells, and which of these are land (nlat, nlon);
-
-    None where none is.
+    """A snapshot's deposits in its own cells, and which of these are land, (nlat, nlon); None
+    without land.
     """
 
     cells: Cells
@@ -106,13 +100,18 @@ def build_forecast(
     grid: Cells | None = None,
     tell: Callable[[float], None] = lambda share: None,
 ) -> Forecast:
-    """Return the products of the particles at some times.
+    """Return the forecast products of the particles at some times.
 
-    scenarios: names, in order of their numbers. is_land: int32 binary angles (lon, lat), each (n,)
-    -> bool (n,); particles' own cells always count as reachable. shares: whose areas are asked for,
-    ascending. grid: of the forecast; by default it follows the particles. Maps are made on cells
-    that divide its cells, as far as there is anything: areas and containment count what lies
-    outside it. tell: takes the share that is done.
+    Args:
+        outputs: the particles at each time.
+        scenarios: names, in order of their numbers.
+        is_land: takes int32 binary angles (lon, lat), each (n,), and returns bool (n,); cells that
+            hold particles always count as reachable.
+        shares: of the containment areas, ascending.
+        grid: of the forecast; None: it follows the particles. Maps are computed on subdivisions of
+            its cells wherever there are particles, so areas and containment include probability
+            outside the grid.
+        tell: takes the share of the work that is done.
     """
     return _begun(outputs, scenarios, is_land, shares, grid, ahead=False)(tell)
 
@@ -125,11 +124,11 @@ def begin(
     shares: tuple[float, ...] = SHARES,
     grid: Cells | None = None,
 ) -> Callable[..., Forecast]:
-    """Return a function that does the rest of `build`, in any thread; what it is given takes the
-    share that is done.
+    """Return a function that completes `build_forecast`, in any thread; its argument reports
+    progress.
 
-    The particles are read, and `is_land`, which may need the device, is called before it is
-    returned.
+    The particles are read, and `is_land` is called (it may need the device), before this returns.
+    The arguments are those of `build_forecast`.
     """
     return _begun(outputs, scenarios, is_land, shares, grid, ahead=True)
 
@@ -142,10 +141,10 @@ def _begun(
     grid: Cells | None,
     ahead: bool,
 ) -> Callable[..., Forecast]:
-    """Return what `begin` does; ahead: whether what all snapshots leave in cells is read before it
-    is returned.
+    """Return the function of `begin`.
 
-    Else that takes its turn before each map, so that memory does not grow with it.
+    ahead: whether all deposits are computed before this returns. Otherwise they are computed before
+    each map, so that memory does not grow with the number of maps.
     """
     surveys = [survey.survey_output(output, len(scenarios)) for output in outputs]
     centre, shown = _reference(surveys), _shown(surveys)
@@ -188,9 +187,7 @@ def _begun(
 def _in_turn(
     pool: ThreadPoolExecutor, function: Callable[[T], R], items: Iterable[T]
 ) -> Iterator[R]:
-    """Yield what a function makes of some items, in their order; one of these at most is asked for
-    before its turn.
-    """
+    """Yield the results of a function in the order of its items, computing at most one ahead."""
     waiting: deque[Future[R]] = deque()
     for item in items:
         waiting.append(pool.submit(function, item))
@@ -201,8 +198,8 @@ def _in_turn(
 
 
 def grid_of(outputs: Sequence[Output], scenarios: int) -> Cells:
-    """Return the grid that `build` would choose for some outputs, of cells that it can be given
-    again.
+    """Return the grid that `build_forecast` would choose for some outputs, in a form that can be
+    given again.
     """
     surveys = [survey.survey_output(output, scenarios) for output in outputs]
     centre = _reference(surveys)
@@ -218,14 +215,14 @@ def grid_of(outputs: Sequence[Output], scenarios: int) -> Cells:
 
 
 def _shown(surveys: Sequence[Survey]) -> Shown:
-    """Return which scenarios have maps of their own, as `dataset.shown` will of what is made of
-    these outputs.
+    """Return which scenarios have maps of their own, consistent with `dataset.shown` for these
+    outputs.
     """
     return likeliest.likeliest_scenarios([known.scenario for known in surveys])
 
 
 def _reference(surveys: Sequence[Survey]) -> int:
-    """Return the longitude [binary angle] round which to unwrap: that of the mean position at all
+    """Return the longitude [binary angle] around which to unwrap: that of the mean position at all
     times.
     """
     x, y = np.sum([known.direction for known in surveys], axis=0)
@@ -233,9 +230,7 @@ def _reference(surveys: Sequence[Survey]) -> int:
 
 
 def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | None], Cells]:
-    """Return each snapshot's own cells and the common ones; the former divide the latter by powers
-    of two.
-    """
+    """Return each snapshot's own cells and the common cells, which they divide by powers of two."""
     present = [own for own in clouds if own is not None]
     if not present:
         return [None] * len(clouds), Cells(centre, 0, 2**12, 2**12, 1, 1)
@@ -291,7 +286,7 @@ def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | 
 
 
 def _fixed(clouds: Sequence[Cloud | None], centre: int, grid: Cells) -> list[Cells | None]:
-    """Return each snapshot's own cells, which divide those of a given grid by powers of two."""
+    """Return each snapshot's own cells, which divide the cells of a given grid by powers of two."""
     middle = grid.lon0 + grid.nlon * grid.width // 2
     offset = (
         (centre - middle + sphere.TURN // 2) % sphere.TURN - sphere.TURN // 2 + middle - grid.lon0
@@ -325,14 +320,12 @@ def _fixed(clouds: Sequence[Cloud | None], centre: int, grid: Cells) -> list[Cel
 
 
 def _wanted(of: Cloud) -> float:
-    """Return the size of cells [binary angle unit] that is fine enough for an output's densest
-    particles.
-    """
+    """Return the cell size [binary angle unit] that resolves an output's densest part."""
     return max(of.spacing / 2.5, 0.2 * METRE)
 
 
 def _span(low: int, high: int, cell: int, reach: float) -> tuple[int, int]:
-    """Return the first and the last + 1 cell of an extent with its margin; reach: of a kernel
+    """Return the first cell and the last + 1 of an extent with its margin; reach: of a kernel
     beyond it.
     """
     margin = reach + 0.04 * (high - low)
@@ -340,21 +333,17 @@ def _span(low: int, high: int, cell: int, reach: float) -> tuple[int, int]:
 
 
 def _within(first: int, last: int, cell: int, low: int, high: int) -> tuple[int, int]:
-    """Return a range of cells, cut to those that hold any of [low, high): a part of a cell counts
-    as a cell.
-    """
+    """Return a range of cells, clipped to those that overlap [low, high)."""
     return max(first, low // cell), min(last, -(-high // cell))
 
 
 def _whole_turn(width: int) -> int:
-    """Return how many columns go round the Earth; the last may hold a part of what the first does."""
+    """Return how many columns go round the Earth; the last may overlap the first."""
     return -(-sphere.TURN // width)
 
 
 def _halved(height: int, fine: float, across: int, most: int) -> int:
-    """Return how often to halve cells until they are fine enough, at most to ACROSS_ONE of them
-    across.
-    """
+    """Return how often to halve cells until they are fine enough; `most` and ACROSS_ONE limit it."""
     k = 0
     while height / 2**k > 1.4 * fine and k < most and across * 2 ** (k + 1) <= ACROSS_ONE:
         k += 1
@@ -401,8 +390,8 @@ class _Land:
 def _map(
     laid: _Laid, shares: tuple[float, ...], common: Cells
 ) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
-    """Return the map of one snapshot on its own cells, which divide `common`, and the outlines of
-    its areas.
+    """Return the map of one snapshot on its own cells, which divide `common`, and its areas'
+    outlines.
     """
     media, k = (
         media_of(laid.deposits, laid.cells.shape, laid.land),
@@ -415,13 +404,13 @@ def _map(
 def media_of(
     deposits: areas.Deposits, shape: tuple[int, int], land: Array | None
 ) -> list[density.Medium]:
-    """Return where the object can be adrift, in water that holds a particle, and ashore, along its
-    shoreline.
+    """Return the medium of particles adrift (water near a particle) and of those ashore (the
+    shoreline).
     """
     mass = deposits.mass.sum(axis=0)
     if land is None:
         return [density.medium(np.ones(shape, bool))] * len(mass)
-    # a kernel reaches across a spit, but not into a bay that holds nobody
+    # a kernel reaches across a spit, but not into a bay without particles
     basins, count = ndimage.label(~land)
     holds = np.zeros(count + 1, bool)
     holds[np.unique(basins.ravel()[deposits.cells])] = True

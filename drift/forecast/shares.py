@@ -1,4 +1,4 @@
-"""Shares of the probability whose areas a forecast gives: output.areas of a case, in percent."""
+"""Shares of the containment areas of a forecast: `output.areas` of a case, in percent."""
 
 SHARES = (0.5, 0.75, 0.95)  # used where a case names none
 MOST = 6  # lines that a map can tell apart
@@ -6,7 +6,9 @@ LEAST, LARGEST = 1.0, 99.9  # [%], of areas that particles can resolve
 
 
 def percents(value: object) -> tuple[float, ...]:
-    """Return percentages, ascending; raise ValueError where a value is no list of areas."""
+    """Return percentages, ascending; raise ValueError if the value is not a list of allowed
+    percentages.
+    """
     if not isinstance(value, list | tuple) or not all(
         isinstance(v, int | float) and v is not True for v in value
     ):

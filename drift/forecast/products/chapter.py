@@ -1,7 +1,4 @@
-"""What a forecast hands out: maps over time, tracks, tables, shapes for a GIS, and two pictures.
-
-The tracks are those of a subsample.
-"""
+"""The outputs of a forecast: maps by time, tracks of a subsample, tables, GIS shapes and pictures."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,7 +17,7 @@ from drift.products.maps.imprint import Setting
 
 @dataclass(frozen=True)
 class ForecastOutputs:
-    """What the files and pictures are made from."""
+    """The inputs of the forecast's files and pictures."""
 
     forecast: Forecast
     tracks: Trajectories
@@ -76,7 +73,7 @@ SCENARIO_PICTURES: dict[str, Callable[[ForecastOutputs, Path], None]] = {  # of 
 
 
 def chapter(matter: ForecastOutputs) -> Chapter:
-    """Return the chapter of a forecast."""
+    """Return the output bundle of a forecast."""
     several = matter.forecast.data.sizes["scenario"] > 1
     return Chapter(
         tables.summary_of_forecast(matter.forecast, matter.setting.opens),
