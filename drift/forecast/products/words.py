@@ -49,9 +49,9 @@ def steers(data: Any) -> bool:
 
 
 def afloat(at: Any) -> str:
-    """Return the word for moving particles at a time: adrift, under way, or both.
+    """Return the word for moving particles at a time: "adrift", "under way", or both.
 
-    If none moves, it is the word of the time before.
+    Where targets steer and nothing moves, it is "under way".
     """
     if not steers(at):
         return "adrift"
