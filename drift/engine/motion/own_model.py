@@ -28,11 +28,11 @@ from kernels.step import prior as draws
 
 # columns that hold the parameters, in their order
 COLUMNS = ("down_slope", "down_offset", "right_slope", "right_offset")
-SPARE = "left_offset"  # that nothing reads
-CURRENTS = (0.0, 1.0, 2.5)  # [m/s] in which a function is asked how fast it goes through the water
+SPARE = "left_offset"  # leeway column that this model does not read
+CURRENTS = (0.0, 1.0, 2.5)  # [m/s] currents in which a function's highest speed is evaluated
 DIRECTIONS = np.radians(np.arange(0, 360, 45))
-WINDS = 24  # speeds of the wind, from none to the greatest, at which it is asked
-WAVES = (0.0, 0.02)  # their Stokes drift as shares of the wind
+WINDS = 24  # number of wind speeds, from 0 to the highest, for that evaluation
+WAVES = (0.0, 0.02)  # Stokes drift as shares of the wind, for that evaluation
 LATITUDES = np.radians([-75.0, -45.0, -15.0, 0.1, 15.0, 45.0, 75.0])
 
 

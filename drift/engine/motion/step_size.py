@@ -35,9 +35,9 @@ TRIAL_SIZE = 1000
 # at one hour is up to 3.5 km off
 SLIDES = 600
 WINDOW = 86_400  # [s] over which an error is measured
-WINDOWS = 4  # most windows: those of a longer run lie apart, evenly from its begin to its end
+WINDOWS = 4  # most windows; in a longer run they are evenly spaced from begin to end
 DAY = 86_400
-HALF_TURN = 180.0  # [deg] cells as wide as that are of a current that is the same everywhere
+HALF_TURN = 180.0  # [deg] cell width of a uniform current
 
 
 @dataclass(frozen=True)
