@@ -100,7 +100,7 @@ def spread(
     return total
 
 
-def _choose(
+def _choose_bandwidth(
     cells: Array,
     halves: list[tuple[Array, Array]],
     media: Sequence[density.Medium],
@@ -159,7 +159,7 @@ def _choose(
     ) > -2 else None
 
 
-def _calibrated(mass: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
+def _calibrate_both(mass: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
     """Return the calibrations of a map and of its sums over k by k cells, at density.KNOTS, (2,
     knots).
 
@@ -229,7 +229,7 @@ def build_area(
             for i in (0, 2)
         ]
         # At the same bandwidth all particles put twice as many into a kernel as half of them.
-        m, more = _choose(held, halves, media, max(m / 2, 2.0), more)
+        m, more = _choose_bandwidth(held, halves, media, max(m / 2, 2.0), more)
         m *= 2
         calibrations = []
         for unseen, their_squares in zip(deposits.mass, deposits.squares, strict=True):
@@ -238,7 +238,7 @@ def build_area(
                 guides_of(held, mass - unseen, squares - their_squares, media),
             )
             rest = spread(held, seen, divided(guides, more), 0.75 * m, media)
-            calibrations.append(_calibrated(rest, cells, held, unseen.sum(axis=0), k))
+            calibrations.append(_calibrate_both(rest, cells, held, unseen.sum(axis=0), k))
         calibration, coarse = (
             density.Calibration(curve) for curve in np.average(calibrations, axis=0, weights=groups)
         )
@@ -332,14 +332,20 @@ def outlined(
     contained, levels, sizes, heights = containment(mass, area, density.Calibration(density.KNOTS))
     wanted, least = np.interp(shares, levels, sizes), np.interp(shares, levels[1:], np.log(heights))
     each = zip(least.tolist(), wanted.tolist(), strict=True)
-    return contained, wanted, [_fitted(_lattice(cells), mass / area[:, None], *one) for one in each]
+    return (
+        contained,
+        wanted,
+        [_fit_outline(_lattice(cells), mass / area[:, None], *one) for one in each],
+    )
 
 
 def contours(area: Area) -> list[shapely.MultiPolygon]:
     """Return the outlines [deg, unwrapped] of the containment areas, with their holes."""
     height = area.probability.sum(axis=(0, 1)) / area.cells.area()[:, None]
     each = zip(area.thresholds.tolist(), area.areas.tolist(), strict=True)
-    return [_fitted(_lattice(area.cells), height, threshold, wanted) for threshold, wanted in each]
+    return [
+        _fit_outline(_lattice(area.cells), height, threshold, wanted) for threshold, wanted in each
+    ]
 
 
 def contour(lattice: Lattice, field: Array, threshold: float) -> tuple[float, shapely.MultiPolygon]:
@@ -380,7 +386,7 @@ def interpolated(lattice: Lattice, field: Array, x: Array, y: Array) -> Array:
     return np.asarray(middle + ((one + two) / 2 - middle) * 2 * off + (two - one) * along)
 
 
-def _fitted(
+def _fit_outline(
     lattice: Lattice, height: Array, threshold: float, wanted: float
 ) -> shapely.MultiPolygon:
     """Return the outline [deg] of the cells whose density exceeds a threshold.

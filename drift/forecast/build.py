@@ -113,7 +113,7 @@ def build_forecast(
             outside the grid.
         tell: takes the share of the work that is done.
     """
-    return _begun(outputs, scenarios, is_land, shares, grid, ahead=False)(tell)
+    return _prepare(outputs, scenarios, is_land, shares, grid, ahead=False)(tell)
 
 
 def begin(
@@ -130,10 +130,10 @@ def begin(
     The particles are read, and `is_land` is called (it may need the device), before this returns.
     The arguments are those of `build_forecast`.
     """
-    return _begun(outputs, scenarios, is_land, shares, grid, ahead=True)
+    return _prepare(outputs, scenarios, is_land, shares, grid, ahead=True)
 
 
-def _begun(
+def _prepare(
     outputs: Sequence[Output],
     scenarios: Sequence[str],
     is_land: IsLand | None,
@@ -147,7 +147,7 @@ def _begun(
     each map, so that memory does not grow with the number of maps.
     """
     surveys = [survey.survey_output(output, len(scenarios)) for output in outputs]
-    centre, shown = _reference(surveys), _shown(surveys)
+    centre, shown = _reference(surveys), _displayed_scenarios(surveys)
     clouds = [cloud.extent_of_output(*own, centre) for own in zip(outputs, surveys, strict=True)]
     windows, common = (
         _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
@@ -165,7 +165,7 @@ def _begun(
     def rest(tell: Callable[[float], None] = lambda share: None) -> Forecast:
         maps, contours = dataset.Maps(len(surveys), common, shown.size, len(shares)), []
         with ThreadPoolExecutor(AT_ONCE) as pool:
-            drawn = _in_turn(
+            drawn = _map_in_order(
                 pool, lambda own: None if own is None else _map(own, shares, common), laid
             )
             for number, (known, made) in enumerate(zip(surveys, drawn, strict=True)):
@@ -184,7 +184,7 @@ def _begun(
     return rest
 
 
-def _in_turn(
+def _map_in_order(
     pool: ThreadPoolExecutor, function: Callable[[T], R], items: Iterable[T]
 ) -> Iterator[R]:
     """Yield the results of a function in the order of its items, computing at most one ahead."""
@@ -214,7 +214,7 @@ def grid_of(outputs: Sequence[Output], scenarios: int) -> Cells:
     return Cells(grid.lon0, grid.lat0, width, height, min(columns, _whole_turn(width)), rows)
 
 
-def _shown(surveys: Sequence[Survey]) -> Shown:
+def _displayed_scenarios(surveys: Sequence[Survey]) -> Shown:
     """Return which scenarios have maps of their own, consistent with `dataset.shown` for these
     outputs.
     """
@@ -238,7 +238,7 @@ def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | 
     west, east = min(c.west for c in present), max(c.east for c in present)
     shrink = max(float(np.cos((south + north) / 2 * sphere.UNIT)), 0.01)
     across = max(north - south, (east - west) * shrink)
-    wanted = [_wanted(own) for own in present]
+    wanted = [_cell_size(own) for own in present]
     side = max(
         across / ACROSS,
         min(*wanted, across / 120) if len(wanted) > 1 else min(wanted[0], across / 120),
@@ -253,12 +253,12 @@ def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | 
         if own is None:
             boxes.append(None)
             continue
-        fine = _wanted(own)
+        fine = _cell_size(own)
         x0, x1 = _span(own.west, own.east, width, 15 * fine / shrink)
         y0, y1 = _span(own.south, own.north, height, 15 * fine)
-        x0, x1 = _within(x0, x1, width, -(2**31), 2**31)  # so far particles are unwrapped
-        y0, y1 = _within(y0, y1, height, -(2**30), 2**30)
-        boxes.append((x0, x1, y0, y1, _halved(height, fine, max(x1 - x0, y1 - y0), halvings)))
+        x0, x1 = _clip_range(x0, x1, width, -(2**31), 2**31)  # so far particles are unwrapped
+        y0, y1 = _clip_range(y0, y1, height, -(2**30), 2**30)
+        boxes.append((x0, x1, y0, y1, _halvings(height, fine, max(x1 - x0, y1 - y0), halvings)))
     filled = [box for box in boxes if box is not None]
     left, right = min(b[0] for b in filled), max(b[1] for b in filled)
     low, high = min(b[2] for b in filled), max(b[3] for b in filled)
@@ -298,12 +298,12 @@ def _fixed(clouds: Sequence[Cloud | None], centre: int, grid: Cells) -> list[Cel
         if own is None:
             windows.append(None)
             continue
-        fine = _wanted(own)
+        fine = _cell_size(own)
         x0, x1 = _span(
             offset + own.west, offset + own.east, grid.width, 15 * fine * grid.width / grid.height
         )
         y0, y1 = _span(own.south - grid.lat0, own.north - grid.lat0, grid.height, 15 * fine)
-        y0, y1 = _within(y0, y1, grid.height, -(2**30) - grid.lat0, 2**30 - grid.lat0)
+        y0, y1 = _clip_range(y0, y1, grid.height, -(2**30) - grid.lat0, 2**30 - grid.lat0)
         if grid.nlon == _whole_turn(grid.width) and (x0 < 0 or x1 > grid.nlon):
             x0, x1 = 0, grid.nlon  # what lies beyond one edge of the grid is at the other
         if (x1 - x0) * (y1 - y0) > MOST_ONE:
@@ -313,13 +313,13 @@ def _fixed(clouds: Sequence[Cloud | None], centre: int, grid: Cells) -> list[Cel
                 f"{x1 - x0:,} x {y1 - y0:,} of its cells; at most {MOST_ONE:,} can be smoothed: "
                 f"make spacing {np.sqrt((x1 - x0) * (y1 - y0) / MOST_ONE):.1f} times as large"
             )
-        k = _halved(grid.height, fine, max(x1 - x0, y1 - y0), halvings)
+        k = _halvings(grid.height, fine, max(x1 - x0, y1 - y0), halvings)
         corner = grid.lon0 + x0 * grid.width, grid.lat0 + y0 * grid.height
         windows.append(Cells(*corner, grid.width, grid.height, x1 - x0, y1 - y0).finer(k))
     return windows
 
 
-def _wanted(of: Cloud) -> float:
+def _cell_size(of: Cloud) -> float:
     """Return the cell size [binary angle unit] that resolves an output's densest part."""
     return max(of.spacing / 2.5, 0.2 * METRE)
 
@@ -332,7 +332,7 @@ def _span(low: int, high: int, cell: int, reach: float) -> tuple[int, int]:
     return int(np.floor((low - margin) / cell)), int(np.floor((high + margin) / cell)) + 1
 
 
-def _within(first: int, last: int, cell: int, low: int, high: int) -> tuple[int, int]:
+def _clip_range(first: int, last: int, cell: int, low: int, high: int) -> tuple[int, int]:
     """Return a range of cells, clipped to those that overlap [low, high)."""
     return max(first, low // cell), min(last, -(-high // cell))
 
@@ -342,7 +342,7 @@ def _whole_turn(width: int) -> int:
     return -(-sphere.TURN // width)
 
 
-def _halved(height: int, fine: float, across: int, most: int) -> int:
+def _halvings(height: int, fine: float, across: int, most: int) -> int:
     """Return how often to halve cells until they are fine enough; `most` and ACROSS_ONE limit it."""
     k = 0
     while height / 2**k > 1.4 * fine and k < most and across * 2 ** (k + 1) <= ACROSS_ONE:

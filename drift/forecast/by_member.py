@@ -40,16 +40,21 @@ def told(names: Sequence[str], end: Output, posterior: Array | None = None) -> M
     """
     many = len(names)
     place = snapshot.places(
-        snapshot.total(end, lambda part: snapshot.vectors_by(part, _of(part), many))
+        snapshot.total(
+            end, lambda part: snapshot.vectors_by(part, _members_of_snapshot(part), many)
+        )
     )
     if posterior is None:
         posterior = snapshot.total(
-            end, lambda part: part.blocks.partial(part.probability, code=_of(part), many=many)
+            end,
+            lambda part: part.blocks.partial(
+                part.probability, code=_members_of_snapshot(part), many=many
+            ),
         ).total[:, 0]
     return Members(tuple(names), np.full(many, 1 / many), posterior / posterior.sum(), place)
 
 
-def _of(part: Snapshot) -> Array:
+def _members_of_snapshot(part: Snapshot) -> Array:
     """Return the member of each particle."""
     assert part.member is not None
     return part.member.astype(np.int64)
@@ -108,7 +113,7 @@ def _leaves(members: Members) -> list[Any]:
         ("lon", "Mean longitude at the end", "words"),
         ("lat", "Mean latitude", "words"),
     ]
-    note = "Equally likely before anything was seen; after it, by what the particles in each weigh."
+    note = "Members are equally likely a priori; afterwards each has the summed weight of its particles."
     return [
         leaves.table_leaf(
             "Members of the winds and currents", columns, file="members.csv", note=note

@@ -49,7 +49,7 @@ def each(forecast: Forecast, time: int) -> list[OneScenario]:
             names[k],
             float(before[k]),
             float(now[k]),
-            _alone(forecast, time, k, float(now[k]), float(count[k])),
+            _conditional_forecast(forecast, time, k, float(now[k]), float(count[k])),
         )
         for k in (*alone, *range(len(shown.alone), shown.size))
     ]
@@ -66,7 +66,9 @@ def _effective(number: Array, weight: Array, place: Array, many: int) -> Array:
     return np.divide(total**2, spread, out=np.zeros(many), where=spread > 0)
 
 
-def _alone(forecast: Forecast, time: int, k: int, weight: float, count: float) -> Forecast:
+def _conditional_forecast(
+    forecast: Forecast, time: int, k: int, weight: float, count: float
+) -> Forecast:
     """Return the forecast of an output conditional on displayed scenario k, whose probability is
     `weight`.
 

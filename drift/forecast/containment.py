@@ -41,8 +41,8 @@ def containment_at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike)
     holds = output["probability"].values > 0
     outer = np.log(np.maximum(1 - output["containment"].values.astype(np.float64), LEAST))
     x, y = (
-        _place(data["lon"].values, lon, turning=True),
-        _place(data["lat"].values, lat, turning=False),
+        _axis_position(data["lon"].values, lon, turning=True),
+        _axis_position(data["lat"].values, lat, turning=False),
     )
     x, y = np.broadcast_arrays(x, y)
     nlat, nlon = holds.shape
@@ -66,7 +66,7 @@ def _nearest(place: Array, size: int) -> Array:
     return np.clip(np.rint(place).astype(np.int64), 0, size - 1)
 
 
-def _place(centres: Array, where: npt.ArrayLike, *, turning: bool) -> Array:
+def _axis_position(centres: Array, where: npt.ArrayLike, *, turning: bool) -> Array:
     """Return positions along an axis, in cells from its first centre.
 
     turning: whether the axis is longitude; values are then wrapped to the axis.

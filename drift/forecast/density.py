@@ -33,7 +33,7 @@ from geo.array import Array
 # of a calibration
 KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)]))
 FEW = 8  # ratio of all cells to needed cells from which the sparse form is used
-# shares of a cell's mass in four cells of the next level: see _above
+# shares of a cell's mass in four cells of the next level: see _coarser_cells
 PARTS = np.array([9, 3, 3, 1]) / 16
 REACH = 4  # cells, and standard deviations, as far as a kernel reaches
 BELL = np.exp(-0.5 * np.arange(-REACH, REACH + 1) ** 2)
@@ -103,7 +103,7 @@ def _finer(coarse: Array, shape: tuple[int, int]) -> Array:
     return fine[: shape[0]]
 
 
-def _above(cells: Array, shape: tuple[int, int]) -> tuple[Array, tuple[int, int]]:
+def _coarser_cells(cells: Array, shape: tuple[int, int]) -> tuple[Array, tuple[int, int]]:
     """Return the four next-level cells that share the mass of each cell, (4, n), and that level's
     shape.
 
@@ -122,7 +122,7 @@ def _above(cells: Array, shape: tuple[int, int]) -> tuple[Array, tuple[int, int]
 def _raised(cells: Array, shape: tuple[int, int], *values: Array) -> list[Array]:
     """Return `_coarser`, flattened, of grids that are zero except in some cells (flat indices, n)."""
     if FEW * cells.size < shape[0] * shape[1]:
-        above, coarse = _above(cells, shape)
+        above, coarse = _coarser_cells(cells, shape)
         index, size = above.ravel(), coarse[0] * coarse[1]
         return [np.bincount(index, np.outer(PARTS, some).ravel(), size) for some in values]
     raised = []
@@ -194,7 +194,7 @@ def reading(cells: Array, shapes: Sequence[tuple[int, int]]) -> Reading:
             at.append(None)
             above.append(None)
             continue
-        over, coarse = _above(here, shape)
+        over, coarse = _coarser_cells(here, shape)
         wanted = np.zeros(coarse[0] * coarse[1], bool)
         wanted[over] = True
         few = np.flatnonzero(wanted)

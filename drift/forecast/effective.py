@@ -228,7 +228,7 @@ def of_run(
     if few:
         counts = [effective_at(data, i, particles) for i in few]
         worst = min(range(len(few)), key=lambda k: counts[k].number)
-        already = since is not None and all(_since(times, i, since) for i in few)
+        already = since is not None and all(_at_or_after(times, i, since) for i in few)
         if not already or counts[worst].number < 0.5 * left:
             others = (
                 f" and few at {len(few) - 1} more output time{'s' * (len(few) > 2)}"
@@ -251,6 +251,6 @@ def released(data: Any) -> int:
     return int(np.argmax(share >= RELEASED * share.max()))
 
 
-def _since(times: Array, i: int, moment: np.datetime64) -> bool:
+def _at_or_after(times: Array, i: int, moment: np.datetime64) -> bool:
     """Whether an output is at a time or after it, in the direction of the run."""
     return bool(times[i] >= moment if times[-1] >= times[0] else times[i] <= moment)

@@ -15,12 +15,10 @@ def percents(value: object) -> tuple[float, ...]:
         raise ValueError(f"{value!r} must be a list of percentages, like [50, 90, 95]")
     shares = tuple(sorted({float(share) for share in value}))
     if not 1 <= len(value) <= MOST or len(shares) < len(value):
-        raise ValueError(
-            f"{value!r} holds {len(value)} areas; must be 1 to {MOST} of them, each another"
-        )
+        raise ValueError(f"{value!r} holds {len(value)} areas; must be 1 to {MOST} different ones")
     for share in shares:
         if not LEAST <= share <= LARGEST:
             raise ValueError(
-                f"{share:g} % is no area that particles can estimate; must be {LEAST:g} to {LARGEST:g} %"
+                f"{share:g} % is not an area that particles can estimate; must be {LEAST:g} to {LARGEST:g} %"
             )
     return shares

@@ -96,7 +96,7 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
         },
         {
             "featureType": "trajectory",
-            "summary": "Tracks of a subsample of the particles of a forecast: where each was, what had become of it, and "
+            "summary": "Tracks of a subsample of the particles of a forecast: position, status and "
             "its weight, at each output time.",
         },
     )

@@ -50,9 +50,9 @@ def ambient_at(
                     missing = np.isnan(values[k]).any(axis=1)
                     if missing.any():
                         place = source.grid, moment, lon[missing], lat[missing]
-                        values[k, missing] = sum(_then(slices, *place) for slices in members) / len(
-                            members
-                        )
+                        values[k, missing] = sum(
+                            _values_at_time(slices, *place) for slices in members
+                        ) / len(members)
             total = values if number == 0 else total + values
     return total
 
@@ -100,7 +100,7 @@ def _tiles(sources: Sources, quantity: str, term: Sequence[Source]) -> list[tupl
     return [*((source, 0) for source in term), *filled] if len(term) > 1 else filled
 
 
-def _then(slices: Slices, grid: Grid, moment: int, lon: Array, lat: Array) -> Array:
+def _values_at_time(slices: Slices, grid: Grid, moment: int, lon: Array, lat: Array) -> Array:
     """Return the values of a source at a time [s since 1970] and places [deg] (m,), (m, 2)."""
     for low, high, end in (
         (moment, moment + 1, 0),

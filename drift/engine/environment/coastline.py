@@ -35,7 +35,7 @@ def around(spec: EnsembleSpec, box: Box, sources: Sequence[Source]) -> Box:
     It is the whole domain if a scenario's objects move without a current. sources: those that are
     not only added to others.
     """
-    reached = _shrunk(box, sources) if models.forced(spec.scenarios) else box
+    reached = _clip_to_currents(box, sources) if models.forced(spec.scenarios) else box
     # A particle's last step may end outside the domain.
     return reached.grown(MARGIN / np.cos(np.radians(min(abs(box.north), 80))), MARGIN)
 
@@ -70,10 +70,10 @@ def open_coast(
     _check_ways(spec, asked, box, whole, coast if own is whole else None)
     if coast is not None:
         for scenario in spec.scenarios:
-            story = "[spill]" if spec.release else f'scenario "{scenario.name}"'
+            label = "[spill]" if spec.release else f'scenario "{scenario.name}"'
             at = scenario.prior.reported if scenario.prior else None
             if at:
-                _check_water(story, *at, coast if own is whole else _about(*at, whole))
+                _check_water(label, *at, coast if own is whole else _full_coast_around(*at, whole))
     return own, coast
 
 
@@ -99,7 +99,7 @@ def lands(coast: shoreline.Coast | None, asked: Coast) -> Callable[[Box], Array]
     return land
 
 
-def _shrunk(box: Box, sources: Sequence[Source]) -> Box:
+def _clip_to_currents(box: Box, sources: Sequence[Source]) -> Box:
     """Return the part of a box for which there is a current; no coast is needed elsewhere."""
     extents = [source.grid.box for source in sources if source.quantity == "current"]
     if box.east - box.west > 180 or any(extent.east - extent.west >= 360 for extent in extents):
@@ -120,7 +120,7 @@ def _shrunk(box: Box, sources: Sequence[Source]) -> Box:
     return Box(start, south, start + east - west, north)
 
 
-def _about(lon: float, lat: float, land: Shore) -> shoreline.Coast:
+def _full_coast_around(lon: float, lat: float, land: Shore) -> shoreline.Coast:
     """Return the coast in full detail around a reported position [deg]."""
     west = sphere.wrap_degrees(lon - NEAR)
     south, north = max(lat - NEAR, -90.0), min(lat + NEAR, 90.0)
@@ -152,7 +152,7 @@ def _check_ways(
         sailable.refuse(spec.scenarios, coast)
 
 
-def _check_water(story: str, lon: float, lat: float, coast: shoreline.Coast) -> None:
+def _check_water(label: str, lon: float, lat: float, coast: shoreline.Coast) -> None:
     """Raise UserError for a reported position [deg] on land."""
     if not shoreline.is_land(coast, sphere.to_binary(lon), sphere.to_binary(lat)).any():
         return
@@ -163,5 +163,5 @@ def _check_water(story: str, lon: float, lat: float, coast: shoreline.Coast) -> 
         else "no water near"
     )
     raise UserError(
-        f"{story}.position.at: {notation.stated_position(lon, lat)} lies on land; {hint}. Move it, or give an area"
+        f"{label}.position.at: {notation.stated_position(lon, lat)} lies on land; {hint}. Move it, or give an area"
     )

@@ -91,9 +91,9 @@ def touching(
     """
     coast = shore.coast
     for lane, corners in swept(network, routes).items():
-        _known(coast, np.concatenate([corners.reshape(-1, 2), _halfway(corners)]))
+        _check_covered(coast, np.concatenate([corners.reshape(-1, 2), _halfway(corners)]))
         a, b = (int(node[lane]) for node in (network.start, network.end))
-        touched = _touched(network.lon[[a, b]], network.lat[[a, b]], corners, shore)
+        touched = _first_contact(network.lon[[a, b]], network.lat[[a, b]], corners, shore)
         if touched is None and not shoreline.is_land(
             coast, *_binary(network.lon[a], network.lat[a])
         ):
@@ -114,7 +114,7 @@ def refuse_area(place: str, ring: Sequence[tuple[float, float]], coast: Coast) -
     """
     lon = polyline.unwrap([corner[0] for corner in ring])
     area = shapely.Polygon(np.column_stack([lon, [corner[1] for corner in ring]]))
-    _known(coast, np.radians(shapely.get_coordinates(area)))
+    _check_covered(coast, np.radians(shapely.get_coordinates(area)))
     shapely.prepare(area)
     units = shoreline.edges(coast)
     degrees = sphere.to_degrees(units).reshape(-1, 2, 2)
@@ -208,13 +208,13 @@ def _width(network: Network, lane: int, corners: Array) -> str:
     )
 
 
-def _known(coast: Coast, points: Array) -> None:
+def _check_covered(coast: Coast, points: Array) -> None:
     """Raise ValueError if the coast is not known around points (lon, lat) [rad], shape (..., 2)."""
     lon, lat = _binary(points[..., 0], points[..., 1])
     x, y = (lon.astype(np.int64) - coast.lon0) % sphere.TURN, lat.astype(np.int64) - coast.lat0
     if not ((x < coast.nx << coast.shift) & (y >= 0) & (y < coast.ny << coast.shift)).all():
         raise ValueError(
-            "a leg or an edge leads beyond the box of its corners, in which the coast is known; give more of them"
+            "a leg or an edge leads beyond the box of its corners, in which the coast is known; give more corners"
         )
 
 
@@ -231,7 +231,7 @@ def _binary(lon: npt.ArrayLike, lat: npt.ArrayLike) -> tuple[Array, Array]:
     return sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat))
 
 
-def _touched(
+def _first_contact(
     lon: Array, lat: Array, corners: Array, shore: Shore
 ) -> tuple[float, float, float] | None:
     """Return the innermost contact of a corridor with the coast: lon, lat [rad], distance [m]; or

@@ -125,7 +125,7 @@ def open_for(
         place = f'{spec.story} "{scenario.name}"'
         for quantity in needed():
             for k, term in enumerate(named.terms(quantity)):
-                for complaint in _without_forcing(
+                for complaint in _coverage_errors(
                     spec.period, asked.max_lost, quantity, term, added=k > 0
                 ):
                     without.setdefault(complaint, []).append(place)
@@ -185,8 +185,8 @@ def _members(used: Sequence[Source]) -> tuple[str, ...]:
     if len({len(source.members) for source in ensembles}) > 1:
         told = ", ".join(f'{len(s.members)} of {s.quantity} "{s.name}"' for s in ensembles)
         raise UserError(
-            f"the ensembles of a run must have the same number of members, for a particle drifts in the same member of "
-            f"each; given {told}: name as many of each, or choose one of a source by variables"
+            f"the ensembles of a run must have the same number of members, because a particle drifts in the same member of "
+            f"each; given {told}: name the same number of each, or choose one member of a source by variables"
         )
     together = zip(
         *([member.label for member in source.members] for source in ensembles), strict=True
@@ -263,7 +263,7 @@ def _open(
     """Return one source, cropped to the box; about: see geo.forcing.sources.uniform_field."""
     if spec.each:
         own = [_open(part, box, period, held, common, about) for part in spec.parts]
-        called = _called(spec)
+        called = _member_labels(spec)
         joined = sources.ensemble(
             [replace(source, label=label) for source, label in zip(own, called, strict=True)]
         )
@@ -280,7 +280,7 @@ def _open(
             name=spec.name,
             about=about,
         )
-        return replace(rows, gapless=True, notes=rows.notes + _far_apart(rows))
+        return replace(rows, gapless=True, notes=rows.notes + _note_sparse_rows(rows))
     if spec.analytic is not None:
         first, last = period.span
         flow = sources.analytic(spec.quantity, spec.analytic, box, first, last, **spec.parameters)
@@ -304,18 +304,18 @@ def _open(
         raise UserError(f'{spec.quantity} "{spec.name}": {reason}') from None
 
 
-def _far_apart(rows: Source) -> tuple[str, ...]:
+def _note_sparse_rows(rows: Source) -> tuple[str, ...]:
     """Return a note if rows of a table are FAR or more apart: the weather in between is unknown."""
     longest = np.diff(rows.times).max()
     if longest < FAR:
         return ()
     hours = notation.number(float(longest / np.timedelta64(1, "h")))
     return (
-        f"rows up to {hours} h apart, interpolated linearly: add rows where it changed in another way",
+        f"rows up to {hours} h apart, interpolated linearly: add rows where the change was not linear",
     )
 
 
-def _called(spec: ForcingSpec) -> list[str]:
+def _member_labels(spec: ForcingSpec) -> list[str]:
     """Return the names of members that are separate sources: their own parameters, or numbers if
     long.
     """
@@ -351,7 +351,7 @@ def _with_notes(source: Source, added: frozenset[tuple[str, str]]) -> Source:
     notes, box = list(source.notes), source.grid.box
     if (source.quantity, source.name) in added:
         notes.append(
-            f"added to the other sources of [[{source.quantity}]]: where it has no value the sum has none"
+            f"added to the other sources of [[{source.quantity}]]: where it has no value, the sum has none"
         )
     if source.grid is not sources.EVERYWHERE:
         notes.append(
@@ -368,7 +368,7 @@ def _with_notes(source: Source, added: frozenset[tuple[str, str]]) -> Source:
     return replace(source, notes=tuple(notes))
 
 
-def _without_forcing(
+def _coverage_errors(
     period: Period, max_lost: float, quantity: str, sources: tuple[Source, ...], *, added: bool
 ) -> list[str]:
     """Return an error if a quantity has no source for more of a run than may be lost, otherwise [].
@@ -413,7 +413,7 @@ def _without_forcing(
         f"{notation.group(first)} to {notation.group(last)}: no data {lacking}{more} ({math.floor(100 * share)}% of the run "
         "is covered), and particles adrift then are lost. Change "
         + (
-            f"start, duration or end, or leave {names} out: it has add = true, and a sum without it is none"
+            f"start, duration or end, or leave {names} out: it has add = true, so the sum needs it"
             if added
             else f"start, duration or end, or add another [[{quantity}]]"
         )

@@ -177,7 +177,7 @@ def flows(found: Mapping[str, Flow], time: np.datetime64) -> Overlay:
     def draw(ax: Axes, frame: Frame) -> None:
         for quantity, lon, lat, velocity in drawn:
             x, y = frame.project(lon, lat)
-            u, v = _turned(frame, lon, lat, velocity)
+            u, v = _rotate_to_chart(frame, lon, lat, velocity)
             if quantity == "wind":
                 ax.barbs(x, y, u / KNOT, v / KNOT, zorder=4.6, **BARBS)
             else:
@@ -210,7 +210,7 @@ def _some(flow: Flow) -> Array:
     return np.asarray((column % 3 == min(1, column.max())) & (row % 3 == min(1, row.max())))
 
 
-def _turned(frame: Frame, lon: Array, lat: Array, velocity: Array) -> tuple[Array, Array]:
+def _rotate_to_chart(frame: Frame, lon: Array, lat: Array, velocity: Array) -> tuple[Array, Array]:
     """Return velocities (m, 2) rotated to the chart, whose north is up only in its middle."""
     little = np.where(lat > 89, -0.01, 0.01)
     x0, y0 = frame.project(lon, lat)
@@ -224,12 +224,12 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     """Return the itineraries of scenarios as a chart layer: lanes, tracks, way points and patrol
     areas.
     """
-    stories = [
+    named_itineraries = [
         (scenario.name, own) for scenario in scenarios if (own := scenario.itinerary) is not None
     ]
     networks = [
         phase.lanes.network
-        for _, own in stories
+        for _, own in named_itineraries
         for phase in own.phases
         if isinstance(phase, Ways) and phase.lanes
     ]
@@ -237,10 +237,10 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     places_of = {
         scenario.name: scenario.family for scenario in scenarios if scenario.family is not None
     }
-    ways = _ways(stories)
+    ways = _tracks_off_lanes(named_itineraries)
     groups = [(shapes, family.together(names, places_of)) for shapes, names in ways.items()]
-    rings = list(dict.fromkeys(ring for _, own in stories for ring in own.rings))
-    trackers = _trackers(stories)
+    rings = list(dict.fromkeys(ring for _, own in named_itineraries for ring in own.rings))
+    trackers = _trackers(named_itineraries)
     corners = [
         list(zip(np.degrees(ring.lon).tolist(), np.degrees(ring.lat).tolist(), strict=True))
         for ring in rings
@@ -260,7 +260,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
 
     if len(groups) > len(WAY_COLOURS):
         rows: list[tuple[Any, str]] = [
-            (Line2D([], [], **CROWD), f"Ways of {sum(map(len, ways.values()))} scenarios")
+            (Line2D([], [], **CROWD), f"Tracks of {sum(map(len, ways.values()))} scenarios")
         ]
     else:
         rows = [
@@ -282,13 +282,13 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
         else []
     )
     places: dict[str, Sequence[Array]] = {
-        f"the way of {_names(names)}": shapes.arrays for shapes, names in groups
+        f"the track of {_names(names)}": shapes.arrays for shapes, names in groups
     }
     if len(groups) > len(WAY_COLOURS):
         places = {"the ways": [line for shapes, _ in groups for line in shapes.arrays]}
     if network is not None:
         places["the lanes"] = middles(network)
-        places["where the lanes begin"] = _beginnings(stories)
+        places["where the lanes begin"] = _route_starts(named_itineraries)
     if rings:
         places["the areas of patrol"] = [np.array([*ring, ring[0]]) for ring in corners]
     if trackers:
@@ -296,11 +296,11 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     return Overlay(draw, places, rows)
 
 
-def _trackers(stories: Sequence[tuple[str, Itinerary]]) -> list[Array]:
+def _trackers(named_itineraries: Sequence[tuple[str, Itinerary]]) -> list[Array]:
     """Return the track of each tracker, points (lon, lat) [deg], unwrapped, (n, 2)."""
     found = dict.fromkeys(
         phase.tracker
-        for _, own in stories
+        for _, own in named_itineraries
         for phase in own.phases
         if isinstance(phase, Acts) and phase.tracker
     )
@@ -311,11 +311,11 @@ def _trackers(stories: Sequence[tuple[str, Itinerary]]) -> list[Array]:
     ]
 
 
-def _beginnings(stories: Sequence[tuple[str, Itinerary]]) -> list[Array]:
+def _route_starts(named_itineraries: Sequence[tuple[str, Itinerary]]) -> list[Array]:
     """Return the first node of each route, points (lon, lat) [deg], (1, 2)."""
     routes = [
         phase.lanes.route
-        for _, own in stories
+        for _, own in named_itineraries
         for phase in own.phases
         if isinstance(phase, Ways) and phase.lanes
     ]
@@ -338,10 +338,12 @@ class _Shapes:
         return [np.array(shape) for shape in (*self.lines, *self.outlines)]
 
 
-def _ways(stories: Sequence[tuple[str, Itinerary]]) -> dict[_Shapes, list[str]]:
+def _tracks_off_lanes(
+    named_itineraries: Sequence[tuple[str, Itinerary]],
+) -> dict[_Shapes, list[str]]:
     """Return the tracks off lanes, and the names of the scenarios that follow each."""
     found: dict[_Shapes, list[str]] = {}
-    for name, own in stories:
+    for name, own in named_itineraries:
         lines = tuple(
             _rows(np.degrees(line))
             for phase in own.phases
@@ -351,7 +353,7 @@ def _ways(stories: Sequence[tuple[str, Itinerary]]) -> dict[_Shapes, list[str]]:
         outlines = tuple(
             _rows(outline) for place, _ in own.places if (outline := _outline(place)) is not None
         )
-        odds = tuple((*_over(place), share) for place, share in own.places if share < 1)
+        odds = tuple((*_label_position(place), share) for place, share in own.places if share < 1)
         if lines:
             found.setdefault(_Shapes(lines, outlines, odds), []).append(name)
     return found
@@ -389,7 +391,7 @@ def _outline(place: Place) -> Array | None:
     return np.array([polyline.unwrap(np.degrees(lon)), np.degrees(lat)])
 
 
-def _over(place: Place) -> tuple[float, float]:
+def _label_position(place: Place) -> tuple[float, float]:
     """Return the northern end (lon, lat) [deg] of a way point's area, where the label covers least."""
     outline = _outline(place)
     if outline is None:

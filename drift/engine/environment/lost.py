@@ -35,14 +35,14 @@ class Lacking:
     """Prior probability outside the domain or without forcing, of a run or of one shard.
 
     Each sum holds the weight and the weighted unit vectors of the positions, by block: see
-    `_placed`.
+    `_sums_with_positions`.
     """
 
     weight: Partial  # of all particles, (1,)
     beyond: Partial  # outside the domain
     # by quantity: where one of its terms or more have no value, (1,)
     missing: Mapping[str, Partial]
-    # By quantity, number of the sea (see _seas) and number of the term in it: where that has no
+    # By quantity, number of the sea (see _scenarios_by_sources) and number of the term in it: where that has no
     # value; and the weight of all that see it, (1,).
     silent: Mapping[tuple[str, int, int], tuple[Partial, Partial]]
 
@@ -92,7 +92,7 @@ def _lacking(box: Box, scene: Scene, blocks: Blocks, whole: Array, begun: _Begun
     scenario = np.repeat(blocks.scenario, np.diff(blocks.first, append=blocks.n))
     missing: dict[str, list[Partial]] = {quantity: [] for quantity in needed()}
     silent: dict[tuple[str, int, int], tuple[Partial, Partial]] = {}
-    for number, sea in enumerate(_seas(scene)):
+    for number, sea in enumerate(_scenarios_by_sources(scene)):
         slots = np.flatnonzero(np.isin(scenario, sea))
         seen = blocks.partial(begun.weight[slots], slots=slots)
         # where a term has no value
@@ -103,14 +103,16 @@ def _lacking(box: Box, scene: Scene, blocks: Blocks, whole: Array, begun: _Begun
             silence.terms(scene.forcing, sea[0], lon, lat, member)
         ):
             lacks[quantity] |= ~valid
-            silent[quantity, number, k] = _placed(blocks, begun, slots[~valid]), seen
+            silent[quantity, number, k] = _sums_with_positions(blocks, begun, slots[~valid]), seen
         for quantity, there in lacks.items():
             missing[quantity].append(blocks.partial(begun.weight[slots[there]], slots=slots[there]))
     together = {
         quantity: replace(parts[0], sums=np.sum([part.sums for part in parts], axis=0))
         for quantity, parts in missing.items()
     }
-    return Lacking(blocks.partial(whole), _placed(blocks, begun, beyond), together, silent)
+    return Lacking(
+        blocks.partial(whole), _sums_with_positions(blocks, begun, beyond), together, silent
+    )
 
 
 def merged(parts: Sequence[Lacking]) -> Lacking:
@@ -142,21 +144,21 @@ def check_prior(
             places = []
             for (of, sea, k), sums in lacks.silent.items():
                 if of == quantity:
-                    numbers = _seas(scene)[sea]
+                    numbers = _scenarios_by_sources(scene)[sea]
                     term = [
                         term for own in needed() for term in scene.forcing.terms[numbers[0]][own]
                     ][k]
-                    places += _without(spec, where, quantity, term, numbers, *sums)
+                    places += _losses_by_scenario(spec, where, quantity, term, numbers, *sums)
             summed = any(key[0] == quantity for named in where.scenarios for key in named.added)
             raise UserError(
-                f"[[{quantity}]]: {notation.percent(missing)} of the prior lies where there is no {quantity} ({_some(places)}); "
+                f"[[{quantity}]]: {notation.percent(missing)} of the prior lies where there is no {quantity} ({_list_losses(places)}); "
                 f"at most {notation.hundredths(max_lost)} % may be lost (max_lost). "
                 + ("A sum has no value where one of its terms has none. " if summed else "")
                 + f"Add a source, or move the {spec.story}"
             )
 
 
-def _seas(scene: Scene) -> list[tuple[int, ...]]:
+def _scenarios_by_sources(scene: Scene) -> list[tuple[int, ...]]:
     """Return groups of scenario numbers that use the same sources of all required quantities."""
     together: dict[tuple[Any, ...], list[int]] = {}
     for number, ranges in enumerate(scene.forcing.ranges):
@@ -164,7 +166,7 @@ def _seas(scene: Scene) -> list[tuple[int, ...]]:
     return [tuple(sea) for sea in together.values()]
 
 
-def _without(
+def _losses_by_scenario(
     spec: EnsembleSpec,
     where: Environment,
     quantity: str,
@@ -185,7 +187,9 @@ def _without(
         silent = [
             source for source in where.scenarios[number].of(quantity) if source.name in term.names
         ]
-        away = ", ".join(f'"{source.name}" {_away(source, *middle)}' for source in silent)
+        away = ", ".join(
+            f'"{source.name}" {_where_source_begins(source, *middle)}' for source in silent
+        )
         share, name = lost / max(whole, 1e-300), spec.scenarios[number].name
         found.append(
             (
@@ -196,7 +200,7 @@ def _without(
     return found
 
 
-def _some(places: list[tuple[int, str]]) -> str:
+def _list_losses(places: list[tuple[int, str]]) -> str:
     """Return the text of losses by scenario, in their order; of many only the first."""
     words = [text for _, text in sorted(places, key=lambda place: place[0])]
     return "; ".join(
@@ -249,7 +253,7 @@ def _check_domain(box: Box, max_lost: float, beyond: Array) -> None:
     )
 
 
-def _placed(blocks: Blocks, begun: _Begun, slots: Array) -> Partial:
+def _sums_with_positions(blocks: Blocks, begun: _Begun, slots: Array) -> Partial:
     """Return the sums of the weights of some slots, and of the weighted unit vectors of their
     positions, (4,).
     """
@@ -267,7 +271,7 @@ def _middle(vector: Sequence[float]) -> tuple[float, float]:
     )
 
 
-def _away(source: Source, lon: float, lat: float) -> str:
+def _where_source_begins(source: Source, lon: float, lat: float) -> str:
     """Return the distance and direction from a point [deg] to the domain of a source, as text.
 
     A value missing inside the domain is land or a gap.

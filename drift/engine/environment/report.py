@@ -45,6 +45,8 @@ def itineraries(scenarios: Sequence[Scenario]) -> list[Leaf]:
     ]
     return [
         leaves.features(
-            "Ways of what steers", [one for one in drawn if one["geometry"]["coordinates"]], "way"
+            "Itineraries of targets",
+            [one for one in drawn if one["geometry"]["coordinates"]],
+            "way",
         )
     ]

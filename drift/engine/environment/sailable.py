@@ -108,7 +108,7 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
                 spread = f"with {SPREADS:g} standard deviations of cross_track to each side"
                 key = b"".join(column.tobytes() for column in (legs.lon, legs.lat, legs.width))
                 if key not in known:
-                    known[key] = list(_touching(legs, shore, f"{place}.voyage", spread))
+                    known[key] = list(_legs_on_land(legs, shore, f"{place}.voyage", spread))
                 for lane, width, where in known[key]:
                     wrong[
                         f"{place}.voyage: leg {lane + 1}, {width} wide {spread}, touches land {where}; move its waypoints, "
@@ -116,9 +116,9 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
                     ] = None
             if (
                 number < len(own.phases)
-                and (between := _between(phase, own.phases[number])) is not None
+                and (between := _connection(phase, own.phases[number])) is not None
             ):
-                for _, width, where in _touching(
+                for _, width, where in _legs_on_land(
                     between, shore, place, f"on the way to phase {number + 1}"
                 ):
                     wrong[
@@ -133,7 +133,7 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
         )
 
 
-def _touching(
+def _legs_on_land(
     legs: Network, shore: corridors.Shore, place: str, what: str
 ) -> Iterator[tuple[int, str, str]]:
     """Yield the legs that touch land, as corridors.touching does; reject those that cannot be
@@ -148,7 +148,7 @@ def _touching(
         raise UserError(f"{place}: {what}: {error}; or {OTHERWISE}") from None
 
 
-def _between(before: Phase, after: Phase) -> Network | None:
+def _connection(before: Phase, after: Phase) -> Network | None:
     """Return the connection of two phases with fixed way points as a lane; None if it does not
     exist.
     """

@@ -105,7 +105,7 @@ def lost(forcing: Forcing, clock: Clock, ends: Callable[[], Iterable[AtEnd]]) ->
                         time = ahead * clock.direction * clock.step
                         own = end.snapshot
                         member = None if own.member is None else own.member[slots]
-                        lon, lat = _along(
+                        lon, lat = _ahead_along_current(
                             forcing, scenario, own.lon[slots], own.lat[slots], member, time
                         )
                         share = partial(end.snapshot.blocks.total, slots=slots)
@@ -165,7 +165,7 @@ def _add_silent(
     return valid_all
 
 
-def _along(
+def _ahead_along_current(
     forcing: Forcing, scenario: int, lon: Array, lat: Array, member: Array | None, time: float
 ) -> tuple[Array, Array]:
     """Return the positions [binary angle] reached in a straight line along the current in a time
@@ -173,8 +173,8 @@ def _along(
 
     Positions without a current stay.
     """
-    told = forcing.tiles.at(*forcing.ranges[scenario]["current"], lon, lat, 0.0, member)
-    east, north, valid = told.astype(np.float64).T
+    current = forcing.tiles.at(*forcing.ranges[scenario]["current"], lon, lat, 0.0, member)
+    east, north, valid = current.astype(np.float64).T
     metres = np.where(valid > 0.5, time, 0.0) / (sphere.RADIUS * sphere.UNIT)
     x = lon + np.nan_to_num(east) * metres / np.cos(lat * sphere.UNIT)
     y = lat + np.nan_to_num(north) * metres

@@ -25,9 +25,9 @@ from kernels.step.bridge import Inside
 LEEWAY = kernel.LEEWAY
 ERRORS = errors_of.ROWS  # columns of errors of the forcing
 _MEANING = {
-    "current_error": "Ornstein-Uhlenbeck error of the current as it stands",
-    "wind_error": "Ornstein-Uhlenbeck error of the wind as it stands",
-    "current_bias": "error of the current that lasts: its own, or in a spill its world's",
+    "current_error": "Ornstein-Uhlenbeck error of the current now",
+    "wind_error": "Ornstein-Uhlenbeck error of the wind now",
+    "current_bias": "constant error of the current: its own, or in a spill its world's",
 }
 COLUMNS = (
     Column("side", np.int32, 1, "", "+1 drifts to the right of the wind, -1 to the left"),

@@ -55,7 +55,7 @@ def parts(text: str) -> list[str]:
     """Return the words of a text in lower case; a phrase of the table counts as one word."""
     single, found = text.lower().split(), list[str]()
     while single:
-        size = next((k for k in (3, 2) if _known(" ".join(single[:k]))), 1)
+        size = next((k for k in (3, 2) if _word_in_table(" ".join(single[:k]))), 1)
         found.append(" ".join(single[:size]))
         single = single[size:]
     return found
@@ -65,7 +65,7 @@ def meaning(word: str, classes: Sequence[str]) -> Meaning | None:
     """Return the classes that a word or phrase (singular or plural) covers; None if it is not in
     the table.
     """
-    key = _known(word)
+    key = _word_in_table(word)
     if key is None:
         return None
     patterns, note = _meanings()[key]
@@ -93,7 +93,7 @@ def search_objects(name: str) -> SearchObjects | None:
     return None
 
 
-def _known(word: str) -> str | None:
+def _word_in_table(word: str) -> str | None:
     spelled = (word, word.replace("-", " "), word.replace("-", ""))
     return next(
         (key for one in spelled for key in (one, one.removesuffix("s")) if key in _meanings()), None

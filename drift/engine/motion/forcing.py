@@ -56,7 +56,7 @@ class Term:
     last: int
 
 
-def _heed(closed: Event) -> None:
+def _leave_if_closed(closed: Event) -> None:
     """Raise `waiting.Left` if the forcing has been closed; the read-ahead thread calls it while it
     waits.
 
@@ -77,7 +77,7 @@ class Forcing:
     def __init__(self, scenarios: list[Sources], direction: int) -> None:
         self._closed = Event()
         self._pool = ThreadPoolExecutor(
-            1, "read-ahead", waiting.ask, (partial(_heed, self._closed),)
+            1, "read-ahead", waiting.ask, (partial(_leave_if_closed, self._closed),)
         )
         self._slices: list[tuple[Slices, ...]] = []  # of each tile, by member
         self.ranges: list[Ranges] = []

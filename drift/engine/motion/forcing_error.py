@@ -10,7 +10,7 @@ CASE, DEFAULT, NOWHERE, RIVALS, MEMBERS, UNFELT = (
     "default",
     "not from model files",
     "rival sources",
-    "the spread of its members stands for it",
+    "the spread of its members represents it",
     "nothing drifts with it",
 )
 HOUR = 3600.0

@@ -136,7 +136,7 @@ def _speeds(
             f"{p.name} {value:g}" for p, value in zip(own.parameters, parameters[k], strict=False)
         )
         raise UserError(
-            f"{own.path.name}: velocity is no number in a current of {np.hypot(*current[k]):.3g} m/s and a wind of "
+            f"{own.path.name}: velocity is not a finite number in a current of {np.hypot(*current[k]):.3g} m/s and a wind of "
             f"{np.hypot(*wind[k]):.3g} m/s at {np.degrees(latitude):.0f} degrees{', with ' + named if named else ''}"
         )
     return speed

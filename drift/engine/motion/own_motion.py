@@ -57,28 +57,28 @@ def read(path: Path, given: Mapping[str, tuple[float, float]]) -> OwnMotion:
     except (SyntaxError, ValueError) as error:
         where = f" in line {error.lineno}" if isinstance(error, SyntaxError) else ""
         raise UserError(
-            f"{path.name} is no Python{where}: {getattr(error, 'msg', error)}"
+            f"{path.name} is not valid Python{where}: {getattr(error, 'msg', error)}"
         ) from None
     function = _function(tree, path)
-    names = _names(tree, path)
+    names = _parameter_names(tree, path)
     _check_body(function, tree, names, path)
-    _check(names, given, path)
+    _check_parameters(names, given, path)
     takes = [argument.arg for argument in function.args.args]
     return OwnMotion(
         path,
         hashlib.sha256(data).hexdigest(),
         tuple(Parameter(name, *given[name]) for name in names),
-        tuple(name for name in TAKES if name in _read(function)),
+        tuple(name for name in TAKES if name in _names_read(function)),
         takes[-1] == LATITUDE,
     )
 
 
 def _function(tree: ast.Module, path: Path) -> ast.FunctionDef:
     """Return the definition of a file's function; raise UserError unless there is exactly one."""
-    made = [line for line in tree.body if FUNCTION in _bound(line)]
+    made = [line for line in tree.body if FUNCTION in _bound_names(line)]
     if len(made) > 1:
         raise UserError(
-            f"{path.name}: {FUNCTION} is defined in lines {_listed(line.lineno for line in made)}; keep one"
+            f"{path.name}: {FUNCTION} is defined in lines {_join_numbers(line.lineno for line in made)}; keep one"
         )
     if not made or not isinstance(made[0], ast.FunctionDef):
         raise UserError(
@@ -98,7 +98,7 @@ def _function(tree: ast.Module, path: Path) -> ast.FunctionDef:
     return made[0]
 
 
-def _bound(line: ast.stmt) -> set[str]:
+def _bound_names(line: ast.stmt) -> set[str]:
     """Return the names that a statement at module level binds."""
     if isinstance(line, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         return {line.name}
@@ -124,7 +124,7 @@ def _check_body(
         node for node in ast.walk(function) if isinstance(node, ast.Return) and node is not last
     ]
     if early or not isinstance(last, ast.Return) or last.value is None:
-        where = f", not in line {_listed(node.lineno for node in early)}" if early else ""
+        where = f", not in line {_join_numbers(node.lineno for node in early)}" if early else ""
         lines.append(
             f"{FUNCTION} must return its velocity in its last line, and nowhere else{where}; "
             "assign it to a variable in branches"
@@ -154,17 +154,17 @@ def _check_body(
                 )
             elif node.attr in ("random", "randn"):
                 lines.append(
-                    f"line {node.lineno} draws with {ast.unparse(node)}; say what is uncertain in [uncertainty]"
+                    f"line {node.lineno} draws with {ast.unparse(node)}; state uncertainty in [uncertainty]"
                 )
     if lines:
         raise UserError(*(f"{path.name}: {line}" for line in lines))
 
 
-def _listed(numbers: Iterable[int]) -> str:
+def _join_numbers(numbers: Iterable[int]) -> str:
     return ", ".join(map(str, sorted(numbers)))
 
 
-def _read(function: ast.FunctionDef) -> set[str]:
+def _names_read(function: ast.FunctionDef) -> set[str]:
     """Return the names that a function may read before it assigns them.
 
     An assignment in a branch does not count, because the branch may not be taken.
@@ -183,9 +183,9 @@ def _read(function: ast.FunctionDef) -> set[str]:
     return reads
 
 
-def _names(tree: ast.Module, path: Path) -> tuple[str, ...]:
+def _parameter_names(tree: ast.Module, path: Path) -> tuple[str, ...]:
     """Return the names of the parameters in the file's order."""
-    line = next((line for line in tree.body if NAMES in _bound(line)), None)
+    line = next((line for line in tree.body if NAMES in _bound_names(line)), None)
     if line is None:
         return ()
     try:
@@ -203,7 +203,9 @@ def _names(tree: ast.Module, path: Path) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _check(names: tuple[str, ...], given: Mapping[str, tuple[float, float]], path: Path) -> None:
+def _check_parameters(
+    names: tuple[str, ...], given: Mapping[str, tuple[float, float]], path: Path
+) -> None:
     """Raise UserError if the case's parameters differ from those that the file names."""
     wants = f"{path.name} takes {', '.join(names) or 'none'}"
     lines = [f'parameters: "{name}" is missing; {wants}' for name in names if name not in given]

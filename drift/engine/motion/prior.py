@@ -105,7 +105,7 @@ def draw_ensemble(
     spare = within >= np.repeat(counts, np.diff(own.bounds))
     log_weight = _log_weights(spec, ensemble, counts, spare)
     if spec.members:
-        _deal(spec, ensemble, counts, within, log_weight)
+        _assign_members(spec, ensemble, counts, within, log_weight)
     ensemble.log_weight.from_numpy(log_weight)
     if spare.any():
         ensemble.status.from_numpy(
@@ -126,12 +126,12 @@ def dry(spec: EnsembleSpec, tried: Array, coast: DeviceCoast | None) -> tuple[fl
         UserError: if a scenario's prior contains almost no water.
     """
     return tuple(
-        _dry(spec, number, many, tried[number], coast)
+        _share_on_land(spec, number, many, tried[number], coast)
         for number, many in enumerate(np.diff(layout(spec).bounds).tolist())
     )
 
 
-def _dry(
+def _share_on_land(
     spec: EnsembleSpec, number: int, many: int, tried: Array, coast: DeviceCoast | None
 ) -> float:
     """Return the share of a scenario's prior on land; raise UserError if it contains almost no
@@ -185,7 +185,7 @@ def _log_weights(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], spar
     return np.where(spare, -np.inf, np.repeat(each, np.diff(ensemble.bounds))).astype(np.float32)
 
 
-def _deal(
+def _assign_members(
     spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], within: Array, log_weight: Array
 ) -> None:
     """Assign each particle a forcing ensemble member, equally likely in each scenario, in place.

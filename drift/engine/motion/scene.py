@@ -319,15 +319,17 @@ def paths(
         if high <= span[0] or low >= span[1]:
             continue
         if before is None:
-            before = _at(ensemble, begin, step, low)
-        after = _at(ensemble, begin, step, high)
+            before = _positions_at(ensemble, begin, step, low)
+        after = _positions_at(ensemble, begin, step, high)
         yield pieces.straight(
             ensemble, own, before, after, low, high - low, step.number, begin.polar
         )
         before = after
 
 
-def _at(ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int) -> tuple[Device, Device]:
+def _positions_at(
+    ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int
+) -> tuple[Device, Device]:
     """Return lon, lat [binary angle] of drifting particles at a time of the step, on the device."""
     if time == step.elapsed:
         return begin.lon, begin.lat

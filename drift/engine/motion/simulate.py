@@ -127,14 +127,14 @@ class _Within:
         """Like `at`, but do not condition later positions on this sample."""
         begin = self.begin if which is self.own else begin
         if begin is None or time == self.end:
-            return _now(which)
+            return _current_positions(which)
         kept = self.kept.get(id(which))
         if kept is not None and kept.since == time:
             return kept.lon, kept.lat
         return scene.between(which, begin, kept, self.step, time, self.clock.start)
 
 
-def _now(which: Ensemble) -> tuple[Array, Array]:
+def _current_positions(which: Ensemble) -> tuple[Array, Array]:
     return which.lon.to_numpy(), which.lat.to_numpy()
 
 
@@ -163,12 +163,12 @@ def run(
     due = [int(t) for t in outputs if since is None or t > since]
     if search and since is None:
         for time in search.stops(-1, 0):
-            search.take_effect(time, lambda which, *_: _now(which))
+            search.take_effect(time, lambda which, *_: _current_positions(which))
     while since is None and due and due[0] <= 0:
-        yield _moment(ensemble, partial(_now, ensemble), due.pop(0), search)
+        yield _moment(ensemble, partial(_current_positions, ensemble), due.pop(0), search)
     steps = (timed for timed in clock.steps() if since is None or timed.step.elapsed >= since)
     at_once = 1 if watch else scene.at_once(ensemble)
-    for first, last in _together(steps, partial(_joins, scene.forcing, at_once, due, search)):
+    for first, last in _batch_steps(steps, partial(_can_join, scene.forcing, at_once, due, search)):
         low, high, step = first
         end = last.step.elapsed + step.duration
         count = 1 + (last.step.elapsed - step.elapsed) // step.duration
@@ -202,7 +202,7 @@ def run(
             progress(min(end / clock.duration, 1.0))
 
 
-def _together(
+def _batch_steps(
     steps: Iterable[Timed], joins: Callable[[Timed, Timed, Timed], bool]
 ) -> Iterator[tuple[Timed, Timed]]:
     """Yield the first and the last of the steps that are computed together; joins: whether a step
@@ -220,7 +220,7 @@ def _together(
         yield made
 
 
-def _joins(
+def _can_join(
     forcing: Forcing,
     at_once: int,
     due: list[int],

@@ -49,7 +49,7 @@ KINDS = {
 END = ("log_weight", "release", "status_since", "edge", "world")
 
 
-def _refusal(reason: str, folder: Path | None = None) -> UserError:
+def _storage_error(reason: str, folder: Path | None = None) -> UserError:
     if folder is None:
         return temporary.refusal(reason)
     return UserError(f"{folder}: {reason}; free some space, or name another folder with --out")
@@ -234,7 +234,7 @@ def scratch(folder: Path | None) -> Iterator[ShardFile]:
         with tempfile.TemporaryFile(dir=folder) as file:
             yield ShardFile(file, 0)
     except NoRoom as error:
-        raise _refusal(str(error), folder) from error
+        raise _storage_error(str(error), folder) from error
 
 
 class SnapshotStore(Sequence[Snapshot]):
@@ -252,7 +252,7 @@ class SnapshotStore(Sequence[Snapshot]):
         self._moments = [
             (reels, at) for reels in self._stretches for at in range(len(reels[0].taken))
         ]
-        self._scale: dict[int, tuple[float, float]] = {}  # see _normal
+        self._scale: dict[int, tuple[float, float]] = {}  # see _normalisation
         self._open = contextlib.ExitStack()  # of files besides those of the reels
 
     @classmethod
@@ -282,7 +282,7 @@ class SnapshotStore(Sequence[Snapshot]):
         try:
             file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
         except OSError as error:
-            raise _refusal(error.strerror or str(error)) from error
+            raise _storage_error(error.strerror or str(error)) from error
         reel = ShardFile(file, ensemble.n)
         try:
             reel.record(period, moments)
@@ -290,7 +290,7 @@ class SnapshotStore(Sequence[Snapshot]):
             if more:
                 more(reel)
         except NoRoom as error:
-            raise _refusal(f"{error}; all output times need {notation.size(need)}") from error
+            raise _storage_error(f"{error}; all output times need {notation.size(need)}") from error
         except BaseException:
             file.close()
             raise
@@ -400,7 +400,7 @@ class SnapshotStore(Sequence[Snapshot]):
         taken = reel.taken[at]
         own, slots = taken.layout.blocks.some(*span), reel.slots(at, span)
         lon, lat, status = (reel.read(name, at, *slots) for name in ("lon", "lat", "status"))
-        scale, total = self._normal(number)
+        scale, total = self._normalisation(number)
         probability = np.exp(reel.logs(at, *slots).astype(np.float64) - scale) / total
         scenario = np.repeat(own.scenario.astype(np.int32), np.diff(own.first, append=own.n))
         family = reel.read("family", at, *slots) if "family" in taken.where else None
@@ -424,7 +424,7 @@ class SnapshotStore(Sequence[Snapshot]):
             own,
         )
 
-    def _normal(self, at: int) -> tuple[float, float]:
+    def _normalisation(self, at: int) -> tuple[float, float]:
         """Return a snapshot's largest log weight, and the sum of its weights in units of the
         largest.
         """
@@ -462,7 +462,7 @@ class SnapshotStore(Sequence[Snapshot]):
             for reel in reels:
                 for span in reel.spans(at):
                     part = self._some(reel, number, span)
-                    here, which = _within(part.blocks, slots)
+                    here, which = _match_slots(part.blocks, slots)
                     for name, values in own.items():
                         values[which] = getattr(part, name)[here]
                     if "ancestors" in reel.taken[at].where:
@@ -478,7 +478,7 @@ class SnapshotStore(Sequence[Snapshot]):
         """
         columns = tuple(np.empty(len(slots), KINDS[name]) for name in names)
         for reel in self._stretches[-1]:
-            here, which = _within(reel.taken[-1].layout.blocks, slots)
+            here, which = _match_slots(reel.taken[-1].layout.blocks, slots)
             for begin in np.unique(here // PART * PART).tolist():
                 own = (here >= begin) & (here < begin + PART)
                 first, last = int(here[own].min()), int(here[own].max()) + 1
@@ -487,7 +487,7 @@ class SnapshotStore(Sequence[Snapshot]):
         return columns
 
 
-def _within(blocks: Blocks, slots: Array) -> tuple[Array, Array]:
+def _match_slots(blocks: Blocks, slots: Array) -> tuple[Array, Array]:
     """Return which particles of some blocks are requested, and their positions in the request.
 
     slots: the requested particle numbers.

@@ -96,13 +96,13 @@ def clock_of(
         # A particle that strands again waits for the next step: with r this share, its wait is
         # longer by r^2 / 6, 4 %.
         "half of the mean time on the beach": scene.place.beach.stay / 2 or np.inf,
-        "what sliding allows (inside a step what slid lies on a straight line)": SLIDES
+        "the limit for sliding (inside a step its track is a straight line)": SLIDES
         if scene.place.beach.slides
         else np.inf,
         "the interval of the forcing": min(
             (float(np.median(np.diff(t))) for t in times), default=np.inf
         ),
-        "the time in which what feels the current under way crosses a cell of it": _crossing(
+        "the time in which a target set by the current crosses a cell of it": _crossing(
             scene, sources
         ),
     }
@@ -223,7 +223,7 @@ class _Window:
             adrift = on_map(status) & on_map(status_half)
         if not adrift.any():
             return 0.0
-        apart = _apart(lon, lat, lon_half, lat_half)
+        apart = _distances(lon, lat, lon_half, lat_half)
         return max(float(np.percentile((apart / self.days)[adrift], 95)), self.inside[step])
 
     def straight(self, step: int) -> int:
@@ -271,11 +271,11 @@ class _March:
         lasting = min(duration / count, WINDOW)
         for begin in np.linspace(0, duration - lasting, count).astype(int).tolist():
             if begin > before:
-                self._leap(before, begin)
+                self._skip_to(before, begin)
             before = begin + math.ceil(lasting)
-            yield self._through(begin, before)
+            yield self._run_window(begin, before)
 
-    def _leap(self, begin: int, end: int) -> None:
+    def _skip_to(self, begin: int, end: int) -> None:
         """Move the sample to the next window in one step: it need only be typical, not accurate."""
         finest = min(self._trials)
         self._start(finest, begin)
@@ -298,7 +298,7 @@ class _March:
         adrift = status == Status.ADRIFT
         self._lon, self._lat = np.where(adrift, lon, self._lon), np.where(adrift, lat, self._lat)
 
-    def _through(self, begin: int, end: int) -> _Window:
+    def _run_window(self, begin: int, end: int) -> _Window:
         """Move the sample through a window [s after the run's start]."""
         plan = []
         for size, clock in self._clocks.items():
@@ -336,7 +336,7 @@ class _March:
                 _, whole, lon, lat, other = awaited.pop(size)
                 both = (status == Status.ADRIFT) & (other == Status.ADRIFT)
                 if both.any():
-                    apart = _apart(lon, lat, trial.lon.to_numpy(), trial.lat.to_numpy())[both]
+                    apart = _distances(lon, lat, trial.lon.to_numpy(), trial.lat.to_numpy())[both]
                     inside[whole] = max(inside[whole], float(np.percentile(apart, 95)))
         days = np.maximum(end - np.maximum(self._release, begin), 3600) / DAY
         self._afloat(*ends[min(self._trials)])
@@ -351,7 +351,7 @@ def _places(trial: Ensemble, kept: Begin, step: kernel.Step, time: int) -> tuple
     return lon.to_numpy(), lat.to_numpy()
 
 
-def _apart(lon: Array, lat: Array, other_lon: Array, other_lat: Array) -> Array:
+def _distances(lon: Array, lat: Array, other_lon: Array, other_lat: Array) -> Array:
     """Return the distances [m] between places [binary angle], (m,)."""
     return sphere.distance(*(x * sphere.UNIT for x in (lon, lat, other_lon, other_lat)))
 

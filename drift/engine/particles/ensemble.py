@@ -44,12 +44,8 @@ CORE = (
     Column("lat", np.int32, 0, "binary angle", "latitude"),
     Column("status", np.int32, Status.PENDING, "", "drift.engine.particles.status.Status"),
     Column("release", np.int32, 0, "s", "when it is released"),
-    Column(
-        "status_since", np.int32, 0, "s", "when it went ashore, sank, left, or ran out of forcing"
-    ),
-    Column(
-        "moving_since", np.int32, 0, "s", "when it last began to move, where what strands refloats"
-    ),
+    Column("status_since", np.int32, 0, "s", "when it stranded, sank, left, or ran out of forcing"),
+    Column("moving_since", np.int32, 0, "s", "when it last began to move; refloating resets it"),
     Column("sink_time", np.int32, NEVER, "s", "when it sinks if it is still adrift"),
     Column("edge", np.int32, -1, "", "number of the shoreline edge where it went ashore; -1: none"),
     Column("scenario", np.int32, 0, "", "number of the scenario to which it belongs"),
@@ -260,7 +256,7 @@ def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
 
     bounds = tuple(int(x) for x in np.searchsorted(slots, ensemble.bounds))
     layout = Layout(bounds, bounds[:-1], ensemble.layout.block)
-    return _with(ensemble, layout, rows.rebuilt(ensemble.columns, chosen))
+    return _replace_columns(ensemble, layout, rows.rebuilt(ensemble.columns, chosen))
 
 
 def join_ensembles(parts: Sequence[Ensemble]) -> Ensemble:
@@ -281,10 +277,10 @@ def join_ensembles(parts: Sequence[Ensemble]) -> Ensemble:
     counts = np.sum([np.diff(part.bounds) for part in parts], axis=0)
     bounds = (0, *np.cumsum(counts).tolist())
     layout = Layout(bounds, bounds[:-1], parts[0].layout.block)
-    return _with(parts[0], layout, rows.rebuilt(columns[0], one))
+    return _replace_columns(parts[0], layout, rows.rebuilt(columns[0], one))
 
 
-def _with(ensemble: Ensemble, layout: Layout, columns: dict[str, Device]) -> Ensemble:
+def _replace_columns(ensemble: Ensemble, layout: Layout, columns: dict[str, Device]) -> Ensemble:
     """Return an ensemble with another layout and other columns; columns: all of them, by name."""
     core = {column.name: columns.pop(column.name) for column in CORE}
     return replace(ensemble, layout=layout, own=columns, **core)

@@ -11,7 +11,7 @@ from drift.engine.particles import partials
 from drift.engine.particles.ensemble import Column, Ensemble
 from geo.array import Array
 
-COLUMN = Column("member", np.int32, 0, "", "member of the ensemble of forcings in which it drifts")
+COLUMN = Column("member", np.int32, 0, "", "forcing ensemble member in which it drifts")
 # blocks a member from which runs are whole blocks: then no member has an eighth more slots than
 # another
 ENOUGH = 8

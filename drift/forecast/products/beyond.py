@@ -38,9 +38,9 @@ def aside(frame: Frame, at: Any) -> str:
     total = float(mass.sum())
     if total <= TELLING:
         return ""
-    lon, lat, _ = _most(mass, at)
+    lon, lat, _ = _main_cluster(mass, at)
     inside = within(frame, np.array([[lon, lat]]))[0]
-    return f"{notation.percent(total)} outside the frame{'' if inside else f', {_point(frame, lon, lat)}'}"
+    return f"{notation.percent(total)} outside the frame{'' if inside else f', {_compass_point(frame, lon, lat)}'}"
 
 
 def within(frame: Frame, points: Array) -> Array:
@@ -83,14 +83,14 @@ def _probability(frame: Frame, at: Any) -> str:
     total = float(mass.sum())
     if total <= TELLING:
         return ""
-    lon, lat, alone = _most(mass, at)
+    lon, lat, alone = _main_cluster(mass, at)
     words = f"{notation.percent(total)} of the probability lies outside this frame"
     if within(frame, np.array([[lon, lat]]))[0]:  # their mean is in the frame, so they lie round it
         return f"{words}, on several sides"
-    return f"{words}, {'' if alone else 'most of it '}{_where(frame, lon, lat)}"
+    return f"{words}, {'' if alone else 'most of it '}{_direction_and_position(frame, lon, lat)}"
 
 
-def _most(mass: Array, at: Any) -> tuple[float, float, bool]:
+def _main_cluster(mass: Array, at: Any) -> tuple[float, float, bool]:
     """Return the mean position (lon, lat) [deg] of the heaviest cluster, and whether it holds
     nearly all.
 
@@ -116,7 +116,7 @@ def _most(mass: Array, at: Any) -> tuple[float, float, bool]:
 def named(frame: Frame, places: Mapping[str, Sequence[Array]]) -> str:
     """Return a text on the places outside a frame and their direction; "" if there are none."""
     outside = [
-        f"{name}, {_where(frame, *shapes[0].mean(axis=0))}"
+        f"{name}, {_direction_and_position(frame, *shapes[0].mean(axis=0))}"
         for name, shapes in places.items()
         if hidden(frame, shapes)
     ]
@@ -126,12 +126,12 @@ def named(frame: Frame, places: Mapping[str, Sequence[Array]]) -> str:
     return f"outside this frame: {'; '.join(outside[:NAMED])}{more}"
 
 
-def _where(frame: Frame, lon: float, lat: float) -> str:
+def _direction_and_position(frame: Frame, lon: float, lat: float) -> str:
     """Return a place's direction from the middle of a frame, and its position, as text."""
-    return f"to the {_point(frame, lon, lat)} (around {notation.position(lon, lat)})"
+    return f"to the {_compass_point(frame, lon, lat)} (around {notation.position(lon, lat)})"
 
 
-def _point(frame: Frame, lon: float, lat: float) -> str:
+def _compass_point(frame: Frame, lon: float, lat: float) -> str:
     """Return the direction from the middle of a frame to a place, as one of eight points."""
     east, north = sphere.offset(*np.radians(frame.centre), *np.radians([lon, lat]))
     return POINTS[round(float(np.degrees(np.arctan2(east, north))) / 45) % 8]

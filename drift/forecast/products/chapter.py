@@ -44,7 +44,7 @@ def _snapshots(matter: ForecastOutputs, path: Path) -> None:
     forecast_map.draw_snapshots(matter.forecast, path, matter.setting, overlays=matter.small)
 
 
-def _stories(matter: ForecastOutputs, path: Path) -> None:
+def _scenario_maps(matter: ForecastOutputs, path: Path) -> None:
     from drift.forecast.products import scenario_maps
 
     scenario_maps.plot_scenarios(matter.forecast, path, matter.setting, overlays=matter.small)
@@ -68,7 +68,7 @@ PICTURES: dict[str, Callable[[ForecastOutputs, Path], None]] = {
     "snapshots.png": _snapshots,
 }
 SCENARIO_PICTURES: dict[str, Callable[[ForecastOutputs, Path], None]] = {  # of several scenarios
-    "stories.png": _stories,
+    "stories.png": _scenario_maps,
 }
 
 

@@ -197,7 +197,7 @@ class Maps:
         """Store the map of time number i."""
         self._put[i] = True
         part, own = _coarsened(area, self.grid)
-        where, there = _shared(own, self.grid)
+        where, there = _overlap(own, self.grid)
         total = part.sum(axis=(0, 1))
         self.by_scenario[(i, slice(None), *where)] = part.sum(axis=1)[(slice(None), *there)]
         self.probability[(i, *where)] = total[there]
@@ -358,7 +358,7 @@ def _effective(surveys: Sequence[Survey]) -> dict[str, Array]:
     }
 
 
-def _shared(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+def _overlap(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
     """Return the rows and columns that cells share with a grid, as slices of the grid and of the
     cells.
     """

@@ -58,19 +58,19 @@ def draw_map(
     """Draw the forecast at one output (index) into a file; overlays: layers of other topics by
     time.
     """
-    sheet.end(_drawn(forecast, setting, time, overlays), path, setting.imprint)
+    sheet.end(_draw_page(forecast, setting, time, overlays), path, setting.imprint)
 
 
 def figure(
     forecast: Forecast, setting: Setting, *, time: int = -1, overlays: Sequence[AtTime] = ()
 ) -> Figure:
     """Return the picture of `draw_map` as a Matplotlib figure."""
-    on = _drawn(forecast, setting, time, overlays)
+    on = _draw_page(forecast, setting, time, overlays)
     sheet.foot(on, setting.imprint)
     return on.figure
 
 
-def _drawn(
+def _draw_page(
     forecast: Forecast, setting: Setting, time: int, overlays: Sequence[AtTime]
 ) -> sheet.Page:
     on = sheet.begin(SHEET)
@@ -233,7 +233,9 @@ def draw_snapshots(
                 chart.free_corner(frame, *layers.occupied(frame, forecast, times)),
                 small=True,
             )
-    sheet.head(on, imprint, _joined(forecast_words.span(times, forecast.ends), setting.particles))
+    sheet.head(
+        on, imprint, _with_particles(forecast_words.span(times, forecast.ends), setting.particles)
+    )
     if least.few:
         when = notation.group(forecast.data["time"].values[least_at])
         sheet.rough(on, effective.banner(least, "areas are rough", when))
@@ -298,7 +300,7 @@ def log_bar(figure: Figure, box: tuple[float, float, float, float], mesh: Any) -
     bar.tick_params(labelsize=7)
 
 
-def _joined(text: str, particles: int | None) -> str:
+def _with_particles(text: str, particles: int | None) -> str:
     return text if particles is None else f"{text}; {particles:,} particles"
 
 
@@ -351,7 +353,7 @@ def _rows(
         rows.append((Line2D([], [], **layers.line(outline.share, forecast, few)), words))
     rows += layers.bands(forecast, [time], forecast.shares, few)
     if few and outlines:
-        rows.append((Patch(**layers.ROUGH), "Rough: too little counts for edges"))
+        rows.append((Patch(**layers.ROUGH), "Rough: too few effective particles"))
     style: dict[str, Any] = {"color": layers.TRACK, "marker": "o"}
     first, last = layers.complete(forecast), range(forecast.data.sizes["time"])[time]
     if first <= last:

@@ -75,7 +75,7 @@ def plot_scenarios(
             height - head - (row + 1) * (WIDE + OVER) + OVER - 0.2,
         )
         ax = on.figure.add_axes((left / width, bottom / height, WIDE / width, WIDE / height))
-        own = _own(setting, story) if k else setting
+        own = _scenario_setting(setting, story) if k else setting
         away = 1 - float(story.forecast.data["probability"].sum())
         notes = (
             [f"{notation.percent(away)} not on the map"]
@@ -101,7 +101,7 @@ def plot_scenarios(
         listed = "; ".join(few[:3]) + (f" and {len(few) - 3} more" if len(few) > 3 else "")
         sheet.rough(on, f"TOO FEW EFFECTIVE PARTICLES, areas are rough: {listed}")
     place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (SIDE / width, 0.3 / height)}
-    key = _key(panels, setting) + [row for overlay in overlays for row in overlay(now).key]
+    key = _legend_rows(panels, setting) + [row for overlay in overlays for row in overlay(now).key]
     sheet.legend(on.figure, key, ncols=len(key), fontsize=8, borderaxespad=0, borderpad=0, **place)
     forecast_map.log_bar(
         on.figure, (1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height), mesh
@@ -119,7 +119,7 @@ def _bounds(story: OneScenario) -> tuple[tuple[float, float], tuple[float, float
     return (west, east), (south, north)
 
 
-def _own(setting: Setting, story: OneScenario) -> Setting:
+def _scenario_setting(setting: Setting, story: OneScenario) -> Setting:
     """Return a setting with the marks of one scenario only, as drift.forecast.starts labels them.
 
     Releases belong to all scenarios.
@@ -164,7 +164,7 @@ def _contents(forecast: Forecast, setting: Setting, found: Sequence[OneScenario]
     return "; ".join(parts)
 
 
-def _key(panels: Sequence[OneScenario], setting: Setting) -> list[tuple[Any, str]]:
+def _legend_rows(panels: Sequence[OneScenario], setting: Setting) -> list[tuple[Any, str]]:
     """Return the legend: symbols and their texts."""
     every = panels[0].forecast
     rows: list[tuple[Any, str]] = []

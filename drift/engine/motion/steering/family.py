@@ -114,19 +114,19 @@ def gathered(lines: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
     """
     found: dict[tuple[Family | None, str], list[tuple[int, ...]]] = {}
     for line in lines:
-        name = _about(line, places)
+        name = _scenario_of_line(line, places)
         if name is None:
             found.setdefault((None, line), [])
         else:
             place, rest = places[name], line[len(OPENING) + len(name) + 1 :]
             found.setdefault((place.family, rest), []).append(place.at)
     return [
-        rest if family is None else f'family "{family.name}"{_which(family, {*at})}{rest}'
+        rest if family is None else f'family "{family.name}"{_describe_subset(family, {*at})}{rest}'
         for (family, rest), at in found.items()
     ]
 
 
-def _about(line: str, places: Mapping[str, InFamily]) -> str | None:
+def _scenario_of_line(line: str, places: Mapping[str, InFamily]) -> str | None:
     """Return the family scenario that a line begins with; None if there is none."""
     if not line.startswith(OPENING):
         return None
@@ -154,24 +154,26 @@ def together(names: Sequence[str], places: Mapping[str, InFamily]) -> list[str]:
         elif len(some) == 1:
             told.append(one.names[one.stories.index(some[0])])
         else:
-            values = _values(one, {*some})
-            parts = [_several(axis, own) for axis, own in values] if values is not None else []
+            values = _selecting_values(one, {*some})
+            parts = [_join_labels(axis, own) for axis, own in values] if values is not None else []
             told.append(f"{', '.join([one.name, *parts])} ({len(some):,})")
     return told
 
 
-def _which(family: Family, some: set[tuple[int, ...]]) -> str:
+def _describe_subset(family: Family, some: set[tuple[int, ...]]) -> str:
     """Return a text that identifies some scenarios of a family; "" if it is all of them."""
-    values = _values(family, some)
+    values = _selecting_values(family, some)
     if values is None:
         first = next(
             name for name, at in zip(family.names, family.stories, strict=True) if at in some
         )
         return f', {len(some):,} of its {len(family.stories):,} scenarios, such as "{first}"'
-    return "".join(f", {axis.name} {_several(axis, own, quote=True)}" for axis, own in values)
+    return "".join(f", {axis.name} {_join_labels(axis, own, quote=True)}" for axis, own in values)
 
 
-def _values(family: Family, some: set[tuple[int, ...]]) -> list[tuple[Axis, list[int]]] | None:
+def _selecting_values(
+    family: Family, some: set[tuple[int, ...]]
+) -> list[tuple[Axis, list[int]]] | None:
     """Return the axis values that select exactly these scenarios of a family; None if no values do."""
     own = [{at[k] for at in some} for k in range(len(family.axes))]
     if {
@@ -182,7 +184,7 @@ def _values(family: Family, some: set[tuple[int, ...]]) -> list[tuple[Axis, list
     return [(axis, sorted(a)) for axis, a, b in zip(family.axes, own, every, strict=True) if a != b]
 
 
-def _several(axis: Axis, values: Sequence[int], *, quote: bool = False) -> str:
+def _join_labels(axis: Axis, values: Sequence[int], *, quote: bool = False) -> str:
     labels = [f'"{axis.labels[value]}"' if quote else axis.labels[value] for value in values]
     more = f" and {len(labels) - NAMED} more" if len(labels) > NAMED else ""
     return f"{', '.join(labels[:NAMED])}{more}"

@@ -288,7 +288,7 @@ class Itinerary:
         found = []
         for phase in self.phases:
             if isinstance(phase, Ways):
-                found.append(_way(phase, spreads))
+                found.append(_ways_extent(phase, spreads))
             elif isinstance(phase, Loiter):
                 found.append((np.array(phase.ring.lon), np.array(phase.ring.lat), 0.0))
         return found
@@ -326,7 +326,7 @@ def _lines(phase: Ways) -> list[tuple[Array, Array]]:
     return [(np.unwrap(x), y) for x, y in lines]
 
 
-def _way(phase: Ways, spreads: float) -> tuple[Array, Array, float]:
+def _ways_extent(phase: Ways, spreads: float) -> tuple[Array, Array, float]:
     points = [*phase.points, *(point for point, _ in phase.destinations)]
     lon, lat = (np.concatenate(parts) for parts in zip(*_lines(phase), strict=True))
     wide = max(radius(point.place, spreads) for point in points)

@@ -116,7 +116,7 @@ def route(network: Network, names: Sequence[str]) -> Route:
         j = short[0]
         raise ValueError(
             f'lane "{names[j]} - {names[j + 1]}": {length[j] / NMI:.3g} nmi long, too short for a corridor '
-            f"{network.width[lane[j]] / NMI:.3g} nmi wide at its turns: on their inner side ways would run backwards; "
+            f"{network.width[lane[j]] / NMI:.3g} nmi wide at its turns: on their inner side tracks would run backwards; "
             "make it narrower, or leave a node out"
         )
     return Route(

@@ -29,9 +29,7 @@ from kernels.step.coast import DeviceCoast
 
 _ARRAYS = dict.fromkeys(steer.WHOLE, "steer_whole") | dict.fromkeys(steer.REAL, "steer_real")
 _COLUMNS = (
-    Column(
-        "birth", np.int32, 0, "", "slot in which it was born: the key of what is settled at birth"
-    ),
+    Column("birth", np.int32, 0, "", "initial slot: the key of its initial random choices"),
     Column("departure", np.int32, NEVER, "s", "when it gets under way"),
     Column("phase", np.int32, 0, "", "number of its phase among those of all itineraries"),
     Column("leg", np.int32, 0, "", "number of its next way point in the phase"),
@@ -40,7 +38,7 @@ _COLUMNS = (
     Column(
         "to_time", np.int32, NEVER, "s", "when it reaches its next way point, or changes its course"
     ),
-    Column("phase_end", np.int32, NEVER, "s", "when its phase is over, where a time says so"),
+    Column("phase_end", np.int32, NEVER, "s", "when its phase ends, if a time limits it"),
     Column("course", np.float32, 0, "rad", "its course, where it keeps one, clockwise from north"),
     Column("speed", np.float32, 0, "m/s", "its speed, where one is drawn"),
     Column(
@@ -120,7 +118,7 @@ class Helm:
         self._parts: dict[tuple[int, ...], Helm] = {}
         # a reference cycle would keep the columns until garbage collection
         self._of = weakref.ref(whole or self)
-        self._noted = False  # whether the track pieces of the step last kept are recorded
+        self._pieces_recorded = False  # whether the track pieces of the step last kept are recorded
         self._kept: dict[str, Device] = {}
 
     @property
@@ -211,7 +209,7 @@ class Helm:
             self._move(step)
             return
         e = self._ensemble
-        self._noted = steer.move_targets(
+        self._pieces_recorded = steer.move_targets(
             columns(e), self.batch, self.plan, e.seed, self._domain, self._coast, step, self._room
         )
 
@@ -221,7 +219,7 @@ class Helm:
 
         It is valid until the next call.
         """
-        self._noted = False
+        self._pieces_recorded = False
         own = columns(self._ensemble)
         before = {name: rows.located(column)[0] for name, column in self._kept.items()}
         self._kept = rows.rebuilt(own, lambda name, array: runtime.copy(array, before.get(name)))
@@ -236,11 +234,11 @@ class Helm:
         sensors.
         """
         whole = self._whole
-        if not whole._noted:
+        if not whole._pieces_recorded:
             steer.write_pieces(
                 kept, whole.batch, whole.plan, self._ensemble.seed, self._coast, step, whole._room
             )
-            whole._noted = True
+            whole._pieces_recorded = True
         return whole._room.pack
 
     def velocity(
