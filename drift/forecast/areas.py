@@ -228,7 +228,7 @@ def build_area(
             (deposits.mass[i : i + 2].sum(axis=0), deposits.squares[i : i + 2].sum(axis=0))
             for i in (0, 2)
         ]
-        # At the same bandwidth all particles put twice as many into a kernel as half of them.
+        # At the same bandwidth a kernel holds twice as many of all particles as of half of them.
         m, more = _choose_bandwidth(held, halves, media, max(m / 2, 2.0), more)
         m *= 2
         calibrations = []
@@ -400,7 +400,7 @@ def _fit_outline(
     stranded on a wavy shore the outlines of the 50, 75 and 95 % areas held 58, 76 and 98 %; with 60
     % of them stranded, 54, 75 and 95 %.
     """
-    # the line runs no farther out than the neighbours of these
+    # the line stays within the neighbours of these cells
     near = height > np.exp(threshold - 3)
     rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
     south, west = max(rows[0] - 1, 0), max(columns[0] - 1, 0)

@@ -37,7 +37,7 @@ R = TypeVar("R")
 AT_ONCE = 2  # maps computed at the same time, some 50 MB each
 ACROSS = 360  # most cells across the forecast's grid
 ACROSS_ONE = 840  # most cells across the finer grid of a single snapshot
-MOST_ONE = 1_500_000  # most cells of a snapshot on a grid of the user's own
+MOST_ONE = 1_500_000  # most cells of a snapshot on a user-defined grid
 METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [binary angle unit] along a meridian
 
 
@@ -305,7 +305,7 @@ def _fixed(clouds: Sequence[Cloud | None], centre: int, grid: Cells) -> list[Cel
         y0, y1 = _span(own.south - grid.lat0, own.north - grid.lat0, grid.height, 15 * fine)
         y0, y1 = _clip_range(y0, y1, grid.height, -(2**30) - grid.lat0, 2**30 - grid.lat0)
         if grid.nlon == _whole_turn(grid.width) and (x0 < 0 or x1 > grid.nlon):
-            x0, x1 = 0, grid.nlon  # what lies beyond one edge of the grid is at the other
+            x0, x1 = 0, grid.nlon  # cells beyond one edge of the grid continue at the other
         if (x1 - x0) * (y1 - y0) > MOST_ONE:
             across = max((x1 - x0) * grid.width * shrink, (y1 - y0) * grid.height) / METRE
             raise UserError(

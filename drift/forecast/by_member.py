@@ -25,7 +25,7 @@ class Members:
 
     names: tuple[str, ...]
     prior: Array  # (members,) sum 1
-    posterior: Array  # (members,) sum 1, by all that was seen
+    posterior: Array  # (members,) sum 1, given all evidence
     # (members, 2) mean position [deg] of each member's particles on the map; NaN without any
     place: Array
 

@@ -43,7 +43,7 @@ def extent_of_output(output: Output, known: Survey, centre: int) -> Cloud | None
     if not known.heaviest > 0:
         return None
     sums = known.weight.sums[:, 0, 0]
-    begun = np.concatenate([[0.0], np.cumsum(sums)])  # of each block, in the order of the whole run
+    begun = np.concatenate([[0.0], np.cumsum(sums)])  # cumulative weight by block of the run
     goals = (np.arange(SAMPLE) + 0.5) / SAMPLE * begun[-1]
     block_of = np.minimum(np.searchsorted(begun[1:], goals), len(sums) - 1)
     edges, total, count = [], 0, 0

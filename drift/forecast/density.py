@@ -35,7 +35,7 @@ KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 1
 FEW = 8  # ratio of all cells to needed cells from which the sparse form is used
 # shares of a cell's mass in four cells of the next level: see _coarser_cells
 PARTS = np.array([9, 3, 3, 1]) / 16
-REACH = 4  # cells, and standard deviations, as far as a kernel reaches
+REACH = 4  # radius of a kernel, in cells and standard deviations
 BELL = np.exp(-0.5 * np.arange(-REACH, REACH + 1) ** 2)
 BELL /= BELL.sum()
 # ratio of particles per kernel between the densest cells and the thinnest
@@ -367,7 +367,7 @@ def ranked(density: Array, least: float = 0.0) -> Array:
     """
     occupied = np.flatnonzero(density >= least if least > 0 else density > 0)
     sparse = -density.ravel()[occupied]
-    # twice as fast as a stable sort: ties, which are few, are brought into order afterwards
+    # twice as fast as a stable sort; the few ties are put in order afterwards
     order = np.argsort(sparse)
     level = sparse[order]
     tied = level[1:] == level[:-1]

@@ -20,9 +20,9 @@ from geo import notation
 from geo.array import Array
 
 FEW = {"particles": 200.0, "worlds": 50.0}  # effective numbers below which figures are rough
-SLACK = 1e-6  # share of a number by which rounding may miss it
+SLACK = 1e-6  # relative rounding error of a number
 PART = 0.05  # share of the probability on the map above which a part has its own warning
-# A run is warned of once this share of what is ever released is out: until then its maps say what
+# Warnings start once this share of all eventual releases has happened; before that, maps report what
 # is missing.
 RELEASED = 0.99
 PARTS = {"adrift": "of those adrift", "ashore": "of those ashore"}
@@ -34,7 +34,7 @@ class Count:
 
     number: float
     of: int | None = None
-    what: str = "particles"  # what counts: "particles" or "worlds"
+    what: str = "particles"  # the unit counted: "particles" or "worlds"
 
     @property
     def few(self) -> bool:

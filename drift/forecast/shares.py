@@ -1,7 +1,7 @@
 """Shares of the containment areas of a forecast: `output.areas` of a case, in percent."""
 
 SHARES = (0.5, 0.75, 0.95)  # used where a case names none
-MOST = 6  # lines that a map can tell apart
+MOST = 6  # most lines that can be distinguished on a map
 LEAST, LARGEST = 1.0, 99.9  # [%], of areas that particles can resolve
 
 

@@ -32,7 +32,7 @@ def starts(
             marks.append(Mark(*prior.reported, label))
         else:
             lon = np.degrees(np.unwrap(prior.lon)).tolist()
-            closed = not prior.moving  # an area has an outline, a voyage a beginning and an end
+            closed = not prior.moving  # an area has a closed outline, a voyage has two ends
             lines.append(Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
     return marks, lines
 

@@ -26,7 +26,7 @@ class Survey:
     weight: Partial  # of the particles on the map, by block
     lightest: float  # smallest weight on the map; 1 if the map is empty
     heaviest: float
-    ashore: bool  # whether anything on the map is
+    ashore: bool  # whether any probability on the map is ashore
     steers: bool  # whether any target is under way
     effective: float  # effective particles in all statuses; copies count as one, here and below
     effective_map: float  # on the map

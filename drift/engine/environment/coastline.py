@@ -144,7 +144,7 @@ def _check_ways(
         sphere.wrap_degrees(need.west - box.west) % 360 + need.east - need.west
         <= box.east - box.west
     )
-    if not inside:  # the case's own domain is smaller than its ways, or its sources are
+    if not inside:  # the domain or the sources are smaller than the itineraries
         whole, coast = shore.land(asked.source, need, asked.lakes), None
     if coast is None and whole.polygons.size:
         coast = shoreline.build_coast(whole, box if inside else need)

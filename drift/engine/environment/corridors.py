@@ -40,7 +40,7 @@ class Shore:
 
     coast: Coast
     ends: Array  # (m, 2, 3)
-    middle: Array  # (m, 3), about halfway between the ends
+    middle: Array  # (m, 3) about halfway between the ends
     centre: Array  # (b, 3)
     reach: Array  # (b,) radius of the ball about `centre` that holds all middles of a block
 
@@ -244,7 +244,7 @@ def _first_contact(
     up = line.sum(axis=0) / np.linalg.norm(line.sum(axis=0))
     across = np.cross(line[0], line[1])
     across /= np.linalg.norm(across)
-    # columns: along the lane, across it, up
+    # columns: unit vectors along the lane, across it, up
     frame = np.stack([np.cross(across, up), across, up], axis=1)
     points = _plane(_vectors(corners[..., 0], corners[..., 1]) @ frame)
     # Every path leads from a point of one line across to one of the other, so all paths lie in the

@@ -22,10 +22,10 @@ from kernels.step import advance
 FASTEST_CURRENT = 2.5  # [m/s] with which a domain is computed where the case states none
 STRONGEST_WIND = 25.0  # [m/s]
 POLEWARD = 89.0  # [deg] a domain that reaches beyond holds the pole: there meridians meet
-# [deg2] size of a box above which it is worth asking how much of it can be reached at all
+# [deg2] size of a box above which computing what can be reached saves work
 VAST = 4_000.0
-FARTHEST = 7.0  # standard deviations beyond which practically nothing is drawn
-SPREADS = 5.0  # standard deviations of a prior that lie in its box
+FARTHEST = 7.0  # standard deviations beyond which practically no particle is drawn
+SPREADS = 5.0  # standard deviations of a prior inside its box
 
 
 def bounds(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:

@@ -34,7 +34,9 @@ from geo.forcing.sources import Source
 # What is read of a source ends on a lattice, whose lines are at most this share of the box's width
 # or height apart.
 FINEST_SHARE = 1 / 8
-FAR = np.timedelta64(12, "h")  # between rows of a table: weather changes within it
+FAR = np.timedelta64(
+    12, "h"
+)  # between rows of a table, from which a note is given: weather changes faster
 COARSEST = 4.0  # [deg] the lattice's widest spacing
 
 
@@ -47,9 +49,7 @@ class Environment:
     sources: tuple[Source, ...]
     coast: shoreline.Coast | None
     notes: tuple[str, ...]
-    members: tuple[
-        str, ...
-    ] = ()  # what the members of its ensemble of winds and currents are called; empty: it has none
+    members: tuple[str, ...] = ()  # names of the forcing ensemble's members; empty: no ensemble
 
 
 class Common(Protocol):

@@ -19,7 +19,7 @@ class Coast:
     # [s] half-life of stranding before a particle refloats; 0: it stays ashore
     half_life: float = 0.0
     offing: float = 0.0  # [m] distance from the beach at which it refloats
-    lakes: bool | str = False  # water; or the absolute path of a file of lakes
+    lakes: bool | str = False  # True: lakes count as water; or the absolute path of a file of lakes
 
 
 @dataclass(frozen=True)

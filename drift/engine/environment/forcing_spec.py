@@ -44,8 +44,8 @@ class ForcingSpec:
 
     name: str
     quantity: str
-    files: tuple[str, ...] = ()  # absolute paths of files that exist, or addresses
-    dataset: str | None = None  # the name of an xarray.Dataset that the run is given
+    files: tuple[str, ...] = ()  # absolute paths of existing files, or URLs
+    dataset: str | None = None  # name of an xarray.Dataset in memory
     constant: tuple[float, float] | None = None  # true east, north [m/s]
     table: Report | None = None
     analytic: str | None = None
@@ -65,7 +65,7 @@ class ForcingSpec:
     members: bool | str = False
     # the files of each entry of a list, or each file of a single pattern
     entries: tuple[tuple[str, ...], ...] = ()
-    # the members of an ensemble, where each is a source of its own
+    # the members of an ensemble that are separate sources
     each: tuple["ForcingSpec", ...] = ()
 
     @property

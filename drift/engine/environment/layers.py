@@ -328,8 +328,8 @@ class _Shapes:
     """The shapes of one track, as rows (lon, lat) [deg]; equal ones are drawn once."""
 
     lines: tuple[tuple[tuple[float, float], ...], ...]
-    outlines: tuple[tuple[tuple[float, float], ...], ...]  # closed: where its way points may be
-    # where over each of its destinations (lon, lat), and its probability
+    outlines: tuple[tuple[tuple[float, float], ...], ...]  # closed: areas of its way points
+    # label position (lon, lat) of each destination, and its probability
     odds: tuple[tuple[float, float, float], ...]
 
     @property

@@ -40,7 +40,7 @@ class Lacking:
 
     weight: Partial  # of all particles, (1,)
     beyond: Partial  # outside the domain
-    # by quantity: where one of its terms or more have no value, (1,)
+    # by quantity: where at least one of its terms has no value, (1,)
     missing: Mapping[str, Partial]
     # By quantity, number of the sea (see _scenarios_by_sources) and number of the term in it: where that has no
     # value; and the weight of all that see it, (1,).
@@ -81,7 +81,7 @@ class _Begun(NamedTuple):
     lon: Array
     lat: Array
     weight: Array
-    member: Array | None  # of an ensemble of forcings in which each drifts
+    member: Array | None  # forcing ensemble member of each; None: no ensemble
 
 
 def _lacking(box: Box, scene: Scene, blocks: Blocks, whole: Array, begun: _Begun) -> Lacking:

@@ -90,7 +90,7 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
         except UserError as error:
             wrong |= dict.fromkeys(error.lines)
     seen: dict[InRing, None] = {}
-    known: dict[bytes, list[tuple[int, str, str]]] = {}  # scenarios of a family go the same ways
+    known: dict[bytes, list[tuple[int, str, str]]] = {}  # scenarios of a family share itineraries
     shore = corridors.Shore.of(coast)
     for name, own in stories:
         for number, phase in enumerate(own.phases, 1):

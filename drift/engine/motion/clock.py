@@ -89,7 +89,7 @@ class Clock:
                 elapsed = begin - self.start if self.direction > 0 else self.start - end
                 if elapsed >= self.duration:
                     return
-                if elapsed + end - begin > 0:  # else it ends before the run begins
+                if elapsed + end - begin > 0:  # otherwise it ends before the run begins
                     pieces = -(-(end - begin) // self.straight)
                     step = kernel.Step(
                         self._number(begin), elapsed, end - begin, self.direction, pieces

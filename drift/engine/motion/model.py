@@ -48,7 +48,7 @@ class Model:
     """
 
     forced: bool
-    columns: tuple[Column, ...]  # columns of the ensemble besides those of the core
+    columns: tuple[Column, ...]  # columns of the ensemble besides CORE
     terms: Callable[[Errors, Scenario], Terms]
     # Draws the columns' initial values for a scenario's slots.
     draw: Callable[[Ensemble, Slots, Key, Scenario, Errors], None]

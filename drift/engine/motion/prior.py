@@ -28,7 +28,7 @@ from kernels.runtime import runtime
 from kernels.step import prior as kernel
 from kernels.step.coast import DeviceCoast, open_sea
 
-# [m] longest piece of a great-circle leg with one course: it turns by less than 0.2 degrees at 45 N
+# [m] longest piece of a leg with one course: a great circle turns by less than 0.2 degrees at 45 N
 PIECE = 20_000.0
 
 
@@ -37,7 +37,7 @@ class Prior:
     """The initial ensemble, and how many positions were drawn for it."""
 
     ensemble: Ensemble
-    tried: Array  # int64 (scenarios, 2): places drawn, and particles that found none in water
+    tried: Array  # int64 (scenarios, 2): positions drawn, and particles left without water
 
 
 def layout(spec: EnsembleSpec) -> Layout:
@@ -216,7 +216,7 @@ class _Draw(NamedTuple):
     ensemble: Ensemble
     slots: Slots
     key: tuple[int, int]
-    tries: Any  # int64 (2,) on the device: candidates drawn, slots that found no water
+    tries: Any  # int64 (2,) on the device: positions drawn, slots left without water
     coast: DeviceCoast | None
 
     @property

@@ -148,13 +148,13 @@ class Scenario:
     sources: Mapping[str, tuple[str, ...]]  # their names by quantity, in order of priority
     search_object: str | None = None  # the object's name in the sweep width tables
     model: str = "drift"  # model of motion: drift.engine.motion.models
-    motion: Any = None  # parameters of the model's own: opaque to all but the model
+    motion: Any = None  # parameters that only the model reads
     survival: Survival | None = None
-    # how it steers until its distress; None: it is adrift from the first
+    # how it steers until its distress; None: it is adrift from the start
     itinerary: Itinerary | None = None
-    family: InFamily | None = None  # where it stands in its family; None: it is in none
-    # How loud it is to a passive sonar [dB re 1 uPa at 1 m], or rows of speed [m/s] and level;
-    # None: not told.
+    family: InFamily | None = None  # its position in a family; None: it has none
+    # Source level for passive sonar [dB re 1 uPa at 1 m], or rows of speed [m/s] and level;
+    # None: not stated.
     source_level: float | tuple[tuple[float, float], ...] | None = None
 
     @property

@@ -44,7 +44,7 @@ class Begin(NamedTuple):
     helm: Mapping[str, Device] | None
     # each track's deviation from its chord: see kernels.step.curve, float32 (4 n,)
     bend: Device
-    polar: bool = False  # whether the domain holds a pole
+    polar: bool = False  # whether the domain contains a pole
 
 
 class Kept(NamedTuple):
@@ -62,10 +62,10 @@ class Scene:
     """
 
     forcing: Forcing
-    motions: tuple[Motion, ...]  # one a scenario: how it moves once it is adrift
+    motions: tuple[Motion, ...]  # of each scenario once it is adrift
     place: kernel.Surroundings
-    steering: Steering | None = None  # how scenarios steer before that; None: none does
-    guided: Guided | None = None  # how noise is nudged toward finds; None: it is not
+    steering: Steering | None = None  # how scenarios steer before that; None: no steering
+    guided: Guided | None = None  # how noise is shifted toward finds; None: not guided
 
     def advance(
         self,
@@ -148,7 +148,7 @@ class Scene:
                 )
                 for model, ranges, group in self.groups(ensemble)
             )
-            # They are kept alive, for an id() may be given again.
+            # They are kept alive, because an id() may be reused.
             self.forcing.movers[key] = (self, ensemble, ensemble.layout), (movers, bend)
         made: tuple[tuple[kernel.Move, ...], Device] = self.forcing.movers[key][1]
         return made

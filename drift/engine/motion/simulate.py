@@ -30,7 +30,7 @@ class Moment:
     lon: Array  # int32 binary angle (n,)
     lat: Array
     status: Array  # int32 (n,)
-    layout: Layout  # which slots belong to which scenario
+    layout: Layout  # of slots by scenario
     log_weight: Array | None = None  # float32 (n,) at that time; None: those of the end of the run
     # (n,) slots in the whole run at the moment before, if particles were resampled since
     ancestors: Array | None = None
@@ -104,7 +104,7 @@ class _Within:
     own: Ensemble  # the run's own ensemble
     clock: Clock
     step: kernel.Step
-    begin: Begin | None  # where the run's particles began the step, if that is needed
+    begin: Begin | None  # where the run's particles began the step, if it was kept
     kept: dict[int, Kept] = field(default_factory=dict)  # by ensemble's id
 
     @property
@@ -195,7 +195,7 @@ def run(
                 )
         if watching:
             watching.watch(end)
-            # the last outputs show the particles as they were when it ended
+            # outputs after the last step show the particles at its end
             if end < clock.duration:
                 watching.after(end)
         if progress:

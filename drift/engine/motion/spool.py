@@ -66,7 +66,7 @@ class Noted(NamedTuple):
     """Where a named array lies in a shard's file."""
 
     begin: int
-    kind: str  # of numbers, as NumPy writes it
+    kind: str  # NumPy's dtype string
     size: int
 
 
@@ -86,7 +86,9 @@ class ShardFile:
     file: BufferedRandom | Path
     n: int
     taken: list[SnapshotIndex] = field(default_factory=list)
-    end: dict[str, int] = field(default_factory=dict)  # where columns of the end of the run begin
+    end: dict[str, int] = field(
+        default_factory=dict
+    )  # offsets of the columns at the end of the run
     notes: dict[str, Noted] = field(default_factory=dict)  # further arrays of the run, by name
     # a file of log weights computed after the run, and the offset of this shard's in it
     later: "tuple[ShardFile, int] | None" = None
@@ -170,7 +172,7 @@ class ShardFile:
             self.file.write(column.data)
             self.file.flush()
         except OSError as error:
-            self.file.raw.close()  # what is left in the buffer would fail once more
+            self.file.raw.close()  # flushing the rest of the buffer would fail again
             raise NoRoom(error.strerror or str(error)) from error
 
     def read(self, name: str, at: int | None, first: int, last: int) -> Array:
@@ -253,7 +255,7 @@ class SnapshotStore(Sequence[Snapshot]):
             (reels, at) for reels in self._stretches for at in range(len(reels[0].taken))
         ]
         self._scale: dict[int, tuple[float, float]] = {}  # see _normalisation
-        self._open = contextlib.ExitStack()  # of files besides those of the reels
+        self._open = contextlib.ExitStack()  # files besides those of the shards
 
     @classmethod
     def of_run(

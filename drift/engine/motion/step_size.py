@@ -28,7 +28,7 @@ Times = npt.NDArray[np.int64]  # [s since 1970]
 LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)
 # candidate steps tried together: often the first is accepted
 RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))
-FEWEST = 100  # least particles from which a percentile is taken
+FEWEST = 100  # fewest particles for a percentile
 # sample size for the step's error: the rank of the percentile has an error of 0.7 %
 TRIAL_SIZE = 1000
 # [s] longest step with sliding along the shore: inside a step the track is a straight line, which
@@ -207,7 +207,7 @@ class _Window:
     """Positions of a sample after a part of the run, by step; columns of shape (m,)."""
 
     ends: dict[int, tuple[Array, Array, Array]]  # lon, lat [binary angle] and status at its end
-    days: Array  # for how long each particle drifted in it, at least an hour
+    days: Array  # drift time of each particle in it, at least one hour
     # [m] how far apart particles are by a step and by its half, half-way in a step
     inside: dict[int, float]
     bulges: dict[int, float]  # [m] by how much a way departs from its chord at most

@@ -74,7 +74,7 @@ class Layout:
 
     bounds: tuple[int, ...]  # the first slot of each scenario and, last, n
     numbers: tuple[int, ...]  # number of each scenario's first slot in the whole run
-    # slots of each scenario that make a block: drift.engine.particles.partials
+    # slots per block of each scenario: drift.engine.particles.partials
     block: tuple[int, ...]
     _batches: dict[tuple[int, ...], Batch] = field(default_factory=dict, repr=False, compare=False)
 

@@ -192,12 +192,12 @@ class Partial:
     def by_scenario(self) -> Array:
         """The sums of each scenario, (scenarios, codes, values)."""
         sums = np.zeros((self.scenarios, *self.sums.shape[1:]))
-        # blocks of one scenario follow each other
+        # blocks of one scenario are contiguous
         begun = np.flatnonzero(np.diff(self.scenario, prepend=-1))
         if begun.size:
             sums[self.scenario[begun]] = np.add.reduceat(
                 self.sums, begun, axis=0
-            )  # one after the other, in their order
+            )  # sequential, in the order of the blocks
         return sums
 
     @property

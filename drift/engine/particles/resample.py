@@ -27,7 +27,7 @@ from geo.array import Array
 from kernels.maths import noise
 from kernels.maths.noise import Purpose
 
-LEAST_SHARE = 0.1  # least slots of a scenario, as a share of an equal share
+LEAST_SHARE = 0.1  # fewest slots of a scenario, as a share of an equal share
 # share of a scenario's mean weight below which duplication treats a particle as ruled out
 RULED_OUT = 1e-3
 SPARE = 4.0  # spare slots for Kahn's method, in units of sqrt(N); its standard deviation is at most half
@@ -103,7 +103,7 @@ METHODS = {
     "duplicates": DUPLICATES,
     **dict.fromkeys(
         ("position", "course", "combined"), DUPLICATES
-    ),  # besides what drift.evidence.filter.filling does at contacts
+    ),  # drift.evidence.filter.filling also repopulates at contacts
     "systematic": Method(
         lambda weight, number, random: systematic(weight, number, random.random()),
         lambda number: number,

@@ -52,7 +52,7 @@ def runs_of_families(
     code: Array, many: int, weight: Array, family: Array, blocks: Blocks
 ) -> tuple[Array, Array]:
     """Return one part's input to `families`: pairs of family and code, and their summed weights."""
-    # offspring lie side by side: runs are few
+    # siblings occupy adjacent slots, so there are few runs
     return blocks.runs(family.astype(np.int64) * many + code, weight)
 
 

@@ -85,7 +85,9 @@ def _probability(frame: Frame, at: Any) -> str:
         return ""
     lon, lat, alone = _main_cluster(mass, at)
     words = f"{notation.percent(total)} of the probability lies outside this frame"
-    if within(frame, np.array([[lon, lat]]))[0]:  # their mean is in the frame, so they lie round it
+    if within(frame, np.array([[lon, lat]]))[
+        0
+    ]:  # the mean is inside, so the probability surrounds the frame
         return f"{words}, on several sides"
     return f"{words}, {'' if alone else 'most of it '}{_direction_and_position(frame, lon, lat)}"
 

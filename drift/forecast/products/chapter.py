@@ -24,12 +24,12 @@ class ForecastOutputs:
     setting: Setting
     overlays: Sequence[
         Callable[[Any], Any]
-    ] = ()  # what other topics draw on the map: drift.products.maps.overlay.AtTime
+    ] = ()  # layers of other topics for the map: drift.products.maps.overlay.AtTime
     small: Sequence[Callable[[Any], Any]] = ()  # the same on the maps of all outputs
 
 
 def _map(matter: ForecastOutputs, path: Path) -> None:
-    # imported here, for Matplotlib takes a second
+    # imported here because Matplotlib takes a second
     from drift.forecast.products import map as forecast_map
 
     time = mapped.opening(matter.forecast.data, matter.setting.opens)

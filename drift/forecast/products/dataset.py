@@ -22,7 +22,7 @@ SUMMARY = (
     "Probability of where an object at sea is over time, by cells, from weighted particles: what they drifted or steered, "
     "what searches and contacts showed up to each time, areas that hold stated shares, and what became of the object."
 )
-SUMMED = "time: point area: sum"  # CF's cell methods of a share of the cell at a time
+SUMMED = "time: point area: sum"  # CF cell methods of a cell's probability at a time
 CALIBRATED = "calibrated so that the share of held-out particles inside equals the stated one"
 
 
@@ -174,7 +174,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
         },
     ),
 }
-STEERING = {  # words of long names where targets steer
+STEERING = {  # long names for runs with steering targets
     "adrift or ashore": "under way, arrived, aground, adrift or ashore",
     "of those adrift": "of those under way or adrift",
 }
@@ -276,7 +276,7 @@ def build_dataset(
     if "effective_worlds" in forecast:
         forecast["effective_worlds"].attrs["worlds"] = surveys[0].worlds
     if not any(survey.steers for survey in surveys):
-        # nothing steers: it is the last three
+        # without steering only the last three exist
         return forecast.isel(status=slice(int(Status.UNDER_WAY)))
     for variable in forecast.variables.values():
         for drifting, steering in STEERING.items() if variable.attrs else ():

@@ -492,10 +492,10 @@ def ashore_marks(
     bins = np.floor((y - frame.y[0]) / net) * 1000 + np.floor((x - frame.x[0]) / net)
     _, member = np.unique(bins, return_inverse=True)
     sums = np.bincount(member, weight)
-    order = np.lexsort((-weight, member))  # a symbol stands at the likeliest cell of its mesh
+    order = np.lexsort((-weight, member))  # a symbol is placed at the likeliest cell of its mesh
     x, y = (v[order[np.searchsorted(member[order], np.arange(len(sums)))]] for v in (x, y))
     keep = sums > 1e-3 * total
-    # the coast in areas shows between them
+    # symbols leave the coastal bands visible
     size = scale**2 * (9 + 50 * sums[keep] / max(sums.max(), 0.02))
     ax.scatter(
         x[keep], y[keep], size, marker="^", color=ASHORE, edgecolor="white", linewidth=0.5, zorder=9

@@ -53,7 +53,7 @@ class InFamily:
     """The position of a scenario in its family."""
 
     family: Family
-    at: tuple[int, ...]  # the number of its value on each axis
+    at: tuple[int, ...]  # index of its value on each axis
 
     @property
     def labels(self) -> dict[str, str]:
@@ -68,7 +68,7 @@ class Along:
     """A run's scenarios along an axis; axes of the same name in several families are merged."""
 
     axis: Axis
-    number: npt.NDArray[np.int64]  # (scenarios,) of the value of each, -1: it has no such axis
+    number: npt.NDArray[np.int64]  # (scenarios,) index of each one's value; -1: it has no such axis
 
     def shares(self, probability: Array) -> Array:
         """Return the probability of each axis value from that of scenarios: (..., scenarios) to
@@ -85,7 +85,7 @@ def along(places: Sequence[InFamily | None]) -> list[Along]:
     found: dict[str, dict[str, int]] = {}
     labels = [place.labels if place else {} for place in places]
     for family in dict.fromkeys(place.family for place in places if place):
-        for axis in family.axes:  # their values in the order of the case
+        for axis in family.axes:  # values in the order of the case
             known = found.setdefault(axis.name, {})
             for label in axis.labels:
                 known.setdefault(label, len(known))
@@ -131,7 +131,7 @@ def _scenario_of_line(line: str, places: Mapping[str, InFamily]) -> str | None:
     if not line.startswith(OPENING):
         return None
     end = line.find('"', len(OPENING))
-    while end >= 0:  # names may hold quotation marks
+    while end >= 0:  # names may contain quotation marks
         if line[len(OPENING) : end] in places:
             return line[len(OPENING) : end]
         end = line.find('"', end + 1)

@@ -144,7 +144,7 @@ class Ways:
     k_spread: float = 0.0  # standard deviation of the logarithm of k
     slowest: float = 0.0  # [m/s] made good between way points that have times
     fastest: float = np.inf
-    lanes: Lanes | None = None  # those it follows, where it follows any
+    lanes: Lanes | None = None  # the lanes followed; None: none
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ def route(network: Network, names: Sequence[str]) -> Route:
     arriving, leaving = np.append(ahead[0], behind), np.append(ahead, behind[-1])
     reach, toward = across(arriving, leaving, np.append(half[0], half), np.append(half, half[-1]))
     length = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:])
-    # How much less far there is to go on one side and further on the other: paths must not run
+    # The path is shorter on one side of the corridor and longer on the other: paths must not run
     # backwards.
     slant = reach[1:] * np.cos(toward[1:] - behind) - reach[:-1] * np.cos(toward[:-1] - ahead)
     short = np.flatnonzero(np.abs(slant) >= length)
@@ -171,7 +171,9 @@ def across(arriving: Array, leaving: Array, before: Array, after: Array) -> tupl
         after: half widths [m] of the lanes after the nodes.
     """
     turn = sphere.wrap(leaving - arriving)
-    turn = np.where(np.abs(turn) > np.pi - 1e-6, -np.pi, turn)  # rounding must not choose the side
+    turn = np.where(
+        np.abs(turn) > np.pi - 1e-6, -np.pi, turn
+    )  # so that rounding does not decide the side
     mitre = np.minimum(1 / np.maximum(np.cos(turn / 2), 1e-9), MITRE)
     return (before + after) / 2 * mitre, sphere.wrap(arriving + turn / 2 + np.pi / 2)
 

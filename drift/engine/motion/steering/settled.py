@@ -24,11 +24,11 @@ class Settled(NamedTuple):
     speed: Array  # [m/s] of the first phase for which a speed of advance is drawn
     # [rad] the first one of the first phase that keeps a course, clockwise from north
     course: Array
-    destination: Array  # number among those of the last phase that has a choice of them
+    destination: Array  # index among the destinations of the last phase that has several
     k: Array  # [m/sqrt(s)] of the first phase that is a Brownian bridge
-    # [s] at the end of an itinerary that is one voyage, unless its distress comes first
+    # [s] end of an itinerary that is a single voyage, unless its distress comes first
     arrival: Array
-    has: Mapping[str, Array]  # (scenarios,) bool each: which scenarios have which of these
+    has: Mapping[str, Array]  # (scenarios,) bool each: which scenarios have each value
 
 
 def read_settled(ensemble: Ensemble, steering: Steering) -> Settled:

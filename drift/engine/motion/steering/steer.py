@@ -63,7 +63,7 @@ class Steering(NamedTuple):
 
     itineraries: tuple[Itinerary | None, ...]
     period: Period
-    error: ForcingError  # of the current, which some feel
+    error: ForcingError  # of the current, for scenarios that do not compensate it
 
     @property
     def scenarios(self) -> tuple[int, ...]:
