@@ -343,7 +343,9 @@ def _whole_turn(width: int) -> int:
 
 
 def _halvings(height: int, fine: float, across: int, most: int) -> int:
-    """Return how often to halve cells until they are fine enough; `most` and ACROSS_ONE limit it."""
+    """Return how often to halve cells until they are fine enough; `most` and ACROSS_ONE
+    limit it.
+    """
     k = 0
     while height / 2**k > 1.4 * fine and k < most and across * 2 ** (k + 1) <= ACROSS_ONE:
         k += 1
@@ -367,7 +369,9 @@ class _Land:
         return np.asarray(self.is_land(lon.ravel(), lat.ravel()), bool).reshape(where.shape)
 
     def on(self, window: Cells) -> Array | None:
-        """Return land (nlat, nlon) on a window of the common cells or finer; None if there is none."""
+        """Return land (nlat, nlon) on a window of the common cells or finer; None if there
+        is none.
+        """
         if self.common is None:
             return None
         x, y = (

@@ -82,7 +82,7 @@ def summary_of_members(members: Members) -> dict[str, Any]:
     columns = zip(members.names, members.prior.tolist(), members.posterior.tolist(), strict=True)
     return {
         "number": len(members.names),
-        # Number of equally likely members with the same sum of squares; all of them without evidence.
+        # Number of equally likely members with this sum of squares; all without evidence.
         "effective": float(1 / (members.posterior**2).sum()),
         "weights": {
             name: {"prior": prior, "posterior": posterior} for name, prior, posterior in columns
@@ -113,7 +113,7 @@ def _leaves(members: Members) -> list[Any]:
         ("lon", "Mean longitude at the end", "words"),
         ("lat", "Mean latitude", "words"),
     ]
-    note = "Members are equally likely a priori; afterwards each has the summed weight of its particles."
+    note = "Equally likely a priori; afterwards each has the summed weight of its particles."
     return [
         leaves.table_leaf(
             "Members of the winds and currents", columns, file="members.csv", note=note

@@ -1,4 +1,6 @@
-"""The containment of points, read from a forecast: the smallest share whose area holds the point."""
+"""The containment of points, read from a forecast: the smallest share whose area holds the
+point.
+"""
 
 from typing import Any
 

@@ -120,7 +120,9 @@ def _coarser_cells(cells: Array, shape: tuple[int, int]) -> tuple[Array, tuple[i
 
 
 def _raised(cells: Array, shape: tuple[int, int], *values: Array) -> list[Array]:
-    """Return `_coarser`, flattened, of grids that are zero except in some cells (flat indices, n)."""
+    """Return `_coarser`, flattened, of grids that are zero except in some cells (flat
+    indices, n).
+    """
     if FEW * cells.size < shape[0] * shape[1]:
         above, coarse = _coarser_cells(cells, shape)
         index, size = above.ravel(), coarse[0] * coarse[1]
@@ -211,7 +213,9 @@ def reading(cells: Array, shapes: Sequence[tuple[int, int]]) -> Reading:
 
 @dataclass(frozen=True)
 class Histogram:
-    """Effective number of particles in a kernel around each cell of one medium, by pyramid level."""
+    """Effective number of particles in a kernel around each cell of one medium, by pyramid
+    level.
+    """
 
     number: tuple[Array, ...]
 

@@ -22,8 +22,8 @@ from geo.array import Array
 FEW = {"particles": 200.0, "worlds": 50.0}  # effective numbers below which figures are rough
 SLACK = 1e-6  # relative rounding error of a number
 PART = 0.05  # share of the probability on the map above which a part has its own warning
-# Warnings start once this share of all eventual releases has happened; before that, maps report what
-# is missing.
+# Warnings start once this share of all eventual releases has happened; until then maps report the
+# share that is missing.
 RELEASED = 0.99
 PARTS = {"adrift": "of those adrift", "ashore": "of those ashore"}
 
@@ -52,7 +52,9 @@ class Count:
 
 
 class Effective:
-    """Effective sample sizes by code, 0 to many - 1, accumulated part by part over the particles."""
+    """Effective sample sizes by code, 0 to many - 1, accumulated part by part over the
+    particles.
+    """
 
     def __init__(self, many: int = 1) -> None:
         """Start with no particles."""
@@ -110,7 +112,9 @@ def number(weight: Array, family: Array | None = None) -> float:
 
 
 def by(code: Array, many: int, weight: Array, family: Array | None = None) -> Array:
-    """Return the effective sample size of each code 0 to many - 1, (many,); family: as in `number`."""
+    """Return the effective sample size of each code 0 to many - 1, (many,); family: as in
+    `number`.
+    """
     counted = Effective(many)
     counted.add(weight, partials.whole(len(weight)), code, family)
     return counted.numbers
@@ -122,7 +126,9 @@ def sentence(count: Count, when: str = "", rough: str = "areas and shares are ro
 
 
 def banner(count: Count, rough: str = "the areas are rough", when: str = "") -> str:
-    """Return a picture's warning of a low count; when: the time of its map with the lowest count."""
+    """Return a picture's warning of a low count; when: the time of its map with the lowest
+    count.
+    """
     return f"ONLY {count.words.upper()}{when and f' at {when}'}: {rough}"
 
 

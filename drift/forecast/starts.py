@@ -25,7 +25,7 @@ def starts(
     for scenario in scenarios if shown is None else [scenarios[number] for number in shown.alone]:
         prior = scenario.prior
         if prior is None:
-            # its itinerary, which starts there, is a separate layer: drift.engine.environment.layers
+            # its itinerary is a separate layer: drift.engine.environment.layers
             continue
         if prior.reported:
             label = known_as if len(scenarios) == 1 else f"{short}, {scenario.name}"

@@ -103,7 +103,9 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
 
 
 def _flags(names: Sequence[str]) -> list[str]:
-    """Return names as unique words for CF's flag_meanings, made of letters, digits and _-.+@ only."""
+    """Return names as unique words for CF's flag_meanings, made of letters, digits and
+    _-.+@ only.
+    """
     words: list[str] = []
     for name in names:
         plain = word = re.sub(r"[^\w.+@-]", "_", "_".join(name.split()))
@@ -116,7 +118,9 @@ def _flags(names: Sequence[str]) -> list[str]:
 
 
 def _events(tracks: Trajectories) -> dict[str, tuple[str, Array, dict[str, str]]]:
-    """Return variables of each trajectory's release time, end time and shoreline edge, where known."""
+    """Return variables of each trajectory's release time, end time and shoreline edge,
+    where known.
+    """
     variables: dict[str, tuple[str, Array, dict[str, str]]] = {}
     direction = -1 if tracks.time[-1] < tracks.time[0] else 1
     halted = np.isin(tracks.status[:, -1], (*AT_REST, *LOST))

@@ -1,1 +1,3 @@
-"""The environment of a run: winds, currents and coast, opened once, and checks of their coverage."""
+"""The environment of a run: winds, currents and coast, opened once, and checks of their
+coverage.
+"""

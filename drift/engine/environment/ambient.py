@@ -81,7 +81,9 @@ def over(sources: Sources, box: Box, times: npt.NDArray[np.datetime64]) -> dict[
 
 
 def lattice(box: Box, across: int) -> tuple[Array, Array]:
-    """Return places (lon, lat) [deg] (m,) evenly spaced in a box, `across` along its longer side."""
+    """Return places (lon, lat) [deg] (m,) evenly spaced in a box, `across` along its longer
+    side.
+    """
     high = box.north - box.south
     wide = (box.east - box.west) * np.cos(np.radians((box.north + box.south) / 2))
     step = max(high, wide, 1e-3) / across

@@ -126,7 +126,7 @@ def refuse_area(place: str, ring: Sequence[tuple[float, float]], coast: Coast) -
     lines = shapely.linestrings(degrees[near])
     touched = lines[shapely.intersects(area, lines)]
     if touched.size:
-        # The message names the land deepest inside, because an islet in the middle is easily missed.
+        # The message names the land deepest inside: an islet in the middle is easily missed.
         worst = touched[np.argmax(shapely.distance(area.exterior, touched))]
         inside = shapely.intersection(area, worst).centroid
         at = (float(sphere.wrap_degrees(inside.x)), float(inside.y))
@@ -194,7 +194,9 @@ def _lines(
 
 
 def _width(network: Network, lane: int, corners: Array) -> str:
-    """Return a corridor's width as text: of the lane, and at its nodes if it is much wider there."""
+    """Return a corridor's width as text: of the lane, and at its nodes if it is much wider
+    there.
+    """
     lon, lat = corners[..., 0], corners[..., 1]
     most = max(
         float(sphere.distance(lon[:, k], lat[:, k], lon[:, k + 1], lat[:, k + 1]).max())

@@ -65,7 +65,9 @@ class Common(Protocol):
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
     ) -> tuple[Shore, shoreline.Coast | None] | None:
-        """Return the shared land and coast, valid within a box; None if there is nothing to share."""
+        """Return the shared land and coast, valid within a box; None if there is nothing to
+        share.
+        """
 
 
 def open_for(

@@ -24,7 +24,9 @@ class Coast:
 
 @dataclass(frozen=True)
 class EnvironmentSpec:
-    """The environment to open for a run, and how much probability may be lost where it lacks data."""
+    """The environment to open for a run, and how much probability may be lost where it
+    lacks data.
+    """
 
     forcing: Forcing
     coast: Coast

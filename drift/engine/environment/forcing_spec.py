@@ -78,7 +78,9 @@ Forcing = Mapping[str, tuple[ForcingSpec, ...]]  # sources by quantity, each in 
 
 
 def options(spec: ForcingSpec) -> dict[str, Any]:
-    """Return the arguments for `geo.forcing.sources.open_source` on how to read a source's files."""
+    """Return the arguments for `geo.forcing.sources.open_source` on how to read a source's
+    files.
+    """
     return {
         "variables": spec.variables,
         "units": spec.units,

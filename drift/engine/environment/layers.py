@@ -392,7 +392,9 @@ def _outline(place: Place) -> Array | None:
 
 
 def _label_position(place: Place) -> tuple[float, float]:
-    """Return the northern end (lon, lat) [deg] of a way point's area, where the label covers least."""
+    """Return the northern end (lon, lat) [deg] of a way point's area, where the label
+    covers least.
+    """
     outline = _outline(place)
     if outline is None:
         return float(np.degrees(place.lon)), float(np.degrees(place.lat))

@@ -42,8 +42,8 @@ class Lacking:
     beyond: Partial  # outside the domain
     # by quantity: where at least one of its terms has no value, (1,)
     missing: Mapping[str, Partial]
-    # By quantity, number of the sea (see _scenarios_by_sources) and number of the term in it: where that has no
-    # value; and the weight of all that see it, (1,).
+    # By quantity, number of the scenario group (see _scenarios_by_sources) and of the term in it: where
+    # the term has no value; and the weight of all particles that use it, (1,).
     silent: Mapping[tuple[str, int, int], tuple[Partial, Partial]]
 
 
@@ -135,7 +135,9 @@ def merged(parts: Sequence[Lacking]) -> Lacking:
 def check_prior(
     spec: EnsembleSpec, where: Environment, max_lost: float, scene: Scene, lacks: Lacking
 ) -> None:
-    """Raise UserError if more than a share of the prior is without forcing or outside the domain."""
+    """Raise UserError if more than a share of the prior is without forcing or outside the
+    domain.
+    """
     whole = float(lacks.weight.total[0, 0])
     _check_domain(where.box, max_lost, lacks.beyond.total[0] / whole)
     for quantity, partial in lacks.missing.items():

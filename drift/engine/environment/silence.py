@@ -52,7 +52,9 @@ def terms(
 
 
 class AtEnd(NamedTuple):
-    """Some particles at the end of a run, and when the status of each began [s after start], (n,)."""
+    """Some particles at the end of a run, and when the status of each began [s after
+    start], (n,).
+    """
 
     snapshot: Snapshot
     since: Array

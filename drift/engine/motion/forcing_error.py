@@ -34,7 +34,9 @@ class ForcingError:
 
 @dataclass(frozen=True)
 class Errors:
-    """The forcing errors of a run: of current and wind, and the diffusivity of unresolved motion."""
+    """The forcing errors of a run: of current and wind, and the diffusivity of unresolved
+    motion.
+    """
 
     current: ForcingError
     wind: ForcingError

@@ -55,8 +55,8 @@ class Model:
     # Returns the function that moves a group over steps (kernels.step.advance.Move); int: direction
     # in time. Device array (4 n,) or None: receives each track's deviation from its chord.
     mover: Callable[[Ensemble, Group, Waters, int, Any], kernel.Move]
-    # Moves positions to a time inside a step, in place; terms by scenario, None for those of another
-    # model.
+    # Moves positions to a time inside a step, in place; terms by scenario,
+    # None for those of another model.
     between: Callable[[Ensemble, tuple[Terms | None, ...], kernel.Surroundings, Inside], None]
     # Returns terms without random motion, so that the error of a step can be measured.
     still: Callable[[Terms], Terms]

@@ -1,4 +1,6 @@
-"""The scene of a run, constant during the run: forcing, motion of each scenario, domain and coast."""
+"""The scene of a run, constant during the run: forcing, motion of each scenario, domain and
+coast.
+"""
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -237,7 +239,9 @@ class Scene:
         return lon, lat
 
     def _from(self, ensemble: Ensemble, begin: Begin, kept: Kept | None) -> tuple[Device, Device]:
-        """Return copies of the positions at the begin of the step, or of those in `kept`: lon, lat."""
+        """Return copies of the positions at the begin of the step, or of those in `kept`:
+        lon, lat.
+        """
         if kept is None:
             return runtime.copy(begin.lon), runtime.copy(begin.lat)
         known = ensemble.release.to_numpy() <= kept.since

@@ -407,7 +407,7 @@ class SnapshotStore(Sequence[Snapshot]):
         scenario = np.repeat(own.scenario.astype(np.int32), np.diff(own.first, append=own.n))
         family = reel.read("family", at, *slots) if "family" in taken.where else None
         world = reel.read("world", None, *slots) if self._worlds else None
-        # The forcing member is stored only for the end: before resampling a slot may have had another.
+        # The member is stored only for the end: before resampling a slot may have had another.
         member = (
             reel.read("member", None, *slots)
             if "member" in reel.end and number == len(self) - 1

@@ -42,7 +42,9 @@ HALF_TURN = 180.0  # [deg] cell width of a uniform current
 
 @dataclass(frozen=True)
 class Trial:
-    """Result of the automatic choice of a step: errors, and how long tracks are straight within it."""
+    """Result of the automatic choice of a step: errors, and how long tracks are straight
+    within it.
+    """
 
     step: int
     errors: dict[int, float]  # the 95th percentile of the error [m a day] of each step tried

@@ -1,4 +1,6 @@
-"""Columns of all particles of a run, read part by part from memory or from the files of its shards."""
+"""Columns of all particles of a run, read part by part from memory or from the files of its
+shards.
+"""
 
 from __future__ import annotations
 

@@ -100,7 +100,9 @@ class Layout:
         ]
 
     def some(self, first: int, last: int) -> "Layout":
-        """Return the layout of the slots [first, last), which begin and end at the edge of a block."""
+        """Return the layout of the slots [first, last), which begin and end at the edge of
+        a block.
+        """
         edges = np.clip(self.bounds, first, last)
         shift = np.array(self.numbers) - np.array(self.bounds[:-1])
         numbers = tuple(int(x) for x in edges[:-1] + shift)

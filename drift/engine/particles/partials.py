@@ -163,7 +163,9 @@ def cut_blocks(bounds: Sequence[int], numbers: Sequence[int], size: Sequence[int
 
 
 def over_worlds(values: Array) -> Array:
-    """Return the sum over worlds of per-world values (W, ...), summed in blocks of WORLDS worlds."""
+    """Return the sum over worlds of per-world values (W, ...), summed in blocks of WORLDS
+    worlds.
+    """
     blocks = np.add.reduceat(values, np.arange(0, len(values), WORLDS), axis=0, dtype=np.float64)
     return np.asarray(np.add.accumulate(blocks, axis=0)[-1])
 

@@ -30,7 +30,7 @@ from kernels.maths.noise import Purpose
 LEAST_SHARE = 0.1  # fewest slots of a scenario, as a share of an equal share
 # share of a scenario's mean weight below which duplication treats a particle as ruled out
 RULED_OUT = 1e-3
-SPARE = 4.0  # spare slots for Kahn's method, in units of sqrt(N); its standard deviation is at most half
+SPARE = 4.0  # spare slots for Kahn's method, in sqrt(N); the standard deviation is at most 0.5
 
 
 def capacity(number: int) -> int:

@@ -68,7 +68,9 @@ class Snapshot:
 
 
 class Output(Protocol):
-    """All particles at one time, readable part by part any number of times; a Snapshot is one too."""
+    """All particles at one time, readable part by part any number of times; a Snapshot is
+    one too.
+    """
 
     @property
     def time(self) -> np.datetime64:

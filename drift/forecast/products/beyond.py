@@ -33,7 +33,9 @@ def left_out(frame: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None
 
 
 def aside(frame: Frame, at: Any) -> str:
-    """Return a short note for a small map on the probability outside its frame; "" if negligible."""
+    """Return a short note for a small map on the probability outside its frame; "" if
+    negligible.
+    """
     mass = _outside(frame, at)
     total = float(mass.sum())
     if total <= TELLING:

@@ -1,4 +1,6 @@
-"""The outputs of a forecast: maps by time, tracks of a subsample, tables, GIS shapes and pictures."""
+"""The outputs of a forecast: maps by time, tracks of a subsample, tables, GIS shapes and
+pictures.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

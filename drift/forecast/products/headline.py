@@ -1,4 +1,6 @@
-"""The forecast in a few sentences: the likeliest position, its uncertainty, and the share ashore."""
+"""The forecast in a few sentences: the likeliest position, its uncertainty, and the share
+ashore.
+"""
 
 import numpy as np
 import xarray as xr

@@ -425,7 +425,9 @@ def note(ax: Axes, texts: Sequence[str], **style: Any) -> None:
 
 
 def beside(frame: Frame, at: Any, count: effective.Count) -> list[str]:
-    """Return the notes of a small map: few effective particles, and probability outside its frame."""
+    """Return the notes of a small map: few effective particles, and probability outside its
+    frame.
+    """
     notes = [f"only {count.words}"] if count.few else []
     out = beyond.aside(frame, at)
     return [*notes, out] if out else notes
@@ -521,7 +523,9 @@ def occupied(frame: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Ar
 
 
 def complete(forecast: Forecast) -> int:
-    """Return the first output whose mean includes practically all releases; see effective.released."""
+    """Return the first output whose mean includes practically all releases; see
+    effective.released.
+    """
     return effective.released(forecast.data)
 
 

@@ -1,4 +1,6 @@
-"""Items of report.html for a forecast: maps by time, areas, tracks, strandings, and status shares."""
+"""Items of report.html for a forecast: maps by time, areas, tracks, strandings, and status
+shares.
+"""
 
 from typing import Any
 

@@ -1,4 +1,6 @@
-"""The forecast as text: values for the summary, contours as GeoJSON, tables as CSV; writes no file."""
+"""The forecast as text: values for the summary, contours as GeoJSON, tables as CSV; writes
+no file.
+"""
 
 from collections.abc import Mapping
 from typing import Any

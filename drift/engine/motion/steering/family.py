@@ -174,7 +174,9 @@ def _describe_subset(family: Family, some: set[tuple[int, ...]]) -> str:
 def _selecting_values(
     family: Family, some: set[tuple[int, ...]]
 ) -> list[tuple[Axis, list[int]]] | None:
-    """Return the axis values that select exactly these scenarios of a family; None if no values do."""
+    """Return the axis values that select exactly these scenarios of a family; None if no
+    values do.
+    """
     own = [{at[k] for at in some} for k in range(len(family.axes))]
     if {
         at for at in family.stories if all(at[k] in values for k, values in enumerate(own))

@@ -124,7 +124,9 @@ class WayPoint:
 
 @dataclass(frozen=True)
 class Lanes:
-    """The lanes that a phase follows: the network reduced to these lanes, and the route along them."""
+    """The lanes that a phase follows: the network reduced to these lanes, and the route
+    along them.
+    """
 
     network: Network
     route: Route

@@ -214,7 +214,9 @@ def number(network: Network, name: str) -> int:
 def bearing(
     lon1: npt.ArrayLike, lat1: npt.ArrayLike, lon2: npt.ArrayLike, lat2: npt.ArrayLike
 ) -> Array:
-    """Return the direction [rad, clockwise from north] in which points 2 lie from points 1 [rad]."""
+    """Return the direction [rad, clockwise from north] in which points 2 lie from points 1
+    [rad].
+    """
     return np.arctan2(*sphere.offset(lon1, lat1, lon2, lat2))
 
 

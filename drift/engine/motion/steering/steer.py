@@ -177,7 +177,9 @@ class Helm:
         steer.born(columns(e), self.batch, self.plan, e.seed, self._domain, self._coast, tries)
 
     def feel(self, forcing: Forcing, step: kernel.Step) -> None:
-        """Compute the current set of the targets that do not compensate it, over the step to come."""
+        """Compute the current set of the targets that do not compensate it, over the step
+        to come.
+        """
         e, error = self._ensemble, self._steering.error
         same: dict[tuple[int, int], list[int]] = {}
         for number in self._steering.feel:
