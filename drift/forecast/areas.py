@@ -1,5 +1,5 @@
-"""The map of one snapshot: its density, calibrated on held-out particles, its areas and their
-outlines.
+"""The probability map of one snapshot: smoothed density, calibration on held-out particles,
+containment areas and their outlines.
 """
 
 import itertools
@@ -16,16 +16,16 @@ from geo import sphere
 from geo.array import Array
 from geo.cells import Cells
 
-MANY = 20_000  # effective particles with which one half alone shows which bandwidth is best
+MANY = 20_000  # effective particles from which testing one half suffices to choose the bandwidth
 
 
 @dataclass(frozen=True)
 class Deposits:
-    """Probability in the cells of one snapshot that hold any particle.
+    """Probability of one snapshot in the cells that hold any particle.
 
-    cells: their flat indices, (n,). mass, squares: weights and squared weights by group and medium
-    (adrift; ashore if any is), shape (4, media, n). scenario: weights by scenario that is shown
-    (drift.forecast.likeliest) and medium, shape (scenarios, media, n).
+    cells: flat indices, (n,). mass, squares: summed weights and squared weights by group and medium
+    (adrift; ashore if any particle is), shape (4, media, n). scenario: weights by displayed
+    scenario (drift.forecast.likeliest) and medium, shape (scenarios, media, n).
     """
 
     cells: Array
@@ -38,13 +38,13 @@ class Deposits:
 class Area:
     """Map of one snapshot on its own cells.
 
-    probability: by scenario that is shown and medium (adrift; ashore if any is), shape (scenarios,
-    media, nlat, nlon). containment: smallest share whose area contains the cell, shape (nlat,
-    nlon); 1 where there is nothing. areas: sizes [m2] of the areas that hold the shares; held_out:
-    share of unseen particles inside each. thresholds: logarithm of the least density [1/m2] in
-    each. per_kernel: effective particles in a kernel, which is the bandwidth that was chosen.
-    coarse: calibration of the map summed into the cells that all times share. It differs along a
-    shore, where half of what is smoothed lies beside the cells that hold all of it.
+    probability: by displayed scenario and medium (adrift; ashore if any particle is), shape
+    (scenarios, media, nlat, nlon). containment: smallest share whose area contains the cell, shape
+    (nlat, nlon); 1 where there is no probability. areas: sizes [m2] of the containment areas of the
+    shares. held_out: share of held-out particles inside each. thresholds: logarithm of the lowest
+    density [1/m2] in each. per_kernel: effective particles per kernel, the bandwidth chosen.
+    coarse: calibration of the map summed into the cells common to all times. It differs along a
+    shore, where half of the smoothed mass lies in cells beside those that hold all particles.
     """
 
     cells: Cells
@@ -66,7 +66,7 @@ Guides = list[density.Histogram]  # of the kernels of each medium
 
 
 def guides_of(cells: Array, mass: Array, squares: Array, media: Sequence[density.Medium]) -> Guides:
-    """Return what guides the kernels of each medium, from weights and squared weights (media, n) in
+    """Return the guide histogram of each medium, from weights and squared weights (media, n) in
     cells.
     """
     return [
@@ -76,7 +76,7 @@ def guides_of(cells: Array, mass: Array, squares: Array, media: Sequence[density
 
 
 def divided(guides: Guides, more: More) -> Guides:
-    """Return guides by which kernels take in more times as many particles."""
+    """Return guides whose kernels hold `more` times as many particles."""
     return [density.divided(guide, more) for guide in guides]
 
 
@@ -88,9 +88,10 @@ def spread(
     media: Sequence[density.Medium],
     at: density.Reading | None = None,
 ) -> Array:
-    """Return the smooth map of all media together from weights (media, n) in cells.
+    """Return the smoothed map of all media together, (nlat, nlon), from weights (media, n) in
+    cells.
 
-    Its shape is (nlat, nlon); with `at` it has the values of these cells alone, (k,).
+    at: the cells to read; the result is then their values, (k,).
     """
     total = np.zeros(media[0].allowed.shape) if at is None else np.zeros(at.cells.size)
     for weights, guide, where in zip(mass, guides, media, strict=True):
@@ -99,20 +100,21 @@ def spread(
     return total
 
 
-def _choose(
+def _choose_bandwidth(
     cells: Array,
     halves: list[tuple[Array, Array]],
     media: Sequence[density.Medium],
     start: float,
     more: More,
 ) -> tuple[float, More]:
-    """Return the number of particles per kernel under which each half best foretells the other.
+    """Return the particles per kernel with which each half best predicts the other, and the
+    widening.
 
-    The search climbs a ladder of factors of 2 from `start`. A rung finer than `start` must beat the
-    coarser one by two standard errors of the paired difference: sharp edges alone are no reason to
-    make the rest of the map speckled. Then kernels are made wider by `more` where the map is dense,
-    unless that foretells worse by two standard errors, as it may along a thin filament; then None
-    is returned in its place.
+    The search tries factors of 2 from `start`. A finer bandwidth than `start` must beat the next
+    coarser one by two standard errors of the paired difference, so that sharp edges do not make the
+    rest of the map noisy. Then kernels are widened by `more` where the map is dense, unless this
+    lowers the predictive likelihood by more than two standard errors, as it may along a thin
+    filament. In that case None is returned for the widening.
     """
     effective = sum(mass.sum() for mass, _ in halves) ** 2 / sum(
         squares.sum() for _, squares in halves
@@ -136,12 +138,12 @@ def _choose(
         for (half, _), there in zip(pairs, where, strict=True):
             mass = halves[half][0]
             smooth = spread(cells, mass, guides[half], start * 2.0**step, media, there)
-            # The small constant keeps a single particle off the map from deciding everything.
+            # The small constant keeps a single particle off the map from dominating the likelihood.
             logs.append(np.log(smooth + 1e-6 * mass.sum() / media[0].allowed.size))
         return np.concatenate(logs)
 
     def gain(finer: Array, coarser: Array) -> float:
-        """Mean gain of the finer in standard errors."""
+        """Return the mean gain of the finer bandwidth in standard errors."""
         difference = finer - coarser
         mean = np.average(difference, weights=weight)
         variance = np.average((difference - mean) ** 2, weights=weight)
@@ -157,12 +159,11 @@ def _choose(
     ) > -2 else None
 
 
-def _calibrated(mass: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
+def _calibrate_both(mass: Array, cells: Cells, held: Array, unseen: Array, k: int) -> Array:
     """Return the calibrations of a map and of its sums over k by k cells, at density.KNOTS, (2,
     knots).
 
-    unseen: weights (n,) of the particles that the map has not seen, in the cells `held` (flat
-    indices).
+    unseen: weights (n,) of the held-out particles in the cells `held` (flat indices).
     """
     fine = density.calibrate(mass, cells.area(), held, unseen).share
     if k == 1:
@@ -180,7 +181,7 @@ def _calibrated(mass: Array, cells: Cells, held: Array, unseen: Array, k: int) -
 
 
 def coarser(cells: Cells, k: int) -> Cells:
-    """Return the cells that hold k by k of these."""
+    """Return the cells that each cover k by k of the given cells."""
     return Cells(
         cells.lon0, cells.lat0, k * cells.width, k * cells.height, cells.nlon // k, cells.nlat // k
     )
@@ -199,11 +200,18 @@ def build_area(
     shares: tuple[float, ...] = SHARES,
     k: int = 1,
 ) -> Area:
-    """Return the map of one snapshot, with the areas that hold some shares of it.
+    """Return the map of one snapshot with the containment areas of some shares.
 
     The bandwidth is chosen on halves (groups 0 and 1 against 2 and 3). Then each group in turn
-    calibrates a map of the other three, smoothed by the same bandwidth; `held_out` checks each
-    group with the calibration of the others. k: cells to the side of those that all times share.
+    calibrates a map of the other three, smoothed with the same bandwidth. `held_out` checks each
+    group with the calibration of the others.
+
+    Args:
+        cells: of the map.
+        deposits: of the snapshot in these cells.
+        media: where probability may be, adrift and ashore.
+        shares: of the containment areas, ascending.
+        k: number of these cells along the side of a cell common to all times.
     """
     area, held = cells.area(), deposits.cells
 
@@ -220,8 +228,8 @@ def build_area(
             (deposits.mass[i : i + 2].sum(axis=0), deposits.squares[i : i + 2].sum(axis=0))
             for i in (0, 2)
         ]
-        # At the same bandwidth all particles put twice as many into a kernel as half of them.
-        m, more = _choose(held, halves, media, max(m / 2, 2.0), more)
+        # At the same bandwidth a kernel holds twice as many of all particles as of half of them.
+        m, more = _choose_bandwidth(held, halves, media, max(m / 2, 2.0), more)
         m *= 2
         calibrations = []
         for unseen, their_squares in zip(deposits.mass, deposits.squares, strict=True):
@@ -230,7 +238,7 @@ def build_area(
                 guides_of(held, mass - unseen, squares - their_squares, media),
             )
             rest = spread(held, seen, divided(guides, more), 0.75 * m, media)
-            calibrations.append(_calibrated(rest, cells, held, unseen.sum(axis=0), k))
+            calibrations.append(_calibrate_both(rest, cells, held, unseen.sum(axis=0), k))
         calibration, coarse = (
             density.Calibration(curve) for curve in np.average(calibrations, axis=0, weights=groups)
         )
@@ -268,9 +276,13 @@ def build_area(
 def containment(
     mass: Array, area: Array, calibration: density.Calibration
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the containment of each cell (nlat, nlon), and the same as curves.
+    """Return the containment of each cell, (nlat, nlon), and curves of level, area [m2] and density
+    [1/m2].
 
-    The curves are levels, areas [m2] and densities [1/m2].
+    Args:
+        mass: probability, (nlat, nlon).
+        area: of a cell in each row [m2], (nlat,).
+        calibration: from held-out particles.
     """
     height = mass / area[:, None]
     order = density.ranked(height)
@@ -289,8 +301,8 @@ def containment(
 
 @dataclass(frozen=True)
 class Lattice:
-    """Where cells are: their centres (nlon,) and (nlat,), how far apart these are, and what has
-    points (n, 2) of it in degrees, unwrapped.
+    """Cell centres x (nlon,) and y (nlat,), their spacing, and the conversion of points (n, 2) to
+    degrees, unwrapped.
     """
 
     x: Array
@@ -307,30 +319,40 @@ def _lattice(cells: Cells) -> Lattice:
 def outlined(
     cells: Cells, mass: Array, shares: Sequence[float]
 ) -> tuple[Array, Array, list[shapely.MultiPolygon]]:
-    """Return the containment of a map's cells, and sizes [m2] and outlines [deg] of the areas that
-    hold some shares.
+    """Return the containment of a map's cells, and the sizes [m2] and outlines [deg] of its areas.
 
-    mass: (nlat, nlon), not all 0. Nothing calibrates them: they hold their shares of this map.
+    The areas are not calibrated: they hold their shares of this map.
+
+    Args:
+        cells: of the map.
+        mass: probability, (nlat, nlon), not all 0.
+        shares: of the areas, ascending.
     """
     area = cells.area()
     contained, levels, sizes, heights = containment(mass, area, density.Calibration(density.KNOTS))
     wanted, least = np.interp(shares, levels, sizes), np.interp(shares, levels[1:], np.log(heights))
     each = zip(least.tolist(), wanted.tolist(), strict=True)
-    return contained, wanted, [_fitted(_lattice(cells), mass / area[:, None], *one) for one in each]
+    return (
+        contained,
+        wanted,
+        [_fit_outline(_lattice(cells), mass / area[:, None], *one) for one in each],
+    )
 
 
 def contours(area: Area) -> list[shapely.MultiPolygon]:
-    """Return the outlines [deg, unwrapped] of the areas that hold the shares, with their holes."""
+    """Return the outlines [deg, unwrapped] of the containment areas, with their holes."""
     height = area.probability.sum(axis=(0, 1)) / area.cells.area()[:, None]
     each = zip(area.thresholds.tolist(), area.areas.tolist(), strict=True)
-    return [_fitted(_lattice(area.cells), height, threshold, wanted) for threshold, wanted in each]
+    return [
+        _fit_outline(_lattice(area.cells), height, threshold, wanted) for threshold, wanted in each
+    ]
 
 
 def contour(lattice: Lattice, field: Array, threshold: float) -> tuple[float, shapely.MultiPolygon]:
-    """Return the size [m2] and the outline [deg] of where a field (nlat, nlon), least along its
-    edge, is above a threshold.
+    """Return the size [m2] and the outline [deg] of the area where a field exceeds a threshold.
 
-    It is linear in the four triangles between four centres, with their mean in the middle.
+    The field (nlat, nlon) must be lowest along its edge. It is interpolated linearly in the four
+    triangles between four centres and their mean in the middle.
     """
     lines = contourpy.contour_generator(
         lattice.x,
@@ -345,7 +367,9 @@ def contour(lattice: Lattice, field: Array, threshold: float) -> tuple[float, sh
 
 
 def interpolated(lattice: Lattice, field: Array, x: Array, y: Array) -> Array:
-    """Return the values of such a field at points (n,) within its centres."""
+    """Return the field of `contour`, interpolated in the same way, at points (n,) within its
+    centres.
+    """
     across, up = (x - lattice.x[0]) / lattice.step[0], (y - lattice.y[0]) / lattice.step[1]
     i, j = (
         np.clip(v.astype(int), 0, many - 2)
@@ -362,21 +386,21 @@ def interpolated(lattice: Lattice, field: Array, x: Array, y: Array) -> Array:
     return np.asarray(middle + ((one + two) / 2 - middle) * 2 * off + (two - one) * along)
 
 
-def _fitted(
+def _fit_outline(
     lattice: Lattice, height: Array, threshold: float, wanted: float
 ) -> shapely.MultiPolygon:
-    """Return the outline [deg] of the cells that are denser than a threshold.
+    """Return the outline [deg] of the cells whose density exceeds a threshold.
 
-    threshold: the logarithm of a density [1/m2]; wanted: size [m2] of these cells.
+    threshold: the logarithm of a density [1/m2]; wanted: total size [m2] of these cells.
 
-    The line runs where the logarithm of density, linear between cell centres, is at the threshold.
-    Where cells are coarse it is moved until it encloses the wanted size to 0.5 %. A pad of empty
-    cells closes it at the edge. Along a shore the outline, a cell or two wide, keeps nearer to the
-    shoreline than the cells do, and holds more than they: with 20,000 particles stranded on a wavy
-    shore the outlines of the 50, 75 and 95 % areas held 58, 76 and 98 %, with 60 % of them stranded
-    54, 75 and 95 %.
+    The line runs where the logarithm of density, linear between cell centres, equals the threshold.
+    Where cells are coarse the line is moved until it encloses the wanted size to 0.5 %. A border of
+    empty cells closes it at the edge. Along a shore the outline, a cell or two wide, stays nearer
+    to the shoreline than the cells and holds more probability than they do: with 20,000 particles
+    stranded on a wavy shore the outlines of the 50, 75 and 95 % areas held 58, 76 and 98 %; with 60
+    % of them stranded, 54, 75 and 95 %.
     """
-    # the line runs no farther out than the neighbours of these
+    # the line stays within the neighbours of these cells
     near = height > np.exp(threshold - 3)
     rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
     south, west = max(rows[0] - 1, 0), max(columns[0] - 1, 0)
@@ -445,7 +469,7 @@ def _polygon(outer: Array, holes: Sequence[Array]) -> shapely.Polygon:
 
 
 def _polygons(rings: list[list[Array]]) -> shapely.MultiPolygon:
-    """Return valid polygons of rings."""
+    """Return the valid polygons that rings enclose."""
     whole = shapely.make_valid(
         shapely.MultiPolygon([_polygon(outer, holes) for outer, *holes in rings])
     )

@@ -1,11 +1,10 @@
-"""The particles at some times -> what a planner reads: maps, containment areas, contours, mean
-tracks.
+"""Builds the forecast products from the particles: maps, containment areas, contours, mean tracks.
 
-Everything here is float64 NumPy on fixed-point deposits, in one order: the same snapshots give the
-same bits on any number of threads. A map holds the object adrift or ashore; what is outside the
-forcing, has left, sunk or is not yet released is in the account (`status_probability`, which adds
-up to 1) but on no map. Longitudes run on over the antimeridian, from the grid's western edge
-eastward. The particles are read part by part: drift.engine.particles.snapshot.
+Computations are float64 NumPy on fixed-point deposits in a fixed order, so the same snapshots give
+the same bits on any number of threads. A map covers the object adrift or ashore. Particles outside
+the forcing, departed, sunk or not yet released are counted in `status_probability`, which adds up
+to 1, but are on no map. Longitudes continue across the antimeridian, eastward from the grid's
+western edge. The particles are read part by part (drift.engine.particles.snapshot).
 """
 
 from collections import deque
@@ -35,18 +34,16 @@ from geo.errors import UserError
 T = TypeVar("T")
 R = TypeVar("R")
 
-AT_ONCE = 2  # maps that are made at the same time: each holds some 50 MB meanwhile
+AT_ONCE = 2  # maps computed at the same time, some 50 MB each
 ACROSS = 360  # most cells across the forecast's grid
 ACROSS_ONE = 840  # most cells across the finer grid of a single snapshot
-MOST_ONE = 1_500_000  # most cells of a snapshot on a grid of the user's own
+MOST_ONE = 1_500_000  # most cells of a snapshot on a user-defined grid
 METRE = 1 / (sphere.RADIUS * sphere.UNIT)  # [binary angle unit] along a meridian
 
 
 @dataclass(frozen=True)
 class Contour:
-    """Outline of the smallest area that holds a share of the probability at a time [deg,
-    unwrapped].
-    """
+    """Outline [deg, unwrapped] of the containment area of a share at one time."""
 
     time: np.datetime64
     share: float
@@ -56,7 +53,9 @@ class Contour:
 
 @dataclass(frozen=True)
 class Forecast:
-    """All products: `data` is what forecast.nc holds (see drift.forecast.products.dataset)."""
+    """All forecast products; `data` is the content of forecast.nc
+    (drift.forecast.products.dataset).
+    """
 
     data: xr.Dataset
     contours: tuple[Contour, ...]
@@ -67,29 +66,24 @@ class Forecast:
         return self.data["probability"]
 
     def containment_at(self, time: np.datetime64, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
-        """Return the smallest share of the probability whose area holds each of some points [deg],
-        (n,).
-
-        See drift.forecast.containment.
-        """
+        """Return the containment at points [deg], (n,): see drift.forecast.containment."""
         return containment.containment_at(self.data, time, lon, lat)
 
     @property
     def shares(self) -> tuple[float, ...]:
-        """Shares of the probability whose areas it gives, ascending."""
+        """Shares of the containment areas, ascending."""
         return tuple(float(share) for share in self.data["share"].values)
 
     @property
     def ends(self) -> tuple[float, ...]:
-        """The smallest and the largest of the shares: a small map has room for these."""
+        """The smallest and the largest share, which small maps show."""
         return tuple(dict.fromkeys((self.shares[0], self.shares[-1])))
 
 
 @dataclass(frozen=True)
 class _Laid:
-    """What a snapshot leaves in its own cells, and which of these are land (nlat, nlon);
-
-    None where none is.
+    """A snapshot's deposits in its own cells, and which of these are land, (nlat, nlon); None
+    without land.
     """
 
     cells: Cells
@@ -106,15 +100,20 @@ def build_forecast(
     grid: Cells | None = None,
     tell: Callable[[float], None] = lambda share: None,
 ) -> Forecast:
-    """Return the products of the particles at some times.
+    """Return the forecast products of the particles at some times.
 
-    scenarios: names, in order of their numbers. is_land: int32 binary angles (lon, lat), each (n,)
-    -> bool (n,); particles' own cells always count as reachable. shares: whose areas are asked for,
-    ascending. grid: of the forecast; by default it follows the particles. Maps are made on cells
-    that divide its cells, as far as there is anything: areas and containment count what lies
-    outside it. tell: takes the share that is done.
+    Args:
+        outputs: the particles at each time.
+        scenarios: names, in order of their numbers.
+        is_land: takes int32 binary angles (lon, lat), each (n,), and returns bool (n,); cells that
+            hold particles always count as reachable.
+        shares: of the containment areas, ascending.
+        grid: of the forecast; None: it follows the particles. Maps are computed on subdivisions of
+            its cells wherever there are particles, so areas and containment include probability
+            outside the grid.
+        tell: takes the share of the work that is done.
     """
-    return _begun(outputs, scenarios, is_land, shares, grid, ahead=False)(tell)
+    return _prepare(outputs, scenarios, is_land, shares, grid, ahead=False)(tell)
 
 
 def begin(
@@ -125,16 +124,16 @@ def begin(
     shares: tuple[float, ...] = SHARES,
     grid: Cells | None = None,
 ) -> Callable[..., Forecast]:
-    """Return a function that does the rest of `build`, in any thread; what it is given takes the
-    share that is done.
+    """Return a function that completes `build_forecast`, in any thread; its argument reports
+    progress.
 
-    The particles are read, and `is_land`, which may need the device, is called before it is
-    returned.
+    The particles are read, and `is_land` is called (it may need the device), before this returns.
+    The arguments are those of `build_forecast`.
     """
-    return _begun(outputs, scenarios, is_land, shares, grid, ahead=True)
+    return _prepare(outputs, scenarios, is_land, shares, grid, ahead=True)
 
 
-def _begun(
+def _prepare(
     outputs: Sequence[Output],
     scenarios: Sequence[str],
     is_land: IsLand | None,
@@ -142,13 +141,13 @@ def _begun(
     grid: Cells | None,
     ahead: bool,
 ) -> Callable[..., Forecast]:
-    """Return what `begin` does; ahead: whether what all snapshots leave in cells is read before it
-    is returned.
+    """Return the function of `begin`.
 
-    Else that takes its turn before each map, so that memory does not grow with it.
+    ahead: whether all deposits are computed before this returns. Otherwise they are computed before
+    each map, so that memory does not grow with the number of maps.
     """
     surveys = [survey.survey_output(output, len(scenarios)) for output in outputs]
-    centre, shown = _reference(surveys), _shown(surveys)
+    centre, shown = _reference(surveys), _displayed_scenarios(surveys)
     clouds = [cloud.extent_of_output(*own, centre) for own in zip(outputs, surveys, strict=True)]
     windows, common = (
         _windows(clouds, centre) if grid is None else (_fixed(clouds, centre, grid), grid)
@@ -166,7 +165,7 @@ def _begun(
     def rest(tell: Callable[[float], None] = lambda share: None) -> Forecast:
         maps, contours = dataset.Maps(len(surveys), common, shown.size, len(shares)), []
         with ThreadPoolExecutor(AT_ONCE) as pool:
-            drawn = _in_turn(
+            drawn = _map_in_order(
                 pool, lambda own: None if own is None else _map(own, shares, common), laid
             )
             for number, (known, made) in enumerate(zip(surveys, drawn, strict=True)):
@@ -185,12 +184,10 @@ def _begun(
     return rest
 
 
-def _in_turn(
+def _map_in_order(
     pool: ThreadPoolExecutor, function: Callable[[T], R], items: Iterable[T]
 ) -> Iterator[R]:
-    """Yield what a function makes of some items, in their order; one of these at most is asked for
-    before its turn.
-    """
+    """Yield the results of a function in the order of its items, computing at most one ahead."""
     waiting: deque[Future[R]] = deque()
     for item in items:
         waiting.append(pool.submit(function, item))
@@ -201,8 +198,8 @@ def _in_turn(
 
 
 def grid_of(outputs: Sequence[Output], scenarios: int) -> Cells:
-    """Return the grid that `build` would choose for some outputs, of cells that it can be given
-    again.
+    """Return the grid that `build_forecast` would choose for some outputs, in a form that can be
+    given again.
     """
     surveys = [survey.survey_output(output, scenarios) for output in outputs]
     centre = _reference(surveys)
@@ -217,15 +214,15 @@ def grid_of(outputs: Sequence[Output], scenarios: int) -> Cells:
     return Cells(grid.lon0, grid.lat0, width, height, min(columns, _whole_turn(width)), rows)
 
 
-def _shown(surveys: Sequence[Survey]) -> Shown:
-    """Return which scenarios have maps of their own, as `dataset.shown` will of what is made of
-    these outputs.
+def _displayed_scenarios(surveys: Sequence[Survey]) -> Shown:
+    """Return which scenarios have maps of their own, consistent with `dataset.shown` for these
+    outputs.
     """
     return likeliest.likeliest_scenarios([known.scenario for known in surveys])
 
 
 def _reference(surveys: Sequence[Survey]) -> int:
-    """Return the longitude [binary angle] round which to unwrap: that of the mean position at all
+    """Return the longitude [binary angle] around which to unwrap: that of the mean position at all
     times.
     """
     x, y = np.sum([known.direction for known in surveys], axis=0)
@@ -233,9 +230,7 @@ def _reference(surveys: Sequence[Survey]) -> int:
 
 
 def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | None], Cells]:
-    """Return each snapshot's own cells and the common ones; the former divide the latter by powers
-    of two.
-    """
+    """Return each snapshot's own cells and the common cells, which they divide by powers of two."""
     present = [own for own in clouds if own is not None]
     if not present:
         return [None] * len(clouds), Cells(centre, 0, 2**12, 2**12, 1, 1)
@@ -243,7 +238,7 @@ def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | 
     west, east = min(c.west for c in present), max(c.east for c in present)
     shrink = max(float(np.cos((south + north) / 2 * sphere.UNIT)), 0.01)
     across = max(north - south, (east - west) * shrink)
-    wanted = [_wanted(own) for own in present]
+    wanted = [_cell_size(own) for own in present]
     side = max(
         across / ACROSS,
         min(*wanted, across / 120) if len(wanted) > 1 else min(wanted[0], across / 120),
@@ -258,12 +253,12 @@ def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | 
         if own is None:
             boxes.append(None)
             continue
-        fine = _wanted(own)
+        fine = _cell_size(own)
         x0, x1 = _span(own.west, own.east, width, 15 * fine / shrink)
         y0, y1 = _span(own.south, own.north, height, 15 * fine)
-        x0, x1 = _within(x0, x1, width, -(2**31), 2**31)  # so far particles are unwrapped
-        y0, y1 = _within(y0, y1, height, -(2**30), 2**30)
-        boxes.append((x0, x1, y0, y1, _halved(height, fine, max(x1 - x0, y1 - y0), halvings)))
+        x0, x1 = _clip_range(x0, x1, width, -(2**31), 2**31)  # so far particles are unwrapped
+        y0, y1 = _clip_range(y0, y1, height, -(2**30), 2**30)
+        boxes.append((x0, x1, y0, y1, _halvings(height, fine, max(x1 - x0, y1 - y0), halvings)))
     filled = [box for box in boxes if box is not None]
     left, right = min(b[0] for b in filled), max(b[1] for b in filled)
     low, high = min(b[2] for b in filled), max(b[3] for b in filled)
@@ -291,7 +286,7 @@ def _windows(clouds: Sequence[Cloud | None], centre: int) -> tuple[list[Cells | 
 
 
 def _fixed(clouds: Sequence[Cloud | None], centre: int, grid: Cells) -> list[Cells | None]:
-    """Return each snapshot's own cells, which divide those of a given grid by powers of two."""
+    """Return each snapshot's own cells, which divide the cells of a given grid by powers of two."""
     middle = grid.lon0 + grid.nlon * grid.width // 2
     offset = (
         (centre - middle + sphere.TURN // 2) % sphere.TURN - sphere.TURN // 2 + middle - grid.lon0
@@ -303,14 +298,14 @@ def _fixed(clouds: Sequence[Cloud | None], centre: int, grid: Cells) -> list[Cel
         if own is None:
             windows.append(None)
             continue
-        fine = _wanted(own)
+        fine = _cell_size(own)
         x0, x1 = _span(
             offset + own.west, offset + own.east, grid.width, 15 * fine * grid.width / grid.height
         )
         y0, y1 = _span(own.south - grid.lat0, own.north - grid.lat0, grid.height, 15 * fine)
-        y0, y1 = _within(y0, y1, grid.height, -(2**30) - grid.lat0, 2**30 - grid.lat0)
+        y0, y1 = _clip_range(y0, y1, grid.height, -(2**30) - grid.lat0, 2**30 - grid.lat0)
         if grid.nlon == _whole_turn(grid.width) and (x0 < 0 or x1 > grid.nlon):
-            x0, x1 = 0, grid.nlon  # what lies beyond one edge of the grid is at the other
+            x0, x1 = 0, grid.nlon  # cells beyond one edge of the grid continue at the other
         if (x1 - x0) * (y1 - y0) > MOST_ONE:
             across = max((x1 - x0) * grid.width * shrink, (y1 - y0) * grid.height) / METRE
             raise UserError(
@@ -318,42 +313,38 @@ def _fixed(clouds: Sequence[Cloud | None], centre: int, grid: Cells) -> list[Cel
                 f"{x1 - x0:,} x {y1 - y0:,} of its cells; at most {MOST_ONE:,} can be smoothed: "
                 f"make spacing {np.sqrt((x1 - x0) * (y1 - y0) / MOST_ONE):.1f} times as large"
             )
-        k = _halved(grid.height, fine, max(x1 - x0, y1 - y0), halvings)
+        k = _halvings(grid.height, fine, max(x1 - x0, y1 - y0), halvings)
         corner = grid.lon0 + x0 * grid.width, grid.lat0 + y0 * grid.height
         windows.append(Cells(*corner, grid.width, grid.height, x1 - x0, y1 - y0).finer(k))
     return windows
 
 
-def _wanted(of: Cloud) -> float:
-    """Return the size of cells [binary angle unit] that is fine enough for an output's densest
-    particles.
-    """
+def _cell_size(of: Cloud) -> float:
+    """Return the cell size [binary angle unit] that resolves an output's densest part."""
     return max(of.spacing / 2.5, 0.2 * METRE)
 
 
 def _span(low: int, high: int, cell: int, reach: float) -> tuple[int, int]:
-    """Return the first and the last + 1 cell of an extent with its margin; reach: of a kernel
+    """Return the first cell and the last + 1 of an extent with its margin; reach: of a kernel
     beyond it.
     """
     margin = reach + 0.04 * (high - low)
     return int(np.floor((low - margin) / cell)), int(np.floor((high + margin) / cell)) + 1
 
 
-def _within(first: int, last: int, cell: int, low: int, high: int) -> tuple[int, int]:
-    """Return a range of cells, cut to those that hold any of [low, high): a part of a cell counts
-    as a cell.
-    """
+def _clip_range(first: int, last: int, cell: int, low: int, high: int) -> tuple[int, int]:
+    """Return a range of cells, clipped to those that overlap [low, high)."""
     return max(first, low // cell), min(last, -(-high // cell))
 
 
 def _whole_turn(width: int) -> int:
-    """Return how many columns go round the Earth; the last may hold a part of what the first does."""
+    """Return how many columns go round the Earth; the last may overlap the first."""
     return -(-sphere.TURN // width)
 
 
-def _halved(height: int, fine: float, across: int, most: int) -> int:
-    """Return how often to halve cells until they are fine enough, at most to ACROSS_ONE of them
-    across.
+def _halvings(height: int, fine: float, across: int, most: int) -> int:
+    """Return how often to halve cells until they are fine enough; `most` and ACROSS_ONE
+    limit it.
     """
     k = 0
     while height / 2**k > 1.4 * fine and k < most and across * 2 ** (k + 1) <= ACROSS_ONE:
@@ -378,7 +369,9 @@ class _Land:
         return np.asarray(self.is_land(lon.ravel(), lat.ravel()), bool).reshape(where.shape)
 
     def on(self, window: Cells) -> Array | None:
-        """Return land (nlat, nlon) on a window of the common cells or finer; None if there is none."""
+        """Return land (nlat, nlon) on a window of the common cells or finer; None if there
+        is none.
+        """
         if self.common is None:
             return None
         x, y = (
@@ -401,8 +394,8 @@ class _Land:
 def _map(
     laid: _Laid, shares: tuple[float, ...], common: Cells
 ) -> tuple[areas.Area, list[shapely.MultiPolygon]]:
-    """Return the map of one snapshot on its own cells, which divide `common`, and the outlines of
-    its areas.
+    """Return the map of one snapshot on its own cells, which divide `common`, and its areas'
+    outlines.
     """
     media, k = (
         media_of(laid.deposits, laid.cells.shape, laid.land),
@@ -415,13 +408,13 @@ def _map(
 def media_of(
     deposits: areas.Deposits, shape: tuple[int, int], land: Array | None
 ) -> list[density.Medium]:
-    """Return where the object can be adrift, in water that holds a particle, and ashore, along its
-    shoreline.
+    """Return the medium of particles adrift (water near a particle) and of those ashore (the
+    shoreline).
     """
     mass = deposits.mass.sum(axis=0)
     if land is None:
         return [density.medium(np.ones(shape, bool))] * len(mass)
-    # a kernel reaches across a spit, but not into a bay that holds nobody
+    # a kernel reaches across a spit, but not into a bay without particles
     basins, count = ndimage.label(~land)
     holds = np.zeros(count + 1, bool)
     holds[np.unique(basins.ravel()[deposits.cells])] = True

@@ -1,5 +1,5 @@
-"""What is told of the members of an ensemble of winds and currents: which the evidence speaks for,
-and where each leads.
+"""Forcing ensemble members in the results: prior and posterior probability and mean position of
+each.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,40 +21,47 @@ HEADER = ["member", "name", "prior", "posterior", "lon", "lat", "run_id"]
 
 @dataclass(frozen=True)
 class Members:
-    """The members of a run at its end."""
+    """The forcing ensemble members at the end of a run."""
 
     names: tuple[str, ...]
     prior: Array  # (members,) sum 1
-    posterior: Array  # (members,) sum 1, by all that was seen
-    # (members, 2) mean position [deg] of what is on the map in each, NaN where nothing is
+    posterior: Array  # (members,) sum 1, given all evidence
+    # (members, 2) mean position [deg] of each member's particles on the map; NaN without any
     place: Array
 
 
 def told(names: Sequence[str], end: Output, posterior: Array | None = None) -> Members:
-    """Return what is told of members, which are equally likely beforehand.
+    """Return the members' probabilities and mean positions; all are equally likely a priori.
 
-    end: the particles at the end. posterior: of each member, (members,); by default what its
-    particles weigh.
+    Args:
+        names: of the members.
+        end: the particles at the end of the run.
+        posterior: of each member, (members,); None: the summed weights of its particles.
     """
     many = len(names)
     place = snapshot.places(
-        snapshot.total(end, lambda part: snapshot.vectors_by(part, _of(part), many))
+        snapshot.total(
+            end, lambda part: snapshot.vectors_by(part, _members_of_snapshot(part), many)
+        )
     )
     if posterior is None:
         posterior = snapshot.total(
-            end, lambda part: part.blocks.partial(part.probability, code=_of(part), many=many)
+            end,
+            lambda part: part.blocks.partial(
+                part.probability, code=_members_of_snapshot(part), many=many
+            ),
         ).total[:, 0]
     return Members(tuple(names), np.full(many, 1 / many), posterior / posterior.sum(), place)
 
 
-def _of(part: Snapshot) -> Array:
+def _members_of_snapshot(part: Snapshot) -> Array:
     """Return the member of each particle."""
     assert part.member is not None
     return part.member.astype(np.int64)
 
 
 def csv(members: Members, run: str) -> str:
-    """Return the table of members; run: the run_id for the last column."""
+    """Return the table of members as CSV; run: the run_id for the last column."""
     columns = zip(members.names, members.prior, members.posterior, members.place, strict=True)
     rows = [
         [
@@ -75,7 +82,7 @@ def summary_of_members(members: Members) -> dict[str, Any]:
     columns = zip(members.names, members.prior.tolist(), members.posterior.tolist(), strict=True)
     return {
         "number": len(members.names),
-        # As many as would count if all that count did so alike; all of them where nothing was seen.
+        # Number of equally likely members with this sum of squares; all without evidence.
         "effective": float(1 / (members.posterior**2).sum()),
         "weights": {
             name: {"prior": prior, "posterior": posterior} for name, prior, posterior in columns
@@ -89,7 +96,7 @@ FILES: dict[str, Callable[[Members, Stamped], Contents]] = {
 
 
 def chapter(members: Members) -> Chapter:
-    """Return the chapter of members."""
+    """Return the output bundle of members."""
     return Chapter(
         {"members": summary_of_members(members)},
         bound(FILES, members),
@@ -106,7 +113,7 @@ def _leaves(members: Members) -> list[Any]:
         ("lon", "Mean longitude at the end", "words"),
         ("lat", "Mean latitude", "words"),
     ]
-    note = "Equally likely before anything was seen; after it, by what the particles in each weigh."
+    note = "Equally likely a priori; afterwards each has the summed weight of its particles."
     return [
         leaves.table_leaf(
             "Members of the winds and currents", columns, file="members.csv", note=note

@@ -1,8 +1,7 @@
-"""A forecast by scenario: the map of each as if it were the true one, with its areas, and how
-likely it is.
+"""One forecast per scenario: its map and areas conditional on the scenario, and its probability.
 
-Works on the maps that a forecast keeps: those of all scenarios, or of the likeliest ones and of the
-others together (drift.forecast.likeliest). Of a spill the scenarios are classes of objects.
+It uses the maps in a forecast: those of all scenarios, or of the likeliest ones and of the rest
+together (drift.forecast.likeliest). In a spill the scenarios are classes of objects.
 """
 
 from dataclasses import dataclass
@@ -20,8 +19,8 @@ from geo.cells import Cells
 
 @dataclass(frozen=True)
 class OneScenario:
-    """One scenario at a time: its probability at the first output and now, and the forecast, of
-    that time, if it is true.
+    """One scenario: its probability at the first output (`before`) and at this one (`now`), and the
+    forecast of this time conditional on it.
     """
 
     name: str
@@ -31,10 +30,10 @@ class OneScenario:
 
 
 def each(forecast: Forecast, time: int) -> list[OneScenario]:
-    """Return the scenarios that have maps at an output, the likeliest first; the others together
-    are the last.
+    """Return the scenarios that have maps at an output, likeliest first; the rest together come
+    last.
 
-    A scenario that is ruled out, or of which nothing is on the map, has an empty map.
+    A scenario that is ruled out, or has no particles on the map, has an empty map.
     """
     data = forecast.data
     shown = dataset.shown(data)
@@ -50,14 +49,14 @@ def each(forecast: Forecast, time: int) -> list[OneScenario]:
             names[k],
             float(before[k]),
             float(now[k]),
-            _alone(forecast, time, k, float(now[k]), float(count[k])),
+            _conditional_forecast(forecast, time, k, float(now[k]), float(count[k])),
         )
         for k in (*alone, *range(len(shown.alone), shown.size))
     ]
 
 
 def _effective(number: Array, weight: Array, place: Array, many: int) -> Array:
-    """Return how many particles count for each that is shown, (many,); of several together by Kish
+    """Return the effective particles of each displayed scenario, (many,); combined ones by Kish
     1965, sec. 11.2.
     """
     squares = np.divide(weight**2, number, out=np.zeros(len(weight)), where=number > 0)
@@ -67,13 +66,15 @@ def _effective(number: Array, weight: Array, place: Array, many: int) -> Array:
     return np.divide(total**2, spread, out=np.zeros(many), where=spread > 0)
 
 
-def _alone(forecast: Forecast, time: int, k: int, weight: float, count: float) -> Forecast:
-    """Return the forecast of an output if scenario number k of the maps, of some probability, is
-    true.
+def _conditional_forecast(
+    forecast: Forecast, time: int, k: int, weight: float, count: float
+) -> Forecast:
+    """Return the forecast of an output conditional on displayed scenario k, whose probability is
+    `weight`.
 
-    What is ashore in a cell is shared by the scenarios as the whole cell is. Its areas are the
-    smallest that hold their shares of its smoothed map: no particles were held out to calibrate
-    them.
+    The probability ashore in a cell is divided among the scenarios like the whole cell's. The areas
+    are the smallest that hold their shares of the scenario's smoothed map. No particles were held
+    out to calibrate them.
     """
     data = forecast.data.isel(time=[time])
     joint = data["probability_by_scenario"].values[0, k].astype(np.float64)

@@ -1,5 +1,5 @@
-"""The particles of a map, read part by part: how far they reach, how fine its cells are to be, what
-lies in each cell.
+"""The particles of a map, read part by part: their extent, a suitable cell size, and deposits in
+cells.
 """
 
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from kernels.step import tally
 from kernels.step.tally import Marks, Swarm
 
 GROUPS = 4
-SAMPLE = 4096  # particles that tell how fine cells are to be
+SAMPLE = 4096  # particles sampled to choose the cell size
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """What is on the map at a time: its extent, and how fine it would have the cells."""
+    """The particles on the map at one time: their extent and the bandwidth for the cell size."""
 
     west: int  # extent [binary angle], longitudes relative to the common reference
     east: int
@@ -33,14 +33,17 @@ class Cloud:
 
 
 def extent_of_output(output: Output, known: Survey, centre: int) -> Cloud | None:
-    """Return an output's extent and spacing; None if no probability is on the map.
+    """Return an output's extent and bandwidth; None if no probability is on the map.
 
-    centre: the common reference of longitudes [binary angle].
+    Args:
+        output: the particles.
+        known: their survey.
+        centre: the common reference of longitudes [binary angle].
     """
     if not known.heaviest > 0:
         return None
     sums = known.weight.sums[:, 0, 0]
-    begun = np.concatenate([[0.0], np.cumsum(sums)])  # of each block, in the order of the whole run
+    begun = np.concatenate([[0.0], np.cumsum(sums)])  # cumulative weight by block of the run
     goals = (np.arange(SAMPLE) + 0.5) / SAMPLE * begun[-1]
     block_of = np.minimum(np.searchsorted(begun[1:], goals), len(sums) - 1)
     edges, total, count = [], 0, 0
@@ -73,7 +76,9 @@ def extent_of_output(output: Output, known: Survey, centre: int) -> Cloud | None
 
 
 def deposits(output: Output, known: Survey, window: Cells, shown: Shown) -> areas.Deposits:
-    """Return what lies in each cell of an output's own, in fixed point: the same in any order."""
+    """Return an output's deposits in its own cells, in fixed point: independent of the order of
+    summation.
+    """
     media, level = 2 if known.ashore else 1, known.lightest == known.heaviest
     medium = (np.arange(len(Status)) == Status.ASHORE).astype(np.int32)
     places = shown.place.astype(np.int32)
@@ -94,12 +99,12 @@ def deposits(output: Output, known: Survey, window: Cells, shown: Shown) -> area
 
 
 def group(place: Array, n: int) -> Array:
-    """Return the group, 0 to GROUPS - 1, of particles, int32: those of one group are held out of a
-    map together.
+    """Return the group (0 to GROUPS - 1) of each particle, int32; groups are held out of a map in
+    turn.
 
-    place: their numbers in the whole run, of n particles, ascending. It is a hash of the number,
-    the same in runs of up to 32: resampling lays a particle's offspring side by side, and siblings
-    must not sit on both sides of a check.
+    place: ascending numbers in the whole run, of n particles. The group is a hash of the number,
+    equal within runs of up to 32. Resampling places siblings side by side; they must not be on both
+    sides of a check.
     """
     run = min(max(n // 2048, 1), 32)
     code = place // run + 1

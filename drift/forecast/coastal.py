@@ -1,7 +1,8 @@
-"""Where areas lie on the coast: their cells that hold what is ashore, as lines along the shore.
+"""Containment areas on the coast: cells that hold stranded particles, drawn as lines along the
+shore.
 
-What strands lies on a strip of a cell or two, whose outline is lost under the shoreline of a chart.
-Areas nest: a cell is told of the smallest that holds it.
+Stranded particles occupy a strip a cell or two wide, whose outline would disappear under the
+shoreline of a chart. Areas are nested; each cell belongs to the smallest that contains it.
 """
 
 from collections.abc import Sequence
@@ -16,16 +17,16 @@ from geo.array import Array
 from geo.notation import NMI
 
 ASHORE = 0.5  # share of a cell's probability that is ashore in a cell of the coast
-LEAST = 0.01  # share of the probability ashore under which nothing is told of where it lies
+LEAST = 0.01  # probability ashore below which its position is not reported
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows and columns to half of the eight round a cell
 
 
 def strips(at: Any, shares: Sequence[float]) -> dict[float, shapely.MultiLineString]:
-    """Return the coast in each share's area and in no smaller one, as lines [deg, unwrapped] from
-    cell to cell.
+    """Return, by share, the coast inside its area and outside all smaller ones, as lines from cell
+    to cell.
 
-    at: a forecast's data (drift.forecast.products.dataset) at one time. shares: ascending; those
-    without coast are left out.
+    The lines are in degrees, unwrapped. at: a forecast's data (drift.forecast.products.dataset) at
+    one time. shares: ascending; those without coast are left out.
     """
     held = np.nan_to_num(at["containment"].values, nan=np.inf)
     which = np.where(_on_coast(at), np.searchsorted(shares, held), len(shares))
@@ -34,17 +35,16 @@ def strips(at: Any, shares: Sequence[float]) -> dict[float, shapely.MultiLineStr
 
 
 def _on_coast(at: Any) -> Array:
-    """Return which cells hold more ashore than adrift, bool (nlat, nlon)."""
+    """Return which cells hold more probability ashore than adrift, bool (nlat, nlon)."""
     ashore = at["probability_ashore"].values
     return np.asarray((ashore > 0) & (ashore > ASHORE * at["probability"].values))
 
 
 def _lines(which: Array, k: int, lon: Array, lat: Array) -> shapely.MultiLineString:
-    """Return lines from each cell of number k to its neighbours of the same or a smaller number,
-    aslant only round corners.
+    """Return lines from each cell of number k to its neighbours of the same or a smaller number.
 
-    A cell without neighbours is a line of half its width. which: (nlat, nlon); lon, lat: of their
-    middles [deg].
+    Diagonals are used only round corners. A cell without neighbours becomes a line of half its
+    width. which: (nlat, nlon); lon, lat: cell centres [deg].
     """
     there, own = np.pad(which <= k, 1), np.pad(which == k, 1)
 
@@ -71,7 +71,7 @@ def _lines(which: Array, k: int, lon: Array, lat: Array) -> shapely.MultiLineStr
 
 
 def coast_in_words(at: Any) -> str:
-    """Return in a few words where the densest half of what is ashore lies; empty if little is
+    """Return a short text on where the densest half of the probability ashore lies; "" if little is
     ashore.
     """
     ashore = at["probability_ashore"].values.astype(np.float64)

@@ -1,6 +1,5 @@
-"""The containment of points, read from a forecast.
-
-It is the smallest share of the probability whose area holds the point.
+"""The containment of points, read from a forecast: the smallest share whose area holds the
+point.
 """
 
 from typing import Any
@@ -12,18 +11,25 @@ from geo import notation, sphere
 from geo.array import Array
 from geo.errors import UserError
 
-LEAST = 1e-6  # least 1 - containment, which keeps its logarithm finite in cells of the rim
+LEAST = 1e-6  # lower limit of 1 - containment, which keeps its logarithm finite in outer cells
 
 
 def containment_at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike) -> Array:
-    """Return the containment at points [deg], shape (n,), at an output time of a forecast.
+    """Return the containment at points [deg], shape (n,), at an output time; 1 where there is no
+    probability.
 
-    It is 1 where there is no probability.
+    Between the centres of cells that hold any probability the logarithm of 1 - containment is
+    interpolated bilinearly. For a bivariate normal this is the logarithm of density, by which the
+    contours are drawn. Interpolation avoids the noise of a single cell's value.
 
-    data: a drift.forecast.products.dataset, of a run or from forecast.nc. Between the centres of
-    cells that hold any probability the logarithm of 1 - containment is bilinear: for a bivariate
-    normal that is the logarithm of density, which the contours are drawn by. A cell's own reading
-    is noise of up to its difference from its neighbours; the point's is not.
+    Args:
+        data: a drift.forecast.products.dataset, of a run or from forecast.nc.
+        time: of an output, UTC.
+        lon: of the points [deg], (n,).
+        lat: of the points [deg], (n,).
+
+    Raises:
+        UserError: if there is no output at that time.
     """
     times = data["time"].values
     match = np.flatnonzero(times == np.datetime64(time, "ns"))
@@ -37,8 +43,8 @@ def containment_at(data: Any, time: Any, lon: npt.ArrayLike, lat: npt.ArrayLike)
     holds = output["probability"].values > 0
     outer = np.log(np.maximum(1 - output["containment"].values.astype(np.float64), LEAST))
     x, y = (
-        _place(data["lon"].values, lon, turning=True),
-        _place(data["lat"].values, lat, turning=False),
+        _axis_position(data["lon"].values, lon, turning=True),
+        _axis_position(data["lat"].values, lat, turning=False),
     )
     x, y = np.broadcast_arrays(x, y)
     nlat, nlon = holds.shape
@@ -62,10 +68,10 @@ def _nearest(place: Array, size: int) -> Array:
     return np.clip(np.rint(place).astype(np.int64), 0, size - 1)
 
 
-def _place(centres: Array, where: npt.ArrayLike, *, turning: bool) -> Array:
-    """Return places along an axis, counted in cells from its first centre.
+def _axis_position(centres: Array, where: npt.ArrayLike, *, turning: bool) -> Array:
+    """Return positions along an axis, in cells from its first centre.
 
-    turning: whether they are longitudes, which are brought to the turn of the axis.
+    turning: whether the axis is longitude; values are then wrapped to the axis.
     """
     where = np.asarray(where, np.float64)
     step = float(centres[1] - centres[0]) if len(centres) > 1 else 1.0

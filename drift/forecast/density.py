@@ -1,26 +1,25 @@
-"""Particles in cells -> a smooth probability map, and the areas that hold a stated share of it.
+"""Smoothed probability maps from particles in cells, and the calibration of containment areas.
 
-A histogram of particles holds too little outside itself: its "95 %" area misses far more than 5 %
-of new particles. Here each particle is smoothed by a Gaussian kernel wide enough to hold about `m`
-effective particles (Abramson 1982, doi:10.1214/aos/1176345986: bandwidth as density to the power
--1/2), on a pyramid of grids, each half as fine as the one below: mass climbs until its
-neighbourhood is populous enough, is smoothed there by one cell and comes down again by linear
-interpolation. So dense cores stay sharp while thin tails are smoothed, and a map costs a few
-passes.
+The "95 %" area of a plain histogram of particles misses far more than 5 % of new particles. Here
+each particle is smoothed by a Gaussian kernel wide enough to hold about `m` effective particles
+(Abramson 1982, doi:10.1214/aos/1176345986: bandwidth as density to the power -1/2). The computation
+uses a pyramid of grids, each half as fine as the one below. Mass moves up until its neighbourhood
+holds enough particles, is smoothed there by one cell, and is brought down again by linear
+interpolation. Dense cores stay sharp, thin tails are smoothed, and a map takes a few passes.
 
-- Where the map is dense, kernels hold up to WIDER times as many: there the density is nearly level,
-  so that noise is what orders the cells, and a wider kernel costs little. How many follows the
-  cell's rank in a first, wide map.
+- Where the map is dense, kernels hold up to WIDER times as many particles: the density is nearly
+  level there, so noise would decide the order of the cells, and a wider kernel adds little bias.
+  The factor follows the cell's rank in a first, wide map.
 - `m` is chosen by the log likelihood of held-out particles, both halves in turn; the search starts
-  where bandwidth goes as n^(-1/6).
-- Mass stays off masked cells (land): each source's kernel is normalised over the cells allowed, so
-  nothing is lost.
-- Levels are calibrated: the area called "95 %" is the one that held 95 % of the particles held out
-  of the map.
+  where bandwidth is proportional to n^(-1/6).
+- No mass is placed in masked cells (land): each source's kernel is normalised over the allowed
+  cells, so nothing is lost.
+- Levels are calibrated: the "95 %" area is the one that held 95 % of the particles held out of the
+  map.
 
-Sums are over fixed-point deposits or in one fixed order in float64: a map does not depend on
-threads. A kernel may reach across a spit narrower than itself: it knows water from land, not a way
-round.
+Sums are over fixed-point deposits or in a fixed order in float64: a map does not depend on threads.
+Kernels know water from land but not the distance by water: one may reach across a spit narrower
+than itself.
 """
 
 from collections.abc import Sequence
@@ -33,24 +32,24 @@ from geo.array import Array
 
 # of a calibration
 KNOTS = np.unique(np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.9, 1, 101)]))
-FEW = 8  # a grid with so many times more cells than count is read only where they count
-# of a cell's mass go to four cells of the next level: see _above
+FEW = 8  # ratio of all cells to needed cells from which the sparse form is used
+# shares of a cell's mass in four cells of the next level: see _coarser_cells
 PARTS = np.array([9, 3, 3, 1]) / 16
-REACH = 4  # cells, and standard deviations, as far as a kernel reaches
+REACH = 4  # radius of a kernel, in cells and standard deviations
 BELL = np.exp(-0.5 * np.arange(-REACH, REACH + 1) ** 2)
 BELL /= BELL.sum()
-# kernels of the densest cells hold so many times the particles of those of the thinnest
+# ratio of particles per kernel between the densest cells and the thinnest
 WIDER = 4.0
 # m = PER_KERNEL n^(2/3) is about the optimum of a bivariate normal: where the search starts
 PER_KERNEL = 0.07
 
 
 def typical_spacing(x: Array, y: Array, effective: float) -> float:
-    """Return the bandwidth [m] that suits the densest parts of a cloud of so many effective
+    """Return the bandwidth [m] for the densest parts of a cloud with an effective number of
     particles.
 
-    x, y: a weighted systematic sample of it [m], (n,). From the 16th nearest neighbours there:
-    rough, it only sets the cells' size.
+    x, y: a weighted systematic sample of it [m], (n,). The estimate uses 16th nearest neighbours;
+    it is rough and only sets the cell size.
     """
     points = np.column_stack([x, y])
     k = min(16, len(x) - 1)
@@ -62,7 +61,7 @@ def typical_spacing(x: Array, y: Array, effective: float) -> float:
 
 
 def _coarser(fine: Array) -> Array:
-    """Return the sums of a grid on one of half as many cells, by weights 1 3 3 1 / 4 along each
+    """Return a grid summed to half as many cells per axis, with weights 1 3 3 1 / 4 along each
     axis.
     """
     if fine.shape[0] % 2:
@@ -85,7 +84,9 @@ def _coarser(fine: Array) -> Array:
 
 
 def _finer(coarse: Array, shape: tuple[int, int]) -> Array:
-    """Return linear interpolation onto twice as many cells: the transpose of `_coarser`."""
+    """Return a grid interpolated linearly to twice as many cells per axis: the transpose of
+    `_coarser`.
+    """
     near, far = 0.75 * coarse, 0.25 * coarse
     half = np.empty((len(coarse), 2 * coarse.shape[1]))
     half[:, 0] = near[:, 0] + far[:, 0]
@@ -102,12 +103,11 @@ def _finer(coarse: Array, shape: tuple[int, int]) -> Array:
     return fine[: shape[0]]
 
 
-def _above(cells: Array, shape: tuple[int, int]) -> tuple[Array, tuple[int, int]]:
-    """Return the cells of the next level that share the mass of each cell, (4, n), and that level's
+def _coarser_cells(cells: Array, shape: tuple[int, int]) -> tuple[Array, tuple[int, int]]:
+    """Return the four next-level cells that share the mass of each cell, (4, n), and that level's
     shape.
 
-    The shares are PARTS: it does what `_coarser` and `_finer` do, for a few cells that are given
-    and returned as flat indices.
+    The shares are PARTS. It is the sparse form of `_coarser` and `_finer`; cells are flat indices.
     """
     coarse = ((shape[0] + 1) // 2, (shape[1] + 1) // 2)
     row, column = np.divmod(cells, shape[1])
@@ -120,9 +120,11 @@ def _above(cells: Array, shape: tuple[int, int]) -> tuple[Array, tuple[int, int]
 
 
 def _raised(cells: Array, shape: tuple[int, int], *values: Array) -> list[Array]:
-    """Return `_coarser` of grids that are zero except in some cells (flat indices, n), each flat."""
+    """Return `_coarser`, flattened, of grids that are zero except in some cells (flat
+    indices, n).
+    """
     if FEW * cells.size < shape[0] * shape[1]:
-        above, coarse = _above(cells, shape)
+        above, coarse = _coarser_cells(cells, shape)
         index, size = above.ravel(), coarse[0] * coarse[1]
         return [np.bincount(index, np.outer(PARTS, some).ravel(), size) for some in values]
     raised = []
@@ -141,11 +143,11 @@ def _gauss(values: Array) -> Array:
 
 @dataclass(frozen=True)
 class Reading:
-    """Few cells of which the values of a map are wanted, and the way to them down the pyramid.
+    """A few cells whose map values are wanted, and the cells needed for them at each pyramid level.
 
-    cells: their flat indices, (n,). at: the same for each level, of what is wanted there; None for
-    all. above: for each level but the last the cells of the next one that share the mass of each of
-    these, (4, n), as numbers among those that are wanted there.
+    cells: flat indices, (n,). at: the cells needed at each level; None for all. above: for each
+    level but the last, the next-level cells that share the mass of each needed cell, (4, n), as
+    indices into that level's needed cells.
     """
 
     cells: Array
@@ -155,10 +157,10 @@ class Reading:
 
 @dataclass(frozen=True)
 class Medium:
-    """Where mass may lie: allowed cells (nlat, nlon).
+    """The cells where mass may be placed (nlat, nlon).
 
-    reach: the kernel's share on them, for each level of the pyramid.
-    few: the allowed cells, where they are few; None where they are not.
+    reach: share of the kernel on allowed cells, by pyramid level. few: reading of the allowed cells
+    if they are few; otherwise None.
     """
 
     allowed: Array
@@ -167,7 +169,9 @@ class Medium:
 
 
 def medium(allowed: Array) -> Medium:
-    """Return the pyramid of a mask (bool, nlat x nlon), as deep as leaves 8 cells across."""
+    """Return the pyramid of a mask (bool, nlat x nlon); its coarsest level has at least 8 cells
+    across.
+    """
     levels = [allowed.astype(np.float64)]
     while min(levels[-1].shape) >= 16:
         levels.append(_coarser(levels[-1]))
@@ -181,8 +185,8 @@ def medium(allowed: Array) -> Medium:
 
 
 def reading(cells: Array, shapes: Sequence[tuple[int, int]]) -> Reading:
-    """Return how the values of some cells (flat indices, n) are read; shapes: of the levels of the
-    pyramid.
+    """Return how to read the values of some cells (flat indices, n); shapes: of the pyramid's
+    levels.
     """
     at: list[Array | None] = [cells]
     above: list[Array | None] = []
@@ -192,7 +196,7 @@ def reading(cells: Array, shapes: Sequence[tuple[int, int]]) -> Reading:
             at.append(None)
             above.append(None)
             continue
-        over, coarse = _above(here, shape)
+        over, coarse = _coarser_cells(here, shape)
         wanted = np.zeros(coarse[0] * coarse[1], bool)
         wanted[over] = True
         few = np.flatnonzero(wanted)
@@ -209,17 +213,15 @@ def reading(cells: Array, shapes: Sequence[tuple[int, int]]) -> Reading:
 
 @dataclass(frozen=True)
 class Histogram:
-    """The effective number of particles in a kernel about each cell, for one medium.
-
-    It is given at each level of the pyramid.
+    """Effective number of particles in a kernel around each cell of one medium, by pyramid
+    level.
     """
 
     number: tuple[Array, ...]
 
 
 def wider(first: Array, area: Array) -> tuple[Array, ...]:
-    """Return how many times as many particles the kernels of each cell hold, for each level of the
-    pyramid.
+    """Return the factor of particles per kernel for each cell, by pyramid level.
 
     It is WIDER to the power 1 - s, where s is the share of a first map (nlat, nlon) that is denser
     than the cell.
@@ -238,7 +240,7 @@ def wider(first: Array, area: Array) -> tuple[Array, ...]:
 
 
 def divided(guide: Histogram, more: tuple[Array, ...] | None) -> Histogram:
-    """Return a guide by which kernels take in more times as many particles; see `wider`."""
+    """Return a guide whose kernels hold `more` times as many particles; see `wider`."""
     if more is None:
         return guide
     return Histogram(
@@ -247,12 +249,12 @@ def divided(guide: Histogram, more: tuple[Array, ...] | None) -> Histogram:
 
 
 def histogram(cells: Array, mass: Array, squares: Array, where: Medium) -> Histogram:
-    """Return the effective numbers of particles, from weights and their squares in cells (flat
-    indices), each (n,).
+    """Return the guide histogram from weights and squared weights in cells (flat indices), each
+    (n,).
     """
     numbers = []
     for level, reach in enumerate(where.reach):
-        # of the kernel, in this level's cells: Gauss plus down and up
+        # variance of the kernel in this level's cells: Gaussian plus both interpolations
         variance = 1.5 - 0.5 / 4**level
         number = np.divide(variance * mass**2, squares, out=np.zeros(cells.size), where=squares > 0)
         numbers.append(np.zeros(reach.shape))
@@ -267,11 +269,18 @@ def histogram(cells: Array, mass: Array, squares: Array, where: Medium) -> Histo
 def spread(
     cells: Array, mass: Array, guide: Histogram, m: float, where: Medium, at: Reading | None = None
 ) -> Array:
-    """Return mass in cells (flat indices, n) as a smooth map (nlat, nlon).
+    """Return mass in cells (flat indices, n) as a smoothed map (nlat, nlon); the total is kept to
+    rounding.
 
-    Kernels hold `m` effective particles of the guide. The map is linear in mass: those of scenarios
-    add up to that of all. The total is kept to rounding. at: the cells whose values alone are
-    wanted, and returned, (k,).
+    The map is linear in mass: maps of scenarios add up to the map of all.
+
+    Args:
+        cells: flat indices, (n,).
+        mass: in these cells, (n,).
+        guide: effective particles around each cell.
+        m: effective particles per kernel.
+        where: the medium.
+        at: the cells to read; the result is then their values, (k,).
     """
     # for each level the cells whose mass is smoothed there, and how much
     staying: list[tuple[Array, Array]] = []
@@ -297,9 +306,10 @@ def spread(
 def _smoothed(
     staying: Sequence[tuple[Array, Array]], where: Medium, level: int, few: Reading | None
 ) -> Array:
-    """Return what stays at a level and above, smoothed there and brought down to it.
+    """Return the mass assigned to a level and those above, smoothed there and brought down to the
+    level.
 
-    few: the cells that are wanted; None for all.
+    few: the wanted cells; None for all.
     """
     reach, (cells, stay) = where.reach[level], staying[level]
     at = few.at[level] if few else None
@@ -340,7 +350,7 @@ def _smoothed(
 
 @dataclass(frozen=True)
 class Calibration:
-    """Share of held-out particles inside the area that holds a share of the map, at KNOTS."""
+    """Share of held-out particles inside the area that holds each share of the map, at KNOTS."""
 
     share: Array
 
@@ -357,11 +367,11 @@ def ranked(density: Array, least: float = 0.0) -> Array:
     """Return flat indices of the cells with any probability, densest first; ties in order of the
     index.
 
-    least: density under which cells are left out.
+    least: density below which cells are left out.
     """
     occupied = np.flatnonzero(density >= least if least > 0 else density > 0)
     sparse = -density.ravel()[occupied]
-    # twice as fast as a stable sort: ties, which are few, are brought into order afterwards
+    # twice as fast as a stable sort; the few ties are put in order afterwards
     order = np.argsort(sparse)
     level = sparse[order]
     tied = level[1:] == level[:-1]
@@ -372,13 +382,13 @@ def ranked(density: Array, least: float = 0.0) -> Array:
 
 
 def calibrate(mass: Array, area: Array, cells: Array, unseen: Array) -> Calibration:
-    """Return the calibration of a map (nlat, nlon) by particles that it has not seen.
+    """Return the calibration of a map (nlat, nlon) from held-out particles.
 
     unseen: their deposit (n,) in cells (flat indices).
     """
     density, held = mass / area[:, None], np.zeros(mass.size)
     held[cells] = unseen
-    # none of the unseen lies in thinner cells
+    # no held-out particle lies in a cell of lower density
     order = ranked(density, density.ravel()[cells[unseen > 0]].min())
     inside, seen = np.cumsum(mass.ravel()[order]), np.cumsum(held[order]) / unseen.sum()
     share = np.interp(

@@ -1,11 +1,9 @@
-"""How many particles or worlds count, and whether these are few.
+"""Effective numbers of particles or worlds, and warnings where they are low.
 
-Every file and picture asks here, and nowhere else.
-
-Weights make a few particles count for all of them: their effective number is one over the sum of
-their squared shares (Kong 1992; Kish 1965, sec. 11.2). What was drawn again counts as the particle
-that it descends from: copies add no information, however many there are. Objects of one world share
-all its unknowns, so for a spill its worlds count.
+Every file and picture takes these numbers from here. The effective sample size is one over the sum
+of squared shares (Kong 1992; Kish 1965, sec. 11.2). Resampled copies count as the particle from
+which they descend, because copies add no information. Objects of one world of a spill share all its
+unknowns, so a spill counts worlds.
 """
 
 import math
@@ -21,31 +19,31 @@ from drift.forecast import likeliest
 from geo import notation
 from geo.array import Array
 
-FEW = {"particles": 200.0, "worlds": 50.0}  # fewer than so many, and figures are rough
-SLACK = 1e-6  # share of a number by which rounding may miss it
-PART = 0.05  # share of the probability on the map from which on a part of it is mentioned by itself
-# A run is warned of once this share of what is ever released is out: until then its maps say what
-# is missing.
+FEW = {"particles": 200.0, "worlds": 50.0}  # effective numbers below which figures are rough
+SLACK = 1e-6  # relative rounding error of a number
+PART = 0.05  # share of the probability on the map above which a part has its own warning
+# Warnings start once this share of all eventual releases has happened; until then maps report the
+# share that is missing.
 RELEASED = 0.99
 PARTS = {"adrift": "of those adrift", "ashore": "of those ashore"}
 
 
 @dataclass(frozen=True)
 class Count:
-    """How many count, and of how many that were drawn; None: not known."""
+    """An effective number, and the number drawn; None: unknown."""
 
     number: float
     of: int | None = None
-    what: str = "particles"  # what counts: "particles" or "worlds"
+    what: str = "particles"  # the unit counted: "particles" or "worlds"
 
     @property
     def few(self) -> bool:
-        """Whether so few count that figures are rough; nothing at all has no figures."""
+        """Whether the number is too low for reliable figures; False for 0, which has no figures."""
         return 0 < self.number < FEW[self.what] * (1 - SLACK)
 
     @property
     def words(self) -> str:
-        """In words: 4 of 100,000 particles are effective."""
+        """The count in words, as "4 of 100,000 particles are effective"."""
         number = max(round(self.number), 1)
         number = min(number, math.ceil(FEW[self.what]) - 1) if self.few else number
         many = f"{number:,} of {self.of:,} {self.what}" if self.of else f"{number:,} {self.what}"
@@ -54,10 +52,12 @@ class Count:
 
 
 class Effective:
-    """Effective numbers of weights by code, 0 to many - 1, taken up part by part of the particles."""
+    """Effective sample sizes by code, 0 to many - 1, accumulated part by part over the
+    particles.
+    """
 
     def __init__(self, many: int = 1) -> None:
-        """Begin with nothing."""
+        """Start with no particles."""
         self._many = many
         self._sums: list[Partial] = []
         self._runs: list[tuple[Array, Array]] = []
@@ -65,8 +65,8 @@ class Effective:
     def add(
         self, weight: Array, blocks: Blocks, code: Array | None = None, family: Array | None = None
     ) -> None:
-        """Take up weights (n,) of a part, probabilities; family: those of one and the same code
-        count as one.
+        """Add the probabilities (n,) of a part; family: particles of one family and code count as
+        one.
         """
         if family is None:
             self._sums.append(blocks.partial(weight, weight**2, code=code, many=self._many))
@@ -76,7 +76,7 @@ class Effective:
 
     @property
     def numbers(self) -> Array:
-        """The effective number of each code, (many,); 0 where there is none."""
+        """The effective sample size of each code, (many,); 0 where there are no particles."""
         if self._runs:
             of, mass = weights.families(self._many, self._runs)
             top = np.zeros(self._many)
@@ -90,8 +90,8 @@ class Effective:
 
 
 def of_sums(total: Array, squares: Array) -> Array:
-    """Return effective numbers from sums of weights and of their squares, of one shape; 0 where
-    there is none.
+    """Return effective sample sizes from sums of weights and of squared weights; 0 where both are
+    0.
     """
     return np.asarray(
         np.divide(total**2, squares, out=np.zeros(np.shape(total)), where=squares > 0)
@@ -99,9 +99,9 @@ def of_sums(total: Array, squares: Array) -> Array:
 
 
 def number(weight: Array, family: Array | None = None) -> float:
-    """Return the effective number of weights (n,) of any scale; 0 for none.
+    """Return the effective sample size of weights (n,) of any scale; 0 if there are none.
 
-    family: int (n,) not negative: those of one family count as one of their summed weight.
+    family: int (n,), not negative; a family counts as one particle with its summed weight.
     """
     if not len(weight) or weight.max() <= 0:
         return 0.0
@@ -112,8 +112,8 @@ def number(weight: Array, family: Array | None = None) -> float:
 
 
 def by(code: Array, many: int, weight: Array, family: Array | None = None) -> Array:
-    """Return the effective number of the weights (n,) of each code 0 to many - 1, (many,); family:
-    as in `number`.
+    """Return the effective sample size of each code 0 to many - 1, (many,); family: as in
+    `number`.
     """
     counted = Effective(many)
     counted.add(weight, partials.whole(len(weight)), code, family)
@@ -121,20 +121,26 @@ def by(code: Array, many: int, weight: Array, family: Array | None = None) -> Ar
 
 
 def sentence(count: Count, when: str = "", rough: str = "areas and shares are rough") -> str:
-    """Return in a sentence that few count; when: "after ..." or "at ..."."""
+    """Return a sentence that warns of a low count; when: "after ..." or "at ..."."""
     return f"only {count.words}{when and f' {when}'}: {rough}"
 
 
 def banner(count: Count, rough: str = "the areas are rough", when: str = "") -> str:
-    """Return a picture's warning that few count; when: the time of its map with the lowest count."""
+    """Return a picture's warning of a low count; when: the time of its map with the lowest
+    count.
+    """
     return f"ONLY {count.words.upper()}{when and f' at {when}'}: {rough}"
 
 
 def effective_at(data: Any, time: int, particles: int | None = None) -> Count:
-    """Return how many count for a forecast's map at an output.
+    """Return the effective count of a forecast's map at an output.
 
-    That is its worlds if these are few, else its particles. data: as of
-    drift.forecast.products.dataset; particles: how many were drawn.
+    It counts worlds if they are few, otherwise particles.
+
+    Args:
+        data: of drift.forecast.products.dataset.
+        time: index of the output.
+        particles: number drawn.
     """
     if "effective_worlds" in data:
         worlds = data["effective_worlds"]
@@ -145,9 +151,9 @@ def effective_at(data: Any, time: int, particles: int | None = None) -> Count:
 
 
 def fewest(data: Any, outputs: Iterable[int], particles: int | None = None) -> tuple[Count, int]:
-    """Return the lowest count of the maps of some outputs, and that output.
+    """Return the lowest effective count among the maps of some outputs, and its output.
 
-    Outputs that show nothing are passed over.
+    Outputs with an empty map are skipped.
     """
     counts = [(effective_at(data, int(i), particles), int(i)) for i in outputs]
     shown = [pair for pair in counts if pair[0].number > 0]
@@ -159,10 +165,10 @@ def fewest(data: Any, outputs: Iterable[int], particles: int | None = None) -> t
 
 
 def parts(data: Any, time: int) -> list[str]:
-    """Return the parts of a map for which few particles count: those adrift, those ashore, a
+    """Return warnings of the parts of a map with few effective particles: adrift, ashore, a
     scenario.
 
-    There are none where few count for the whole map.
+    The list is empty where the whole map has few.
     """
     if effective_at(data, time).few:
         return []
@@ -181,7 +187,7 @@ def parts(data: Any, time: int) -> list[str]:
     rough = [
         (name, share, n) for name, share, n in named if share >= PART * mapped and Count(n).few
     ]
-    # classes of objects are no stories
+    # the classes of a spill are not scenarios
     if output.sizes["scenario"] > 1 and "effective_worlds" not in data:
         shares = output["probability_by_scenario"].sum(["lat", "lon"]).values
         alone = list(likeliest.likeliest_scenarios(data["scenario_probability"].values).alone)
@@ -216,11 +222,11 @@ def _others(many: int) -> str:
 def of_run(
     data: Any, particles: int, since: np.datetime64 | None = None, left: float = 0.0
 ) -> list[str]:
-    """Return the warnings of a forecast: at which outputs few particles count, and of which parts
-    at its end.
+    """Return a forecast's warnings of outputs, and of parts at its end, with few effective
+    particles.
 
-    since, left: where a reader knows already that `left` particles count from a time on, outputs
-    from then on are mentioned only if fewer than half as many count there.
+    since, left: where `left` effective particles from a time on have been reported already, later
+    outputs are mentioned only if they have fewer than half as many.
     """
     sentences = []
     times = data["time"].values
@@ -228,7 +234,7 @@ def of_run(
     if few:
         counts = [effective_at(data, i, particles) for i in few]
         worst = min(range(len(few)), key=lambda k: counts[k].number)
-        already = since is not None and all(_since(times, i, since) for i in few)
+        already = since is not None and all(_at_or_after(times, i, since) for i in few)
         if not already or counts[worst].number < 0.5 * left:
             others = (
                 f" and few at {len(few) - 1} more output time{'s' * (len(few) > 2)}"
@@ -242,15 +248,15 @@ def of_run(
 
 
 def released(data: Any) -> int:
-    """Return the first output from which on all that is ever released is, but for 1 - RELEASED.
+    """Return the first output by which all but 1 - RELEASED of the eventual releases have happened.
 
-    Return 0 if nothing ever is.
+    Return 0 if nothing is ever released.
     """
     status = [str(name) for name in data["status"].values]
     share = 1 - data["status_probability"].values[:, status.index("pending")]
     return int(np.argmax(share >= RELEASED * share.max()))
 
 
-def _since(times: Array, i: int, moment: np.datetime64) -> bool:
+def _at_or_after(times: Array, i: int, moment: np.datetime64) -> bool:
     """Whether an output is at a time or after it, in the direction of the run."""
     return bool(times[i] >= moment if times[-1] >= times[0] else times[i] <= moment)

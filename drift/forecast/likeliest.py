@@ -1,7 +1,6 @@
-"""Which of many scenarios maps and pictures show by themselves: the likeliest ten; all others they
-show together.
+"""Selects the ten likeliest scenarios for maps and pictures; the rest are shown as one.
 
-Tables of rows and what is kept of each time list every scenario.
+Tables and time series list every scenario.
 """
 
 from collections.abc import Sequence
@@ -12,49 +11,47 @@ import numpy.typing as npt
 
 from geo.array import Array
 
-MOST = 10  # scenarios shown by themselves where there are others to show together
+MOST = 10  # scenarios displayed individually where there are more
 
 
 @dataclass(frozen=True)
 class Shown:
-    """Scenarios that are shown by themselves, and how many there are of all; the others are shown
-    as one.
-    """
+    """Scenarios displayed individually, out of `many`; the rest are displayed as one."""
 
     alone: tuple[int, ...]  # their numbers, ascending
     many: int
 
     @property
     def rest(self) -> tuple[int, ...]:
-        """The numbers of the others."""
+        """The numbers of the scenarios that are not displayed individually."""
         return tuple(sorted({*range(self.many)} - {*self.alone}))
 
     @property
     def size(self) -> int:
-        """How many are shown, the others as one."""
+        """Number of entries displayed; the rest count as one."""
         return len(self.alone) + (len(self.alone) < self.many)
 
     @property
     def place(self) -> npt.NDArray[np.int64]:
-        """The place of each scenario among those that are shown, (many,); the others have the last."""
+        """The entry of each scenario, (many,); the last entry is the rest."""
         place = np.full(self.many, len(self.alone))
         place[list(self.alone)] = np.arange(len(self.alone))
         return place
 
     def names(self, names: Sequence[str]) -> list[str]:
-        """Return the names of those that are shown."""
+        """Return the names of the entries."""
         others = [f"{self.many - len(self.alone)} others"] if self.size > len(self.alone) else []
         return [str(names[number]) for number in self.alone] + others
 
     def sums(self, values: Array) -> Array:
-        """Return values by scenario (..., many), added up over the others: (..., size)."""
+        """Return values by scenario (..., many), summed over the rest: (..., size)."""
         own = values[..., list(self.alone)]
         others = values[..., list(self.rest)].sum(axis=-1, keepdims=True)
         return np.concatenate([own, others], axis=-1) if self.rest else own
 
     def means(self, values: Array, weight: Array) -> Array:
-        """Return the same of means: that of the others is weighted, 0 where they have no weight;
-        weight: (many,).
+        """Return means by scenario, averaged over the rest by weight (many,), 0 where that has no
+        weight.
         """
         rest, heavy = list(self.rest), weight[list(self.rest)]
         own = values[..., list(self.alone)]
@@ -65,11 +62,11 @@ class Shown:
 
 
 def likeliest_scenarios(probability: npt.ArrayLike) -> Shown:
-    """Return which scenarios are shown, by the probability that each has at some times, (...,
+    """Return which scenarios are displayed, from their probabilities at some times, (...,
     scenarios).
 
-    The largest over the times counts, so that a scenario is shown that was likely before something
-    ruled it out. Where there would be one other alone, it is shown too.
+    The largest value over time decides, so that a scenario that was likely before it was ruled out
+    is displayed. A single remaining scenario is displayed too.
     """
     table = np.asarray(probability, np.float64)
     many = table.shape[-1]

@@ -1,4 +1,4 @@
-"""What of a forecast its maps show: which part of its grid, and which output first."""
+"""The part of a forecast's grid that its maps show, and the output they open with."""
 
 import numpy as np
 import xarray as xr
@@ -6,12 +6,12 @@ import xarray as xr
 from geo.box import Box
 
 SHOWN = 0.995  # containment of the cells that are shaded
-MORE = 0.15  # of a side: how far a box reaches beyond them
+MORE = 0.15  # margin of the box, as a share of its side
 
 
 def box(data: xr.Dataset) -> Box:
-    """Return the box of all that the map of any time shows, and somewhat more; that of the grid
-    where there is none.
+    """Return the box shown by the maps of any time, with a margin; the whole grid if there is no
+    probability.
     """
     inside = np.any(data["containment"].values <= SHOWN, axis=0)
     rows, columns = inside.any(axis=1), inside.any(axis=0)
@@ -30,9 +30,8 @@ def box(data: xr.Dataset) -> Box:
 
 
 def opening(data: xr.Dataset, opens: np.datetime64 | None) -> int:
-    """Return the number of the output that is shown first: the one nearest to a time;
-
-    None: the last.
+    """Return the index of the output nearest to a time, which is shown first; None: the last
+    output.
     """
     times = data["time"].values
     return len(times) - 1 if opens is None else int(np.argmin(np.abs(times - opens)))

@@ -1,6 +1,4 @@
-"""What a fixed grid does not hold of a forecast, and where its cells are too coarse for it, in
-words.
-"""
+"""Warnings about a fixed grid: probability outside it, and cells too coarse for the particles."""
 
 from typing import Any
 
@@ -8,13 +6,13 @@ import numpy as np
 
 from geo import notation
 
-OFF = 0.005  # share of the probability off the grid from which on a run is warned of
-COARSE = 1.0  # cells to the bandwidth of the densest part; with fewer, areas are too large
+OFF = 0.005  # probability outside the grid from which a warning is given
+COARSE = 1.0  # cells per bandwidth of the densest part; with fewer, areas are too large
 
 
 def warnings(data: Any) -> list[str]:
-    """Return the warnings of a forecast (drift.forecast.products.dataset) on a grid of the user's
-    own.
+    """Return the warnings of a forecast (drift.forecast.products.dataset) on a grid set by the
+    user.
 
     There are none on a grid that follows the particles.
     """

@@ -1,4 +1,4 @@
-"""Where a forecast begins, as marks and lines for its charts."""
+"""Marks and lines on charts for the places where a forecast starts."""
 
 from collections.abc import Sequence
 
@@ -12,28 +12,32 @@ from drift.products.maps.marks import Line, Mark
 def starts(
     scenarios: Sequence[Scenario], known_as: str, short: str, shown: Shown | None = None
 ) -> tuple[list[Mark], list[Line]]:
-    """Return the priors of scenarios: positions as marks, areas and tracklines as lines.
+    """Return the priors of scenarios for a chart: positions as marks, areas and tracklines as
+    lines.
 
-    known_as: what a position is, where there is but one scenario; short: the same before the name
-    of each of several. shown: those that are drawn, by default all.
+    Args:
+        scenarios: of the run.
+        known_as: label of a position where there is one scenario.
+        short: label before the scenario's name where there are several.
+        shown: the scenarios to draw; None: all.
     """
     marks, lines = [], []
     for scenario in scenarios if shown is None else [scenarios[number] for number in shown.alone]:
         prior = scenario.prior
         if prior is None:
-            # its way, which begins there, is a layer of its own: drift.engine.environment.layers
+            # its itinerary is a separate layer: drift.engine.environment.layers
             continue
         if prior.reported:
             label = known_as if len(scenarios) == 1 else f"{short}, {scenario.name}"
             marks.append(Mark(*prior.reported, label))
         else:
             lon = np.degrees(np.unwrap(prior.lon)).tolist()
-            closed = not prior.moving  # an area has an outline, a voyage a beginning and an end
+            closed = not prior.moving  # an area has a closed outline, a voyage has two ends
             lines.append(Line(lon, np.degrees(prior.lat).tolist(), scenario.name, closed=closed))
     return marks, lines
 
 
 def others(scenarios: Sequence[Scenario], shown: Shown) -> tuple[tuple[float, float], ...]:
-    """Return the reported positions [deg] of the scenarios that are not drawn by themselves."""
+    """Return the reported positions [deg] of the scenarios that are not displayed individually."""
     priors = (scenarios[number].prior for number in shown.rest)
     return tuple(prior.reported for prior in priors if prior is not None and prior.reported)

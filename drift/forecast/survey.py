@@ -1,6 +1,4 @@
-"""What is known of all particles at a time: one pass over them, part by part, before any map is
-made.
-"""
+"""Statistics of all particles at one time, computed in one pass before any map."""
 
 from dataclasses import dataclass, replace
 
@@ -18,32 +16,32 @@ from kernels.step import tally
 
 @dataclass(frozen=True)
 class Survey:
-    """All particles at a time in figures. What is on the map is adrift, under way or at rest."""
+    """Statistics of all particles at one time; "on the map" means adrift, under way or at rest."""
 
     time: np.datetime64
     status: Array  # (statuses,) probability of each
     scenario: Array  # (scenarios,) probability of each
     direction: Array  # (2,) sum of cos and sin of longitudes on the map
     means: Means
-    weight: Partial  # of what is on the map, by block
-    lightest: float  # weight on the map; 1 where nothing is
+    weight: Partial  # of the particles on the map, by block
+    lightest: float  # smallest weight on the map; 1 if the map is empty
     heaviest: float
-    ashore: bool  # whether anything on the map is
+    ashore: bool  # whether any probability on the map is ashore
     steers: bool  # whether any target is under way
-    effective: float  # particles that count, in all statuses; copies count as one, here and below
+    effective: float  # effective particles in all statuses; copies count as one, here and below
     effective_map: float  # on the map
     effective_status: Array  # (statuses,)
     effective_scenario: Array  # (scenarios,) on the map
-    spread: float  # particles that count on the map, copies each by itself
+    spread: float  # effective particles on the map, each copy counted separately
     effective_worlds: float  # on the map; NaN where there are none
     worlds: int  # that were drawn; 0 where there are none
 
 
 def survey_output(output: Output, scenarios: int) -> Survey:
-    """Return the survey of an output."""
+    """Return the statistics of an output; scenarios: their number."""
     parts: list[Partial] = []
     lightest, heaviest, ashore, steers, copied, last_world = 1.0, 0.0, False, False, False, -1
-    # of copies and worlds: others are in the sums
+    # only for resampled copies and worlds; without them the sums suffice
     every, shown, worlds = (Effective() for _ in range(3))
     by_status, by_scenario = Effective(len(Status)), Effective(scenarios)
     for part in output.parts():

@@ -1,4 +1,4 @@
-"""Tracks of a subsample of the particles, and particles.nc: CF trajectories that share their times."""
+"""Tracks of a subsample of the particles, for particles.nc: CF trajectories with common times."""
 
 import re
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from geo.array import Array
 
 @dataclass(frozen=True)
 class Trajectories:
-    """A subsample's tracks; NaN-free: a particle that has ended stays where it ended."""
+    """A subsample's tracks, free of NaN: a particle that has stopped stays where it stopped."""
 
     time: Array  # datetime64, (t,)
     slot: Array  # int, (m,): number of the particle
@@ -33,7 +33,7 @@ class Trajectories:
 
 
 def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
-    """Return a subsample's tracks as CF trajectories that share their times, (trajectory, time)."""
+    """Return a subsample's tracks as CF trajectories with common times, (trajectory, time)."""
     codes = np.array([int(s) for s in Status], np.int8)
     by_time = ("trajectory", "time")
     names = [str(name) for name in forecast.data["scenario"].values]
@@ -96,15 +96,15 @@ def dataset(tracks: Trajectories, forecast: Forecast) -> xr.Dataset:
         },
         {
             "featureType": "trajectory",
-            "summary": "Tracks of a subsample of the particles of a forecast: where each was, what had become of it, and "
+            "summary": "Tracks of a subsample of the particles of a forecast: position, status and "
             "its weight, at each output time.",
         },
     )
 
 
 def _flags(names: Sequence[str]) -> list[str]:
-    """Return names as words of CF's flag_meanings: of letters, digits and _-.+@ alone, no two the
-    same.
+    """Return names as unique words for CF's flag_meanings, made of letters, digits and
+    _-.+@ only.
     """
     words: list[str] = []
     for name in names:
@@ -118,9 +118,8 @@ def _flags(names: Sequence[str]) -> list[str]:
 
 
 def _events(tracks: Trajectories) -> dict[str, tuple[str, Array, dict[str, str]]]:
-    """Return what is known of when each trajectory began and ended, and where on the coast.
-
-    The results are variables of the dataset.
+    """Return variables of each trajectory's release time, end time and shoreline edge,
+    where known.
     """
     variables: dict[str, tuple[str, Array, dict[str, str]]] = {}
     direction = -1 if tracks.time[-1] < tracks.time[0] else 1

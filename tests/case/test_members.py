@@ -121,7 +121,7 @@ def test_the_spread_of_members_stands_for_the_default_error(tmp_path: Path) -> N
     assert silent.current_error.std == 0
     assert silent.current_error.by[0] == MEMBERS
     assert (
-        "no error of the current (the spread of its members stands for it)"
+        "no error of the current (the spread of its members represents it)"
         in run_metadata.errors(silent)
     )
     assert not run_metadata.caution(silent)

@@ -1,1 +1,3 @@
-"""What a run drifts in: its winds, currents and coast, opened once; refusals of what has none."""
+"""The environment of a run: winds, currents and coast, opened once, and checks of their
+coverage.
+"""

@@ -1,7 +1,7 @@
-"""Winds and currents at places and times, on the host: what arrows on maps and the report show.
+"""Winds and currents at given places and times, on the host, for arrows on maps and in the report.
 
-Particles are moved by the same slices on the device (drift.engine.motion.forcing); here they are
-read for some hundred places.
+Particles use the same slices on the device (drift.engine.motion.forcing); here they are sampled at
+a few hundred places.
 """
 
 from collections.abc import Sequence
@@ -26,11 +26,18 @@ ACROSS = 14  # arrows along the longer side of a map
 def ambient_at(
     sources: Sources, quantity: str, times: npt.NDArray[np.datetime64], lon: Array, lat: Array
 ) -> Array:
-    """Return a quantity at places [deg] (m,) and times (t,): east and north [m/s], (t, m, 2), NaN
-    where there is none.
+    """Return velocity east and north [m/s] at places and times, (t, m, 2); NaN where there is no
+    value.
 
-    As for particles, of sources by priority the first with a value at a place counts, and what is
-    added to it must have one too. Of an ensemble it is the mean of its members.
+    As for particles, the first source in order of priority with a value at a place is used, and
+    each added source must have a value too. For a forcing ensemble it is the mean of the members.
+
+    Args:
+        sources: of a scenario.
+        quantity: such as "wind".
+        times: UTC, (t,).
+        lon: of the places [deg], (m,).
+        lat: of the places [deg], (m,).
     """
     moments = notation.epochs(times).tolist()
     total = np.full((len(moments), len(lon), 2), np.nan)
@@ -43,17 +50,18 @@ def ambient_at(
                     missing = np.isnan(values[k]).any(axis=1)
                     if missing.any():
                         place = source.grid, moment, lon[missing], lat[missing]
-                        values[k, missing] = sum(_then(slices, *place) for slices in members) / len(
-                            members
-                        )
+                        values[k, missing] = sum(
+                            _values_at_time(slices, *place) for slices in members
+                        ) / len(members)
             total = values if number == 0 else total + values
     return total
 
 
 @dataclass(frozen=True)
 class Flow:
-    """A quantity at places [deg] (m,) and times (t,): velocity east and north [m/s], (t, m, 2), NaN
-    where there is none.
+    """Velocity of a quantity east and north [m/s], (t, m, 2), at places [deg] (m,) and times (t,).
+
+    It is NaN where there is no value.
     """
 
     time: npt.NDArray[np.datetime64]
@@ -63,10 +71,7 @@ class Flow:
 
 
 def over(sources: Sources, box: Box, times: npt.NDArray[np.datetime64]) -> dict[str, Flow]:
-    """Return what flows over a box, at places spread over it:
-
-    ACROSS along its longer side, by quantity.
-    """
+    """Return the velocities of each quantity in a box, at places ACROSS along its longer side."""
     lon, lat = lattice(box, ACROSS)
     there = [quantity for quantity in QUANTITIES if sources.of(quantity)]
     return {
@@ -76,7 +81,9 @@ def over(sources: Sources, box: Box, times: npt.NDArray[np.datetime64]) -> dict[
 
 
 def lattice(box: Box, across: int) -> tuple[Array, Array]:
-    """Return places (lon, lat) [deg] (m,) spread over a box, so many along its longer side."""
+    """Return places (lon, lat) [deg] (m,) evenly spaced in a box, `across` along its longer
+    side.
+    """
     high = box.north - box.south
     wide = (box.east - box.west) * np.cos(np.radians((box.north + box.south) / 2))
     step = max(high, wide, 1e-3) / across
@@ -88,19 +95,19 @@ def lattice(box: Box, across: int) -> tuple[Array, Array]:
 
 
 def _tiles(sources: Sources, quantity: str, term: Sequence[Source]) -> list[tuple[Source, int]]:
-    """Return the sources of a term with how deep each is filled [cells]: several first as they are,
-    then filled.
+    """Return the sources of a term with their fill depths [cells]: several first unfilled, then
+    filled.
     """
     filled = [(source, sources.cells.get((quantity, source.name), 0)) for source in term]
     return [*((source, 0) for source in term), *filled] if len(term) > 1 else filled
 
 
-def _then(slices: Slices, grid: Grid, moment: int, lon: Array, lat: Array) -> Array:
+def _values_at_time(slices: Slices, grid: Grid, moment: int, lon: Array, lat: Array) -> Array:
     """Return the values of a source at a time [s since 1970] and places [deg] (m,), (m, 2)."""
     for low, high, end in (
         (moment, moment + 1, 0),
         (moment - 1, moment, 1),
-    ):  # at its last node a source has the step before
+    ):  # the last time of a source belongs to the interval before it
         bracket = slices.bracket(low, high)
         if bracket is not None:
             weight = (bracket.low, bracket.high)[end]

@@ -1,6 +1,6 @@
-"""The coast of a run: all that can be met within its domain.
+"""The coast of a run: all shoreline within reach of its domain.
 
-About reported positions, which must not lie on land, the coast keeps its full detail.
+Near reported positions, which must not lie on land, the coast keeps its full detail.
 """
 
 import functools
@@ -26,18 +26,17 @@ from geo.forcing.sources import Source
 MARGIN = 0.25  # [deg] more than a step
 LATTICE = 5.0  # [deg] to which boxes of land beyond the coast are rounded outward
 OUTWARD = (math.floor, math.floor, math.ceil, math.ceil)
-NEAR = 1.0  # [deg] about a reported position within which full detail says whether it lies on land
+NEAR = 1.0  # [deg] around a reported position in which the coast has full detail
 
 
 def around(spec: EnsembleSpec, box: Box, sources: Sequence[Source]) -> Box:
-    """Return the box of the coast for a domain: where its sources know a current, and a little
-    further.
+    """Return the box of coast needed for a domain: where its sources have a current, and a margin.
 
-    It is the whole domain where a scenario's objects go on without a current. sources: those whose
-    values are not only added to others'.
+    It is the whole domain if a scenario's objects move without a current. sources: those that are
+    not only added to others.
     """
-    reached = _shrunk(box, sources) if models.forced(spec.scenarios) else box
-    # A last step may lead out of the domain.
+    reached = _clip_to_currents(box, sources) if models.forced(spec.scenarios) else box
+    # A particle's last step may end outside the domain.
     return reached.grown(MARGIN / np.cos(np.radians(min(abs(box.north), 80))), MARGIN)
 
 
@@ -48,13 +47,18 @@ def open_coast(
     seen: Callable[[Shore], Shore] | None,
     shared: tuple[Shore, shoreline.Coast | None] | None,
 ) -> tuple[Shore, shoreline.Coast | None]:
-    """Return the land in a box and its coast, None where there is none.
+    """Return the land in a box and its coast; the coast is None if there is none.
 
-    Raises UserError for a position that was reported on land, and for lanes, voyages and areas of
-    patrol that touch it.
+    Args:
+        spec: of the ensemble.
+        asked: the coast that the case asks for.
+        box: of the coast.
+        seen: selects the detail of the land that is needed; None: all of it.
+        shared: land and coast built by other runs; None: build them.
 
-    seen: what of the land's detail is wanted, all of it unless a function says; shared: land and
-    coast, where other runs have built them.
+    Raises:
+        UserError: for a reported position on land, and for lanes, voyages and areas of patrol that
+            touch land.
     """
     if shared:
         whole, coast = shared
@@ -66,18 +70,18 @@ def open_coast(
     _check_ways(spec, asked, box, whole, coast if own is whole else None)
     if coast is not None:
         for scenario in spec.scenarios:
-            story = "[spill]" if spec.release else f'scenario "{scenario.name}"'
+            label = "[spill]" if spec.release else f'scenario "{scenario.name}"'
             at = scenario.prior.reported if scenario.prior else None
             if at:
-                _check_water(story, *at, coast if own is whole else _about(*at, whole))
+                _check_water(label, *at, coast if own is whole else _full_coast_around(*at, whole))
     return own, coast
 
 
 def lands(coast: shoreline.Coast | None, asked: Coast) -> Callable[[Box], Array]:
-    """Return what returns the land polygons [deg] of a run in a box.
+    """Return a function that returns the land polygons [deg] of a run in a box.
 
-    They are those of its coast, or read again if the box reaches beyond it: once for boxes that are
-    nearly the same.
+    They are those of its coast. If the box reaches beyond it they are read again, once for boxes
+    that are nearly the same.
     """
 
     @functools.cache
@@ -95,8 +99,8 @@ def lands(coast: shoreline.Coast | None, asked: Coast) -> Callable[[Box], Array]
     return land
 
 
-def _shrunk(box: Box, sources: Sequence[Source]) -> Box:
-    """Return the part of a box for which there is a current: no coast is needed elsewhere."""
+def _clip_to_currents(box: Box, sources: Sequence[Source]) -> Box:
+    """Return the part of a box for which there is a current; no coast is needed elsewhere."""
     extents = [source.grid.box for source in sources if source.quantity == "current"]
     if box.east - box.west > 180 or any(extent.east - extent.west >= 360 for extent in extents):
         return box
@@ -116,8 +120,8 @@ def _shrunk(box: Box, sources: Sequence[Source]) -> Box:
     return Box(start, south, start + east - west, north)
 
 
-def _about(lon: float, lat: float, land: Shore) -> shoreline.Coast:
-    """Return the coast in full about a reported position [deg]."""
+def _full_coast_around(lon: float, lat: float, land: Shore) -> shoreline.Coast:
+    """Return the coast in full detail around a reported position [deg]."""
     west = sphere.wrap_degrees(lon - NEAR)
     south, north = max(lat - NEAR, -90.0), min(lat + NEAR, 90.0)
     box = Box(west, south, west + 2 * NEAR, north)
@@ -128,8 +132,9 @@ def _about(lon: float, lat: float, land: Shore) -> shoreline.Coast:
 def _check_ways(
     spec: EnsembleSpec, asked: Coast, box: Box, whole: Shore, coast: shoreline.Coast | None
 ) -> None:
-    """Refuse itineraries over land; whole: the land in the box; coast: in full detail, None where
-    it is not built.
+    """Raise UserError for itineraries over land.
+
+    whole: the land in the box; coast: in full detail, None where it is not built.
     """
     need = sailable.box(spec.scenarios)
     if need is None:
@@ -139,7 +144,7 @@ def _check_ways(
         sphere.wrap_degrees(need.west - box.west) % 360 + need.east - need.west
         <= box.east - box.west
     )
-    if not inside:  # the case's own domain is smaller than its ways, or its sources are
+    if not inside:  # the domain or the sources are smaller than the itineraries
         whole, coast = shore.land(asked.source, need, asked.lakes), None
     if coast is None and whole.polygons.size:
         coast = shoreline.build_coast(whole, box if inside else need)
@@ -147,8 +152,8 @@ def _check_ways(
         sailable.refuse(spec.scenarios, coast)
 
 
-def _check_water(story: str, lon: float, lat: float, coast: shoreline.Coast) -> None:
-    """Refuse a reported position [deg] on land."""
+def _check_water(label: str, lon: float, lat: float, coast: shoreline.Coast) -> None:
+    """Raise UserError for a reported position [deg] on land."""
     if not shoreline.is_land(coast, sphere.to_binary(lon), sphere.to_binary(lat)).any():
         return
     water = shoreline.nearest_water(coast, lon, lat)
@@ -158,5 +163,5 @@ def _check_water(story: str, lon: float, lat: float, coast: shoreline.Coast) -> 
         else "no water near"
     )
     raise UserError(
-        f"{story}.position.at: {notation.stated_position(lon, lat)} lies on land; {hint}. Move it, or give an area"
+        f"{label}.position.at: {notation.stated_position(lon, lat)} lies on land; {hint}. Move it, or give an area"
     )

@@ -1,12 +1,11 @@
-"""Refusals of what is meant to be sailed and lies on land: the corridors of lanes, and areas to
-loiter in.
+"""Checks that lane corridors and loitering areas do not touch land.
 
-The corridor of a lane is all that a particle on any side of it may come to: the ways between the
+The corridor of a lane is the area that particles on any side of it can reach. It lies between the
 lines across it at its two nodes, which depend on the lanes before and after it
-(drift.engine.motion.steering.lanes). All that may come before and after are looked at, and the way
-back along the same lane (a U-turn) where a route makes one. Each of these is a quadrilateral of
-great circles, a straight one in the gnomonic projection about the lane's middle, where it is held
-against every edge of the full coast. So nothing is different at the antimeridian or near a pole.
+(drift.engine.motion.steering.lanes). The check covers every lane that may come before and after,
+and U-turns that a route makes. Each combination is a quadrilateral of great circles. In the
+gnomonic projection about the lane's middle its sides are straight; there it is tested against every
+edge of the full coast. The antimeridian and the poles therefore need no special cases.
 """
 
 from collections.abc import Iterator, Sequence
@@ -37,17 +36,17 @@ STRIP = np.radians(0.25)
 
 @dataclass(frozen=True)
 class Shore:
-    """A coast with its edges on the unit sphere, and balls that hold BLOCK of them each."""
+    """A coast with its edges on the unit sphere, in blocks of BLOCK edges with bounding balls."""
 
     coast: Coast
     ends: Array  # (m, 2, 3)
-    middle: Array  # (m, 3), about halfway between the ends
+    middle: Array  # (m, 3) about halfway between the ends
     centre: Array  # (b, 3)
     reach: Array  # (b,) radius of the ball about `centre` that holds all middles of a block
 
     @classmethod
     def of(cls, coast: Coast) -> "Shore":
-        """Return a coast with its edges."""
+        """Return the edges of a coast in blocks."""
         lon, lat = (shoreline.edges(coast)[:, k::2] * sphere.UNIT for k in (0, 1))  # [rad] (m, 2)
         order = np.lexsort((lon[:, 0], np.floor(lat[:, 0] / STRIP)))
         ends = _vectors(lon[order], lat[order])
@@ -62,10 +61,16 @@ class Shore:
 
 
 def refuse_lanes(network: Network, coast: Coast, routes: Sequence[Route] = ()) -> None:
-    """Raise UserError, a line for each lane, where the corridors of lanes touch land.
+    """Raise UserError, with a line for each lane, if the corridors of lanes touch land.
 
-    routes: those that a case has; they matter where they turn back on a lane. Raises ValueError
-    where the coast does not cover the network.
+    Args:
+        network: of the lanes.
+        coast: in full detail.
+        routes: of the case; they matter if they turn back on a lane.
+
+    Raises:
+        UserError: if a corridor touches land.
+        ValueError: if the coast does not cover the network.
     """
     wrong = []
     for lane, width, where in touching(network, Shore.of(coast), routes):
@@ -80,16 +85,15 @@ def refuse_lanes(network: Network, coast: Coast, routes: Sequence[Route] = ()) -
 def touching(
     network: Network, shore: Shore, routes: Sequence[Route] = ()
 ) -> Iterator[tuple[int, str, str]]:
-    """Give the number of each lane whose corridor touches land, how wide that is and where, in
-    words.
+    """Yield the number of each lane whose corridor touches land, its width and the place, as text.
 
     Raises ValueError where the coast does not cover the network.
     """
     coast = shore.coast
     for lane, corners in swept(network, routes).items():
-        _known(coast, np.concatenate([corners.reshape(-1, 2), _halfway(corners)]))
+        _check_covered(coast, np.concatenate([corners.reshape(-1, 2), _halfway(corners)]))
         a, b = (int(node[lane]) for node in (network.start, network.end))
-        touched = _touched(network.lon[[a, b]], network.lat[[a, b]], corners, shore)
+        touched = _first_contact(network.lon[[a, b]], network.lat[[a, b]], corners, shore)
         if touched is None and not shoreline.is_land(
             coast, *_binary(network.lon[a], network.lat[a])
         ):
@@ -101,14 +105,16 @@ def touching(
 
 
 def refuse_area(place: str, ring: Sequence[tuple[float, float]], coast: Coast) -> None:
-    """Raise UserError where an area touches land.
+    """Raise UserError if an area touches land.
 
-    place: what messages call it; ring: its corners (lon, lat) [deg] in order, with edges that are
-    straight in longitude and latitude, as those of a scenario's area.
+    Args:
+        place: name of the area in messages.
+        ring: corners (lon, lat) [deg] in order; edges are straight in longitude and latitude.
+        coast: in full detail.
     """
     lon = polyline.unwrap([corner[0] for corner in ring])
     area = shapely.Polygon(np.column_stack([lon, [corner[1] for corner in ring]]))
-    _known(coast, np.radians(shapely.get_coordinates(area)))
+    _check_covered(coast, np.radians(shapely.get_coordinates(area)))
     shapely.prepare(area)
     units = shoreline.edges(coast)
     degrees = sphere.to_degrees(units).reshape(-1, 2, 2)
@@ -120,7 +126,7 @@ def refuse_area(place: str, ring: Sequence[tuple[float, float]], coast: Coast) -
     lines = shapely.linestrings(degrees[near])
     touched = lines[shapely.intersects(area, lines)]
     if touched.size:
-        # What lies deepest inside tells most, and an islet in the middle is easily overlooked.
+        # The message names the land deepest inside: an islet in the middle is easily missed.
         worst = touched[np.argmax(shapely.distance(area.exterior, touched))]
         inside = shapely.intersection(area, worst).centroid
         at = (float(sphere.wrap_degrees(inside.x)), float(inside.y))
@@ -135,11 +141,11 @@ def refuse_area(place: str, ring: Sequence[tuple[float, float]], coast: Coast) -
 
 def swept(network: Network, routes: Sequence[Route] = ()) -> dict[int, Array]:
     """Return the corridor of each lane by its number: corners (lon, lat) [rad] of quadrilaterals,
-    shape (q, 4, 2).
+    (q, 4, 2).
 
-    They are what lies between the lines across it at its nodes, after and before any other lane
-    that may be followed there, or none; and on the legs of routes. Corners: on side -1 and 1 at one
-    node, on side 1 and -1 at the other.
+    Each lies between the lines across the lane at its nodes, for every lane that may come before
+    and after, or none, and for the legs of routes. Corners: side -1 and 1 at one node, side 1 and
+    -1 at the other.
     """
     quads: dict[int, list[Array]] = {lane: [] for lane in range(network.start.size)}
     begins, ends = _lines_across(network)
@@ -155,10 +161,10 @@ def swept(network: Network, routes: Sequence[Route] = ()) -> dict[int, Array]:
 
 
 def _lines_across(network: Network) -> tuple[list[list[Array]], list[list[Array]]]:
-    """Return the lines across the corridor where each way along a lane may begin and end, by
+    """Return the lines across the corridor at the begin and at the end of each way in
     `lanes.directed`.
 
-    A line is its two ends (lon, lat) [rad] on side -1 and 1, shape (2, 2).
+    A line is given by its ends (lon, lat) [rad] on side -1 and 1, shape (2, 2).
     """
     start, end, lane = lanes.directed(network)
     half = network.width[lane] / 2
@@ -178,7 +184,7 @@ def _lines_across(network: Network) -> tuple[list[list[Array]], list[list[Array]
 def _lines(
     network: Network, node: Array, arriving: Array, leaving: Array, before: Array, after: Array
 ) -> Array:
-    """Return lines across the corridor at nodes, (c, 2, 2), as `lanes.across` has them."""
+    """Return lines across the corridor at nodes, (c, 2, 2), as defined by `lanes.across`."""
     half, toward = lanes.across(arriving, leaving, before, after)
     away = half * np.array([[-1.0], [1.0]])
     ends = sphere.destination(
@@ -188,7 +194,7 @@ def _lines(
 
 
 def _width(network: Network, lane: int, corners: Array) -> str:
-    """Return how wide a corridor is, in words: the lane, and its nodes where it is much wider
+    """Return a corridor's width as text: of the lane, and at its nodes if it is much wider
     there.
     """
     lon, lat = corners[..., 0], corners[..., 1]
@@ -204,19 +210,19 @@ def _width(network: Network, lane: int, corners: Array) -> str:
     )
 
 
-def _known(coast: Coast, points: Array) -> None:
-    """Raise ValueError where the coast is not known about points (lon, lat) [rad], shape (..., 2)."""
+def _check_covered(coast: Coast, points: Array) -> None:
+    """Raise ValueError if the coast is not known around points (lon, lat) [rad], shape (..., 2)."""
     lon, lat = _binary(points[..., 0], points[..., 1])
     x, y = (lon.astype(np.int64) - coast.lon0) % sphere.TURN, lat.astype(np.int64) - coast.lat0
     if not ((x < coast.nx << coast.shift) & (y >= 0) & (y < coast.ny << coast.shift)).all():
         raise ValueError(
-            "a leg or an edge leads beyond the box of its corners, in which the coast is known; give more of them"
+            "a leg or an edge leads beyond the box of its corners, in which the coast is known; give more corners"
         )
 
 
 def _halfway(corners: Array) -> Array:
-    """Return the points (lon, lat) [rad] halfway along the sides of corridors, where these are
-    nearest to a pole.
+    """Return the points (lon, lat) [rad] halfway along corridor sides, where they are nearest to a
+    pole.
     """
     x, y, z = (_vectors(*corners[:, :2].T) + _vectors(*corners[:, :1:-1].T)).reshape(-1, 3).T
     return np.column_stack([np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))])
@@ -227,24 +233,24 @@ def _binary(lon: npt.ArrayLike, lat: npt.ArrayLike) -> tuple[Array, Array]:
     return sphere.to_binary(np.degrees(lon)), sphere.to_binary(np.degrees(lat))
 
 
-def _touched(
+def _first_contact(
     lon: Array, lat: Array, corners: Array, shore: Shore
 ) -> tuple[float, float, float] | None:
-    """Return (lon [rad], lat, distance from the centre line [m]) where a corridor first meets the
-    coast, going outward.
+    """Return the innermost contact of a corridor with the coast: lon, lat [rad], distance [m]; or
+    None.
 
-    Returns None where it does not. lon, lat: [rad] of the lane's nodes; corners: of its
+    The distance is from the centre line. lon, lat: [rad] of the lane's nodes; corners: of its
     quadrilaterals, (q, 4, 2).
     """
     line = _vectors(lon, lat)
     up = line.sum(axis=0) / np.linalg.norm(line.sum(axis=0))
     across = np.cross(line[0], line[1])
     across /= np.linalg.norm(across)
-    # columns: along the lane, across it, up
+    # columns: unit vectors along the lane, across it, up
     frame = np.stack([np.cross(across, up), across, up], axis=1)
     points = _plane(_vectors(corners[..., 0], corners[..., 1]) @ frame)
-    # Every way leads from a point of one line across to one of the other: the corners' hull holds
-    # them all.
+    # Every path leads from a point of one line across to one of the other, so all paths lie in the
+    # convex hull of the corners.
     hulls = shapely.convex_hull(shapely.multipoints(points))
     corridor = shapely.union_all(hulls).buffer(CLEAR / sphere.RADIUS)
     x0, y0, x1, y1 = corridor.bounds

@@ -1,6 +1,6 @@
-"""The domain of a run: the box outside which a particle has left.
+"""The domain of a run: the box outside which a particle counts as departed.
 
-By default it holds all that anything adrift can reach.
+By default it contains everything that a drifting object can reach.
 """
 
 import math
@@ -22,14 +22,14 @@ from kernels.step import advance
 FASTEST_CURRENT = 2.5  # [m/s] with which a domain is computed where the case states none
 STRONGEST_WIND = 25.0  # [m/s]
 POLEWARD = 89.0  # [deg] a domain that reaches beyond holds the pole: there meridians meet
-# [deg2] size of a box above which it is worth asking how much of it can be reached at all
+# [deg2] size of a box above which computing what can be reached saves work
 VAST = 4_000.0
-FARTHEST = 7.0  # standard deviations beyond which practically nothing is drawn
-SPREADS = 5.0  # standard deviations of a prior that lie in its box
+FARTHEST = 7.0  # standard deviations beyond which practically no particle is drawn
+SPREADS = 5.0  # standard deviations of a prior inside its box
 
 
 def bounds(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
-    """Return the box outside which a particle of a run has left."""
+    """Return the box outside which a particle of a run counts as departed."""
     box = asked.domain or within_reach(spec)
     if (box.east - box.west) * (box.north - box.south) > VAST:
         box = _common(box, utmost(spec, asked))
@@ -43,27 +43,29 @@ def bounds(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
 
 
 def is_polar(box: Box) -> bool:
-    """Return whether a box reaches so near to a pole that it must include it."""
+    """Return whether a box is so near to a pole that it must contain the pole."""
     return max(-box.south, box.north) > POLEWARD
 
 
 def binary(box: Box) -> advance.Domain:
-    """Return a domain in binary angles, as the device asks for it."""
+    """Return a domain in binary angles, as the kernels take it."""
     west, south = (int(sphere.to_binary(x)) for x in (box.west, box.south))
     width = min(round((box.east - box.west) * sphere.TURN / 360), sphere.TURN - 1)
     return advance.Domain(west, south, width, round((box.north - box.south) * sphere.TURN / 360))
 
 
 def middle(spec: EnsembleSpec) -> tuple[float, float]:
-    """Return the middle (lon, lat) [deg] of where the first scenario begins: near a pole, what is
-    typed is stated for it.
+    """Return the middle (lon, lat) [deg] of the first scenario's prior; near a pole, constants
+    refer to it.
     """
     x, y, _ = next(extent for scenario in spec.scenarios for extent in scenario.extents(0.0))
     return float(sphere.wrap_degrees(np.degrees(np.mean(x)))), float(np.degrees(np.mean(y)))
 
 
 def within_reach(spec: EnsembleSpec) -> Box:
-    """Return the box that holds every prior and all that it can reach by the end of the run."""
+    """Return the box that contains every prior and everything reachable from it by the end of the
+    run.
+    """
 
     def carried(leeway: float) -> float:
         speed = FASTEST_CURRENT + leeway + 3 * (spec.errors.current.std + spec.errors.current.bias)
@@ -77,13 +79,12 @@ def within_reach(spec: EnsembleSpec) -> Box:
 
 
 def utmost(spec: EnsembleSpec, asked: EnvironmentSpec) -> Box:
-    """Return a box that practically nothing of a run leaves.
+    """Return a box that practically no particle of a run leaves.
 
-    It assumes speeds that last nowhere, or those of the case if they are faster, and errors beyond
-    chance.
-
-    With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten million in
-    a thousand runs. A particle that leaves the box all the same counts as having left the domain.
+    It assumes speeds that no sea sustains, or those of the case if they are higher, and extreme
+    errors. With N particles about N exp(-FARTHEST**2 / 2) are drawn from farther out: one of ten
+    million in a thousand runs. A particle that leaves the box nevertheless counts as having left
+    the domain.
     """
     utmost = {
         name: _fastest(asked.forcing.get(name, ()), quantity)
@@ -116,11 +117,11 @@ def _drifting(spec: EnsembleSpec) -> list[Scenario]:
 def _fastest_of(
     spec: EnsembleSpec, drifting: Sequence[tuple[bool, float]], carried: Callable[[float], float]
 ) -> float:
-    """Return the highest speed [m/s] at which anything leaves the extent of its scenario.
+    """Return the highest speed [m/s] at which a particle can leave its scenario's extent.
 
-    drifting: of what goes adrift, whether it is forced, and its speed through the water; carried:
-    makes of that one over ground. What steers leaves its extent on a course, and by the current
-    that it feels.
+    drifting: whether each drifting object is forced, and its speed through the water; carried:
+    converts that speed to one over ground. Steering targets leave the extent on a course, or by a
+    current that is not compensated.
     """
     speeds = [carried(speed) if forced else speed for forced, speed in drifting]
     for own in (s.itinerary for s in spec.scenarios if s.itinerary):
@@ -129,10 +130,10 @@ def _fastest_of(
 
 
 def _fastest(specs: Sequence[ForcingSpec], quantity: Quantity) -> float:
-    """Return the fastest speed of a quantity that a case states [m/s], or the utmost of its kind if
-    that is more.
+    """Return the highest speed of a quantity [m/s]: the larger of the case's constants and its
+    usual maximum.
 
-    What a run does not need anywhere, and its case does not have, has no speed.
+    It is 0 for a quantity that no scenario needs and the case does not have.
     """
     if not specs and not quantity.needed:
         return 0.0
@@ -148,9 +149,9 @@ def _fastest(specs: Sequence[ForcingSpec], quantity: Quantity) -> float:
 
 
 def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
-    """Return the box of all priors, and of what drifts from them at a speed [m/s].
+    """Return the box reached from all priors at a drift speed [m/s].
 
-    spreads: how many standard deviations of the priors it holds.
+    spreads: number of standard deviations of the priors that it contains.
     """
     lon: list[np.ndarray] = []
     lat: list[np.ndarray] = []
@@ -158,8 +159,8 @@ def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
     for scenario in spec.scenarios:
         for x, y, far in scenario.extents(spreads):
             spread = max(spread, far)
-            # Each prior's longitudes run without jumps: shift them as a whole, by turns, next to
-            # the first prior's.
+            # Each prior's longitudes are unwrapped: shift them by whole turns next to the first
+            # prior's.
             about = lon[0].mean() if lon else x.mean()
             lon.append(x - 2 * np.pi * np.round((x.mean() - about) / (2 * np.pi)))
             lat.append(y)
@@ -167,7 +168,7 @@ def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
         spread += spreads * spec.release.release_std
     grown = np.degrees((spread + fastest * spec.period.duration) / sphere.RADIUS)
     x, y = np.degrees(np.concatenate(lon)), np.degrees(np.concatenate(lat))
-    # what reaches beyond goes all round the pole
+    # a box beyond this latitude spans all longitudes
     highest = min(float(np.abs(y).max() + grown), POLEWARD)
     west = float(sphere.wrap_degrees(x.min()))
     tight = Box(west, float(y.min()), west + max(float(np.ptp(x)), 1e-6), float(y.max()))
@@ -175,10 +176,7 @@ def around(spec: EnsembleSpec, fastest: float, spreads: float) -> Box:
 
 
 def _common(box: Box, other: Box) -> Box:
-    """Return the part of a box that lies in another too.
-
-    Return the whole box where they have no part in common, or two.
-    """
+    """Return the intersection of two boxes; the first box if that is empty or has two parts."""
     south, north = max(box.south, other.south), min(box.north, other.north)
     if other.east - other.west >= 360:
         spans = [(box.west, box.east)]

@@ -1,4 +1,4 @@
-"""What a run drifts in: the winds and currents of its domain, and the coast; opened once, checked
+"""The environment of a run: winds and currents of its domain and the coast, opened and checked
 once.
 """
 
@@ -34,35 +34,30 @@ from geo.forcing.sources import Source
 # What is read of a source ends on a lattice, whose lines are at most this share of the box's width
 # or height apart.
 FINEST_SHARE = 1 / 8
-FAR = np.timedelta64(12, "h")  # between rows of a table: weather changes within it
+FAR = np.timedelta64(
+    12, "h"
+)  # between rows of a table, from which a note is given: weather changes faster
 COARSEST = 4.0  # [deg] the lattice's widest spacing
 
 
 @dataclass(frozen=True)
 class Environment:
-    """The forcing of each scenario, the coast, and the box outside which a particle has left.
-
-    coast: None without one.
-    """
+    """The forcing of each scenario, the coast (None without one), and the domain of the run."""
 
     box: Box
     scenarios: tuple[Sources, ...]
     sources: tuple[Source, ...]
     coast: shoreline.Coast | None
     notes: tuple[str, ...]
-    members: tuple[
-        str, ...
-    ] = ()  # what the members of its ensemble of winds and currents are called; empty: it has none
+    members: tuple[str, ...] = ()  # names of the forcing ensemble's members; empty: no ensemble
 
 
 class Common(Protocol):
-    """What a run has in common with others, opened and built for all of them: see
-    drift.pipeline.shared_forcing.Waters.
-    """
+    """Sources and coasts shared by several runs: see drift.pipeline.shared_forcing.Waters."""
 
     def source(self, spec: ForcingSpec, box: Box) -> Source:
-        """Return the part of a source, of files or a dataset in memory, that `open_source` gives
-        for a box.
+        """Return the part of a source that `open_source` gives for a box, of files or a dataset in
+        memory.
 
         See geo.forcing.sources.
         """
@@ -70,9 +65,8 @@ class Common(Protocol):
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
     ) -> tuple[Shore, shoreline.Coast | None] | None:
-        """Return the land and a coast that within a box is as one built for it;
-
-        None if there is nothing to share.
+        """Return the shared land and coast, valid within a box; None if there is nothing to
+        share.
         """
 
 
@@ -85,11 +79,16 @@ def open_for(
 ) -> Environment:
     """Return the environment of a run.
 
-    held: datasets in memory that its sources name; seen: what of the land's detail is wanted, all
-    unless a function says; common: what is shared with other runs.
+    Args:
+        spec: of the ensemble.
+        asked: the forcing, coast and domain of the case.
+        held: datasets in memory, by name.
+        seen: selects the detail of the land that is needed; None: all of it.
+        common: sources and coasts shared with other runs.
 
-    Raises UserError when a file can't be understood, when sources leave part of the run without
-    forcing, or when a reported position lies on land.
+    Raises:
+        UserError: if a file can't be read, if sources leave part of the run without forcing, or if
+            a reported position lies on land.
     """
     box = domain.bounds(spec, asked)
     about = domain.middle(spec) if domain.is_polar(box) else None
@@ -104,7 +103,7 @@ def open_for(
             wrong += error.lines
     if wrong:
         raise UserError(*wrong)
-    finished = Finished(first=True)  # the step is chosen on what the run then drifts in
+    finished = Finished(first=True)  # the step is chosen with the forcing that the run then uses
     opened = {
         key: source
         if source.shelf
@@ -121,14 +120,14 @@ def open_for(
             for quantity, names in _names(spec, scenario).items()
         }
         scenarios.append(Sources(by_quantity, cells, added))
-    without: dict[str, list[str]] = {}  # whom a complaint is of
+    without: dict[str, list[str]] = {}  # scenarios by message
     for scenario, named in zip(spec.scenarios, scenarios, strict=True):
         if not (spec.debris or models.forced([scenario])):
-            continue  # nothing of it is lost without forcing
+            continue  # its particles are not lost without forcing
         place = f'{spec.story} "{scenario.name}"'
         for quantity in needed():
             for k, term in enumerate(named.terms(quantity)):
-                for complaint in _without_forcing(
+                for complaint in _coverage_errors(
                     spec.period, asked.max_lost, quantity, term, added=k > 0
                 ):
                     without.setdefault(complaint, []).append(place)
@@ -171,9 +170,8 @@ def warnings(where: Environment) -> list[str]:
 
 
 def store(where: Environment, folder: Path | None) -> None:
-    """Have the slices of an environment's forcing made once for all processes that see a folder;
-
-    None: no longer.
+    """Share the regridded slices of an environment's forcing between processes through a folder;
+    None: stop.
     """
     for source in where.sources:
         if source.shelf:
@@ -181,16 +179,16 @@ def store(where: Environment, folder: Path | None) -> None:
 
 
 def _members(used: Sequence[Source]) -> tuple[str, ...]:
-    """Return what the members of a run are called; empty where it has none.
+    """Return the names of the forcing ensemble's members; empty without an ensemble.
 
-    Raises UserError where two sources do not have the same number of them.
+    Raises UserError where two sources do not have the same number of members.
     """
     ensembles = [source for source in used if source.others]
     if len({len(source.members) for source in ensembles}) > 1:
         told = ", ".join(f'{len(s.members)} of {s.quantity} "{s.name}"' for s in ensembles)
         raise UserError(
-            f"the ensembles of a run must have the same number of members, for a particle drifts in the same member of "
-            f"each; given {told}: name as many of each, or choose one of a source by variables"
+            f"the ensembles of a run must have the same number of members, because a particle drifts in the same member of "
+            f"each; given {told}: name the same number of each, or choose one member of a source by variables"
         )
     together = zip(
         *([member.label for member in source.members] for source in ensembles), strict=True
@@ -199,10 +197,11 @@ def _members(used: Sequence[Source]) -> tuple[str, ...]:
 
 
 def part(box: Box) -> Box:
-    """Return the box that is read of a source: the one asked for, widened to a lattice.
+    """Return the box to read from a source: the one asked for, extended to a lattice.
 
-    The lattice's lines are at most an eighth of the box apart. So runs that begin near each other
-    see the same part of a source, on the same grid, which for many forecasts is prepared only once.
+    The lines of the lattice are at most an eighth of the box apart. Runs that begin near each other
+    thus read the same part of a source on the same grid, so that many forecasts prepare it only
+    once.
     """
 
     def outward(low: float, high: float) -> tuple[float, float]:
@@ -216,10 +215,7 @@ def part(box: Box) -> Box:
 
 
 def _names(spec: EnsembleSpec, scenario: Scenario) -> dict[str, tuple[str, ...]]:
-    """Return the names of the sources that a scenario drifts in, by quantity.
-
-    There are no winds where nothing feels them.
-    """
+    """Return the names of a scenario's sources, by quantity, without winds if nothing uses them."""
     blown = scenario.object.uses_wind or any(drifter.uses_wind for drifter in spec.debris)
     return {
         quantity: names if blown or not QUANTITIES[quantity].in_air else ()
@@ -230,10 +226,15 @@ def _names(spec: EnsembleSpec, scenario: Scenario) -> dict[str, tuple[str, ...]]
 def hold(
     asked: EnvironmentSpec, datasets: Mapping[str, Any] | None, place: str
 ) -> dict[str, memory.Held]:
-    """Return the datasets in memory by name; refuse one that is named and not given, or given and
-    not named.
+    """Return the datasets in memory by name.
 
-    place: what a refusal calls the case, the name of its file.
+    Args:
+        asked: the sources of the case.
+        datasets: given to the run, by name.
+        place: name of the case's file in messages.
+
+    Raises:
+        UserError: if a dataset is named but not given, or given but not named.
     """
     given = memory.hold(datasets)
     every = [part for spec in asked.sources for part in spec.parts]
@@ -264,7 +265,7 @@ def _open(
     """Return one source, cropped to the box; about: see geo.forcing.sources.uniform_field."""
     if spec.each:
         own = [_open(part, box, period, held, common, about) for part in spec.parts]
-        called = _called(spec)
+        called = _member_labels(spec)
         joined = sources.ensemble(
             [replace(source, label=label) for source, label in zip(own, called, strict=True)]
         )
@@ -281,7 +282,7 @@ def _open(
             name=spec.name,
             about=about,
         )
-        return replace(rows, gapless=True, notes=rows.notes + _far_apart(rows))
+        return replace(rows, gapless=True, notes=rows.notes + _note_sparse_rows(rows))
     if spec.analytic is not None:
         first, last = period.span
         flow = sources.analytic(spec.quantity, spec.analytic, box, first, last, **spec.parameters)
@@ -305,22 +306,20 @@ def _open(
         raise UserError(f'{spec.quantity} "{spec.name}": {reason}') from None
 
 
-def _far_apart(rows: Source) -> tuple[str, ...]:
-    """Return a note on rows of a table that are FAR or more apart: the weather in between is
-    unknown.
-    """
+def _note_sparse_rows(rows: Source) -> tuple[str, ...]:
+    """Return a note if rows of a table are FAR or more apart: the weather in between is unknown."""
     longest = np.diff(rows.times).max()
     if longest < FAR:
         return ()
     hours = notation.number(float(longest / np.timedelta64(1, "h")))
     return (
-        f"rows up to {hours} h apart, interpolated linearly: add rows where it changed in another way",
+        f"rows up to {hours} h apart, interpolated linearly: add rows where the change was not linear",
     )
 
 
-def _called(spec: ForcingSpec) -> list[str]:
-    """Return what members that are sources of their own are called: by what they are, or by number
-    if that is long.
+def _member_labels(spec: ForcingSpec) -> list[str]:
+    """Return the names of members that are separate sources: their own parameters, or numbers if
+    long.
     """
     called = []
     for number, part in enumerate(spec.parts, 1):
@@ -345,7 +344,7 @@ def _differs(spec: ForcingSpec, key: str) -> bool:
 
 
 def _with_notes(source: Source, added: frozenset[tuple[str, str]]) -> Source:
-    """Return a source with notes on its part in a sum: where and when it has values.
+    """Return a source with notes on where and when it has values as a term of a sum.
 
     Where or when one term of a sum has no value, the sum has none.
     """
@@ -354,7 +353,7 @@ def _with_notes(source: Source, added: frozenset[tuple[str, str]]) -> Source:
     notes, box = list(source.notes), source.grid.box
     if (source.quantity, source.name) in added:
         notes.append(
-            f"added to the other sources of [[{source.quantity}]]: where it has no value the sum has none"
+            f"added to the other sources of [[{source.quantity}]]: where it has no value, the sum has none"
         )
     if source.grid is not sources.EVERYWHERE:
         notes.append(
@@ -371,7 +370,7 @@ def _with_notes(source: Source, added: frozenset[tuple[str, str]]) -> Source:
     return replace(source, notes=tuple(notes))
 
 
-def _without_forcing(
+def _coverage_errors(
     period: Period, max_lost: float, quantity: str, sources: tuple[Source, ...], *, added: bool
 ) -> list[str]:
     """Return an error if a quantity has no source for more of a run than may be lost, otherwise [].
@@ -416,7 +415,7 @@ def _without_forcing(
         f"{notation.group(first)} to {notation.group(last)}: no data {lacking}{more} ({math.floor(100 * share)}% of the run "
         "is covered), and particles adrift then are lost. Change "
         + (
-            f"start, duration or end, or leave {names} out: it has add = true, and a sum without it is none"
+            f"start, duration or end, or leave {names} out: it has add = true, so the sum needs it"
             if added
             else f"start, duration or end, or add another [[{quantity}]]"
         )

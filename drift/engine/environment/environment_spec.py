@@ -1,4 +1,4 @@
-"""What a run asks of its surroundings: sources of forcing, a coast, and the box that it stays in."""
+"""The environment that a run asks for: sources of forcing, coast, and domain."""
 
 import itertools
 from dataclasses import dataclass
@@ -10,25 +10,27 @@ from geo.box import Box
 
 @dataclass(frozen=True)
 class Coast:
-    """Where the shoreline comes from ("gshhg", "none" or an absolute path) and what it does to a
-    particle.
+    """The source of the shoreline ("gshhg", "none" or an absolute path) and its effect on
+    particles.
     """
 
     source: str
     behaviour: Literal["strand", "refloat", "slide"]
-    # [s] of lying ashore before it is afloat again; 0: it lies there for good
+    # [s] half-life of stranding before a particle refloats; 0: it stays ashore
     half_life: float = 0.0
-    offing: float = 0.0  # [m] off the beach where it is afloat again
-    lakes: bool | str = False  # water; or the absolute path of a file of lakes
+    offing: float = 0.0  # [m] distance from the beach at which it refloats
+    lakes: bool | str = False  # True: lakes count as water; or the absolute path of a file of lakes
 
 
 @dataclass(frozen=True)
 class EnvironmentSpec:
-    """What is to be opened for a run, and how much of the probability may be lost to what it lacks."""
+    """The environment to open for a run, and how much probability may be lost where it
+    lacks data.
+    """
 
     forcing: Forcing
     coast: Coast
-    domain: Box | None  # outside which a particle has left; None: all that can be reached
+    domain: Box | None  # particles outside have departed; None: everything within reach
     max_lost: float
 
     @property

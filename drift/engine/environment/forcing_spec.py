@@ -1,7 +1,7 @@
-"""Which winds and currents a run asks for.
+"""Specifications of the winds and currents of a run.
 
-They come from files, a dataset in memory, a constant, a table, or a built-in flow. Constants and
-tables are what was reported on scene. Nothing is opened here; geo.forcing.sources does that.
+They come from files, a dataset in memory, a constant, a table, or an analytic flow. Constants and
+tables are on-scene reports. Nothing is opened here; geo.forcing.sources does that.
 """
 
 from collections.abc import Mapping
@@ -13,9 +13,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Report:
-    """A vector by time, as reported on scene:
-
-    UTC times, strictly increasing, true east and north [m/s].
+    """A vector by time, as reported on scene: UTC times, strictly increasing, true east and north
+    [m/s].
     """
 
     times: tuple[np.datetime64, ...]
@@ -25,10 +24,10 @@ class Report:
 
 @dataclass(frozen=True)
 class Slices:
-    """How the user interprets times.
+    """The user's interpretation of a source's times.
 
-    Of the first slice, and from one to the next, in place of a file's own; or how these are meant:
-    their zone, ahead of UTC, and where in the interval of a mean they stand.
+    Either the first time and the interval, in place of a file's own; or the time zone, ahead of
+    UTC, and the position of the time stamp in the interval of a mean.
     """
 
     start: np.datetime64 | None = None  # [s] UTC
@@ -45,8 +44,8 @@ class ForcingSpec:
 
     name: str
     quantity: str
-    files: tuple[str, ...] = ()  # absolute paths of files that exist, or addresses
-    dataset: str | None = None  # the name of an xarray.Dataset that the run is given
+    files: tuple[str, ...] = ()  # absolute paths of existing files, or URLs
+    dataset: str | None = None  # name of an xarray.Dataset in memory
     constant: tuple[float, float] | None = None  # true east, north [m/s]
     table: Report | None = None
     analytic: str | None = None
@@ -58,20 +57,20 @@ class ForcingSpec:
     steady: bool = False
     times: Slices | None = None  # used in place of the files' own
     fill: int = 3  # cells filled from wet neighbours toward the coast
-    plausible: bool = False  # the user vouches for the speeds in the files
-    timeout: float = 60.0  # [s] that the server of an address may leave a question unanswered
-    add: bool = False  # added to what the sources without it give by priority
+    plausible: bool = False  # the user confirms the speeds in the files
+    timeout: float = 60.0  # [s] to wait for an answer from the server of an address
+    add: bool = False  # added to the value of the sources without `add`
     # Whether its files, or its dataset, are members of an ensemble; or the name of the dimension
     # along which members lie.
     members: bool | str = False
     # the files of each entry of a list, or each file of a single pattern
     entries: tuple[tuple[str, ...], ...] = ()
-    # the members of an ensemble, where each is a source of its own
+    # the members of an ensemble that are separate sources
     each: tuple["ForcingSpec", ...] = ()
 
     @property
     def parts(self) -> tuple["ForcingSpec", ...]:
-        """What it is made of: its members where each is a source of its own, else itself."""
+        """Return its members if each is a separate source, otherwise itself."""
         return self.each or (self,)
 
 
@@ -79,7 +78,9 @@ Forcing = Mapping[str, tuple[ForcingSpec, ...]]  # sources by quantity, each in 
 
 
 def options(spec: ForcingSpec) -> dict[str, Any]:
-    """Return how a source's files are to be read, as `geo.forcing.sources.open_source` takes it."""
+    """Return the arguments for `geo.forcing.sources.open_source` on how to read a source's
+    files.
+    """
     return {
         "variables": spec.variables,
         "units": spec.units,

@@ -1,8 +1,8 @@
-"""What a chart shows of where targets may go: lane networks and itineraries.
+"""Chart layers of lane networks and itineraries.
 
-Of a network: corridors as a wash of colour, the lanes' middles, and arrows on one-way lanes. Of an
-itinerary: its way, where its way points may be, and where it loiters; what several scenarios share
-is drawn once.
+A network shows its corridors as a light tint, the lanes' centre lines, and arrows on one-way lanes.
+An itinerary shows its track, the areas where its way points may lie, and where it loiters. Shapes
+common to several scenarios are drawn once.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -58,7 +58,7 @@ WAY_DASHES: tuple[Any, ...] = (
     (0, (5, 1.5)),
     "-",
 )
-# More ways than there are colours cannot be told apart; they are drawn alike.
+# With more tracks than colours, all are drawn in one style.
 CROWD: dict[str, Any] = {"color": WAY_COLOURS[0], "linestyle": "-", "linewidth": 0.5, "alpha": 0.5}
 ARROW = 0.05  # of the chart's width: the longest arrow of a current
 ARROWS: dict[str, Any] = {
@@ -72,13 +72,13 @@ ARROWS: dict[str, Any] = {
 }
 BARBS: dict[str, Any] = {"color": "#4a4a4a", "length": 5.5, "linewidth": 0.7, "alpha": 0.8}
 HALF = np.sqrt(2 * np.log(2))  # standard deviations within which half of a round normal law lies
-NAMED = 3  # scenarios that a row of the legend names
+NAMED = 3  # scenarios listed in a row of the legend
 FINE = 20_000.0  # [m] between points of great circles as drawn
 Ring = Sequence[tuple[float, float]]  # corners (lon, lat) [deg]
 
 
 def overlay(network: Network, areas: Mapping[str, Ring]) -> Overlay:
-    """Return a network and areas to patrol as a layer of a chart."""
+    """Return a network and areas of patrol as a chart layer."""
 
     def draw(ax: Axes, frame: Frame) -> None:
         lanes(ax, frame, network)
@@ -89,10 +89,10 @@ def overlay(network: Network, areas: Mapping[str, Ring]) -> Overlay:
 
 
 def lanes(ax: Axes, frame: Frame, network: Network, alpha: float = 0.75) -> None:
-    """Draw corridors with all their joints, the middles of lanes, and an arrow on the middle of
-    each one-way lane.
+    """Draw corridors with all their joints, centre lines of lanes, and an arrow on each one-way
+    lane.
 
-    alpha: of the corridors, under which shading is to be seen where there is any.
+    alpha: opacity of the corridors, so that shading underneath stays visible.
     """
     quads = [corners for found in corridors.swept(network).values() for corners in found]
     shapes = []
@@ -131,7 +131,7 @@ def lanes(ax: Axes, frame: Frame, network: Network, alpha: float = 0.75) -> None
 
 
 def patrols(ax: Axes, frame: Frame, rings: Iterable[Ring]) -> None:
-    """Draw areas to patrol, whose edges are straight in longitude and latitude."""
+    """Draw areas of patrol, whose edges are straight in longitude and latitude."""
     for ring in rings:
         closed = np.array([*ring, ring[0]])
         closed[:, 0] = polyline.unwrap(closed[:, 0])
@@ -140,7 +140,7 @@ def patrols(ax: Axes, frame: Frame, rings: Iterable[Ring]) -> None:
 
 
 def middles(network: Network) -> list[Array]:
-    """Return the middle of each lane, points (lon, lat) [deg] without jumps, (n, 2)."""
+    """Return the centre line of each lane, points (lon, lat) [deg], unwrapped, (n, 2)."""
     found = []
     for a, b in zip(network.start, network.end, strict=True):
         lon, lat = sphere.track(network.lon[[a, b]], network.lat[[a, b]], FINE)
@@ -161,7 +161,7 @@ def key(areas: bool = True) -> list[tuple[Any, str]]:
 
 
 def flows(found: Mapping[str, Flow], time: np.datetime64) -> Overlay:
-    """Return current and wind at a time as a layer of a chart: arrows, and barbs in knots."""
+    """Return current and wind at a time as a chart layer: arrows, and barbs in knots."""
     drawn: list[tuple[str, Array, Array, Array]] = []
     for quantity in ("current", "wind"):
         if quantity not in found:
@@ -177,7 +177,7 @@ def flows(found: Mapping[str, Flow], time: np.datetime64) -> Overlay:
     def draw(ax: Axes, frame: Frame) -> None:
         for quantity, lon, lat, velocity in drawn:
             x, y = frame.project(lon, lat)
-            u, v = _turned(frame, lon, lat, velocity)
+            u, v = _rotate_to_chart(frame, lon, lat, velocity)
             if quantity == "wind":
                 ax.barbs(x, y, u / KNOT, v / KNOT, zorder=4.6, **BARBS)
             else:
@@ -205,15 +205,13 @@ def flows(found: Mapping[str, Flow], time: np.datetime64) -> Overlay:
 
 
 def _some(flow: Flow) -> Array:
-    """Return which of the places of a flow are in every third row and column, bool (m,)."""
+    """Return which places of a flow are in every third row and column, bool (m,)."""
     column, row = (np.unique(place, return_inverse=True)[1] for place in (flow.lon, flow.lat))
     return np.asarray((column % 3 == min(1, column.max())) & (row % 3 == min(1, row.max())))
 
 
-def _turned(frame: Frame, lon: Array, lat: Array, velocity: Array) -> tuple[Array, Array]:
-    """Return velocities east and north (m, 2) as they lie on a chart, whose north is up in its
-    middle alone.
-    """
+def _rotate_to_chart(frame: Frame, lon: Array, lat: Array, velocity: Array) -> tuple[Array, Array]:
+    """Return velocities (m, 2) rotated to the chart, whose north is up only in its middle."""
     little = np.where(lat > 89, -0.01, 0.01)
     x0, y0 = frame.project(lon, lat)
     x1, y1 = frame.project(lon, lat + little)
@@ -223,15 +221,15 @@ def _turned(frame: Frame, lon: Array, lat: Array, velocity: Array) -> tuple[Arra
 
 
 def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
-    """Return the itineraries of scenarios as a layer of a chart: lanes, ways, way points and areas
-    of patrol.
+    """Return the itineraries of scenarios as a chart layer: lanes, tracks, way points and patrol
+    areas.
     """
-    stories = [
+    named_itineraries = [
         (scenario.name, own) for scenario in scenarios if (own := scenario.itinerary) is not None
     ]
     networks = [
         phase.lanes.network
-        for _, own in stories
+        for _, own in named_itineraries
         for phase in own.phases
         if isinstance(phase, Ways) and phase.lanes
     ]
@@ -239,10 +237,10 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     places_of = {
         scenario.name: scenario.family for scenario in scenarios if scenario.family is not None
     }
-    ways = _ways(stories)
+    ways = _tracks_off_lanes(named_itineraries)
     groups = [(shapes, family.together(names, places_of)) for shapes, names in ways.items()]
-    rings = list(dict.fromkeys(ring for _, own in stories for ring in own.rings))
-    trackers = _trackers(stories)
+    rings = list(dict.fromkeys(ring for _, own in named_itineraries for ring in own.rings))
+    trackers = _trackers(named_itineraries)
     corners = [
         list(zip(np.degrees(ring.lon).tolist(), np.degrees(ring.lat).tolist(), strict=True))
         for ring in rings
@@ -262,7 +260,7 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
 
     if len(groups) > len(WAY_COLOURS):
         rows: list[tuple[Any, str]] = [
-            (Line2D([], [], **CROWD), f"Ways of {sum(map(len, ways.values()))} scenarios")
+            (Line2D([], [], **CROWD), f"Tracks of {sum(map(len, ways.values()))} scenarios")
         ]
     else:
         rows = [
@@ -284,13 +282,13 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
         else []
     )
     places: dict[str, Sequence[Array]] = {
-        f"the way of {_names(names)}": shapes.arrays for shapes, names in groups
+        f"the track of {_names(names)}": shapes.arrays for shapes, names in groups
     }
     if len(groups) > len(WAY_COLOURS):
         places = {"the ways": [line for shapes, _ in groups for line in shapes.arrays]}
     if network is not None:
         places["the lanes"] = middles(network)
-        places["where the lanes begin"] = _beginnings(stories)
+        places["where the lanes begin"] = _route_starts(named_itineraries)
     if rings:
         places["the areas of patrol"] = [np.array([*ring, ring[0]]) for ring in corners]
     if trackers:
@@ -298,11 +296,11 @@ def itineraries(scenarios: Sequence[Scenario]) -> Overlay:
     return Overlay(draw, places, rows)
 
 
-def _trackers(stories: Sequence[tuple[str, Itinerary]]) -> list[Array]:
-    """Return where each tracker goes, points (lon, lat) [deg] without jumps, (n, 2)."""
+def _trackers(named_itineraries: Sequence[tuple[str, Itinerary]]) -> list[Array]:
+    """Return the track of each tracker, points (lon, lat) [deg], unwrapped, (n, 2)."""
     found = dict.fromkeys(
         phase.tracker
-        for _, own in stories
+        for _, own in named_itineraries
         for phase in own.phases
         if isinstance(phase, Acts) and phase.tracker
     )
@@ -313,11 +311,11 @@ def _trackers(stories: Sequence[tuple[str, Itinerary]]) -> list[Array]:
     ]
 
 
-def _beginnings(stories: Sequence[tuple[str, Itinerary]]) -> list[Array]:
+def _route_starts(named_itineraries: Sequence[tuple[str, Itinerary]]) -> list[Array]:
     """Return the first node of each route, points (lon, lat) [deg], (1, 2)."""
     routes = [
         phase.lanes.route
-        for _, own in stories
+        for _, own in named_itineraries
         for phase in own.phases
         if isinstance(phase, Ways) and phase.lanes
     ]
@@ -327,11 +325,11 @@ def _beginnings(stories: Sequence[tuple[str, Itinerary]]) -> list[Array]:
 
 @dataclass(frozen=True)
 class _Shapes:
-    """What is drawn of one way: rows (lon, lat) [deg]; equal ones are drawn once."""
+    """The shapes of one track, as rows (lon, lat) [deg]; equal ones are drawn once."""
 
     lines: tuple[tuple[tuple[float, float], ...], ...]
-    outlines: tuple[tuple[tuple[float, float], ...], ...]  # closed: where its way points may be
-    # where over each of its destinations (lon, lat), and its probability
+    outlines: tuple[tuple[tuple[float, float], ...], ...]  # closed: areas of its way points
+    # label position (lon, lat) of each destination, and its probability
     odds: tuple[tuple[float, float, float], ...]
 
     @property
@@ -340,10 +338,12 @@ class _Shapes:
         return [np.array(shape) for shape in (*self.lines, *self.outlines)]
 
 
-def _ways(stories: Sequence[tuple[str, Itinerary]]) -> dict[_Shapes, list[str]]:
-    """Return the ways off lanes, and the names of the scenarios that take each."""
+def _tracks_off_lanes(
+    named_itineraries: Sequence[tuple[str, Itinerary]],
+) -> dict[_Shapes, list[str]]:
+    """Return the tracks off lanes, and the names of the scenarios that follow each."""
     found: dict[_Shapes, list[str]] = {}
-    for name, own in stories:
+    for name, own in named_itineraries:
         lines = tuple(
             _rows(np.degrees(line))
             for phase in own.phases
@@ -353,7 +353,7 @@ def _ways(stories: Sequence[tuple[str, Itinerary]]) -> dict[_Shapes, list[str]]:
         outlines = tuple(
             _rows(outline) for place, _ in own.places if (outline := _outline(place)) is not None
         )
-        odds = tuple((*_over(place), share) for place, share in own.places if share < 1)
+        odds = tuple((*_label_position(place), share) for place, share in own.places if share < 1)
         if lines:
             found.setdefault(_Shapes(lines, outlines, odds), []).append(name)
     return found
@@ -364,9 +364,8 @@ def _rows(lonlat: npt.ArrayLike) -> tuple[tuple[float, float], ...]:
 
 
 def _outline(place: Place) -> Array | None:
-    """Return (lon, lat) [deg] of the edge of where a way point may be, or holds half of its law;
-
-    None: it is a point.
+    """Return the edge (lon, lat) [deg] of a way point's area, or of its 50 % area; None for a
+    point.
     """
     turn = np.linspace(0, 2 * np.pi, 73)
     match place:
@@ -392,9 +391,9 @@ def _outline(place: Place) -> Array | None:
     return np.array([polyline.unwrap(np.degrees(lon)), np.degrees(lat)])
 
 
-def _over(place: Place) -> tuple[float, float]:
-    """Return the northern end (lon, lat) [deg] of where a way point may be: there its odds cover
-    neither way nor map.
+def _label_position(place: Place) -> tuple[float, float]:
+    """Return the northern end (lon, lat) [deg] of a way point's area, where the label
+    covers least.
     """
     outline = _outline(place)
     if outline is None:
@@ -403,10 +402,14 @@ def _over(place: Place) -> tuple[float, float]:
 
 
 def _draw_ways(ax: Axes, frame: Frame, some: Sequence[_Shapes], style: dict[str, Any]) -> None:
-    """Draw ways of one style, where their way points may be, and the odds of their destinations."""
+    """Draw tracks of one style, the areas of their way points, and probabilities of their
+    destinations.
+    """
 
     def lines(shapes: Iterable[Sequence[tuple[float, float]]], **how: Any) -> None:
-        """Draw many lines as one with gaps: hundreds of lines take a hundred times as long."""
+        """Draw many lines as one with gaps: hundreds of separate lines take a hundred times as
+        long.
+        """
         drawn = [np.column_stack(frame.project(*np.array(shape).T)) for shape in shapes]
         if drawn:
             gap = np.full((1, 2), np.nan)
@@ -450,6 +453,6 @@ def _style(number: int) -> dict[str, Any]:
 
 
 def _names(names: Sequence[str]) -> str:
-    """Return the names of the scenarios that take a way, the first few of many."""
+    """Return the names of the scenarios that follow a track; of many, the first few and a count."""
     rest = len(names) - NAMED
     return f"{', '.join(names[:NAMED])} and {rest} more" if rest > 0 else ", ".join(names)

@@ -1,4 +1,4 @@
-"""Refusals of a run that would lose more than it may, to places without forcing or outside of the
+"""Rejects runs that lose more probability than allowed where there is no forcing or outside the
 domain.
 """
 
@@ -27,28 +27,28 @@ from geo.errors import UserError
 from geo.forcing.quantity import needed
 from geo.forcing.sources import Source
 
-MANY = 10  # scenarios of which a refusal tells
+MANY = 10  # scenarios listed in an error message
 
 
 @dataclass(frozen=True)
 class Lacking:
-    """What of a prior, or of a shard's part of it, lies outside the domain or where there is no
-    forcing.
+    """Prior probability outside the domain or without forcing, of a run or of one shard.
 
-    Each is summed with the vectors of its places, by block: see `_placed`.
+    Each sum holds the weight and the weighted unit vectors of the positions, by block: see
+    `_sums_with_positions`.
     """
 
     weight: Partial  # of all particles, (1,)
     beyond: Partial  # outside the domain
-    # by quantity: where one of its terms or more have no value, (1,)
+    # by quantity: where at least one of its terms has no value, (1,)
     missing: Mapping[str, Partial]
-    # By quantity, number of the sea (see _seas) and number of the term in it: where that has no
-    # value; and the weight of all that see it, (1,).
+    # By quantity, number of the scenario group (see _scenarios_by_sources) and of the term in it: where
+    # the term has no value; and the weight of all particles that use it, (1,).
     silent: Mapping[tuple[str, int, int], tuple[Partial, Partial]]
 
 
 def lacking(box: Box, ensemble: Ensemble, scene: Scene, clock: Clock) -> Lacking:
-    """Return what of an initial ensemble lacks forcing as the run begins."""
+    """Return the part of an initial ensemble that lacks forcing at the start of the run."""
     low, high, _ = next(clock.steps())
     scene.forcing.set(low, high)
     lon, lat, release, logs = (
@@ -60,8 +60,8 @@ def lacking(box: Box, ensemble: Ensemble, scene: Scene, clock: Clock) -> Lacking
     for blocks, (first, last) in ensemble.blocks.cuts(PART):
         own = slice(first, last)
         weight = np.exp(logs[own].astype(np.float64))
-        # What is released later may find a value where a source has none yet, so the run itself
-        # judges it.
+        # Particles released later may find a value where a source has none yet; `check_end` covers
+        # them.
         now = np.where(release[own] <= clock.step, weight, 0.0)
         parts.append(
             _lacking(
@@ -76,25 +76,23 @@ def lacking(box: Box, ensemble: Ensemble, scene: Scene, clock: Clock) -> Lacking
 
 
 class _Begun(NamedTuple):
-    """Where particles begin [binary angle], and their weights, 0 of those that are released later;
-    (n,).
-    """
+    """Initial positions [binary angle] and weights, (n,); the weight is 0 for later releases."""
 
     lon: Array
     lat: Array
     weight: Array
-    member: Array | None  # of an ensemble of forcings in which each drifts
+    member: Array | None  # forcing ensemble member of each; None: no ensemble
 
 
 def _lacking(box: Box, scene: Scene, blocks: Blocks, whole: Array, begun: _Begun) -> Lacking:
-    """Return what some blocks of particles lack; whole: weights, (n,)."""
+    """Return the part of some blocks of particles that lacks forcing; whole: weights, (n,)."""
     west, south, width, height = domain.binary(box)
     x, y = begun.lon.astype(np.int64), begun.lat.astype(np.int64)
     beyond = np.flatnonzero(((x - west) % sphere.TURN > width) | (y < south) | (y > south + height))
     scenario = np.repeat(blocks.scenario, np.diff(blocks.first, append=blocks.n))
     missing: dict[str, list[Partial]] = {quantity: [] for quantity in needed()}
     silent: dict[tuple[str, int, int], tuple[Partial, Partial]] = {}
-    for number, sea in enumerate(_seas(scene)):
+    for number, sea in enumerate(_scenarios_by_sources(scene)):
         slots = np.flatnonzero(np.isin(scenario, sea))
         seen = blocks.partial(begun.weight[slots], slots=slots)
         # where a term has no value
@@ -105,18 +103,20 @@ def _lacking(box: Box, scene: Scene, blocks: Blocks, whole: Array, begun: _Begun
             silence.terms(scene.forcing, sea[0], lon, lat, member)
         ):
             lacks[quantity] |= ~valid
-            silent[quantity, number, k] = _placed(blocks, begun, slots[~valid]), seen
+            silent[quantity, number, k] = _sums_with_positions(blocks, begun, slots[~valid]), seen
         for quantity, there in lacks.items():
             missing[quantity].append(blocks.partial(begun.weight[slots[there]], slots=slots[there]))
     together = {
         quantity: replace(parts[0], sums=np.sum([part.sums for part in parts], axis=0))
         for quantity, parts in missing.items()
     }
-    return Lacking(blocks.partial(whole), _placed(blocks, begun, beyond), together, silent)
+    return Lacking(
+        blocks.partial(whole), _sums_with_positions(blocks, begun, beyond), together, silent
+    )
 
 
 def merged(parts: Sequence[Lacking]) -> Lacking:
-    """Return what all shards lack."""
+    """Return the sums of all shards."""
     first, merge = parts[0], partials.merged
     return Lacking(
         merge([part.weight for part in parts]),
@@ -135,7 +135,7 @@ def merged(parts: Sequence[Lacking]) -> Lacking:
 def check_prior(
     spec: EnsembleSpec, where: Environment, max_lost: float, scene: Scene, lacks: Lacking
 ) -> None:
-    """Refuse a prior of which more than a share lies where there is no forcing, or outside the
+    """Raise UserError if more than a share of the prior is without forcing or outside the
     domain.
     """
     whole = float(lacks.weight.total[0, 0])
@@ -146,31 +146,29 @@ def check_prior(
             places = []
             for (of, sea, k), sums in lacks.silent.items():
                 if of == quantity:
-                    numbers = _seas(scene)[sea]
+                    numbers = _scenarios_by_sources(scene)[sea]
                     term = [
                         term for own in needed() for term in scene.forcing.terms[numbers[0]][own]
                     ][k]
-                    places += _without(spec, where, quantity, term, numbers, *sums)
+                    places += _losses_by_scenario(spec, where, quantity, term, numbers, *sums)
             summed = any(key[0] == quantity for named in where.scenarios for key in named.added)
             raise UserError(
-                f"[[{quantity}]]: {notation.percent(missing)} of the prior lies where there is no {quantity} ({_some(places)}); "
+                f"[[{quantity}]]: {notation.percent(missing)} of the prior lies where there is no {quantity} ({_list_losses(places)}); "
                 f"at most {notation.hundredths(max_lost)} % may be lost (max_lost). "
                 + ("A sum has no value where one of its terms has none. " if summed else "")
                 + f"Add a source, or move the {spec.story}"
             )
 
 
-def _seas(scene: Scene) -> list[tuple[int, ...]]:
-    """Return the numbers of scenarios that see the same sources of all quantities that are needed,
-    together.
-    """
+def _scenarios_by_sources(scene: Scene) -> list[tuple[int, ...]]:
+    """Return groups of scenario numbers that use the same sources of all required quantities."""
     together: dict[tuple[Any, ...], list[int]] = {}
     for number, ranges in enumerate(scene.forcing.ranges):
         together.setdefault(tuple(ranges[quantity] for quantity in needed()), []).append(number)
     return [tuple(sea) for sea in together.values()]
 
 
-def _without(
+def _losses_by_scenario(
     spec: EnsembleSpec,
     where: Environment,
     quantity: str,
@@ -179,8 +177,8 @@ def _without(
     lacks: Partial,
     seen: Partial,
 ) -> list[tuple[int, str]]:
-    """Return numbers of the scenarios of a sea that lie where a term has no value, and in words how
-    much, and where.
+    """Return the scenarios of a group with particles where a term has no value: number, and share
+    and place as text.
     """
     found = []
     for number in sea:
@@ -191,7 +189,9 @@ def _without(
         silent = [
             source for source in where.scenarios[number].of(quantity) if source.name in term.names
         ]
-        away = ", ".join(f'"{source.name}" {_away(source, *middle)}' for source in silent)
+        away = ", ".join(
+            f'"{source.name}" {_where_source_begins(source, *middle)}' for source in silent
+        )
         share, name = lost / max(whole, 1e-300), spec.scenarios[number].name
         found.append(
             (
@@ -202,8 +202,8 @@ def _without(
     return found
 
 
-def _some(places: list[tuple[int, str]]) -> str:
-    """Return what is lost of each scenario, in their order; of many only the first."""
+def _list_losses(places: list[tuple[int, str]]) -> str:
+    """Return the text of losses by scenario, in their order; of many only the first."""
     words = [text for _, text in sorted(places, key=lambda place: place[0])]
     return "; ".join(
         [*words[:MANY], f"and {len(words) - MANY} more"] if len(words) > MANY else words
@@ -218,9 +218,15 @@ def check_end(
     status: Array,
     ends: Callable[[], Iterable[AtEnd]],
 ) -> None:
-    """Refuse a run that has lost more than a share of the probability by its end.
+    """Raise UserError if a run has lost more than a share of the probability by its end.
 
-    status: probability of each status, (statuses,); ends: gives the particles, part by part.
+    Args:
+        where: of the run.
+        max_lost: largest share allowed.
+        scene: of the run.
+        clock: of the run.
+        status: probability of each status, (statuses,).
+        ends: returns the particles at the end, part by part.
     """
     lost = {of: float(status[of]) for of in LOST}
     if sum(lost.values()) <= max_lost:
@@ -235,8 +241,8 @@ def check_end(
 
 
 def _check_domain(box: Box, max_lost: float, beyond: Array) -> None:
-    """Refuse a prior of which more than a share lies outside the domain; beyond: that share, with
-    its place.
+    """Raise UserError if more than a share of a prior is outside the domain; beyond: that share's
+    sums.
     """
     share, *vector = beyond
     if share <= max_lost:
@@ -249,9 +255,9 @@ def _check_domain(box: Box, max_lost: float, beyond: Array) -> None:
     )
 
 
-def _placed(blocks: Blocks, begun: _Begun, slots: Array) -> Partial:
-    """Return the sums of the weights of some slots, and of these times the unit vectors of their
-    places, (4,).
+def _sums_with_positions(blocks: Blocks, begun: _Begun, slots: Array) -> Partial:
+    """Return the sums of the weights of some slots, and of the weighted unit vectors of their
+    positions, (4,).
     """
     x, y, own = begun.lon[slots] * sphere.UNIT, begun.lat[slots] * sphere.UNIT, begun.weight[slots]
     return blocks.partial(
@@ -267,10 +273,10 @@ def _middle(vector: Sequence[float]) -> tuple[float, float]:
     )
 
 
-def _away(source: Source, lon: float, lat: float) -> str:
-    """Return how far and in which direction the domain of a source lies from a point [deg].
+def _where_source_begins(source: Source, lon: float, lat: float) -> str:
+    """Return the distance and direction from a point [deg] to the domain of a source, as text.
 
-    A value that is missing inside the domain is land or a gap.
+    A value missing inside the domain is land or a gap.
     """
     grid = source.grid
     if source.domain is None:
@@ -288,9 +294,9 @@ def _away(source: Source, lon: float, lat: float) -> str:
 
 
 def _edge(box: Box, lon: float, lat: float) -> str:
-    """Return how far and in which direction the edge of a box is from a point [deg].
+    """Return the distance and direction from a point [deg] to the edge of a box, as text.
 
-    The result is right to about a thousandth of the box's size.
+    It is accurate to about a thousandth of the box's size.
     """
     share = np.linspace(0, 1, 1001)
     x, y = box.west + share * (box.east - box.west), box.south + share * (box.north - box.south)

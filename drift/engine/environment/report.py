@@ -1,5 +1,5 @@
-"""What report.html shows of where a run drifts: arrows of winds and currents, and the ways of what
-steers.
+"""Items of report.html for the environment: arrows of winds and currents, and itineraries of
+targets.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from geo.forcing.quantity import QUANTITIES
 
 
 def flows(found: Mapping[str, Flow]) -> list[Leaf]:
-    """Return arrows of what a scenario drifts in, by quantity."""
+    """Return arrows of a scenario's winds and currents, by quantity."""
     shown: list[Leaf] = []
     for quantity, flow in found.items():
         title, look = (
@@ -32,7 +32,7 @@ def flows(found: Mapping[str, Flow]) -> list[Leaf]:
 
 
 def itineraries(scenarios: Sequence[Scenario]) -> list[Leaf]:
-    """Return the ways of targets that steer."""
+    """Return the itineraries of steering targets."""
     if not any(scenario.itinerary for scenario in scenarios):
         return []
     places = layers.itineraries(scenarios).places
@@ -45,6 +45,8 @@ def itineraries(scenarios: Sequence[Scenario]) -> list[Leaf]:
     ]
     return [
         leaves.features(
-            "Ways of what steers", [one for one in drawn if one["geometry"]["coordinates"]], "way"
+            "Itineraries of targets",
+            [one for one in drawn if one["geometry"]["coordinates"]],
+            "way",
         )
     ]

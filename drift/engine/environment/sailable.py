@@ -1,10 +1,9 @@
-"""Refusals of itineraries that lead over land, where their vessel refuses land: lanes, voyages,
-areas to loiter in.
+"""Rejects itineraries over land where the vessel may not cross it: lanes, voyages, loitering areas.
 
-Lanes are held against the full coast with their corridors, voyages with SPREADS standard deviations
-of their cross-track error, the way from one of these to the next with what is wider, polygons as
-they are. A course, a track and a bridge lead anywhere, and are not refused: their way points lie in
-water.
+Tested against the full coast are the corridors of lanes, voyages with SPREADS standard deviations
+of their cross-track error, the connections between these with the larger of the two widths, and
+polygons. Courses, tracks and bridges may lead anywhere and are not tested; their way points are
+drawn in water.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,14 +24,11 @@ from geo.errors import UserError
 # standard deviations of a cross-track error: 1 target in 16,000 keeps farther off its voyage
 SPREADS = 4.0
 OTHERWISE = 'set vessel = { land = "stop" } (or "ignore") in its [[scenario]]'
-ROOM = 0.1  # [deg] of coast that must be known beyond what is held against it
+ROOM = 0.1  # [deg] margin of known coast around everything that is tested
 
 
 def box(scenarios: Sequence[Scenario]) -> Box | None:
-    """Return the box in which the coast must be known for `refuse`;
-
-    None: nothing is held against it.
-    """
+    """Return the box in which `refuse` needs the coast; None if nothing is tested."""
     places = [
         (np.unwrap(lon), lat, far)
         for scenario in scenarios
@@ -59,7 +55,7 @@ def box(scenarios: Sequence[Scenario]) -> Box | None:
 
 
 def _extents(scenario: Scenario) -> list[tuple[Array, Array, float]]:
-    """Return the extent of each phase, that of a course among them, which has none."""
+    """Return the extent of each phase; of a course it is empty."""
     assert scenario.itinerary is not None
     own = iter(scenario.itinerary.extents(SPREADS))
     nothing = np.zeros(1), np.zeros(1), 0.0
@@ -70,8 +66,8 @@ def _extents(scenario: Scenario) -> list[tuple[Array, Array, float]]:
 
 
 def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
-    """Raise UserError, a line for each lane, leg and area, for those that touch land; the coast
-    covers `box`.
+    """Raise UserError, with a line for each lane, leg and area that touches land; the coast covers
+    `box`.
     """
     wrong: dict[str, None] = {}
     stories = [
@@ -94,7 +90,7 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
         except UserError as error:
             wrong |= dict.fromkeys(error.lines)
     seen: dict[InRing, None] = {}
-    known: dict[bytes, list[tuple[int, str, str]]] = {}  # scenarios of a family go the same ways
+    known: dict[bytes, list[tuple[int, str, str]]] = {}  # scenarios of a family share itineraries
     shore = corridors.Shore.of(coast)
     for name, own in stories:
         for number, phase in enumerate(own.phases, 1):
@@ -112,7 +108,7 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
                 spread = f"with {SPREADS:g} standard deviations of cross_track to each side"
                 key = b"".join(column.tobytes() for column in (legs.lon, legs.lat, legs.width))
                 if key not in known:
-                    known[key] = list(_touching(legs, shore, f"{place}.voyage", spread))
+                    known[key] = list(_legs_on_land(legs, shore, f"{place}.voyage", spread))
                 for lane, width, where in known[key]:
                     wrong[
                         f"{place}.voyage: leg {lane + 1}, {width} wide {spread}, touches land {where}; move its waypoints, "
@@ -120,9 +116,9 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
                     ] = None
             if (
                 number < len(own.phases)
-                and (between := _between(phase, own.phases[number])) is not None
+                and (between := _connection(phase, own.phases[number])) is not None
             ):
-                for _, width, where in _touching(
+                for _, width, where in _legs_on_land(
                     between, shore, place, f"on the way to phase {number + 1}"
                 ):
                     wrong[
@@ -137,13 +133,13 @@ def refuse(scenarios: Sequence[Scenario], coast: Coast) -> None:
         )
 
 
-def _touching(
+def _legs_on_land(
     legs: Network, shore: corridors.Shore, place: str, what: str
 ) -> Iterator[tuple[int, str, str]]:
-    """Give the legs that touch land, as corridors.touching does; refuse those that cannot be held
-    against the coast.
+    """Yield the legs that touch land, as corridors.touching does; reject those that cannot be
+    tested.
 
-    what: of them is spoken.
+    what: the word for such a leg in messages.
     """
     try:
         yield from corridors.touching(legs, shore, [lanes.route(legs, legs.name)])
@@ -152,10 +148,9 @@ def _touching(
         raise UserError(f"{place}: {what}: {error}; or {OTHERWISE}") from None
 
 
-def _between(before: Phase, after: Phase) -> Network | None:
-    """Return the way between two phases along fixed way points as a lane;
-
-    None where there is none, or nobody knows it.
+def _connection(before: Phase, after: Phase) -> Network | None:
+    """Return the connection of two phases with fixed way points as a lane; None if it does not
+    exist.
     """
     if not isinstance(before, Ways) or not isinstance(after, Ways) or before.destinations:
         return None
@@ -175,9 +170,8 @@ def _between(before: Phase, after: Phase) -> Network | None:
 
 
 def _voyage(phase: object) -> Network | None:
-    """Return a voyage as a network of lanes as wide as its cross-track error;
-
-    None for other phases.
+    """Return a voyage as a network of lanes as wide as its cross-track error; None for other
+    phases.
     """
     if not isinstance(phase, Ways) or phase.lanes is not None:
         return None

@@ -1,5 +1,5 @@
-"""Which sources have no value where particles are, and which of them ended the way of those that
-are lost.
+"""Finds the sources without values at particle positions, and those that caused particles to be
+lost.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -19,7 +19,7 @@ from geo.forcing.quantity import needed
 
 Shares = dict[tuple[str, tuple[str, ...]], float]  # by quantity and the names of a term's sources
 
-MOST = 24  # steps that are looked at: those that lost most stand for all
+MOST = 24  # steps examined: those that lost most represent all
 # steps ahead along the current: a stage of the step found nothing, not always its begin
 AHEAD = (0.0, 1.0, 3.0)
 
@@ -32,11 +32,15 @@ def terms(
     member: Array | None,
     fraction: float = 0.0,
 ) -> Iterator[tuple[str, Term, Array]]:
-    """Yield the quantity and the term, and where the term has a value, for all terms of a scenario
-    that it needs.
+    """Yield quantity, term, and where the term has a value, for all required terms of a scenario.
 
-    lon, lat: places [binary angle] (n,); member: in which member of an ensemble each is, int32
-    (n,), None without one; fraction: of the step that the forcing is set to.
+    Args:
+        forcing: set to a step.
+        scenario: its number.
+        lon: of the places [binary angle], (n,).
+        lat: of the places [binary angle], (n,).
+        member: forcing ensemble member of each place, int32 (n,); None without an ensemble.
+        fraction: of the step to which the forcing is set.
     """
     for quantity in needed():
         for term in forcing.terms[scenario][quantity]:
@@ -48,8 +52,8 @@ def terms(
 
 
 class AtEnd(NamedTuple):
-    """Some of the particles at the end of a run, and when the status of each began [s after start],
-    (n,).
+    """Some particles at the end of a run, and when the status of each began [s after
+    start], (n,).
     """
 
     snapshot: Snapshot
@@ -57,21 +61,25 @@ class AtEnd(NamedTuple):
 
 
 def lost(forcing: Forcing, clock: Clock, ends: Callable[[], Iterable[AtEnd]]) -> Shares:
-    """Return how much of the probability ran out of forcing where a term had no value.
+    """Return the probability lost by each term that had no value, keyed by quantity and sources.
 
-    ends: gives all particles at the end of the run, part by part. The search looks where a particle
-    stayed, at the begin and the end of the step that it could not make, then ahead of it along the
-    current. A gap to which only its leeway led is not found.
+    The search tests the last position of a particle at the begin and the end of the step that
+    failed, then positions ahead along the current. Gaps reached only by leeway are not found.
+
+    Args:
+        forcing: of the run.
+        clock: of the run.
+        ends: returns all particles at the end of the run, part by part.
     """
     steps = [(step.elapsed, low, high) for low, high, step in clock.steps()]
     begins = [elapsed for elapsed, _, _ in steps]
 
     def stuck(end: AtEnd) -> tuple[Array, Array]:
-        """Return the probability of particles where they are outside, and the number of the step
-        they could not make.
+        """Return the probability of particles outside the forcing, and the number of the step that
+        failed.
 
-        Particles released before the first step, and pending ones, are not outside: their number
-        does not matter.
+        Pending particles and those released before the first step are not outside; their number is
+        unused.
         """
         outside = end.snapshot.status == Status.OUTSIDE
         number = (np.searchsorted(begins, end.since, "right") - 1).clip(0)
@@ -99,7 +107,7 @@ def lost(forcing: Forcing, clock: Clock, ends: Callable[[], Iterable[AtEnd]]) ->
                         time = ahead * clock.direction * clock.step
                         own = end.snapshot
                         member = None if own.member is None else own.member[slots]
-                        lon, lat = _along(
+                        lon, lat = _ahead_along_current(
                             forcing, scenario, own.lon[slots], own.lat[slots], member, time
                         )
                         share = partial(end.snapshot.blocks.total, slots=slots)
@@ -143,7 +151,7 @@ def _add_silent(
     probability: Array,
     total: Callable[[Array], float],
 ) -> Array:
-    """Add the shares of what has no value at places (n,), and return where all terms have one, bool
+    """Add the shares of terms without values at places (n,); return where all terms have one, bool
     (n,).
 
     total: returns the sum of values (n,) over these particles.
@@ -159,15 +167,16 @@ def _add_silent(
     return valid_all
 
 
-def _along(
+def _ahead_along_current(
     forcing: Forcing, scenario: int, lon: Array, lat: Array, member: Array | None, time: float
 ) -> tuple[Array, Array]:
-    """Return the places [binary angle] to which the current leads in a time [s], straight on.
+    """Return the positions [binary angle] reached in a straight line along the current in a time
+    [s].
 
-    Places without a current stay.
+    Positions without a current stay.
     """
-    told = forcing.tiles.at(*forcing.ranges[scenario]["current"], lon, lat, 0.0, member)
-    east, north, valid = told.astype(np.float64).T
+    current = forcing.tiles.at(*forcing.ranges[scenario]["current"], lon, lat, 0.0, member)
+    east, north, valid = current.astype(np.float64).T
     metres = np.where(valid > 0.5, time, 0.0) / (sphere.RADIUS * sphere.UNIT)
     x = lon + np.nan_to_num(east) * metres / np.cos(lat * sphere.UNIT)
     y = lat + np.nan_to_num(north) * metres

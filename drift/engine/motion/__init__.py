@@ -1,4 +1,4 @@
-"""What moves and how: objects, priors, models of motion, errors, clock, run.
+"""Motion of particles: objects, priors, motion models, forcing errors, the clock and the run.
 
 The arithmetic of a step is in kernels.
 """

@@ -1,9 +1,9 @@
-"""The clock of a run, which steps along a lattice that the forcing's times lie on.
+"""The clock of a run, whose steps lie on a lattice shared with the forcing's times.
 
-Lattice steps are whole seconds long and counted from 1970, so that noise, keyed by the number of
-the step, does not depend on where a run begins, on its outputs or on how it is cut up. Times of the
-forcing that lie on no lattice of use cut the step that holds them, for within a step the forcing is
-one straight line in time.
+Lattice steps are whole seconds long and counted from 1970. Noise is keyed by the number of the
+step, so it does not depend on where a run begins, on its outputs or on how it is divided. Forcing
+times that are not on the lattice split the step that contains them, because within a step the
+forcing is linear in time.
 """
 
 import itertools
@@ -17,14 +17,15 @@ import numpy.typing as npt
 
 from kernels.step import advance as kernel
 
-LEAST_INTERVAL = 300  # [s] a lattice finer than that is not worth a node of forcing
+LEAST_INTERVAL = 300  # [s] shortest lattice interval; source times that need less split steps
 NEVER = 2**31 - 1  # [s]
 
 
 def lattice(times: list[npt.NDArray[np.int64]]) -> tuple[int, int]:
     """Return the interval [s] that steps should divide, and a point of the lattice [s since 1970].
 
-    That is the common divisor of all sources' times; times that share none of use become `breaks`.
+    The interval is the common divisor of all sources' times. Times whose common divisor is too
+    small are handled by `breaks`.
     """
     for chosen in (times, [t for t in times if _common(t, int(t[0])) >= LEAST_INTERVAL]):
         if chosen:
@@ -36,8 +37,8 @@ def lattice(times: list[npt.NDArray[np.int64]]) -> tuple[int, int]:
 
 
 def breaks(times: Sequence[npt.NDArray[np.int64]], step: int, origin: int) -> tuple[int, ...]:
-    """Return the times of sources [s since 1970], ascending, at which a step of the lattice through
-    `origin` is cut.
+    """Return the source times [s since 1970], ascending, that split a step of the lattice through
+    `origin`.
     """
     every = np.unique(np.concatenate([np.zeros(0, np.int64), *times]))
     return tuple(every[(every - origin) % step != 0].tolist())
@@ -48,7 +49,7 @@ def _common(times: npt.NDArray[np.int64], origin: int) -> int:
 
 
 class Timed(NamedTuple):
-    """A step, and between which times it lies [s since 1970]."""
+    """A step and the times between which it lies [s since 1970]."""
 
     low: int
     high: int
@@ -57,7 +58,7 @@ class Timed(NamedTuple):
 
 @dataclass(frozen=True)
 class Clock:
-    """The time of a run, from start, in lattice steps.
+    """The time of a run in lattice steps from `start`.
 
     It runs `duration` seconds forward (direction +1) or backward (-1).
     """
@@ -68,7 +69,7 @@ class Clock:
     step: int  # [s]
     phase: int = 0  # [s] lattice points lie at phase + k step
     breaks: tuple[int, ...] = ()  # [s since 1970] ascending: times at which a step is cut in two
-    # [s] ways of what drifts are straight for so long: evidence looks at pieces of a step
+    # [s] longest piece of a step in which drift tracks count as straight, for evidence inside steps
     straight: int = NEVER
 
     def ends(self, elapsed: int) -> bool:
@@ -77,7 +78,7 @@ class Clock:
         return (time - self.phase) % self.step == 0 or time in self.breaks
 
     def steps(self) -> Iterator[Timed]:
-        """Return the steps in the order of the run, covering start to end."""
+        """Yield the steps from start to end, in the order of the run."""
         # how far the start lies above its lattice point
         inside = (self.start - self.phase) % self.step
         low = self.start - inside
@@ -88,7 +89,7 @@ class Clock:
                 elapsed = begin - self.start if self.direction > 0 else self.start - end
                 if elapsed >= self.duration:
                     return
-                if elapsed + end - begin > 0:  # else it ends before the run begins
+                if elapsed + end - begin > 0:  # otherwise it ends before the run begins
                     pieces = -(-(end - begin) // self.straight)
                     step = kernel.Step(
                         self._number(begin), elapsed, end - begin, self.direction, pieces
@@ -97,14 +98,14 @@ class Clock:
             low += self.direction * self.step
 
     def _parts(self, low: int, high: int) -> list[tuple[int, int]]:
-        """Return a lattice step in the parts into which it is cut, in the order of the run."""
+        """Return the parts into which a lattice step is split, in the order of the run."""
         inner = self.breaks[bisect_right(self.breaks, low) : bisect_left(self.breaks, high)]
         parts = list(itertools.pairwise((low, *inner, high)))
         return parts[:: self.direction]
 
     def _number(self, begin: int) -> int:
-        """Return the key of a step's noise: its number on the lattice; of a part that begins
-        between, a time.
+        """Return the key of a step's noise: its lattice number, or minus the start time of a part
+        within a step.
         """
         number, inside = divmod(begin - self.phase, self.step)
         return number if inside == 0 else -begin

@@ -1,9 +1,8 @@
-"""The model of what drifts: current, Stokes drift, leeway, and errors of each.
+"""The drift model: current, Stokes drift, leeway, and the errors of each.
 
-Breivik and Allen 2008, doi:10.1016/j.jmarsys.2007.02.010; docs/leeway.md, docs/errors.md.
-
-Every particle has its own three leeway lines, its own side of the wind, and its present errors of
-current and wind.
+Breivik and Allen 2008, doi:10.1016/j.jmarsys.2007.02.010; docs/leeway.md, docs/errors.md. Every
+particle has its own three leeway lines, its own side of the wind, and its current values of the
+current and wind errors.
 """
 
 import math
@@ -26,9 +25,9 @@ from kernels.step.bridge import Inside
 LEEWAY = kernel.LEEWAY
 ERRORS = errors_of.ROWS  # columns of errors of the forcing
 _MEANING = {
-    "current_error": "Ornstein-Uhlenbeck error of the current as it stands",
-    "wind_error": "Ornstein-Uhlenbeck error of the wind as it stands",
-    "current_bias": "error of the current that lasts: its own, or in a spill its world's",
+    "current_error": "Ornstein-Uhlenbeck error of the current now",
+    "wind_error": "Ornstein-Uhlenbeck error of the wind now",
+    "current_bias": "constant error of the current: its own, or in a spill its world's",
 }
 COLUMNS = (
     Column("side", np.int32, 1, "", "+1 drifts to the right of the wind, -1 to the left"),
@@ -58,7 +57,7 @@ COLUMNS = (
 
 
 def physics(errors: Errors, scenario: Scenario) -> Physics:
-    """Return a scenario's physics; an error without spread is off."""
+    """Return a scenario's physics; an error with zero standard deviation is off."""
     current, wind = (
         errors.current,
         errors.wind if scenario.object.uses_wind else ForcingError(0.0, 1.0),
@@ -71,15 +70,15 @@ def physics(errors: Errors, scenario: Scenario) -> Physics:
 def draw_objects(
     ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors
 ) -> None:
-    """Draw each particle's own leeway and errors."""
+    """Draw each particle's leeway and its initial errors of current and wind."""
     draw_leeway(ensemble, slots, key, scenario.object)
     draw_errors(ensemble, slots, key, errors)
 
 
 def draw_leeway(ensemble: Ensemble, slots: Slots, key: Key, drifter: Drifter) -> None:
-    """Draw each particle's own leeway lines and its first side.
+    """Draw each particle's leeway lines and its first side of the wind.
 
-    No downwind slope is negative unless its line's is.
+    A particle's downwind slope is negative only if its line's slope is.
     """
     own = ensemble.own
     for number, name in enumerate(("down", "right", "left")):
@@ -102,7 +101,7 @@ def draw_leeway(ensemble: Ensemble, slots: Slots, key: Key, drifter: Drifter) ->
 
 
 def draw_errors(ensemble: Ensemble, slots: Slots, key: Key, errors: Errors) -> None:
-    """Draw the errors of current and wind that each particle starts with, and its bias."""
+    """Draw each particle's initial errors of current and wind, and its bias."""
     for number, (name, std) in enumerate(
         (
             ("current_error", errors.current.std),
@@ -117,7 +116,7 @@ def draw_errors(ensemble: Ensemble, slots: Slots, key: Key, errors: Errors) -> N
 def mover(
     ensemble: Ensemble, group: Group, waters: Waters, direction: int, bend: Any
 ) -> kernel.Move:
-    """Return what moves a group of scenarios over a step: see kernels.step.advance."""
+    """Return the function that moves a group of scenarios over a step: see kernels.step.advance."""
     return kernel.mover(
         ensemble,
         group.batch,
@@ -136,9 +135,9 @@ def between(
     place: kernel.Surroundings,
     inside: Inside,
 ) -> None:
-    """Take positions on to a time inside a step: on a Brownian bridge about their drift.
+    """Move positions to a time inside a step by a Brownian bridge about the drift.
 
-    Its variance a component is 2 D s (1 - s) T at a share s of a way that takes T.
+    The variance of a component at share s of a track that takes T is 2 D s (1 - s) T.
     """
     diffusivity = np.array([term.diffusivity if term else -1.0 for term in terms])
     shift = ensemble.batch(range(len(terms))).shift
@@ -146,13 +145,13 @@ def between(
 
 
 def still(terms: Physics) -> Physics:
-    """Return physics in which nothing is left to chance."""
+    """Return physics without random motion."""
     return Physics()
 
 
 def longest(errors: Errors) -> dict[str, float]:
-    """Return the longest steps [s] that the errors' processes allow: a sixth of their decorrelation
-    times.
+    """Return the longest step [s] that each error process allows: a sixth of its decorrelation
+    time.
     """
     return {
         f"a sixth of the decorrelation time of the {name}'s errors": error.time / 6
@@ -163,8 +162,8 @@ def longest(errors: Errors) -> dict[str, float]:
 
 
 def usual(drifter: Drifter, wind: float) -> float:
-    """Return how fast an object goes through the water in a wind [m/s], by the slope of its
-    steepest line.
+    """Return an object's typical speed through the water in a wind [m/s], from its steepest leeway
+    line.
     """
     return max(abs(line.slope) for line in (drifter.down, drifter.right, drifter.left)) * wind
 
@@ -173,7 +172,7 @@ def fastest(drifter: Drifter, wind: float, spreads: float) -> float:
     """Return the speed through the water [m/s] that no particle of an object exceeds in a wind
     [m/s].
 
-    spreads: as many standard deviations from its lines as are drawn.
+    spreads: number of standard deviations of the leeway lines that are drawn.
     """
     line = max(
         (abs(line.slope) + spreads * line.slope_std) * wind

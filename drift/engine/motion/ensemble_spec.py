@@ -1,7 +1,4 @@
-"""What the ensemble of a run is drawn from.
-
-That is its scenarios, how many particles they have, and how wrong the forcing may be.
-"""
+"""The specification of a run's ensemble: scenarios, number of particles, and forcing errors."""
 
 from dataclasses import dataclass
 
@@ -13,10 +10,7 @@ from drift.engine.motion.scenario import Scenario
 
 @dataclass(frozen=True)
 class Release:
-    """How far the objects of a spill depart from what its scenarios say.
-
-    The classes of a spill go adrift together.
-    """
+    """Variation of a spill's objects about the scenario; all its classes are released together."""
 
     release_std: float  # [m] standard deviation of an object's release about its world's
     windage_bias: float  # standard deviation of the logarithm of a factor on all leeway
@@ -24,9 +18,9 @@ class Release:
 
 @dataclass(frozen=True)
 class EnsembleSpec:
-    """What an ensemble is drawn from.
+    """The specification from which an ensemble is drawn.
 
-    The scenarios of a spill are its classes of objects, all with one prior.
+    The scenarios of a spill are its classes of objects, all with the same prior.
     """
 
     period: Period
@@ -37,20 +31,20 @@ class EnsembleSpec:
     # How particles are resampled (drift.engine.particles.resample.METHODS), which may need slots to
     # spare; None: never.
     resampling: str | None = None
-    debris: tuple[Drifter, ...] = ()  # what drifts beside the objects, and is reported by contacts
+    debris: tuple[Drifter, ...] = ()  # debris that drifts with the objects and is found by contacts
     release: Release | None = None  # only of a spill
     counts: tuple[int, ...] | None = None  # particles of each scenario; None: by their weights
-    # what the members of an ensemble of forcings are called; empty: there is none
+    # names of the forcing ensemble's members; empty: there is no ensemble
     members: tuple[str, ...] = ()
     # finds of debris toward which particles are guided: drift.evidence.filter.debris.guide
     guiding: int = 0
 
     @property
     def story(self) -> str:
-        """What users call a scenario: in a spill it is a class of objects."""
+        """The user's word for a scenario; in a spill it is a class of objects."""
         return "class" if self.release else "scenario"
 
     @property
     def drifters(self) -> list[Drifter]:
-        """All that drifts: the scenarios' objects, then the debris."""
+        """All drifting objects: those of the scenarios, then the debris."""
         return [*(scenario.object for scenario in self.scenarios), *self.debris]

@@ -1,6 +1,6 @@
-"""Everyday words for what is adrift, and what of the sweep width tables goes with a leeway class.
+"""Everyday words for search objects, and the sweep width objects that match a leeway class.
 
-Works from the project's own tables, data/everyday_words.csv and data/search_objects.csv.
+It uses the project's tables data/everyday_words.csv and data/search_objects.csv.
 """
 
 import csv
@@ -13,7 +13,7 @@ from importlib import resources
 
 @dataclass(frozen=True)
 class Meaning:
-    """The leeway classes that everyday words stand for; note: why, where none is exactly that."""
+    """The leeway classes that an everyday word covers; note: why, if no class matches exactly."""
 
     classes: frozenset[str]
     note: str
@@ -21,7 +21,9 @@ class Meaning:
 
 @dataclass(frozen=True)
 class SearchObjects:
-    """Objects of the sweep width tables; by: what tells which, "" where there is one."""
+    """Objects of the sweep width tables; by: the property that selects among them, "" if there is
+    one.
+    """
 
     names: tuple[str, ...]
     by: str
@@ -36,7 +38,7 @@ class SearchObjects:
 
 @lru_cache(maxsize=1)
 def _meanings() -> dict[str, tuple[str, str]]:
-    """Return the patterns of classes, and the note, by word or phrase."""
+    """Return the class patterns and the note of each everyday word or phrase."""
     return {
         words: (row["classes"], row["note"])
         for row in _rows("everyday_words.csv")
@@ -45,28 +47,25 @@ def _meanings() -> dict[str, tuple[str, str]]:
 
 
 def everyday_words() -> tuple[str, ...]:
-    """Return all words and phrases that stand for classes."""
+    """Return all everyday words and phrases of the table."""
     return tuple(_meanings())
 
 
 def parts(text: str) -> list[str]:
-    """Return the words of a text, in lower case; those that together are a phrase of the table as
-    one.
-    """
+    """Return the words of a text in lower case; a phrase of the table counts as one word."""
     single, found = text.lower().split(), list[str]()
     while single:
-        size = next((k for k in (3, 2) if _known(" ".join(single[:k]))), 1)
+        size = next((k for k in (3, 2) if _word_in_table(" ".join(single[:k]))), 1)
         found.append(" ".join(single[:size]))
         single = single[size:]
     return found
 
 
 def meaning(word: str, classes: Sequence[str]) -> Meaning | None:
-    """Return what a word or phrase, singular or plural, stands for among some classes;
-
-    None for nothing.
+    """Return the classes that a word or phrase (singular or plural) covers; None if it is not in
+    the table.
     """
-    key = _known(word)
+    key = _word_in_table(word)
     if key is None:
         return None
     patterns, note = _meanings()[key]
@@ -74,9 +73,8 @@ def meaning(word: str, classes: Sequence[str]) -> Meaning | None:
 
 
 def search_objects_of(text: str, classes: Sequence[str]) -> tuple[str, ...] | None:
-    """Return what of the sweep width tables goes with a word or phrase, () for nothing;
-
-    None where it is no such word.
+    """Return the sweep width objects for a word or phrase, () if none match; None for an unknown
+    word.
     """
     meant = meaning(" ".join(text.lower().split()), classes)
     if meant is None:
@@ -86,9 +84,8 @@ def search_objects_of(text: str, classes: Sequence[str]) -> tuple[str, ...] | No
 
 
 def search_objects(name: str) -> SearchObjects | None:
-    """Return what of the sweep width tables goes with a class;
-
-    None where nothing of its size is in them.
+    """Return the sweep width objects for a leeway class; None if the tables have nothing of its
+    size.
     """
     for row in _rows("search_objects.csv"):
         if _matching(row["classes"], (name,)):
@@ -96,7 +93,7 @@ def search_objects(name: str) -> SearchObjects | None:
     return None
 
 
-def _known(word: str) -> str | None:
+def _word_in_table(word: str) -> str | None:
     spelled = (word, word.replace("-", " "), word.replace("-", ""))
     return next(
         (key for one in spelled for key in (one, one.removesuffix("s")) if key in _meanings()), None
@@ -104,7 +101,7 @@ def _known(word: str) -> str | None:
 
 
 def _matching(patterns: str, classes: Sequence[str]) -> list[str]:
-    """Return the classes that any of some patterns fit, which are set apart by blanks."""
+    """Return the classes that match any of several patterns separated by blanks."""
     return [
         name for name in classes if any(fnmatchcase(name, pattern) for pattern in patterns.split())
     ]

@@ -1,11 +1,10 @@
-"""The winds and currents of a run on the device, kept in step with the clock.
+"""The winds and currents of a run on the device, kept up to date with the clock.
 
-Each scenario sees tiles of its own.
-
-Sources of a quantity stand in order of priority. A particle takes the first that has a value at its
-place as it is, then the first that has one once missing values next to the coast are filled. So
-with several sources each has two tiles. Sources that are added to these are filled each by itself,
-and each must have a value at the place: a sum with a missing term is missing.
+Each scenario has its own range of tiles. Sources of a quantity are in order of priority. A particle
+uses the first source with a value at its position; failing that, the first source with a value
+after filling missing cells near the coast. With several sources each therefore has two tiles.
+Sources that are added to the others are filled separately, and each must have a value at the
+position: a sum with a missing term is missing.
 """
 
 from collections.abc import Mapping
@@ -24,7 +23,7 @@ from kernels.step.sample import Ranges, Tiles
 
 @dataclass(frozen=True)
 class Sources:
-    """What one scenario drifts in: sources by quantity, in order of priority."""
+    """The sources of one scenario by quantity, in order of priority."""
 
     by_quantity: Mapping[str, tuple[Source, ...]]
     # How deep each is filled [cells], by quantity and name.
@@ -37,8 +36,8 @@ class Sources:
         return self.by_quantity.get(quantity, ())
 
     def terms(self, quantity: str) -> list[tuple[Source, ...]]:
-        """Return the terms of a quantity's sum: the sources by priority together, then each added
-        one by itself.
+        """Return the terms of a quantity's sum: the sources by priority as one term, then each
+        added source.
         """
         sources = self.of(quantity)
         extra: list[tuple[Source, ...]] = [
@@ -57,11 +56,11 @@ class Term:
     last: int
 
 
-def _heed(closed: Event) -> None:
-    """Leave the wait for a server once this is set; the thread that reads ahead asks it while it
+def _leave_if_closed(closed: Event) -> None:
+    """Raise `waiting.Left` if the forcing has been closed; the read-ahead thread calls it while it
     waits.
 
-    No method of Forcing: it would hold a reference to it, and a circle of references keeps files
+    It is not a method of Forcing, because a reference to it would form a cycle that keeps files
     open.
     """
     if closed.is_set():
@@ -71,14 +70,14 @@ def _heed(closed: Event) -> None:
 class Forcing:
     """Tiles of all scenarios, by quantity.
 
-    `ranges[s]` are the first and last tile of each quantity of scenario s. terms: of scenario s and
-    a quantity, in the order of their tiles.
+    `ranges[s]` holds the first and last tile of each quantity of scenario s. terms: of scenario s
+    and a quantity, in the order of their tiles.
     """
 
     def __init__(self, scenarios: list[Sources], direction: int) -> None:
         self._closed = Event()
         self._pool = ThreadPoolExecutor(
-            1, "read-ahead", waiting.ask, (partial(_heed, self._closed),)
+            1, "read-ahead", waiting.ask, (partial(_leave_if_closed, self._closed),)
         )
         self._slices: list[tuple[Slices, ...]] = []  # of each tile, by member
         self.ranges: list[Ranges] = []
@@ -122,18 +121,18 @@ class Forcing:
         self.movers: dict[tuple[int, int, int], tuple[Any, Any]] = {}  # see scene.Scene
 
     def members(self, scenario: int, quantity: str) -> int:
-        """Return how many members of an ensemble tell a scenario a quantity; 1 where it is none."""
+        """Return the number of ensemble members of a scenario's quantity; 1 without an ensemble."""
         return max(
             (len(self._slices[tile]) for tile in range(*self.ranges[scenario][quantity])), default=1
         )
 
     def set(self, low: int, high: int, count: int = 1) -> None:
-        """Make the tiles say what the forcing is over a step and over those after it.
+        """Load the forcing of a step, and of the steps after it, into the tiles.
 
         Args:
             low: when the step begins [s since 1970], in calendar time.
             high: when it ends.
-            count: of the steps, as long as the first, whose slices must be those of the first: see
+            count: number of steps of the same length; all must use the slices of the first: see
                 `same_slices`.
         """
         forth = self._direction * (high - low)
@@ -147,23 +146,23 @@ class Forcing:
         self.tiles.blend(*([self._weights(bracket) for bracket in brackets] for brackets in steps))
 
     def _weights(self, bracket: Bracket | None) -> tuple[float, float] | None:
-        """Return the weights of the later slice as a step begins and as it ends;
-
-        None: there is no slice.
+        """Return the weights of the later slice at the begin and the end of a step; None without a
+        slice.
         """
         if bracket is None:
             return None
         return (bracket.low, bracket.high) if self._direction > 0 else (bracket.high, bracket.low)
 
     def same_slices(self, one: tuple[int, int], other: tuple[int, int]) -> bool:
-        """Return whether two steps, low and high [s since 1970] each, lie between the same slices
-        of all sources.
+        """Return whether two steps, each (low, high) [s since 1970], lie between the same slices of
+        all sources.
         """
         # members have the same times
         both = ((s[0].bracket(*one), s[0].bracket(*other)) for s in self._slices)
         return all((a and (a.earlier, a.later)) == (b and (b.earlier, b.later)) for a, b in both)
 
     def _load(self, tile: int, members: tuple[Slices, ...], bracket: Bracket) -> None:
+        """Load a source's slices into a tile."""
         wanted, held = (bracket.earlier, bracket.later), self._held[tile]
         if wanted == held:
             return
@@ -175,8 +174,8 @@ class Forcing:
         self._held[tile] = wanted
 
     def size(self, low: int, high: int) -> int:
-        """Return how many bytes the slices of a run from one time to another [s since 1970] take at
-        most, once made.
+        """Return the upper limit of the bytes of all slices in a period [s since 1970], once
+        regridded.
         """
         every = {
             id(s): (s, grid)
@@ -186,7 +185,9 @@ class Forcing:
         return sum(s.within(low, high) * 8 * grid.nlon * grid.nlat for s, grid in every)
 
     def close(self) -> None:
-        """Stop reading ahead, without waiting for a server; a file is read to the end of the slice."""
+        """Stop reading ahead without waiting for a server; a slice being read from a file is
+        completed.
+        """
         self._closed.set()
         self.movers.clear()
         self._pool.shutdown(wait=True, cancel_futures=True)

@@ -1,6 +1,4 @@
-"""How wrong winds and currents may be: the error of each quantity, and who states it, also in
-words.
-"""
+"""Errors of winds and currents: the size of each, its source, and descriptions for users."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +10,7 @@ CASE, DEFAULT, NOWHERE, RIVALS, MEMBERS, UNFELT = (
     "default",
     "not from model files",
     "rival sources",
-    "the spread of its members stands for it",
+    "the spread of its members represents it",
     "nothing drifts with it",
 )
 HOUR = 3600.0
@@ -20,7 +18,7 @@ HOUR = 3600.0
 
 @dataclass(frozen=True)
 class ForcingError:
-    """Error of each component of a wind or current: an Ornstein-Uhlenbeck process about a lasting
+    """Error of each component of a wind or current: an Ornstein-Uhlenbeck process about a constant
     bias.
 
     Zeros switch it off.
@@ -28,17 +26,16 @@ class ForcingError:
 
     std: float  # [m/s]
     time: float  # [s] decorrelation
-    # [m/s] standard deviation of what a particle, or in a spill a world, draws once and keeps
+    # [m/s] standard deviation of the constant bias of a particle, or in a spill of a world
     bias: float = 0.0
-    # who says std, time and bias; or why there is none
+    # sources of std, time and bias, or why there is none
     by: tuple[str, str, str] = (CASE, CASE, CASE)
 
 
 @dataclass(frozen=True)
 class Errors:
-    """How wrong the forcing of a run may be.
-
-    Currents and winds have errors, and what neither resolves has a diffusivity.
+    """The forcing errors of a run: of current and wind, and the diffusivity of unresolved
+    motion.
     """
 
     current: ForcingError
@@ -46,15 +43,15 @@ class Errors:
     diffusivity: float  # [m2/s]
 
     def unbiased(self) -> "Errors":
-        """Return the same errors without the bias of the current, which in a spill a world draws,
-        not a particle.
+        """Return the errors without the bias of the current; in a spill each world draws it, not
+        each particle.
         """
         return replace(self, current=replace(self.current, bias=0.0))
 
 
 def switched_off(current: ForcingError, wind: ForcingError | None) -> str:
-    """Return a warning where a case itself says that its winds or currents have no error, "" where
-    it does not.
+    """Return a warning if the case itself sets the error of winds or currents to zero; otherwise
+    "".
     """
     off = [
         name
@@ -67,9 +64,9 @@ def switched_off(current: ForcingError, wind: ForcingError | None) -> str:
 def errors_in_words(
     current: ForcingError, wind: ForcingError | None, diffusivity: float, by: str
 ) -> str:
-    """Return in a line which errors a run has, and who says so.
+    """Return a line that lists the errors of a run and the source of each.
 
-    by: who says the diffusivity. wind: None where there is no wind.
+    by: source of the diffusivity. wind: None if there is no wind.
     """
     parts = [_words("current", current), *([_words("wind", wind)] if wind is not None else [])]
     parts += [f"diffusivity {notation.number(diffusivity)} m2/s ({by})"] if diffusivity > 0 else []
@@ -96,7 +93,7 @@ def _words(quantity: str, error: ForcingError) -> str:
 def summary_of_errors(
     current: ForcingError, wind: ForcingError, diffusivity: float, by: str
 ) -> dict[str, Any]:
-    """Return the errors of a run for its summary, each with who says so."""
+    """Return the errors of a run for its summary, each with its source."""
     errors: dict[str, Any] = {
         name: {
             "std_m_s": error.std,

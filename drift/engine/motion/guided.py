@@ -1,7 +1,7 @@
-"""Particles whose noise is nudged, step by step, toward what was found.
+"""Guided particles: their noise is shifted in every step toward debris finds.
 
-drift.evidence.filter.debris.guide says how far each particle is pulled toward each find; this is
-what its errors of current and wind are given of that in every step.
+drift.evidence.filter.debris.guide computes how far each particle is pulled toward each find. This
+module distributes the pull over the errors of current and wind in each step.
 """
 
 from collections.abc import Mapping
@@ -18,12 +18,12 @@ from kernels.step.advance import Step
 
 
 def pull_names(finds: int) -> list[tuple[str, str]]:
-    """Return the names of the columns of pulls (east, north), one pair for each find."""
+    """Return the column names of the pulls (east, north), one pair for each find."""
     return [(f"pull_{k}_east", f"pull_{k}_north") for k in range(finds)]
 
 
 def columns(finds: int) -> tuple[Column, ...]:
-    """Return the columns of particles that so many finds guide; none for 0."""
+    """Return the columns of particles guided by a number of finds; none for 0."""
     if not finds:
         return ()
     pulls = [name for pair in pull_names(finds) for name in pair]
@@ -38,7 +38,7 @@ def columns(finds: int) -> tuple[Column, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Guided:
-    """How far a unit normal of each step moves what drifts by the time of each find."""
+    """How far a unit normal in each step displaces a drifting particle by the time of each find."""
 
     numbers: tuple[int, ...]  # of the step of each row
     until: int  # [s after start] end of the step that holds the last find
@@ -51,15 +51,15 @@ class Guided:
 
     @cached_property
     def rows(self) -> dict[int, int]:
-        """Rows by the number of their step; a step that has none comes after the last find."""
+        """Row of each step number; steps without a row come after the last find."""
         return {number: row for row, number in enumerate(self.numbers)}
 
     def set_nudges(self, own: Mapping[str, Device], step: Step) -> None:
-        """Write what is added to the normals of a step, from the pulls of particles.
+        """Write the shifts of a step's normal variates from the pulls of particles.
 
         Args:
             own: columns of an ensemble by name, shape (n,) each.
-            step: the step that is about to be made.
+            step: the step about to be computed.
         """
         row = self.rows.get(step.number, len(self.numbers))
         nudges = rows.whole(own, kernel.NUDGES)
@@ -70,6 +70,6 @@ class Guided:
 
 
 def set_nudges(how: Guided | None, ensemble: Ensemble, step: Step) -> None:
-    """Write what is added to the normals of a step, where particles are guided."""
+    """Write the shifts of a step's normal variates if particles are guided."""
     if how is not None:
         how.set_nudges(ensemble.own, step)

@@ -1,10 +1,9 @@
-"""How objects answer the wind: leeway classes, own coefficients, plain windage, pure water
-drifters.
+"""Leeway: published classes, user coefficients, plain windage, and pure water drifters.
 
-Leeway is downwind and crosswind speed, each slope * wind speed at 10 m + offset, on a downwind, a
-right and a left line (Allen and Plourde 1999, CG-D-08-99; Allen 2005, CG-D-05-05). The left line is
-not the right one's mirror. Works from the project's own table, data/leeway.csv, in % and cm/s;
-everything returned is SI.
+Leeway has a downwind and a crosswind component. Each is slope * wind speed at 10 m + offset, on a
+downwind, a right and a left line (Allen and Plourde 1999, CG-D-08-99; Allen 2005, CG-D-05-05). The
+left line is not the mirror image of the right one. The project's table data/leeway.csv is in % and
+cm/s; everything returned is SI.
 """
 
 import csv
@@ -24,10 +23,10 @@ AIR_IN_WATER = 0.0346  # sqrt(1.225 kg/m3 / 1025 kg/m3)
 class Line:
     """One leeway line: speed = slope * wind + offset, with the standard error of the regression.
 
-    A particle draws xi ~ N(0, 1) once for a line and has slope + slope_std * xi and offset +
-    offset_std * xi, so that at 10 m/s of wind its error is std * xi (Breivik and Allen 2008,
-    doi:10.1016/j.jmarsys.2007.02.010). On a downwind line xi is drawn again until its slope is not
-    negative (docs/leeway.md).
+    Each particle draws xi ~ N(0, 1) once per line. Its slope is slope + slope_std * xi and its
+    offset is offset + offset_std * xi, so that at 10 m/s of wind its error is std * xi (Breivik and
+    Allen 2008, doi:10.1016/j.jmarsys.2007.02.010). On a downwind line xi is redrawn until the slope
+    is not negative (docs/leeway.md).
     """
 
     slope: float = 0.0  # [1]
@@ -48,8 +47,8 @@ class Line:
 
 @dataclass(frozen=True)
 class Drifter:
-    """What drifts: its name and three leeway lines; level is its depth below its main class in the
-    table.
+    """A drifting object: its name and three leeway lines; level: its depth below its main class in
+    the table.
     """
 
     name: str
@@ -60,35 +59,36 @@ class Drifter:
     level: int = 0
     # share under water, uniform between objects; down holds the mean
     immersion: tuple[float, float] | None = None
-    blown: bool = False  # whether the wind moves it by a model of motion that has no lines
+    blown: bool = False  # whether a motion model without leeway lines uses the wind
 
     @property
     def uses_wind(self) -> bool:
-        """Whether the wind moves it at all."""
+        """Whether the wind moves the object at all."""
         still = Line()
         return self.blown or (self.down, self.right, self.left) != (still, still, still)
 
     @property
     def lull(self) -> float:
-        """Wind speed [m/s] below which its downwind line, as published, leads upwind; 0 where it
-        never does.
+        """Wind speed [m/s] below which the published downwind line points upwind; 0 if it never
+        does.
         """
         return max(0.0, -self.down.offset / self.down.slope) if self.down.slope > 0 else 0.0
 
     @property
     def jibes(self) -> bool:
-        """Whether the side on which it drifts makes a difference."""
+        """Whether the right and the left line differ."""
         return self.right != self.left
 
 
 def windage(immersion: Any) -> Any:
-    """Return the share of the wind speed [1] at which a box drifts, of any shape.
+    """Return the share of the wind speed [1] at which a box drifts, of the shape of `immersion`.
 
-    immersion: share of its height under water.
-
-    Drag of air on what is above balances that of water below: sqrt(rho_air / rho_water) sqrt((1 -
-    I) / I), drag coefficients taken as equal (Daniel et al. 2002,
+    The air drag on the part above water balances the water drag on the part below: sqrt(rho_air /
+    rho_water) sqrt((1 - I) / I), with equal drag coefficients (Daniel et al. 2002,
     doi:10.1016/S1353-2561(02)00075-0).
+
+    Args:
+        immersion: share I of its height under water.
     """
     return AIR_IN_WATER * ((1.0 - immersion) / immersion) ** 0.5
 
@@ -122,7 +122,9 @@ def _drifter(row: dict[str, str]) -> Drifter:
 
 
 def find(name: str) -> Drifter:
-    """Return a class by name, in any case; an unknown one is refused with the nearest."""
+    """Return a class by name, ignoring case; raise UserError with the nearest name if it is
+    unknown.
+    """
     if name.lower() == WATER.name:
         return WATER
     table = classes()
@@ -139,10 +141,9 @@ def _hint(name: str) -> str:
 
 
 def search(words: str = "") -> list[Drifter]:
-    """Return the classes whose name or description, or their main classes' ones, hold every word,
-    in any case.
+    """Return the classes whose name or description, or that of their main class, has every word.
 
-    An everyday word, such as yacht, is held by the classes that it stands for too:
+    Case is ignored. Everyday words, such as yacht, match the classes they cover:
     drift.engine.motion.everyday.
     """
     wanted = [(word, everyday.meaning(word, tuple(classes()))) for word in everyday.parts(words)]

@@ -1,10 +1,8 @@
-"""Models of motion: what a particle has besides the core of the ensemble, and the functions that
-move it.
+"""Motion models: the extra particle columns of each and the functions that move particles.
 
-A model is a record of functions; a new one is a file of its own in this room, a kernel in
-`kernels/` and a line in drift.engine.motion.models. A scenario moves by one model. Scenarios that
-move by the same one in the same forcing are a group, which one launch a step moves, however many
-they are.
+A model is a record of functions. To add one, write a file in this package, a kernel in `kernels/`,
+and a line in drift.engine.motion.models. Each scenario uses one model. Scenarios with the same
+model and the same forcing form a group, which is moved by one kernel launch per step.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,13 +18,13 @@ from kernels.step.bridge import Inside
 from kernels.step.sample import Ranges, Tiles
 
 Key = tuple[int, int]  # key of random numbers: kernels.maths.noise.key
-# what a model's kernel takes of a scenario, also of its `motion`: opaque to all but the model
+# a scenario's parameters for the model's kernel; only the model reads them
 Terms = Any
 
 
 class Waters(NamedTuple):
-    """What the objects of a group move through: nodes of forcing, which of them are its sources,
-    and the place.
+    """The surroundings of a group: forcing tiles, the range of tiles of each quantity, domain and
+    coast.
     """
 
     tiles: Tiles
@@ -35,45 +33,44 @@ class Waters(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Scenarios that one launch moves: by one model, in the same forcing."""
+    """Scenarios moved by one kernel launch: same model, same forcing."""
 
-    batch: Batch  # their numbers, and their slots
-    terms: tuple[Terms, ...]  # of each
+    batch: Batch  # scenario numbers and slots
+    terms: tuple[Terms, ...]  # of each scenario
 
 
 @dataclass(frozen=True)
 class Model:
-    """How objects of one kind move.
+    """A motion model.
 
-    What is forced moves with currents and winds and their errors: without them it is lost. What is
-    not goes on everywhere, and its speeds are over ground.
+    A forced model moves with currents, winds and their errors; without forcing its particles are
+    lost. Other models move everywhere, and their speeds are over ground.
     """
 
     forced: bool
-    columns: tuple[Column, ...]  # columns of the ensemble besides those of the core
+    columns: tuple[Column, ...]  # columns of the ensemble besides CORE
     terms: Callable[[Errors, Scenario], Terms]
-    # Draws the columns' first values, of a scenario's slots.
+    # Draws the columns' initial values for a scenario's slots.
     draw: Callable[[Ensemble, Slots, Key, Scenario, Errors], None]
-    # Returns what moves a group of scenarios over steps, see kernels.step.advance.Move; int:
-    # direction in time. Device array (4 n,) or None: takes how each way departs from its chord.
+    # Returns the function that moves a group over steps (kernels.step.advance.Move); int: direction
+    # in time. Device array (4 n,) or None: receives each track's deviation from its chord.
     mover: Callable[[Ensemble, Group, Waters, int, Any], kernel.Move]
-    # Takes positions on to a time inside a step, in place; terms by scenario, None for those that
-    # move by another model.
+    # Moves positions to a time inside a step, in place; terms by scenario,
+    # None for those of another model.
     between: Callable[[Ensemble, tuple[Terms | None, ...], kernel.Surroundings, Inside], None]
-    # Returns terms that leave nothing to chance, so that the error of a step can be measured.
+    # Returns terms without random motion, so that the error of a step can be measured.
     still: Callable[[Terms], Terms]
     # Returns the longest steps [s] that the model allows, by the reason for each.
     longest: Callable[[Errors], Mapping[str, float]]
-    # Returns how fast a scenario's object usually goes through the water in a wind [m/s], to draw
-    # its box.
+    # Returns the typical speed through the water in a wind [m/s], for the size of the domain.
     usual: Callable[[Scenario, float], float]
-    # Returns the speed that none exceeds in a wind [m/s]; second float: so many standard deviations
-    # out.
+    # Returns the highest speed in a wind [m/s]; second float: number of standard deviations that
+    # count.
     fastest: Callable[[Scenario, float, float], float]
 
 
 class Motion(NamedTuple):
-    """How the objects of one scenario move: a model and its terms."""
+    """The motion of one scenario's objects: a model and its terms."""
 
     model: Model
     terms: Terms

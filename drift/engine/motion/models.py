@@ -1,4 +1,4 @@
-"""The models of motion by name, and what a run's scenarios have of them."""
+"""The motion models by name, and the models, columns and steering of a run's scenarios."""
 
 from collections.abc import Iterable
 
@@ -18,7 +18,7 @@ MODELS: dict[str, Model] = {"drift": DRIFT}
 
 
 def model_of(scenario: Scenario) -> Model:
-    """Return the model by which a scenario's object moves once it is adrift."""
+    """Return the motion model of a scenario's object once it is adrift."""
     return (
         own_model.model(scenario.motion)
         if isinstance(scenario.motion, OwnMotion)
@@ -27,7 +27,7 @@ def model_of(scenario: Scenario) -> Model:
 
 
 def forced(scenarios: Iterable[Scenario]) -> bool:
-    """Return whether all of some scenarios move with currents and winds alone, and are lost without
+    """Return whether all given scenarios move only with currents and winds, and are lost without
     them.
     """
     return all(_feels(s.itinerary) if s.itinerary else model_of(s).forced for s in scenarios)
@@ -38,7 +38,7 @@ def _feels(itinerary: Itinerary) -> bool:
 
 
 def columns(scenarios: Iterable[Scenario]) -> tuple[Column, ...]:
-    """Return the columns that particles of some scenarios have besides the core, each once."""
+    """Return the columns of the scenarios' models besides CORE, each once."""
     every = [
         column
         for s in scenarios
@@ -48,12 +48,14 @@ def columns(scenarios: Iterable[Scenario]) -> tuple[Column, ...]:
 
 
 def motions(errors: Errors, scenarios: Iterable[Scenario]) -> tuple[Motion, ...]:
-    """Return how the objects of each scenario move."""
+    """Return the motion of each scenario's objects."""
     return tuple(
         Motion(model := model_of(scenario), model.terms(errors, scenario)) for scenario in scenarios
     )
 
 
 def steering(scenarios: Iterable[Scenario], period: Period, errors: Errors) -> Steering | None:
-    """Return how scenarios steer before they go adrift; None: none does."""
+    """Return the itineraries that scenarios follow before they go adrift; None if no scenario
+    steers.
+    """
     return steer.steering([scenario.itinerary for scenario in scenarios], period, errors.current)

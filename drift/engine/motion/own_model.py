@@ -1,8 +1,8 @@
-"""A model of motion made of a user's own function of current, wind and waves.
+"""A motion model from a user-defined function of current, wind and waves.
 
-It is the model of what drifts (drift.engine.motion.drift) with that function in the place of
-leeway: errors of the forcing, random walk and coast are the same. Its parameters stand in the
-columns of the leeway lines.
+It is the drift model (drift.engine.motion.drift) with the function in place of leeway. Forcing
+errors, random walk and coast are unchanged. The function's parameters are stored in the columns of
+the leeway lines.
 """
 
 from collections.abc import Callable
@@ -26,22 +26,22 @@ from kernels.step import advance as kernel
 from kernels.step import own_velocity
 from kernels.step import prior as draws
 
-# that hold the parameters, in their order
+# columns that hold the parameters, in their order
 COLUMNS = ("down_slope", "down_offset", "right_slope", "right_offset")
-SPARE = "left_offset"  # that nothing reads
-CURRENTS = (0.0, 1.0, 2.5)  # [m/s] in which a function is asked how fast it goes through the water
+SPARE = "left_offset"  # leeway column that this model does not read
+CURRENTS = (0.0, 1.0, 2.5)  # [m/s] currents in which a function's highest speed is evaluated
 DIRECTIONS = np.radians(np.arange(0, 360, 45))
-WINDS = 24  # speeds of the wind, from none to the greatest, at which it is asked
-WAVES = (0.0, 0.02)  # their Stokes drift as shares of the wind
+WINDS = 24  # number of wind speeds, from 0 to the highest, for that evaluation
+WAVES = (0.0, 0.02)  # Stokes drift as shares of the wind, for that evaluation
 LATITUDES = np.radians([-75.0, -45.0, -15.0, 0.1, 15.0, 45.0, 75.0])
 
 
 def model(own: OwnMotion) -> Model:
-    """Return the model of a file: the same one whatever its parameters are, so that one launch
-    moves all scenarios that name the file.
+    """Return the model of a file; the same model for any parameters, so that one launch moves all
+    its scenarios.
 
     Raises:
-        UserError: where the file has changed since it was read, or fails when it is run.
+        UserError: if the file has changed since it was read, or its function fails.
     """
     return _model(own.path, own.digest, own.by_latitude)
 
@@ -59,7 +59,7 @@ def _model(path: Path, digest: str, by_latitude: bool) -> Model:
 
 
 def _draw(ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors: Errors) -> None:
-    """Draw each particle's parameters, and its errors of the forcing."""
+    """Draw each particle's parameters and its initial forcing errors."""
     parameters = scenario.motion.parameters
     for number, (parameter, name) in enumerate(zip(parameters, COLUMNS, strict=False)):
         column, spare = ensemble.own[name], ensemble.own[SPARE]
@@ -72,7 +72,7 @@ def _draw(ensemble: Ensemble, slots: Slots, key: Key, scenario: Scenario, errors
 def _mover(
     velocity: Any, ensemble: Ensemble, group: Group, waters: Waters, direction: int, bend: Any
 ) -> kernel.Move:
-    """Return what moves a group of scenarios over a step: see kernels.step.advance."""
+    """Return the function that moves a group of scenarios over a step: see kernels.step.advance."""
     return kernel.mover(
         ensemble,
         group.batch,
@@ -88,9 +88,9 @@ def _mover(
 
 
 def _fastest(own: OwnMotion, function: Callable[..., Any], wind: float, spreads: float) -> float:
-    """Return the highest speed through the water [m/s] of the function in winds up to one.
+    """Return the highest speed through the water [m/s] of the function in winds up to `wind` [m/s].
 
-    spreads: how many standard deviations the parameters are away from their means, up and down.
+    spreads: number of standard deviations by which parameters vary about their means.
     """
     ways = [
         p.mean + p.std * spreads * np.array([-1.0, 0.0, 1.0] if p.std * spreads else [0.0])
@@ -116,14 +116,14 @@ def _speeds(
     given: tuple[Array, Array, Array, Array],
     latitude: float,
 ) -> Array:
-    """Return speeds through the water [m/s] (n,); raise UserError where one is no number.
+    """Return speeds through the water [m/s] (n,); raise UserError if one is not a finite number.
 
-    given: what the function takes, (n, 2) each, and parameters (n, 4).
+    given: the function's current, wind and waves, (n, 2) each, and parameters (n, 4).
     """
     current, wind, _, parameters = given
     try:
         way = own_velocity.through_water(function, own.by_latitude, *given, latitude)
-    except Exception as error:  # whatever Taichi says of a function that it does not understand
+    except Exception as error:  # any error that Taichi raises for a function it cannot compile
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         raise UserError(
             f"{own.path.name}: velocity can't be compiled ({lines[-1] if lines else error}); it must return two numbers, "
@@ -136,7 +136,7 @@ def _speeds(
             f"{p.name} {value:g}" for p, value in zip(own.parameters, parameters[k], strict=False)
         )
         raise UserError(
-            f"{own.path.name}: velocity is no number in a current of {np.hypot(*current[k]):.3g} m/s and a wind of "
+            f"{own.path.name}: velocity is not a finite number in a current of {np.hypot(*current[k]):.3g} m/s and a wind of "
             f"{np.hypot(*wind[k]):.3g} m/s at {np.degrees(latitude):.0f} degrees{', with ' + named if named else ''}"
         )
     return speed

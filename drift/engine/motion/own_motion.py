@@ -1,8 +1,8 @@
-"""What a Python file says of a drift model of the user's own, read without running it.
+"""Reads a Python file with a user-defined drift model, without running it.
 
-The file has a function `velocity` of `current`, `wind`, `waves` and `parameters`, and may name its
-parameters in a tuple PARAMETERS; docs/howto/model.md shows one. drift.engine.motion.own_model makes
-a model of it.
+The file defines a function `velocity` of `current`, `wind`, `waves` and `parameters`, and may name
+its parameters in a tuple PARAMETERS; docs/howto/model.md has an example.
+drift.engine.motion.own_model turns it into a model.
 """
 
 import ast
@@ -14,15 +14,15 @@ from pathlib import Path
 from geo.errors import UserError
 
 FUNCTION = "velocity"
-TAKES = ("current", "wind", "waves", "parameters")  # what the function is given, in this order
-LATITUDE = "latitude"  # and after them, where it takes one more
+TAKES = ("current", "wind", "waves", "parameters")  # arguments of the function, in this order
+LATITUDE = "latitude"  # optional last argument
 NAMES = "PARAMETERS"
 MOST = 4  # parameters
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a model: normal between particles, each of which keeps its own."""
+    """A parameter of a model, normally distributed between particles and constant for each."""
 
     name: str
     mean: float
@@ -31,7 +31,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class OwnMotion:
-    """A drift model of the user's own: its file, and what a case gives it."""
+    """A user-defined drift model: its file and the case's parameters."""
 
     path: Path
     digest: str  # of the file's bytes, SHA-256
@@ -41,15 +41,15 @@ class OwnMotion:
 
 
 def read(path: Path, given: Mapping[str, tuple[float, float]]) -> OwnMotion:
-    """Return what a file and a case say of a model; nothing of the file is run.
+    """Return a model from its file and the case's parameters; the file is not run.
 
     Args:
         path: of the file.
         given: mean and standard deviation of each parameter, by name.
 
     Raises:
-        UserError: where the file is no Python, its function is not as it must be, or the parameters
-            are others than it names.
+        UserError: if the file is not valid Python, the function has the wrong form, or the
+            parameters differ from those the file names.
     """
     data = path.read_bytes()
     try:
@@ -57,30 +57,28 @@ def read(path: Path, given: Mapping[str, tuple[float, float]]) -> OwnMotion:
     except (SyntaxError, ValueError) as error:
         where = f" in line {error.lineno}" if isinstance(error, SyntaxError) else ""
         raise UserError(
-            f"{path.name} is no Python{where}: {getattr(error, 'msg', error)}"
+            f"{path.name} is not valid Python{where}: {getattr(error, 'msg', error)}"
         ) from None
     function = _function(tree, path)
-    names = _names(tree, path)
+    names = _parameter_names(tree, path)
     _check_body(function, tree, names, path)
-    _check(names, given, path)
+    _check_parameters(names, given, path)
     takes = [argument.arg for argument in function.args.args]
     return OwnMotion(
         path,
         hashlib.sha256(data).hexdigest(),
         tuple(Parameter(name, *given[name]) for name in names),
-        tuple(name for name in TAKES if name in _read(function)),
+        tuple(name for name in TAKES if name in _names_read(function)),
         takes[-1] == LATITUDE,
     )
 
 
 def _function(tree: ast.Module, path: Path) -> ast.FunctionDef:
-    """Return the definition of a file's function; raise UserError where there is none, or more than
-    one.
-    """
-    made = [line for line in tree.body if FUNCTION in _bound(line)]
+    """Return the definition of a file's function; raise UserError unless there is exactly one."""
+    made = [line for line in tree.body if FUNCTION in _bound_names(line)]
     if len(made) > 1:
         raise UserError(
-            f"{path.name}: {FUNCTION} is defined in lines {_listed(line.lineno for line in made)}; keep one"
+            f"{path.name}: {FUNCTION} is defined in lines {_join_numbers(line.lineno for line in made)}; keep one"
         )
     if not made or not isinstance(made[0], ast.FunctionDef):
         raise UserError(
@@ -100,8 +98,8 @@ def _function(tree: ast.Module, path: Path) -> ast.FunctionDef:
     return made[0]
 
 
-def _bound(line: ast.stmt) -> set[str]:
-    """Return the names that a line of a module binds."""
+def _bound_names(line: ast.stmt) -> set[str]:
+    """Return the names that a statement at module level binds."""
     if isinstance(line, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
         return {line.name}
     targets = (
@@ -117,8 +115,8 @@ def _bound(line: ast.stmt) -> set[str]:
 def _check_body(
     function: ast.FunctionDef, tree: ast.Module, names: tuple[str, ...], path: Path
 ) -> None:
-    """Raise UserError for what the compiler would end the process at, take in a wrong way, or
-    explain badly.
+    """Raise UserError for code that would abort the process, be misread, or give an unclear
+    message.
     """
     lines = []
     last = function.body[-1]
@@ -126,7 +124,7 @@ def _check_body(
         node for node in ast.walk(function) if isinstance(node, ast.Return) and node is not last
     ]
     if early or not isinstance(last, ast.Return) or last.value is None:
-        where = f", not in line {_listed(node.lineno for node in early)}" if early else ""
+        where = f", not in line {_join_numbers(node.lineno for node in early)}" if early else ""
         lines.append(
             f"{FUNCTION} must return its velocity in its last line, and nowhere else{where}; "
             "assign it to a variable in branches"
@@ -156,20 +154,20 @@ def _check_body(
                 )
             elif node.attr in ("random", "randn"):
                 lines.append(
-                    f"line {node.lineno} draws with {ast.unparse(node)}; say what is uncertain in [uncertainty]"
+                    f"line {node.lineno} draws with {ast.unparse(node)}; state uncertainty in [uncertainty]"
                 )
     if lines:
         raise UserError(*(f"{path.name}: {line}" for line in lines))
 
 
-def _listed(numbers: Iterable[int]) -> str:
+def _join_numbers(numbers: Iterable[int]) -> str:
     return ", ".join(map(str, sorted(numbers)))
 
 
-def _read(function: ast.FunctionDef) -> set[str]:
-    """Return the names that a function may read before it gives them a value of its own.
+def _names_read(function: ast.FunctionDef) -> set[str]:
+    """Return the names that a function may read before it assigns them.
 
-    A value given in a branch does not count: the branch may not be taken.
+    An assignment in a branch does not count, because the branch may not be taken.
     """
     reads: set[str] = set()
     own: set[str] = set()
@@ -185,9 +183,9 @@ def _read(function: ast.FunctionDef) -> set[str]:
     return reads
 
 
-def _names(tree: ast.Module, path: Path) -> tuple[str, ...]:
-    """Return the names of the parameters, as the file lists them."""
-    line = next((line for line in tree.body if NAMES in _bound(line)), None)
+def _parameter_names(tree: ast.Module, path: Path) -> tuple[str, ...]:
+    """Return the names of the parameters in the file's order."""
+    line = next((line for line in tree.body if NAMES in _bound_names(line)), None)
     if line is None:
         return ()
     try:
@@ -205,8 +203,10 @@ def _names(tree: ast.Module, path: Path) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _check(names: tuple[str, ...], given: Mapping[str, tuple[float, float]], path: Path) -> None:
-    """Raise UserError where a case gives other parameters than a file names."""
+def _check_parameters(
+    names: tuple[str, ...], given: Mapping[str, tuple[float, float]], path: Path
+) -> None:
+    """Raise UserError if the case's parameters differ from those that the file names."""
     wants = f"{path.name} takes {', '.join(names) or 'none'}"
     lines = [f'parameters: "{name}" is missing; {wants}' for name in names if name not in given]
     lines += [f'parameters: "{name}" is unknown; {wants}' for name in given if name not in names]

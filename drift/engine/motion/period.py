@@ -1,6 +1,6 @@
-"""The period of a run, and how it is to be cut into steps.
+"""The period of a run, and how it is divided into steps.
 
-A case holds both, so this file knows nothing of Taichi.
+A case holds both, so this module must not import Taichi.
 """
 
 from collections.abc import Iterable
@@ -17,8 +17,8 @@ SECOND = np.timedelta64(1, "s")
 
 @dataclass(frozen=True)
 class Period:
-    """When a run begins and ends, UTC; direction: +1, or -1 for a backward run, whose end is before
-    its start.
+    """Start and end of a run, UTC; direction: +1, or -1 for a backward run, which ends before its
+    start.
     """
 
     start: np.datetime64
@@ -49,14 +49,14 @@ class Period:
         return np.array([self.elapsed(time) for time in times], np.int64)
 
     def time(self, elapsed: int) -> np.datetime64:
-        """Return the time that is so many seconds from the start, in the direction of the run."""
+        """Return the time `elapsed` seconds from the start, in the direction of the run."""
         return self.start + np.timedelta64(self.direction * elapsed, "s")
 
 
 @dataclass(frozen=True)
 class ClockSpec:
-    """How the time of a run is to be cut into steps."""
+    """How a run is divided into steps."""
 
     step: int | None = None  # [s], positive also in a backward run; None: choose it
     scheme: Literal["rk2", "rk4"] = "rk4"
-    tolerance: float = 20.0  # [m a day] that a step which is chosen may err by
+    tolerance: float = 20.0  # [m a day] largest error of an automatically chosen step

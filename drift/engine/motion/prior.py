@@ -1,8 +1,7 @@
-"""Scenarios -> the initial ensemble: where, when and what, drawn in water.
+"""Draws the initial ensemble from the scenarios' priors: time, position and object, in water.
 
-Each scenario has a range of slots, about in proportion to its weight but never fewer than a tenth
-of an equal share, so that an unlikely scenario still has enough particles; log weights make up for
-it.
+Each scenario has a range of slots, about in proportion to its weight but at least a tenth of an
+equal share, so that an unlikely scenario has enough particles. Log weights compensate for it.
 """
 
 from collections.abc import Callable
@@ -29,22 +28,23 @@ from kernels.runtime import runtime
 from kernels.step import prior as kernel
 from kernels.step.coast import DeviceCoast, open_sea
 
-# [m] longest piece of a great-circle leg with one course: it turns by less than 0.2 degrees at 45 N
+# [m] longest piece of a leg with one course: a great circle turns by less than 0.2 degrees at 45 N
 PIECE = 20_000.0
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Particles as they begin, and how their places were drawn."""
+    """The initial ensemble, and how many positions were drawn for it."""
 
     ensemble: Ensemble
-    tried: Array  # int64 (scenarios, 2): places drawn, and particles that found none in water
+    tried: Array  # int64 (scenarios, 2): positions drawn, and particles left without water
 
 
 def layout(spec: EnsembleSpec) -> Layout:
-    """Return which slots belong to which scenario, of a whole run.
+    """Return the layout of slots by scenario for a whole run.
 
-    Raises UserError where there are fewer particles than scenarios.
+    Raises:
+        UserError: if there are fewer particles than scenarios.
     """
     if spec.particles < len(spec.scenarios):
         raise UserError(
@@ -55,8 +55,8 @@ def layout(spec: EnsembleSpec) -> Layout:
 
 
 def empty(spec: EnsembleSpec, own: Layout, *, still: bool = False) -> Ensemble:
-    """Return an ensemble of scenarios with the columns of their models, before anything is drawn;
-    still: without these.
+    """Return an ensemble with the columns of the scenarios' models, before any draw; still: without
+    these columns.
     """
     columns = (
         *(() if still else models.columns(spec.scenarios)),
@@ -69,11 +69,14 @@ def empty(spec: EnsembleSpec, own: Layout, *, still: bool = False) -> Ensemble:
 def draw_ensemble(
     spec: EnsembleSpec, coast: DeviceCoast | None, own: Layout | None = None, *, still: bool = False
 ) -> Prior:
-    """Return the initial ensemble of scenarios, conditioned on water; own: of a shard, by default
-    of the whole run.
+    """Return the initial ensemble of the scenarios, restricted to water.
 
-    still: without what tells how its particles move, which takes more than half of the time, unless
-    any steers.
+    Args:
+        spec: of the ensemble.
+        coast: on the device; None without one.
+        own: layout of a shard; None: the whole run.
+        still: leave out the motion models' columns, which take more than half of the time, unless a
+            scenario steers.
     """
     whole = layout(spec)
     own = own or whole
@@ -102,7 +105,7 @@ def draw_ensemble(
     spare = within >= np.repeat(counts, np.diff(own.bounds))
     log_weight = _log_weights(spec, ensemble, counts, spare)
     if spec.members:
-        _deal(spec, ensemble, counts, within, log_weight)
+        _assign_members(spec, ensemble, counts, within, log_weight)
     ensemble.log_weight.from_numpy(log_weight)
     if spare.any():
         ensemble.status.from_numpy(
@@ -114,19 +117,24 @@ def draw_ensemble(
 def dry(spec: EnsembleSpec, tried: Array, coast: DeviceCoast | None) -> tuple[float, ...]:
     """Return the share of each scenario's prior that lies on land and was left out.
 
-    tried: of all particles of the run. Raises UserError when a scenario's prior holds next to no
-    water.
+    Args:
+        spec: of the ensemble.
+        tried: `Prior.tried`, summed over the run.
+        coast: on the device; None without one.
+
+    Raises:
+        UserError: if a scenario's prior contains almost no water.
     """
     return tuple(
-        _dry(spec, number, many, tried[number], coast)
+        _share_on_land(spec, number, many, tried[number], coast)
         for number, many in enumerate(np.diff(layout(spec).bounds).tolist())
     )
 
 
-def _dry(
+def _share_on_land(
     spec: EnsembleSpec, number: int, many: int, tried: Array, coast: DeviceCoast | None
 ) -> float:
-    """Return the share of a scenario's prior that lies on land; refuse one that holds next to no
+    """Return the share of a scenario's prior on land; raise UserError if it contains almost no
     water.
     """
     drawn, failed = tried
@@ -140,12 +148,12 @@ def _dry(
             f'scenario "{spec.scenarios[number].name}": {fault}: {failed} of {many} particles found no place '
             "in many tries; move or widen it, or check [coast] source"
         )
-    # what begins where another object goes adrift is not drawn
+    # positions that are copied from another object are not drawn
     return 1.0 - many / float(drawn) if drawn else 0.0
 
 
 def counts_of(spec: EnsembleSpec) -> list[int]:
-    """Return how many particles each scenario gets."""
+    """Return the number of particles of each scenario."""
     if spec.counts is not None:
         return list(spec.counts)
     weights = np.array([scenario.weight for scenario in spec.scenarios])
@@ -155,8 +163,8 @@ def counts_of(spec: EnsembleSpec) -> list[int]:
 
 
 def _bounds(spec: EnsembleSpec, counts: list[int]) -> tuple[int, ...]:
-    """Return the first slot of each scenario and, last, their number; with slots to spare where
-    that is asked.
+    """Return the first slot of each scenario and, last, their number, including spare slots for
+    resampling.
     """
     if spec.resampling is not None:
         counts = [resample.METHODS[spec.resampling].slots(n) for n in counts]
@@ -164,7 +172,7 @@ def _bounds(spec: EnsembleSpec, counts: list[int]) -> tuple[int, ...]:
 
 
 def _log_weights(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], spare: Array) -> Array:
-    """Return log weights (n,), of which those of a scenario add up to its own over the whole run."""
+    """Return log weights (n,); over the whole run those of a scenario add up to its weight."""
     each = []
     for scenario, count in zip(spec.scenarios, counts, strict=True):
         if count == 0 and scenario.weight > 0:
@@ -177,13 +185,12 @@ def _log_weights(spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], spar
     return np.where(spare, -np.inf, np.repeat(each, np.diff(ensemble.bounds))).astype(np.float32)
 
 
-def _deal(
+def _assign_members(
     spec: EnsembleSpec, ensemble: Ensemble, counts: list[int], within: Array, log_weight: Array
 ) -> None:
-    """Give each particle its member of the ensemble of forcings, all equally likely in each
-    scenario, in place.
+    """Assign each particle a forcing ensemble member, equally likely in each scenario, in place.
 
-    within: number of each in its scenario, (n,).
+    within: number of each particle in its scenario, (n,).
     """
     many, column = len(spec.members), np.zeros(ensemble.n, np.int32)
     for scenario, (first, last), count in zip(
@@ -203,13 +210,13 @@ def _deal(
 
 
 class _Draw(NamedTuple):
-    """What drawing one scenario's slots takes besides its prior."""
+    """The inputs, besides its prior, for drawing one scenario's slots."""
 
     period: Period
     ensemble: Ensemble
     slots: Slots
     key: tuple[int, int]
-    tries: Any  # int64 (2,) on the device: candidates drawn, slots that found no water
+    tries: Any  # int64 (2,) on the device: positions drawn, slots left without water
     coast: DeviceCoast | None
 
     @property
@@ -219,17 +226,17 @@ class _Draw(NamedTuple):
 
     @property
     def water(self) -> Any:
-        """Their last argument."""
+        """The last argument of these kernels."""
         return (self.coast or open_sea()).pack
 
     def release(self, first: np.datetime64, last: np.datetime64) -> None:
-        """Draw releases, uniform between two times."""
+        """Draw release times, uniform between two times."""
         window = sorted((self.period.elapsed(first), self.period.elapsed(last)))
         kernel.draw_release(*self.slots, self.ensemble.release, *self.key, *window)
 
 
 def _draw_position(prior: PositionPrior, to: _Draw) -> None:
-    """Draw positions about a report, and releases."""
+    """Draw positions about a reported position, and release times."""
     to.release(prior.release_start, prior.release_end)
     lon, lat = (int(sphere.to_binary(np.degrees(x))) for x in (prior.lon, prior.lat))
     nearest, farthest, bearing, sector = 0.0, 0.0, 0.0, 0.0
@@ -257,7 +264,7 @@ def _draw_position(prior: PositionPrior, to: _Draw) -> None:
 
 
 def _draw_area(prior: AreaPrior, to: _Draw) -> None:
-    """Draw positions in an area, and releases."""
+    """Draw positions in an area, and release times."""
     to.release(prior.release_start, prior.release_end)
     vertices, west, south, width, height = _polygon(prior)
     inside = np.array([south, south + height]) * sphere.UNIT
@@ -277,7 +284,7 @@ def _draw_area(prior: AreaPrior, to: _Draw) -> None:
 
 
 def _draw_trackline(prior: TracklinePrior, to: _Draw) -> None:
-    """Draw positions and releases along a voyage."""
+    """Draw positions and release times along a voyage."""
     points, courses, lengths, ends = _pieces(prior)
     mode = -1.0 if prior.mode is None else prior.mode
     voyage = to.period.direction * float((prior.arrival - prior.departure) / np.timedelta64(1, "s"))
@@ -315,8 +322,8 @@ def _polygon(prior: AreaPrior) -> tuple[Array, int, int, int, int]:
 
 
 def _pieces(prior: TracklinePrior) -> tuple[Array, Array, Array, Array]:
-    """Return begins (lon, lat binary), courses [rad], lengths [m], and shares of the voyage done at
-    their ends.
+    """Return starts (lon, lat binary), courses [rad], lengths [m], and the share of the voyage at
+    each end.
     """
     lon, lat = sphere.track(prior.lon, prior.lat, PIECE)
     east, north = sphere.offset(lon[:-1], lat[:-1], lon[1:], lat[1:])

@@ -1,11 +1,9 @@
-"""Scenarios: what may have happened, each with its weight, its object, and where and when it went
-adrift.
+"""Scenarios: hypotheses with a weight, an object, and a prior of where and when it went adrift.
 
 Records are in SI, radians and UTC. There are three kinds of prior: around a reported position,
-inside an area, along a trackline. Each answers the same questions. `reported`: its position [deg],
-where it is the report of one; `moving`: whether the place where the object went adrift depends on
-the time; `extent`: how far the prior reaches. Priors are drawn in drift.engine.motion.prior and
-drift.spills.worlds.releases.
+inside an area, along a trackline. All have the same attributes. `reported`: the reported position
+[deg], or None; `moving`: whether the release position depends on the time; `extent`: how far the
+prior reaches. Priors are drawn in drift.engine.motion.prior and drift.spills.worlds.releases.
 """
 
 import math
@@ -21,19 +19,19 @@ from drift.engine.motion.steering.itinerary import Itinerary
 from geo import sphere
 from geo.array import Array
 
-PIECE = 50_000.0  # [m] how finely a voyage is followed for its extent
+PIECE = 50_000.0  # [m] spacing of points along a voyage for its extent
 
 
 @dataclass(frozen=True)
 class Survival:
-    """Time alive after release: lognormal."""
+    """Survival time after release: lognormal."""
 
     median: float  # [s]
     spread: float  # factor of one standard deviation, > 1
     basis: str = "as the case says"  # source of the median
 
     def alive(self, age: Array) -> Array:
-        """Return the chance of being alive at an age [s]."""
+        """Return the probability of being alive at an age [s]."""
         from scipy import special
 
         z = np.log(np.maximum(age, 1e-9) / self.median) / math.log(self.spread)
@@ -57,9 +55,9 @@ class Displacement:
 
 @dataclass(frozen=True)
 class PositionPrior:
-    """Normal in the tangent plane of a position, wrapped onto the sphere.
+    """A normal distribution in the tangent plane of a position, wrapped onto the sphere.
 
-    The time of release is uniform in a window.
+    The release time is uniform in a window.
     """
 
     moving: ClassVar = False
@@ -79,10 +77,9 @@ class PositionPrior:
         return float(np.degrees(self.lon)), float(np.degrees(self.lat))
 
     def extent(self, spreads: float) -> tuple[Array, Array, float]:
-        """Return places (lon, lat) [rad] without jumps, and how far about them [m] the prior
-        reaches.
+        """Return places (lon, lat) [rad], unwrapped, and how far from them [m] the prior reaches.
 
-        spreads: how many standard deviations count.
+        spreads: number of standard deviations that count.
         """
         far = self.displacement.distance[1] if self.displacement else 0.0
         return np.array([self.lon]), np.array([self.lat]), spreads * self.major + far
@@ -101,7 +98,9 @@ class AreaPrior:
     release_end: np.datetime64
 
     def extent(self, spreads: float) -> tuple[Array, Array, float]:
-        """Return its corners, as PositionPrior does its position; nothing lies outside them."""
+        """Return the polygon's corners in the format of PositionPrior.extent; nothing lies outside
+        them.
+        """
         return np.array(self.lon), np.array(self.lat), 0.0
 
 
@@ -109,8 +108,8 @@ class AreaPrior:
 class TracklinePrior:
     """Along great-circle legs at constant speed, with cross-track error.
 
-    The object goes adrift at an unknown share of the voyage. The share is uniform in [low, high],
-    or triangular there with its top at `mode`.
+    The object goes adrift at an unknown share of the voyage, uniform in [low, high], or triangular
+    there with its peak at `mode`.
     """
 
     reported: ClassVar[tuple[float, float] | None] = None
@@ -129,7 +128,7 @@ class TracklinePrior:
     release_end: np.datetime64
 
     def extent(self, spreads: float) -> tuple[Array, Array, float]:
-        """Return places along the voyage, and how far from it, as PositionPrior does."""
+        """Return places along the voyage in the format of PositionPrior.extent."""
         lon, lat = sphere.track(self.lon, self.lat, PIECE)
         return np.unwrap(lon), lat, spreads * self.cross_track
 
@@ -139,7 +138,7 @@ ReleasePrior: TypeAlias = PositionPrior | AreaPrior | TracklinePrior
 
 @dataclass(frozen=True)
 class Scenario:
-    """One scenario. Weights of a case add up to 1."""
+    """One scenario; the weights of a case add up to 1."""
 
     name: str
     weight: float
@@ -149,25 +148,23 @@ class Scenario:
     sources: Mapping[str, tuple[str, ...]]  # their names by quantity, in order of priority
     search_object: str | None = None  # the object's name in the sweep width tables
     model: str = "drift"  # model of motion: drift.engine.motion.models
-    motion: Any = None  # parameters of the model's own: opaque to all but the model
+    motion: Any = None  # parameters that only the model reads
     survival: Survival | None = None
-    # how it steers until its distress; None: it is adrift from the first
+    # how it steers until its distress; None: it is adrift from the start
     itinerary: Itinerary | None = None
-    family: InFamily | None = None  # where it stands in its family; None: it is in none
-    # How loud it is to a passive sonar [dB re 1 uPa at 1 m], or rows of speed [m/s] and level;
-    # None: not told.
+    family: InFamily | None = None  # its position in a family; None: it has none
+    # Source level for passive sonar [dB re 1 uPa at 1 m], or rows of speed [m/s] and level;
+    # None: not stated.
     source_level: float | tuple[tuple[float, float], ...] | None = None
 
     @property
     def models(self) -> tuple[str, ...]:
-        """Its models of motion, in the order in which they move it within a step."""
+        """Its motion models, in the order in which they act within a step."""
         if self.itinerary is None:
             return (self.model,)
         return ("steer",) if self.itinerary.distress is None else ("steer", self.model)
 
     def extents(self, spreads: float) -> list[tuple[Array, Array, float]]:
-        """Return the extents of its prior, and of the places to which its itinerary leads: see
-        PositionPrior.extent.
-        """
+        """Return the extents of its prior and of its itinerary: see PositionPrior.extent."""
         own = [self.prior.extent(spreads)] if self.prior is not None else []
         return own + (self.itinerary.extents(spreads) if self.itinerary else [])

@@ -1,6 +1,5 @@
-"""The scene of a run, which does not change while it lasts.
-
-It is the forcing, how each scenario's objects move, and the surroundings.
+"""The scene of a run, constant during the run: forcing, motion of each scenario, domain and
+coast.
 """
 
 import itertools
@@ -32,7 +31,7 @@ from kernels.step import curve, sample
 from kernels.step.bridge import Inside
 from kernels.step.sample import Ranges, ordered
 
-# steps of a particle in a launch, about a second, after which a run can be interrupted
+# particle steps per launch: about a second, so that a run can be interrupted between launches
 AT_ONCE = 20_000_000
 
 
@@ -43,15 +42,15 @@ class Begin(NamedTuple):
     # adrift
     lon: Device
     lat: Device
-    # the columns of what steers, at the begin of the step; None: nothing does
+    # the steering columns at the begin of the step; None: nothing steers
     helm: Mapping[str, Device] | None
-    # how the way of each departs from its chord: see kernels.step.curve, float32 (4 n,)
+    # each track's deviation from its chord: see kernels.step.curve, float32 (4 n,)
     bend: Device
-    polar: bool = False  # whether the domain holds a pole
+    polar: bool = False  # whether the domain contains a pole
 
 
 class Kept(NamedTuple):
-    """Where particles were at a time inside a step, on the host."""
+    """Sampled positions of particles at a time inside a step, on the host."""
 
     lon: Array  # int32 binary angle (n,)
     lat: Array
@@ -60,13 +59,15 @@ class Kept(NamedTuple):
 
 @dataclass(frozen=True)
 class Scene:
-    """What every scenario needs to move: forcing, models with their terms, and the place."""
+    """The inputs of motion shared by all scenarios: forcing, models and their terms, domain and
+    coast.
+    """
 
     forcing: Forcing
-    motions: tuple[Motion, ...]  # one a scenario: how it moves once it is adrift
+    motions: tuple[Motion, ...]  # of each scenario once it is adrift
     place: kernel.Surroundings
-    steering: Steering | None = None  # how scenarios steer before that; None: none does
-    guided: Guided | None = None  # how noise is nudged toward finds; None: it is not
+    steering: Steering | None = None  # how scenarios steer before that; None: no steering
+    guided: Guided | None = None  # how noise is shifted toward finds; None: not guided
 
     def advance(
         self,
@@ -77,11 +78,17 @@ class Scene:
         keep: bool = False,
         count: int = 1,
     ) -> Begin | None:
-        """Move all slots over one step, in place: first what steers, each until its distress, then
-        what is adrift.
+        """Move all slots over one step, in place: first steering targets until their distress, then
+        drift.
 
-        Return where they began the step, if it is to be kept. count: also move them over the steps
-        after it, so many in all, none of which is kept: see `at_once` and Forcing.same_slices.
+        Args:
+            ensemble: to move.
+            low: begin of the step [s since 1970], in calendar time.
+            high: its end.
+            step: its time, length and noise key.
+            keep: whether to return where the particles began the step.
+            count: number of consecutive steps to move, with `keep` off: see `at_once` and
+                Forcing.same_slices.
         """
         self.forcing.set(low, high, count)
         helm, at_helm = self.helm(ensemble), None
@@ -107,14 +114,16 @@ class Scene:
         return begin
 
     def at_once(self, ensemble: Ensemble) -> int:
-        """Return how many steps `advance` makes in one go at most. The results do not depend on it."""
+        """Return the most steps that one call of `advance` should make; results do not depend on
+        it.
+        """
         if self.steering is not None:  # it is asked about every step
             return 1
         most: int = min(sample.MOST, AT_ONCE // max(ensemble.n, 1))
         return max(1, most)
 
     def helm(self, ensemble: Ensemble) -> Helm | None:
-        """Return what steers an ensemble; None: nothing does. It is made once, as `_movers` are."""
+        """Return the steering of an ensemble, cached; None if nothing steers."""
         if self.steering is None:
             return None
         key = id(self), id(ensemble), 0
@@ -127,10 +136,10 @@ class Scene:
     def _movers(
         self, ensemble: Ensemble, direction: int, keep: bool
     ) -> tuple[tuple[kernel.Move, ...], Device]:
-        """Return what moves an ensemble, one a group, and where that keeps the bend of ways, if it
-        is to be kept.
+        """Return the move function of each group, and the device array for track curvature if
+        `keep`.
 
-        It is made once for a layout of the ensemble, and kept until the forcing is closed.
+        They are cached for a layout of the ensemble until the forcing is closed.
         """
         key = id(self), id(ensemble), 2 * direction + int(keep)
         if key not in self.forcing.movers or self.forcing.movers[key][0][2] is not ensemble.layout:
@@ -141,16 +150,15 @@ class Scene:
                 )
                 for model, ranges, group in self.groups(ensemble)
             )
-            # They are kept alive, for an id() may be given again.
+            # They are kept alive, because an id() may be reused.
             self.forcing.movers[key] = (self, ensemble, ensemble.layout), (movers, bend)
         made: tuple[tuple[kernel.Move, ...], Device] = self.forcing.movers[key][1]
         return made
 
     def groups(self, ensemble: Ensemble) -> list[tuple[Model, Ranges, Group]]:
-        """Return the groups of an ensemble's scenarios: those of one model that see the same tiles
-        of the forcing.
+        """Return the groups of an ensemble's scenarios: same model, same forcing tiles.
 
-        What never goes adrift is in none.
+        Scenarios that never go adrift are in no group.
         """
         together: dict[tuple[Model, tuple[int, ...]], list[int]] = {}
         for number, (ranges, motion) in enumerate(
@@ -169,17 +177,17 @@ class Scene:
         ]
 
     def seas(self, quantity: str) -> list[tuple[int, ...]]:
-        """Return the numbers of scenarios that see the same sources of a quantity, together."""
+        """Return groups of scenario numbers that use the same sources of a quantity."""
         together: dict[tuple[int, int], tuple[int, ...]] = {}
         for number, ranges in enumerate(self.forcing.ranges):
             together[ranges[quantity]] = (*together.get(ranges[quantity], ()), number)
         return list(together.values())
 
     def without_noise(self) -> "Scene":
-        """Return the same scene in which nothing is left to chance, and what comes ashore stays
-        there or slides.
+        """Return the scene without random motion, steering and refloating.
 
-        Nothing steers in it: that is exact at any step.
+        Steering is left out because it is exact for any step size. Particles on the shore stay or
+        slide.
         """
         beach = kernel.Beach(slides=self.place.beach.slides)
         still = self.place._replace(beach=beach, sinks=False, divergence=False, guided=False)
@@ -195,11 +203,17 @@ class Scene:
         time: int,
         start: int,
     ) -> tuple[Array, Array]:
-        """Return where an ensemble's particles are at a time inside the step just made: lon, lat
-        [binary angle], (n,).
+        """Return lon, lat [binary angle] (n,) of an ensemble's particles at a time inside the last
+        step.
 
-        kept: where they were at an earlier time inside the step, if that has been asked and is to
-        hold; start: of the run [s since 1970].
+        Args:
+            ensemble: after the step.
+            begin: where its particles began the step.
+            kept: positions sampled earlier inside the step, on which these are conditioned; None:
+                none.
+            step: the step.
+            time: inside the step [s after the run's start].
+            start: of the run [s since 1970].
         """
         end, since = step.elapsed + step.duration, kept.since if kept else step.elapsed
         moment = (start + step.direction * time) % 2**31
@@ -225,7 +239,7 @@ class Scene:
         return lon, lat
 
     def _from(self, ensemble: Ensemble, begin: Begin, kept: Kept | None) -> tuple[Device, Device]:
-        """Return copies of where particles began the step, or where they were when that was asked:
+        """Return copies of the positions at the begin of the step, or of those in `kept`:
         lon, lat.
         """
         if kept is None:
@@ -237,11 +251,10 @@ class Scene:
     def velocity(
         self, ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int
     ) -> tuple[Array, Array]:
-        """Return (east, north) [m/s] over ground of particles at a time inside the step just made,
-        (n,).
+        """Return (east, north) [m/s] over ground of particles at a time inside the last step, (n,).
 
-        What is adrift has the velocity of its drift then, with the mean of what chance adds in the
-        step; what lies still has none.
+        Drifting particles have their drift velocity at that time plus the mean random displacement
+        rate of the step. Particles at rest have none.
         """
         lives, end = life.read_lives(ensemble), step.elapsed + step.duration
         left, finish = lives.way(step.elapsed, end)
@@ -284,19 +297,19 @@ def paths(
     scenarios: Sequence[int],
     chosen: Array | None = None,
 ) -> Iterator[Paths]:
-    """Yield the paths of particles in the step just made, as sensors take them: of what steers,
-    then of what drifts.
+    """Yield particle paths in the last step for sensors: of steering targets, then of drifting
+    particles.
 
-    What drifts goes straight in each part of the step, and has paths for each of them.
+    Drifting particles move straight in each piece of the step; there are paths for each piece.
 
     Args:
         ensemble: of n particles, after the step.
         begin: where they began the step.
-        helm: what steers them; None: nothing does.
+        helm: steers the targets; None: nothing does.
         step: with the number of its pieces.
-        span: the times between which they are asked for [s after the run's start].
-        scenarios: numbers of those to which the particles belong.
-        chosen: which of these particles, bool, shape (n,); None: all.
+        span: times between which paths are wanted [s after the run's start].
+        scenarios: numbers of the scenarios wanted.
+        chosen: which particles of these are wanted, bool, shape (n,); None: all.
     """
     steered = helm.paths(begin.helm, step, scenarios, chosen) if helm and begin.helm else None
     if steered:
@@ -310,16 +323,18 @@ def paths(
         if high <= span[0] or low >= span[1]:
             continue
         if before is None:
-            before = _at(ensemble, begin, step, low)
-        after = _at(ensemble, begin, step, high)
+            before = _positions_at(ensemble, begin, step, low)
+        after = _positions_at(ensemble, begin, step, high)
         yield pieces.straight(
             ensemble, own, before, after, low, high - low, step.number, begin.polar
         )
         before = after
 
 
-def _at(ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int) -> tuple[Device, Device]:
-    """Return where what drifts was at a time of the step, on the device: lon, lat [binary angle]."""
+def _positions_at(
+    ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int
+) -> tuple[Device, Device]:
+    """Return lon, lat [binary angle] of drifting particles at a time of the step, on the device."""
     if time == step.elapsed:
         return begin.lon, begin.lat
     if time == step.elapsed + step.duration:
@@ -333,9 +348,8 @@ def _at(ensemble: Ensemble, begin: Begin, step: kernel.Step, time: int) -> tuple
 def land_of(
     scene: Scene,
 ) -> Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.NDArray[np.bool_]] | None:
-    """Return what says whether points [binary angles] lie on land, asked on the device;
-
-    None without a coast.
+    """Return a function that tells which points [binary angles] lie on land, computed on the
+    device; None without a coast.
     """
     coast = scene.place.coast
     return None if coast is None else lambda lon, lat: ~device_coast.wet(coast, lon, lat)

@@ -1,7 +1,7 @@
-"""A run: moves an ensemble through its scene, step by step, from one output to the next.
+"""The simulation loop: moves an ensemble through its scene, step by step, from output to output.
 
-Steps are those of the clock's lattice. Releases and outputs fall where they may: a particle moves
-from its release on, an output inside a step lies on the curve that the step describes
+Steps lie on the clock's lattice. Releases and outputs may fall inside a step: a particle moves from
+its release on, and an output inside a step is interpolated on the step's curve
 (kernels.step.curve).
 """
 
@@ -30,83 +30,81 @@ class Moment:
     lon: Array  # int32 binary angle (n,)
     lat: Array
     status: Array  # int32 (n,)
-    layout: Layout  # which slots belong to which scenario
+    layout: Layout  # of slots by scenario
     log_weight: Array | None = None  # float32 (n,) at that time; None: those of the end of the run
-    # (n,) slots of the whole run at the moment before, if any were drawn again since
+    # (n,) slots in the whole run at the moment before, if particles were resampled since
     ancestors: Array | None = None
-    # int32 (n,) particle of the begin from which each descends; None: itself
+    # int32 (n,) initial particle from which each descends; None: itself
     lineage: Array | None = None
 
 
-# Returns where the particles of an ensemble were at a time [s after start], as lon, lat [binary
-# angle]. Its arguments are the ensemble, the scene in which it moves, where its particles began the
-# step that holds the time, and the time. The third is None for the run's own ensemble, of which it
-# is known.
+# Returns lon, lat [binary angle] of an ensemble's particles at a time [s after start]. Arguments:
+# the ensemble, its scene, where its particles began the step that contains the time, and the time.
+# The third argument is None for the run's own ensemble, whose begin is known.
 PositionsAt = Callable[[Ensemble, Scene, Begin | None, int], tuple[Array, Array]]
 
 
 class Filter(Protocol):
-    """An observer that changes the weights of an ensemble while it moves: see
+    """An observer that changes the weights of a moving ensemble, as
     drift.evidence.filter.filter.SearchFilter.
     """
 
     def stops(self, after: int, until: int, step: kernel.Step | None = None) -> list[int]:
-        """Return the times in (after, until] at which an update takes effect [s after start]; step:
-        the step between the two.
+        """Return the times in (after, until] at which an update takes effect [s after start].
+
+        step: the step between the two times.
         """
 
     def rests(self, step: kernel.Step) -> bool:
-        """Return whether a step is nothing to it, so that none of what follows need be called."""
-
-    def before(self, elapsed: int, duration: int) -> bool:
-        """Make ready for a step, for which the forcing is set; return whether it has to know where
-        the step began.
+        """Return whether a step is irrelevant to the filter, so that no other method need be
+        called.
         """
 
+    def before(self, elapsed: int, duration: int) -> bool:
+        """Prepare for a step whose forcing is set; return whether the step's begin must be kept."""
+
     def ready(self, step: kernel.Step) -> None:
-        """Make ready for a step that is about to be made."""
+        """Prepare for a step that is about to be computed."""
 
     def moved(self, begin: Begin | None) -> None:
-        """Take note of where the particles began the step that has just been made, and move what
-        else moves over it.
+        """Record where the particles began the last step, and move the filter's own ensembles over
+        it.
         """
 
     def take_effect(self, time: int, place: PositionsAt) -> None:
-        """Change weights by what ends or is seen at a time; place: gives where an ensemble's
-        particles were then.
+        """Update weights by the evidence that ends or occurs at a time.
+
+        place: returns where an ensemble's particles were at that time.
         """
 
     def watch(self, until: int) -> None:
-        """Look on until the end of the step that has just been made."""
+        """Continue observation until the end of the last step."""
 
     def after(self, until: int) -> None:
-        """Resample particles at the end of a step, if need be."""
+        """Resample particles at the end of a step if necessary."""
 
     def log_weight(self, time: int) -> Array:
-        """Return the weights as they stand at a time."""
+        """Return the log weights at a time."""
 
     def ancestors(self) -> Array | None:
-        """Return whose offspring the particles are since it was last asked;
-
-        None: they are themselves.
-        """
+        """Return each particle's ancestor since the last call; None if none was resampled."""
 
     def lineage(self) -> Array | None:
-        """Return from which particle of the begin each descends; None: from itself."""
+        """Return the initial particle from which each particle descends; None: each from itself."""
 
 
 @dataclass
 class _Within:
-    """Where particles are inside a step that has been made. Times are asked for in ascending order.
+    """Positions inside the last step; times must be requested in ascending order.
 
-    A place that evidence has asked for is kept: from there a particle's bridge leads on to the end
-    of the step.
+    Positions sampled for evidence are kept: a particle's bridge to the end of the step continues
+    from there.
     """
 
     own: Ensemble  # the run's own ensemble
     clock: Clock
     step: kernel.Step
-    begin: Begin | None  # where the run's particles began the step, if that is needed
+    begin: Begin | None  # where the run's particles began the step, if it was kept
     kept: dict[int, Kept] = field(default_factory=dict)  # by ensemble's id
 
     @property
@@ -117,9 +115,7 @@ class _Within:
     def at(
         self, which: Ensemble, scene: Scene, begin: Begin | None, time: int
     ) -> tuple[Array, Array]:
-        """Return where an ensemble's particles, which began this step somewhere, were at a time in
-        it, and keep it.
-        """
+        """Return and keep lon, lat of an ensemble's particles at a time inside the step."""
         places = self.look(which, scene, begin, time)
         if time < self.end:
             self.kept[id(which)] = Kept(*places, time)
@@ -131,14 +127,14 @@ class _Within:
         """Like `at`, but do not condition later positions on this sample."""
         begin = self.begin if which is self.own else begin
         if begin is None or time == self.end:
-            return _now(which)
+            return _current_positions(which)
         kept = self.kept.get(id(which))
         if kept is not None and kept.since == time:
             return kept.lon, kept.lat
         return scene.between(which, begin, kept, self.step, time, self.clock.start)
 
 
-def _now(which: Ensemble) -> tuple[Array, Array]:
+def _current_positions(which: Ensemble) -> tuple[Array, Array]:
     return which.lon.to_numpy(), which.lat.to_numpy()
 
 
@@ -152,22 +148,27 @@ def run(
     search: Filter | None = None,
     since: int | None = None,
 ) -> Iterator[Moment]:
-    """Yield the ensemble at each output time [s since start, ascending, shape (m,)], moving it in
-    place.
+    """Yield the ensemble at each output time, moving it in place.
 
-    progress: takes the share of the run that is done; watch: takes when each step began [s since
-    start]; search: looks on and changes weights. since: go on from the step that begins then [s
-    since start]; None: from the run's start.
+    Args:
+        ensemble: at the time `since`.
+        scene: in which it moves.
+        clock: of the run.
+        outputs: times [s since start], ascending, shape (m,).
+        progress: takes the share of the run that is done.
+        watch: takes the time at which each step began [s since start].
+        search: filter that changes weights.
+        since: begin of the step from which to continue [s since start]; None: the run's start.
     """
     due = [int(t) for t in outputs if since is None or t > since]
     if search and since is None:
         for time in search.stops(-1, 0):
-            search.take_effect(time, lambda which, *_: _now(which))
+            search.take_effect(time, lambda which, *_: _current_positions(which))
     while since is None and due and due[0] <= 0:
-        yield _moment(ensemble, partial(_now, ensemble), due.pop(0), search)
+        yield _moment(ensemble, partial(_current_positions, ensemble), due.pop(0), search)
     steps = (timed for timed in clock.steps() if since is None or timed.step.elapsed >= since)
     at_once = 1 if watch else scene.at_once(ensemble)
-    for first, last in _together(steps, partial(_joins, scene.forcing, at_once, due, search)):
+    for first, last in _batch_steps(steps, partial(_can_join, scene.forcing, at_once, due, search)):
         low, high, step = first
         end = last.step.elapsed + step.duration
         count = 1 + (last.step.elapsed - step.elapsed) // step.duration
@@ -194,18 +195,18 @@ def run(
                 )
         if watching:
             watching.watch(end)
-            # the last outputs show the particles as they were when it ended
+            # outputs after the last step show the particles at its end
             if end < clock.duration:
                 watching.after(end)
         if progress:
             progress(min(end / clock.duration, 1.0))
 
 
-def _together(
+def _batch_steps(
     steps: Iterable[Timed], joins: Callable[[Timed, Timed, Timed], bool]
 ) -> Iterator[tuple[Timed, Timed]]:
-    """Yield the first and the last of steps that are made in one go; joins: whether a step joins
-    such steps.
+    """Yield the first and the last of the steps that are computed together; joins: whether a step
+    joins them.
     """
     made: tuple[Timed, Timed] | None = None
     for timed in steps:
@@ -219,7 +220,7 @@ def _together(
         yield made
 
 
-def _joins(
+def _can_join(
     forcing: Forcing,
     at_once: int,
     due: list[int],
@@ -228,10 +229,10 @@ def _joins(
     last: Timed,
     timed: Timed,
 ) -> bool:
-    """Return whether a step is made together with those from the first to the last before it.
+    """Return whether a step is computed together with the steps `first` to `last` before it.
 
-    So it is where nothing is asked until its end, and all lie between the same slices of the
-    forcing.
+    This requires that nothing is needed before its end and that all steps use the same forcing
+    slices.
     """
     step, begun = timed.step, first.step
     return (
@@ -247,8 +248,8 @@ def _joins(
 def _moment(
     ensemble: Ensemble, look: Callable[[], tuple[Array, Array]], time: int, search: Filter | None
 ) -> Moment:
-    """Return positions, with each particle's status and weight as they were known at that time."""
-    # first: the columns that it reads have gone before others come
+    """Return positions, statuses and weights as known at a time."""
+    # first, so that the columns it reads are freed before new ones are allocated
     status = life.read_lives(ensemble).at(time)
     if search is None:
         return Moment(time, *look(), status, ensemble.layout)

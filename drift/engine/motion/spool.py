@@ -1,6 +1,6 @@
-"""The particles at all output times, kept in files: a reel of each shard.
+"""Snapshots of all output times, stored in files, one per shard.
 
-Memory holds one time, or a part of it, however many there are.
+Memory holds one snapshot or a part of it, however many there are.
 """
 
 import contextlib
@@ -27,8 +27,8 @@ from geo import notation
 from geo.array import Array
 from geo.errors import UserError
 
-BYTES = 13  # a particle and time: two positions, its status, its weight
-BYTES_END = 24  # a particle, of the end of the run
+BYTES = 13  # per particle and time: lon, lat, status, weight
+BYTES_END = 24  # per particle at the end of the run
 KINDS = {
     name: np.dtype(kind)
     for name, kind in (
@@ -45,33 +45,33 @@ KINDS = {
         ("member", np.int32),
     )
 }
-# columns of an ensemble that are kept of its end
+# columns of an ensemble that are stored at the end of the run
 END = ("log_weight", "release", "status_since", "edge", "world")
 
 
-def _refusal(reason: str, folder: Path | None = None) -> UserError:
+def _storage_error(reason: str, folder: Path | None = None) -> UserError:
     if folder is None:
         return temporary.refusal(reason)
     return UserError(f"{folder}: {reason}; free some space, or name another folder with --out")
 
 
 class NoRoom(Exception):
-    """The file of a shard cannot be written, and why.
+    """The file of a shard cannot be written; holds the reason.
 
     Errors of the motion itself are raised unchanged.
     """
 
 
 class Noted(NamedTuple):
-    """Values in a reel's file."""
+    """Where a named array lies in a shard's file."""
 
     begin: int
-    kind: str  # of numbers, as NumPy writes it
+    kind: str  # NumPy's dtype string
     size: int
 
 
 class SnapshotIndex(NamedTuple):
-    """A moment in a reel's file."""
+    """Where a snapshot lies in a shard's file."""
 
     time: np.datetime64
     layout: Layout
@@ -80,20 +80,22 @@ class SnapshotIndex(NamedTuple):
 
 @dataclass
 class ShardFile:
-    """What some of a run's particles, whole blocks, were like at all output times, in a file."""
+    """A file with the states of a shard's particles (whole blocks) at all output times."""
 
-    # open, or where it is: a run may have more of them than a process may hold open
+    # an open file, or its path: a run may have more files than a process may hold open
     file: BufferedRandom | Path
     n: int
     taken: list[SnapshotIndex] = field(default_factory=list)
-    end: dict[str, int] = field(default_factory=dict)  # where columns of the end of the run begin
-    notes: dict[str, Noted] = field(default_factory=dict)  # what else a run takes down, by name
-    # a file of log weights given after the run, and where its own begin
+    end: dict[str, int] = field(
+        default_factory=dict
+    )  # offsets of the columns at the end of the run
+    notes: dict[str, Noted] = field(default_factory=dict)  # further arrays of the run, by name
+    # a file of log weights computed after the run, and the offset of this shard's in it
     later: "tuple[ShardFile, int] | None" = None
-    size: int = 0  # [bytes] of what it has taken
+    size: int = 0  # [bytes] stored
 
     def record(self, period: Period, moments: Iterable[Moment]) -> None:
-        """Take up the moments of a run as they come."""
+        """Store the moments of a run as they are computed."""
         for moment in moments:
             columns = {"lon": moment.lon, "lat": moment.lat, "status": moment.status}
             if moment.log_weight is not None:
@@ -111,23 +113,23 @@ class ShardFile:
             self.taken.append(SnapshotIndex(period.time(moment.elapsed), moment.layout, where))
 
     def end_with(self, ensemble: Ensemble) -> None:
-        """Take up what an ensemble has at the end of the run."""
+        """Store an ensemble's columns at the end of the run."""
         for name in (*END, *({members.COLUMN.name} & {*ensemble.own})):
             self.end[name] = self._keep(name, ensemble.columns[name].to_numpy())
 
     @property
     def empty(self) -> bool:
-        """Whether nothing is in it."""
+        """Whether nothing is stored."""
         return self.size == 0
 
     def note(self, name: str, values: Array) -> None:
-        """Take down values of one dimension and any kind under a name."""
+        """Store a one-dimensional array of any type under a name."""
         self.notes[name] = Noted(
             self._append(np.ascontiguousarray(values)), values.dtype.str, values.size
         )
 
     def noted(self, name: str, first: int = 0, last: int | None = None) -> Array:
-        """Return values that were stored under a name, or some of them."""
+        """Return an array stored under a name, or the slice [first, last) of it."""
         noted = self.notes[name]
         kind, last = np.dtype(noted.kind), noted.size if last is None else last
         return np.frombuffer(
@@ -135,7 +137,7 @@ class ShardFile:
         )
 
     def _keep(self, name: str, values: Array) -> int:
-        """Append a column to the file, and return where it begins."""
+        """Append a column to the file and return its offset [bytes]."""
         return self._append(np.ascontiguousarray(values, KINDS[name]))
 
     def _bytes(self, begin: int, size: int) -> bytes:
@@ -147,7 +149,7 @@ class ShardFile:
         return self.file.read(size)
 
     def sync(self) -> None:
-        """Have all of it on the disk."""
+        """Flush the file to disk."""
         assert not isinstance(self.file, Path)
         os.fsync(self.file.fileno())
 
@@ -163,18 +165,20 @@ class ShardFile:
         return begin
 
     def put(self, begin: int, column: Array) -> None:
-        """Write a column into the file, where it is to begin."""
+        """Write a column into the file at an offset [bytes]."""
         assert not isinstance(self.file, Path)
         try:
             self.file.seek(begin)
             self.file.write(column.data)
             self.file.flush()
         except OSError as error:
-            self.file.raw.close()  # what is left in the buffer would fail once more
+            self.file.raw.close()  # flushing the rest of the buffer would fail again
             raise NoRoom(error.strerror or str(error)) from error
 
     def read(self, name: str, at: int | None, first: int, last: int) -> Array:
-        """Return a column of some slots, of a moment or of the end of the run (None)."""
+        """Return a column of the slots [first, last) at a moment, or at the end of the run (at =
+        None).
+        """
         kind, file, begin = (
             KINDS[name],
             self,
@@ -187,35 +191,37 @@ class ShardFile:
         )
 
     def logs(self, at: int, first: int, last: int) -> Array:
-        """Return the log weights of some slots at a moment: its own, or those of the end."""
+        """Return the log weights of some slots at a moment: those stored for it, or those of the
+        end.
+        """
         return self.read(
             "log_weight", at if "log_weight" in self.taken[at].where else None, first, last
         )
 
     @property
     def layout(self) -> Layout:
-        """Which slots belong to which scenario at the end of the run."""
+        """The layout of the slots at the end of the run."""
         return self.taken[-1].layout
 
     def spans(self, at: int) -> list[tuple[int, int]]:
-        """Return ranges of blocks of some PART slots each."""
+        """Return ranges of blocks of about PART slots each."""
         return self.taken[at].layout.blocks.spans_of(PART)
 
     def slots(self, at: int, span: tuple[int, int]) -> tuple[int, int]:
-        """Return the first slot of a range of blocks, and the one after its last."""
+        """Return the slots [first, last) of a range of blocks."""
         edges = np.append(self.taken[at].layout.blocks.first, self.n)
         return int(edges[span[0]]), int(edges[span[1]])
 
 
 @dataclass(frozen=True)
 class Portion:
-    """Some particles of a reel: of each scenario a range of blocks, one after another."""
+    """Some particles of a shard's file: a range of blocks of each scenario."""
 
     reel: ShardFile
     slots: tuple[Slots, ...]
 
     def read(self, name: str, at: int | None = None) -> Array:
-        """Return a column, of a moment or of the end of the run (None)."""
+        """Return a column at a moment, or at the end of the run (at = None)."""
         return np.concatenate(
             [self.reel.read(name, at, first, last) for first, last, _ in self.slots]
         )
@@ -223,34 +229,33 @@ class Portion:
 
 @contextlib.contextmanager
 def scratch(folder: Path | None) -> Iterator[ShardFile]:
-    """Give a file for what is made of a run's particles, which goes at the end;
-
-    None: in the temporary folder.
+    """Yield a temporary file for data about a run's particles; folder None: in the temporary
+    folder.
     """
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             yield ShardFile(file, 0)
     except NoRoom as error:
-        raise _refusal(str(error), folder) from error
+        raise _storage_error(str(error), folder) from error
 
 
 class SnapshotStore(Sequence[Snapshot]):
-    """Snapshots of a run, read back one at a time or part by part; a context, which closes its
-    files at its end.
+    """Snapshots of a run, read back one at a time or part by part; a context manager that closes
+    its files.
     """
 
     def __init__(self, stretches: Sequence[Sequence[ShardFile]], *, worlds: bool = False) -> None:
-        """Put the reels of all shards together, stretch after stretch of the run; all moments of
-        one are in one stretch.
+        """Combine the files of all shards, stretch after stretch of the run.
 
-        worlds: whether particles share unknowns with others of their world.
+        All moments of a shard's file lie in one stretch. worlds: whether particles share unknowns
+        with others of their world.
         """
         self._stretches, self._worlds = [list(reels) for reels in stretches], worlds
         self._moments = [
             (reels, at) for reels in self._stretches for at in range(len(reels[0].taken))
         ]
-        self._scale: dict[int, tuple[float, float]] = {}  # see _normal
-        self._open = contextlib.ExitStack()  # of files besides those of the reels
+        self._scale: dict[int, tuple[float, float]] = {}  # see _normalisation
+        self._open = contextlib.ExitStack()  # files besides those of the shards
 
     @classmethod
     def of_run(
@@ -263,18 +268,23 @@ class SnapshotStore(Sequence[Snapshot]):
         worlds: bool = False,
         more: Callable[[ShardFile], None] | None = None,
     ) -> "SnapshotStore":
-        """Take up the moments of a run as they come, in a temporary file that goes when it is
-        closed.
+        """Store the moments of a run as they are computed, in a temporary file that is removed on
+        close.
 
-        Weights are theirs, or those that the ensemble has afterwards. outputs: the number of
-        moments; more: takes down what else is known at the end of the run.
+        Args:
+            period: of the run.
+            ensemble: of the run; its final weights apply to moments without their own.
+            moments: of the run, in order.
+            outputs: the number of moments.
+            worlds: whether particles share unknowns with others of their world.
+            more: stores further data at the end of the run.
         """
         need = ensemble.n * BYTES * outputs
         temporary.check_room(need, "the particles at all output times")
         try:
             file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by __exit__
         except OSError as error:
-            raise _refusal(error.strerror or str(error)) from error
+            raise _storage_error(error.strerror or str(error)) from error
         reel = ShardFile(file, ensemble.n)
         try:
             reel.record(period, moments)
@@ -282,7 +292,7 @@ class SnapshotStore(Sequence[Snapshot]):
             if more:
                 more(reel)
         except NoRoom as error:
-            raise _refusal(f"{error}; all output times need {notation.size(need)}") from error
+            raise _storage_error(f"{error}; all output times need {notation.size(need)}") from error
         except BaseException:
             file.close()
             raise
@@ -303,13 +313,13 @@ class SnapshotStore(Sequence[Snapshot]):
 
     @property
     def folder(self) -> Path | None:
-        """Where its files lie; None: in the temporary folder."""
+        """The folder of its files; None: the temporary folder."""
         file = self._stretches[-1][0].file
         return file.parent if isinstance(file, Path) else None
 
     def portions(self) -> Iterator[Portion]:
-        """Yield all particles in portions of about PART, or of one block of each scenario where
-        these hold more.
+        """Yield all particles in portions of about PART slots, or of one block per scenario if that
+        is more.
         """
         for reel in self._stretches[-1]:
             scenarios = list(zip(reel.layout.slots, reel.layout.block, strict=True))
@@ -382,23 +392,22 @@ class SnapshotStore(Sequence[Snapshot]):
         return [AtTime(self, at) for at in range(len(self))]
 
     def parts(self, at: int) -> Iterator[Snapshot]:
-        """Return a snapshot in parts of some PART slots."""
+        """Return a snapshot in parts of about PART slots."""
         reels, own = self._moments[at]
         return (self._some(reel, at, span) for reel in reels for span in reel.spans(own))
 
     def _some(self, reel: ShardFile, number: int, span: tuple[int, int]) -> Snapshot:
-        """Return a range of blocks of a reel's part of a snapshot, by its number."""
+        """Return a range of blocks of snapshot `number` from a shard's file."""
         at = self._moments[number][1]
         taken = reel.taken[at]
         own, slots = taken.layout.blocks.some(*span), reel.slots(at, span)
         lon, lat, status = (reel.read(name, at, *slots) for name in ("lon", "lat", "status"))
-        scale, total = self._normal(number)
+        scale, total = self._normalisation(number)
         probability = np.exp(reel.logs(at, *slots).astype(np.float64) - scale) / total
         scenario = np.repeat(own.scenario.astype(np.int32), np.diff(own.first, append=own.n))
         family = reel.read("family", at, *slots) if "family" in taken.where else None
         world = reel.read("world", None, *slots) if self._worlds else None
-        # What a particle drifts in is known of its end: before it was resampled a slot may have had
-        # another.
+        # The member is stored only for the end: before resampling a slot may have had another.
         member = (
             reel.read("member", None, *slots)
             if "member" in reel.end and number == len(self) - 1
@@ -417,12 +426,12 @@ class SnapshotStore(Sequence[Snapshot]):
             own,
         )
 
-    def _normal(self, at: int) -> tuple[float, float]:
-        """Return the largest log weight of a snapshot, and the sum of all weights in units of the
+    def _normalisation(self, at: int) -> tuple[float, float]:
+        """Return a snapshot's largest log weight, and the sum of its weights in units of the
         largest.
         """
         (reels, at), number = self._moments[at], at
-        # those of the end are summed once
+        # weights of the end are summed once
         key = number if "log_weight" in reels[0].taken[at].where else -1
         if key not in self._scale:
             spans = [(reel, span) for reel in reels for span in reel.spans(at)]
@@ -437,10 +446,11 @@ class SnapshotStore(Sequence[Snapshot]):
         return self._scale[key]
 
     def follow(self, slots: Array) -> dict[str, Array]:
-        """Return what particles were like at all times, as columns lon, lat, status, scenario and
-        probability, (m, times).
+        """Return particle histories as columns lon, lat, status, scenario and probability, (m,
+        times).
 
-        slots: their numbers at the last time, (m,). A resampled particle has its ancestors' past.
+        slots: numbers at the last time, (m,). A resampled particle has the history of its
+        ancestors.
         """
         found: dict[str, list[Array]] = {
             name: [] for name in ("lon", "lat", "status", "scenario", "probability")
@@ -454,7 +464,7 @@ class SnapshotStore(Sequence[Snapshot]):
             for reel in reels:
                 for span in reel.spans(at):
                     part = self._some(reel, number, span)
-                    here, which = _within(part.blocks, slots)
+                    here, which = _match_slots(part.blocks, slots)
                     for name, values in own.items():
                         values[which] = getattr(part, name)[here]
                     if "ancestors" in reel.taken[at].where:
@@ -465,12 +475,12 @@ class SnapshotStore(Sequence[Snapshot]):
         return {name: np.stack(values[::-1], axis=1) for name, values in found.items()}
 
     def at_end(self, names: Sequence[str], slots: Array) -> tuple[Array, ...]:
-        """Return columns of the ensemble at the end of the run, (m,) each; slots: numbers of
-        particles, (m,).
+        """Return columns of the ensemble at the end of the run, (m,) each; slots: particle numbers,
+        (m,).
         """
         columns = tuple(np.empty(len(slots), KINDS[name]) for name in names)
         for reel in self._stretches[-1]:
-            here, which = _within(reel.taken[-1].layout.blocks, slots)
+            here, which = _match_slots(reel.taken[-1].layout.blocks, slots)
             for begin in np.unique(here // PART * PART).tolist():
                 own = (here >= begin) & (here < begin + PART)
                 first, last = int(here[own].min()), int(here[own].max()) + 1
@@ -479,9 +489,10 @@ class SnapshotStore(Sequence[Snapshot]):
         return columns
 
 
-def _within(blocks: Blocks, slots: Array) -> tuple[Array, Array]:
-    """Return which particles of some blocks are asked for, and where they stand among what is
-    asked; slots: numbers.
+def _match_slots(blocks: Blocks, slots: Array) -> tuple[Array, Array]:
+    """Return which particles of some blocks are requested, and their positions in the request.
+
+    slots: the requested particle numbers.
     """
     block = np.searchsorted(blocks.number, slots, "right") - 1
     inside = slots - blocks.number[block]
@@ -491,14 +502,14 @@ def _within(blocks: Blocks, slots: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class AtTime:
-    """A snapshot of a spool, to be read part by part: a drift.engine.particles.snapshot.Output."""
+    """One snapshot of a store, read part by part: a drift.engine.particles.snapshot.Output."""
 
     spool: SnapshotStore
     at: int
 
     @property
     def time(self) -> np.datetime64:
-        """When it is, UTC."""
+        """Time of the snapshot, UTC."""
         return self.spool.time(self.at)
 
     @property
@@ -507,5 +518,5 @@ class AtTime:
         return self.spool.n
 
     def parts(self) -> Iterator[Snapshot]:
-        """Return its parts."""
+        """Return the parts of the snapshot."""
         return self.spool.parts(self.at)

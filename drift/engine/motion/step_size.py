@@ -1,6 +1,4 @@
-"""The step of a run: as the case says, or the largest whose error on a sample of its particles is
-small.
-"""
+"""The time step of a run: as given in the case, or the largest with a small error on a sample."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -28,23 +26,25 @@ Times = npt.NDArray[np.int64]  # [s since 1970]
 
 # [s] steps that "auto" chooses from
 LADDER = (3600, 1800, 1200, 900, 600, 450, 300, 240, 180, 120, 60, 30, 15)
-# rungs of the ladder that are tried together: often the first one will do
+# candidate steps tried together: often the first is accepted
 RUNGS = ((0, 1), (1, 5), (5, 9), (9, 13))
-FEWEST = 100  # least particles from which a percentile is taken
-# particles whose error decides on the step: the rank of their percentile errs by 0.7 %
+FEWEST = 100  # fewest particles for a percentile
+# sample size for the step's error: the rank of the percentile has an error of 0.7 %
 TRIAL_SIZE = 1000
-# [s] longest step of what slides: inside a step that lies on a straight line, at an hour up to 3.5
-# km off
+# [s] longest step with sliding along the shore: inside a step the track is a straight line, which
+# at one hour is up to 3.5 km off
 SLIDES = 600
 WINDOW = 86_400  # [s] over which an error is measured
-WINDOWS = 4  # most windows: those of a longer run lie apart, evenly from its begin to its end
+WINDOWS = 4  # most windows; in a longer run they are evenly spaced from begin to end
 DAY = 86_400
-HALF_TURN = 180.0  # [deg] cells as wide as that are of a current that is the same everywhere
+HALF_TURN = 180.0  # [deg] cell width of a uniform current
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Why "auto" chose a step, and for how long tracks are straight within it."""
+    """Result of the automatic choice of a step: errors, and how long tracks are straight
+    within it.
+    """
 
     step: int
     errors: dict[int, float]  # the 95th percentile of the error [m a day] of each step tried
@@ -61,12 +61,20 @@ def clock_of(
     ends: Sequence[np.datetime64] = (),
     evidence: bool = False,
 ) -> tuple[Clock, Trial | None]:
-    """Return the clock, on the lattice of the forcing's times, and why its step was chosen.
+    """Return the clock, on the lattice of the forcing's times, and the trial that chose its step.
 
-    The step is the one asked for, or the largest whose error is small. sources: of all forcing.
-    ends: times at which a step has to end, those of contacts at which particles are placed again.
-    evidence: whether anything looks at ways inside steps, so that it matters for how long they are
-    straight.
+    The step is the one given, or the largest whose error is small; for a given step the trial is
+    None.
+
+    Args:
+        period: of the run.
+        spec: step, scheme and tolerance of the case.
+        errors: of the forcing.
+        sources: of all forcing.
+        ensemble: of the run.
+        scene: of the run.
+        ends: times at which a step has to end: contacts at which particles are repopulated.
+        evidence: whether evidence uses tracks inside steps, so that their straightness matters.
     """
     times = [notation.epochs(s.times) for s in sources if s.times.size > 1]
     divisor, origin = lattice(times)
@@ -87,16 +95,16 @@ def clock_of(
             for model, _ in scene.motions
             for reason, longest in model.longest(errors).items()
         },
-        # What lands again waits for the next step: with r this share, its wait is longer by r^2 /
-        # 6, 4 %.
+        # A particle that strands again waits for the next step: with r this share, its wait is
+        # longer by r^2 / 6, 4 %.
         "half of the mean time on the beach": scene.place.beach.stay / 2 or np.inf,
-        "what sliding allows (inside a step what slid lies on a straight line)": SLIDES
+        "the limit for sliding (inside a step its track is a straight line)": SLIDES
         if scene.place.beach.slides
         else np.inf,
         "the interval of the forcing": min(
             (float(np.median(np.diff(t))) for t in times), default=np.inf
         ),
-        "the time in which what feels the current under way crosses a cell of it": _crossing(
+        "the time in which a target set by the current crosses a cell of it": _crossing(
             scene, sources
         ),
     }
@@ -120,15 +128,15 @@ def clock_of(
 def _stepping(
     run: Clock, step: int, origin: int, times: Sequence[Times], straight: int = NEVER
 ) -> Clock:
-    """Return the clock of a run in some step, on the lattice through `origin` [s since 1970]."""
+    """Return the clock of a run with a step, on the lattice through `origin` [s since 1970]."""
     return replace(
         run, step=step, phase=origin % step, breaks=breaks(times, step, origin), straight=straight
     )
 
 
 def _crossing(scene: Scene, sources: Sequence[Source]) -> float:
-    """Return the shortest time [s] in which a target that feels the current crosses a cell of a
-    current.
+    """Return the shortest time [s] in which a target that is set by the current crosses a forcing
+    cell.
     """
     felt = [scene.steering.itineraries[k] for k in scene.steering.feel] if scene.steering else []
     fastest = max((itinerary.pace for itinerary in felt if itinerary), default=0.0)
@@ -155,26 +163,26 @@ def choose_step(
     tolerance: float,
     times: Sequence[Times] = (),
 ) -> Trial:
-    """Return the largest step of the ladder whose error stays under a tolerance.
+    """Return the largest candidate step whose error stays below a tolerance.
 
-    The error of a step is that between tracks of a sample with it and with half of it, noise off:
-    the distance between their ends, over at most a day [m a day], and inside a step the distance
-    between where the longer one says particles are and where the shorter one brings them [m] (step
-    halving; Hairer, Norsett and Wanner 1993, II.4). It is the 95th percentile among those adrift to
-    the end with both, or ashore if hardly any is, in the worst of the windows.
+    The error compares tracks of a sample computed with a step and with half of it, without noise
+    (step halving; Hairer, Norsett and Wanner 1993, II.4). It is the distance between their ends per
+    day [m a day], or inside a step the distance between the interpolated and the computed position
+    [m]. The 95th percentile is used, over particles adrift at the end with both steps, or over
+    stranded ones if hardly any is adrift, in the worst of the windows.
 
     Args:
         ensemble: of the run, of which a sample is taken.
         scene: of the run.
         clock: from begin to end of the run; its step does not matter.
-        divisor: [s] what steps of the ladder divide: the forcing's interval.
+        divisor: [s] the forcing's interval, which all candidate steps divide.
         origin: [s since 1970] a point of the lattice.
         longest: [s] the longest step allowed.
         tolerance: [m a day], and inside a step [m].
-        times: of sources [s since 1970], at which steps are cut.
+        times: of sources [s since 1970], at which steps are split.
 
     Returns:
-        The step, and the errors of all that were tried.
+        The step, and the errors of all candidates tried.
     """
     ladder = [s for s in LADDER if divisor % s == 0 and s <= longest] or [
         _largest_divisor(divisor, longest)
@@ -198,10 +206,10 @@ def choose_step(
 
 @dataclass(frozen=True)
 class _Window:
-    """Positions of a sample after part of the run, by step; columns of shape (m,)."""
+    """Positions of a sample after a part of the run, by step; columns of shape (m,)."""
 
     ends: dict[int, tuple[Array, Array, Array]]  # lon, lat [binary angle] and status at its end
-    days: Array  # for how long each particle drifted in it, at least an hour
+    days: Array  # drift time of each particle in it, at least one hour
     # [m] how far apart particles are by a step and by its half, half-way in a step
     inside: dict[int, float]
     bulges: dict[int, float]  # [m] by how much a way departs from its chord at most
@@ -213,11 +221,11 @@ class _Window:
             self.ends[_half(step)],
         )
         adrift = (status == Status.ADRIFT) & (status_half == Status.ADRIFT)
-        if adrift.sum() < FEWEST:  # most went ashore: where they did so counts
+        if adrift.sum() < FEWEST:  # most stranded: their stranding positions count
             adrift = on_map(status) & on_map(status_half)
         if not adrift.any():
             return 0.0
-        apart = _apart(lon, lat, lon_half, lat_half)
+        apart = _distances(lon, lat, lon_half, lat_half)
         return max(float(np.percentile((apart / self.days)[adrift], 95)), self.inside[step])
 
     def straight(self, step: int) -> int:
@@ -227,12 +235,11 @@ class _Window:
 
 
 class _March:
-    """A sample of a run's particles that goes through windows of the run with several steps side by
-    side, noise off.
+    """A sample that moves through windows of the run with several steps in parallel, without noise.
 
-    All steps go through the forcing together, so that it is read once. What has come ashore or is
-    lost in a window is back in the next one where it was last afloat, so that each window is judged
-    by particles that drift.
+    All steps share one pass through the forcing, so that it is read once. Particles that strand or
+    are lost in a window return in the next one to where they were last afloat, so that each window
+    is judged by drifting particles.
     """
 
     def __init__(
@@ -244,7 +251,7 @@ class _March:
         origin: int,
         times: Sequence[Times],
     ) -> None:
-        """Take the sample; steps [s]: descending, each but the last of pairs followed by its half."""
+        """Take the sample; steps [s]: descending, each step of a pair followed by its half."""
         chosen = np.unique(
             np.linspace(0, ensemble.n - 1, min(TRIAL_SIZE, ensemble.n)).astype(np.int64)
         )
@@ -266,11 +273,11 @@ class _March:
         lasting = min(duration / count, WINDOW)
         for begin in np.linspace(0, duration - lasting, count).astype(int).tolist():
             if begin > before:
-                self._leap(before, begin)
+                self._skip_to(before, begin)
             before = begin + math.ceil(lasting)
-            yield self._through(begin, before)
+            yield self._run_window(begin, before)
 
-    def _leap(self, begin: int, end: int) -> None:
+    def _skip_to(self, begin: int, end: int) -> None:
         """Move the sample to the next window in one step: it need only be typical, not accurate."""
         finest = min(self._trials)
         self._start(finest, begin)
@@ -281,7 +288,7 @@ class _March:
         self._afloat(trial.lon.to_numpy(), trial.lat.to_numpy(), trial.status.to_numpy())
 
     def _start(self, step: int, begin: int) -> None:
-        """Put the particles of a trial where the sample is."""
+        """Place the particles of a trial at the sample's positions."""
         trial = self._trials[step]
         trial.lon.from_numpy(self._lon)
         trial.lat.from_numpy(self._lat)
@@ -289,12 +296,12 @@ class _March:
         trial.status.fill(int(Status.PENDING))
 
     def _afloat(self, lon: Array, lat: Array, status: Array) -> None:
-        """Take the sample to where the particles of a trial are, those that are adrift."""
+        """Move the sample to the positions of a trial's particles that are adrift."""
         adrift = status == Status.ADRIFT
         self._lon, self._lat = np.where(adrift, lon, self._lon), np.where(adrift, lat, self._lat)
 
-    def _through(self, begin: int, end: int) -> _Window:
-        """Take the sample through a window [s after the run's start]."""
+    def _run_window(self, begin: int, end: int) -> _Window:
+        """Move the sample through a window [s after the run's start]."""
         plan = []
         for size, clock in self._clocks.items():
             self._start(size, begin)
@@ -331,7 +338,7 @@ class _March:
                 _, whole, lon, lat, other = awaited.pop(size)
                 both = (status == Status.ADRIFT) & (other == Status.ADRIFT)
                 if both.any():
-                    apart = _apart(lon, lat, trial.lon.to_numpy(), trial.lat.to_numpy())[both]
+                    apart = _distances(lon, lat, trial.lon.to_numpy(), trial.lat.to_numpy())[both]
                     inside[whole] = max(inside[whole], float(np.percentile(apart, 95)))
         days = np.maximum(end - np.maximum(self._release, begin), 3600) / DAY
         self._afloat(*ends[min(self._trials)])
@@ -339,16 +346,14 @@ class _March:
 
 
 def _places(trial: Ensemble, kept: Begin, step: kernel.Step, time: int) -> tuple[Array, Array]:
-    """Return where particles are at a time inside the step just made: lon, lat [binary angle],
-    (m,).
-    """
+    """Return lon, lat [binary angle] of particles at a time inside the last step, (m,)."""
     lon, lat = curve.places(
         trial, (kept.lon, kept.lat), kept.bend, step.elapsed, step.duration, time, kept.polar
     )
     return lon.to_numpy(), lat.to_numpy()
 
 
-def _apart(lon: Array, lat: Array, other_lon: Array, other_lat: Array) -> Array:
+def _distances(lon: Array, lat: Array, other_lon: Array, other_lat: Array) -> Array:
     """Return the distances [m] between places [binary angle], (m,)."""
     return sphere.distance(*(x * sphere.UNIT for x in (lon, lat, other_lon, other_lat)))
 
@@ -363,7 +368,9 @@ def _bulge(kept: Begin, lat: Array, status: Array) -> float:
 
 
 def _half(step: int) -> int:
-    """Return half a step, or the largest other share of it in whole seconds."""
+    """Return half of a step, or a third if that is in whole seconds and the half is not, otherwise
+    1 [s].
+    """
     return step // 2 if step % 2 == 0 else step // 3 if step % 3 == 0 else 1
 
 

@@ -1,1 +1,1 @@
-"""The particles: their columns and lives, their weights, and sums over all of them."""
+"""Particle state: columns, statuses, weights, resampling, and sums over the ensemble."""

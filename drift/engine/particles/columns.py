@@ -1,5 +1,5 @@
-"""Columns of all particles of a run, gone through part by part: they lie in memory, or in the files
-of its shards.
+"""Columns of all particles of a run, read part by part from memory or from the files of its
+shards.
 """
 
 from __future__ import annotations
@@ -14,32 +14,30 @@ from geo.array import Array
 
 @dataclass(frozen=True)
 class Columns:
-    """What particles have, by name; all columns are (n,)."""
+    """Particle columns by name, each of shape (n,), read on demand."""
 
     blocks: Blocks
-    # by name: gives some slots, from the first to before the last
+    # by column name: a function that returns the slots [first, last)
     read: Mapping[str, Callable[[int, int], Array]]
 
     @classmethod
     def held(cls, blocks: Blocks, columns: Mapping[str, Array]) -> Columns:
-        """Return columns (n,) that are in memory."""
+        """Return a reader of columns (n,) that are in memory."""
         return cls(blocks, {name: _reader(column) for name, column in columns.items()})
 
     def __contains__(self, name: str) -> bool:
         return name in self.read
 
     def __or__(self, other: Columns) -> Columns:
-        """Return the columns of both, which are of the same particles."""
+        """Return the columns of both readers, which must describe the same particles."""
         return Columns(self.blocks, {**self.read, **other.read})
 
     def named(self, name: str, other: str) -> Columns:
-        """Return the same, with one of the columns under another name too."""
+        """Return the same columns, with column `name` also available under the name `other`."""
         return Columns(self.blocks, {**self.read, other: self.read[name]})
 
     def some(self, begin: int, end: int) -> Columns:
-        """Return the same of the particles of some blocks, by the numbers of the first and of the
-        one after the last.
-        """
+        """Return the columns of the particles in blocks `begin` to `end` - 1."""
         first = int([*self.blocks.first, self.blocks.n][begin])
 
         def reader(read: Callable[[int, int], Array]) -> Callable[[int, int], Array]:
@@ -50,14 +48,14 @@ class Columns:
         )
 
     def whole(self, name: str) -> Array:
-        """Return a column (n,)."""
+        """Return one column of all particles, (n,)."""
         return self.read[name](0, self.blocks.n)
 
     def parts(self, *names: str) -> Iterator[tuple[Any, ...]]:
-        """Yield the blocks of some PART slots after another, and columns of these; None for one
-        that is not there.
+        """Yield the particles in parts of about PART slots: their blocks, then the named columns.
 
-        Parts are of the run's own blocks: the same ones, whatever shards it was cut into.
+        A column that does not exist is None. Parts are whole blocks, so that they are the same
+        however many shards the run had.
         """
         for blocks, (first, last) in self.blocks.cuts(PART):
             yield (

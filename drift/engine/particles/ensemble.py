@@ -1,9 +1,8 @@
-"""The record of a run: one slot a particle, one column a property.
+"""The particle ensemble: one slot per particle, one device column per property.
 
-Columns lie on the device (opaque here: only `kernels` touches them) and keep their order: the slots
-of a scenario are contiguous, so that a scenario is a range of slots. Columns that kernels take
-together stand in the rows of one device array (kernels.runtime.rows); under its own name each is
-read and written as if it had an array of its own.
+Only `kernels` reads or writes the device columns. The slots of a scenario are contiguous, so that a
+scenario is a range of slots. Columns that a kernel uses together are rows of one device array
+(kernels.runtime.rows); each row is read and written by its own name like a separate array.
 """
 
 import itertools
@@ -27,30 +26,26 @@ Device = Any  # a one-dimensional array on the device, or a row of one: kernels.
 
 @dataclass(frozen=True)
 class Column:
-    """A property that every particle has: an array of shape (n,) on the device."""
+    """A property of every particle: a device array of shape (n,)."""
 
     name: str
     dtype: type[np.int32] | type[np.float32]
-    first: float  # value before anything is drawn
+    first: float  # initial value, before any random draw
     unit: str
     meaning: str
-    # columns that name the same one stand in its rows, in their order; "": it has one of its own
+    # device array in whose rows this column lies, shared by columns that name it; "": its own array
     array: str = ""
 
 
-NEVER = 2**31 - 1  # [s] a time that does not come
-# What every particle has, however it moves. Times are seconds after the run's start.
+NEVER = 2**31 - 1  # [s] time of an event that never happens
+# Columns of every particle, whatever its motion model. Times are seconds after the run's start.
 CORE = (
     Column("lon", np.int32, 0, "binary angle", "longitude"),
     Column("lat", np.int32, 0, "binary angle", "latitude"),
     Column("status", np.int32, Status.PENDING, "", "drift.engine.particles.status.Status"),
     Column("release", np.int32, 0, "s", "when it is released"),
-    Column(
-        "status_since", np.int32, 0, "s", "when it went ashore, sank, left, or ran out of forcing"
-    ),
-    Column(
-        "moving_since", np.int32, 0, "s", "when it last began to move, where what strands refloats"
-    ),
+    Column("status_since", np.int32, 0, "s", "when it stranded, sank, left, or ran out of forcing"),
+    Column("moving_since", np.int32, 0, "s", "when it last began to move; refloating resets it"),
     Column("sink_time", np.int32, NEVER, "s", "when it sinks if it is still adrift"),
     Column("edge", np.int32, -1, "", "number of the shoreline edge where it went ashore; -1: none"),
     Column("scenario", np.int32, 0, "", "number of the scenario to which it belongs"),
@@ -69,35 +64,35 @@ class Slots(NamedTuple):
     """A range of slots."""
 
     first: int
-    last: int  # the one after it
-    number: int  # number of the first slot in the whole run, the key of its noise
+    last: int  # exclusive
+    number: int  # number of the first slot in the whole run, the key of its random numbers
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Which slots belong to which scenario."""
+    """The range of slots of each scenario."""
 
     bounds: tuple[int, ...]  # the first slot of each scenario and, last, n
     numbers: tuple[int, ...]  # number of each scenario's first slot in the whole run
-    # slots of each scenario that make a block: drift.engine.particles.partials
+    # slots per block of each scenario: drift.engine.particles.partials
     block: tuple[int, ...]
     _batches: dict[tuple[int, ...], Batch] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def blocks(self) -> Blocks:
-        """The blocks by which sums over particles are made."""
+        """The blocks in which sums over particles are computed."""
         return partials.cut_blocks(self.bounds, self.numbers, self.block)
 
     @property
     def slots(self) -> list[Slots]:
-        """The slots of each scenario, as what draws noise takes them."""
+        """The slots of each scenario, as the functions that draw random numbers take them."""
         return [
             Slots(a, b, number)
             for (a, b), number in zip(itertools.pairwise(self.bounds), self.numbers, strict=True)
         ]
 
     def shards(self, many: int) -> "list[Layout]":
-        """Return the layouts of about as many shards: of whole blocks, one after another."""
+        """Return the layouts of about `many` shards: consecutive ranges of whole blocks."""
         edges = np.append(self.blocks.first, self.blocks.n)
         cuts = np.unique(np.rint(np.linspace(0, len(edges) - 1, many + 1)).astype(int))
         return [
@@ -105,15 +100,17 @@ class Layout:
         ]
 
     def some(self, first: int, last: int) -> "Layout":
-        """Return the layout of a range of slots, from the begin of a block to the end of one."""
+        """Return the layout of the slots [first, last), which begin and end at the edge of
+        a block.
+        """
         edges = np.clip(self.bounds, first, last)
         shift = np.array(self.numbers) - np.array(self.bounds[:-1])
         numbers = tuple(int(x) for x in edges[:-1] + shift)
         return Layout(tuple(int(x) for x in edges - first), numbers, self.block)
 
     def batch(self, scenarios: tuple[int, ...]) -> Batch:
-        """Return the slots of some scenarios (ascending), for one launch; they are made once and
-        kept.
+        """Return the slots of some scenarios (ascending) for one kernel launch; the result is
+        cached.
         """
         if scenarios not in self._batches:
             self._batches[scenarios] = batch.batch_of(self.bounds, self.numbers, scenarios)
@@ -122,11 +119,11 @@ class Layout:
 
 @dataclass(eq=False)
 class Ensemble:
-    """All particles: CORE as fields of shape (n,), then the columns of the models by which they
-    move, by name.
+    """All particles: the CORE columns as fields of shape (n,), and the columns of the motion models
+    by name in `own`.
 
-    What columns hold changes in place, and the layout where particles are resampled; nothing else
-    of it changes.
+    The values in the columns change in place. Resampling may replace the layout. Nothing else
+    changes during a run.
     """
 
     seed: int
@@ -166,7 +163,7 @@ class Ensemble:
 
     @property
     def slots(self) -> list[Slots]:
-        """The slots of each scenario, as what draws noise takes them."""
+        """The slots of each scenario, as the functions that draw random numbers take them."""
         return self.layout.slots
 
     @property
@@ -178,11 +175,11 @@ class Ensemble:
 
     @property
     def blocks(self) -> Blocks:
-        """The blocks by which sums over particles are made."""
+        """The blocks in which sums over particles are computed."""
         return self.layout.blocks
 
     def batch(self, scenarios: Sequence[int]) -> Batch:
-        """Return the slots of some scenarios (ascending), for one launch."""
+        """Return the slots of some scenarios (ascending) for one kernel launch."""
         return self.layout.batch(tuple(scenarios))
 
     @property
@@ -192,11 +189,12 @@ class Ensemble:
 
 
 def empty(seed: int, of: Layout | tuple[int, ...], own: Sequence[Column] = ()) -> Ensemble:
-    """Return an ensemble whose particles all wait at (0, 0) for a release at the start, all of
-    weight 1.
+    """Return an ensemble of pending particles at (0, 0), released at the start, each of weight 1.
 
-    of: which slots belong to which scenario; or the first slot of each and, last, n, where this is
-    the whole run. own: columns besides CORE.
+    Args:
+        seed: of the run.
+        of: the layout; or, for a whole run, the first slot of each scenario and, last, n.
+        own: columns besides CORE.
     """
     layout = (
         of if isinstance(of, Layout) else Layout(of, of[:-1], (partials.BLOCK,) * (len(of) - 1))
@@ -206,8 +204,8 @@ def empty(seed: int, of: Layout | tuple[int, ...], own: Sequence[Column] = ()) -
 
 
 def filled(columns: Sequence[Column], n: int) -> dict[str, Device]:
-    """Return new columns of n slots by name, in the order given, with what they hold before
-    anything is drawn.
+    """Return new device columns of n slots by name, in the given order, filled with their `first`
+    values.
     """
     together: dict[str, list[Column]] = {}
     for column in columns:
@@ -224,17 +222,15 @@ def filled(columns: Sequence[Column], n: int) -> dict[str, Device]:
 
 
 def owners(bounds: tuple[int, ...]) -> Array:
-    """Return the number of the scenario to which each slot belongs, int32 (n,), by the bounds of
-    scenarios.
-    """
+    """Return the scenario number of each slot, int32 (n,), from the bounds of the scenarios."""
     return np.repeat(np.arange(len(bounds) - 1, dtype=np.int32), np.diff(bounds))
 
 
 def inherit(columns: Iterable[Device], ancestors: Array) -> None:
     """Copy each ancestor's state into its offspring (resampling), in place; ancestors: slots, (n,).
 
-    columns: of (n,) values, or of several of each particle, one after another. Arrays in whose rows
-    they stand are taken whole: no other column may stand there.
+    columns: of (n,) values, or of several values per particle. The whole device arrays that hold
+    these columns are rewritten, so they may hold no other columns.
     """
     for array in rows.arrays(columns):
         values = array.to_numpy()
@@ -244,17 +240,17 @@ def inherit(columns: Iterable[Device], ancestors: Array) -> None:
 
 
 def weighed(ensemble: Ensemble) -> Weighed:
-    """Return what is needed of the weights of all particles."""
+    """Return the sums of the weights of all particles by block."""
     return weights.weighed(ensemble.log_weight.to_numpy(), ensemble.blocks)
 
 
 def probability(ensemble: Ensemble) -> Array:
-    """Return each particle's normalised weight, float64, shape (n,), of sum 1."""
+    """Return each particle's normalised weight, float64 (n,); the weights add up to 1."""
     return weights.normalised(ensemble.log_weight.to_numpy(), ensemble.blocks)
 
 
 def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
-    """Return a copy of chosen slots (sorted), for trials that must not touch the run."""
+    """Return a copy of some slots (sorted), for trials that must not change the run."""
 
     def chosen(_: str, array: Device) -> Device:
         values = array.to_numpy().reshape(-1, max(ensemble.n, 1))
@@ -262,12 +258,13 @@ def sample(ensemble: Ensemble, slots: Array) -> Ensemble:
 
     bounds = tuple(int(x) for x in np.searchsorted(slots, ensemble.bounds))
     layout = Layout(bounds, bounds[:-1], ensemble.layout.block)
-    return _with(ensemble, layout, rows.rebuilt(ensemble.columns, chosen))
+    return _replace_columns(ensemble, layout, rows.rebuilt(ensemble.columns, chosen))
 
 
 def join_ensembles(parts: Sequence[Ensemble]) -> Ensemble:
-    """Return the particles of some ensembles of one run as one, part after part; scenarios are in
-    their order.
+    """Return the particles of several ensembles of one run as one ensemble.
+
+    Within each scenario the slots follow the order of `parts`.
     """
     columns = [part.columns for part in parts]
 
@@ -282,10 +279,10 @@ def join_ensembles(parts: Sequence[Ensemble]) -> Ensemble:
     counts = np.sum([np.diff(part.bounds) for part in parts], axis=0)
     bounds = (0, *np.cumsum(counts).tolist())
     layout = Layout(bounds, bounds[:-1], parts[0].layout.block)
-    return _with(parts[0], layout, rows.rebuilt(columns[0], one))
+    return _replace_columns(parts[0], layout, rows.rebuilt(columns[0], one))
 
 
-def _with(ensemble: Ensemble, layout: Layout, columns: dict[str, Device]) -> Ensemble:
-    """Return an ensemble with other slots; columns: all, by name."""
+def _replace_columns(ensemble: Ensemble, layout: Layout, columns: dict[str, Device]) -> Ensemble:
+    """Return an ensemble with another layout and other columns; columns: all of them, by name."""
     core = {column.name: columns.pop(column.name) for column in CORE}
     return replace(ensemble, layout=layout, own=columns, **core)

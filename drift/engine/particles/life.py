@@ -1,6 +1,6 @@
-"""The lives of particles as the columns of an ensemble tell them, on the host.
+"""When each particle moves and stops, from the ensemble's columns, on the host.
 
-kernels.step.life is the same on the device.
+kernels.step.life is the device counterpart.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from geo.array import Array
 
 
 def over(status: Array) -> Array:
-    """Return which particles have gone ashore, sunk, left, run out of forcing, arrived or grounded,
+    """Return which particles have stopped for good (stranded, sunk, left, lost, arrived, aground),
     bool (n,).
     """
     return np.asarray(
@@ -23,13 +23,15 @@ def over(status: Array) -> Array:
 
 @dataclass(frozen=True)
 class Lives:
-    """Columns of an ensemble after a step, int32 (n,), times in seconds after the run's start."""
+    """Status columns of an ensemble after a step, int32 (n,); times are seconds after the run's
+    start.
+    """
 
     status: Array  # at the end of the step
     release: Array
-    since: Array  # when that status began, where it is an end
-    moving: Array  # when the particle last began to move, where what strands refloats
-    # when it gets under way, if that is before its release; None: nothing steers
+    since: Array  # when that status began, if it is a final one
+    moving: Array  # when the particle last began to move; refloating resets it
+    # when a target gets under way, if before its release; None: no scenario steers
     departure: Array | None = None
 
     def at(self, time: int) -> Array:
@@ -46,28 +48,28 @@ class Lives:
         before = np.where(
             self.departure <= time, np.int32(Status.UNDER_WAY), np.int32(Status.PENDING)
         )
-        # what ends before its release never goes adrift
+        # a target that stops before its release never goes adrift
         before = np.where(ended, self.status, before)
         return np.where(later, before, status)
 
     def way(self, begin: int, end: int) -> tuple[Array, Array]:
-        """Return when each particle begins to move between two times of the step, and when it ends;
-        begin <= end.
+        """Return when each particle starts and stops moving within [begin, end] of the step, (n,)
+        each.
         """
         finish = np.where(self.status == Status.ADRIFT, end, np.minimum(self.since, end))
         left = np.maximum(begin, self.release)
         return np.where(self.moving < finish, np.maximum(left, self.moving), left), finish
 
     def share(self, begin: int, end: int, time: int) -> Array:
-        """Return the share of its track between two times of the step that each particle has
-        covered by a time, 0 to 1.
+        """Return the share (0 to 1) of its track within [begin, end] that each particle has covered
+        by a time.
         """
         left, finish = self.way(begin, end)
         return np.asarray(np.clip((time - left) / np.maximum(finish - left, 1), 0.0, 1.0))
 
 
 def read_lives(ensemble: Ensemble) -> Lives:
-    """Return the lives of an ensemble's particles."""
+    """Return the status columns of an ensemble, copied to the host."""
     departure = ensemble.own.get("departure")
     return Lives(
         status=ensemble.status.to_numpy(),

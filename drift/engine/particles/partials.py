@@ -1,11 +1,8 @@
-"""Sums over the particles of a run, made block by block.
+"""Sums over the particles of a run that have the same bits for any number of shards.
 
-They have the same bits however particles are dealt out to shards.
-
-A block is so many slots of one scenario that come one after the other. Each block is summed by
-itself, and the sums of blocks are added in the order of their slots. So a shard, which holds whole
-blocks, makes a `Partial`; partials of all shards merge; and what is made of the merged one does not
-depend on how many shards there were.
+A block is a run of consecutive slots of one scenario. Each block is summed separately, and the sums
+of blocks are added in the order of their slots. A shard holds whole blocks and computes a
+`Partial`. The merged partials of all shards therefore do not depend on the number of shards.
 """
 
 from __future__ import annotations
@@ -20,13 +17,13 @@ import numpy as np
 from geo.array import Array
 
 BLOCK = 4096  # slots
-PART = 2**17  # slots that are worked on at a time, where memory counts
-WORLDS = 32  # of a spill: a block is all particles of a class in so many whole worlds
+PART = 2**17  # slots processed at a time to limit memory
+WORLDS = 32  # in a spill a block holds all particles of a class in this many whole worlds
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """How the n particles that are here are cut into k blocks."""
+    """How n particles are divided into k blocks."""
 
     n: int
     scenarios: int  # of the run
@@ -48,7 +45,7 @@ class Blocks:
         )
 
     def some(self, begin: int, end: int) -> Blocks:
-        """Return the blocks from number `begin` to before number `end`, as if they alone were here."""
+        """Return blocks `begin` to `end` - 1 with slots counted from the first of them."""
         edges = np.append(self.first, self.n)
         own = slice(begin, end)
         return Blocks(
@@ -60,28 +57,29 @@ class Blocks:
         )
 
     def cuts(self, most: int) -> Iterator[tuple[Blocks, tuple[int, int]]]:
-        """Yield ranges of blocks of about as many slots at most, and the first slot of each and the
-        one after its last.
+        """Yield consecutive ranges of blocks of at most about `most` slots, and the slots [first,
+        last) of each.
         """
         edges = np.append(self.first, self.n).tolist()
         for begin, end in self.spans_of(most):
             yield self.some(begin, end), (edges[begin], edges[end])
 
     def spans_of(self, most: int) -> list[tuple[int, int]]:
-        """Return the same ranges by the numbers of their first block and of the one after their
-        last.
-        """
+        """Return the ranges of `cuts` as block numbers [first, last)."""
         cuts = np.searchsorted(self.first, np.arange(0, self.n, most))
         return list(itertools.pairwise(np.unique([*cuts, len(self.first)]).tolist()))
 
     def partial(
         self, *values: Array, code: Array | None = None, many: int = 1, slots: Array | None = None
     ) -> Partial:
-        """Return the sums of some values by block, and by `code` within each; of no particles they
-        are 0.
+        """Return the sums of values by block and, within each block, by code.
 
-        values: (n,) each, finite. code: 0 to many - 1, (n,). slots: those that the values and codes
-        are of, ascending; by default all.
+        Args:
+            values: finite values, (n,) each.
+            code: codes from 0 to many - 1, (n,); None: one code.
+            many: the number of codes.
+            slots: the slots of the values and codes, ascending; None: all slots. Blocks without
+                particles have sum 0.
         """
         k = self.first.size
         parts: list[Array]
@@ -110,21 +108,21 @@ class Blocks:
     def table(self, code: Array, many: int, *values: Array) -> Array:
         """Return the sums of values (n,) over all particles by code (n,), 0 to many - 1.
 
-        (many,), or of several values (values, many).
+        The shape is (many,) for one column of values, and (values, many) for several.
         """
         sums = self.partial(*values, code=code, many=many).total.T
         return np.asarray(sums if len(values) > 1 else sums[0])
 
     def grouped(self, group: Array, values: Array) -> Array:
-        """Return the sums of values (n,) over all particles by group (n,), int and not negative.
+        """Return the sums of values (n,) over all particles by group (n,), a non-negative integer.
 
-        Quick where groups come in long runs of slots.
+        It is fast where groups occupy long runs of slots.
         """
         return np.bincount(*self.runs(group, values))
 
     def runs(self, group: Array, values: Array) -> tuple[Array, Array]:
-        """Return the group of each run of slots of one group within a block, and the sum of its
-        values, (r,) each.
+        """Return the group and the sum of values of each run of equal groups within a block, (r,)
+        each.
         """
         if not self.n:
             return np.empty(0, np.int64), np.empty(0)
@@ -135,10 +133,10 @@ class Blocks:
         return group[begin], np.add.reduceat(np.asarray(values, np.float64), begin)
 
     def running(self, values: Array, whole: Partial | None = None) -> Array:
-        """Return the sum of values (n,), none of them negative, up to and with each particle; it
-        never falls.
+        """Return the cumulative sum of non-negative values (n,), including each particle; it never
+        decreases.
 
-        whole: the sums of all blocks of the run, where these are some of them.
+        whole: the sums of all blocks of the run, where these blocks are only a part.
         """
         whole = whole or self.partial(values)
         begun = np.concatenate([[0.0], np.cumsum(whole.sums[:, 0, 0])])
@@ -152,8 +150,10 @@ class Blocks:
 def cut_blocks(bounds: Sequence[int], numbers: Sequence[int], size: Sequence[int]) -> Blocks:
     """Return the blocks of an ensemble.
 
-    bounds: the first slot of each scenario and, last, n; numbers: those of first slots in the whole
-    run, which begin a block; size: slots that make a block of each scenario.
+    Args:
+        bounds: the first slot of each scenario and, last, n.
+        numbers: the number in the whole run of each scenario's first slot, which begins a block.
+        size: slots per block, by scenario.
     """
     firsts = [np.arange(a, b, m) for a, b, m in zip(bounds[:-1], bounds[1:], size, strict=True)]
     scenario = np.repeat(np.arange(len(firsts)), [len(own) for own in firsts])
@@ -163,27 +163,27 @@ def cut_blocks(bounds: Sequence[int], numbers: Sequence[int], size: Sequence[int
 
 
 def over_worlds(values: Array) -> Array:
-    """Return the sum over worlds (W, ...) of what each world's particles add up to, by blocks of
-    WORLDS worlds.
+    """Return the sum over worlds of per-world values (W, ...), summed in blocks of WORLDS
+    worlds.
     """
     blocks = np.add.reduceat(values, np.arange(0, len(values), WORLDS), axis=0, dtype=np.float64)
     return np.asarray(np.add.accumulate(blocks, axis=0)[-1])
 
 
 def whole(n: int) -> Blocks:
-    """Return the blocks of n particles without scenarios."""
+    """Return the blocks of n particles that belong to one scenario."""
     return cut_blocks((0, n), (0,), (BLOCK,))
 
 
 def of_scenarios(scenario: Array) -> Blocks:
-    """Return the blocks of particles by the scenario of each, int (n,) ascending."""
+    """Return the blocks of particles from the scenario of each, int (n,) ascending."""
     bounds = np.searchsorted(scenario, np.arange(scenario.max(initial=0) + 2)).tolist()
     return cut_blocks(bounds, bounds[:-1], [BLOCK] * (len(bounds) - 1))
 
 
 @dataclass(frozen=True)
 class Partial:
-    """Sums of some of a run's blocks: what a shard knows of its particles."""
+    """Sums over some of a run's blocks, such as those of one shard."""
 
     scenarios: int
     scenario: Array  # (k,) of each block
@@ -194,22 +194,22 @@ class Partial:
     def by_scenario(self) -> Array:
         """The sums of each scenario, (scenarios, codes, values)."""
         sums = np.zeros((self.scenarios, *self.sums.shape[1:]))
-        # blocks of one scenario follow each other
+        # blocks of one scenario are contiguous
         begun = np.flatnonzero(np.diff(self.scenario, prepend=-1))
         if begun.size:
             sums[self.scenario[begun]] = np.add.reduceat(
                 self.sums, begun, axis=0
-            )  # one after the other, in their order
+            )  # sequential, in the order of the blocks
         return sums
 
     @property
     def total(self) -> Array:
-        """The sums of all, (codes, values): those of scenarios, added in their order."""
+        """The sums over all scenarios, (codes, values), added in the order of the scenarios."""
         return np.asarray(np.add.accumulate(self.by_scenario, axis=0)[-1])
 
 
 def merged(parts: Sequence[Partial]) -> Partial:
-    """Return the sums of the blocks of all parts (at least one), which have none in common."""
+    """Return the sums of all parts (at least one); no block may occur in two of them."""
     if len(parts) == 1:
         return parts[0]
     number, scenario, sums = (

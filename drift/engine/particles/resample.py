@@ -1,17 +1,19 @@
-"""Resampling: how many offspring each particle has, in proportion to its weight.
+"""Resampling: the number of offspring of each particle, in proportion to its weight.
 
-Within a scenario, so that no scenario dies by chance; or across scenarios, where those that have
-become likely take slots of the others, of which each keeps a few. Systematic: N offspring, the
-smallest spread (Kitagawa 1996; Douc, Cappe and Moulines 2005, arXiv:cs/0507025). Kahn's Russian
-roulette and splitting (Kahn 1955, RAND P-766): each particle on its own, so that their number
-floats; held at N it would be biased. Either way a particle's expected offspring are N times its
-share, and the weights of its offspring add up to its own in the mean.
+Resampling within scenarios keeps every scenario alive. Resampling across scenarios gives the slots
+of unlikely scenarios to likely ones; each scenario keeps a few. Three methods exist.
 
-Duplicates (Borovies 2007, Particle filter based tracking in a detection sparse discrete event
-simulation environment, III.B.2) are a heuristic: what searches have all but ruled out is dropped,
-and its slots go to copies of the others, drawn by weight, which keep their weight as the originals
-keep theirs. So a particle of share w is expected to weigh w (1 + m w) with m copies made, before
-all are scaled to what they were together: what is heavy grows, and the posterior is lost.
+Systematic resampling gives exactly N offspring with the smallest variance (Kitagawa 1996; Douc,
+Cappe and Moulines 2005, arXiv:cs/0507025). Kahn's Russian roulette and splitting (Kahn 1955, RAND
+P-766) treats each particle independently, so that the number of particles fluctuates; forcing it to
+N would introduce bias. In both, a particle's expected offspring are N times its share, and the
+expected total weight of its offspring equals its own weight.
+
+Duplication (Borovies 2007, Particle filter based tracking in a detection sparse discrete event
+simulation environment, III.B.2) is a heuristic. Particles that searches have all but ruled out are
+dropped. Their slots go to copies of the survivors, drawn by weight; copies and originals keep their
+weights. A particle of share w with m copies drawn has the expected weight w (1 + m w) before
+normalisation. Heavy particles thus gain weight: the result is not the posterior.
 """
 
 from collections.abc import Callable
@@ -25,14 +27,16 @@ from geo.array import Array
 from kernels.maths import noise
 from kernels.maths.noise import Purpose
 
-LEAST_SHARE = 0.1  # least slots of a scenario, as a share of an equal share
-# of the mean weight of a scenario: a particle of less is ruled out, by those who duplicate
+LEAST_SHARE = 0.1  # fewest slots of a scenario, as a share of an equal share
+# share of a scenario's mean weight below which duplication treats a particle as ruled out
 RULED_OUT = 1e-3
-SPARE = 4.0  # slots to spare for Kahn's way, in units of sqrt(N); the spread is at most half of one
+SPARE = 4.0  # spare slots for Kahn's method, in sqrt(N); the standard deviation is at most 0.5
 
 
 def capacity(number: int) -> int:
-    """Return how many slots hold the floating number of particles of Kahn's way, aimed at `number`."""
+    """Return the slots needed for the fluctuating number of particles of Kahn's method, aimed at
+    `number`.
+    """
     return number + int(np.ceil(SPARE * np.sqrt(number))) if number else 0
 
 
@@ -59,6 +63,7 @@ def kahn(weight: Array, number: int, uniform: Array) -> Array:
 
 
 def _kahn_that_fits(weight: Array, number: int, random: np.random.Generator) -> Array:
+    """Return Kahn's ancestors, drawn again while they exceed the number of slots."""
     drawn = kahn(weight, number, random.random(len(weight)))
     while len(drawn) > len(weight):  # eight standard deviations above: draw again
         drawn = kahn(weight, number, random.random(len(weight)))
@@ -66,24 +71,26 @@ def _kahn_that_fits(weight: Array, number: int, random: np.random.Generator) -> 
 
 
 def survivors(weight: Array) -> Array:
-    """Return which particles of a scenario are not ruled out, bool (n,), by their weights."""
+    """Return which particles of a scenario have more than a negligible weight, bool (n,)."""
     return np.asarray((weight > 0) & (weight >= RULED_OUT * weight.mean()))
 
 
 def _duplicates(weight: Array, number: int, random: np.random.Generator) -> Array:
-    """Return survivors and as many copies of them, drawn by weight, as there are others; ascending."""
+    """Return the survivors and, for each particle ruled out, a copy of a survivor drawn by weight;
+    ascending.
+    """
     left = np.flatnonzero(survivors(weight))
     copies = random.choice(left, number - len(left), p=weight[left] / weight[left].sum())
     return np.sort(np.concatenate([left, copies]))
 
 
 class Method(NamedTuple):
-    """A way to resample.
+    """A resampling method.
 
-    draw: ancestors, from weights, the number aimed at and random numbers. slots: how many a number
-    of particles needs. keeps: whether offspring weigh what their ancestor does, relative to one
-    another; else all are alike. It is then done by how many particles survive, not by how many are
-    effective.
+    draw: returns ancestors from weights, the number aimed at and random numbers. slots: returns the
+    slots needed for a number of particles. keeps: whether offspring keep their ancestor's relative
+    weight; otherwise all get the same weight. With `keeps` resampling is triggered by the number of
+    survivors, otherwise by the effective sample size.
     """
 
     draw: Callable[[Array, int, np.random.Generator], Array]
@@ -96,7 +103,7 @@ METHODS = {
     "duplicates": DUPLICATES,
     **dict.fromkeys(
         ("position", "course", "combined"), DUPLICATES
-    ),  # besides what drift.evidence.filter.filling does at contacts
+    ),  # drift.evidence.filter.filling also repopulates at contacts
     "systematic": Method(
         lambda weight, number, random: systematic(weight, number, random.random()),
         lambda number: number,
@@ -112,10 +119,14 @@ def offspring(
     method: str,
     seeds: tuple[int, int],
 ) -> tuple[Array, Array, Array]:
-    """Return each slot's ancestor, its log weight, and which slots are left over, each (n,).
+    """Return each slot's ancestor, its log weight, and which slots are empty, each (n,).
 
-    A log weight of -inf means that nobody is there. scenarios: first and last slot of each; target:
-    how many particles each aims at; seeds: of the run, and number of the event.
+    Args:
+        log_weight: of each slot, (n,); -inf marks an empty slot.
+        scenarios: slots [first, last) of each scenario.
+        target: number of particles aimed at, by scenario.
+        method: name in METHODS.
+        seeds: the run's seed and the number of the resampling event.
     """
     weight, scale = weights.relative(log_weight), float(log_weight.max())
     ancestors, spare = np.arange(len(log_weight)), np.zeros(len(log_weight), bool)
@@ -137,14 +148,18 @@ def offspring(
 def across(
     log_weight: Array, scenarios: list[tuple[int, int]], number: int, seeds: tuple[int, int]
 ) -> tuple[Array, Array, tuple[int, ...]]:
-    """Return each slot's ancestor, its log weight, (n,) each, and the bounds of the scenarios
-    afterwards.
+    """Return each slot's ancestor and log weight, (n,) each, and the new bounds of the scenarios.
 
-    Scenarios have slots by `counts` and draw systematically, each from its own particles: so a
-    particle's offspring are expected to be the number of its scenario's slots times its share of
-    the scenario, and weigh as much together as it did. number: of all slots, n; scenarios: first
-    and last slot of each; seeds: of the run, and number of the event. A scenario without weight has
-    no slots left.
+    `counts` gives each scenario its slots, which it fills by systematic resampling of its own
+    particles. A particle's expected offspring are the scenario's slots times its share of the
+    scenario, and their expected total weight equals its own. A scenario without weight keeps no
+    slots.
+
+    Args:
+        log_weight: of each slot, (n,).
+        scenarios: slots [first, last) of each scenario.
+        number: total number of slots, n.
+        seeds: the run's seed and the number of the resampling event.
     """
     weight, scale = weights.relative(log_weight), float(log_weight.max())
     totals = np.array([weight[first:last].sum() for first, last in scenarios])
@@ -160,11 +175,10 @@ def across(
 
 
 def counts(weight: Array, number: int) -> npt.NDArray[np.int64]:
-    """Return how many of a number of slots each scenario gets, (scenarios,), in proportion to its
-    weight.
+    """Return the slots of each scenario in proportion to its weight, (scenarios,).
 
-    None that has any weight gets fewer than about LEAST_SHARE of an equal share, or than one;
-    number: at least as many as there are of these.
+    A scenario with any weight gets at least about LEAST_SHARE of an equal share, and at least one
+    slot. number: total slots, at least the number of scenarios that have any weight.
     """
     alive = weight > 0
     share = np.where(alive, np.maximum(weight / weight.sum(), LEAST_SHARE / alive.sum()), 0.0)
@@ -176,9 +190,9 @@ def counts(weight: Array, number: int) -> npt.NDArray[np.int64]:
 
 
 def generator(seed: int, event: int, scenario: int) -> np.random.Generator:
-    """Return the random numbers of one resampling.
+    """Return the random generator of one scenario in one resampling event.
 
-    They depend on the run's seed, the event and the scenario alone.
+    It depends only on the run's seed, the event and the scenario.
     """
     numbers: np.random.Generator = noise.generator(
         seed, Purpose.RESAMPLING, event=(event, scenario)

@@ -1,7 +1,7 @@
-"""The particles at one time, as products see them, and their mean positions.
+"""The particles at one time, as products read them, and their mean positions.
 
-A snapshot holds all of them, or a part: whole blocks. What is made of all particles takes them part
-by part, so that memory holds one part, however many particles there are.
+A snapshot holds all particles or a part of them (whole blocks). Products process an `Output` part
+by part, so that memory holds one part at a time.
 """
 
 from collections.abc import Callable, Iterable
@@ -35,7 +35,7 @@ KINDS = np.array(
 class Snapshot:
     """The particles at one time, or a part of them; arrays of shape (n,).
 
-    probability is normalised: of all particles, in all statuses, it adds up to 1.
+    The probabilities of all particles of an output, in all statuses, add up to 1.
     """
 
     time: np.datetime64  # UTC
@@ -44,17 +44,17 @@ class Snapshot:
     probability: npt.NDArray[np.float64]
     status: npt.NDArray[np.int32]  # drift.engine.particles.status.Status
     scenario: npt.NDArray[np.int32]
-    # int: the particle of the beginning from which it descends; None: itself
+    # int: number of the initial particle from which it descends; None: itself
     family: Array | None = None
     world: Array | None = None  # int: the world whose unknowns it shares; None: there are none
-    # int: of an ensemble of forcings in which it drifts; None: there is none
+    # int: the forcing ensemble member in which it drifts; None: there is no ensemble
     member: Array | None = None
-    # blocks by which sums are made; None: those of scenarios that stand one after the other
+    # blocks in which sums are computed; None: derived from the scenarios, which are contiguous
     cut: Blocks | None = None
 
     @property
     def blocks(self) -> Blocks:
-        """The blocks by which sums over particles are made."""
+        """The blocks in which sums over particles are computed."""
         return self.cut or partials.of_scenarios(self.scenario)
 
     @property
@@ -63,61 +63,64 @@ class Snapshot:
         return len(self.lon)
 
     def parts(self) -> "Iterable[Snapshot]":
-        """Return itself, as an output that is read in one part."""
+        """Return the snapshot as the only part of an output."""
         return (self,)
 
 
 class Output(Protocol):
-    """The particles at one time, read part by part, as often as is asked; a Snapshot is one too."""
+    """All particles at one time, readable part by part any number of times; a Snapshot is
+    one too.
+    """
 
     @property
     def time(self) -> np.datetime64:
-        """When it is, UTC."""
+        """Time of the output, UTC."""
 
     @property
     def n(self) -> int:
-        """Number of particles of all parts."""
+        """Number of particles in all parts."""
 
     def parts(self) -> Iterable[Snapshot]:
-        """Return its parts, which have no block in common."""
+        """Return the parts; no two of them share a block."""
 
 
 def total(output: Output, sums: Callable[[Snapshot], Partial]) -> Partial:
-    """Return sums over all particles of an output; sums: those of a part."""
+    """Return sums over all particles of an output; sums: computes those of one part."""
     return partials.merged([sums(part) for part in output.parts()])
 
 
 def mapped(snapshot: Snapshot) -> Array:
     """Return which particles are on the map, bool (n,).
 
-    They are adrift, under way or at rest, with a probability that cells can hold.
+    They are adrift, under way or at rest, and their probability is large enough for the fixed-point
+    deposits in cells.
     """
     return np.asarray(status.on_map(snapshot.status) & (snapshot.probability > tally.LEAST))
 
 
 def swarm(snapshot: Snapshot) -> Swarm:
-    """Return the particles as their sums are made of them."""
+    """Return the particles as the kernels in kernels.step.tally take them."""
     return Swarm(snapshot.lon, snapshot.lat, snapshot.probability, snapshot.status, KINDS)
 
 
 @dataclass(frozen=True)
 class Means:
-    """Mean positions [deg], NaN where there is no probability: the vector mean on the sphere."""
+    """Mean positions [deg], vector means on the sphere; NaN where there is no probability."""
 
-    all: tuple[float, float]  # all that is on the map
-    adrift: tuple[float, float]  # the datum: what moves, adrift or under way
-    scenario: Array  # (scenarios, 2), all that is on the map
+    all: tuple[float, float]  # all particles on the map
+    adrift: tuple[float, float]  # the datum: moving particles, adrift or under way
+    scenario: Array  # (scenarios, 2), all particles on the map
 
 
 def vectors(snapshot: Snapshot) -> Partial:
-    """Return what mean positions are made of: summed unit vectors of what moves and of what is at
-    rest.
+    """Return summed unit vectors of the moving particles and of those at rest, from which `means`
+    computes mean positions.
     """
     return vectors_by(snapshot, status.at_rest(snapshot.status).astype(np.int64), 2)
 
 
 def vectors_by(snapshot: Snapshot, code: Array, many: int) -> Partial:
-    """Return the summed unit vectors to what is on the map, by weight and by code (n,), 0 to many -
+    """Return the weighted sums of unit vectors of particles on the map, by code (n,), 0 to many -
     1.
     """
     lon, lat = snapshot.lon * sphere.UNIT, snapshot.lat * sphere.UNIT
@@ -129,12 +132,12 @@ def vectors_by(snapshot: Snapshot, code: Array, many: int) -> Partial:
 
 
 def places(of: Partial) -> Array:
-    """Return mean positions [deg] by code from sums that `vectors_by` gave, (many, 2)."""
+    """Return mean positions (lon, lat) [deg] by code, (many, 2), from the sums of `vectors_by`."""
     return np.array([_position(vector) for vector in of.total]).reshape(-1, 2)
 
 
 def means(of: Partial) -> Means:
-    """Return mean positions from sums that `vectors` gave."""
+    """Return mean positions from the sums of `vectors`."""
     moving, rest = of.total
     by_scenario = of.by_scenario.sum(axis=1)
     return Means(

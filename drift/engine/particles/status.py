@@ -1,4 +1,4 @@
-"""What can become of a particle."""
+"""Particle statuses, and the groups of statuses that products distinguish."""
 
 from enum import IntEnum
 
@@ -27,23 +27,23 @@ STRANDED = (Status.ASHORE, Status.AGROUND)
 LOST = (Status.OUTSIDE, Status.LEFT)
 _ON_MAP, _AT_REST = (
     np.isin(list(Status), some) for some in (ON_MAP, AT_REST)
-)  # by code: a look is quicker than a search
+)  # by code: indexing is faster than np.isin
 
 
 def on_map(status: Array) -> Array:
-    """Return which particles are there to be seen: adrift, under way, or where they have stopped;
-    bool, of any shape.
+    """Return which particles are on the map: adrift, under way, or stopped there; bool, of any
+    shape.
     """
     return np.asarray(_ON_MAP[status])
 
 
 def at_rest(status: Array) -> Array:
-    """Return which particles have stopped for good where they are on the map; bool, of any shape."""
+    """Return which particles are on the map and have stopped (stranded, arrived, aground); bool,
+    any shape.
+    """
     return np.asarray(_AT_REST[status])
 
 
 def under_way(status: Array) -> Array:
-    """Return which particles are under way, or have stopped there before they went adrift; bool, of
-    any shape.
-    """
+    """Return which targets are under way or stopped before they went adrift; bool, of any shape."""
     return np.asarray(status >= Status.UNDER_WAY)

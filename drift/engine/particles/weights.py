@@ -1,7 +1,4 @@
-"""Weights and their logarithms on the host, in float64.
-
-Evidence, shares and effective sizes are made from them.
-"""
+"""Weights, log weights, evidence and effective sample sizes on the host, in float64."""
 
 from __future__ import annotations
 
@@ -18,29 +15,35 @@ from geo.array import Array
 
 
 def relative(log_weight: Array, top: float | None = None) -> Array:
-    """Return weights, float64, of which the largest is 1; or in units of exp(top)."""
+    """Return weights, float64, scaled so that the largest is 1, or in units of exp(top)."""
     unit = float(log_weight.max()) if top is None else top
     return np.asarray(np.exp(log_weight.astype(np.float64) - unit))
 
 
 def shares(log_weight: Array) -> Array:
-    """Return log weights (n,) as probabilities, float64, of sum 1."""
+    """Return log weights (n,) as probabilities, float64, that add up to 1."""
     weight = relative(log_weight)
     return np.asarray(weight / weight.sum())
 
 
 def effective(weight: Array) -> float:
-    """Return the effective number of weights (n,) of any scale, not all 0 (Kish 1965, sec. 11.2)."""
+    """Return the effective sample size of weights (n,) of any scale, not all 0 (Kish 1965, sec.
+    11.2).
+    """
     return float(weight.sum() ** 2 / (weight**2).sum())
 
 
 def of_families(
     code: Array, many: int, weight: Array, family: Array, blocks: Blocks
 ) -> tuple[Array, Array]:
-    """Return the codes 0 to many - 1 of all families (k,), and the sum of each one's weights (k,).
+    """Return the code and the summed weight of each pair of family and code, (k,) each.
 
-    code, weight, family: (n,) of the particles; those of one family and code are one of the result.
-    family: int, the particle of the begin from which each descends.
+    Args:
+        code: codes from 0 to many - 1, (n,).
+        many: the number of codes.
+        weight: of each particle, (n,).
+        family: number of the initial particle from which each descends, int (n,).
+        blocks: of these particles.
     """
     return families(many, [runs_of_families(code, many, weight, family, blocks)])
 
@@ -48,13 +51,13 @@ def of_families(
 def runs_of_families(
     code: Array, many: int, weight: Array, family: Array, blocks: Blocks
 ) -> tuple[Array, Array]:
-    """Return what a part of the particles has to say to `families`."""
-    # offspring lie side by side: runs are few
+    """Return one part's input to `families`: pairs of family and code, and their summed weights."""
+    # siblings occupy adjacent slots, so there are few runs
     return blocks.runs(family.astype(np.int64) * many + code, weight)
 
 
 def families(many: int, runs: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Return what `of_families` does, from the runs of all parts."""
+    """Return the result of `of_families` from the runs of all parts."""
     pair, mass = (np.concatenate(column) for column in zip(*runs, strict=True))
     pairs, which = np.unique(pair, return_inverse=True)
     return pairs % many, np.bincount(which, mass, len(pairs))
@@ -62,13 +65,13 @@ def families(many: int, runs: Sequence[tuple[Array, Array]]) -> tuple[Array, Arr
 
 @dataclass(frozen=True)
 class Weighed:
-    """What a run needs of all weights: sums by block, each in units of the block's largest weight."""
+    """Sums of all weights by block, each in units of the block's largest weight."""
 
     top: Array  # (k,) largest log weight of each block
     part: Partial  # sums of weights and of their squares, (k, 1, 2)
 
     def _scaled(self, top: Array) -> Partial:
-        """Return the sums in units of exp(top), of shape (k,) or ()."""
+        """Return the sums in units of exp(top); top has shape (k,) or ()."""
         scale = np.exp(
             np.where(np.isfinite(self.top), self.top, -np.inf)
             - np.where(np.isfinite(top), top, 0.0)
@@ -78,12 +81,12 @@ class Weighed:
 
     @property
     def largest(self) -> float:
-        """The largest log weight; -inf of nothing."""
+        """The largest log weight; -inf if there are no particles."""
         return float(self.top.max(initial=-np.inf))
 
     @property
     def log_sums(self) -> Array:
-        """Log of the sum of the weights of each scenario, (scenarios,); -inf where there is none."""
+        """Log of the summed weight of each scenario, (scenarios,); -inf where it is 0."""
         top = np.full(self.part.scenarios, -np.inf)
         np.maximum.at(top, self.part.scenario, self.top)
         with np.errstate(divide="ignore"):
@@ -92,7 +95,7 @@ class Weighed:
 
     @property
     def log_sum(self) -> float:
-        """Log of the sum of all weights; -inf where there is none."""
+        """Log of the sum of all weights; -inf if it is 0."""
         top = self.largest
         return (
             float(top + np.log(self._scaled(np.asarray(top)).total[0, 0]))
@@ -113,7 +116,7 @@ class Weighed:
 
 
 def weighed(log_weight: Array, blocks: Blocks) -> Weighed:
-    """Return what is needed of all log weights (n,)."""
+    """Return the sums of weights by block from log weights (n,)."""
     logs = log_weight.astype(np.float64)
     top = np.maximum.reduceat(logs, blocks.first) if blocks.first.size else np.empty(0)
     own = np.repeat(np.where(np.isfinite(top), top, 0.0), np.diff(blocks.first, append=blocks.n))
@@ -122,31 +125,31 @@ def weighed(log_weight: Array, blocks: Blocks) -> Weighed:
 
 
 def merged(parts: Sequence[Weighed]) -> Weighed:
-    """Return what is needed of the log weights of all parts (at least one)."""
+    """Return the sums of weights of all parts (at least one)."""
     order = np.argsort(np.concatenate([one.part.number for one in parts]), kind="stable")
     top = np.concatenate([one.top for one in parts])[order]
     return Weighed(top, partials.merged([one.part for one in parts]))
 
 
 class Unit(NamedTuple):
-    """In what units log weights are to be told so that the weights of all particles add up to 1."""
+    """The scale in which the weights of all particles add up to 1."""
 
-    top: float  # the largest
-    total: float  # of all, in units of the largest
+    top: float  # the largest log weight
+    total: float  # sum of all weights, in units of the largest
 
     def shares(self, log_weight: Array) -> Array:
-        """Return the probabilities of some particles by their log weights, float64."""
+        """Return the probabilities of particles from their log weights, float64."""
         return np.asarray(relative(log_weight, self.top) / self.total)
 
 
 def unit(columns: Columns, name: str) -> Unit:
-    """Return the units of a column of log weights."""
+    """Return the scale that normalises a column of log weights."""
     top = max(float(logs.max()) for _, logs in columns.parts(name))
     sums = [blocks.partial(relative(logs, top)) for blocks, logs in columns.parts(name)]
     return Unit(top, float(partials.merged(sums).total[0, 0]))
 
 
 def normalised(log_weight: Array, blocks: Blocks) -> Array:
-    """Return the weights of all particles as probabilities, float64 (n,), of sum 1."""
+    """Return the weights of all particles as probabilities, float64 (n,), that add up to 1."""
     weight = relative(log_weight)
     return np.asarray(weight / blocks.total(weight))

@@ -1,1 +1,1 @@
-"""Files and pictures of a forecast."""
+"""Output files and pictures of a forecast."""

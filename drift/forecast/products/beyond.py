@@ -1,4 +1,4 @@
-"""What the frame of a picture leaves out, in words: probability, contacts and positions."""
+"""Texts about what a picture's frame leaves out: probability, contacts and positions."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,34 +13,36 @@ from geo import notation, sphere
 from geo.array import Array
 
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
-NEARLY = 0.9  # share of what is left out that counts as all of it
-NAMED = 3  # places that are given by name; of more, the number
+NEARLY = 0.9  # share of the probability outside that counts as all of it
+NAMED = 3  # places listed by name; the rest are counted
 
 
 def left_out(frame: Frame, at: Any, places: Mapping[str, Sequence[Array]] | None = None) -> str:
-    """Return in a sentence what a frame leaves out of the map at a time; empty if that is little
-    and no place.
+    """Return a sentence on what a frame leaves out of the map at a time; "" if that is negligible.
 
-    at: a forecast's data (drift.forecast.products.dataset) at one time. places: shapes (n, 2) [deg]
-    by name; a place is reported where no point of it is in the frame. Probability is reported where
-    more than TELLING is outside.
+    A place is reported if no point of it is inside the frame; probability if more than TELLING is
+    outside.
+
+    Args:
+        frame: of the picture.
+        at: a forecast's data (drift.forecast.products.dataset) at one time.
+        places: shapes (n, 2) [deg] by name.
     """
     parts = [_probability(frame, at), named(frame, places or {})]
     return "; ".join(part for part in parts if part)
 
 
 def aside(frame: Frame, at: Any) -> str:
-    """Return in a few words, for a small map, what a frame leaves out of the probability.
-
-    The result is empty if that is little.
+    """Return a short note for a small map on the probability outside its frame; "" if
+    negligible.
     """
     mass = _outside(frame, at)
     total = float(mass.sum())
     if total <= TELLING:
         return ""
-    lon, lat, _ = _most(mass, at)
+    lon, lat, _ = _main_cluster(mass, at)
     inside = within(frame, np.array([[lon, lat]]))[0]
-    return f"{notation.percent(total)} outside the frame{'' if inside else f', {_point(frame, lon, lat)}'}"
+    return f"{notation.percent(total)} outside the frame{'' if inside else f', {_compass_point(frame, lon, lat)}'}"
 
 
 def within(frame: Frame, points: Array) -> Array:
@@ -49,8 +51,8 @@ def within(frame: Frame, points: Array) -> Array:
 
 
 def hidden(frame: Frame, shapes: Sequence[Array]) -> bool:
-    """Whether nothing of these shapes is in a frame: no part of a line, nor the frame in a closed
-    one.
+    """Return True if shapes are all outside a frame: no line crosses it and no closed shape
+    surrounds it.
     """
     box = shapely.box(frame.x[0], frame.y[0], frame.x[1], frame.y[1])
     for points in shapes:
@@ -72,7 +74,7 @@ def hidden(frame: Frame, shapes: Sequence[Array]) -> bool:
 
 
 def _outside(frame: Frame, at: Any) -> Array:
-    """Return the probability of the cells outside a frame, 0 in it, (nlat, nlon)."""
+    """Return the probability of the cells outside a frame, 0 for cells inside, (nlat, nlon)."""
     mass = at["probability"].values.astype(np.float64)
     mass[frame.holds(*frame.net(at["lon"].values, at["lat"].values))] = 0.0
     return np.asarray(mass)
@@ -83,19 +85,21 @@ def _probability(frame: Frame, at: Any) -> str:
     total = float(mass.sum())
     if total <= TELLING:
         return ""
-    lon, lat, alone = _most(mass, at)
+    lon, lat, alone = _main_cluster(mass, at)
     words = f"{notation.percent(total)} of the probability lies outside this frame"
-    if within(frame, np.array([[lon, lat]]))[0]:  # their mean is in the frame, so they lie round it
+    if within(frame, np.array([[lon, lat]]))[
+        0
+    ]:  # the mean is inside, so the probability surrounds the frame
         return f"{words}, on several sides"
-    return f"{words}, {'' if alone else 'most of it '}{_where(frame, lon, lat)}"
+    return f"{words}, {'' if alone else 'most of it '}{_direction_and_position(frame, lon, lat)}"
 
 
-def _most(mass: Array, at: Any) -> tuple[float, float, bool]:
-    """Return the mean position (lon, lat) [deg] of the place that holds most, and whether it is the
-    only one.
+def _main_cluster(mass: Array, at: Any) -> tuple[float, float, bool]:
+    """Return the mean position (lon, lat) [deg] of the heaviest cluster, and whether it holds
+    nearly all.
 
-    A place is made of connected cells. Only the densest cells count, which together hold NEARLY
-    all: smoothing leaves a trace everywhere.
+    A cluster is a set of connected cells. Only the densest cells, which together hold NEARLY all
+    the probability, are used, because smoothing leaves traces everywhere.
     """
     height = (mass / at["cell_area"].values).ravel()
     order = np.argsort(-height, kind="stable")
@@ -114,9 +118,9 @@ def _most(mass: Array, at: Any) -> tuple[float, float, bool]:
 
 
 def named(frame: Frame, places: Mapping[str, Sequence[Array]]) -> str:
-    """Return which places lie outside a frame, and where; empty if none does."""
+    """Return a text on the places outside a frame and their direction; "" if there are none."""
     outside = [
-        f"{name}, {_where(frame, *shapes[0].mean(axis=0))}"
+        f"{name}, {_direction_and_position(frame, *shapes[0].mean(axis=0))}"
         for name, shapes in places.items()
         if hidden(frame, shapes)
     ]
@@ -126,12 +130,12 @@ def named(frame: Frame, places: Mapping[str, Sequence[Array]]) -> str:
     return f"outside this frame: {'; '.join(outside[:NAMED])}{more}"
 
 
-def _where(frame: Frame, lon: float, lat: float) -> str:
-    """Return in which direction from the middle of a frame a place is, and where."""
-    return f"to the {_point(frame, lon, lat)} (around {notation.position(lon, lat)})"
+def _direction_and_position(frame: Frame, lon: float, lat: float) -> str:
+    """Return a place's direction from the middle of a frame, and its position, as text."""
+    return f"to the {_compass_point(frame, lon, lat)} (around {notation.position(lon, lat)})"
 
 
-def _point(frame: Frame, lon: float, lat: float) -> str:
+def _compass_point(frame: Frame, lon: float, lat: float) -> str:
     """Return the direction from the middle of a frame to a place, as one of eight points."""
     east, north = sphere.offset(*np.radians(frame.centre), *np.radians([lon, lat]))
     return POINTS[round(float(np.degrees(np.arctan2(east, north))) / 45) % 8]

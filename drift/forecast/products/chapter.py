@@ -1,6 +1,5 @@
-"""What a forecast hands out: maps over time, tracks, tables, shapes for a GIS, and two pictures.
-
-The tracks are those of a subsample.
+"""The outputs of a forecast: maps by time, tracks of a subsample, tables, GIS shapes and
+pictures.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,19 +19,19 @@ from drift.products.maps.imprint import Setting
 
 @dataclass(frozen=True)
 class ForecastOutputs:
-    """What the files and pictures are made from."""
+    """The inputs of the forecast's files and pictures."""
 
     forecast: Forecast
     tracks: Trajectories
     setting: Setting
     overlays: Sequence[
         Callable[[Any], Any]
-    ] = ()  # what other topics draw on the map: drift.products.maps.overlay.AtTime
+    ] = ()  # layers of other topics for the map: drift.products.maps.overlay.AtTime
     small: Sequence[Callable[[Any], Any]] = ()  # the same on the maps of all outputs
 
 
 def _map(matter: ForecastOutputs, path: Path) -> None:
-    # imported here, for Matplotlib takes a second
+    # imported here because Matplotlib takes a second
     from drift.forecast.products import map as forecast_map
 
     time = mapped.opening(matter.forecast.data, matter.setting.opens)
@@ -47,7 +46,7 @@ def _snapshots(matter: ForecastOutputs, path: Path) -> None:
     forecast_map.draw_snapshots(matter.forecast, path, matter.setting, overlays=matter.small)
 
 
-def _stories(matter: ForecastOutputs, path: Path) -> None:
+def _scenario_maps(matter: ForecastOutputs, path: Path) -> None:
     from drift.forecast.products import scenario_maps
 
     scenario_maps.plot_scenarios(matter.forecast, path, matter.setting, overlays=matter.small)
@@ -71,12 +70,12 @@ PICTURES: dict[str, Callable[[ForecastOutputs, Path], None]] = {
     "snapshots.png": _snapshots,
 }
 SCENARIO_PICTURES: dict[str, Callable[[ForecastOutputs, Path], None]] = {  # of several scenarios
-    "stories.png": _stories,
+    "stories.png": _scenario_maps,
 }
 
 
 def chapter(matter: ForecastOutputs) -> Chapter:
-    """Return the chapter of a forecast."""
+    """Return the output bundle of a forecast."""
     several = matter.forecast.data.sizes["scenario"] > 1
     return Chapter(
         tables.summary_of_forecast(matter.forecast, matter.setting.opens),

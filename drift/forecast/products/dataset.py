@@ -22,14 +22,14 @@ SUMMARY = (
     "Probability of where an object at sea is over time, by cells, from weighted particles: what they drifted or steered, "
     "what searches and contacts showed up to each time, areas that hold stated shares, and what became of the object."
 )
-SUMMED = "time: point area: sum"  # CF's cell methods of a share of the cell at a time
+SUMMED = "time: point area: sum"  # CF cell methods of a cell's probability at a time
 CALIBRATED = "calibrated so that the share of held-out particles inside equals the stated one"
 
 
 def _positions(
     name: str, dims: tuple[str, ...], words: str
 ) -> dict[str, tuple[tuple[str, ...], dict[str, str]]]:
-    """Return the two variables of a position."""
+    """Return the longitude and latitude variables of a position."""
     return {
         f"{name}_{short}": (
             dims,
@@ -174,19 +174,17 @@ VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
         },
     ),
 }
-STEERING = {  # words of long names where targets steer
+STEERING = {  # long names for runs with steering targets
     "adrift or ashore": "under way, arrived, aground, adrift or ashore",
     "of those adrift": "of those under way or adrift",
 }
 
 
 class Maps:
-    """The maps of all times on the cells that these share; each is put in as it is made, and need
-    not be kept.
-    """
+    """The maps of all times on the common cells, filled one time after another."""
 
     def __init__(self, times: int, grid: Cells, scenarios: int, shares: int) -> None:
-        """Make room for the maps of so many times; scenarios: that are shown."""
+        """Allocate the maps of `times` outputs; scenarios: the number of displayed entries."""
         self.grid = grid
         shapes = [(times, scenarios, *grid.shape), *[(times, *grid.shape)] * 3]
         self._cellwise = temporary.zeros(shapes, np.float32)
@@ -196,14 +194,14 @@ class Maps:
         self.areas, self.held_out = (np.full((times, shares), np.nan) for _ in range(2))
 
     def put(self, i: int, area: areas.Area) -> None:
-        """Put in the map of a time."""
+        """Store the map of time number i."""
         self._put[i] = True
         part, own = _coarsened(area, self.grid)
-        where, there = _shared(own, self.grid)
+        where, there = _overlap(own, self.grid)
         total = part.sum(axis=(0, 1))
         self.by_scenario[(i, slice(None), *where)] = part.sum(axis=1)[(slice(None), *there)]
         self.probability[(i, *where)] = total[there]
-        # nothing where nobody is ashore
+        # empty where no particle is ashore
         self.ashore[(i, *where)] = part[:, 1:].sum(axis=(0, 1))[there]
         self.contained[i] = 1.0
         self.contained[(i, *where)] = _containment(area, total, own.area())[there]
@@ -214,7 +212,7 @@ class Maps:
             temporary.let_go(values)
 
     def values(self) -> dict[str, Array]:
-        """Return what is known of each cell at each time, and of each map."""
+        """Return the variables by cell and time, and those by time."""
         self.contained[~self._put] = np.nan
         return {
             "probability": self.probability,
@@ -237,11 +235,15 @@ def build_dataset(
     shares: Sequence[float],
     bandwidths: Sequence[float | None] | None = None,
 ) -> xr.Dataset:
-    """Return the forecast as a dataset; times without any probability on the map have zeros and
-    NaN.
+    """Return the forecast as a dataset; times without probability on the map hold zeros and NaN.
 
-    bandwidths: [binary angle unit] that suit the densest particles of each output, on a grid that
-    does not follow them.
+    Args:
+        surveys: statistics of each output.
+        scenarios: names, in order of their numbers.
+        maps: of all outputs.
+        shares: of the containment areas.
+        bandwidths: [binary angle unit] suited to the densest part of each output, on a grid that
+            does not follow the particles.
     """
     by_scenario = np.array([survey.scenario for survey in surveys])
     mapped_alone = likeliest.likeliest_scenarios(by_scenario)
@@ -274,7 +276,7 @@ def build_dataset(
     if "effective_worlds" in forecast:
         forecast["effective_worlds"].attrs["worlds"] = surveys[0].worlds
     if not any(survey.steers for survey in surveys):
-        # nothing steers: it is the last three
+        # without steering only the last three exist
         return forecast.isel(status=slice(int(Status.UNDER_WAY)))
     for variable in forecast.variables.values():
         for drifting, steering in STEERING.items() if variable.attrs else ():
@@ -342,7 +344,7 @@ def _axis(name: str, axis: str, words: str) -> dict[str, str]:
 
 
 def _effective(surveys: Sequence[Survey]) -> dict[str, Array]:
-    """Return how many particles count, and how many worlds where there are any."""
+    """Return the effective numbers of particles, and of worlds if there are any."""
     worlds = surveys and surveys[0].worlds > 0
     return {
         "effective_particles": np.array([survey.effective_map for survey in surveys]),
@@ -356,9 +358,9 @@ def _effective(surveys: Sequence[Survey]) -> dict[str, Array]:
     }
 
 
-def _shared(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Return the rows and columns that cells share with a grid, counted on the grid, and counted on
-    the cells.
+def _overlap(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return the rows and columns that cells share with a grid, as slices of the grid and of the
+    cells.
     """
     on_grid, on_cells = [], []
     for start, count, size in (
@@ -373,7 +375,7 @@ def _shared(own: Cells, grid: Cells) -> tuple[tuple[slice, slice], tuple[slice, 
 
 
 def _coarsened(area: areas.Area, grid: Cells) -> tuple[Array, Cells]:
-    """Return the map summed into cells of the common size, and these."""
+    """Return the map summed into cells of the common size, and these cells."""
     k = grid.width // area.cells.width
     return areas.summed(area.probability, k) if k > 1 else area.probability, areas.coarser(
         area.cells, k
@@ -381,7 +383,7 @@ def _coarsened(area: areas.Area, grid: Cells) -> tuple[Array, Cells]:
 
 
 def _containment(own: areas.Area, total: Array, cell_area: Array) -> Array:
-    """Return the containment on the common cells: the map's own, or again from the sums of finer
+    """Return the containment on the common cells: the map's own, or recomputed from sums of finer
     cells.
     """
     if total.shape == own.cells.shape:
@@ -390,7 +392,7 @@ def _containment(own: areas.Area, total: Array, cell_area: Array) -> Array:
 
 
 def _tracks(mean: Sequence[Means], grid: Cells) -> dict[str, Array]:
-    """Return mean positions, longitudes run on from the grid's western edge."""
+    """Return mean positions, with longitudes continuous from the grid's western edge."""
     west = grid.lon()[0] - 180
     positions = {}
     for name, at in (

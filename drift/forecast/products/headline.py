@@ -1,4 +1,6 @@
-"""A forecast in a few words: where the object most likely is, how sure that is, and what is ashore."""
+"""The forecast in a few sentences: the likeliest position, its uncertainty, and the share
+ashore.
+"""
 
 import numpy as np
 import xarray as xr
@@ -9,11 +11,11 @@ from geo import notation
 from geo.notation import NMI, percent
 
 FAR = 500_000.0  # [m] beyond which no town is named
-MENTIONED = 0.005  # probability from which it is worth a sentence
+MENTIONED = 0.005  # probability from which a part is mentioned
 
 
 def forecast_headline(data: xr.Dataset, opens: np.datetime64 | None) -> str:
-    """Return the sentences that stand on top of the report.
+    """Return the sentences at the top of the report.
 
     Args:
         data: of a drift.forecast.build.Forecast.
@@ -37,8 +39,8 @@ def forecast_headline(data: xr.Dataset, opens: np.datetime64 | None) -> str:
 
 
 def _place(at: xr.Dataset, ashore: bool) -> str:
-    """Return where the densest cell lies, of what is ashore or of all: position, and where it lies
-    from a town.
+    """Return the position of the densest cell, ashore or of all, and its bearing from the nearest
+    town.
     """
     density = at["probability_ashore" if ashore else "probability"].values / at["cell_area"].values
     row, column = np.unravel_index(int(density.argmax()), density.shape)

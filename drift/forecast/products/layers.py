@@ -1,4 +1,4 @@
-"""What a chart shows of a forecast: shading, areas, track, marks, what is ashore."""
+"""Chart layers of a forecast: shading, areas, mean track, marks, and probability ashore."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -41,8 +41,8 @@ ROUGH: dict[str, Any] = {
     "linewidth": 0.0,
     "alpha": 0.55,
 }
-BAND = 2.8  # width of the coast in an area [typographic points], without its edges
-LARGER = 1.6  # factor by which a frame may grow to show a place that is far off
+BAND = 2.8  # width of a coastal band [typographic points], without its edges
+LARGER = 1.6  # factor by which a frame may grow to include a distant place
 TRACK, ASHORE, LAST_KNOWN = "#111111", "#7a1fa2", chart.RED
 ISLAND = 0.02  # share of an area's size under which an island or a hole is not drawn
 PARTIAL: dict[str, Any] = {
@@ -74,8 +74,8 @@ PRIOR_DASHES: tuple[Any, ...] = ((0, (6, 2, 1, 2)), (0, (10, 2.5)), (0, (3, 1, 1
 
 
 def prior_style(which: int) -> dict[str, Any]:
-    """Return the style of a scenario's area or trackline; twenty differ, by their dashes in grey
-    print too.
+    """Return the style of a scenario's area or trackline; twenty differ, by their dashes also in
+    grey print.
     """
     return {
         "color": PRIOR_COLOURS[which % len(PRIOR_COLOURS)],
@@ -100,11 +100,11 @@ def extent(
     aspect: float,
     also: Iterable[Sequence[Array]] = (),
 ) -> Frame:
-    """Return the frame of what is shaded at these times, the mean track and what is marked; not of
-    outliers.
+    """Return the frame that holds the shaded cells at these times, the mean track and the marks,
+    without outliers.
 
-    also: places, each some shapes (n, 2) [deg]; one is shown too unless that makes the frame over
-    LARGER times as wide.
+    also: places, each some shapes (n, 2) [deg]; a place is included unless it makes the frame more
+    than LARGER times as wide.
     """
     data = forecast.data
     lon, lat = [data["mean_lon"].values], [data["mean_lat"].values]
@@ -151,15 +151,14 @@ def extent(
 
 
 def little(frame: Frame, whole: Frame) -> bool:
-    """Whether the whole frame is at most LARGER times as wide as a frame."""
+    """Return whether a whole frame is at most LARGER times as wide as a frame."""
     return whole.x[1] - whole.x[0] <= LARGER * (frame.x[1] - frame.x[0])
 
 
 def _shaded(forecast: Forecast, contour: Contour) -> tuple[float, float, float, float]:
-    """Return the bounds [deg] of the cells that are shaded at a contour's time.
+    """Return the bounds [deg] of the cells shaded at a contour's time.
 
-    Outliers do not count: on each side the bounds reach at most the contour's size beyond the
-    contour.
+    To exclude outliers, the bounds extend on each side at most the contour's size beyond it.
     """
     data = forecast.data
     west, south, east, north = contour.polygon.bounds
@@ -187,7 +186,7 @@ def _shaded(forecast: Forecast, contour: Contour) -> tuple[float, float, float, 
 
 
 def near(lon: float, middle: float) -> float:
-    """Return a longitude [deg] at the number of turns that brings it nearest to another."""
+    """Return a longitude [deg] shifted by whole turns to be nearest to another."""
     return sphere.near_degrees(lon, middle)
 
 
@@ -202,12 +201,11 @@ def density(forecast: Forecast, time: int) -> Array:
 
 
 def scale_top(at: Any) -> float:
-    """Return the density [% per nmi2] that ends the colour scale.
+    """Return the density [% per nmi2] at the top of the colour scale.
 
-    The area above it holds a tenth of those adrift.
-
-    Those ashore have symbols of their own, and their narrow strip would take most of the scale:
-    they count only where hardly any are adrift.
+    The cells above it hold a tenth of the probability adrift. Probability ashore has its own
+    symbols, and its narrow strip would take most of the scale; it counts only where hardly any is
+    adrift.
     """
     mass = at["probability"].values.astype(np.float64).ravel()
     adrift = mass - at["probability_ashore"].values.astype(np.float64).ravel()
@@ -241,12 +239,10 @@ def shade(ax: Axes, frame: Frame, forecast: Forecast, values: Array, norm: Any) 
 
 
 def kept(polygon: shapely.MultiPolygon) -> list[Array]:
-    """Return the rings to draw of an area, each (n, 2).
+    """Return the rings to draw of an area, each (n, 2), without small islands and holes.
 
-    Islands and holes of less than ISLAND of its size are left out.
-
-    Pictures alone leave them out, files do not. Where islands make up more than a tenth, the larger
-    ones stay.
+    Islands and holes smaller than ISLAND of the area are left out, in pictures only. Where islands
+    make up more than a tenth of the area, the larger ones stay.
     """
     if polygon.is_empty:
         return []
@@ -287,7 +283,7 @@ def rings(ax: Axes, frame: Frame, polygon: shapely.MultiPolygon, style: dict[str
 
 
 def lines(shares: Sequence[float]) -> dict[float, dict[str, Any]]:
-    """Return the style of each area's outline by its share: solid for the innermost, dotted for the
+    """Return the style of each area's outline by its share, solid for the innermost, dotted for the
     outermost.
     """
     styles = [
@@ -304,25 +300,27 @@ def lines(shares: Sequence[float]) -> dict[float, dict[str, Any]]:
 
 
 def line(share: float, forecast: Forecast, few: bool = False) -> dict[str, Any]:
-    """Return the style of an area's outline, which is thin and grey where few particles count."""
+    """Return the style of an area's outline; few: few effective particles, drawn thin and grey."""
     style = lines(forecast.shares)[share]
     return unsure(style) if few else style
 
 
 def areas_of(forecast: Forecast, time: Any, shares: Sequence[float]) -> list[Contour]:
-    """Return the outlines of some shares at a time."""
+    """Return the contours of some shares at a time."""
     return [
         contour for contour in forecast.contours if contour.time == time and contour.share in shares
     ]
 
 
 def unsure(style: dict[str, Any]) -> dict[str, Any]:
-    """Return the style of an outline where few particles count: thin and grey, for it is no edge."""
+    """Return an outline's style for few effective particles: thin and grey, because it is
+    uncertain.
+    """
     return {**style, "color": "#55606b", "linewidth": 0.55 * style["linewidth"]}
 
 
 def widest(outlines: Sequence[Contour]) -> shapely.MultiPolygon:
-    """Return the largest of a time's areas."""
+    """Return the largest area of a time."""
     return (
         max(outlines, key=lambda contour: contour.share).polygon
         if outlines
@@ -331,7 +329,7 @@ def widest(outlines: Sequence[Contour]) -> shapely.MultiPolygon:
 
 
 def rough(ax: Axes, frame: Frame, area: shapely.MultiPolygon) -> None:
-    """Hatch an area of few particles: its edges are not where they seem."""
+    """Hatch an area with few effective particles: its edges are uncertain."""
     rings = [Outline(np.column_stack(frame.project(*ring.T)), closed=True) for ring in kept(area)]
     if rings:
         chart.outline(ax, PathPatch(Outline.make_compound_path(*rings), zorder=2.5, **ROUGH))
@@ -345,11 +343,10 @@ def outline(
     few: bool,
     width: float = 1.0,
 ) -> None:
-    """Draw the outlines of a time's areas, `width` times as wide as usual; hatch where few
-    particles count.
+    """Draw the outlines of a time's areas, `width` times as wide as usual; hatch them if `few`.
 
-    The coast in them is a band: there the outline, a cell or two across, is lost under the
-    shoreline.
+    Coastal parts of the areas are drawn as bands, because an outline a cell or two wide disappears
+    under the shoreline.
     """
     if contours:
         _coast(ax, frame, forecast, contours, few, width)
@@ -363,7 +360,7 @@ def outline(
 def _coast(
     ax: Axes, frame: Frame, forecast: Forecast, contours: Sequence[Contour], few: bool, width: float
 ) -> None:
-    """Draw the coast in the areas of a time as bands over the land; see `outline`."""
+    """Draw the coast inside the areas of a time as bands over the land; see `outline`."""
     time = int(np.flatnonzero(forecast.data["time"].values == contours[0].time)[0])
     found = coastal.strips(
         forecast.data.isel(time=time), sorted(contour.share for contour in contours)
@@ -378,7 +375,7 @@ def _coast(
 
 
 def band(share: float, forecast: Forecast, few: bool = False, width: float = 1.0) -> dict[str, Any]:
-    """Return the style of the coast in an area: dark for the innermost, light as paper for the
+    """Return the style of the coast inside an area: dark for the innermost, light for the
     outermost.
     """
     style, light = (
@@ -428,16 +425,16 @@ def note(ax: Axes, texts: Sequence[str], **style: Any) -> None:
 
 
 def beside(frame: Frame, at: Any, count: effective.Count) -> list[str]:
-    """Return the notes of a small map: whether few particles count, and what its frame leaves out."""
+    """Return the notes of a small map: few effective particles, and probability outside its
+    frame.
+    """
     notes = [f"only {count.words}"] if count.few else []
     out = beyond.aside(frame, at)
     return [*notes, out] if out else notes
 
 
 def prior_line(ax: Axes, frame: Frame, line: Line, which: int, scale: float = 1.0) -> None:
-    """Draw a scenario's area or trackline in the style of its number among them; scale: of its
-    width.
-    """
+    """Draw a scenario's area or trackline in the style of its number; scale: of the line width."""
     lon, lat = np.asarray(line.lon, float), np.asarray(line.lat, float)
     if line.closed:
         lon, lat = np.append(lon, lon[0]), np.append(lat, lat[0])
@@ -448,7 +445,7 @@ def prior_line(ax: Axes, frame: Frame, line: Line, which: int, scale: float = 1.
 
 
 def others(ax: Axes, frame: Frame, places: Sequence[tuple[float, float]]) -> None:
-    """Draw the positions [deg] of many that have no mark of their own as dots."""
+    """Draw the positions [deg] of scenarios without their own mark as dots."""
     if places:
         ax.plot(*frame.project(*np.array(places, float).T), zorder=8, **OTHERS)
 
@@ -472,7 +469,7 @@ def mark_point(ax: Axes, frame: Frame, mark: Mark, size: float) -> None:
 
 
 def mark_symbol(ring: float, cross: float, width: float = 1.6) -> tuple[Line2D, Line2D]:
-    """Return how marks look in a legend: a ring with a cross, of these sizes [points]."""
+    """Return the legend symbols of a mark: a ring and a cross of these sizes [points]."""
     style: dict[str, Any] = {"color": LAST_KNOWN, "linestyle": "none", "markeredgewidth": width}
     return (
         Line2D([], [], marker="o", markersize=ring, markerfacecolor="white", **style),
@@ -483,8 +480,8 @@ def mark_symbol(ring: float, cross: float, width: float = 1.6) -> tuple[Line2D, 
 def ashore_marks(
     ax: Axes, frame: Frame, forecast: Forecast, time: int, scale: float = 1.0
 ) -> float:
-    """Mark where the object may be ashore, gathered on a coarse net; return the probability of all
-    of it.
+    """Mark where the object may be ashore, aggregated on a coarse mesh; return the total
+    probability.
     """
     ashore = forecast.data["probability_ashore"].values[time].astype(np.float64)
     rows, columns = np.nonzero(ashore)
@@ -497,10 +494,10 @@ def ashore_marks(
     bins = np.floor((y - frame.y[0]) / net) * 1000 + np.floor((x - frame.x[0]) / net)
     _, member = np.unique(bins, return_inverse=True)
     sums = np.bincount(member, weight)
-    order = np.lexsort((-weight, member))  # a symbol stands at the likeliest cell of its mesh
+    order = np.lexsort((-weight, member))  # a symbol is placed at the likeliest cell of its mesh
     x, y = (v[order[np.searchsorted(member[order], np.arange(len(sums)))]] for v in (x, y))
     keep = sums > 1e-3 * total
-    # the coast in areas shows between them
+    # symbols leave the coastal bands visible
     size = scale**2 * (9 + 50 * sums[keep] / max(sums.max(), 0.02))
     ax.scatter(
         x[keep], y[keep], size, marker="^", color=ASHORE, edgecolor="white", linewidth=0.5, zorder=9
@@ -509,7 +506,7 @@ def ashore_marks(
 
 
 def occupied(frame: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Array, Array]:
-    """Return points [m] of what must not be covered: the outer contours and the track."""
+    """Return points [m] that labels must not cover: the outer contours and the track."""
     xy = [
         np.column_stack(
             frame.project(forecast.data["mean_lon"].values, forecast.data["mean_lat"].values)
@@ -526,14 +523,14 @@ def occupied(frame: Frame, forecast: Forecast, times: Sequence[Any]) -> tuple[Ar
 
 
 def complete(forecast: Forecast) -> int:
-    """Return the first output from which on the mean is that of all that is released; see
+    """Return the first output whose mean includes practically all releases; see
     effective.released.
     """
     return effective.released(forecast.data)
 
 
 def spaced(times: Array, most: int) -> list[int]:
-    """Return which of some times to write: at most `most`, well apart, the last one always."""
+    """Return the indices of at most `most` times, well separated, always including the last one."""
     if len(times) <= most:
         return list(range(len(times)))
     least, picks = abs(times[-1] - times[0]) / (most - 1), [len(times) - 1]
@@ -552,14 +549,11 @@ def track(
     marks: Sequence[Mark],
     names: Sequence[tuple[float, float, str]] = (),
 ) -> None:
-    """Draw the mean track to the map's time with its times, the marks, names, and the scale bar in
-    a free corner.
+    """Draw the mean track up to the map's time with its times, marks, names and the scale bar.
 
-    names: of what else stands on the map (lon, lat [deg], text), written where there is room; so
-    are towns and harbours.
-
-    While a part is not released yet, the mean jumps with each release: that part of the track is
-    thin and dotted.
+    names: (lon, lat [deg], text) of other objects on the map, written where there is room, as are
+    towns and harbours. Before all releases have happened, the mean jumps with each release: that
+    part of the track is thin and dotted.
     """
     data = forecast.data
     lon, lat, times = data["mean_lon"].values, data["mean_lat"].values, data["time"].values

@@ -1,8 +1,8 @@
-"""Pictures of a forecast: the map that a planner pins up, and small multiples by time.
+"""Pictures of a forecast: the main map, and small maps by time.
 
-Land comes from the polygons handed in; nothing is downloaded. Figures are made and drawn without
-pyplot and leave no state behind. Shading runs from light to dark (magma reversed): even steps to
-the eye and in grey print.
+Land comes from the polygons given; nothing is downloaded. Figures are made without pyplot and leave
+no global state. Shading runs from light to dark (magma reversed), in even perceptual steps also in
+grey print.
 """
 
 import textwrap
@@ -31,7 +31,7 @@ from geo import notation
 from geo.array import Array
 from geo.notation import NMI
 
-WARNED = 105  # letters of a row of warnings, which ends where the legend begins
+WARNED = 105  # characters in a row of warnings, which ends where the legend begins
 ROW = 0.03  # height of a row of warnings over the map, as a share of the page
 SHEET = Sheet(
     11.7,
@@ -55,22 +55,22 @@ def draw_map(
     time: int = -1,
     overlays: Sequence[AtTime] = (),
 ) -> None:
-    """Draw the forecast at one output time (index); overlays: what other topics draw on it at its
+    """Draw the forecast at one output (index) into a file; overlays: layers of other topics by
     time.
     """
-    sheet.end(_drawn(forecast, setting, time, overlays), path, setting.imprint)
+    sheet.end(_draw_page(forecast, setting, time, overlays), path, setting.imprint)
 
 
 def figure(
     forecast: Forecast, setting: Setting, *, time: int = -1, overlays: Sequence[AtTime] = ()
 ) -> Figure:
-    """Return the same as a figure."""
-    on = _drawn(forecast, setting, time, overlays)
+    """Return the picture of `draw_map` as a Matplotlib figure."""
+    on = _draw_page(forecast, setting, time, overlays)
     sheet.foot(on, setting.imprint)
     return on.figure
 
 
-def _drawn(
+def _draw_page(
     forecast: Forecast, setting: Setting, time: int, overlays: Sequence[AtTime]
 ) -> sheet.Page:
     on = sheet.begin(SHEET)
@@ -124,10 +124,10 @@ def _layout(
     count: effective.Count,
     places: Mapping[str, Sequence[Array]],
 ) -> tuple[float, Frame, list[str]]:
-    """Return the map's height [of the page], its frame, and the rows of warnings over it.
+    """Return the map's height [share of the page], its frame, and the rows of warnings above it.
 
-    What the frame leaves out is a warning too, whose rows make the map lower and so the frame
-    another.
+    A warning of probability outside the frame adds rows, which make the map lower and change the
+    frame.
     """
     at = forecast.data.isel(time=time)
     now = at["time"].values[()]
@@ -139,7 +139,9 @@ def _layout(
     warnings = [line for text in texts for line in textwrap.wrap(text, WARNED)]
 
     def under(rows: int) -> tuple[float, Frame, list[str]]:
-        """Return the map's height and frame under some rows of text, and what the frame leaves out."""
+        """Return the map's height and frame below some rows of text, and the warning of what it
+        leaves out.
+        """
         height = 0.775 - ROW * (count.few + rows)
         aspect = 0.665 * SHEET.width / (height * SHEET.height)
         frame = layers.extent(
@@ -156,14 +158,14 @@ def _layout(
 def draw_snapshots(
     forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence[AtTime] = ()
 ) -> None:
-    """Draw the output times side by side, at most twelve, on one extent and one colour scale; see
+    """Draw the output times as small maps, at most twelve, with one extent and colour scale; see
     draw_map.
     """
     count, imprint = forecast.data.sizes["time"], setting.imprint
     picks = np.unique(np.linspace(0, count - 1, min(count, 12)).round().astype(int)).tolist()
     columns = {1: 1, 2: 2, 4: 2, 7: 4, 8: 4, 10: 4, 11: 4, 12: 4}.get(len(picks), 3)
     rows = -(-len(picks) // columns)
-    # While hardly anything is released yet, a panel says so by itself: see effective.RELEASED.
+    # A panel with hardly any releases says so itself: see effective.RELEASED.
     out = [i for i in picks if i >= layers.complete(forecast)]
     least, least_at = effective.fewest(forecast.data, out, setting.particles)
     wide, gap, head, foot, side = (
@@ -197,7 +199,7 @@ def draw_snapshots(
     times = [forecast.data["time"].values[i] for i in picks]
     frame = layers.extent(forecast, times, setting.marks, (), aspect=1.0)
     land = chart.land_path(frame, setting.polygons(frame.box()), 420)
-    # The shading of maps that stand on few particles must not make the others pale.
+    # Maps with few effective particles must not set the colour scale of the others.
     sure = [i for i in picks if not effective.effective_at(forecast.data, i).few]
     top = max(layers.scale_top(forecast.data.isel(time=i)) for i in sure or picks)
     for k, i in enumerate(picks):
@@ -231,7 +233,9 @@ def draw_snapshots(
                 chart.free_corner(frame, *layers.occupied(frame, forecast, times)),
                 small=True,
             )
-    sheet.head(on, imprint, _joined(forecast_words.span(times, forecast.ends), setting.particles))
+    sheet.head(
+        on, imprint, _with_particles(forecast_words.span(times, forecast.ends), setting.particles)
+    )
     if least.few:
         when = notation.group(forecast.data["time"].values[least_at])
         sheet.rough(on, effective.banner(least, "areas are rough", when))
@@ -260,8 +264,8 @@ def small_map(
 ) -> Any:
     """Draw one output with its smallest and its largest area; return the shading.
 
-    notes: what it warns of, besides few particles and what the frame leaves out.
-    top: density [% per nmi2] at the upper end of the colour scale, which spans three powers of ten.
+    notes: warnings besides few particles and probability outside the frame. top: density [% per
+    nmi2] at the upper end of the colour scale, which spans three powers of ten.
     """
     at, density = forecast.data.isel(time=i), layers.density(forecast, i)
     chart.prepare(ax, frame)
@@ -296,12 +300,12 @@ def log_bar(figure: Figure, box: tuple[float, float, float, float], mesh: Any) -
     bar.tick_params(labelsize=7)
 
 
-def _joined(text: str, particles: int | None) -> str:
+def _with_particles(text: str, particles: int | None) -> str:
     return text if particles is None else f"{text}; {particles:,} particles"
 
 
 def sizes(at: Any, waiting: str) -> str:
-    """Return what stands over a panel: the areas, or why there are none."""
+    """Return the text above a panel: the areas, or why there are none."""
     areas = list(zip(at["share"].values, at["containment_area"].values / NMI**2, strict=True))
     if np.isfinite(areas[0][1]):
         ends = dict.fromkeys((areas[0], areas[-1]))
@@ -315,7 +319,7 @@ def sizes(at: Any, waiting: str) -> str:
 
 
 def _off_map(at: Any, waiting: str) -> str:
-    """Return how much of the probability a panel does not show, in a few words."""
+    """Return a short text on the probability that a panel does not show."""
     now = forecast_words.statuses(at)
     told = {
         "pending": waiting,
@@ -337,8 +341,8 @@ def _rows(
     land: bool,
     few: bool,
 ) -> list[tuple[Any, str]]:
-    """Return symbols and texts of the legend: areas, track, priors, what is ashore; few: few
-    particles count.
+    """Return symbols and texts of the legend: areas, track, priors, probability ashore; few: few
+    particles.
     """
     rows: list[tuple[Any, str]] = []
     for outline in outlines:
@@ -349,7 +353,7 @@ def _rows(
         rows.append((Line2D([], [], **layers.line(outline.share, forecast, few)), words))
     rows += layers.bands(forecast, [time], forecast.shares, few)
     if few and outlines:
-        rows.append((Patch(**layers.ROUGH), "Rough: too little counts for edges"))
+        rows.append((Patch(**layers.ROUGH), "Rough: too few effective particles"))
     style: dict[str, Any] = {"color": layers.TRACK, "marker": "o"}
     first, last = layers.complete(forecast), range(forecast.data.sizes["time"])[time]
     if first <= last:
@@ -396,12 +400,12 @@ def _rows(
 
 
 def _afloat(forecast: Forecast) -> str:
-    """Return in words what moves while a part of it has not begun to."""
+    """Return the word for moving particles while others have not started to move."""
     return "under way" if forecast_words.steers(forecast.data) else "adrift"
 
 
 def _legend(figure: Figure, rows: Sequence[tuple[Any, str]]) -> None:
-    """Write the legend beside the map, as small as it must be to end above the positions."""
+    """Draw the legend beside the map, in the largest font that ends above the positions."""
     for size in (9.5, 8.0, 6.5, 5.0):
         wide = int(34 * 9.5 / size)
         legend = sheet.legend(
@@ -420,7 +424,7 @@ def _legend(figure: Figure, rows: Sequence[tuple[Any, str]]) -> None:
 
 
 def _panel(figure: Figure, at: Any, mesh: Any) -> None:
-    """Write positions, the colour bar and what the areas are beside the map."""
+    """Write positions, the colour bar and the sizes of the areas beside the map."""
     mean = notation.position(float(at["mean_lon"]), float(at["mean_lat"])) or "none"
     datum = notation.position(float(at["datum_lon"]), float(at["datum_lat"])) or "none"
     called = f"Datum ({forecast_words.afloat(at)})"

@@ -1,5 +1,5 @@
-"""What report.html shows of a forecast: maps over time, areas, tracks, where it went ashore, and
-the account.
+"""Items of report.html for a forecast: maps by time, areas, tracks, strandings, and status
+shares.
 """
 
 from typing import Any
@@ -21,9 +21,7 @@ from geo.notation import NMI
 def forecast_leaves(
     forecast: Forecast, tracks: Trajectories, opens: np.datetime64 | None
 ) -> list[Leaf]:
-    """Return the leaves of a forecast and of its subsample; opens: the time that the page shows
-    first.
-    """
+    """Return the report items of a forecast and its subsample; opens: the time shown first."""
     data = forecast.data
     stories = {"All scenarios": data["probability"].values}
     if data.sizes["scenario"] > 1:
@@ -94,7 +92,7 @@ def forecast_leaves(
 
 
 def _on_coast(forecast: Forecast) -> list[Leaf]:
-    """Return the coast in each area by time, where its outline is lost under the shoreline."""
+    """Return the coast inside each area by time, where outlines disappear under the shoreline."""
     data = forecast.data
     drawn = [
         geojson.feature(
@@ -104,7 +102,7 @@ def _on_coast(forecast: Forecast) -> list[Leaf]:
         for share, lines in sorted(coastal.strips(at, forecast.shares).items(), reverse=True)
     ]
     told = [("level", "Coast, of the area that holds", "share")]
-    # Of a spill, stretches of coast tell more.
+    # A spill reports stretches of coast instead.
     shown = "effective_worlds" not in data
     return (
         [
@@ -118,7 +116,7 @@ def _on_coast(forecast: Forecast) -> list[Leaf]:
 
 
 def _columns(data: Any) -> list[tuple[str, str, str]]:
-    """Return the columns of track.csv that say something in this run."""
+    """Return the columns of track.csv that apply to this run."""
     held = [notation.hundredths(share) for share in data["share"].values]
     ever = data["status_probability"].values.max(axis=0) > 0
     status = [str(name) for name, there in zip(data["status"].values, ever, strict=True) if there]

@@ -1,5 +1,4 @@
-"""The picture of the scenarios: the map of all together, and of each as if it were the true one,
-with how likely it is.
+"""The scenario picture: the combined map and one conditional map per scenario with its probability.
 
 All maps have one time, one extent and one colour scale.
 """
@@ -26,14 +25,14 @@ from drift.products.maps.sheet import Badge, Row, Sheet
 from geo import notation
 
 WIDE, GAP, OVER, SIDE = 3.0, 0.14, 0.46, 0.35  # [in] of a map, between maps, over each, left of all
-LETTERS = 30  # of a scenario's name over its map
-LIKELY = 0.01  # probability of a scenario from which on the maps' extent follows it
+LETTERS = 30  # characters of a scenario's name above its map
+LIKELY = 0.01  # probability from which a scenario's area is included in the maps' extent
 
 
 def plot_scenarios(
     forecast: Forecast, path: Path, setting: Setting, *, overlays: Sequence[AtTime] = ()
 ) -> None:
-    """Draw the scenarios at the last output; overlays: as of
+    """Draw the scenarios at the last output; overlays: as in
     drift.forecast.products.map.draw_snapshots.
     """
     found, imprint = each(forecast, -1), setting.imprint
@@ -76,7 +75,7 @@ def plot_scenarios(
             height - head - (row + 1) * (WIDE + OVER) + OVER - 0.2,
         )
         ax = on.figure.add_axes((left / width, bottom / height, WIDE / width, WIDE / height))
-        own = _own(setting, story) if k else setting
+        own = _scenario_setting(setting, story) if k else setting
         away = 1 - float(story.forecast.data["probability"].sum())
         notes = (
             [f"{notation.percent(away)} not on the map"]
@@ -102,7 +101,7 @@ def plot_scenarios(
         listed = "; ".join(few[:3]) + (f" and {len(few) - 3} more" if len(few) > 3 else "")
         sheet.rough(on, f"TOO FEW EFFECTIVE PARTICLES, areas are rough: {listed}")
     place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (SIDE / width, 0.3 / height)}
-    key = _key(panels, setting) + [row for overlay in overlays for row in overlay(now).key]
+    key = _legend_rows(panels, setting) + [row for overlay in overlays for row in overlay(now).key]
     sheet.legend(on.figure, key, ncols=len(key), fontsize=8, borderaxespad=0, borderpad=0, **place)
     forecast_map.log_bar(
         on.figure, (1 - 0.8 / width, (foot + 0.5) / height, 0.14 / width, 2.3 / height), mesh
@@ -115,14 +114,15 @@ def _count(story: OneScenario, setting: Setting) -> effective.Count:
 
 
 def _bounds(story: OneScenario) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the longitudes and latitudes [deg] between which a scenario's largest area lies."""
+    """Return the range of longitude and latitude [deg] of a scenario's largest area."""
     west, south, east, north = layers.widest(story.forecast.contours).bounds
     return (west, east), (south, north)
 
 
-def _own(setting: Setting, story: OneScenario) -> Setting:
-    """Return a setting with what is marked of a scenario alone: as drift.forecast.starts labels it;
-    a release is of all.
+def _scenario_setting(setting: Setting, story: OneScenario) -> Setting:
+    """Return a setting with the marks of one scenario only, as drift.forecast.starts labels them.
+
+    Releases belong to all scenarios.
     """
     marks = [mark for mark in setting.marks if mark.label.partition(", ")[2] in ("", story.name)]
     return replace(
@@ -131,9 +131,7 @@ def _own(setting: Setting, story: OneScenario) -> Setting:
 
 
 def _titles(ax: Any, story: OneScenario, name: str, whole: bool) -> None:
-    """Write over a map by a name whose it is, how likely that was and is, and how large its areas
-    are.
-    """
+    """Write a scenario's name, its prior and posterior probability and its areas above its map."""
     at = story.forecast.data.isel(time=0)
     ax.set_title(name, fontsize=9, weight="bold", loc="left", pad=14, color=INK)
     small: dict[str, Any] = {"fontsize": 7, "color": INK, "transform": ax.transAxes}
@@ -148,7 +146,7 @@ def _titles(ax: Any, story: OneScenario, name: str, whole: bool) -> None:
 
 
 def _contents(forecast: Forecast, setting: Setting, found: Sequence[OneScenario]) -> str:
-    """Return in a line what the page shows."""
+    """Return a one-line description of the page."""
     many = forecast.data.sizes["scenario"]
     held = forecast_words.held(forecast.ends)
     classes = "effective_worlds" in forecast.data
@@ -166,8 +164,8 @@ def _contents(forecast: Forecast, setting: Setting, found: Sequence[OneScenario]
     return "; ".join(parts)
 
 
-def _key(panels: Sequence[OneScenario], setting: Setting) -> list[tuple[Any, str]]:
-    """Return what lines and symbols are."""
+def _legend_rows(panels: Sequence[OneScenario], setting: Setting) -> list[tuple[Any, str]]:
+    """Return the legend: symbols and their texts."""
     every = panels[0].forecast
     rows: list[tuple[Any, str]] = []
     for share in every.ends:

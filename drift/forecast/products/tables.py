@@ -1,6 +1,5 @@
-"""The forecast's numbers as text: the summary, the contours as GeoJSON, tables as CSV.
-
-Writes no file.
+"""The forecast as text: values for the summary, contours as GeoJSON, tables as CSV; writes
+no file.
 """
 
 from collections.abc import Mapping
@@ -18,10 +17,10 @@ from geo.notation import NMI
 
 
 def summary_of_forecast(forecast: Forecast, opens: np.datetime64 | None = None) -> dict[str, Any]:
-    """Return the forecast's numbers for the summary: `scenarios` and, by time, `outputs`.
+    """Return the forecast's entries of the summary: `scenarios` and, by time, `outputs`.
 
-    opens: the time that the map and the report show first, as drift.forecast.mapped.opening takes
-    it; it is told too.
+    opens: the time that the map and the report show first (drift.forecast.mapped.opening); it is
+    included.
     """
     data = forecast.data
     names = [str(name) for name in data["scenario"].values]
@@ -57,8 +56,8 @@ def _output(forecast: Forecast, i: int) -> dict[str, Any]:
 
 
 def _scenarios(at: Any, shown: Shown) -> dict[str, Any]:
-    """Return how each scenario that has a map of its own stands at a time, and the probability of
-    the others.
+    """Return the values at a time of each scenario with its own map, and the probability of the
+    rest.
     """
     names = [str(name) for name in at["scenario"].values]
     scenarios: dict[str, Any] = {
@@ -77,8 +76,8 @@ def _scenarios(at: Any, shown: Shown) -> dict[str, Any]:
 
 
 def counts(data: Any, i: int) -> dict[str, float]:
-    """Return how many particles, and worlds where there are any, count for a map, by column of a
-    table.
+    """Return the effective numbers of a map, of particles and of worlds if there are any, by column
+    name.
     """
     names = [name for name in ("effective_particles", "effective_worlds") if name in data]
     return {name: float(data[name].values[i]) for name in names}
@@ -91,7 +90,7 @@ def _place(lon: float, lat: float) -> dict[str, Any] | None:
 
 
 def track(forecast: Forecast, run: str) -> str:
-    """Return the mean track with areas and account by time, as CSV; run: its run_id, in the last
+    """Return the mean track with areas and status shares by time, as CSV; run: run_id for the last
     column.
     """
     data = forecast.data
@@ -136,12 +135,11 @@ def track(forecast: Forecast, run: str) -> str:
 
 
 def ashore(forecast: Forecast, run: str) -> str:
-    """Return where the object may be ashore at the end, cell by cell, likeliest first, and by when,
-    as CSV.
+    """Return the cells where the object may be ashore at the end, likeliest first, as CSV.
 
-    run: its run_id, in the last column. first_time is the first output time at which half of the
-    cell's final probability had landed there. effective_particles: how many of those ashore count,
-    in all cells together.
+    run: run_id for the last column. first_time is the first output time by which half of the cell's
+    final probability had stranded there. effective_particles is the effective number of stranded
+    particles in all cells together.
     """
     data = forecast.data
     every = data["probability_ashore"].values

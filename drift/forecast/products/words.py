@@ -1,5 +1,5 @@
-"""What a picture of a forecast says in words: its account, what is not on its map, what it stands
-on.
+"""Texts on the pictures of a forecast: status shares, probability off the map, and number of
+particles.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ OFF_MAP = {
 }
 REST = "areas are shares of the rest"
 
-TELLING = 0.01  # share of the probability off the map from which a picture warns
+TELLING = 0.01  # probability off the map above which a picture warns
 
 
 def statuses(at: Any) -> dict[str, float]:
@@ -44,13 +44,14 @@ def statuses(at: Any) -> dict[str, float]:
 
 
 def steers(data: Any) -> bool:
-    """Whether targets steer in a forecast."""
+    """Return whether any target steers in a forecast."""
     return "under_way" in data["status"].values
 
 
 def afloat(at: Any) -> str:
-    """Return what those are that move at a time, in words: adrift, under way, or either; of
-    nothing, as it was before.
+    """Return the word for moving particles at a time: "adrift", "under way", or both.
+
+    Where targets steer and nothing moves, it is "under way".
     """
     if not steers(at):
         return "adrift"
@@ -60,12 +61,12 @@ def afloat(at: Any) -> str:
 
 
 def mapped(at: Any) -> str:
-    """Return in words what is on a map."""
+    """Return the word for particles on the map."""
     return "on the map" if steers(at) else "adrift or ashore"
 
 
 def waiting(data: Any) -> str:
-    """Return in words what the pending are, in a few words for small maps."""
+    """Return a short text for pending particles on small maps."""
     times = data["time"].values
     if steers(data):
         return STEERING["pending"]
@@ -73,7 +74,7 @@ def waiting(data: Any) -> str:
 
 
 def account(at: Any) -> str:
-    """Return the account in words: what is adrift, ashore, and lost to the map."""
+    """Return the status shares as text: adrift, ashore, and off the map."""
     called = STATUS | STEERING if steers(at) else STATUS
     parts = [
         f"{called[name]} {notation.percent(value)}"
@@ -84,7 +85,7 @@ def account(at: Any) -> str:
 
 
 def missing(at: Any) -> str:
-    """Return a warning of the probability that is not on the map; empty if that is at most TELLING."""
+    """Return a warning of probability that is not on the map; "" if it is at most TELLING."""
     off = {name: value for name, value in statuses(at).items() if name in OFF_MAP and value > 0}
     told = OFF_MAP | OFF_MAP_STEERING if steers(at) else OFF_MAP
     if sum(off.values()) <= TELLING:
@@ -97,9 +98,7 @@ def missing(at: Any) -> str:
 
 
 def unshaded(at: Any) -> str:
-    """Return a warning of the probability outside a grid of the user's own; empty if that is at
-    most TELLING.
-    """
+    """Return a warning of probability outside a user-defined grid; "" if it is at most TELLING."""
     off = float(at["off_grid"]) if "off_grid" in at else 0.0
     if not off > TELLING:
         return ""
@@ -107,7 +106,7 @@ def unshaded(at: Any) -> str:
 
 
 def basis(forecast: Forecast, time: int, particles: int | None) -> str:
-    """Return in words when the forecast starts and how many particles count for it."""
+    """Return a text with the start of the forecast and its effective number of particles."""
     times = forecast.data["time"].values
     hours = float((times[time] - times[0]) / np.timedelta64(1, "s")) / 3600
     when = f"{abs(hours):g} h {'before' if hours < 0 else 'after'} {notation.group(times[0])}"
@@ -118,12 +117,12 @@ def basis(forecast: Forecast, time: int, particles: int | None) -> str:
 
 
 def span(times: Sequence[Any], ends: Sequence[float]) -> str:
-    """Return in words which times are drawn, and what the numbers over each panel are."""
+    """Return a text with the times drawn and the meaning of the numbers above each panel."""
     to = "back to" if times[-1] < times[0] else "to"
     return f"{notation.group(times[0])} {to} {notation.group(times[-1])}, UTC; {held(ends)}"
 
 
 def held(ends: Sequence[float]) -> str:
-    """Return in words what the numbers over a small map are."""
+    """Return a text that explains the numbers above a small map."""
     shares = " and ".join(notation.hundredths(share) for share in ends)
     return f"areas that hold {shares} % (lines; bands on the coast), in nmi²"

@@ -21,7 +21,7 @@ from drift.products.maps import chart
 def test_a_way_that_scenarios_share_is_drawn_once() -> None:
     overlay = layers.itineraries(case_file.load("overdue_yacht").scenarios)
     assert [text for _, text in overlay.key] == ["Way: dismasted, in the raft, slow, and under way"]
-    (line,) = overlay.places["the way of dismasted, in the raft, slow, and under way"]
+    (line,) = overlay.places["the track of dismasted, in the raft, slow, and under way"]
     np.testing.assert_allclose(
         line[[0, -1]], [[-87 - 16 / 60, 30 + 4 / 60], [-83.05, 27.6]], atol=1e-9
     )
@@ -48,7 +48,7 @@ def test_many_ways_are_one_row_of_the_legend_and_one_line() -> None:
         before = len(ax.lines)
         overlay.draw(ax, frame)
         assert len(ax.lines) - before == len(overlay.key) == len(overlay.places) == lines
-    assert [text for _, text in overlay.key] == ["Ways of 40 scenarios"]
+    assert [text for _, text in overlay.key] == ["Tracks of 40 scenarios"]
     (drawn,) = ax.lines[before:]
     assert np.isnan(drawn.get_xdata()).sum() == 40  # type: ignore[arg-type]
 
@@ -60,7 +60,7 @@ def test_way_points_patrols_and_odds_are_drawn() -> None:
     overlay = layers.itineraries(submarine)
     assert next(text for _, text in overlay.key) == "Way: track to patrol"
     assert [text for _, text in overlay.key][-1] == "Area of patrol"
-    _, *outlines = overlay.places["the way of track to patrol"]
+    _, *outlines = overlay.places["the track of track to patrol"]
     assert len(outlines) == 3
     # The second way point's ellipse holds half with semi-axes of 25 and 10 nmi.
     lon, lat = outlines[1].T

@@ -276,7 +276,7 @@ def test_another_file_makes_another_case(tmp_path: Path) -> None:
 NONE = "def velocity(current, wind, waves, parameters):\n    x = wind\n"
 REFUSED = {
     "no file": (None, "", 'motion: no file "own.py"; looked for '),
-    "no Python": ("def velocity(:\n", "", "own.py is no Python in line 1: "),
+    "no Python": ("def velocity(:\n", "", "own.py is not valid Python in line 1: "),
     "no function": ("speed = 3\n", "", "own.py has no function velocity(current, wind, waves, parameters)"),
     "in a branch": (f"if True:\n    {GIVEN}        return wind\n", "", "outside classes, branches and other functions"),
     "async": (f"async {GIVEN}    return wind\n", "", "own.py has no function velocity("),
@@ -301,7 +301,7 @@ REFUSED = {
         "own.py: line 3 reads parameters[1], and PARAMETERS names 1: a",
     ),
     "a parameter of none": (f"{GIVEN}    return wind * parameters[-1]\n", "", "line 2 reads parameters[-1], and PARAMETERS names none"),
-    "chance": (f"{GIVEN}    return wind * ti.random()\n", "", "line 2 draws with ti.random; say what is uncertain in [uncertainty]"),
+    "chance": (f"{GIVEN}    return wind * ti.random()\n", "", "line 2 draws with ti.random; state uncertainty in [uncertainty]"),
     "a start": (f"import taichi as ti\nti.init()\n{DOWNWIND}", "", "line 2 calls ti.init, which drift does itself; leave it out"),
     "names that are none": (f"PARAMETERS = (1, 2)\n{DOWNWIND}", "", "own.py: PARAMETERS must be a tuple of names"),
     "made names": (f"PARAMETERS = tuple('abcde')\n{DOWNWIND}", "", "own.py: PARAMETERS must be a tuple of names"),
@@ -340,11 +340,11 @@ def test_what_is_wrong_is_said_in_a_line(tmp_path: Path, name: str) -> None:
     [
         (
             "return wind / (wind[0] - wind[0])",
-            "own.py: velocity is no number in a current of 0 m/s and a wind of ",
+            "own.py: velocity is not a finite number in a current of 0 m/s and a wind of ",
         ),
         (
             "return wind * ti.sqrt(ti.abs(wind.norm() - 11.5) - 1.5)",
-            "own.py: velocity is no number in a current of 0 m/s and",
+            "own.py: velocity is not a finite number in a current of 0 m/s and",
         ),
         ("return sorted(wind)", "own.py: velocity can't be compiled ("),
         ("return 0.1", "own.py: velocity can't be compiled ("),

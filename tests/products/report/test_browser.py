@@ -408,7 +408,7 @@ KINDS = {
     "spill": ("gulf_containers", lambda case, out: drift.run(case, out), {"spill.worlds": 100, "spill.redraws": 0}, "Washup by stretch"),
     "patrols": ("gulf_containers", lambda case, out: drift.patrol(case, out), {"spill.worlds": 100, "spill.redraws": 0}, "Planned patrols"),
     "origin": ("gulf_containers", lambda case, out: drift.origin(case, out), {"spill.worlds": 100, "spill.redraws": 0}, "Finds"),
-    "steering": ("smuggler_bridge", lambda case, out: drift.run(case, out), {"particles": 3000}, "Ways of what steers"),
+    "steering": ("smuggler_bridge", lambda case, out: drift.run(case, out), {"particles": 3000}, "Itineraries of targets"),
     "no coast": ("cast_submarine", lambda case, out: drift.run(case, out), {"particles": 3000, "coast.source": "none"}, "Contacts"),
 }  # fmt: skip
 

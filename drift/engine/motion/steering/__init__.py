@@ -1,1 +1,1 @@
-"""Targets that steer: itineraries, lanes, and the model that moves them."""
+"""Steering: targets that follow an itinerary before they go adrift, and lane networks."""

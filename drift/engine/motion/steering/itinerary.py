@@ -1,9 +1,9 @@
-"""Itineraries: where a target that steers means to go, phase by phase, and when it is in distress.
+"""Itineraries of steering targets: the route, phase by phase, and the time of distress.
 
 Records are in SI, radians and UTC. A phase leads along way points (a voyage, a track, lanes, a
-bridge), keeps a course, acts at times of its own, or loiters.
-drift.engine.motion.steering.itinerary_tables lays the itineraries of a run out as
-kernels.steering.itinerary takes them.
+bridge), keeps a course, changes course at random times, or loiters.
+drift.engine.motion.steering.itinerary_tables converts the itineraries of a run for
+kernels.steering.itinerary.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from geo import sphere
 from geo.array import Array
 from geo.notation import NMI
 
-PIECE = 50_000.0  # [m] how finely great circles are followed for their extent
+PIECE = 50_000.0  # [m] spacing of points along great circles for their extent
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ NONE = Spread(0.0, 0.0, 0.0)  # certainly nothing
 
 @dataclass(frozen=True)
 class Near:
-    """A place that is normal about a position; what deviates from the way point before may go on
-    here.
+    """A normally distributed place; it may be correlated with the deviation from the way point
+    before.
     """
 
     lon: float  # [rad]
@@ -61,7 +61,7 @@ class Near:
 
 @dataclass(frozen=True)
 class InBox:
-    """A place anywhere in a rectangle about a position."""
+    """A place uniform in a rectangle about a position."""
 
     lon: float  # [rad] of its middle
     lat: float
@@ -72,7 +72,7 @@ class InBox:
 
 @dataclass(frozen=True)
 class InDisc:
-    """A place anywhere in a circle about a position."""
+    """A place uniform in a circle about a position."""
 
     lon: float  # [rad]
     lat: float
@@ -81,7 +81,7 @@ class InDisc:
 
 @dataclass(frozen=True)
 class InRing:
-    """A place anywhere in a polygon whose edges are straight in longitude and latitude."""
+    """A place uniform in a polygon whose edges are straight in longitude and latitude."""
 
     lon: tuple[float, ...]  # [rad] unwrapped: without jumps
     lat: tuple[float, ...]
@@ -89,8 +89,9 @@ class InRing:
 
 @dataclass(frozen=True)
 class Abeam:
-    """A place off a way's centre line, on the side that a target keeps to all along:
-    drift.engine.motion.steering.lanes.
+    """A place to the side of a route's centre line; a target keeps its side for the whole route.
+
+    See drift.engine.motion.steering.lanes.
     """
 
     lon: float  # [rad] on the centre line
@@ -113,9 +114,7 @@ class Moment:
 
 @dataclass(frozen=True)
 class WayPoint:
-    """A place to go to, and when it is reached: at a time after the phase's start, or as the speed
-    has it.
-    """
+    """A place to reach, at a time after the phase's start or as the speed of advance determines."""
 
     place: Place
     # [s after the phase's start]; None: by the speed of advance
@@ -125,7 +124,9 @@ class WayPoint:
 
 @dataclass(frozen=True)
 class Lanes:
-    """The lanes that a way follows: the network with no others, and the route along them."""
+    """The lanes that a phase follows: the network reduced to these lanes, and the route
+    along them.
+    """
 
     network: Network
     route: Route
@@ -133,24 +134,24 @@ class Lanes:
 
 @dataclass(frozen=True)
 class Ways:
-    """A phase along way points. The first one of a first phase is where the target begins."""
+    """A phase along way points; the target begins at the first way point of its first phase."""
 
     points: tuple[WayPoint, ...]
     start: np.datetime64  # earliest start
     after: Spread = NONE  # [s] from there to the start
-    # one of which comes last, with its probability
+    # alternatives for the last way point, with their probabilities
     destinations: tuple[tuple[WayPoint, float], ...] = ()
     speed: Spread = NONE  # [m/s] of advance, where way points have no times
     k: float = 0.0  # [m/sqrt(s)] of the Brownian bridges between way points
     k_spread: float = 0.0  # standard deviation of the logarithm of k
     slowest: float = 0.0  # [m/s] made good between way points that have times
     fastest: float = np.inf
-    lanes: Lanes | None = None  # those it follows, where it follows any
+    lanes: Lanes | None = None  # the lanes followed; None: none
 
 
 @dataclass(frozen=True)
 class Course:
-    """A phase on a constant course, or one that changes at exponential times."""
+    """A phase on a constant course, or on one that changes at exponentially distributed times."""
 
     course: Spread  # [rad] clockwise from north; high may be beyond a turn
     speed: Spread  # [m/s]
@@ -161,7 +162,7 @@ class Course:
 
 @dataclass(frozen=True)
 class Loiter:
-    """A phase of legs to and fro inside a polygon."""
+    """A phase of legs back and forth inside a polygon."""
 
     ring: InRing
     speed: Spread  # [m/s]
@@ -172,7 +173,9 @@ class Loiter:
 
 @dataclass(frozen=True)
 class Followed:
-    """Where a tracker is: great circles between vertices; before and after them it stays."""
+    """The track of a tracker: great circles between vertices; it does not move before and after
+    them.
+    """
 
     begin: np.datetime64
     time: tuple[float, ...]  # [s after the begin] ascending
@@ -182,20 +185,18 @@ class Followed:
 
 @dataclass(frozen=True)
 class Acts:
-    """A phase that keeps a course, and at times of its own takes another, or seeks or flees from a
-    tracker.
-    """
+    """A phase that keeps a course and at random times changes it, or seeks or evades a tracker."""
 
     course: Spread  # [rad] of the first course
     speed: Spread  # [m/s] of the first speed
-    fastest: float  # [m/s] to which speeds that are taken later are alike
+    fastest: float  # [m/s] later speeds are uniform from 0 to this
     between: tuple[float, float]  # [s] least and longest time between acts
     change: float = 0.0  # probability that it takes any other course and speed when it acts
-    seek: float = 0.0  # that it seeks the tracker from then on
-    hide: float = 0.0  # that it flees from it from then on
-    leave: float = 0.0  # that what seeks or flees acts freely again
+    seek: float = 0.0  # probability that it seeks the tracker from then on
+    hide: float = 0.0  # probability that it evades the tracker from then on
+    leave: float = 0.0  # probability that it stops seeking or evading
     spread: float = np.pi / 6  # [rad] on either side of the reciprocal bearing on which it flees
-    tracker: Followed | None = None  # None: there is nobody to seek or to flee from
+    tracker: Followed | None = None  # None: no tracker to seek or evade
     until: np.datetime64 | None = None
     lasting: float = np.inf  # [s] at most
 
@@ -205,7 +206,7 @@ Phase: TypeAlias = Ways | Course | Acts | Loiter
 
 @dataclass(frozen=True)
 class Between:
-    """Distress at a time of a law."""
+    """Distress at a random time after an earliest one."""
 
     earliest: np.datetime64
     after: Spread  # [s]
@@ -213,7 +214,7 @@ class Between:
 
 @dataclass(frozen=True)
 class Rate:
-    """Distress at a constant rate from the departure on."""
+    """Distress at a constant rate after departure."""
 
     rate: float  # [1/s]
 
@@ -230,39 +231,34 @@ Distress: TypeAlias = Between | Rate | Part
 
 @dataclass(frozen=True)
 class Itinerary:
-    """What a target means to do: phases one after the other, until its distress, if it comes to
-    that.
-    """
+    """The plan of a target: consecutive phases, ended by its distress if that occurs."""
 
     phases: tuple[Phase, ...]
     distress: Distress | None = None  # None: it never goes adrift
-    overdue: np.datetime64 | None = None  # from then on what is in port is not what is looked for
+    overdue: np.datetime64 | None = None  # from then on a target in port is not the missing one
     land: Literal["refuse", "stop", "ignore"] = "refuse"
     # what sorties look for while it is under way, in the sweep width tables
     search_object: str | None = None
-    # Whether it makes good the current, or keeps its itinerary by dead reckoning and is set off its
-    # way.
+    # Whether it compensates the current, or steers by dead reckoning and is set off its track.
     currents: Literal["compensated", "felt"] = "compensated"
-    # [m] of its last way point within which what has arrived is in port
+    # [m] from its last way point within which a target that has arrived is in port
     arrival_radius: float = 10 * NMI
 
     @property
     def fastest(self) -> float:
-        """Highest speed [m/s] on a course; where way points and polygons lead is known without a
-        speed.
-        """
+        """Highest speed [m/s] on a course; the extent of way points and polygons needs no speed."""
         return max(
             (_pace(phase) for phase in self.phases if isinstance(phase, Course | Acts)), default=0.0
         )
 
     @property
     def pace(self) -> float:
-        """Highest speed [m/s] through the water, by the middles of way points that have times."""
+        """Highest speed [m/s] through the water, from the middles of way points that have times."""
         return max(_pace(phase) for phase in self.phases)
 
     @property
     def ways(self) -> list[tuple[Array, Array]]:
-        """The lines (lon, lat) [rad] along which its way points lead."""
+        """The lines (lon, lat) [rad] along its way points."""
         return [line for phase in self.phases if isinstance(phase, Ways) for line in _lines(phase)]
 
     @property
@@ -272,7 +268,7 @@ class Itinerary:
 
     @property
     def places(self) -> list[tuple[Place, float]]:
-        """Its way points off lanes and voyages, each with the probability that it leads there."""
+        """Its way points off lanes and voyages, each with the probability of being visited."""
         return [
             (point.place, probability)
             for phase in self.phases
@@ -285,16 +281,16 @@ class Itinerary:
         ]
 
     def extents(self, spreads: float) -> list[tuple[Array, Array, float]]:
-        """Return the places (lon, lat) [rad], without jumps, of each phase, and how far [m] it
-        leads from them.
+        """Return places (lon, lat) [rad], unwrapped, of each phase, and how far [m] from them it
+        may lead.
 
-        spreads: how many standard deviations count. Great circles between way points bulge: they
-        are followed.
+        spreads: number of standard deviations that count. Great circles between way points are
+        sampled, because they bulge.
         """
         found = []
         for phase in self.phases:
             if isinstance(phase, Ways):
-                found.append(_way(phase, spreads))
+                found.append(_ways_extent(phase, spreads))
             elif isinstance(phase, Loiter):
                 found.append((np.array(phase.ring.lon), np.array(phase.ring.lat), 0.0))
         return found
@@ -318,7 +314,7 @@ def _pace(phase: Phase) -> float:
 
 def _lines(phase: Ways) -> list[tuple[Array, Array]]:
     """Return the great circles between the middles of a phase's way points (lon, lat) [rad],
-    without jumps.
+    unwrapped.
     """
     points = [*phase.points, *(point for point, _ in phase.destinations)]
     lon, lat = np.array([middle(point.place) for point in points]).T
@@ -332,7 +328,7 @@ def _lines(phase: Ways) -> list[tuple[Array, Array]]:
     return [(np.unwrap(x), y) for x, y in lines]
 
 
-def _way(phase: Ways, spreads: float) -> tuple[Array, Array, float]:
+def _ways_extent(phase: Ways, spreads: float) -> tuple[Array, Array, float]:
     points = [*phase.points, *(point for point, _ in phase.destinations)]
     lon, lat = (np.concatenate(parts) for parts in zip(*_lines(phase), strict=True))
     wide = max(radius(point.place, spreads) for point in points)
@@ -344,15 +340,15 @@ def _way(phase: Ways, spreads: float) -> tuple[Array, Array, float]:
 
 
 def middle(place: Place) -> tuple[float, float]:
-    """Return the middle (lon, lat) [rad] of where a place may be."""
+    """Return the middle (lon, lat) [rad] of a place's distribution."""
     if isinstance(place, InRing):
         return (min(place.lon) + max(place.lon)) / 2, (min(place.lat) + max(place.lat)) / 2
     return place.lon, place.lat
 
 
 def radius(place: Place, spreads: float) -> float:
-    """Return how far from its middle [m] a place may be; spreads: how many standard deviations
-    count.
+    """Return how far from its middle [m] a place may be; spreads: number of standard deviations
+    that count.
     """
     match place:
         case Near():
@@ -369,8 +365,9 @@ def radius(place: Place, spreads: float) -> float:
 
 
 def latest(time: Spread | Moment | None, spreads: float) -> float:
-    """Return the latest time [s] of a law; spreads: how many standard deviations count, below 0 for
-    the earliest.
+    """Return the latest time [s] of a distribution.
+
+    spreads: number of standard deviations that count; below 0 for the earliest time.
     """
     match time:
         case Spread():

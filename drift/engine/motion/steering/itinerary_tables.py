@@ -1,4 +1,4 @@
-"""The itineraries of a run in tables of numbers, as kernels.steering.itinerary.Plan takes them."""
+"""Converts the itineraries of a run into tables of numbers for kernels.steering.itinerary.Plan."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -31,7 +31,7 @@ from kernels.steering import itinerary as kernel
 
 
 class Tables(NamedTuple):
-    """Numbers of a run's itineraries, flat, as kernels.steering.itinerary.packed takes them."""
+    """Flat tables of a run's itineraries for kernels.steering.itinerary.packed."""
 
     stories: Array
     story_laws: Array
@@ -50,7 +50,7 @@ EDGE = 20_000.0
 
 
 def tables(itineraries: Sequence[Itinerary | None], period: Period) -> Tables:
-    """Return the tables of the itineraries of a run's scenarios; None: it has none."""
+    """Return the tables of the scenarios' itineraries; None: a scenario without one."""
     made = _Tables(period)
     for itinerary in itineraries:
         made.add(itinerary)
@@ -58,14 +58,12 @@ def tables(itineraries: Sequence[Itinerary | None], period: Period) -> Tables:
 
 
 def plan(itineraries: Sequence[Itinerary | None], period: Period) -> Any:
-    """Return a kernels.steering.itinerary.Plan of the itineraries of a run's scenarios, on the
-    device.
-    """
+    """Return a kernels.steering.itinerary.Plan of the scenarios' itineraries, on the device."""
     return kernel.packed(tables(itineraries, period)._asdict())
 
 
 class _Tables:
-    """The tables while they are written."""
+    """The tables under construction."""
 
     def __init__(self, period: Period) -> None:
         self.period = period
@@ -81,7 +79,7 @@ class _Tables:
         self._followed: dict[Followed, list[int]] = {}
 
     def done(self) -> Tables:
-        """Return the tables, flat; an empty one has one number, which nothing reads."""
+        """Return the tables, flat; an empty one holds one unused number."""
         stories, story_laws, phases, phase_laws, points, point_laws, behaviours, tracks = (
             np.array(rows or [[0]], dtype).reshape(-1)
             for rows, dtype in (
@@ -120,7 +118,7 @@ class _Tables:
                 itinerary.land
             ]
             if itinerary.land == "refuse" and itinerary.currents == "felt":
-                # its way is clear of land, but the current may set it ashore
+                # its track is clear of land, but the current may set it ashore
                 land |= kernel.STOPPED
             match itinerary.distress:
                 case Between(earliest, after):
@@ -224,13 +222,15 @@ class _Tables:
         self.point_laws.append(laws)
 
     def _track(self, followed: Followed) -> list[int]:
-        """Add the way of a tracker, once; return the number of its first vertex, and how many it
-        has.
+        """Add a tracker's track, once; return the number of its first vertex and its number of
+        vertices.
         """
         if followed not in self._followed:
             begin = self.period.elapsed(followed.begin)
             time = np.rint(np.array(followed.time) + begin).astype(np.int64)
-            last = np.append(np.diff(time) > 0, True)  # of several within a second
+            last = np.append(
+                np.diff(time) > 0, True
+            )  # of vertices within one second only the last counts
             place = (
                 sphere.to_binary(np.degrees(np.array(x))) for x in (followed.lon, followed.lat)
             )
@@ -240,8 +240,8 @@ class _Tables:
         return self._followed[followed]
 
     def _ring(self, lon: Array, lat: Array) -> list[int]:
-        """Add a ring of binary angles that run on; return the number of its first vertex, and how
-        many it has.
+        """Add a ring of unwrapped binary angles; return the number of its first vertex and its
+        size.
         """
         first = sum(ring.size for ring in self.vertices) // 2
         self.vertices.append(
@@ -251,14 +251,16 @@ class _Tables:
 
 
 def row(spread: Spread) -> list[float]:
-    """Return a truncated triangle as kernels.maths.spreads.triangle takes it: low, high, mode,
-    share of the uniform law.
+    """Return low, high, mode and uniform share of a truncated triangle, for
+    kernels.maths.spreads.triangle.
     """
     return [spread.low, spread.high, spread.mode, 2 / (1 + spread.ratio)]
 
 
 def _cut(ring: InRing) -> tuple[Array, Array]:
-    """Return the vertices of a ring, binary angles that run on, with its edges cut to EDGE."""
+    """Return the vertices of a ring as unwrapped binary angles, with its edges divided to at most
+    EDGE.
+    """
     lon, lat = [], []
     corners = np.stack([ring.lon, ring.lat], axis=1)
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -270,7 +272,7 @@ def _cut(ring: InRing) -> tuple[Array, Array]:
 
 
 def _binary(ring: InRing) -> tuple[Array, Array]:
-    """Return the vertices of a ring in binary angles that run on, int64."""
+    """Return the vertices of a ring as unwrapped binary angles, int64."""
     turn = sphere.TURN / (2 * np.pi)
     return np.rint(np.array(ring.lon) * turn).astype(np.int64), np.rint(
         np.array(ring.lat) * turn

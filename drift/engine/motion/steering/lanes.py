@@ -1,16 +1,16 @@
-"""Networks of lanes, and routes along them: the way points of what keeps to known ways.
+"""Networks of lanes, and routes along them for targets that keep to known lanes.
 
-A particle keeps one side s in [-1, 1] all along its route. At each node it passes the point that
-lies s * half from the node in the direction `toward`, the bisector of the corner there, and from
-node to node it follows the great circle between two such points. So the corridor of a route, which
-is what all sides sweep, has no gap at a corner, however sharp, and side > 0 is to starboard on
-every leg, through north and round a U-turn too.
+A particle keeps one side s in [-1, 1] along its whole route. At each node it passes the point at
+the distance s * half from the node in the direction `toward`, which bisects the corner there.
+Between nodes it follows the great circle between two such points. The corridor of a route, swept by
+all sides, therefore has no gap at a corner, however sharp, and side > 0 is to starboard on every
+leg, also through north and round a U-turn.
 
 At a node the corridor is as wide as the mean of the lanes before and after it. The line across it
-stands askew to both lanes by half the turn, phi / 2, so it is that mean divided by cos(phi / 2): at
-60 degrees it is 15 % longer, without which the corridor would be 13 % too narrow there. That is the
-mitre joint of drawn lines, and as there it is limited: beyond a right angle (MITRE) the corridor
-narrows towards the node instead of growing a spike.
+is at an angle to both lanes of half the turn, phi / 2, so its length is that mean divided by
+cos(phi / 2): at 60 degrees it is 15 % longer, without which the corridor would be 13 % too narrow
+there. This is the mitre joint of drawn lines, and it is limited in the same way: beyond a right
+angle (MITRE) the corridor narrows towards the node, which avoids a spike.
 """
 
 import difflib
@@ -27,7 +27,7 @@ from geo import sphere
 from geo.array import Array
 from geo.notation import NMI
 
-PIECE = 50_000.0  # [m] how finely a route is followed for its extent
+PIECE = 50_000.0  # [m] spacing of points along a route for its extent
 # most by which a corner lengthens the line across the corridor: that of a turn of 90 degrees
 MITRE = np.sqrt(2.0)
 
@@ -36,9 +36,9 @@ MITRE = np.sqrt(2.0)
 class Network:
     """Nodes, and lanes between pairs of them.
 
-    Names are unique, and lanes have a length and lead from one node to another;
-    drift.case.scenario.network refuses others. A lane of one way leads from `start` to `end`; any
-    other may be followed both ways.
+    Names are unique, and lanes have a length and connect two different nodes;
+    drift.case.scenario.network rejects others. A one-way lane leads from `start` to `end`; any
+    other may be followed in both directions.
     """
 
     name: tuple[str, ...]  # of the nodes, (n,)
@@ -52,11 +52,11 @@ class Network:
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """A way along lanes: what the kernel takes of it, one value for each node, shape (k,), k >= 2.
+    """A route along lanes, with one value for each node, shape (k,), k >= 2.
 
     A particle on side s in [-1, 1] passes node j at the point exp(s * half[j]) in the direction
-    toward[j], after it has made good along[j] on the centre line: with an entry time and a speed of
-    advance, at entry + along[j] / speed.
+    toward[j], after the distance along[j] on the centre line. With an entry time and a speed of
+    advance this is at entry + along[j] / speed.
     """
 
     node: tuple[str, ...]
@@ -70,8 +70,8 @@ class Route:
 
 
 def displaced(route: Route, side: npt.ArrayLike) -> tuple[Array, Array]:
-    """Return (lon, lat) [rad] where particles pass the nodes, shape (..., k), for their sides in
-    [-1, 1], shape (...).
+    """Return (lon, lat) [rad] where particles pass the nodes, shape (..., k); side: in [-1, 1],
+    shape (...).
     """
     away = np.asarray(side, np.float64)[..., None] * route.half
     return sphere.destination(
@@ -80,16 +80,20 @@ def displaced(route: Route, side: npt.ArrayLike) -> tuple[Array, Array]:
 
 
 def extent(route: Route) -> tuple[Array, Array, float]:
-    """Return places along the route (lon, lat) [rad] without jumps, and how far about them [m] its
-    corridor reaches.
-    """
+    """Return places along the route (lon, lat) [rad], unwrapped, and its largest half width [m]."""
     lon, lat = sphere.track(route.lon, route.lat, PIECE)
     return np.unwrap(lon), lat, float(route.half.max())
 
 
 def route(network: Network, names: Sequence[str]) -> Route:
-    """Return the route through nodes; raise ValueError where no lane leads from one to the next, or
-    one is too short.
+    """Return the route through nodes.
+
+    Args:
+        network: of the lanes.
+        names: of the nodes, in order.
+
+    Raises:
+        ValueError: if no lane leads from a node to the next, or a lane is too short.
     """
     if len(names) < 2:
         raise ValueError(
@@ -100,11 +104,11 @@ def route(network: Network, names: Sequence[str]) -> Route:
     lon, lat, half = network.lon[node], network.lat[node], network.width[lane] / 2
     ahead = bearing(lon[:-1], lat[:-1], lon[1:], lat[1:])
     behind = bearing(lon[1:], lat[1:], lon[:-1], lat[:-1]) + np.pi
-    # At its two ends a route goes straight on, with the one lane that there is.
+    # At its two ends a route is extended straight, with the width of its only lane there.
     arriving, leaving = np.append(ahead[0], behind), np.append(ahead, behind[-1])
     reach, toward = across(arriving, leaving, np.append(half[0], half), np.append(half, half[-1]))
     length = sphere.distance(lon[:-1], lat[:-1], lon[1:], lat[1:])
-    # How much less far there is to go on one side and further on the other: paths must not run
+    # The path is shorter on one side of the corridor and longer on the other: paths must not run
     # backwards.
     slant = reach[1:] * np.cos(toward[1:] - behind) - reach[:-1] * np.cos(toward[:-1] - ahead)
     short = np.flatnonzero(np.abs(slant) >= length)
@@ -112,7 +116,7 @@ def route(network: Network, names: Sequence[str]) -> Route:
         j = short[0]
         raise ValueError(
             f'lane "{names[j]} - {names[j + 1]}": {length[j] / NMI:.3g} nmi long, too short for a corridor '
-            f"{network.width[lane[j]] / NMI:.3g} nmi wide at its turns: on their inner side ways would run backwards; "
+            f"{network.width[lane[j]] / NMI:.3g} nmi wide at its turns: on their inner side tracks would run backwards; "
             "make it narrower, or leave a node out"
         )
     return Route(
@@ -121,9 +125,7 @@ def route(network: Network, names: Sequence[str]) -> Route:
 
 
 def followed(network: Network, routes: Sequence[Route]) -> Network:
-    """Return the network with only those lanes that routes follow, and all its nodes: what a case
-    needs of a large one.
-    """
+    """Return the network reduced to the lanes that routes follow, with all its nodes."""
     legs = {pair for way in routes for pair in itertools.pairwise(way.node)}
     lane = sorted({between(network, number(network, a), number(network, b)) for a, b in legs})
     return replace(
@@ -136,7 +138,7 @@ def followed(network: Network, routes: Sequence[Route]) -> Network:
 
 
 def join_networks(networks: Sequence[Network]) -> Network:
-    """Return one network of the lanes of several, each lane once; nodes are told apart by name and
+    """Return one network of the lanes of several, each lane once; nodes are identified by name and
     place.
     """
     place: dict[tuple[str, float, float], int] = {}
@@ -157,20 +159,27 @@ def join_networks(networks: Sequence[Network]) -> Network:
 
 
 def across(arriving: Array, leaving: Array, before: Array, after: Array) -> tuple[Array, Array]:
-    """Return (half, toward) [m, rad] of the line across the corridor at corners.
+    """Return half length [m] and direction to starboard [rad] of the line across the corridor at
+    corners.
 
-    arriving, leaving: bearings [rad] on which a node is reached and left; before, after: half
-    widths [m] of the lanes there. A U-turn is made to port.
+    A U-turn is made to port.
+
+    Args:
+        arriving: bearings [rad] on which nodes are reached.
+        leaving: bearings [rad] on which nodes are left.
+        before: half widths [m] of the lanes before the nodes.
+        after: half widths [m] of the lanes after the nodes.
     """
     turn = sphere.wrap(leaving - arriving)
-    turn = np.where(np.abs(turn) > np.pi - 1e-6, -np.pi, turn)  # rounding must not choose the side
+    turn = np.where(
+        np.abs(turn) > np.pi - 1e-6, -np.pi, turn
+    )  # so that rounding does not decide the side
     mitre = np.minimum(1 / np.maximum(np.cos(turn / 2), 1e-9), MITRE)
     return (before + after) / 2 * mitre, sphere.wrap(arriving + turn / 2 + np.pi / 2)
 
 
 def shortest(network: Network, start: str, end: str) -> tuple[str, ...]:
-    """Return the nodes on the shortest way; raise ValueError where lanes, as they may be followed,
-    do not lead there.
+    """Return the nodes on the shortest route; raise ValueError if no permitted route exists.
 
     Dijkstra (1959, doi:10.1007/BF01386390) by the lengths of the centre lines.
     """
@@ -194,7 +203,7 @@ def shortest(network: Network, start: str, end: str) -> tuple[str, ...]:
 
 
 def number(network: Network, name: str) -> int:
-    """Return the number of a node; raise ValueError, with the nearest name, where there is none."""
+    """Return the number of a node; raise ValueError, with the nearest name, if it is unknown."""
     if name in network.name:
         return network.name.index(name)
     near = difflib.get_close_matches(name, network.name, n=1, cutoff=0.5)
@@ -205,15 +214,17 @@ def number(network: Network, name: str) -> int:
 def bearing(
     lon1: npt.ArrayLike, lat1: npt.ArrayLike, lon2: npt.ArrayLike, lat2: npt.ArrayLike
 ) -> Array:
-    """Return the direction [rad, clockwise from north] in which points 2 lie from points 1 [rad]."""
+    """Return the direction [rad, clockwise from north] in which points 2 lie from points 1
+    [rad].
+    """
     return np.arctan2(*sphere.offset(lon1, lat1, lon2, lat2))
 
 
 def directed(
     network: Network,
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return (from, to, lane) of every way in which lanes may be followed: numbers of nodes and of
-    the lane, (d,).
+    """Return (from, to, lane) of every permitted direction of a lane: numbers of nodes and lane,
+    (d,).
     """
     both = np.flatnonzero(~network.one_way)
     return (
@@ -224,7 +235,7 @@ def directed(
 
 
 def between(network: Network, a: int, b: int) -> int:
-    """Return the number of the lane from a node to another."""
+    """Return the number of the lane from one node to another."""
     start, end, lane = directed(network)
     found = lane[(start == a) & (end == b)]
     if found.size:
@@ -247,13 +258,13 @@ def between(network: Network, a: int, b: int) -> int:
 
 
 def _lengths(network: Network) -> sparse.csr_array:
-    """Return the lengths [m] of lanes, row: from node, column: to node."""
+    """Return the lengths [m] of lanes; row: from node, column: to node."""
     a, b, _ = directed(network)
     length = sphere.distance(network.lon[a], network.lat[a], network.lon[b], network.lat[b])
     return sparse.csr_array((length, (a, b)), shape=(len(network.name),) * 2)
 
 
 def _quoted(names: Sequence[str], most: int = 8) -> str:
-    """Return names in quotation marks, the first few of many."""
+    """Return names in quotation marks; of many, the first few and a count."""
     text = ", ".join(f'"{name}"' for name in names[:most])
     return f"{text} and {len(names) - most} more" if len(names) > most else text

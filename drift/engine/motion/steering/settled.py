@@ -1,5 +1,5 @@
-"""What is settled at the birth of targets that steer, and what no column of an ensemble holds:
-kernels.steering.settled.
+"""Initial random choices of steering targets that no ensemble column holds
+(kernels.steering.settled).
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,22 +17,22 @@ from kernels.steering import settled as kernel
 
 
 class Settled(NamedTuple):
-    """Columns on the host, (n,) each; what a scenario does not have is 0 there, and an arrival that
-    is unknown NEVER.
+    """Columns on the host, (n,) each; 0 where a scenario has no such value, NEVER for an unknown
+    arrival.
     """
 
     speed: Array  # [m/s] of the first phase for which a speed of advance is drawn
     # [rad] the first one of the first phase that keeps a course, clockwise from north
     course: Array
-    destination: Array  # number among those of the last phase that has a choice of them
+    destination: Array  # index among the destinations of the last phase that has several
     k: Array  # [m/sqrt(s)] of the first phase that is a Brownian bridge
-    # [s] at the end of an itinerary that is one voyage, unless its distress comes first
+    # [s] end of an itinerary that is a single voyage, unless its distress comes first
     arrival: Array
-    has: Mapping[str, Array]  # (scenarios,) bool each: which scenarios have which of these
+    has: Mapping[str, Array]  # (scenarios,) bool each: which scenarios have each value
 
 
 def read_settled(ensemble: Ensemble, steering: Steering) -> Settled:
-    """Return what is settled of an ensemble's particles as they are now."""
+    """Return the initial random choices of an ensemble's particles."""
     wanted = phases(steering.itineraries)
     dtypes = {"destination": np.int32, "arrival": np.int32}
     out = {
@@ -52,10 +52,9 @@ def read_settled(ensemble: Ensemble, steering: Steering) -> Settled:
 
 
 def phases(itineraries: Sequence[Itinerary | None]) -> Array:
-    """Return of which phase each is told, its number among those of all itineraries, int32
-    (scenarios, WANTED).
+    """Return the phase from which each value is taken, int32 (scenarios, WANTED); -1: none.
 
-    -1: of none.
+    Phases are numbered over all itineraries.
     """
     table = np.full((len(itineraries), kernel.WANTED), -1, np.int32)
     number = 0
@@ -65,7 +64,7 @@ def phases(itineraries: Sequence[Itinerary | None]) -> Array:
             on_its_way = isinstance(phase, Course | Acts) or (
                 isinstance(phase, Ways) and by_speed(phase)
             )
-            # else it would be a speed on patrol
+            # other phases hold a patrol speed
             if on_its_way or (isinstance(phase, Loiter) and k == 0):
                 told.append(kernel.SPEED)
             if isinstance(phase, Course | Acts):
@@ -82,13 +81,11 @@ def phases(itineraries: Sequence[Itinerary | None]) -> Array:
             for what in told:
                 row[what] = number if row[what] < 0 else row[what]
             if isinstance(phase, Ways) and phase.destinations:
-                row[kernel.DESTINATION] = number  # the last one counts
+                row[kernel.DESTINATION] = number  # the last phase counts
             number += 1
     return table
 
 
 def by_speed(phase: Ways) -> bool:
-    """Return whether way points of a phase have no times, so that a speed says when they are
-    reached.
-    """
+    """Return whether a phase's way points have no times, so that a speed determines them."""
     return not phase.destinations and all(point.time is None for point in phase.points)

@@ -1,6 +1,6 @@
-"""The model of what steers: targets that follow an itinerary, until they go adrift if they do.
+"""The steering model: targets that follow an itinerary until they go adrift, if they do.
 
-docs/targets.md; the kernel is kernels.steering.steer.
+See docs/targets.md; the kernel is kernels.steering.steer.
 """
 
 import weakref
@@ -29,9 +29,7 @@ from kernels.step.coast import DeviceCoast
 
 _ARRAYS = dict.fromkeys(steer.WHOLE, "steer_whole") | dict.fromkeys(steer.REAL, "steer_real")
 _COLUMNS = (
-    Column(
-        "birth", np.int32, 0, "", "slot in which it was born: the key of what is settled at birth"
-    ),
+    Column("birth", np.int32, 0, "", "initial slot: the key of its initial random choices"),
     Column("departure", np.int32, NEVER, "s", "when it gets under way"),
     Column("phase", np.int32, 0, "", "number of its phase among those of all itineraries"),
     Column("leg", np.int32, 0, "", "number of its next way point in the phase"),
@@ -40,7 +38,7 @@ _COLUMNS = (
     Column(
         "to_time", np.int32, NEVER, "s", "when it reaches its next way point, or changes its course"
     ),
-    Column("phase_end", np.int32, NEVER, "s", "when its phase is over, where a time says so"),
+    Column("phase_end", np.int32, NEVER, "s", "when its phase ends, if a time limits it"),
     Column("course", np.float32, 0, "rad", "its course, where it keeps one, clockwise from north"),
     Column("speed", np.float32, 0, "m/s", "its speed, where one is drawn"),
     Column(
@@ -61,11 +59,11 @@ EVERYWHERE = kernel.Domain(-(2**31), -(2**30), 2**32 - 1, 2**31)
 
 
 class Steering(NamedTuple):
-    """The itineraries of a run: one a scenario, None for those that only drift."""
+    """The itineraries of a run by scenario; None for scenarios that only drift."""
 
     itineraries: tuple[Itinerary | None, ...]
     period: Period
-    error: ForcingError  # of the current, which some feel
+    error: ForcingError  # of the current, for scenarios that do not compensate it
 
     @property
     def scenarios(self) -> tuple[int, ...]:
@@ -79,7 +77,7 @@ class Steering(NamedTuple):
 
     @property
     def feel(self) -> tuple[int, ...]:
-        """Numbers of the scenarios that do not make good the current."""
+        """Numbers of the scenarios that do not compensate the current."""
         return tuple(
             k
             for k, own in enumerate(self.itineraries)
@@ -88,7 +86,7 @@ class Steering(NamedTuple):
 
 
 class Helm:
-    """What steers the targets of one ensemble in one scene."""
+    """Moves the steering targets of one ensemble in one scene."""
 
     def __init__(
         self,
@@ -99,10 +97,15 @@ class Helm:
         scenarios: tuple[int, ...] | None = None,
         whole: "Helm | None" = None,
     ) -> None:
-        """Lay out the itineraries on the device; scenarios: numbers of those that it steers, by
-        default all that do.
+        """Write the itineraries to the device.
 
-        whole: of which it is a part, if it is one.
+        Args:
+            ensemble: of the targets.
+            steering: itineraries of the run.
+            domain: of the run.
+            coast: on the device; None without one.
+            scenarios: numbers of those to steer; None: all that steer.
+            whole: the helm of which this is a part; None: it is complete.
         """
         self.batch: Batch = ensemble.batch(steering.scenarios if scenarios is None else scenarios)
         self.plan: Any = (
@@ -113,21 +116,21 @@ class Helm:
             coast if any(own and own.land != "ignore" for own in steering.itineraries) else None
         )
         self._parts: dict[tuple[int, ...], Helm] = {}
-        # a cycle of these would keep the columns until garbage is collected
+        # a reference cycle would keep the columns until garbage collection
         self._of = weakref.ref(whole or self)
-        self._noted = False  # whether the pieces of way of the step last kept are in the room
+        self._pieces_recorded = False  # whether the track pieces of the step last kept are recorded
         self._kept: dict[str, Device] = {}
 
     @property
     def _whole(self) -> "Helm":
-        """What it is a part of, which outlives it."""
+        """The helm of which this is a part, which must outlive it."""
         whole = self._of()
         assert whole is not None
         return whole
 
     @cached_property
     def adrift(self) -> tuple[int, ...]:
-        """Numbers of the run's scenarios of which anything is adrift at some time."""
+        """Numbers of the scenarios whose particles may be adrift at some time."""
         return tuple(k for k in range(len(self._steering.itineraries)) if self._steering.adrift(k))
 
     @cached_property
@@ -139,7 +142,7 @@ class Helm:
         return move
 
     def some(self, scenarios: Sequence[int]) -> "Helm | None":
-        """Return what steers those of some scenarios that steer; None: none does."""
+        """Return the helm of those of some scenarios that steer; None if none does."""
         asked = set(scenarios)
         chosen = tuple(k for k in self.batch.scenarios if k in asked)
         if chosen == self.batch.scenarios or not chosen:
@@ -157,11 +160,10 @@ class Helm:
         scenarios: Sequence[int],
         chosen: Array | None = None,
     ) -> Paths | None:
-        """Return the paths of the targets of some scenarios in the step just made; None: none of
-        these steers.
+        """Return the target paths of some scenarios in the last step; None if none of these steers.
 
-        They hold until the columns of another step are kept. chosen: which of the targets, bool
-        (n,); None: all.
+        They are valid until `keep` is called for another step. chosen: which targets, bool (n,);
+        None: all.
         """
         part = self.some(scenarios)
         if part is None:
@@ -175,8 +177,8 @@ class Helm:
         steer.born(columns(e), self.batch, self.plan, e.seed, self._domain, self._coast, tries)
 
     def feel(self, forcing: Forcing, step: kernel.Step) -> None:
-        """Ask the current how fast it sets those off over the step about to be made that do not
-        make it good.
+        """Compute the current set of the targets that do not compensate it, over the step
+        to come.
         """
         e, error = self._ensemble, self._steering.error
         same: dict[tuple[int, int], list[int]] = {}
@@ -200,26 +202,26 @@ class Helm:
                 )
 
     def move(self, step: kernel.Step, note: bool = False) -> None:
-        """Move the targets over a step, each until its distress; note: the pieces of way that they
-        make, too.
+        """Move the targets over a step, each until its distress.
 
-        Columns must have been kept, then: they are asked where there is no room for all pieces.
+        note: also record the track pieces; `keep` must have been called, because pieces that do not
+        fit are recomputed from the kept columns.
         """
         if not note:
             self._move(step)
             return
         e = self._ensemble
-        self._noted = steer.move_targets(
+        self._pieces_recorded = steer.move_targets(
             columns(e), self.batch, self.plan, e.seed, self._domain, self._coast, step, self._room
         )
 
     def keep(self) -> dict[str, Device]:
-        """Return the columns as they are now, from which ways inside the step that comes are made
-        again.
+        """Return a copy of the current columns, from which tracks inside the next step are
+        recomputed.
 
-        They hold until the columns of another step are kept.
+        It is valid until the next call.
         """
-        self._noted = False
+        self._pieces_recorded = False
         own = columns(self._ensemble)
         before = {name: rows.located(column)[0] for name, column in self._kept.items()}
         self._kept = rows.rebuilt(own, lambda name, array: runtime.copy(array, before.get(name)))
@@ -230,22 +232,22 @@ class Helm:
         return Room(self._ensemble.n)
 
     def _made(self, kept: Mapping[str, Device], step: kernel.Step) -> Device:
-        """Return the pieces of way of all that steers in the step just made; they are made once for
-        all sensors.
+        """Return the track pieces of all steering targets in the last step, computed once for all
+        sensors.
         """
         whole = self._whole
-        if not whole._noted:
+        if not whole._pieces_recorded:
             steer.write_pieces(
                 kept, whole.batch, whole.plan, self._ensemble.seed, self._coast, step, whole._room
             )
-            whole._noted = True
+            whole._pieces_recorded = True
         return whole._room.pack
 
     def velocity(
         self, kept: Mapping[str, Device], step: kernel.Step, time: int
     ) -> tuple[Array, Array]:
-        """Return (east, north) [m/s] of targets at a time inside the step just made, (n,); 0 of
-        what is not under way.
+        """Return (east, north) [m/s] of targets at a time inside the last step, (n,); 0 if not
+        under way.
         """
         e = self._ensemble
         begin = runtime.copy(kept["lon"]), runtime.copy(kept["lat"])
@@ -275,7 +277,7 @@ class Helm:
         time: int,
         moment: int,
     ) -> tuple[Array, Array]:
-        """Return lon, lat [binary angle] (n,) at a time inside the step just made; see
+        """Return lon, lat [binary angle] (n,) at a time inside the last step; see
         kernels.steering.steer.inside.
         """
         e = self._ensemble
@@ -303,12 +305,17 @@ def columns(ensemble: Ensemble) -> dict[str, Device]:
 
 
 def place_targets(ensemble: Ensemble, slots: Array, new: Mapping[str, Array], time: int) -> None:
-    """Place targets that keep a course or act again, under way at a time at which a step ends [s
-    after start].
+    """Place targets that keep a course or act at random times, under way at the end of a step.
 
-    slots: (m,); new: lon, lat, course [rad], speed [m/s], change [s after start]: when those change
-    their course or act next that are fresh, or whose own time for it is past. The others keep
-    theirs: it has no memory. None seeks or hides.
+    Targets with a new course, and those whose own time has passed, get the new time of their next
+    change. The others keep theirs, since that process has no memory. None of them seeks or evades a
+    tracker.
+
+    Args:
+        ensemble: changed in place.
+        slots: of the targets, (m,).
+        new: lon, lat, course [rad], speed [m/s], change [s after start], by name, (m,) each.
+        time: at which a step ends [s after start].
     """
     every = ensemble.columns
     due = every["to_time"].to_numpy()[slots]
@@ -330,8 +337,8 @@ def place_targets(ensemble: Ensemble, slots: Array, new: Mapping[str, Array], ti
 
 
 def draw_targets(ensemble: Ensemble, steering: Steering, coast: DeviceCoast | None) -> Array:
-    """Draw the targets of all scenarios that steer; return (drawn, without water) by scenario,
-    int64 (scenarios, 2).
+    """Draw the targets of all scenarios that steer; return (drawn, without water), int64
+    (scenarios, 2).
     """
     tries = runtime.upload(np.zeros(2 * len(steering.itineraries), np.int64))
     Helm(ensemble, steering, EVERYWHERE, coast).born(tries)
@@ -341,9 +348,8 @@ def draw_targets(ensemble: Ensemble, steering: Steering, coast: DeviceCoast | No
 def steering(
     itineraries: Sequence[Itinerary | None], period: Period, error: ForcingError
 ) -> Steering | None:
-    """Return what a run's scenarios have of itineraries;
-
-    None: nothing steers. error: of the current.
+    """Return the itineraries that a run's scenarios follow; None if none steers; error: of the
+    current.
     """
     return (
         Steering(tuple(itineraries), period, error)
