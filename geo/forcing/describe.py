@@ -1,6 +1,4 @@
-"""What `drift info FILE` prints: how a file was understood, what is missing, and a map in
-characters.
-"""
+"""Report of `drift info FILE`: how a file was interpreted, what is missing, and a text map."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,23 +14,27 @@ from geo.forcing.quantity import QUANTITIES, any_of
 from geo.forcing.sources import Source
 
 ARROWS = "→↗↑↖←↙↓↘"  # from east, counterclockwise, 45 degrees each
-LOOKED_AT = 1000  # slices at most that are looked at for whether they hold anything
+LOOKED_AT = 1000  # sources with more slices than this are not searched for blank slices
 LAND, CALM = "·", "○"
 
 
 def understand(paths: dataset.Paths, only: str | None = None, **options: Any) -> list[Source]:
-    """Return a source for every quantity that files hold, each named by the files that hold it.
+    """Return one source for every quantity that the files hold.
 
-    only: the one quantity to read them as; options as in `forcing.open_source`. Where a quantity is
-    there but cannot be read (no units, say) its error is raised; where there is none at all, the
-    error says what the files hold.
+    Args:
+        paths: the files or addresses.
+        only: read the files as this quantity; by default every quantity is searched for.
+        options: as in `sources.open_source`.
+
+    Raises:
+        UserError: no quantity was found, or none of those found can be read (no units, say).
     """
     understood: list[Source] = []
     errors: dict[str, UserError] = {}
     patience = options.get("timeout", address.TIMEOUT)
     listed = dataset.expand(paths, only or "current")
-    # The process that reads an address ends with the last of its datasets; kept here, one serves
-    # all that follows.
+    # The process that reads an address ends with the last of its datasets. Keeping these references
+    # lets one process serve all reads below.
     _lines = [dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)]
     with dataset.readable(listed, "current"):
         held = {only: listed} if only else _held(listed, options.get("variables") or {}, patience)
@@ -68,7 +70,7 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
 
 
 def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict[str, list[str]]:
-    """Return the files that hold each quantity, and those that hold none, such as grids."""
+    """Return for each quantity the files that hold it and those that hold no quantity (grids)."""
     variables: dict[str, dict[str, Any]] = {}
     for path in listed:
         data = dataset.open_one(path, "current", patience)
@@ -82,7 +84,7 @@ def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict
             try:
                 pair = quantities.search(quantity, fields)
             except UserError:
-                # several pairs: the error that opening gives says which there are
+                # several pairs fit: let `open_source` raise the error that lists them
                 names[quantity] = set(everything)
                 break
             if pair is not None:
@@ -101,9 +103,7 @@ def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict
 
 
 def describe(source: Source) -> list[str]:
-    """Return lines on a source: what, where, when, how much is missing, how fast, and how it was
-    understood.
-    """
+    """Return the lines of the report on a source: area, times, missing share, speeds and notes."""
     grid, box = source.grid, source.grid.box
     lines = [f"{QUANTITIES[source.quantity].spoken}: {source.name}"]
     around = " round the Earth" if grid.seamless else ""
@@ -128,9 +128,9 @@ def describe(source: Source) -> list[str]:
 
 
 def sketch(source: Source, width: int = 60, height: int = 22) -> list[str]:
-    """Return a map of the first slice in characters, north up.
+    """Return a text map of the first slice, north up, one string per row.
 
-    Arrows point where to, "·" is missing, "○" nearly calm.
+    An arrow points where the flow goes; "·" means missing, "○" nearly calm.
     """
     grid, values = source.grid, source.read(0)
     middle = np.cos(np.radians(grid.lat0 + grid.dlat * (grid.nlat - 1) / 2))

@@ -1,9 +1,8 @@
-"""Files of one source that differ in names, units or order of points, converted to the conventions
-of one of them.
+"""Convert the files of one source to common variable names, units and order of grid points.
 
-Longitudes may run 0 to 360 in one and -180 to 180 in another, latitudes may decrease, a file may
-hold more columns and rows. Any other difference stays; the files are then rejected where they are
-joined.
+Longitudes may run 0 to 360 in one file and -180 to 180 in another, latitudes may decrease, and a
+file may hold more columns and rows than another. Other differences are left as they are; the files
+are rejected later, when they are joined.
 """
 
 import os
@@ -22,11 +21,10 @@ from geo.forcing.reading import component
 from geo.forcing.times import clock
 from geo.grids import naming
 
-NEAR = 0.01  # share of the step between columns or rows by which those of two files may differ
-# [deg] by which points of curved grids may differ: single precision at 360 degrees, and a little
-# more
+NEAR = 0.01  # tolerance for columns and rows of two files, as a share of the grid step
+# [deg] tolerance for points of curvilinear grids: about single precision at 360 degrees
 SAME = 5e-5
-FEW_NAMES = 8  # different names of the components in files of one source, at most
+FEW_NAMES = 8  # largest number of different component names among the files of a source
 
 File = tuple[str, xr.Dataset]
 
@@ -34,9 +32,13 @@ File = tuple[str, xr.Dataset]
 def rename_components(
     quantity: str, files: Sequence[File], chosen: Mapping[str, Any], notes: list[str]
 ) -> list[File]:
-    """Return files whose components have the names that the first ones have; notes is added to.
+    """Return the files with their components renamed as in the first files.
 
-    chosen: the case's variables, which name components themselves.
+    Args:
+        quantity: of the source.
+        files: paths and datasets.
+        chosen: `variables` of the case; if it names the components, nothing is renamed.
+        notes: list to which a note on each renaming is appended.
     """
     result = list(files)
     first = (
@@ -70,9 +72,9 @@ def rename_components(
 
 
 def _found(quantity: str, datasets: Sequence[xr.Dataset]) -> Pair | None:
-    """Return the components in the first dataset that has both, or else in all together;
+    """Return the components in the first dataset that has both, otherwise those in all together.
 
-    None where there are none.
+    None if there are none.
     """
     fields = [
         {
@@ -93,9 +95,7 @@ def _found(quantity: str, datasets: Sequence[xr.Dataset]) -> Pair | None:
 
 
 def _straight(data: xr.Dataset, pair: Pair) -> bool:
-    """Whether components lie on axes of longitude and latitude, where the grid's own axes are east
-    and north.
-    """
+    """Return True if the grid's axes are longitude and latitude, so that "grid" axes are true."""
     name = pair.east if pair.east in data.variables else pair.north
     roles = {
         naming.role(str(n), v.attrs)
@@ -108,11 +108,13 @@ def _straight(data: xr.Dataset, pair: Pair) -> bool:
 def align_grids(
     files: Sequence[File], names: Sequence[str], units: str | None, notes: list[str]
 ) -> list[File]:
-    """Return files whose variables have the dimensions, the points in their order, and the units of
-    the first ones.
+    """Return the files with the dimensions, the units and the order of points of the first file.
 
-    names: of both components; units: that the case states, which holds for all files; notes is
-    added to.
+    Args:
+        files: paths and datasets.
+        names: of both components.
+        units: units that the case states for all files; None to convert between the files' units.
+        notes: list to which a note on each change is appended.
     """
     result = list(files)
     for name in dict.fromkeys(names):
@@ -144,9 +146,7 @@ def _points(data: xr.Dataset, name: str) -> int:
 
 
 def _with_dims(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
-    """Return a dataset whose dimensions have the names that those of the same kind have in the
-    first.
-    """
+    """Return a dataset with the dimension names that the first dataset has for the same kinds."""
     wanted, own = ({str(d): _kind(held, str(d)) for d in held[name].dims} for held in (first, data))
     new = {}
     for dim, kind in own.items():
@@ -159,7 +159,7 @@ def _with_dims(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
 
 
 def _kind(data: xr.Dataset, dim: str) -> str | None:
-    """Return what lies along a dimension: "time", "level", "member", "x" or "y";
+    """Return the kind of a dimension: "time", "level", "member", "x" or "y".
 
     None for anything else.
     """
@@ -178,7 +178,7 @@ def _kind(data: xr.Dataset, dim: str) -> str | None:
 def _in_units(
     first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: list[str]
 ) -> xr.Dataset:
-    """Return a dataset with a variable in the units that it has in the first, where both are known."""
+    """Return a dataset with a variable converted to its units in the first, if both are known."""
     pair = [str(held[name].attrs.get("units", "")).strip() for held in (first, data)]
     if pair[0].lower() == pair[1].lower():
         return data
@@ -198,7 +198,7 @@ def _in_units(
 
 
 def _scaled(variable: xr.Variable, ratio: float) -> xr.Variable:
-    """Return a variable times a number, read when it is needed; its packing keeps fitting."""
+    """Return a variable times a number, computed lazily; its packing is scaled as well."""
 
     def read(part: derived.Part) -> Array:
         return derived.values_of(variable, part) * ratio
@@ -216,8 +216,9 @@ def _scaled(variable: xr.Variable, ratio: float) -> xr.Variable:
 def _in_order(
     first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: list[str]
 ) -> xr.Dataset:
-    """Return a dataset whose columns and rows are those of another, in its order, if it has them
-    all.
+    """Return a dataset restricted to the columns and rows of the first dataset, in its order.
+
+    Dimensions along which it lacks some of them are left unchanged.
     """
     if data is first:
         return data
@@ -243,8 +244,9 @@ def _in_order(
 
 
 def _along(data: xr.Dataset, dim: str) -> tuple[str, str] | None:
-    """Return the coordinate along a dimension of a grid, and its role, "longitude", "latitude" or
-    "plane".
+    """Return the coordinate along a dimension of a grid and its role.
+
+    The role is "longitude", "latitude" or "plane". None if there is no such coordinate.
     """
     along = [
         str(n)
@@ -260,9 +262,9 @@ def _along(data: xr.Dataset, dim: str) -> tuple[str, str] | None:
 
 
 def _places(wanted: Array, held: Array, kind: str) -> NDArray[np.int64] | None:
-    """Return where in `held` each of the wanted coordinates is;
+    """Return the index in `held` of each of the wanted coordinates.
 
-    None where some are not there, or are thinned out.
+    None if some are absent, or if `held` is a finer grid that only shares points with `wanted`.
     """
     if min(wanted.size, held.size) < 2 or not (
         np.isfinite(wanted).all() and np.isfinite(held).all()
@@ -278,7 +280,7 @@ def _places(wanted: Array, held: Array, kind: str) -> NDArray[np.int64] | None:
     index = beside[apart.argmin(axis=0), np.arange(len(wanted))]
     if (apart.min(axis=0) > NEAR * step).any():
         return None
-    jumps = np.diff(index) % len(held)  # two grids of other steps may share points
+    jumps = np.diff(index) % len(held)  # grids with different steps may share points
     return (
         np.asarray(index, np.int64)
         if np.median(np.minimum(jumps, len(held) - jumps)) <= 1
@@ -292,8 +294,9 @@ def _apart(one: Array, other: Array, kind: str) -> Array:
 
 
 def _turned(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
-    """Return a dataset whose curved grid has its rows and columns in the order of another, and its
-    coordinates.
+    """Return a dataset with the rows and columns of its curvilinear grid ordered as in the first.
+
+    The coordinates of the first dataset replace its own.
     """
     dims = [str(d) for d in first[name].dims if d in data[name].dims]
     pairs = []
@@ -325,9 +328,9 @@ def _turned(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
 
 
 def _curved(data: xr.Dataset, dims: Sequence[str], role: str) -> str | None:
-    """Return the coordinates of a role over two dimensions of a grid;
+    """Return the 2-D coordinate with a role over the dimensions of a grid.
 
-    None where there are none, or several.
+    None if there is none or more than one.
     """
     found = [
         str(n)

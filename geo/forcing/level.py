@@ -1,10 +1,9 @@
-"""Which level of a variable is read, and whether what it holds there is what things at the surface
-feel.
+"""Choice of the vertical level of a variable, and checks that it represents the surface.
 
-A level stands along a dimension, beside the variable as a lone coordinate (its dimension dropped),
-only in its attributes, or only in its name. Wherever it stands it is read and judged: winds 2 to 20
-m above the sea, currents and Stokes drift at most 5 m deep, sigma close to the surface. Nothing
-else is taken unless the case names it.
+A level is given by a dimension, by a scalar coordinate (the dimension was dropped), only by
+attributes, or only by the variable's name. In every case it is checked. drift accepts winds 2 to
+20 m above the sea, currents and Stokes drift at most 5 m deep, and sigma levels close to the
+surface. Any other level has to be chosen in the case.
 """
 
 import re
@@ -29,7 +28,7 @@ DEPTHS = re.compile(r"^depth", re.IGNORECASE)
 HEIGHTS = re.compile(r"^(height|altitude)", re.IGNORECASE)
 PRESSURES = re.compile(r"^(isobaric|plev|pres)", re.IGNORECASE)
 SIGMAS = re.compile(r"^(siglay|siglev|sigma.*|s_rho|s_w)$", re.IGNORECASE)
-# ROMS and SCHISM count upwards
+# ROMS and SCHISM number levels upwards
 FROM_BOTTOM = re.compile(r"^(s_rho|s_w|nschism_vgrid_layers)$", re.IGNORECASE)
 FROM_TOP = re.compile(r"^(depth.*|siglay|siglev)$", re.IGNORECASE)
 
@@ -64,14 +63,14 @@ PASCALS = {
     "pascal": 1.0,
     "pascals": 1.0,
 }
-DECIBAR = 1e4  # [Pa]; of sea water it is a metre of depth to 1 %
+DECIBAR = 1e4  # [Pa]; 1 dbar of sea water is 1 m of depth to within 1 %
 
-WIND_HEIGHT = 10.0  # [m] the height that leeway is measured against
-# [m] a wind at these passes for that at 10 m: the logarithmic profile differs by 15 %
+WIND_HEIGHT = 10.0  # [m] reference height of leeway
+# [m] winds between these heights are accepted as 10 m winds: the log profile differs by 15 %
 HEIGHTS_OF_WIND = (2.0, 20.0)
-DEEPEST = 5.0  # [m] to which a current or Stokes drift passes for the surface's
-# Levels in names: UGRD_850mb, u10m, UGRD_0D995sigma; u850, 100u, which state no unit; u_ml, which
-# states no number
+DEEPEST = 5.0  # [m] currents and Stokes drift down to this depth are accepted as surface values
+# Levels in names: UGRD_850mb, u10m, UGRD_0D995sigma with a unit; u850, 100u without one; u_ml
+# without a number
 MEASURED = re.compile(
     r"(?<![\d.])(\d+(?:[.D]\d+)?)_?(hpa|mbar|mb|sigma|m)(?=$|[\W_\d]|above|agl|below)",
     re.IGNORECASE,
@@ -92,22 +91,22 @@ IN_WATER = re.compile(
     re.IGNORECASE,
 )
 LEAST_PRESSURE = (
-    # numbers without a unit from this on count hPa: winds are given to 200 m above ground, and at
-    # 250 hPa
+    # Numbers without a unit from this on are hPa, smaller ones metres: files hold winds up to
+    # 200 m above ground, and at 250 hPa.
     250.0
 )
-# types of level that have no value
+# types of level without a value
 SURFACES = {"surface", "meansea", "oceansurface", "sea", "sea surface", "mean sea level"}
 
 
 @dataclass(frozen=True)
 class Levels:
-    """The levels of a variable, under the name by which a case chooses among them.
+    """The levels of a variable, with the name by which a case chooses among them.
 
-    values (n,), units: as the file has them, for messages; away (n,): above the sea for a "height"
-    [m], below it for a "depth" [m], from the surface for "sigma" [1]; NaN for what has no known
-    place: a "pressure", a "number", "unknown". upwards: whether numbers grow upwards, None where
-    nothing says so; lone: no dimension of the variable.
+    values (n,), units: as in the file, for messages. away (n,): height above the sea for kind
+    "height" [m], depth for "depth" [m], distance from the surface for "sigma" [1]; NaN for kinds
+    without a known position: "pressure", "number", "unknown". upwards: whether values grow upwards,
+    None if unknown. lone: the level is no dimension of the variable.
     """
 
     name: str
@@ -120,7 +119,7 @@ class Levels:
 
 
 def is_vertical(data: xr.Dataset, dim: str) -> bool:
-    """Whether a dimension or coordinate is a vertical one, by its attributes or its name."""
+    """Return True if attributes or name mark a dimension or coordinate as vertical."""
     if NAMES.match(dim):
         return True
     if dim not in data.variables:
@@ -140,10 +139,18 @@ def is_vertical(data: xr.Dataset, dim: str) -> bool:
 def choose(
     data: xr.Dataset, name: str, dim: str, quantity: str, depth: float | None, where: str
 ) -> tuple[int, str]:
-    """Return the index to read along a vertical dimension of a variable, and a remark on which it
-    is.
+    """Return the index to read along a vertical dimension, and a note on the level ("" for none).
 
-    depth: the one the case wants [m], None for the surface; where: the file, for messages.
+    Args:
+        data: the file's dataset.
+        name: of the variable.
+        dim: the vertical dimension.
+        quantity: one of QUANTITIES.
+        depth: that the case asks for [m]; None for the surface.
+        where: the file, for messages.
+
+    Raises:
+        UserError: no level there represents the surface, or lies near `depth`.
     """
     count = int(data.sizes[dim])
     if not count:
@@ -160,9 +167,7 @@ def choose(
 
 
 def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
-    """Return the levels that a variable has no dimension for: lone coordinates, or those of
-    attributes.
-    """
+    """Return the levels of a variable that are scalar coordinates or stated by its attributes."""
     variable = data[name]
     own = set(map(str, variable.dims))
     listed = _listed(variable) | set(map(str, variable.coords))
@@ -187,14 +192,14 @@ def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
 
 
 def accept(levels: Levels, name: str, quantity: str, depth: float | None, where: str) -> str:
-    """Return a remark on a lone level that passes, and refuse one that does not."""
+    """Return a note on a scalar level; raise UserError if it does not represent the surface."""
     return _judge(levels, name, quantity, depth, where)[1]
 
 
 def passes(name: str, attributes: Mapping[str, Any], quantity: str) -> bool | None:
-    """Whether a variable's attributes, or else its name, state a level that lies at the surface;
+    """Return whether a variable's attributes or name state a level at the surface.
 
-    None where none do.
+    None if they state no level.
     """
     if _at_surface(attributes):
         return True
@@ -207,9 +212,9 @@ def _at_surface(attributes: Mapping[str, Any]) -> bool:
 
 
 def _stated(name: str, attributes: Mapping[str, Any], quantity: str) -> Levels | None:
-    """Return the level that a variable's attributes state, or else its name;
+    """Return the level that a variable's attributes or name state.
 
-    None without one, or at the surface.
+    None if they state none or the surface.
     """
     if _at_surface(attributes):
         return None
@@ -217,7 +222,7 @@ def _stated(name: str, attributes: Mapping[str, Any], quantity: str) -> Levels |
 
 
 def same(data: xr.Dataset, other: xr.Dataset, dim: str, index: int) -> bool:
-    """Whether one index along a vertical dimension stands for the same level in two files."""
+    """Return True if an index along a vertical dimension is the same level in both files."""
     if dim not in data.variables or dim not in other.variables:
         return True
     pair = [np.asarray(d[dim].values) for d in (data, other)]
@@ -235,7 +240,8 @@ def _listed(variable: xr.DataArray) -> set[str]:
 def _along(data: xr.Dataset, dim: str, quantity: str) -> Levels | None:
     """Return the levels along a dimension.
 
-    They come from its own coordinate, or from the one vertical variable along it.
+    They come from its own coordinate or from the only vertical variable along the dimension. None
+    if neither gives numbers.
     """
     named = dim
     if dim not in data.variables:
@@ -257,7 +263,7 @@ def _along(data: xr.Dataset, dim: str, quantity: str) -> Levels | None:
 def _read(
     name: str, attributes: Mapping[str, Any], values: Real, quantity: str, lone: bool
 ) -> Levels:
-    """Return levels with their kind and their place, as far as name, units and attributes tell it."""
+    """Return levels with their kind and position, as far as name, units and attributes say."""
     units = str(attributes.get("units", "")).strip()
     standard = str(attributes.get("standard_name", "")).strip().lower()
     positive = str(attributes.get("positive", "")).strip().lower()
@@ -321,9 +327,7 @@ def _read(
 
 
 def _counts(values: Real) -> bool:
-    """Whether values number levels instead of placing them: 3, 4, 5, ... or a lone whole number
-    other than 0.
-    """
+    """Return True if values number levels (3, 4, 5, ... or one nonzero whole number)."""
     whole = bool((values == np.round(values)).all()) if np.isfinite(values).all() else False
     return whole and (
         bool(values[0]) if len(values) == 1 else bool((np.abs(np.diff(values)) == 1).all())
@@ -339,22 +343,22 @@ def _sigma(name: str, standard: str, units: str) -> bool:
 
 
 def _from_surface(values: Real, quantity: str, upwards: bool | None) -> Real:
-    """Return how far sigma lies from the surface.
+    """Return the distance of sigma levels from the surface [1]; NaN if it cannot be known.
 
-    In the atmosphere sigma is 1 there; in an ocean it is 0, and -1 at the bottom.
+    At the surface sigma is 1 in the atmosphere and 0 in the ocean, where it is -1 at the bottom.
     """
     if QUANTITIES[quantity].in_air or (upwards and (values >= 0).all() and values.max() > 0):
         return 1.0 - values
     if upwards is None and (values > 0).any():
-        # it runs from 0 to 1, and nothing says at which end the surface is
+        # sigma runs from 0 to 1, and nothing says at which end the surface is
         return np.full(values.shape, np.nan)
     return np.abs(values)
 
 
 def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None:
-    """Return the level that a variable's attributes name where they do so plainly;
+    """Return the level that a variable's attributes state explicitly.
 
-    None at the surface.
+    None if they state none or the surface.
     """
     kind = str(attributes.get("GRIB_typeOfLevel", "")).strip()
     if kind and kind != "undef":
@@ -398,7 +402,7 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
 
 
 def of_name(name: str, quantity: str) -> Levels | None:
-    """Return the level that the name of a variable states; None where it states none."""
+    """Return the level that the name of a variable states; None if it states none."""
     in_air = QUANTITIES[quantity].in_air
     for hit in MEASURED.finditer(name):
         value, unit = float(hit[1].upper().replace("D", ".")), hit[2]
@@ -421,9 +425,9 @@ def of_name(name: str, quantity: str) -> Levels | None:
 
 
 def _surface(levels: Levels, quantity: str) -> int | None:
-    """Return the index of the level that passes for the surface; None without one.
+    """Return the index of the level that represents the surface; None if no level does.
 
-    For winds it is the level nearest to 10 m.
+    For winds it is the accepted level nearest to 10 m.
     """
     values, away = levels.values, levels.away
     if levels.kind == "number" and not QUANTITIES[quantity].in_air and levels.upwards is not None:
@@ -434,7 +438,7 @@ def _surface(levels: Levels, quantity: str) -> int | None:
         return None
     if levels.kind == "height":
         low, high = HEIGHTS_OF_WIND
-        # some files give 0 for "at the surface"
+        # some files give the height 0 for "surface"
         fits = ((away >= low - 1e-3) & (away <= high + 1e-3)) | (away == 0)
         distance = np.where(fits, np.abs(away - WIND_HEIGHT), np.inf)
     elif levels.kind in ("depth", "sigma"):
@@ -502,7 +506,7 @@ def _refusal(levels: Levels, name: str, quantity: str, where: str) -> str:
 
 
 def _key(levels: Levels, quantity: str, by_depth: bool) -> str:
-    """Return how a level is named, without a value to copy: who names one must know what it holds."""
+    """Return how to choose a level. No value is proposed: the user must know what to choose."""
     place = f"its index there, counted from 0, in [[{quantity}]] variables.{levels.name}"
     if by_depth:
         place = f"[[{quantity}]] depth, or {place}"
@@ -529,9 +533,9 @@ def _number(value: float) -> str:
 def _uncounted(
     dim: str, count: int, quantity: str, depth: float | None, where: str
 ) -> tuple[int, str]:
-    """Return the index of the surface along a dimension without a coordinate; None without one.
+    """Return the index and a note for the surface along a vertical dimension without coordinate.
 
-    The name of the dimension alone says at which end the surface is.
+    Only the name of the dimension says at which end the surface is. Raise UserError if it does not.
     """
     if depth is not None and not QUANTITIES[quantity].in_air:
         raise UserError(

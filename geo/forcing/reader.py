@@ -1,4 +1,4 @@
-"""From files to a grid, times and a function that reads one slice: the work of `open_source`."""
+"""Open the files of a source and read slices of it on a regular grid, for `sources.open_source`."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,7 +31,7 @@ Values = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Reading:
-    """What files hold of one quantity: see `forcing.Source`, which it becomes."""
+    """How to read one quantity from files; `sources.Source` has the same fields."""
 
     grid: Grid
     times: clock.Times
@@ -40,18 +40,17 @@ class Reading:
     notes: tuple[str, ...]
     fingerprint: str
     domain: NDArray[np.bool_] | None
-    others: tuple[
-        tuple[str, Callable[[int], Values]], ...
-    ] = ()  # of an ensemble: what each member but the first is called, and its slices
-    label: str = ""  # what the first is called
-    edges: bool = False  # the first and the last time are the edges of means, which hold there
-    # which of some slices hold nothing, in any member
+    # of an ensemble: label and read function of every member but the first
+    others: tuple[tuple[str, Callable[[int], Values]], ...] = ()
+    label: str = ""  # of the first member
+    edges: bool = False  # the first and the last time are edges of means, which hold there
+    # returns which of some slices have no value in at least one member
     blank: Callable[[Sequence[int]], list[int]] | None = None
 
 
 @dataclass(frozen=True)
 class Request:
-    """How the user wants files read; see `forcing.open_source`."""
+    """How the user wants files read; the arguments of `sources.open_source`."""
 
     quantity: str
     name: str
@@ -61,19 +60,19 @@ class Request:
     steady: bool
     box: Box | None
     depth: float | None
-    # a single slice is accepted, which is enough to describe a file, but not for a run
+    # a single slice is accepted: it is enough to describe a file, but not for a run
     lenient: bool
-    plausible: bool  # the user vouches for speeds that no such quantity has
-    timeout: float  # [s] time-out of an address
-    # the files are members of an ensemble; or the dimension along which members lie
+    plausible: bool  # the user vouches for the values: none is rejected as an impossible speed
+    timeout: float  # [s] of requests to an address
+    # True: the files are members of an ensemble; str: the dimension along which members lie
     members: bool | str = False
-    # the files of each member, where no dimension holds members
+    # the files of each member, if no dimension holds members
     entries: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True)
 class Opened:
-    """Files, or a dataset in memory, with all that does not depend on the part that a case needs."""
+    """An opened source before a box is cut out of it: everything that no case's area affects."""
 
     request: Request
     paths: dataset.Paths | memory.Held
@@ -81,17 +80,17 @@ class Opened:
     pair: quantities.Pair
     components: tuple[Component, Component]
     times: clock.Times
-    count: int  # slices
+    count: int  # number of slices
     whole: survey.Survey
     notes: tuple[str, ...]
-    label: str = ""  # what it is called as a member of an ensemble
-    # the other members of the ensemble of which this is the first
+    label: str = ""  # as a member of an ensemble
+    # the other members of the ensemble, if this is the first
     others: tuple["Opened", ...] = ()
-    edges: bool = False  # the first and the last time are the edges of means, which hold there
+    edges: bool = False  # the first and the last time are edges of means, which hold there
 
 
 def open_reader(request: Request, paths: dataset.Paths | memory.Held) -> Reading:
-    """Open files, or take a dataset in memory, and return how to read the quantity from them."""
+    """Open files or a dataset in memory, and return how to read the quantity over the box."""
     opened = open_all(request, paths)
     reading = cut_source(opened, request.box)
     q, pair = request.quantity, opened.pair
@@ -105,8 +104,14 @@ def open_reader(request: Request, paths: dataset.Paths | memory.Held) -> Reading
 
 
 def open_all(request: Request, paths: dataset.Paths | memory.Held) -> Opened:
-    """Open files, or take a dataset in memory, find the quantity and survey it as a whole; so too
-    of each member.
+    """Open files or a dataset in memory, find the quantity, and survey its values.
+
+    Args:
+        request: what to read and how; its box is not used.
+        paths: of the files, or a dataset in memory.
+
+    Returns:
+        The source; for an ensemble the first member with all others in `others`.
     """
     files = _files(request, paths)
     if not request.members:
@@ -127,7 +132,7 @@ def _files(request: Request, paths: dataset.Paths | memory.Held) -> list[tuple[s
 
 
 def _along(opened: Opened) -> Opened:
-    """Return a source as the members that lie along a dimension of it, this one first."""
+    """Return a source as an ensemble whose members lie along a dimension of its variables."""
     request, pair = opened.request, opened.components
     ensemble.check_sizes(request.name, request.quantity, pair)
     dim = pair[0].member
@@ -156,7 +161,7 @@ def _along(opened: Opened) -> Opened:
 def _entries(
     request: Request, paths: dataset.Paths | memory.Held, files: list[tuple[str, xr.Dataset]]
 ) -> Opened:
-    """Return a source of which each entry of its files is a member."""
+    """Return an ensemble of which each entry of `request.entries` is a member."""
     if len(request.entries) < 2:
         raise UserError(_no_members(request, files))
     called = _called(request.entries)
@@ -211,7 +216,7 @@ def _of_member(number: int, called: Sequence[str], by: str = "", name: str = "")
 
 
 def _only(opened: Opened, times: clock.Times, chosen: Array, label: str) -> Opened:
-    """Return a member at some of its times alone; chosen: their slices."""
+    """Return a member reduced to some of its times; chosen: the indices of their slices."""
     first, second = (
         replace(c, segments=tuple(c.segments[k] for k in chosen)) for c in opened.components
     )
@@ -226,9 +231,7 @@ def _only(opened: Opened, times: clock.Times, chosen: Array, label: str) -> Open
 
 
 def _called(entries: tuple[tuple[str, ...], ...]) -> list[str]:
-    """Return what members of files are called: by name, or by folder where names are the same, or
-    by number.
-    """
+    """Return labels for members given by files: file names, else folder names, else numbers."""
     firsts = [entry[0].rstrip("/") for entry in entries]
     names = [os.path.splitext(os.path.basename(path))[0] for path in firsts]
     folders = [os.path.basename(os.path.dirname(path)) for path in firsts]
@@ -290,7 +293,15 @@ def _open(
 
 
 def cut_source(opened: Opened, box: Box | None) -> Reading:
-    """Return how to read the part of a source that a case needs; its fingerprint is left empty."""
+    """Return how to read the part of a source that a case needs; its fingerprint is empty.
+
+    Args:
+        opened: the source.
+        box: area of the case; None for the whole source.
+
+    Raises:
+        UserError: the source does not overlap the box, or has no value there.
+    """
     request, (first, second), whole = (
         replace(opened.request, box=box),
         opened.components,
@@ -337,7 +348,7 @@ def cut_source(opened: Opened, box: Box | None) -> Reading:
 
 
 def _blank(tiles: Sequence[tile.Tile]) -> Callable[[Sequence[int]], list[int]]:
-    """Return a test for blank slices in any of some tiles that reads each slice once."""
+    """Return a test for slices that are blank in any of some tiles; it reads each slice once."""
     known: dict[int, bool] = {}
 
     def find(indices: Sequence[int]) -> list[int]:
@@ -350,7 +361,7 @@ def _blank(tiles: Sequence[tile.Tile]) -> Callable[[Sequence[int]], list[int]]:
 
 
 def _cut_nest(opened: Opened, request: Request, wanted: Box | None) -> Reading:
-    """Return what `cut` does of a moving grid."""
+    """Do what `cut_source` does for a grid that moves."""
     pair, whole = opened.components, opened.whole
     held = nest.make(pair, opened.count, opened.pair.axes, wanted, whole.dry)
     if held is None:
@@ -380,10 +391,10 @@ def _slice(held: tile.Tile, i: int) -> Values:
 
 
 def keep(opened: Opened, box: Box) -> Opened:
-    """Return a source whose slices, once read, stay in memory over a box.
+    """Return a source that keeps slices in memory over a box once they are read.
 
-    Parts of it that lie inside the box are cut from there. Of an ensemble only the first member's
-    do.
+    `cut_source` takes parts inside the box from memory. For an ensemble, only the first member's
+    slices are kept.
     """
     kept = []
     if nest.moves(opened.components):
@@ -404,7 +415,7 @@ def _digest(
     time: str | None,
     extra: str,
 ) -> str:
-    """Return a short hash of what is read: of files their bytes, of a dataset in memory its values."""
+    """Return a short hash of the files' bytes, or of the values of a dataset in memory."""
     if not isinstance(paths, memory.Held):
         return dataset.fingerprint([p for p, _ in files], [d for _, d in files], extra)
     used = {pair.east, pair.north, *map(str, request.variables.values())}
@@ -414,9 +425,9 @@ def _digest(
 
 
 def _needed(box: Box | None) -> Box | None:
-    """Return a box that holds all nodes from which a node inside `box` may be filled.
+    """Return a box with all nodes from which a node inside `box` may be filled.
 
-    So a crop is filled as the whole is.
+    With it, a cropped source is filled exactly as the whole one would be.
     """
     if box is None:
         return None
@@ -426,7 +437,7 @@ def _needed(box: Box | None) -> Box | None:
 
 
 def _check_chosen(request: Request, files: list[tuple[str, xr.Dataset]]) -> None:
-    """Refuse names of variables that no file holds: they would be passed over."""
+    """Raise UserError for a variable named in the case that no file holds."""
     held = {str(n): v for _, d in files for n, v in d.variables.items()}
     for key in ("lon", "lat", "time", "angle", "mask", "x", "y"):
         name = request.variables.get(key)
@@ -445,7 +456,7 @@ def _check_chosen(request: Request, files: list[tuple[str, xr.Dataset]]) -> None
 def _check_sizes(
     request: Request, pair: quantities.Pair, files: list[tuple[str, xr.Dataset]]
 ) -> None:
-    """Refuse components without a value, and one variable that is both of them."""
+    """Raise UserError for components without values, or one variable named as both."""
     for path, data in files:
         for name in (pair.east, pair.north):
             empty = (
@@ -466,7 +477,7 @@ def _check_sizes(
 
 
 def _is_field(name: str, files: list[tuple[str, xr.Dataset]]) -> bool:
-    """Whether a variable can hold a component: numbers over at least one dimension besides its own."""
+    """Return True if a variable can be a component: numeric, and no coordinate of its own axis."""
     data = next(d for _, d in files if name in d.variables)
     return np.issubdtype(data[name].dtype, np.number) and data[name].dims != (name,)
 
@@ -529,9 +540,7 @@ def _components(
 def _derived(
     request: Request, pair: quantities.Pair, data: xr.Dataset, notes: list[str]
 ) -> xr.Dataset:
-    """Return a dataset whose components are missing where it says that they are not valid, versions
-    of them joined.
-    """
+    """Return a dataset with invalid values of its components set to NaN and versions merged."""
     for name in dict.fromkeys((pair.east, pair.north)):
         if name not in data.variables:
             continue
@@ -545,7 +554,7 @@ def _derived(
 
 
 def _with(data: xr.Dataset, lent: Mapping[str, xr.Variable]) -> xr.Dataset:
-    """Return a dataset with the grid's variables that it lacks, where their dimensions agree."""
+    """Return a dataset with the grid variables that it lacks, where their dimensions agree."""
     fitting = {
         n: v
         for n, v in lent.items()
@@ -558,7 +567,10 @@ def _with(data: xr.Dataset, lent: Mapping[str, xr.Variable]) -> xr.Dataset:
 def _join(
     request: Request, first: Component, second: Component, notes: list[str]
 ) -> tuple[Component, Component, clock.Times]:
-    """Bring both components to the same slices and return their times; empty for a steady field."""
+    """Reduce both components to their common slices; return them and their times.
+
+    The times are empty for a steady field.
+    """
     q, none = request.quantity, np.empty(0, "datetime64[s]")
     if request.steady:
         if len(first.segments) > 1:
@@ -611,8 +623,9 @@ def _from_to(times: clock.Times) -> str:
 def _restamped(
     request: Request, first: Component, second: Component, times: clock.Times, notes: list[str]
 ) -> tuple[Component, Component, clock.Times]:
-    """Return components at the times that a case states, or at the middle of means stamped as it
-    states.
+    """Return components with the times that a case states.
+
+    If the case states a stamp, the slices are means, placed at the middle of their intervals.
     """
     stamp = clock.stamp(request.times)
     if not stamp:
@@ -632,8 +645,9 @@ def _chosen(component_: Component, index: Array) -> Component:
 def _to_edges(
     first: Component, second: Component, times: clock.Times
 ) -> tuple[Component, Component, clock.Times, bool]:
-    """Return components of means with two times more, the edges of their intervals, where the
-    outermost hold.
+    """Return components of means with two more times: the outer edges of their intervals.
+
+    The outermost means hold up to these edges. The last value returned is True if they were added.
     """
     if first.cells is None or second.cells is None or len(times) < 2:
         return first, second, times, False

@@ -1,8 +1,8 @@
-"""What a source holds as a whole: its speeds, undeclared fill values, and whether its land is zero.
+"""Survey of a source's values: its speeds, undeclared fill values, and whether zeros mean land.
 
-Judged once a source, from fixed slices and evenly strided points of all that the files hold, never
-from the part that a case needs: so no answer depends on the case's domain. At most READ bytes of
-values are read.
+The survey is made once per source, from fixed slices and evenly strided points of everything that
+the files hold, never from the part that a case needs. So its results do not depend on the case's
+area. It reads at most READ bytes of values.
 """
 
 import math
@@ -21,30 +21,30 @@ from geo.forcing.quantity import QUANTITIES
 from geo.forcing.reading import slices
 from geo.forcing.reading.component import Component
 
-READ = 64 * 2**20  # [bytes] of values at most, both components and all slices together
-READ_REMOTE = 4 * 2**20  # [bytes] of values at most from an address
-LOOKED_AT = 8  # slices at most: the first, the last and some between
-DRY = 0.005  # share of exact zeros from which they are land
-RECURS = 3  # times that an extreme value must occur at least to be a fill value
-VARIED = 10  # different values that the rest must hold before one can stand apart from it
-# share of the range of all other values by which a number of nines stands apart from them
+READ = 64 * 2**20  # [bytes] largest amount read, both components and all slices together
+READ_REMOTE = 4 * 2**20  # [bytes] largest amount read from an address
+LOOKED_AT = 8  # largest number of slices: the first, the last and some in between
+DRY = 0.005  # share of exact zeros above which they mean land
+RECURS = 3  # a fill value occurs at least so often
+VARIED = 10  # least number of different other values for the gap to a fill value to be judged
+# gap between a number of nines and all other values, as a share of the others' range
 GAP = 0.25
 SLOW_WIND = 2.0  # [m/s]
 
 
-# percentile of a current's speeds that must stay under the fastest: points of a race may exceed it
+# percentile of a current's speeds that must be below `fastest`: a few points may exceed it
 PERCENTILE = 99.9
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What some slices of a source say of all of it."""
+    """What a sample of slices shows about the whole source."""
 
     looked_at: tuple[int, ...]  # indices of the slices
-    # of each component, in the file's units: numbers for "missing"
+    # for each component, in the file's units: values that mean missing
     fills: tuple[tuple[float, ...], tuple[float, ...]]
-    dry: bool  # whether points that are exactly zero in all those slices are land
-    notes: tuple[str, ...]  # all that in words
+    dry: bool  # points that are exactly zero in all these slices are land
+    notes: tuple[str, ...]  # the findings in words
 
 
 def survey_slices(
@@ -52,8 +52,14 @@ def survey_slices(
 ) -> Survey:
     """Survey the first `count` slices of a source.
 
-    plausible: the user vouches for its values, so that nothing is refused.
-    Raises UserError, with the figures, where the speeds can't be those of the quantity.
+    Args:
+        components: of the source.
+        count: number of slices.
+        plausible: the user vouches for the values, so nothing is rejected or taken as fill value.
+        name: of the source, for messages.
+
+    Raises:
+        UserError: the speeds cannot be those of the quantity; the message gives the figures.
     """
     looked_at = tuple(
         int(k) for k in np.unique(np.linspace(0, count - 1, min(count, LOOKED_AT)).round())
@@ -119,8 +125,9 @@ def _sample(component: Component, looked_at: tuple[int, ...]) -> Array:
 
 
 def _packed(component: Component) -> tuple[float, ...]:
-    """Return what a packed variable decodes the numbers to that libraries fill with where nothing
-    is declared.
+    """Return the values to which the usual fill values of packed integers decode.
+
+    Libraries write these if no fill value is declared.
     """
     packing = component.segments[0][0][component.name].encoding
     kind = np.dtype(packing.get("dtype") or np.float64)
@@ -137,12 +144,17 @@ def _packed(component: Component) -> tuple[float, ...]:
 def undeclared(
     values: Array, factor: float, quantity: str, packed: tuple[float, ...] = ()
 ) -> tuple[float, ...]:
-    """Return the values that must be fill values: extreme, recurring, and apart from all others by
-    a gap.
+    """Return values that must be undeclared fill values.
 
-    values: in the file's own units, NaN missing; factor: to m/s. A recurring extreme alone proves
-    nothing: packed fields saturate. One apart by a gap must also be faster than anything real, or
-    what a packed number is by default.
+    Such a value is an extreme, occurs repeatedly, and a gap separates it from all others. It must
+    also be faster than any real speed, or be a usual fill value of packed integers. A repeated
+    extreme alone proves nothing, because packed fields saturate.
+
+    Args:
+        values: in the file's own units, NaN for missing.
+        factor: from these units to m/s.
+        quantity: one of QUANTITIES.
+        packed: usual fill values of packed integers, decoded.
     """
     finite = values[np.isfinite(values)]
     fastest = QUANTITIES[quantity].fastest
@@ -172,10 +184,10 @@ def undeclared(
 
 
 def _shared(samples: list[Array]) -> tuple[float, ...]:
-    """Return a number of nines that both components hold at the same points, apart from all else.
+    """Return numbers of nines that both components hold at the same points, apart from all others.
 
-    That is a slow fill value. 99 cm/s is a speed like others; that both components have exactly it,
-    in many places, and nothing near it, is not.
+    They are fill values of plausible size. 99 cm/s is a speed like others, but not if both
+    components have exactly this value at many points, and nothing near it elsewhere.
     """
     if samples[0].shape != samples[1].shape:
         return ()
@@ -198,9 +210,7 @@ def _shared(samples: list[Array]) -> tuple[float, ...]:
 def _still(
     components: tuple[Component, Component], samples: list[Array], looked_at: tuple[int, ...]
 ) -> tuple[float, float]:
-    """Return the shares of the present points of each component that are exactly zero in all
-    slices.
-    """
+    """Return for each component the share of its present points that are zero in all slices."""
     zero = []
     for component, values in zip(components, samples, strict=True):
         still = np.stack(
@@ -216,11 +226,10 @@ def _still(
 
 
 def _may_be_dry(components: tuple[Component, Component], samples: list[Array]) -> bool:
-    """Whether zeros can be land: not in a wind, nor where a mask or the case says which water is
-    still.
+    """Return True if zeros may mean land.
 
-    Stokes drift really is zero in the lee, once packed: there only a file that has no missing value
-    can mean land.
+    They cannot in a wind, nor if a mask or the case says which water is still. Stokes drift is
+    often zero in a lee, once packed; its zeros may mean land only in a file without missing values.
     """
     first = components[0]
     if (
@@ -241,7 +250,7 @@ def _judged(
     plausible: bool,
     name: str,
 ) -> list[str]:
-    """Refuse speeds that can't be the quantity's; return a warning of a wind that hardly blows."""
+    """Reject speeds that the quantity cannot have; return a warning for a very weak wind."""
     quantity = components[0].quantity
     speed = _speeds(components, samples)
     if not speed.size:
@@ -276,12 +285,13 @@ def _judged(
 
 
 def _speeds(components: tuple[Component, Component], samples: list[Array]) -> NDArray[Any]:
-    """Return the speeds [m/s] where both components are, raveled; of staggered ones those of one
-    index.
+    """Return the speeds [m/s] where both components have values, as a flat array.
+
+    Components of a staggered grid are combined index by index.
     """
     shape = tuple(min(a, b) for a, b in zip(samples[0].shape, samples[1].shape, strict=True))
     part = tuple(slice(0, n) for n in shape)
-    # damaged files hold signalling NaNs and numbers of any size
+    # damaged files hold signalling NaNs and arbitrarily large numbers
     with np.errstate(invalid="ignore", over="ignore"):
         x, y = (
             values[part] * component.factor

@@ -1,9 +1,10 @@
-"""Which values of a variable its file says are valid: its valid range, and its quality flags.
+"""Valid values of a variable, by its valid range and its quality flags.
 
-The range (`valid_range`, `valid_min`, `valid_max`) of packed values counts packed numbers, unless
-it is of a floating type and they are not (NetCDF Users' Guide, appendix A). Flags are those of the
-CF conventions, section 3.5: variables that `ancillary_variables` lists or whose standard name says
-that they are flags of the variable. Their meanings, in words, say which values are bad.
+For a packed variable, the range (`valid_range`, `valid_min`, `valid_max`) is in packed numbers,
+unless it is of a floating type and the packed numbers are not (NetCDF Users' Guide, appendix A).
+Flags follow section 3.5 of the CF conventions: flag variables are listed in `ancillary_variables`,
+or their standard names mark them as flags of the variable. The words of their meanings say which
+values are bad.
 """
 
 import re
@@ -33,9 +34,7 @@ FLAGS = ("quality_flag", "status_flag", "aggregate_quality_flag")
 
 @dataclass(frozen=True)
 class Flags:
-    """A flag variable: its name, a test of its numbers for bad ones, and the meanings of bad ones
-    and of the others.
-    """
+    """A flag variable, with a test for bad flags and the meanings of bad and of accepted flags."""
 
     name: str
     variable: xr.Variable
@@ -45,7 +44,7 @@ class Flags:
 
 
 def apply(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
-    """Return a variable with the values missing that its file calls invalid; notes are appended."""
+    """Return a variable with invalid values set to NaN; a note on each rule goes to `notes`."""
     variable = data.variables[name]
     limits = valid_limits(variable.attrs, variable.encoding)
     flags = _flags(data, name)
@@ -84,9 +83,9 @@ def apply(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
 def valid_limits(
     attributes: Mapping[str, Any], packing: Mapping[str, Any]
 ) -> tuple[float, float] | None:
-    """Return the (least, greatest) valid value of a variable once unpacked;
+    """Return the (least, greatest) valid value of a variable in unpacked units.
 
-    None where its attributes state none.
+    None if its attributes state no limit.
     """
     low, high = -np.inf, np.inf
     whole, ends = _numbers(attributes.get("valid_range"), packing), []
@@ -105,7 +104,7 @@ def valid_limits(
 
 
 def _grain(limits: tuple[float, float], packing: Mapping[str, Any]) -> float:
-    """Return by how much rounding may move a value at its limit beyond it."""
+    """Return the tolerance by which rounding may move a valid value beyond a limit."""
     kind = np.dtype(packing.get("dtype") or np.float32)
     if kind.kind in "iu" and _packed(packing):
         return abs(float(packing.get("scale_factor", 1.0))) / 2
@@ -116,9 +115,7 @@ def _grain(limits: tuple[float, float], packing: Mapping[str, Any]) -> float:
 
 
 def unpacked(attributes: Mapping[Any, Any], packing: Mapping[str, Any]) -> dict[Any, Any]:
-    """Return attributes whose limits, of a variable that is unpacked already, count unpacked
-    values.
-    """
+    """Return attributes with limits in unpacked units, for a variable that is already unpacked."""
     if not _packed(packing) or not any(key in attributes for key in LIMITS):
         return dict(attributes)
     limits = valid_limits(attributes, packing)
@@ -131,7 +128,7 @@ def _packed(packing: Mapping[str, Any]) -> bool:
 
 
 def _numbers(stated: Any, packing: Mapping[str, Any]) -> Array | None:
-    """Return numbers of an attribute in the unit of unpacked values; None where it holds none."""
+    """Return the numbers of an attribute in unpacked units; None if it holds no numbers."""
     if isinstance(stated, str):
         try:
             stated = [float(text) for text in stated.replace(",", " ").split()]
@@ -159,7 +156,7 @@ def _numbers(stated: Any, packing: Mapping[str, Any]) -> Array | None:
 
 
 def _flags(data: xr.Dataset, name: str) -> list[Flags]:
-    """Return the flags of a variable that call some of their numbers bad."""
+    """Return the flag variables of a variable that mark some flags as bad."""
     variable = data.variables[name]
     listed = str(variable.attrs.get("ancillary_variables", "")).replace(",", " ").split()
     others = {
@@ -183,7 +180,7 @@ def _flags(data: xr.Dataset, name: str) -> list[Flags]:
 
 
 def _read(name: str, variable: xr.Variable) -> Flags | None:
-    """Return what a flag variable says; None where its attributes do not fit each other."""
+    """Return the flags of a flag variable; None if its attributes contradict each other."""
     meanings = str(variable.attrs["flag_meanings"]).replace(",", " ").split()
     values, masks = (_whole(variable, key) for key in ("flag_values", "flag_masks"))
     if values is None and masks is None:
@@ -210,7 +207,7 @@ def _read(name: str, variable: xr.Variable) -> Flags | None:
 
 
 def _bits(variable: xr.Variable) -> int:
-    """Return a number with all bits of a flag variable as it is stored."""
+    """Return an integer with all bits set that the stored type of a flag variable has."""
     kind = np.dtype(variable.encoding.get("dtype") or variable.dtype)
     return (1 << min(8 * kind.itemsize, 62)) - 1 if kind.kind in "iu" else (1 << 62) - 1
 
@@ -232,7 +229,7 @@ def _whole(variable: xr.Variable, key: str) -> NDArray[np.int64] | None:
 
 
 def _along(flag: xr.Variable, variable: xr.Variable, part: Part) -> Array:
-    """Return part of a flag variable, shaped to fit the same part of the variable that it is of."""
+    """Return part of a flag variable, shaped to broadcast with the flagged variable's part."""
     dims = [dim for dim in variable.dims if not isinstance(part.get(str(dim)), int | np.integer)]
     own = [dim for dim in flag.dims if dim in dims]
     values = values_of(flag, part)

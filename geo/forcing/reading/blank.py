@@ -1,8 +1,8 @@
-"""Slices without any value in the wanted area, between slices that have values.
+"""Find blank slices: no value in the wanted area, between slices that have values.
 
-A model's output may have lost one. It is found by the series of one wet point, read at once, and
-believed once the whole slice is read; what is left out is interpolated over as a slice that is
-absent.
+Model output sometimes has such slices. Candidates come from the time series at one wet point, which
+is read at once; each is confirmed by reading the whole slice. Blank slices are removed, so that
+time interpolation skips them.
 """
 
 from collections.abc import Sequence
@@ -17,14 +17,13 @@ from geo.forcing.reading import slices, tile
 from geo.forcing.reading.component import Component
 from geo.forcing.reading.tile import Tile
 
-TRIED = 5  # slices that are looked at for a wet point
+TRIED = 5  # number of slices in which a wet point is searched for
 
 
 def find(held: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
-    """Return which of some slices of a tile hold nothing; none where no slice shows where a value
-    should be.
+    """Return which of some slices of a tile are blank; none if no slice shows a wet point.
 
-    among: slices of which some show that.
+    among: slices in which a wet point is searched for.
     """
     if not indices:
         return []
@@ -46,9 +45,9 @@ def find(held: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
 
 
 def _wet(held: Tile, i: int) -> list[tuple[int, ...]] | None:
-    """Return the file's indices of a point of each component that has a value in slice i;
+    """Return for each component the file indices of a point that has a value in slice i.
 
-    None without one.
+    None if a component has none.
     """
     found = []
     for component, layout in zip(held.components, held.layouts, strict=True):
@@ -65,9 +64,7 @@ def _wet(held: Tile, i: int) -> list[tuple[int, ...]] | None:
 
 
 def _series(component: Component, indices: Sequence[int], place: tuple[int, ...]) -> Array:
-    """Return a component at one point in some slices, in the file's own units; one read for each
-    file.
-    """
+    """Return a component at one point in some slices, in the file's units; one read per file."""
     parts = []
     for _, run in groupby(indices, lambda i: id(component.segments[i][0])):
         own = list(run)
@@ -86,7 +83,7 @@ def _series(component: Component, indices: Sequence[int], place: tuple[int, ...]
 
 
 def _there(values: Array, component: Component) -> Array:
-    """Return whether values are real values, not ones that mean missing."""
+    """Return True for values that are real, False for those that mean missing."""
     with np.errstate(invalid="ignore"):
         real = np.isfinite(values) & ~np.isin(values, component.fills)
         return real & (

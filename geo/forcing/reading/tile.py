@@ -1,9 +1,8 @@
-"""A tile: two components on their own points, turned into true east and north on one regular grid.
+"""A tile: two components on their own points, converted to true east and north on a regular grid.
 
-Where the points are a regular longitude-latitude grid already, values are taken as they are.
-Everything else is carried over by the weights of `regrid.py`, each component from its own points
-(so that a staggered grid needs no averaging first), and what that costs is measured on the first
-slice.
+If the points already form a regular longitude-latitude grid, values are used unchanged. Otherwise
+each component is interpolated from its own points with the weights of `regrid.py` (so a staggered
+grid needs no averaging first). The interpolation error is measured on the first slice.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -26,10 +25,9 @@ from geo.grids.layout import Axes, Curved, Layout, Plane, Triangles, uniform
 Values = NDArray[np.float32]
 
 
-# [deg] east and north of a grid that reaches beyond this latitude are carried as one frame
+# [deg] on grids that reach beyond this latitude, vectors are interpolated in one polar frame
 ABOUT_POLE = 85.0
-# share of the fastest column that the mean vector at a pole has where all columns are the same
-# vector
+# the row at a pole is consistent if its mean vector has at least this share of the largest speed
 AGREES = 0.9
 
 
@@ -37,11 +35,10 @@ AGREES = 0.9
 class Tile:
     """How the two components of a source become vectors on a regular grid.
 
-    components, layouts: the two components and their points; matrices: their weights, None where
-    taken as they are. directions: (nlat, columns, 4) unit vectors of the components' axes, None
-    where they are east and north; dry: points whose zeros are land, per component. about_pole: lon
-    and lat of each point [rad], where east and north are carried about a pole in one frame; None
-    elsewhere.
+    layouts: points of the two components. matrices: interpolation weights, None if values are used
+    unchanged. directions: (nlat, columns, 4) unit vectors of the components' axes, None if these
+    are east and north. dry: points whose zeros are land, per component. about_pole: lon and lat of
+    each point [rad] if vectors are interpolated in a polar frame, otherwise None.
     """
 
     grid: Grid
@@ -56,10 +53,10 @@ class Tile:
 
 @dataclass(frozen=True)
 class Examined:
-    """A tile after a look at its first slice.
+    """A tile and what its first slice shows.
 
-    missing: share of nodes missing there; empty: whether all slices looked at hold nothing;
-    strange: how many values there are no speed but fill values that the file does not declare.
+    missing: share of nodes without a value; empty: all slices looked at are blank; strange: number
+    of undeclared fill values.
     """
 
     tile: Tile
@@ -78,7 +75,12 @@ def make(
 ) -> Tile:
     """Return the tile for two components and their (cropped) points.
 
-    axes: "true", "grid" or "?"; onto: the grid to carry them to, None for the one that suits them.
+    Args:
+        components: of the source.
+        layouts: their points.
+        axes: "true", "grid" or "?".
+        box: needed area; None for all.
+        onto: the regular grid to interpolate to; None to choose one.
     """
     first, second = layouts
     notes: list[str] = []
@@ -86,7 +88,7 @@ def make(
     matrices = None
     if grid is None:
         grid, coarser = target.choose(layouts, box) if onto is None else (onto, False)
-        # a grid's own axes turn round at the fold of a tripolar grid
+        # a grid's own axes reverse direction at the fold of a tripolar grid
         sign = 1.0 if axes == "true" else -1.0
         weights = regrid.weights(first, grid, sign)
         matrices = (
@@ -126,10 +128,10 @@ def make(
 
 
 def domain(tile: Tile) -> NDArray[np.bool_] | None:
-    """Return the nodes (nlat, columns) inside the source's own domain; None where all are, or none
-    can be told.
+    """Return the nodes (nlat, columns) inside the source's own domain; None if all are.
 
-    A triangular mesh ends at the coast: what is outside it may be land.
+    For a triangular mesh it is None as well: the mesh ends at the coast, so a node outside it may
+    be land.
     """
     if tile.matrices is None or any(isinstance(layout, Triangles) for layout in tile.layouts):
         return None
@@ -139,7 +141,7 @@ def domain(tile: Tile) -> NDArray[np.bool_] | None:
 
 
 def _same(first: Layout, second: Layout) -> bool:
-    """Whether two layouts are the same in every bit; a projection may be so and not be found to be."""
+    """Return True if two layouts are bitwise equal; equal projections may not be recognized."""
     if type(first) is not type(second):
         return False
     pairs = ((getattr(first, field.name), getattr(second, field.name)) for field in fields(first))
@@ -150,7 +152,7 @@ def _same(first: Layout, second: Layout) -> bool:
 
 
 def _together(first: Layout, second: Layout) -> bool:
-    """Whether two components stand at the same points."""
+    """Return True if two components have the same points."""
     pairs = list(zip(layout.points(first), layout.points(second), strict=True))
     return all(
         a.shape == b.shape and np.allclose(a, b, atol=1e-6, equal_nan=True) for a, b in pairs
@@ -158,7 +160,7 @@ def _together(first: Layout, second: Layout) -> bool:
 
 
 def regular(first: Layout, second: Layout) -> Grid | None:
-    """Return the regular grid that both layouts are already, None where they are not."""
+    """Return the regular grid that both layouts already form; None if they do not."""
     if not (isinstance(first, Axes) and isinstance(second, Axes)):
         return None
     if first.lon.shape != second.lon.shape or first.lat.shape != second.lat.shape:
@@ -195,7 +197,7 @@ def _directions(
         or isinstance(first, Axes)
         or (isinstance(first, Triangles) and first.projection is None)
     ):
-        return None  # the axes are east and north here, or the components have none
+        return None  # the axes are east and north, or the mesh has none
     if axes == "true":
         notes.append("components are true east and north as they stand")
         return None
@@ -206,7 +208,7 @@ def _directions(
     if isinstance(first, Plane | Triangles):
         result = rotation.plane_axes(first, lon, lat)
         how = "the projection's axes"
-    else:  # each component has its own axis: at a fold they may come from different sides
+    else:  # each component has its own axis: at a fold the two may come from different sides
         second = layouts[1] if isinstance(layouts[1], Curved) else first
         x, y = (
             rotation.carried_axis(matrix, item.lon, item.lat, _x_axis(item) + quarter, lon, lat)
@@ -227,7 +229,7 @@ def _directions(
 
 
 def _x_axis(item: Curved) -> Array:
-    """Return the angle [rad] of a curved grid's x axis from east at its points."""
+    """Return the angle [rad] of a curvilinear grid's x axis from east at its points."""
     return (
         item.angle
         if item.angle is not None
@@ -236,9 +238,7 @@ def _x_axis(item: Curved) -> Array:
 
 
 def _components(tile: Tile, i: int) -> tuple[Array, Array, int]:
-    """Return both components of slice i at their own points, and how many undeclared fill values
-    they held.
-    """
+    """Return both components of slice i at their own points, and the number of undeclared fills."""
     values, strange = [], 0
     for k in (0, 1):
         value, count = slices.read_component_slice(tile.components[k], tile.layouts[k], i)
@@ -250,7 +250,7 @@ def _components(tile: Tile, i: int) -> tuple[Array, Array, int]:
 
 
 def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return components (nlat, columns) on the grid, still along their own axes."""
+    """Return components (nlat, columns) interpolated to the grid, still along their own axes."""
     if tile.matrices is None:
         return np.asarray(x, np.float32), np.asarray(y, np.float32)
     shape = (tile.grid.nlat, tile.grid.columns)
@@ -267,7 +267,7 @@ def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArr
 
 
 def _finished(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Values:
-    """Turn carried components to east and north; missing where either is."""
+    """Rotate interpolated components to east and north; NaN where either is missing."""
     result = np.empty((tile.grid.nlat, tile.grid.nlon, 2), np.float32)
     own = tile.grid.columns
     result[:, :own, 0], result[:, :own, 1] = rotation.turn(x, y, tile.directions)
@@ -284,12 +284,14 @@ def _finished(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Val
 
 
 def _at_pole(own: Values, inner: Values, lon: Array, lat: float) -> Values:
-    """Return the row of a pole, where all columns are one place: one vector, as east and north at
-    each meridian.
+    """Return the row at a pole, where all columns are one point: one vector for all meridians.
 
-    Files write it in several ways. Where a file's own columns do not agree it is the mean of the
-    row before the pole.
+    Files store it in several ways. If the columns of a file disagree, the vector is the mean of
+    the adjacent row.
 
+    Args:
+        own: east and north [m/s] in the row at the pole, shape (nlon, 2).
+        inner: those in the adjacent row, shape (nlon, 2).
     Args:
         own: east and north [m/s] of the row of the pole, shape (nlon, 2).
         inner: those of the row before it, shape (nlon, 2).
@@ -298,7 +300,7 @@ def _at_pole(own: Values, inner: Values, lon: Array, lat: float) -> Values:
     """
 
     def mean(row: Values) -> Array:
-        """Return the mean vector [m/s] as it is at the meridian of 0."""
+        """Return the mean vector [m/s], in the frame of the prime meridian."""
         each = np.stack(sphere.to_pole(np.radians(lon), lat, *row.astype(float).T), axis=-1)[:-1]
         known = np.isfinite(each).all(axis=1)
         return np.asarray(each[known].mean(axis=0) if known.any() else np.full(2, np.nan))
@@ -312,15 +314,19 @@ def _at_pole(own: Values, inner: Values, lon: Array, lat: float) -> Values:
 def read_tile(tile: Tile, i: int) -> Values:
     """Return slice i: float32 (nlat, nlon, 2), true east and north [m/s], NaN missing.
 
-    Any thread may call it.
+    It is safe to call from any thread.
     """
     x, y, _ = _components(tile, i)
     return _finished(tile, *_carried(tile, x, y))
 
 
 def examine(tile: Tile, count: int, seen: Survey) -> Examined:
-    """Return what the first slice shows: what is missing, what regridding costs, and which nodes
-    are land.
+    """Examine the first slice: missing share, land nodes, and the cost of regridding.
+
+    Args:
+        tile: to examine; its `dry` is set in the result.
+        count: number of slices of the source.
+        seen: the survey of the source.
     """
     notes: list[str] = []
     if seen.dry:

@@ -1,11 +1,10 @@
-"""The time of a slice that is a mean over an interval.
+"""Times of slices that are means over an interval.
 
-A mean is nearest to what it is made of at the middle of its interval, and files stamp it at the
-start, the middle or the end. Time bounds say where the interval lies; without them its length
-follows from the spacing of the slices, and its place from the product, where that is known, or from
-the case. A linear interpolation of means placed so is of second order: of a sinusoid of period P,
-means over T that follow each other keep (sin(x) / x)^3 with x = pi T / P, slices at an instant
-(sin(x) / x)^2.
+A mean is the best estimate for the middle of its interval, but files stamp it at the start, the
+middle or the end. Time bounds give the interval. Without bounds its length is the spacing of the
+slices, and its position follows from the product, if that is known, or from the case. Linear
+interpolation of means placed this way is of second order: with x = pi T / P, means over consecutive
+intervals T keep (sin(x) / x)^3 of the amplitude of a sinusoid of period P, instants (sin(x) / x)^2.
 """
 
 import re
@@ -24,17 +23,17 @@ from geo.forcing.times.clock import Times
 
 STAMPS = ("start", "middle", "end", "instant")
 CELLS = "datetime64[s]"
-# times the usual interval between two stamps, from which a slice between them is absent
+# in units of the usual interval: a longer one means that a slice is absent
 APART = 1.5
 MONTH = (28 * 86400, 31 * 86400)  # [s]
-SLACK = 0.02  # share of an interval by which a stamp may lie outside it: bounds in single precision
+SLACK = 0.02  # tolerance for stamps outside their bounds, as a share of the interval
 
-# Names of data sets of the Copernicus Marine Service end in what a slice is: a mean (m) or an
+# Names of Copernicus Marine Service data sets end with the type of their slices: mean (m) or
 # instant (i).
 COPERNICUS = re.compile(r"cmems_(?:mod|obs)[\w.\-]*_PT?\d+[HDMYS]-(m|i)(?![A-Za-z])")
-# Methods whose value is near that at the middle of an interval, and those of an instant.
+# cell methods whose value is a good estimate for the middle of the interval
 MEANS = ("mean", "average", "avg", "median", "mid_range")
-# Methods of CF, GRIB and XIOS that give no velocity; any other word is ignored.
+# methods of CF, GRIB and XIOS that give no velocity; other words are ignored
 OTHERS = (
     "sum",
     "maximum",
@@ -69,11 +68,9 @@ _WORDS = re.compile(
 
 @dataclass(frozen=True)
 class Method:
-    """What a variable is over time: "mean", "point", another of CF's cell methods, or "" where
-    nothing says so.
+    """Cell method of a variable over time: "mean", "point", another CF method, or "" if unknown.
 
-    stamp: where in their interval its means are stamped, "" where nothing says so; why: what says
-    it.
+    stamp: where in its interval a mean is stamped, "" if unknown; why: the evidence, for messages.
     """
 
     kind: str
@@ -82,7 +79,7 @@ class Method:
 
 
 def method_of(data: xr.Dataset, name: str, time_name: str | None, path: str) -> Method:
-    """Return what a variable is over time, by its attributes and the name of its product."""
+    """Return the cell method over time, from the attributes and the name of the product."""
     attributes = data[name].attrs
     axis = {
         "time",
@@ -103,7 +100,7 @@ def method_of(data: xr.Dataset, name: str, time_name: str | None, path: str) -> 
             )
     for key in ("GRIB_stepType", "online_operation"):
         kind = _kind(str(attributes.get(key, "")).strip())
-        if kind:  # GRIB gives the time of an average's end
+        if kind:  # GRIB stamps an average at its end
             return Method(
                 kind,
                 "end" if kind == "mean" and key == "GRIB_stepType" else "",
@@ -125,7 +122,7 @@ def _kind(method: str) -> str:
 
 
 def _product(data: xr.Dataset, path: str) -> Method:
-    """Return what the name of a product says, in a file's path or its own attributes."""
+    """Return the method that a Copernicus product name states, in the path or in attributes."""
     for text in (path, *(str(value) for value in data.attrs.values())):
         match = COPERNICUS.search(text)
         if match:
@@ -139,10 +136,19 @@ def _product(data: xr.Dataset, path: str) -> Method:
 def bounds_of(
     data: xr.Dataset, time_name: str, times: Times, zone: int | None
 ) -> tuple[Times | None, list[str]]:
-    """Return the interval of each of a file's times, (n, 2) [UTC], None without bounds, and
-    remarks.
+    """Return the interval of each time of a file, and notes.
 
-    Raises UserError where bounds contradict their times.
+    Args:
+        data: the file's dataset.
+        time_name: the time variable.
+        times: decoded, UTC, shape (n,).
+        zone: [s] ahead of UTC that the case states; None for none.
+
+    Returns:
+        Intervals [UTC], shape (n, 2), or None without bounds; and notes.
+
+    Raises:
+        UserError: bounds contradict their times.
     """
     variable = data[time_name]
     name = str(variable.attrs.get("bounds", ""))
@@ -180,7 +186,7 @@ def bounds_of(
 
 
 def _check(cells: Times, times: Times, name: str) -> None:
-    """Reject bounds that do not hold their times, or whose middles are no times of their own."""
+    """Raise UserError for bounds that do not contain their times, or that are out of order."""
     slack = (cells[:, 1] - cells[:, 0]) * SLACK + np.timedelta64(1, "s")
     outside = np.flatnonzero((times < cells[:, 0] - slack) | (times > cells[:, 1] + slack))
     if outside.size:
@@ -202,11 +208,17 @@ def _check(cells: Times, times: Times, name: str) -> None:
 def slice_times(
     times: Times, cells: Times, method: Method, stated: str, key: str
 ) -> tuple[Times, Times | None, list[str]]:
-    """Return the times of slices, their intervals (n, 2) or None for instants, and remarks.
+    """Return the times of slices, their intervals (n, 2) or None for instants, and notes.
 
-    times: as the files have them, rising; cells (n, 2): by bounds, NaT without; stated: where in
-    their interval the case says that they are stamped, "" where it does not; key: of the case that
-    states it.
+    Args:
+        times: as in the files, increasing, shape (n,).
+        cells: intervals by bounds, NaT for none, shape (n, 2).
+        method: cell method over time.
+        stated: where the case says that times lie in their intervals, "" if it does not.
+        key: of the case that states it, for messages.
+
+    Raises:
+        UserError: only some of the slices have bounds.
     """
     if stated == "instant":
         return times, None, ["times are taken as instants, as the case states"]
@@ -245,10 +257,10 @@ def slice_times(
 
 
 def held(times: Times, cells: Times) -> tuple[Times, NDArray[np.int64]]:
-    """Return times with the begin of the first interval and the end of the last, and the slice that
-    each has.
+    """Return times with the outer edges of the first and the last interval added.
 
-    There the outermost means hold.
+    The outermost means hold up to these edges. The second value is the index of the slice for each
+    time.
     """
     every = np.arange(len(times))
     index = np.concatenate(([0], every, [len(times) - 1]))
@@ -256,8 +268,9 @@ def held(times: Times, cells: Times) -> tuple[Times, NDArray[np.int64]]:
 
 
 def _by_spacing(times: Times, stamp: str, why: str) -> tuple[Times, Times | None, list[str]]:
-    """Place means by their stamps alone: an interval is as long as to the next stamp, or the usual
-    one at a gap.
+    """Place means by their stamps alone: an interval lasts until the next stamp.
+
+    At a gap it has the usual length.
     """
     if len(times) < 2:
         return times, None, []
@@ -300,8 +313,10 @@ def _middles(cells: Times) -> Times:
 
 
 def _at_middle(times: Times) -> bool:
-    """Whether all stamps lie half their spacing after midnight's multiples of it: 12:00 of days,
-    00:30 of hours.
+    """Return True if all stamps lie half their spacing after its multiples.
+
+    Examples are 12:00 for daily means and 00:30 for hourly ones; for monthly means, the middle of
+    the month.
     """
     usual = int(np.median(np.diff(times)).astype(int))
     if _monthly_spacing(usual):
@@ -317,7 +332,7 @@ def _monthly_spacing(usual: int) -> bool:
 
 
 def _monthly(times: Times) -> bool:
-    """Whether all stamps are the first moment of a month, and follow each other by the month."""
+    """Return True if all stamps are the first moment of a month, with monthly spacing."""
     firsts = times == times.astype("datetime64[M]").astype(CELLS)
     return bool(firsts.all()) and _monthly_spacing(int(np.median(np.diff(times)).astype(int)))
 
@@ -332,7 +347,7 @@ def _hours(span: Any) -> str:
 
 
 def join_intervals(cells: Iterable[Times | None], counts: Iterable[int]) -> Times:
-    """Return the intervals of the slices of several files, NaT for those without bounds."""
+    """Return the intervals of the slices of several files, NaT for files without bounds."""
     none = np.datetime64("NaT", "s")
     parts = [
         np.full((n, 2), none) if own is None else own for own, n in zip(cells, counts, strict=True)

@@ -1,8 +1,8 @@
-"""Times that several files of a source share: common boundaries, and forecasts that overlap.
+"""Times that several files of a source share: at file boundaries and in overlapping forecasts.
 
-Where the values are the same, one of them is taken. Where they differ, the file whose run is later
-counts from its first time to its last, so that slices of two runs never alternate. ERA5's final
-values count before its preliminary ones.
+If the values are equal, one of them is used. If they differ, the file of the later run is used from
+its first time to its last, so that slices of two runs never alternate. Final values of ERA5 are
+preferred to preliminary ones.
 """
 
 import os
@@ -20,9 +20,9 @@ from geo.errors import UserError
 from geo.files import dataset
 from geo.forcing.times import clock, versions
 
-COMPARED = 64  # pairs of files whose values are compared; of others it is assumed that they differ
-COMPARED_REMOTE = 4  # pairs of addresses
-LOOKED_AT = 2**16  # values of a slice that are compared, at most
+COMPARED = 64  # number of pairs of files whose values are compared; others are assumed to differ
+COMPARED_REMOTE = 4  # number of pairs of addresses
+LOOKED_AT = 2**16  # largest number of values compared per slice
 ROUNDING = 4.0 * float(np.finfo(np.float32).eps)
 
 Slice = tuple[xr.Dataset, str, str | None, int]
@@ -30,13 +30,13 @@ Slice = tuple[xr.Dataset, str, str | None, int]
 
 @dataclass(frozen=True)
 class _Run:
-    """The slices of one file: their indices among all, their times [s], and when the run began [s]."""
+    """The slices of one file: indices among all slices, times [s], and start of its run [s]."""
 
     path: str
     index: NDArray[np.int64]
     times: NDArray[np.int64]
     began: int
-    version: NDArray[np.int64]  # ERA5's, 0 without
+    version: NDArray[np.int64]  # ERA5's `expver`, 0 without
 
 
 def resolved(
@@ -46,10 +46,14 @@ def resolved(
     fixed: Mapping[str, int],
     notes: list[str],
 ) -> NDArray[np.int64]:
-    """Return which slices count, in order of time, each time once.
+    """Return the indices of the slices to use, in order of time, each time once.
 
-    times: of the slices; name, fixed: the variable, and its indices along all dimensions but the
-    horizontal ones and time; notes: remarks are appended to this list.
+    Args:
+        times: of all slices.
+        slices: of all files.
+        name: of the variable.
+        fixed: its indices along all dimensions except time and the horizontal ones.
+        notes: list to which notes are appended.
     """
     seconds = times.astype("datetime64[s]").astype(np.int64)
     kept = np.ones(len(seconds), bool)
@@ -72,9 +76,7 @@ def resolved(
 
 
 def _runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run]:
-    """Return the runs, the earliest first; of those that began together the one that is named last
-    counts as later.
-    """
+    """Return the runs in order of their start; of equal starts the last named is later."""
     files: dict[int, list[int]] = {}
     for k, (data, *_) in enumerate(slices):
         files.setdefault(id(data), []).append(k)
@@ -93,7 +95,7 @@ def _runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run]:
 
 
 def _reference(data: xr.Dataset) -> int | None:
-    """Return when a file says that its run began [s since 1970]; None where it does not."""
+    """Return the start of a file's run [s since 1970]; None if the file does not state it."""
     for name, variable in data.variables.items():
         if (
             str(variable.attrs.get("standard_name", "")) == "forecast_reference_time"
@@ -114,9 +116,7 @@ def _reference(data: xr.Dataset) -> int | None:
 def _settle(
     earlier: _Run, later: _Run, shared: NDArray[np.int64], equal: bool, kept: NDArray[np.bool_]
 ) -> str:
-    """Take the slices of two runs that do not count out of `kept`; return the run and the times
-    that are meant.
-    """
+    """Clear `kept` for slices of two runs that are not used; return a text for a note."""
     a, b = (run.version[np.isin(run.times, shared)] for run in (earlier, later))
     if not np.array_equal(np.sort(a), np.sort(b)):  # ERA5: final values before preliminary ones
         for run, other in ((earlier, later), (later, earlier)):
@@ -158,9 +158,7 @@ def _equal(
     name: str,
     fixed: Mapping[str, int],
 ) -> bool:
-    """Whether the values of two runs at the first, the middle and the last time that they share are
-    the same.
-    """
+    """Return True if two runs have equal values at the first, middle and last time they share."""
     far = dataset.remote(later.path)
     for time in (
         {int(shared[0])}
@@ -182,7 +180,7 @@ def _equal(
 
 
 def _sample(one: Slice, name: str, fixed: Mapping[str, int]) -> tuple[Array, float]:
-    """Return values of a slice, thinned out, and how far packing puts them off."""
+    """Return thinned values of a slice and the rounding error of their packing."""
     data, _, along, k = one
     variable = data[name]
     index: dict[str, Any] = {dim: n for dim, n in fixed.items() if dim in variable.dims}
@@ -198,7 +196,7 @@ def _sample(one: Slice, name: str, fixed: Mapping[str, int]) -> tuple[Array, flo
 
 
 def _told(same: list[str], later: list[str], unseen: list[str]) -> list[str]:
-    """Return remarks on pairs of files that have the same values, other ones, or were not compared."""
+    """Return notes on pairs of files with equal values, with other values, or not compared."""
     remarks = []
     if same:
         remarks.append(f"times that files share, with the same values, count once: {_some(same)}")

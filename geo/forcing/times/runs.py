@@ -1,8 +1,6 @@
-"""Forecasts that lie along two dimensions, the start of a run and the time since: converted to one
-time axis.
+"""Forecasts along two dimensions, start of the run and lead time, converted to one time axis.
 
-Each run becomes a file of its own, whose slices have valid times. Where runs overlap, the later one
-wins.
+Each run becomes a file with valid times. Where runs overlap, the later one is used.
 """
 
 import re
@@ -18,7 +16,7 @@ from geo.forcing.times import clock, epoch
 
 File = tuple[str, xr.Dataset]
 
-VALID = "valid time of a run"  # the name that valid times get; no file has one with blanks
+VALID = "valid time of a run"  # name of the new time variable; no file has a name with blanks
 SECONDS = "seconds since 1970-01-01"
 LEADS = re.compile(
     r"^(step|leads?|lead_?times?|forecast_?(hour|time|period)s?|fhour|fcst_?hour|prediction_timedelta|tau|leadhour)$",
@@ -34,10 +32,16 @@ REFERENCES = re.compile(
 def unrolled(
     files: Sequence[File], name: str, quantity: str, chosen: Mapping[str, Any], times: Any
 ) -> tuple[Sequence[File], Mapping[str, Any], list[str]]:
-    """Return files in which a variable has one axis of time, the keys that are left, and remarks.
+    """Return files in which a variable has a single time axis, the remaining keys, and notes.
 
-    Files without runs stay as they are. chosen: the case's variables, which may choose a run by its
-    index; times: what the case says of times.
+    Files without runs are returned unchanged.
+
+    Args:
+        files: paths and datasets.
+        name: of the variable.
+        quantity: for messages.
+        chosen: `variables` of the case, which may choose a run by its index.
+        times: `times` of the case.
     """
     result: list[File] = []
     notes: list[str] = []
@@ -65,8 +69,9 @@ def _index(data: xr.Dataset, dim: str, given: Any, quantity: str) -> int:
 
 
 def _axes(data: xr.Dataset, name: str, chosen: Mapping[str, Any]) -> tuple[str | None, str] | None:
-    """Return the dimension of runs, None where there is one run, and that of the time since its
-    start; None without.
+    """Return the dimension of runs (None for a single run) and that of lead times.
+
+    None if the variable has no lead times.
     """
     dims = [str(d) for d in data[name].dims]
     leads = [d for d in dims if d not in chosen and _is_lead(data, d)]
@@ -108,7 +113,7 @@ def _is_valid(data: xr.Dataset, name: str) -> bool:
 
 
 def _alone(data: xr.Dataset) -> str | None:
-    """Return the lone start of a run that a file has; None without one."""
+    """Return the variable with the start of a file's only run; None if there is none."""
     found = [
         str(n)
         for n, v in data.variables.items()
@@ -121,9 +126,9 @@ def _alone(data: xr.Dataset) -> str | None:
 def _runs(
     path: str, data: xr.Dataset, reference: str | None, lead: str, *, quantity: str, times: Any
 ) -> tuple[list[File], list[str]]:
-    """Return a file for each run, with the slices that no later run has."""
+    """Return one file for each run, without the slices that a later run has."""
     count = int(data.sizes[reference]) if reference else 1
-    if clock.replaces(times):  # they are the case's
+    if clock.replaces(times):  # the case states the times
         if count > 1:
             raise UserError(
                 f"{path}: times are stated for one run, and it holds {count} along {reference}; choose one by its index, "
@@ -165,7 +170,7 @@ def _runs(
 
 
 def _times_of(data: xr.Dataset) -> list[str]:
-    """Return the variables that would be taken for times in place of the valid ones."""
+    """Return the variables that could be mistaken for the valid times."""
     return [
         str(n)
         for n, v in data.variables.items()
@@ -176,8 +181,9 @@ def _times_of(data: xr.Dataset) -> list[str]:
 def _valid_times(
     data: xr.Dataset, reference: str | None, lead: str, zone: int | None
 ) -> clock.Times:
-    """Return the valid times of all runs, (runs, steps) [UTC]: those that the file has, else start
-    and time since.
+    """Return the valid times of all runs [UTC], shape (runs, steps).
+
+    They come from the file, otherwise from the start of the run and the lead time.
     """
     if reference:
         for name in map(str, data.variables):

@@ -1,7 +1,6 @@
-"""ERA5 and its preliminary values: files whose dimension `expver` holds 1 (final) and 5
-(preliminary, ERA5T).
+"""Final and preliminary values of ERA5 in one file, along the dimension `expver`.
 
-Each time is in one of the two, and missing in the other.
+1 is final, 5 is preliminary (ERA5T). Each time has values in only one of them.
 """
 
 import re
@@ -17,8 +16,9 @@ NAME = "expver"
 
 
 def merge_versions(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
-    """Return a variable without its dimension of versions, the least of those that have a value;
-    notes is added to.
+    """Return a variable without the dimension `expver`: at each point the lowest version present.
+
+    A note is appended to `notes`.
     """
     variable = data.variables[name]
     if variable.sizes.get(NAME, 1) < 2:
@@ -41,8 +41,9 @@ def merge_versions(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable
 
 
 def along(data: xr.Dataset, dim: str | None) -> NDArray[np.int64] | None:
-    """Return the version at each time, where a file of the new format gives one, "0001" or "0005";
-    else None.
+    """Return the version at each time, "0001" or "0005" in files of the new format.
+
+    None if the file has none.
     """
     if NAME not in data.variables or dim is None or data.variables[NAME].dims != (dim,):
         return None
@@ -61,7 +62,7 @@ def _number(text: str) -> int:
 
 
 def _order(data: xr.Dataset, count: int) -> tuple[list[int], list[str]]:
-    """Return the indices of versions, final ones first, and what they are called."""
+    """Return the indices of versions, final ones first, and their labels."""
     if NAME not in data.variables or data.variables[NAME].dims != (NAME,):
         return list(range(count)), [str(k) for k in range(count)]
     called = [_text(value) for value in data.variables[NAME].values.tolist()]
