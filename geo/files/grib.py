@@ -1,10 +1,9 @@
-"""GRIB 1 and 2 as datasets like any other: variables over time, level and a grid, decoded slice by
-slice.
+"""GRIB 1 and 2 as datasets: variables over time, level and a grid, decoded slice by slice.
 
-Fields of one name, type of level and grid become a variable. A level that has other times than the
-others becomes a variable of its own, so that nothing is missing inside a variable. Winds, currents
-and Stokes drift get CF's standard names: those of east and north or, where the message says that
-they count along the grid, those of x and y. Nothing is written to disk.
+Fields with the same name, type of level and grid become a variable. Levels with other times than
+the rest become a variable of their own, so that no variable has gaps. Winds, currents and Stokes
+drift get CF standard names: of eastward and northward components, or of x and y components if the
+message says that they follow the grid. Nothing is written to disk.
 """
 
 from collections.abc import Mapping
@@ -25,8 +24,7 @@ from geo.errors import UserError
 from geo.files import decoder, messages, reference_system
 from geo.files.messages import Message
 
-# Which component a field is: (quantity, side), by short name, and by number where eccodes has no
-# name.
+# Component of a field: (quantity, side), by short name; by number where eccodes has no name.
 NAMED = {
     **{f"{height}{'uv'[k]}": ("wind", k) for k in (0, 1) for height in ("", "10", "100", "200")},
     "u10n": ("wind", 0),
@@ -39,7 +37,7 @@ NAMED = {
     "ust": ("stokes", 0),
     "vst": ("stokes", 1),
 }
-# by (discipline, category, number) in GRIB 2, by (1, number in WMO's own tables) in GRIB 1
+# keys: (discipline, category, number) in GRIB 2, (1, number in WMO's tables) in GRIB 1
 NUMBERED = {
     (0, 2, 2): ("wind", 0),
     (0, 2, 3): ("wind", 1),
@@ -53,7 +51,7 @@ NUMBERED = {
     (1, 50): ("current", 1),
 }
 CALLED = {"wind": ("u", "v"), "current": ("uogrd", "vogrd"), "stokes": ("ust", "vst")}
-STANDARD = {  # CF's standard names along east and north, and along x and y
+STANDARD = {  # CF standard names for east and north, and for x and y
     "wind": (("eastward_wind", "northward_wind"), ("x_wind", "y_wind")),
     "current": (
         ("eastward_sea_water_velocity", "northward_sea_water_velocity"),
@@ -67,7 +65,7 @@ STANDARD = {  # CF's standard names along east and north, and along x and y
         ("sea_surface_wave_stokes_drift_x_velocity", "sea_surface_wave_stokes_drift_y_velocity"),
     ),
 }
-# 10u is at 10 m, whatever type of level GRIB 1 writes
+# 10u is at 10 m, whatever the type of level in GRIB 1
 HEIGHT_IN_NAME = {"10": 10.0, "100": 100.0, "200": 200.0}
 UNVALUED = {"surface", "meanSea", "oceanSurface"}
 UNITS = {
@@ -83,19 +81,19 @@ UNITS = {
 UNROWED = ("sh", "unstructured_grid", "healpix", "triangular_grid")
 # types of level whose value has no unit
 COUNTED = ("sigma", "hybrid", "oceanModel", "oceanModelLayer")
-# code table 4.4
+# code table 4.4: unit of the step [s]
 STEP_SECONDS = {0: 60, 1: 3600, 2: 86_400, 10: 10_800, 11: 21_600, 12: 43_200, 13: 1}
 POSITIVE_UP = ("height", "altitude")
 
 
 @dataclass(frozen=True)
 class Field:
-    """A message and what distinguishes it from the others of its file.
+    """A message, and what distinguishes it from the others of its file.
 
-    name: name of its variable, as far as parameter and type of level decide it; role: (quantity, 0
-    | 1), None for what does not drift anything; kind, level: type of level and its value in the
-    units of UNITS; time, run: valid time and start of the model's run [s since 1970]; begin: of the
-    interval of an average, which ends at `time`, else the same as `time`; grid: type of grid.
+    name: of its variable, as far as parameter and type of level determine it. role: (quantity, 0 |
+    1), None if it is no forcing. kind, level: type of level, and value in the units of UNITS. time,
+    run: valid time and start of the model run [s since 1970]. begin: start of an average's
+    interval, which ends at `time`; otherwise equal to `time`. grid: type of grid.
     """
 
     message: Message
@@ -115,12 +113,12 @@ class Field:
 
 @dataclass(frozen=True)
 class Points:
-    """Where a grid's points lie and how a message's values are brought to them.
+    """Positions of a grid's points, and how a message's values are ordered on them.
 
-    dims: names without suffix; coordinates: {name: (dims, values, attributes)}; mapping: attributes
-    of a projection, or None; shape: (ny, nx); rows: number of points of every row of a reduced
-    grid, empty for others; flags: whether rows alternate in direction, columns come first, and rows
-    run leftwards.
+    dims: names without suffix. coordinates: {name: (dims, values, attributes)}. mapping: attributes
+    of a projection, or None. shape: (ny, nx). rows: number of points in every row of a reduced
+    grid, empty for others. flags: whether rows alternate in direction, columns come first, and rows
+    run from right to left.
     """
 
     dims: tuple[str, str]
@@ -132,7 +130,7 @@ class Points:
 
 
 def open_file(path: str) -> xr.Dataset:
-    """Return the fields of a GRIB file as a dataset whose values are read on demand."""
+    """Return the fields of a GRIB file as a dataset; values are read on demand."""
     names: dict[bytes, dict[str, Any]] = {}
     fields = [_field(message, names) for message in messages.split_messages(path)]
     if not fields:
@@ -144,9 +142,9 @@ def open_file(path: str) -> xr.Dataset:
             f'"{path}" holds {drifting[0].name} on a grid of type "{drifting[0].grid}", which has no rows and columns: '
             f"convert it to a regular one (cdo remapbil, or grid = 0.25/0.25 where it was retrieved)"
         )
-    orders: dict[bytes, Points] = {}  # points by the bytes that define a grid
+    orders: dict[bytes, Points] = {}  # points for each grid definition (bytes)
     grids: list[Points] = []
-    # number of the grid by these bytes, which differ between the two editions
+    # number of the grid for each definition; the two editions define equal grids differently
     grid_of: dict[bytes, int] = {}
     for field in placed:
         shape = field.message.shape
@@ -167,15 +165,15 @@ def open_file(path: str) -> xr.Dataset:
     for field in fields:
         groups.setdefault((field.name, grid_of.get(field.message.shape)), []).append(field)
     for (name, number), group in groups.items():
-        # no quantity of forcing: only its name is needed, to say what the file holds
+        # a grid without rows: only the name is needed, to report what the file holds
         if number is None:
             variables.setdefault(
                 name, xr.Variable(("message",), np.zeros(1), {"long_name": group[0].long_name})
             )
             continue
         several = len([1 for other, k in groups if other == name and k is not None]) > 1
-        # Along latitudes and longitudes both directions are the same: one name keeps another grid
-        # from being preferred.
+        # On latitudes and longitudes grid directions equal east and north. One name for both keeps
+        # this grid from losing to another one.
         if grids[number].dims[0] == "latitude":
             along = any(f.along_grid for f in placed if f.name == name)
             group = [replace(f, along_grid=along) for f in group]
@@ -197,9 +195,9 @@ def _suffix(grid: int) -> str:
 
 
 def _alike(one: Points, other: Points) -> bool:
-    """Whether two grids have the same points to a hundredth of a cell.
+    """Return True if two grids have the same points to a hundredth of a cell.
 
-    They are not compared exactly because edition 1 rounds to a thousandth of a degree.
+    Exact comparison fails, because edition 1 rounds to a thousandth of a degree.
     """
     if (
         one.dims != other.dims
@@ -227,9 +225,9 @@ def _alike(one: Points, other: Points) -> bool:
 
 
 def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
-    """Return a message with what its header says.
+    """Return a message with the contents of its header.
 
-    names: keys already looked up, by product, to which it adds.
+    names: keys already looked up, by product; new ones are added.
     """
     try:
         keys = decoder.keys(message.header)
@@ -280,7 +278,7 @@ def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
 
 
 def _averaged(keys: Mapping[str, Any], step: str) -> int:
-    """Return how long the interval of an average is [s]; 0 of what is none, or does not say so."""
+    """Return the length of an average's interval [s]; 0 for other fields or if unknown."""
     begin, end, unit = (keys.get(key) for key in ("startStep", "endStep", "stepUnits"))
     if step != "avg" or not isinstance(begin, int) or not isinstance(end, int):
         return 0
@@ -288,9 +286,9 @@ def _averaged(keys: Mapping[str, Any], step: str) -> int:
 
 
 def _along(message: Message, keys: Mapping[str, Any]) -> bool:
-    """Whether vectors count along the grid, by bit 5 of the flags.
+    """Return True if vectors follow the grid, by bit 5 of the flags.
 
-    The key uvRelativeToGrid of eccodes would say the same but does not exist for every grid.
+    eccodes' key uvRelativeToGrid is equivalent but does not exist for every grid.
     """
     if "resolutionAndComponentFlags" not in keys and str(keys.get("gridType")) not in (
         "sh",
@@ -305,7 +303,7 @@ def _along(message: Message, keys: Mapping[str, Any]) -> bool:
 
 
 def _number(message: Message, keys: Mapping[str, Any]) -> tuple[int, ...]:
-    """Return the parameter's key in NUMBERED; an empty one where a centre's own table defines it."""
+    """Return the parameter's key in NUMBERED; empty if a centre's own table defines it."""
     if message.edition == 2:
         return tuple(
             int(keys.get(k, -1)) for k in ("discipline", "parameterCategory", "parameterNumber")
@@ -316,7 +314,7 @@ def _number(message: Message, keys: Mapping[str, Any]) -> tuple[int, ...]:
 
 
 def _level(message: Message, keys: Mapping[str, Any]) -> tuple[str, float]:
-    """Return the type of level and its value in the units that UNITS has for it."""
+    """Return the type of level and its value in the units of UNITS."""
     kind = str(keys.get("typeOfLevel", "unknown"))
     value = float(keys.get("level", 0.0))
     scaled, factor = (keys.get(f"scale{k}OfFirstFixedSurface") for k in ("dValue", "Factor"))
@@ -356,7 +354,7 @@ def _damaged(message: Message, why: object) -> UserError:
 def _points(message: Message) -> Points:
     """Return the points of a message's grid.
 
-    They are axes, a projection's plane, or longitudes and latitudes point by point.
+    They are axes of latitude and longitude, axes of a projection, or 2-D coordinates.
     """
     try:
         keys, lat, lon = decoder.points(messages.whole(message))
@@ -376,7 +374,7 @@ def _points(message: Message) -> Points:
         for k in ("alternativeRowScanning", "jPointsAreConsecutive", "iScansNegatively")
     )
     ordered = Points(("y", "x"), {}, None, (ny, nx), (), (flags[0], flags[1], flags[2]))
-    # The points come from eccodes in rows of one direction, also where rows of values alternate.
+    # eccodes returns points with all rows in one direction, even if rows of values alternate.
     placed = replace(ordered, flags=(False, flags[1], flags[2]))
     lon, lat = _arranged(lon, placed), _arranged(lat, placed)
     if not (np.isfinite(lon).all() and np.isfinite(lat).all()):
@@ -412,7 +410,7 @@ def _plane(
 ) -> tuple[dict[str, Any], Real, Real] | None:
     """Return a projection's attributes and axes.
 
-    Returns None where they miss the points by over a thousandth of a cell.
+    None if they miss the points by more than a thousandth of a cell.
     """
     mapping = _mapping(keys)
     if mapping is None or min(lon.shape) < 2:
@@ -438,9 +436,9 @@ def _plane(
 
 
 def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return CF's attributes of a grid's projection;
+    """Return the CF attributes of a grid's projection.
 
-    None where the grid has none, or keys are missing.
+    None if the grid has none, or keys are missing.
     """
     kind, number = (
         str(keys.get("gridType", "")),
@@ -497,9 +495,9 @@ def _reduced(
     east: dict[str, str],
     north: dict[str, str],
 ) -> Points:
-    """Return the points of a reduced grid filled up to a rectangle.
+    """Return the points of a reduced grid, extended to a rectangle.
 
-    Every row then starts at longitude 0 and is as long as the longest.
+    Every row then starts at longitude 0 and has as many points as the longest.
     """
     starts = np.concatenate(([0], np.cumsum(rows)))
     complete = min(rows, default=0) > 1 and starts[-1] == lat.size
@@ -525,9 +523,7 @@ def _reduced(
 
 
 def _arranged(values: Real, grid: Points) -> Real:
-    """Return values in a message's order as rows (ny, nx), in which columns grow along the grid's
-    own i.
-    """
+    """Return values in a message's order as rows (ny, nx), with columns along the grid's i."""
     ny, nx = grid.shape
     if grid.rows:
         result, start = np.empty(grid.shape), 0
@@ -535,7 +531,7 @@ def _arranged(values: Real, grid: Points) -> Real:
             position = np.arange(nx) * (count / nx)
             ordered, i = values[start : start + count], np.floor(position + 1e-9).astype(int)
             share = np.clip(position - i, 0.0, 1.0)
-            # A missing neighbour whose weight is 0 must not make the value missing
+            # a missing neighbour with weight 0 must not make the value missing
             right = np.where(share > 0, ordered[(i + 1) % count], 0.0)
             result[row] = ordered[i % count] * (1 - share) + right * share
             start += count
@@ -548,21 +544,23 @@ def _arranged(values: Real, grid: Points) -> Real:
     return np.ascontiguousarray(result[:, ::-1] if leftwards else result)
 
 
-class Values(BackendArray):  # xarray demands a subclass of its own
-    """The values of a variable: each message is decoded when a part of it is asked for."""
+class Values(BackendArray):  # xarray accepts only subclasses of BackendArray
+    """The values of a variable; a message is decoded when a part of it is read."""
 
     def __init__(
         self, fields: "NDArray[np.object_]", orders: Mapping[bytes, Points], points: tuple[int, int]
     ) -> None:
-        """fields: messages over the dimensions before the horizontal ones; orders: points by each
-        message's shape.
+        """Set the messages and their points.
+
+        fields: messages over the leading dimensions; orders: points by grid definition; points:
+        shape (ny, nx) of the grid.
         """
         self.fields, self.orders, self.points = fields, orders, points
         self.shape = fields.shape + points
         self.dtype = np.dtype(np.float64)
 
     def __getitem__(self, key: Any) -> Any:
-        """Return the part that an indexer of xarray's asks for."""
+        """Return the part that an xarray indexer selects."""
         return indexing.explicit_indexing_adapter(
             key, self.shape, indexing.IndexingSupport.BASIC, self._part
         )
@@ -591,17 +589,16 @@ def _read(message: Message, orders: Mapping[bytes, Points]) -> Real:
     return _arranged(values, points)
 
 
-@lru_cache(maxsize=4)  # a window across the seam is read in two parts, for each of two components
+@lru_cache(maxsize=4)  # a window across the seam is read in two parts, for two components
 def _decoded(message: bytes) -> Real:
     return decoder.values(message)
 
 
 @dataclass(frozen=True)
 class Block:
-    """Messages of one variable over members, times [s since 1970] and levels, shape (members,
-    times, levels).
+    """Messages of one variable, shape (members, times, levels); times in [s since 1970].
 
-    begins: of the intervals of averages [s since 1970], which end at `times`; else the same as
+    begins: starts of averages' intervals [s since 1970], which end at `times`; otherwise equal to
     `times`.
     """
 
@@ -613,9 +610,9 @@ class Block:
 
 
 def _fields_at(path: str, name: str, group: list[Field]) -> dict[tuple[int, float, int], Field]:
-    """Return fields of one name by (member, level, time).
+    """Return the fields of one name by (member, level, time).
 
-    Raises UserError where two with other values share a place.
+    Raises UserError if two different fields have the same key.
     """
     fields_at: dict[tuple[int, float, int], Field] = {}
     for field in group:
@@ -640,10 +637,7 @@ def _time(seconds: int) -> str:
 
 
 def _blocks(name: str, fields_at: Mapping[tuple[int, float, int], Field]) -> dict[str, Block]:
-    """Return the blocks into which fields of one name, type of level and grid divide, by own name.
-
-    A block has no gaps.
-    """
+    """Return the blocks without gaps into which a variable's fields divide, by variable name."""
     places_of: dict[float, set[tuple[int, int]]] = {}  # (member, time) by level
     for member, level, time in fields_at:
         places_of.setdefault(level, set()).add((member, time))
@@ -678,9 +672,9 @@ def _variable(
     grid: Points,
     suffix: str,
 ) -> xr.Variable:
-    """Return a block of messages as a variable; coordinates that it needs are added to `variables`.
+    """Return a block of messages as a variable; missing coordinates are added to `variables`.
 
-    field: any of the block's, for what they have in common; suffix: of the grid's names.
+    field: any field of the block, for common properties; suffix: of the grid's names.
     """
     attributes: dict[str, Any] = {"long_name": field.long_name, "GRIB_typeOfLevel": field.kind}
     if field.units not in ("unknown", "~"):
@@ -725,7 +719,7 @@ def _variable(
 
 
 def _time_of_means(variables: dict[str, xr.Variable], block: Block, about: dict[str, str]) -> str:
-    """Return the name of a time axis with bounds; it is added where there is none yet."""
+    """Return the name of a time axis with the block's bounds; add it if it is absent."""
     ends, bounds = (
         np.array(block.times, np.int64),
         np.array([block.begins, block.times], np.int64).T,
@@ -749,7 +743,7 @@ def _coordinate(
     attributes: dict[str, str],
     scalar: bool = False,
 ) -> str:
-    """Return the name of a coordinate with these values; it is added where there is none yet."""
+    """Return the name of a coordinate with these values; add it if it is absent."""
     number = 1
     while True:
         own_name = name if number == 1 else f"{name}_{number}"

@@ -1,9 +1,9 @@
-"""Cutting a GRIB file into messages of one field each, by the lengths of their sections alone.
+"""Split a GRIB file into messages of one field each, using only the lengths of sections.
 
-GRIB 2 may put several fields into a message (NCEP does with u and v): each is cut out with the
-sections that it shares. A header, which is a field without its values, is cut out as well, so that
-an index of a large file needs no values. A file whose lengths do not add up is damaged and is
-refused: a message that is passed over would be a hole in time.
+GRIB 2 may put several fields into one message (NCEP does so with u and v); each field is extracted
+with the sections that it shares. So is its header, a field without values, so that an index of a
+large file reads no values. A file whose lengths do not add up is damaged and is rejected: a skipped
+message would be a gap in time.
 """
 
 import mmap
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from geo.errors import UserError
 
-LOOK = 4096  # [bytes] at the start of a file within which its first message begins
-HEADING = 256  # [bytes] that may stand between two messages, such as the heading of a bulletin
+LOOK = 4096  # [bytes] at the start of a file within which the first message must begin
+HEADING = 256  # [bytes] allowed between two messages, for instance a bulletin heading
 END = b"7777"
 
 
@@ -20,10 +20,9 @@ END = b"7777"
 class Message:
     """One field of a file.
 
-    number: counted from 1; edition: 1 or 2; parts: (start, end) [bytes] of the pieces from which it
-    is joined; header: its bytes without the values; shape: bytes of the section that defines the
-    grid; product: bytes that say which field it is, the same at all times and on all pressure
-    levels.
+    number: counted from 1. edition: 1 or 2. parts: (start, end) [bytes] of the pieces that form it.
+    header: its bytes without values. shape: bytes of the section that defines the grid. product:
+    bytes that identify the field, equal at all times and on all pressure levels.
     """
 
     path: str
@@ -36,14 +35,14 @@ class Message:
 
 
 def is_grib(path: str) -> bool:
-    """Whether a file holds a GRIB message near its start."""
+    """Return True if a file has a GRIB message near its start."""
     with open(path, "rb") as file:
         start = file.read(LOOK)
     return b"GRIB" in start and not start.startswith((b"CDF", b"\x89HDF"))
 
 
 def split_messages(path: str) -> list[Message]:
-    """Return the messages of a file in the order in which they stand there."""
+    """Return the messages of a file in file order; raise UserError if the file is damaged."""
     messages: list[Message] = []
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         end, position = len(data), 0
@@ -87,7 +86,7 @@ def whole(message: Message) -> bytes:
 
 
 def _check_gap(gap: bytes, size: int, path: str, position: int) -> None:
-    """Raise where bytes between two messages are more than a heading and other than blanks."""
+    """Raise UserError if the bytes between two messages are neither a short heading nor blank."""
     if size <= HEADING or not gap.strip(b"\0 \r\n\t"):
         return
     raise UserError(
@@ -95,28 +94,26 @@ def _check_gap(gap: bytes, size: int, path: str, position: int) -> None:
     )
 
 
-# parts, header, shape and product of a Message
+# `parts`, `header`, `shape` and `product` of a Message
 Field = tuple[tuple[tuple[int, int], ...], bytes, bytes, bytes]
 
 
 def _length(data: mmap.mmap, position: int, size: int, end: int) -> int:
-    """Return the number of `size` bytes at a position; raise ValueError where they lie beyond
-    `end`.
-    """
+    """Return the number of `size` bytes at a position; raise ValueError if they exceed `end`."""
     if position + size > end:
         raise ValueError("a section beyond its end")
     return int.from_bytes(data[position : position + size], "big")
 
 
 def _first_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
-    """Return where a message of GRIB 1 ends, and its one field."""
+    """Return the end of a GRIB 1 message, and its only field."""
     size, end = _length(data, start + 4, 3, len(data)), len(data)
     position = start + 8
     product = _length(data, position, 3, end)
     present = data[position + 7]
     position += product
     shape = b""
-    for bit in (0x80, 0x40):  # which say that there are a grid and a bitmap
+    for bit in (0x80, 0x40):  # flags of a grid section and a bitmap section
         if present & bit:
             section = _length(data, position, 3, end)
             if section < 6 or position + section > end:
@@ -124,7 +121,7 @@ def _first_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
             shape = data[position : position + section] if bit == 0x80 else shape
             position += section
     values = _length(data, position, 3, end)
-    # above 8 MiB ECMWF counts in units of 120 bytes, less the number `values`
+    # above 8 MiB ECMWF counts in units of 120 bytes, minus the number `values`
     if size & 0x800000 and values < 120:
         size = (size & 0x7FFFFF) * 120 - values + 4
     stop = start + size
@@ -153,7 +150,7 @@ def _first_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
 
 
 def _second_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
-    """Return where a message of GRIB 2 ends, and its fields."""
+    """Return the end of a GRIB 2 message, and its fields."""
     size = _length(data, start + 8, 8, len(data))
     stop = start + size
     if stop > len(data) or size < 20 or data[stop - 4 : stop] != END:
@@ -169,7 +166,7 @@ def _second_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
             raise ValueError(f"section {kind} after section {before}")
         bitmap = last.get(6)
         last[kind] = (position, position + section)
-        # 254: as in the field before
+        # 254: the previous field's bitmap applies
         if kind == 6 and data[position + 5] == 254 and bitmap is not None:
             last[6] = bitmap
         if kind == 7:
@@ -202,6 +199,6 @@ def _second_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
 
 
 def _second_whole(pieces: list[bytes]) -> bytes:
-    """Return a message of GRIB 2 joined from its sections, with its own length."""
+    """Return a GRIB 2 message joined from its sections, with its length updated."""
     body = b"".join(pieces[1:]) + END
     return pieces[0][:8] + (16 + len(body)).to_bytes(8, "big") + body

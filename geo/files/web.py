@@ -1,7 +1,7 @@
-"""Questions to web servers: bounded in time and size, each way in which they fail told in one line.
+"""Requests to web servers, limited in time and size, with a one-line message for every failure.
 
-Names and passwords come from ~/.netrc alone, go only to the machine that stands there, and are told
-to nobody.
+Names and passwords come only from ~/.netrc, are sent only to the machine named there, and appear in
+no message.
 """
 
 import functools
@@ -19,21 +19,28 @@ from urllib.parse import urlsplit
 from geo.errors import UserError
 from geo.files import fence
 
-# EAI_AGAIN may pass
+# EAI_AGAIN is not among them: it is a temporary failure
 NO_NAME = {socket.EAI_NONAME, getattr(socket, "EAI_NODATA", socket.EAI_NONAME)}
 BLOCK = 2**16  # [bytes] read at once
-SAFE = ("127.0.0.1", "localhost", "::1")  # machines to which a password may go unencrypted
+SAFE = ("127.0.0.1", "localhost", "::1")  # hosts to which a password may be sent unencrypted
 
 
 class Passing(Exception):
-    """A failure that may pass: the server is down, slow, or sent half an answer."""
+    """A temporary failure: the server is down, slow, or sent an incomplete answer."""
 
 
 def get(address: str, timeout: float, most: int) -> bytes:
-    """Return what an address answers, whole.
+    """Return the complete answer of an address.
 
-    timeout [s]: for each wait, and ten times that for all; most [bytes]. Raises UserError for what
-    stays as it is, Passing for what may pass.
+    Args:
+        address: to request.
+        timeout: longest wait for the server's next bytes [s]; the whole answer may take ten times
+            as long.
+        most: largest answer [bytes].
+
+    Raises:
+        UserError: a permanent failure.
+        Passing: a temporary failure.
     """
     until = time.monotonic() + 10 * timeout
     asked, address = address, address.partition("?")[0]  # in messages
@@ -61,7 +68,7 @@ def get(address: str, timeout: float, most: int) -> bytes:
 
 @contextmanager
 def _answer(address: str, timeout: float) -> Iterator[Any]:
-    """Give the answer of a server, or raise in one line what it says in place of one."""
+    """Yield the answer of a server, or raise an error with a one-line message."""
     request = urllib.request.Request(address, headers={"User-Agent": "casp-drift"})
     address = address.partition("?")[0]
     _authorize(request)
@@ -91,10 +98,10 @@ def _answer(address: str, timeout: float) -> Iterator[Any]:
 
 
 class _Redirects(urllib.request.HTTPRedirectHandler):
-    """Goes where a server sends us, with the name and password of that machine, if it may be asked."""
+    """Follow redirects to hosts that may be asked, with the credentials of the new host."""
 
     def redirect_request(self, *told: Any) -> urllib.request.Request | None:
-        """Return the request to the other address."""
+        """Return the request to the new address."""
         request = super().redirect_request(*told)
         if request is not None:
             fence.check_address(request.full_url)
@@ -104,7 +111,7 @@ class _Redirects(urllib.request.HTTPRedirectHandler):
 
 @functools.cache
 def _opener() -> urllib.request.OpenerDirector:
-    """Return what opens addresses; cookies last as long as the process."""
+    """Return the opener of addresses; its cookies last as long as the process."""
     return urllib.request.build_opener(_Redirects, urllib.request.HTTPCookieProcessor)
 
 
@@ -128,8 +135,9 @@ def _refusal(address: str, status: int, reason: str) -> Exception:
 
 
 def _authorize(request: urllib.request.Request) -> None:
-    """Add the name and password of ~/.netrc, if it has some for this machine; a redirect elsewhere
-    gets that machine's.
+    """Add the credentials that ~/.netrc has for the request's host, if any.
+
+    They are not sent on to the target of a redirect.
     """
     import base64
 
