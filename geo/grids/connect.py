@@ -1,7 +1,4 @@
-"""Triangles of unstructured grids: which nodes are connected.
-
-Follows the conventions of FVCOM, SCHISM and UGRID.
-"""
+"""Triangles of unstructured grids, from the connectivity conventions of FVCOM, SCHISM and UGRID."""
 
 import numpy as np
 import xarray as xr
@@ -13,7 +10,7 @@ from geo.grids import naming
 from geo.grids.layout import Index, Triangles
 from geo.grids.ugrid import Mesh
 
-# times the local shortest edge; without connectivity, longer edges are taken to bridge land
+# ratio to the local shortest edge; without connectivity, longer edges are assumed to cross land
 LONGEST = 4.0
 
 
@@ -26,11 +23,20 @@ def triangles(
     notes: list[str],
     mesh: Mesh | None = None,
 ) -> Triangles:
-    """Return the triangles on which a variable of one horizontal dimension stands, at nodes or at
-    centres.
+    """Return the triangles on which a variable with one horizontal dimension is defined.
 
-    lon, lat: its points [deg]; None at faces whose centres the file does not give: the means of
-    their nodes are taken.
+    Args:
+        data: the file's dataset.
+        name: of the variable.
+        dim: its horizontal dimension.
+        lon: of its points [deg]; None for values at faces whose centres the file lacks, which are
+            then computed as means of their nodes.
+        lat: like lon.
+        notes: list to which notes are appended.
+        mesh: UGRID mesh of the variable, if there is one.
+
+    Raises:
+        UserError: the points and the connectivity do not fit together.
     """
     size = int(data.sizes[dim])
     node_lon, node_lat = (
@@ -74,9 +80,7 @@ def _values(data: xr.Dataset, name: str) -> Array:
 
 
 def _centres(lon: Array, lat: Array, cells: Index) -> tuple[Array, Array]:
-    """Return the mean positions [deg] of the nodes of cells (m, k); those with fewer nodes end in
-    -1.
-    """
+    """Return mean positions [deg] of the nodes of cells (m, k), padded with -1 for fewer nodes."""
     phi, lam, there = np.radians(lat)[cells], np.radians(lon)[cells], cells >= 0
     x, y, z = (
         np.where(there, v, 0.0).sum(axis=1)
@@ -88,10 +92,10 @@ def _centres(lon: Array, lat: Array, cells: Index) -> tuple[Array, Array]:
 def _connectivity(
     data: xr.Dataset, dim: str, mesh: Mesh | None, nodes: int | None
 ) -> tuple[Index, bool] | None:
-    """Return cells (m, k) of node indices from 0, and whether `dim` counts the cells.
+    """Return cells (m, k) of node indices from 0, and whether `dim` is the dimension of cells.
 
-    Returns None without connectivity. Cells with fewer nodes end in -1. nodes: how many nodes there
-    are, where that is known: larger indices are fill values that the file does not declare.
+    None without connectivity. Cells with fewer nodes are padded with -1. nodes: number of nodes, if
+    known; larger indices are undeclared fill values.
     """
     names = [mesh.connectivity] if mesh is not None and mesh.connectivity else []
     names += [
@@ -126,7 +130,7 @@ def _connectivity(
 
 
 def _split(cells: Index) -> Index:
-    """Return polygons (m, k), whose short ones end in -1, cut into triangles."""
+    """Return polygons (m, k), padded with -1, cut into triangles."""
     parts = [cells[:, :3]]
     for k in range(3, cells.shape[1]):
         longer = cells[:, k] >= 0
@@ -135,9 +139,9 @@ def _split(cells: Index) -> Index:
 
 
 def _nodes(data: xr.Dataset, least: int, cells: int) -> tuple[Array | None, Array | None]:
-    """Return longitudes and latitudes of nodes.
+    """Return longitudes and latitudes of nodes, None if not found.
 
-    There are at least as many as the connectivity names, and not one for each cell.
+    There are at least `least` of them, and not as many as cells.
     """
     coordinates: list[Array | None] = []
     for standard, most in (("longitude", 720.0), ("latitude", 90.0)):
@@ -156,11 +160,11 @@ def _nodes(data: xr.Dataset, least: int, cells: int) -> tuple[Array | None, Arra
 
 
 def _delaunay(lon: Array, lat: Array) -> Index:
-    """Return a triangulation in a plane, without overlong triangles.
+    """Return a Delaunay triangulation without overlong triangles.
 
-    A triangle is left out if one of its edges is far longer than others at its points.
+    A triangle is left out if one of its edges is much longer than others at its points.
     """
-    # imported here because it takes 0.25 s and few files need it
+    # imported late because it takes 0.25 s and few files need it
     from scipy.spatial import Delaunay, QhullError
 
     present = np.flatnonzero(np.isfinite(lon) & np.isfinite(lat))

@@ -1,9 +1,7 @@
-"""How much accuracy it costs to carry a field to a regular grid.
+"""Interpolation error of a regridded field, sampled as particles will sample it.
 
-The result is sampled as particles will sample it.
-
-There are two errors: at the source's points, where interpolating twice is worst, and at one
-scattered place in every cell, where the source's own interpolation is the truth, which is what a
+Two errors are measured: at the source's points, where interpolating twice is worst; and at one
+scattered position in every cell, compared with the source's own interpolation, which is what a
 particle meets on average.
 """
 
@@ -27,9 +25,7 @@ def describe_cost(
     carried: tuple[Array, Array],
     source: tuple[Array, Array],
 ) -> str:
-    """Return in words what regridding cost: errors of the tile at the source's points and between
-    them.
-    """
+    """Return a note on the regridding error at the source's points and between them."""
     source = _off_the_fold(layouts[0], source[0]), _off_the_fold(layouts[1], source[1])
     at_points = _error(
         grid, carried, [(layout.points(i), v) for i, v in zip(layouts, source, strict=True)]
@@ -42,16 +38,14 @@ def describe_cost(
 
 
 def _off_the_fold(item: Layout, values: Array) -> Array:
-    """Return values without those at the fold of a tripolar grid, where the axes that they refer to
-    reverse.
-    """
+    """Return values with NaN at the fold of a tripolar grid, where the grid's axes reverse."""
     if not isinstance(item, Curved) or item.mirror is None:
         return values
     return np.where(np.arange(len(values))[:, None] < len(values) - 2, values, np.nan)
 
 
 def _between(item: Layout, values: Array) -> Probe:
-    """Return one place in every cell, scattered evenly, and the source's own value there."""
+    """Return one scattered position in every cell, and the source's interpolated value there."""
     if isinstance(item, Triangles):
         if item.lonc is not None:
             return layout.points(item), values
@@ -97,9 +91,7 @@ def _scatter(count: int, axis: int) -> Array:
 
 
 def _error(grid: Grid, carried: tuple[Array, Array], probes: list[Probe]) -> tuple[float, float]:
-    """Return the rms error of both components as a share of the rms speed, and the share of wet
-    probes lost.
-    """
+    """Return the rms error as a share of the rms speed, and the share of wet probes lost."""
     square = error = 0.0
     wet = kept = 0
     for values, ((lon, lat), truth) in zip(carried, probes, strict=True):

@@ -1,6 +1,4 @@
-"""Finding where a variable's points lie, from what a file says: coordinates, grid mapping,
-connectivity.
-"""
+"""Find the layout of a variable in a file, from coordinates, grid mapping and connectivity."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,14 +14,14 @@ from geo.errors import UserError
 from geo.grids import absent, connect, naming, planar, projection, rotation, seam, stagger, ugrid
 from geo.grids.layout import Axes, Curved, Layout
 
-FINEST = 1e-5  # [deg] a metre; every grid as a whole is larger
+FINEST = 1e-5  # [deg] 1 m; no whole grid is smaller
 
 
 @dataclass(frozen=True)
 class Component:
-    """A variable whose points are sought.
+    """A variable whose layout is searched for.
 
-    dims: its horizontal dimensions; side: 0 for u, 1 for v; chosen: what the case says of
+    dims: its horizontal dimensions; side: 0 for u, 1 for v; chosen: the case's choice of
     coordinates, by key.
     """
 
@@ -37,10 +35,17 @@ class Component:
 def locate(
     data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], side: int = 0
 ) -> tuple[Layout, list[str]]:
-    """Return the layout of a variable, and remarks for the user.
+    """Return the layout of a variable, and notes for the user.
 
-    dims: its horizontal dimensions; side: 0 for u, 1 for v; chosen: what the case says of
-    coordinates, by key.
+    Args:
+        data: the file's dataset.
+        name: of the variable.
+        dims: its horizontal dimensions.
+        chosen: the case's choice of coordinates, by key.
+        side: 0 for u, 1 for v.
+
+    Raises:
+        UserError: the file does not say where the points lie, or contradicts itself.
     """
     notes: list[str] = []
     component = Component(data, name, dims, side, chosen)
@@ -115,19 +120,16 @@ def locate(
 def coordinates(
     data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], side: int
 ) -> tuple[str, str] | None:
-    """Return the names of a variable's longitudes and latitudes;
+    """Return the names of a variable's longitudes and latitudes, None if it has none.
 
-    None without. dims, chosen, side: as in `locate`.
+    dims, chosen, side: as in `locate`.
     """
     lon, lat = _names(Component(data, name, dims, side, chosen), None)
     return (lon, lat) if lon is not None and lat is not None else None
 
 
 def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, str | None]:
-    """Return the names of the longitudes and latitudes that go with a variable;
-
-    None where it has none.
-    """
+    """Return the names of the longitudes and latitudes of a variable; None for each if absent."""
     data, chosen = component.data, component.chosen
     mesh_names = None if mesh is None else {"node": mesh.nodes, "face": mesh.faces}.get(mesh.place)
     if mesh_names and not {"lon", "lat"} & set(chosen):
@@ -178,17 +180,16 @@ def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, s
 
 
 def _go_together(component: Component, lon: str, lat: str) -> bool:
-    """Whether longitudes and latitudes are those of the same points, or axes, or both named by the
-    case.
+    """Return True if longitudes and latitudes belong together.
+
+    They have the same points, are both axes, or are both named by the case.
     """
     own = [_lasting(component, component.data[name].variable) for name in (lon, lat)]
     return own[0] == own[1] or max(map(len, own)) == 1 or {"lon", "lat"} <= set(component.chosen)
 
 
 def _lasting(component: Component, variable: xr.Variable) -> tuple[str, ...]:
-    """Return the dimensions of coordinates without the one, such as time, along which a file
-    repeats them.
-    """
+    """Return the dimensions of coordinates, without a leading one (time) that repeats them."""
     own = tuple(map(str, variable.dims))
     stands = map(str, component.data[component.name].dims)
     repeated = len(own) > 1 and own[0] not in component.dims and own[0] in stands
@@ -196,10 +197,7 @@ def _lasting(component: Component, variable: xr.Variable) -> tuple[str, ...]:
 
 
 def _fit(component: Component, other: str) -> float | None:
-    """Return a score of how well coordinates of this name suit a component's points.
-
-    Returns None where they do not.
-    """
+    """Return a score of how well coordinates fit a component's points; None if they do not."""
     data, dims = component.data, component.dims
     variable = data[other]
     if not variable.ndim or not np.issubdtype(variable.dtype, np.number):
@@ -224,11 +222,9 @@ def _fit(component: Component, other: str) -> float | None:
 
 
 def _beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> bool:
-    """Whether sizes and dimensions say that points lie half a cell beside those of a component over
-    `dims`.
-    """
+    """Return True if points may lie half a cell beside those of a component over `dims`."""
     wanted = tuple(int(data.sizes[d]) for d in dims)
-    # WRF repeats them for every time
+    # WRF repeats coordinates for every time
     repeated = variable.ndim == 3 and "time" in str(variable.dims[0]).lower()
     if (
         variable.ndim != 2 + repeated
@@ -243,7 +239,7 @@ def _beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> 
 
 
 def _at_first(component: Component, name: str) -> Array:
-    """Return coordinates at the first of the times for which a file may repeat them, as WRF does."""
+    """Return coordinates at the first time, for files that repeat them as WRF does."""
     variable = component.data[name].variable
     while variable.ndim > min(len(component.dims), len(_lasting(component, variable))):
         variable = variable.isel({variable.dims[0]: 0})
@@ -252,8 +248,9 @@ def _at_first(component: Component, name: str) -> Array:
 
 
 def _staggered_shape(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
-    """Whether points of this shape lie half a cell beside points of the wanted one (ROMS: rho
-    beside u).
+    """Return True if points of this shape lie half a cell beside points of the wanted shape.
+
+    In ROMS, rho points lie so beside u points.
     """
     if len(shape) != 2 or len(wanted) != 2:
         return False
@@ -262,7 +259,7 @@ def _staggered_shape(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
 
 
 def _averaged(values: Array, wanted: tuple[int, ...]) -> Array:
-    """Return the means of neighbours along every axis that has one point more than wanted."""
+    """Return the means of neighbours along every axis with one point more than wanted."""
     for axis in (0, 1):
         if values.shape[axis] == wanted[axis] + 1:
             low, high = (values[:-1], values[1:]) if axis == 0 else (values[:, :-1], values[:, 1:])
@@ -275,7 +272,7 @@ def _at_points(
 ) -> tuple[Array, Array]:
     """Return (lon, lat) [deg] of a component's own points, (ny, nx).
 
-    The given coordinates may be those of points beside them.
+    The given coordinates may be those of points half a cell beside them.
     """
     data, name, dims, side, chosen = (
         component.data,
@@ -305,9 +302,7 @@ def _at_points(
 
 
 def _direction(along: tuple[float | None, float | None]) -> str:
-    """Return in words on which side of the given points a component's points lie, where sizes do
-    not tell it.
-    """
+    """Return text on which side of the given points a component lies, if sizes do not show it."""
     phrases = [
         f", half a cell {'after' if offset > 0 else 'before'} them along the {axis}"
         for offset, axis in zip(along, ("columns", "rows"), strict=True)
@@ -317,7 +312,7 @@ def _direction(along: tuple[float | None, float | None]) -> str:
 
 
 def _separable(lon: Array, lat: Array) -> bool:
-    """Whether two-dimensional lon and lat are those of a rectilinear grid."""
+    """Return True if two-dimensional lon and lat form a rectilinear grid."""
     if not (np.isfinite(lon).all() and np.isfinite(lat).all()) or min(lon.shape) < 2:
         return False
     turn = sphere.wrap_degrees(lon - lon[0])
@@ -331,8 +326,16 @@ def _separable(lon: Array, lat: Array) -> bool:
 
 
 def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
-    """Return rectilinear axes in ascending order, with longitudes unwrapped and without repeated
-    columns.
+    """Return rectilinear axes in ascending order, unwrapped and without repeated columns.
+
+    Args:
+        lon: of the columns [deg], shape (nx,).
+        lat: of the rows [deg], shape (ny,).
+        lon_name: of the variable, for messages.
+        lat_name: of the variable, for messages.
+
+    Raises:
+        UserError: the axes are too short, incomplete, or repeat a latitude.
     """
     for values, axis in ((lon, lon_name), (lat, lat_name)):
         if len(values) < 2:
@@ -353,7 +356,7 @@ def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
     ordered = turned[columns]
     step = float(np.median(np.diff(ordered)))
     kept = np.concatenate(([True], np.diff(ordered) > 0.01 * step))
-    # An axis 0..360 may hold both ends, in single precision.
+    # an axis from 0 to 360 may hold both ends, in single precision
     kept[-1] &= bool(ordered[0] + 360.0 - ordered[-1] > 0.01 * step)
     columns, ordered = columns[kept], ordered[kept]
     if len(ordered) < 2:
@@ -375,7 +378,7 @@ def _angle(
 ) -> Array | None:
     """Return the file's own angle of the x axis from east [rad], (ny, nx).
 
-    Returns None where none fits the points.
+    None if the file has none. An angle that contradicts the points is not used.
     """
     name = str(chosen.get("angle", "angle"))
     if name not in data.variables:

@@ -1,6 +1,4 @@
-"""Grids in a projection's plane: x and y axes, and the grid mapping (CF, PROJ or WKT text) that
-defines it.
-"""
+"""Grids in a projection's plane, defined by x and y axes and a grid mapping (CF, PROJ or WKT)."""
 
 import re
 from collections.abc import Mapping
@@ -35,9 +33,9 @@ EPSG = re.compile(r"epsg", re.IGNORECASE)  # epsg, EPSG_code, horizontal_epsg
 def plane(
     data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], notes: list[str]
 ) -> Plane | None:
-    """Return the plane of a variable that has x and y axes and a projection;
+    """Return the plane of a variable that has x and y axes and a projection.
 
-    None for other variables.
+    None for other variables. The arguments are those of `locate.locate`; notes are appended.
     """
     if len(dims) != 2:
         return None
@@ -83,10 +81,7 @@ def plane(
 def crs_of(
     data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str]
 ) -> pyproj.CRS | None:
-    """Return the reference system that the case chooses or the file describes;
-
-    None where neither does.
-    """
+    """Return the reference system that the case chooses or the file describes; None without."""
     if chosen.get("crs"):
         fence.check_crs(chosen["crs"])
         try:
@@ -99,7 +94,7 @@ def crs_of(
     if mapping in data.variables:
         return _described(data, mapping, notes)
     described = [str(n) for n in data.variables if _describes(data[n].attrs)]
-    if len(described) > 1:  # Delft3D FM has one of degrees too
+    if len(described) > 1:  # Delft3D FM also has one in degrees
         systems = {n: _described(data, n, []) for n in described}
         described = [n for n, crs in systems.items() if crs is not None and crs.is_projected]
     if len(described) != 1:
@@ -109,7 +104,7 @@ def crs_of(
 
 
 def _described(data: xr.Dataset, mapping: str, notes: list[str]) -> pyproj.CRS | None:
-    """Return the reference system that a grid mapping describes; None where it describes none."""
+    """Return the reference system that a grid mapping describes; None if it describes none."""
     attributes = dict(data[mapping].attrs)
     for key in _texts(attributes):
         if not WKT.match(str(attributes.get(key, ""))):
@@ -125,7 +120,7 @@ def _describes(attributes: Mapping[str, Any]) -> bool:
 
 
 def _texts(attributes: Mapping[str, Any]) -> list[str]:
-    """Return the attributes that may define a reference system, those that files write most first."""
+    """Return the attributes that may define a reference system, the most usual ones first."""
     return [key for key in MAPPINGS if key in attributes] + sorted(
         k for k in attributes if EPSG.search(k) and k not in MAPPINGS
     )
@@ -134,9 +129,7 @@ def _texts(attributes: Mapping[str, Any]) -> list[str]:
 def of_attributes(
     attributes: Mapping[str, Any], notes: list[str] | None = None, called: str = "projection"
 ) -> pyproj.CRS | None:
-    """Return the reference system that a PROJ or WKT text, or an EPSG code, among attributes
-    defines; None without.
-    """
+    """Return the reference system that attributes define (PROJ, WKT, EPSG); None without."""
     for key in _texts(attributes):
         written = attributes[key]
         number = re.fullmatch(
@@ -161,7 +154,7 @@ def of_attributes(
 
 
 def disagreement(plane: Plane, lon: NDArray[Any], lat: NDArray[Any]) -> str:
-    """Return how far a file's own lon, lat lie from its projection, in words; '' up to half a cell."""
+    """Return the distance between a file's lon, lat and its projection; "" below half a cell."""
     shape = (len(plane.y), len(plane.x))
     if lon.shape != shape or lat.shape != shape:
         return ""

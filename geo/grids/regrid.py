@@ -1,9 +1,9 @@
-"""Sparse weights that carry values from any layout to a regular grid.
+"""Sparse weights that interpolate values from any layout to a regular grid.
 
 Interpolation is bilinear inside cells of structured grids and linear inside triangles. The weights
-are made once; each slice then costs one product with their matrix. A node whose weight on present
-values is at least one half takes their weighted mean and is missing otherwise, so that land keeps
-its outline to within half a source cell.
+are computed once; each slice then costs one product with the matrix. A node gets the weighted mean
+of present values if their weights add up to at least one half, otherwise it is missing. So land
+keeps its outline to within half a source cell.
 """
 
 import numpy as np
@@ -16,16 +16,19 @@ from geo.grids import grid as grids
 from geo.grids.grid import Grid
 from geo.grids.layout import Axes, Curved, Index, Layout, Plane
 
-WET = 0.5  # least weight on present values with which a node has a value
+WET = 0.5  # least total weight of present values for a node to have a value
 
 
 def weights(layout: Layout, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
-    """Return the matrix (nodes, points) that interpolates raveled values at points to raveled nodes
-    of a grid.
+    """Return the matrix (nodes, points) that interpolates raveled values to raveled grid nodes.
 
-    The last column of a seamless grid, which repeats the first, is not among the nodes. Rows of
-    nodes outside the layout are empty; other rows add up to 1, except that weights beyond the fold
-    of a tripolar grid have the sign `mirrored`.
+    The last column of a seamless grid, which repeats the first, is not included. Rows of nodes
+    outside the layout are empty; other rows add up to 1, except at the fold of a tripolar grid.
+
+    Args:
+        layout: of the source.
+        grid: the target.
+        mirrored: sign of weights on points beyond the fold.
     """
     if isinstance(layout, Axes):
         matrix = _of_axes(layout, grid)
@@ -39,9 +42,16 @@ def weights(layout: Layout, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
 
 
 def carry(matrix: sp.csr_matrix, values: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return values at a layout's points carried to a grid's nodes.
+    """Return values at a layout's points interpolated to a grid's nodes.
 
-    They are missing where too few values are present.
+    A node is NaN if too few values are present.
+
+    Args:
+        matrix: from `weights`.
+        values: at the points, NaN for missing.
+
+    Returns:
+        Values at the nodes, shape (nodes,).
     """
     source = np.ravel(values).astype(np.float32)
     present = np.isfinite(source)
@@ -55,9 +65,7 @@ def carry(matrix: sp.csr_matrix, values: NDArray[np.floating]) -> NDArray[np.flo
 
 
 def _line(nodes: Array, where: Array) -> tuple[Index, Array, NDArray[np.bool_]]:
-    """Return (i, fraction, inside) of points along monotonic nodes, where i is the lower index of
-    two nodes.
-    """
+    """Return (i, fraction, inside) of positions along monotonic nodes; i: lower index of a pair."""
     falling = nodes[0] > nodes[-1]
     up = nodes[::-1] if falling else nodes
     slack = 1e-5 * (up[-1] - up[0]) / (len(up) - 1)
@@ -73,7 +81,7 @@ def _line(nodes: Array, where: Array) -> tuple[Index, Array, NDArray[np.bool_]]:
 def _band(nodes: Array, where: Array, count: int) -> sp.csr_matrix:
     """Return the matrix of linear interpolation along one axis.
 
-    Nodes beyond `count` wrap to the first ones.
+    Nodes beyond `count` wrap around to the first ones.
     """
     i, fraction, inside = _line(nodes, where)
     k = np.arange(len(where))
