@@ -20,17 +20,23 @@ def cut_polygons(polygon: shapely.MultiPolygon) -> shapely.MultiPolygon:
     The parts lie in [-180, 180] [deg], with outer rings anticlockwise.
     """
     parts = [
-        part for part in _turned(polygon, 1e-7) if part.geom_type == "Polygon" and part.area > 0
+        part
+        for part in _split_at_antimeridian(polygon, 1e-7)
+        if part.geom_type == "Polygon" and part.area > 0
     ]
     return shapely.MultiPolygon([shapely.geometry.polygon.orient(part) for part in parts])
 
 
 def cut_line(line: Any) -> list[Any]:
     """Return the parts of a line with unwrapped longitudes, cut at the antimeridian, in degrees."""
-    return [part for part in _turned(line) if part.geom_type == "LineString" and not part.is_empty]
+    return [
+        part
+        for part in _split_at_antimeridian(line)
+        if part.geom_type == "LineString" and not part.is_empty
+    ]
 
 
-def _turned(shape: Any, precision: float = 0.0) -> Iterator[Any]:
+def _split_at_antimeridian(shape: Any, precision: float = 0.0) -> Iterator[Any]:
     """Yield the parts of a shape between two antimeridians, shifted to [-180, 180].
 
     precision [deg]: grid size to which corners are rounded; 0 for none.

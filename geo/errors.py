@@ -87,10 +87,10 @@ def of_a_command() -> Iterator[None]:
 
 def named(text: str) -> str:
     """Return a text with options replaced by Python arguments, unless a command runs."""
-    return text if _commands else OPTION.sub(_argument, text)
+    return text if _commands else OPTION.sub(_as_argument, text)
 
 
-def _argument(option: re.Match[str]) -> str:
+def _as_argument(option: re.Match[str]) -> str:
     """Return `threads = 0` for `--threads 0`, `overwrite = True` for `--overwrite`."""
     name, value = ARGUMENTS[option[1]], option[2]
     if option[1] in SWITCHES:

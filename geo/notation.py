@@ -159,7 +159,7 @@ def position(lon: float, lat: float, decimals: int = 1) -> str | None:
     if not (np.isfinite(lon) and np.isfinite(lat)):
         return None
     lon = sphere.wrap_degrees(lon)
-    return f"{_minutes(lat, 2, decimals)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3, decimals)}{'E' if lon >= 0 else 'W'}"
+    return f"{_format_minutes(lat, 2, decimals)}{'N' if lat >= 0 else 'S'} {_format_minutes(lon, 3, decimals)}{'E' if lon >= 0 else 'W'}"
 
 
 def stated_position(lon: float, lat: float) -> str | None:
@@ -184,7 +184,7 @@ def stated_time(moment: Any) -> str:
     return iso(moment) if epoch(moment) % 60 else group(moment)
 
 
-def _minutes(angle: float, digits: int, decimals: int) -> str:
+def _format_minutes(angle: float, digits: int, decimals: int) -> str:
     """Return an unsigned angle [deg] as degrees and minutes.
 
     digits: of the degrees; decimals: of the minutes.

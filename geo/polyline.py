@@ -100,7 +100,7 @@ def fly(
         ValueError: all points are the same.
     """
     lon, lat = unwrap(lon), np.asarray(lat, np.float64)
-    steps = _steps(lon, lat)
+    steps = _leg_lengths(lon, lat)
     keep = np.flatnonzero(np.concatenate([[True], steps > SAME]))
     if keep.size < 2:
         raise ValueError("has no length: all its points are the same")
@@ -111,15 +111,15 @@ def fly(
 
 def lengths(legs: Legs) -> Array:
     """Return the length [m] of each leg, shape (k - 1,)."""
-    return _steps(np.array(legs.lon), np.array(legs.lat))
+    return _leg_lengths(np.array(legs.lon), np.array(legs.lat))
 
 
 def way(points: Sequence[LonLat]) -> float:
     """Return the length [m] of a line of great circles through points [deg]."""
-    return float(_steps(*np.array(points).T).sum())
+    return float(_leg_lengths(*np.array(points).T).sum())
 
 
-def _steps(lon: Array, lat: Array) -> Array:
+def _leg_lengths(lon: Array, lat: Array) -> Array:
     x, y = np.radians(lon), np.radians(lat)
     return sphere.distance(x[:-1], y[:-1], x[1:], y[1:])
 
@@ -176,7 +176,7 @@ def thinned(legs: Legs, tolerance: float) -> Legs:
         *(k for k in range(1, len(legs.time) - 1) if legs.searching[k] != legs.searching[k - 1]),
         len(legs.time) - 1,
     ]
-    (x, y, _), t = _plane(legs), np.array(legs.time)
+    (x, y, _), t = _to_plane(legs), np.array(legs.time)
     keep = np.zeros(t.size, bool)
     keep[fixed] = True
     unchecked = [(a, b) for a, b in itertools.pairwise(fixed) if b > a + 1]
@@ -200,7 +200,7 @@ def strip(legs: Legs, reach: float) -> Area:
     """Return the outline of the area within a reach [m] of the search legs, without holes."""
     import shapely
 
-    x, y, back = _plane(legs)
+    x, y, back = _to_plane(legs)
     parts = [[(x[k], y[k]), (x[k + 1], y[k + 1])] for k in range(len(x) - 1) if legs.searching[k]]
     whole = shapely.union_all(shapely.buffer(shapely.linestrings(parts), reach, quad_segs=4))
     if whole.geom_type != "Polygon":  # the search legs are far apart
@@ -210,7 +210,7 @@ def strip(legs: Legs, reach: float) -> Area:
     return Area(tuple(unwrap(lon, legs.lon[0]).tolist()), tuple(lat.tolist()))
 
 
-def _plane(legs: Legs) -> tuple[Array, Array, Callable[[Array, Array], tuple[Array, Array]]]:
+def _to_plane(legs: Legs) -> tuple[Array, Array, Callable[[Array, Array], tuple[Array, Array]]]:
     """Return (x, y) [m] of the vertices in an azimuthal equidistant projection, and its inverse.
 
     The projection is centred on the middle of the vertices. The inverse takes arrays of x and y [m]

@@ -82,32 +82,32 @@ def build_coast(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
     ):
         raise ValueError(f"the shore is cut to {shore.box}, which does not hold {box}")
     for shift in range(FINEST, COARSEST + 1):
-        west, south, nx, ny = _cells(box, shift)
+        west, south, nx, ny = _cells_over(box, shift)
         if nx * ny <= max_cells or shift == COARSEST:
             break
     globe = nx << shift == TURN
-    edges = _edges(shore.polygons)
+    edges = _split_edges(shore.polygons)
     edges -= np.array([west, south, west, south])
-    shoreline = _without_cuts(edges, globe, south)
-    owner, cell = _touched(shoreline, shift, nx, ny, globe)
+    shoreline = _drop_cuts(edges, globe, south)
+    owner, cell = _touching_pairs(shoreline, shift, nx, ny, globe)
     order = np.argsort(cell, kind="stable")
     owner, cell = owner[order], cell[order]
     start = np.zeros(nx * ny + 1, np.int32)
     np.cumsum(np.bincount(cell, minlength=nx * ny), out=start[1:])
-    reference = _reference(shoreline[owner], cell, shift, nx)
+    reference = _reference_offset(shoreline[owner], cell, shift, nx)
     land = _land_of_references(edges, reference, shift, nx, ny)
     distance = _cells_to_edges((start[1:] == start[:-1]).reshape(ny, nx), globe)
     used, number = np.unique(owner, return_inverse=True)
     corner = np.array([west, south, west, south])
     return Coast(
-        lon0=int(_wrapped(np.array(west))),
+        lon0=int(_wrap_to_int32(np.array(west))),
         lat0=south,
         shift=shift,
         nx=nx,
         ny=ny,
         cell=distance.ravel() | np.where(land, LAND, 0).astype(np.uint8),
         start=start,
-        edge=_wrapped(shoreline[used] + corner)[number],
+        edge=_wrap_to_int32(shoreline[used] + corner)[number],
         edge_id=number.astype(np.int32),
         reference=reference,
         polygons=shore.polygons,
@@ -145,14 +145,14 @@ def is_land(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike) -> npt.NDArray
     land[inside] = coast.cell[cell] >= LAND
     count = coast.start[cell + 1] - coast.start[cell]
     point = np.repeat(inside, count)
-    listed = _runs(coast.start[cell], count)
+    listed = _concatenated_ranges(coast.start[cell], count)
     corner = 1 << coast.shift
     # all coordinates are relative to the cell's reference point
     px = x[point] % corner - coast.reference[0]
     py = y[point] % corner - coast.reference[1]
-    ax = _difference(coast.edge[listed, 0], lon[point]) + px
+    ax = _angle_difference(coast.edge[listed, 0], lon[point]) + px
     ay = coast.edge[listed, 1].astype(np.int64) - lat[point] + py
-    bx = _difference(coast.edge[listed, 2], lon[point]) + px
+    bx = _angle_difference(coast.edge[listed, 2], lon[point]) + px
     by = coast.edge[listed, 3].astype(np.int64) - lat[point] + py
     side_a, side_b = px * ay - py * ax, px * by - py * bx
     from_reference = ax * by - ay * bx
@@ -196,7 +196,7 @@ def nearest_coast(
     None if there is no coast. The nearest edge is found in a plane with longitudes scaled by the
     cosine of the point's latitude: exact nearby, off by some percent at 500 km.
     """
-    nearest = _nearest(coast, lon_deg, lat_deg, 1)
+    nearest = _nearest_points(coast, lon_deg, lat_deg, 1)
     return _with_distance(lon_deg, lat_deg, *nearest[0]) if nearest else None
 
 
@@ -213,9 +213,9 @@ def nearest_water(
         return lon_deg, lat_deg, 0.0
     bearing = np.arange(16) * np.pi / 8
     stretch = 1 / max(np.cos(np.deg2rad(lat_deg)), 0.01)
-    for x, y in _nearest(coast, lon_deg, lat_deg, 32):
+    for x, y in _nearest_points(coast, lon_deg, lat_deg, 32):
         for radius in (5400, 540, 54, 5, 2):  # [unit] of 9.3 mm
-            lon = _wrapped(np.rint(x + radius * stretch * np.cos(bearing)).astype(np.int64))
+            lon = _wrap_to_int32(np.rint(x + radius * stretch * np.cos(bearing)).astype(np.int64))
             lat = np.rint(y + radius * np.sin(bearing)).astype(np.int32)
             wet = np.flatnonzero(~is_land(coast, lon, lat))
             if wet.size:
@@ -226,14 +226,16 @@ def nearest_water(
     return None
 
 
-def _nearest(coast: Coast, lon_deg: float, lat_deg: float, count: int) -> list[tuple[float, float]]:
+def _nearest_points(
+    coast: Coast, lon_deg: float, lat_deg: float, count: int
+) -> list[tuple[float, float]]:
     """Return the nearest points [unit] on the `count` nearest edges."""
     lon, lat = sphere.to_binary(lon_deg), sphere.to_binary(lat_deg)
     edge = edges(coast)
     if not len(edge):
         return []
     squeeze = np.cos(np.deg2rad(lat_deg))
-    ax, bx = (_difference(edge[:, i], lon) * squeeze for i in (0, 2))
+    ax, bx = (_angle_difference(edge[:, i], lon) * squeeze for i in (0, 2))
     ay, by = (edge[:, i].astype(np.float64) - lat for i in (1, 3))
     dx, dy = bx - ax, by - ay
     along = np.clip(-(ax * dx + ay * dy) / (dx * dx + dy * dy + 1e-300), 0, 1)
@@ -253,17 +255,17 @@ def _with_distance(
     return x, y, float(sphere.distance(*np.deg2rad([lon_deg, lat_deg, x, y])))
 
 
-def _wrapped(units: Array) -> npt.NDArray[np.int32]:
+def _wrap_to_int32(units: Array) -> npt.NDArray[np.int32]:
     """Return binary angles wrapped into int32."""
     return (units & (TURN - 1)).astype(np.uint32).view(np.int32)
 
 
-def _difference(a: Array, b: Array) -> Ints:
+def _angle_difference(a: Array, b: Array) -> Ints:
     """Return a - b of binary angles along the shorter arc, as int64."""
     return np.asarray((a - b).astype(np.int32), np.int64)
 
 
-def _runs(start: Array, count: Array) -> Ints:
+def _concatenated_ranges(start: Array, count: Array) -> Ints:
     """Return start[i], start[i] + 1, ... (count[i] numbers) for every i, in one array."""
     ends = np.cumsum(count)
     return np.asarray(
@@ -272,7 +274,7 @@ def _runs(start: Array, count: Array) -> Ints:
     )
 
 
-def _cells(box: Box, shift: int) -> tuple[int, int, int, int]:
+def _cells_over(box: Box, shift: int) -> tuple[int, int, int, int]:
     """Return (west, south, columns, rows) of the cells that cover a box including its edges.
 
     West and south are in units; west is not wrapped.
@@ -292,7 +294,7 @@ def _cells(box: Box, shift: int) -> tuple[int, int, int, int]:
     return west * size, south * size, east - west, north - south
 
 
-def _edges(polygons: Array) -> Ints:
+def _split_edges(polygons: Array) -> Ints:
     """Return the polygons' edges [unit], shape (n, 4), split so that none exceeds LONGEST_EDGE.
 
     Longitudes are not wrapped.
@@ -302,9 +304,9 @@ def _edges(polygons: Array) -> Ints:
     first = np.flatnonzero((ring[1:] == ring[:-1]) & (units[1:] != units[:-1]).any(axis=1))
     edge = np.concatenate([units[first], units[first + 1]], axis=1)
     # Few edges are long. Only those are halved repeatedly and put back in order among the others.
-    long_edges = np.flatnonzero(_long(edge))
+    long_edges = np.flatnonzero(_is_long(edge))
     part, owner = edge[long_edges], long_edges
-    while (long := _long(part)).any():
+    while (long := _is_long(part)).any():
         halves, owner = np.repeat(part, 1 + long, axis=0), np.repeat(owner, 1 + long)
         lower = np.flatnonzero(np.repeat(long, 1 + long))[::2]
         halves[lower, 2:] = halves[lower + 1, :2] = (halves[lower, :2] + halves[lower, 2:]) // 2
@@ -320,13 +322,13 @@ def _edges(polygons: Array) -> Ints:
     return np.asarray(split, np.int64)
 
 
-def _long(edge: Ints) -> npt.NDArray[np.bool_]:
+def _is_long(edge: Ints) -> npt.NDArray[np.bool_]:
     """Return True for edges that are too long, shape (n,)."""
     wide, high = np.abs(edge[:, 2] - edge[:, 0]), np.abs(edge[:, 3] - edge[:, 1])
     return np.asarray(np.maximum(wide, high) >= LONGEST_EDGE, bool)
 
 
-def _without_cuts(edge: Ints, globe: bool, south: int) -> Ints:
+def _drop_cuts(edge: Ints, globe: bool, south: int) -> Ints:
     """Return the edges that are coast, without edges at a pole and cuts along a globe's seam."""
     rim = (np.abs(edge[:, 1] + south) == POLE) & (np.abs(edge[:, 3] + south) == POLE)
     if not globe:
@@ -346,7 +348,7 @@ def _upward(edge: Ints) -> tuple[Ints, Ints, Ints, Ints]:
     return np.where(down, bx, ax), np.minimum(ay, by), np.where(down, ax, bx), np.maximum(ay, by)
 
 
-def _touched(edge: Ints, shift: int, nx: int, ny: int, globe: bool) -> tuple[Ints, Ints]:
+def _touching_pairs(edge: Ints, shift: int, nx: int, ny: int, globe: bool) -> tuple[Ints, Ints]:
     """Return (edge, cell) for all pairs that touch.
 
     In each row of cells these are the columns between the points where the edge enters and leaves
@@ -357,7 +359,7 @@ def _touched(edge: Ints, shift: int, nx: int, ny: int, globe: bool) -> tuple[Int
     near = (np.minimum(ax, bx) >> shift < nx + globe) & (np.maximum(ax, bx) >= 0)
     count = np.where(near, np.maximum(last - first + 1, 0), 0)
     owner = np.repeat(np.arange(len(edge)), count)
-    row = _runs(first, count)
+    row = _concatenated_ranges(first, count)
     ax, ay, bx, by = ax[owner], ay[owner], bx[owner], by[owner]
     rise = np.maximum(by - ay, 1)
     enter = ax + (np.maximum(row << shift, ay) - ay) * (bx - ax) // rise
@@ -366,11 +368,11 @@ def _touched(edge: Ints, shift: int, nx: int, ny: int, globe: bool) -> tuple[Int
     left = np.maximum(np.minimum(enter, leave) >> shift, 0)
     right = np.minimum(np.maximum(enter, leave) >> shift, nx - 1 + globe)
     count = np.maximum(right - left + 1, 0)
-    cell = np.repeat(row * nx, count) + _runs(left, count) % nx
+    cell = np.repeat(row * nx, count) + _concatenated_ranges(left, count) % nx
     return np.repeat(owner, count), cell
 
 
-def _reference(edge: Ints, cell: Ints, shift: int, nx: int) -> tuple[int, int]:
+def _reference_offset(edge: Ints, cell: Ints, shift: int, nx: int) -> tuple[int, int]:
     """Return an offset of reference points in their cells with which none lies on an edge."""
     size = 1 << shift
     ax, bx = ((edge[:, i] - (cell % nx << shift)) for i in (0, 2))
@@ -396,7 +398,7 @@ def _land_of_references(
     count = np.where(by > ay, np.maximum(last - first + 1, 0), 0)
     # few edges remain, because most lie between two reference latitudes
     owner = np.repeat(np.arange(len(edge)), count)
-    row = _runs(first, count)
+    row = _concatenated_ranges(first, count)
     ax, ay, bx, by = ax[owner], ay[owner], bx[owner], by[owner]
     crossing = ax + ((row << shift) + y - ay) * (bx - ax) // (by - ay)
     column = np.clip(((crossing - x) >> shift) + 1, 0, nx)

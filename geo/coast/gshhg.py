@@ -43,7 +43,7 @@ def version() -> str:
 
 def whole() -> Polygons:
     """Return all land polygons of the Earth, cut at 180 degrees as in the package."""
-    return _kept(None)
+    return _load(None)
 
 
 def near(box: Box) -> Polygons:
@@ -51,7 +51,7 @@ def near(box: Box) -> Polygons:
 
     The box's longitudes may exceed 180 degrees.
     """
-    return _kept(box)
+    return _load(box)
 
 
 def cache_folder() -> Path:
@@ -59,21 +59,21 @@ def cache_folder() -> Path:
     return Path(os.environ.get("DRIFT_CACHE") or platformdirs.user_cache_dir("casp-drift"))
 
 
-def _kept(box: Box | None) -> Polygons:
+def _load(box: Box | None) -> Polygons:
     """Return the polygons near a box, from the cache if possible; otherwise write the cache."""
     path = cache_folder() / f"gshhg-{version()}.pieces"
     with contextlib.suppress(
         OSError, ValueError, MemoryError, struct.error, zlib.error, shapely.errors.GEOSException
     ):
-        return _read(path, box)
-    polygons = _unpacked()
+        return _read_pieces(path, box)
+    polygons = _read_package()
     # if the cache cannot be written, the next run takes some seconds more
     with contextlib.suppress(OSError):
-        _write(path, polygons)
+        _write_pieces(path, polygons)
     return polygons
 
 
-def _unpacked() -> Polygons:
+def _read_package() -> Polygons:
     """Return the polygons from the package itself."""
     # Shapes.wkb takes 2.4 s; the package's RoaringLandmask.new() would take 6 s and 1.3 GB.
     from roaring_landmask import LandmaskProvider, Shapes
@@ -81,7 +81,7 @@ def _unpacked() -> Polygons:
     return np.asarray(shapely.get_parts(shapely.from_wkb(Shapes.wkb(LandmaskProvider.Gshhg))))
 
 
-def _write(path: Path, polygons: Polygons) -> None:
+def _write_pieces(path: Path, polygons: Polygons) -> None:
     """Write polygons in pieces: the complete file or none.
 
     Polygons that the format cannot reproduce bit for bit (inner rings, finer coordinates) are not
@@ -94,7 +94,7 @@ def _write(path: Path, polygons: Polygons) -> None:
     edges, count = shapely.bounds(polygons), shapely.get_num_coordinates(polygons)
     each = np.split(steps, np.cumsum(count)[:-1])
     table, packed = [], []
-    for members in _pieces(edges, count):
+    for members in _group_into_pieces(edges, count):
         vertices = np.concatenate([each[k] for k in members])
         ways = np.diff(vertices, axis=0, prepend=np.int32(0)).T  # small numbers compress well
         numbers = (np.array([len(members)]), members, count[members], ways.reshape(-1))
@@ -105,7 +105,7 @@ def _write(path: Path, polygons: Polygons) -> None:
         table.append((corners, len(packed[-1])))
     head = zlib.compress(np.array(table, PIECE).tobytes())
     path.parent.mkdir(parents=True, exist_ok=True)
-    _clear(path)
+    _remove_leftovers(path)
     with tempfile.NamedTemporaryFile(dir=path.parent, prefix=path.name, delete=False) as file:
         try:
             file.writelines((BEGIN.pack(MARK, len(head)), head, *packed))
@@ -118,7 +118,7 @@ def _write(path: Path, polygons: Polygons) -> None:
             raise
 
 
-def _clear(path: Path) -> None:
+def _remove_leftovers(path: Path) -> None:
     """Remove temporary files of killed writers that are more than a day old."""
     for left in path.parent.glob(f"{path.name}?*"):
         with contextlib.suppress(OSError):
@@ -126,7 +126,7 @@ def _clear(path: Path) -> None:
                 left.unlink()
 
 
-def _pieces(
+def _group_into_pieces(
     edges: npt.NDArray[np.float64], count: npt.NDArray[np.int32]
 ) -> Iterable[npt.NDArray[np.int64]]:
     """Return the indices of polygons in each piece: those with centres in the same cell.
@@ -141,7 +141,7 @@ def _pieces(
     return np.split(order, np.flatnonzero(np.diff(cell[order])) + 1)
 
 
-def _read(path: Path, box: Box | None) -> Polygons:
+def _read_pieces(path: Path, box: Box | None) -> Polygons:
     """Return the polygons in the pieces that may reach a box; raise an error for a broken file."""
     members, rings = [], []
     with open(path, "rb") as file:
@@ -151,7 +151,9 @@ def _read(path: Path, box: Box | None) -> Polygons:
         table = np.frombuffer(zlib.decompress(file.read(length)), PIECE)
         begins = file.tell() + np.cumsum(table["length"]) - table["length"]
         for k in (
-            range(len(table)) if box is None else np.flatnonzero(_reaching(table["edges"], box))
+            range(len(table))
+            if box is None
+            else np.flatnonzero(_boxes_reaching(table["edges"], box))
         ):
             file.seek(int(begins[k]))
             numbers = np.frombuffer(zlib.decompress(file.read(int(table["length"][k]))), "<i4")
@@ -168,7 +170,7 @@ def _read(path: Path, box: Box | None) -> Polygons:
     return np.asarray(shapely.polygons(np.concatenate(rings)[order]))
 
 
-def _reaching(edges: npt.NDArray[np.float64], box: Box) -> npt.NDArray[np.bool_]:
+def _boxes_reaching(edges: npt.NDArray[np.float64], box: Box) -> npt.NDArray[np.bool_]:
     """Return which boxes [deg] (n, 4: west, south, east, north) reach a box, shifted by turns."""
     west, south, east, north = edges.T
     across = [(west + turn <= box.east) & (east + turn >= box.west) for turn in TURNS]

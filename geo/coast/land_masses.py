@@ -47,7 +47,7 @@ class LandMasses:
     @cached_property
     def tree(self) -> shapely.STRtree:
         """Search tree of the polygons in the scaled plane."""
-        return shapely.STRtree(_squeezed(self.polygons, self.squeeze))
+        return shapely.STRtree(_scale_longitudes(self.polygons, self.squeeze))
 
     @cached_property
     def sides(self) -> tuple[shapely.STRtree, Ints]:
@@ -88,16 +88,17 @@ def build_land_masses(
     land = LandMasses(
         polygons, np.arange(len(polygons)), tuple(bridges), box, squeeze, float((west + east) / 2)
     )
-    pairs = [_touching(land)]
+    pairs = [_touching_pairs(land)]
     if bridges:
         ends = [
-            [_abutment(land, end, number) for end in ends] for number, ends in enumerate(bridges, 1)
+            [_abutment_polygon(land, end, number) for end in ends]
+            for number, ends in enumerate(bridges, 1)
         ]
         pairs.append(np.array(ends).T)
-    return replace(land, mass=_joined(len(polygons), np.concatenate(pairs, axis=1)))
+    return replace(land, mass=_connected_groups(len(polygons), np.concatenate(pairs, axis=1)))
 
 
-def _touching(land: LandMasses) -> Array:
+def _touching_pairs(land: LandMasses) -> Array:
     """Return the pairs (2, m) of polygons that touch."""
     shapes = land.tree.geometries
     one, other = land.tree.query(shapes)
@@ -108,7 +109,7 @@ def _touching(land: LandMasses) -> Array:
     return np.asarray(np.stack([one, other])[:, shapely.intersects(shapes[one], shapes[other])])
 
 
-def _abutment(land: LandMasses, end: LonLat, number: int) -> int:
+def _abutment_polygon(land: LandMasses, end: LonLat, number: int) -> int:
     """Return the polygon on which a bridge ends; raise UserError if no land is near."""
     polygon, lon, lat, away = nearest(land, *end)
     if away > ABUTMENT:
@@ -119,7 +120,7 @@ def _abutment(land: LandMasses, end: LonLat, number: int) -> int:
     return polygon
 
 
-def _joined(count: int, pairs: Array) -> Ints:
+def _connected_groups(count: int, pairs: Array) -> Ints:
     """Return the group number of each of `count` items, given pairs (2, m) in the same group."""
     links = sparse.coo_array((np.ones(pairs.shape[1]), (pairs[0], pairs[1])), (count, count))
     return np.asarray(csgraph.connected_components(links, directed=False)[1], np.int64)
@@ -166,7 +167,7 @@ def of_stretches(land: LandMasses, coast: Coast, of_edge: Array, count: int) -> 
         return np.empty(0, np.int64)
     a, b = np.radians(edge * (360.0 / sphere.TURN)).reshape(-1, 2, 2).swapaxes(0, 1)
     length = sphere.distance(*a.T, *b.T)
-    mass = _of_edges(land, edge)
+    mass = _mass_of_edges(land, edge)
     at = np.stack([of_edge, mass], axis=1)
     pairs, row = np.unique(at, axis=0, return_inverse=True)
     held = np.bincount(row.reshape(-1), length, len(pairs))
@@ -179,7 +180,7 @@ def of_stretches(land: LandMasses, coast: Coast, of_edge: Array, count: int) -> 
     return found
 
 
-def _of_edges(land: LandMasses, edge: Array) -> Ints:
+def _mass_of_edges(land: LandMasses, edge: Array) -> Ints:
     """Return the land mass of each shoreline edge; consecutive edges are of the same polygon."""
     begins = np.ones(len(edge), bool)
     begins[1:] = (edge[1:, :2] != edge[:-1, 2:]).any(axis=1)
@@ -193,10 +194,10 @@ def _of_edges(land: LandMasses, edge: Array) -> Ints:
 
 def reaching_the_edge(land: LandMasses) -> frozenset[int]:
     """Return the land masses that reach the edge of their box and may continue beyond it."""
-    return frozenset(land.mass[_at_the_edge(land)].tolist())
+    return frozenset(land.mass[_polygons_at_edge(land)].tolist())
 
 
-def _at_the_edge(land: LandMasses) -> Ints:
+def _polygons_at_edge(land: LandMasses) -> Ints:
     """Return the polygons that reach the edge of the box."""
     if land.box is None or land.box.east - land.box.west >= 360:
         return np.empty(0, np.int64)
@@ -213,11 +214,14 @@ def of_whole(land: LandMasses, whole: Callable[[], Array]) -> LandMasses:
     whole: returns the polygons [deg] of the whole source; it is called only if two land masses
     reach the edge.
     """
-    cut = _at_the_edge(land)
+    cut = _polygons_at_edge(land)
     if len(np.unique(land.mass[cut])) < 2:
         return land
     entire = np.asarray(whole())
-    across, tree = _joined(len(entire), _across(entire)), shapely.STRtree(entire)
+    across, tree = (
+        _connected_groups(len(entire), _antimeridian_pairs(entire)),
+        shapely.STRtree(entire),
+    )
     points = shapely.transform(
         shapely.point_on_surface(land.polygons[cut]),
         lambda xy: np.stack([sphere.wrap_degrees(xy[:, 0]), xy[:, 1]], axis=1),
@@ -235,11 +239,11 @@ def of_whole(land: LandMasses, whole: Callable[[], Array]) -> LandMasses:
         ],
         axis=1,
     )
-    joined = _joined(2 * count + len(entire), pairs)[:count]
+    joined = _connected_groups(2 * count + len(entire), pairs)[:count]
     return replace(land, mass=joined)
 
 
-def _across(polygons: Array) -> Array:
+def _antimeridian_pairs(polygons: Array) -> Array:
     """Return the pairs (2, m) of polygons that continue each other across the antimeridian."""
     west, _, east, _ = shapely.bounds(polygons).T
     left, right = np.flatnonzero(west <= -180 + 1e-6), np.flatnonzero(east >= 180 - 1e-6)
@@ -251,5 +255,5 @@ def _across(polygons: Array) -> Array:
     return np.concatenate(pairs, axis=1)
 
 
-def _squeezed(polygons: Array, squeeze: float) -> Array:
+def _scale_longitudes(polygons: Array, squeeze: float) -> Array:
     return np.asarray(shapely.transform(polygons, lambda xy: xy * [squeeze, 1.0]))

@@ -44,12 +44,12 @@ def distances(land: LandMasses, base: LonLat, places: Sequence[LonLat], reach: f
         *np.radians(base), *np.radians(np.asarray(places, float).reshape(-1, 2)).T
     )
     near = np.flatnonzero(flat <= reach)
-    ground = _ground(land, base, reach)
+    ground = _land_in_reach(land, base, reach)
     if not near.size or not ground:
         return found
     ends = [end for bridge in land.bridges for end in bridge]
     spots = [base, *ends, *(places[int(k)] for k in near)]
-    points = _plane(base, np.array(spots, float))
+    points = _to_gnomonic(base, np.array(spots, float))
     owner = shapely.STRtree(ground).nearest(shapely.points(points))
     # the base and the ends of bridges: paths from these to all places on their polygon are needed
     firm = 1 + len(ends)
@@ -75,7 +75,7 @@ def distances(land: LandMasses, base: LonLat, places: Sequence[LonLat], reach: f
     return found
 
 
-def _ground(land: LandMasses, base: LonLat, reach: float) -> list[shapely.Polygon]:
+def _land_in_reach(land: LandMasses, base: LonLat, reach: float) -> list[shapely.Polygon]:
     """Return the polygons of land within reach in the gnomonic plane of a base [m], simplified."""
     width = np.degrees(reach / sphere.RADIUS) * 1.01
     # widest longitude of a circle: asin(sin r / cos lat); around a pole it is all longitudes
@@ -93,7 +93,7 @@ def _ground(land: LandMasses, base: LonLat, reach: float) -> list[shapely.Polygo
     pieces = pieces[(shapely.get_type_id(pieces) == 3) & ~shapely.is_empty(pieces)]
     if not pieces.size:
         return []
-    plane = shapely.transform(pieces, lambda xy: _plane(base, xy))
+    plane = shapely.transform(pieces, lambda xy: _to_gnomonic(base, xy))
     # join what the antimeridian cuts
     plane = shapely.get_parts(shapely.union_all(shapely.make_valid(plane)))
     simple = shapely.make_valid(shapely.simplify(plane, DETAIL * reach, preserve_topology=True))
@@ -101,7 +101,7 @@ def _ground(land: LandMasses, base: LonLat, reach: float) -> list[shapely.Polygo
     return [piece for piece in single if piece.geom_type == "Polygon" and piece.area > 0]
 
 
-def _plane(base: LonLat, places: Array) -> Array:
+def _to_gnomonic(base: LonLat, places: Array) -> Array:
     """Return places [deg], (n, 2), in the gnomonic plane of a base [m]."""
     centre = np.radians(base)
     east, north = sphere.offset(centre[0], centre[1], *np.radians(places).T)
@@ -110,7 +110,7 @@ def _plane(base: LonLat, places: Array) -> Array:
     return np.asarray(np.stack([east * scale, north * scale], axis=1))
 
 
-def _arcs(points: Array) -> float:
+def _length_on_earth(points: Array) -> float:
     """Return the length [m] on the Earth of a polyline in the gnomonic plane."""
     ray = np.column_stack([points / sphere.RADIUS, np.ones(len(points))])
     ray /= np.linalg.norm(ray, axis=1)[:, None]
@@ -156,18 +156,20 @@ class _Mesh:
             return []
         first = int(self._tree.nearest(shapely.Point(begin)))
         last = self._tree.nearest(shapely.points(ends))
-        away, before = self._from(begin, self._of_triangle[first])
+        away, before = self._distances_to_midpoints(begin, self._of_triangle[first])
         found = []
         for end, triangle in zip(ends, last, strict=True):
             if triangle == first:
-                found.append(_arcs(np.array([begin, end])))
+                found.append(_length_on_earth(np.array([begin, end])))
                 continue
             gates = [gate for gate in self._of_triangle[triangle] if np.isfinite(away[gate])]
-            ways = [self._taut(begin, end, self._sleeve(first, gate, before)) for gate in gates]
-            found.append(min((_arcs(way) for way in ways), default=np.inf))
+            ways = [
+                self._shortest_line(begin, end, self._sleeve(first, gate, before)) for gate in gates
+            ]
+            found.append(min((_length_on_earth(way) for way in ways), default=np.inf))
         return found
 
-    def _from(self, begin: Array, gates: list[int]) -> tuple[Array, Array]:
+    def _distances_to_midpoints(self, begin: Array, gates: list[int]) -> tuple[Array, Array]:
         """Return distances from a point to the midpoints of shared sides, and predecessors.
 
         The predecessor of a side is the side before it on the path, -1 for none.
@@ -198,7 +200,7 @@ class _Mesh:
         return passed
 
     @staticmethod
-    def _taut(begin: Array, end: Array, gates: Sequence[tuple[Array, Array]]) -> Array:
+    def _shortest_line(begin: Array, end: Array, gates: Sequence[tuple[Array, Array]]) -> Array:
         """Return the corners of the shortest line between two points through gates in order."""
         right, left = [*(gate[0] for gate in gates), end], [*(gate[1] for gate in gates), end]
         # tight: the gates whose right and left end bound the funnel
@@ -207,9 +209,11 @@ class _Mesh:
         while k < len(right):
             for side, ends, sign in ((0, right, 1.0), (1, left, -1.0)):
                 new = ends[k]
-                if sign * _turn(apex, bound[side], new) < 0:
+                if sign * _signed_area(apex, bound[side], new) < 0:
                     continue  # the point would widen the funnel
-                if (bound[side] == apex).all() or sign * _turn(apex, bound[1 - side], new) < 0:
+                if (bound[side] == apex).all() or sign * _signed_area(
+                    apex, bound[1 - side], new
+                ) < 0:
                     bound[side], tight[side] = new, k
                     continue
                 # the point crosses over: the other side's end is a corner of the line
@@ -227,6 +231,6 @@ def _cross(a: Array, b: Array) -> Array:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-def _turn(a: Array, b: Array, c: Array) -> float:
+def _signed_area(a: Array, b: Array, c: Array) -> float:
     """Return twice the area of a triangle, positive if its corners run anticlockwise."""
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))

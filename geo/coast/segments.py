@@ -79,7 +79,7 @@ def cut_coast(coast: Coast, length: float = 10_000.0) -> Segments:
         length: of a stretch, approximately [m]; the stretches of a chain are equally long.
     """
     edge = shoreline.edges(coast)
-    return _cut(coast, edge, np.full(len(edge), -1), [], length)
+    return _build_segments(coast, edge, np.full(len(edge), -1), [], length)
 
 
 def named(coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0) -> Segments:
@@ -98,14 +98,14 @@ def named(coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0) ->
     Raises:
         UserError: the file cannot be used, or a feature has no shoreline.
     """
-    features = _read(Path(path))
+    features = _read_features(Path(path))
     edge = shoreline.edges(coast)
-    lon, lat = _middles(edge)
+    lon, lat = _edge_midpoints(edge)
     owner, nearest_distance = np.full(len(edge), -1), np.full(len(edge), np.inf)
     for number, feature in enumerate(features):
-        taken, distance = _taken(feature.shape, lon, lat)
+        taken, distance = _edges_of_feature(feature.shape, lon, lat)
         if not taken.size:
-            raise UserError(f'segments "{path}": {_too_far(feature, coast)}')
+            raise UserError(f'segments "{path}": {_no_shoreline_message(feature, coast)}')
         closer = distance < nearest_distance[taken]
         owner[taken[closer]], nearest_distance[taken[closer]] = number, distance[closer]
     empty = np.flatnonzero(np.bincount(owner[owner >= 0], minlength=len(features)) == 0)
@@ -114,7 +114,7 @@ def named(coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0) ->
             f'segments "{path}": all the shoreline of "{features[empty[0]].name}" belongs to others that lie nearer or '
             "come first; move or delete it"
         )
-    return _cut(coast, edge, owner, features, rest)
+    return _build_segments(coast, edge, owner, features, rest)
 
 
 def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) -> tuple[int, float]:
@@ -127,9 +127,9 @@ def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) ->
         return -1, np.inf
     lon, lat = int(sphere.to_binary(lon_deg)), int(sphere.to_binary(lat_deg))
     squeeze = max(np.cos(np.deg2rad(lat_deg)), 1e-9)
-    ax, ay = _turned(edge[:, 0] - np.int64(lon)) * squeeze, edge[:, 1] - float(lat)
+    ax, ay = _shorter_arc(edge[:, 0] - np.int64(lon)) * squeeze, edge[:, 1] - float(lat)
     dx, dy = (
-        _turned(edge[:, 2] - edge[:, 0].astype(np.int64)) * squeeze,
+        _shorter_arc(edge[:, 2] - edge[:, 0].astype(np.int64)) * squeeze,
         edge[:, 3] - edge[:, 1].astype(float),
     )
     along = np.clip(-(ax * dx + ay * dy) / (dx * dx + dy * dy), 0, 1)
@@ -168,17 +168,17 @@ def placed(segments: Segments, text: str) -> int | None:
     return int(near[closest]) if distance[closest] <= NEAR else None
 
 
-def _ids(lon: Array, lat: Array) -> tuple[str, ...]:
+def _geohash_ids(lon: Array, lat: Array) -> tuple[str, ...]:
     """Return the ids of stretches from their midpoints [deg].
 
     Midpoints are rounded to binary angles, so that rounding errors of a sum change no letter.
     """
     lon, lat = (np.floor(np.asarray(x) / DEGREES + 0.25) * DEGREES for x in (lon, lat))
     places = list(zip(sphere.wrap_degrees(lon).tolist(), lat.tolist(), strict=True))
-    return _unique([geohash.encode(*place, ID_LENGTH) for place in places], "{name}{number}")
+    return _unique_names([geohash.encode(*place, ID_LENGTH) for place in places], "{name}{number}")
 
 
-def _cut(
+def _build_segments(
     coast: Coast, edge: Array, owner: Array, features: list[_Feature], length: float
 ) -> Segments:
     """Return the segments.
@@ -188,8 +188,8 @@ def _cut(
     """
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"length of a segment: {length} m; must be more than 0")
-    order, chain, closed = _chains(edge, owner, REACH * length)
-    a, size = np.deg2rad(edge[order, :2] * DEGREES).T, _lengths(edge[order])
+    order, chain, closed = _running_chains(edge, owner, REACH * length)
+    a, size = np.deg2rad(edge[order, :2] * DEGREES).T, _edge_lengths(edge[order])
     total = np.bincount(chain, size)
     first = np.flatnonzero(np.diff(chain, prepend=-1))
     share = np.maximum(np.rint(total / length), 1)[chain]  # number of stretches in the edge's chain
@@ -225,7 +225,7 @@ def _cut(
     number = rank[number]
 
     # order a segment's chains by their marks, which do not depend on chain numbers
-    mark = _marks(edge[order])[first][chain]
+    mark = _random_marks(edge[order])[first][chain]
     by_segment = np.lexsort((np.arange(len(order)), mark, number))
     order, number, size = order[by_segment], number[by_segment], size[by_segment]
     of_edge = np.empty(len(edge), np.int32)
@@ -235,13 +235,13 @@ def _cut(
     islets = np.bincount(number, (small & closed[chain])[by_segment], minlength=len(begins)) > 0
     pieces = np.bincount(number, small[by_segment], minlength=len(begins)) > 0
     prefixes = np.where(islets, "islets near ", np.where(pieces, "shore near ", ""))
-    ids = _ids(lon, lat)
+    ids = _geohash_ids(lon, lat)
     generated = [
         f"{prefix}{notation.position(x, y)}"
         for prefix, x, y in zip(prefixes, lon, lat, strict=True)
     ][len(features) :]
     return Segments(
-        name=_unique(
+        name=_unique_names(
             [*(f.name for f in features), *generated],
             by=[*[""] * len(features), *ids[len(features) :]],
         ),
@@ -249,13 +249,13 @@ def _cut(
         lon=lon,
         lat=lat,
         of_edge=of_edge,
-        lines=_lines(coast, edge[order], number),
+        lines=_segment_lines(coast, edge[order], number),
         access=(*(f.access for f in features), *[UNKNOWN] * len(generated)),
         id=ids,
     )
 
 
-def _chains(edge: Array, label: Array, reach: float) -> tuple[Array, Array, Array]:
+def _running_chains(edge: Array, label: Array, reach: float) -> tuple[Array, Array, Array]:
     """Return the edges in running order, the chain of each, and whether chains are part of a ring.
 
     A chain is a run of edges with one label, each beginning where the previous one ends, from
@@ -300,14 +300,14 @@ def _chains(edge: Array, label: Array, reach: float) -> tuple[Array, Array, Arra
     return order[running], np.cumsum(begins) - 1, closed[chain[begins]]
 
 
-def _lengths(edge: Array) -> Floats:
+def _edge_lengths(edge: Array) -> Floats:
     """Return the great-circle lengths [m] of edges (n, 4) [binary angle], shape (n,)."""
     return np.asarray(
         sphere.distance(*np.deg2rad(edge[:, :2] * DEGREES).T, *np.deg2rad(edge[:, 2:] * DEGREES).T)
     )
 
 
-def _marks(edge: Array) -> Array:
+def _random_marks(edge: Array) -> Array:
     """Return a random number for each edge (n, 4) that depends only on its first point, uint64."""
     place = edge[:, :2].astype(np.int32).view(np.uint32).astype(np.uint64)
     return mixing.mixed(place[:, 0] << np.uint64(32) | place[:, 1])
@@ -322,7 +322,7 @@ def _landmarks(edge: Array, first: Array, closed: Array, reach: float) -> tuple[
     edge: in running order (n, 4). first: index of the first edge of each chain (m,). closed:
     whether the chain is a ring (m,).
     """
-    mark, size, found = _marks(edge), _lengths(edge), np.zeros(len(edge), bool)
+    mark, size, found = _random_marks(edge), _edge_lengths(edge), np.zeros(len(edge), bool)
     count, total = np.diff(np.append(first, len(edge))), np.add.reduceat(size, first)
     least = np.lexsort((mark, np.repeat(np.arange(len(first)), count)))[first]
     found[least[closed]] = True  # the least mark of its ring
@@ -362,12 +362,12 @@ def _midpoints(edge: Array, number: Array, size: Array) -> tuple[Floats, Floats]
     last = np.append(first[1:], len(edge)) - 1
     middle = np.clip(np.searchsorted(reached, half), first, last)
     share = np.clip((half - (reached - size)[middle]) / size[middle], 0, 1)
-    lon = edge[middle, 0] + share * _turned(edge[middle, 2] - edge[middle, 0].astype(np.int64))
+    lon = edge[middle, 0] + share * _shorter_arc(edge[middle, 2] - edge[middle, 0].astype(np.int64))
     lat = edge[middle, 1] + share * (edge[middle, 3] - edge[middle, 1].astype(float))
     return sphere.wrap_degrees(lon * DEGREES), lat * DEGREES
 
 
-def _lines(coast: Coast, edge: Array, number: Array) -> Array:
+def _segment_lines(coast: Coast, edge: Array, number: Array) -> Array:
     """Return each segment's line or lines [deg].
 
     The edges are sorted by segment and, within connected parts, in running order.
@@ -375,8 +375,8 @@ def _lines(coast: Coast, edge: Array, number: Array) -> Array:
     if not len(edge):
         return np.empty(0, object)
     centre = np.int64(coast.lon0) + (coast.nx << coast.shift) // 2
-    ax = centre + _turned(edge[:, 0] - centre)
-    bx = ax + _turned(edge[:, 2] - edge[:, 0].astype(np.int64))
+    ax = centre + _shorter_arc(edge[:, 0] - centre)
+    bx = ax + _shorter_arc(edge[:, 2] - edge[:, 0].astype(np.int64))
     ends = np.stack([ax, edge[:, 1], bx, edge[:, 3]], axis=1) * DEGREES
     new = np.ones(len(edge), bool)
     new[1:] = (ends[1:, :2] != ends[:-1, 2:]).any(axis=1) | (number[1:] != number[:-1])
@@ -392,7 +392,7 @@ def _lines(coast: Coast, edge: Array, number: Array) -> Array:
     return lines_of
 
 
-def _unique(
+def _unique_names(
     names: list[str], again: str = "{name} ({number})", by: list[str] | None = None
 ) -> tuple[str, ...]:
     """Return names with " (2)", " (3)" after repeated ones, numbered in the order of `by`.
@@ -412,18 +412,18 @@ def _unique(
     return tuple(unique)
 
 
-def _turned(units: Array) -> Floats:
+def _shorter_arc(units: Array) -> Floats:
     """Return differences of binary longitudes along the shorter arc."""
     return np.asarray(units.astype(np.int64).astype(np.int32), np.float64)
 
 
-def _middles(edge: Array) -> tuple[Floats, Floats]:
+def _edge_midpoints(edge: Array) -> tuple[Floats, Floats]:
     """Return the midpoints (lon, lat) [deg] of edges; longitudes may exceed 180 by half an edge."""
-    half = _turned(edge[:, 2] - edge[:, 0].astype(np.int64)) / 2
+    half = _shorter_arc(edge[:, 2] - edge[:, 0].astype(np.int64)) / 2
     return (edge[:, 0] + half) * DEGREES, (edge[:, 1] / 2 + edge[:, 3] / 2) * DEGREES
 
 
-def _taken(shape: Any, lon: Floats, lat: Floats) -> tuple[Array, Floats]:
+def _edges_of_feature(shape: Any, lon: Floats, lat: Floats) -> tuple[Array, Floats]:
     """Return the edges that a feature takes, by their midpoints [deg], and their distances [m]."""
     west, south, east, north = shape.bounds
     centre, squeeze = (west + east) / 2, np.cos(np.deg2rad((south + north) / 2))
@@ -452,7 +452,7 @@ def _taken(shape: Any, lon: Floats, lat: Floats) -> tuple[Array, Floats]:
     return near[~beyond], distance[~beyond]
 
 
-def _too_far(feature: _Feature, coast: Coast) -> str:
+def _no_shoreline_message(feature: _Feature, coast: Coast) -> str:
     """Return a message that says why a feature has no shoreline, and what to do."""
     middle = feature.shape.point_on_surface()
     nearest = shoreline.nearest_coast(coast, float(sphere.wrap_degrees(middle.x)), float(middle.y))
@@ -473,7 +473,7 @@ def _too_far(feature: _Feature, coast: Coast) -> str:
     return f'"{feature.name}" matches no shoreline: {hint}; {allowed}. Move it or delete it'
 
 
-def _read(path: Path) -> list[_Feature]:
+def _read_features(path: Path) -> list[_Feature]:
     """Return the features of a GeoJSON file; raise UserError unless all are named and usable."""
     needed = "give a GeoJSON file of lines or polygons, each with a name"
     try:
@@ -548,7 +548,7 @@ def _feature(row: Any) -> _Feature:
         raise ValueError(
             f'"{name}": coordinates must be degrees, lon -180..360 and lat -90..90, in that order'
         )
-    shape = _unwrapped(shape)
+    shape = _unwrap_geometry(shape)
     if kind.endswith("Polygon"):
         # Repairing a polygon that crosses itself may leave lines, for which other rules hold: keep
         # only polygons.
@@ -559,7 +559,7 @@ def _feature(row: Any) -> _Feature:
     return _Feature(name, " ".join(access.split()), shape)
 
 
-def _unwrapped(shape: Any) -> Any:
+def _unwrap_geometry(shape: Any) -> Any:
     """Return a geometry without jumps at the antimeridian.
 
     All its parts lie within half a turn of the first one.

@@ -94,7 +94,7 @@ def land(
     if lakes is True and kind == "gshhg":
         raise UserError(
             'lakes = true: GSHHG as installed holds no lakes; name a file of lake polygons (lakes = "lakes.geojson"), '
-            "or leave lakes out and all inside its shores is land"
+            "or leave lakes out: everything inside its shores is then land"
         )
     if lakes and kind == "none":
         raise UserError(
@@ -107,13 +107,13 @@ def land(
         polygons = clip(gshhg.near(cut), cut)
         origin = f"GSHHG, full resolution (roaring-landmask {gshhg.version()})"
     else:
-        polygons, notes = _of_file(Path(name), lakes is True)
+        polygons, notes = _land_of_file(Path(name), lakes is True)
         polygons = clip(polygons, cut)
         if not polygons.size:
             notes += (f"none of its land lies in {_extent_text(box)}",)
         origin = _name_and_digest(name)
     if lakes and lakes is not True:
-        polygons, done = _without_lakes(polygons, Path(lakes), cut, box)
+        polygons, done = _cut_lakes(polygons, Path(lakes), cut, box)
         origin, notes = f"{origin}, lakes {_name_and_digest(lakes)}", notes + done
     return Shore(polygons, origin, notes, cut)
 
@@ -126,12 +126,12 @@ def whole(source: str | os.PathLike[str], lakes: bool | str | os.PathLike[str] =
     name = os.fspath(source)
     if name.lower() == "none":
         return np.empty(0, object)
-    return gshhg.whole() if name.lower() == "gshhg" else _of_file(Path(name), lakes is True)[0]
+    return gshhg.whole() if name.lower() == "gshhg" else _land_of_file(Path(name), lakes is True)[0]
 
 
-def _of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
+def _land_of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
     """Return the land of a user's file, and notes; lakes: inner rings are water."""
-    contents = _read(path, "shoreline", 'a .bna, GeoJSON or shapefile, "gshhg" or "none"')
+    contents = _read_polygons(path, "shoreline", 'a .bna, GeoJSON or shapefile, "gshhg" or "none"')
     polygons, notes = contents.polygons, contents.notes
     if not polygons.size:
         raise UserError(
@@ -143,7 +143,7 @@ def _of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
         notes += (
             f"{rings} inner rings of the shoreline (lakes) are land; lakes = true makes them water",
         )
-    polygons, repairs = _repaired(polygons)
+    polygons, repairs = _repair(polygons)
     if not polygons.size:
         raise UserError(
             f'{contents.label}: holds no land polygon; give polygons of land, "gshhg" or "none"'
@@ -151,7 +151,7 @@ def _of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
     notes += repairs
     if contents.lakes.size:
         water = shapely.union_all(shapely.make_valid(contents.lakes))
-        polygons = _polygonal(shapely.difference(polygons, water))
+        polygons = _only_polygons(shapely.difference(polygons, water))
     if contents.lakes.size or (lakes and rings):
         notes += (f"{rings * lakes + contents.lakes.size} lakes of the shoreline are water",)
     elif lakes:
@@ -159,18 +159,16 @@ def _of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
     return polygons, notes
 
 
-def _without_lakes(
-    land: Polygons, path: Path, cut: Box, box: Box
-) -> tuple[Polygons, tuple[str, ...]]:
+def _cut_lakes(land: Polygons, path: Path, cut: Box, box: Box) -> tuple[Polygons, tuple[str, ...]]:
     """Return land, cut to a box, without the lakes of a file, and notes."""
-    contents = _read(path, "lakes", "a .bna, GeoJSON or shapefile of lake polygons")
+    contents = _read_polygons(path, "lakes", "a .bna, GeoJSON or shapefile of lake polygons")
     lakes = contents.lakes if contents.lakes.size else contents.polygons
     if not lakes.size:
         raise UserError(f"{contents.label}: holds no polygon; give polygons of lakes")
     total = lakes.size
     broken = int((~shapely.is_valid(lakes)).sum())
     # Lakes are cut to the box before they are joined, because a file may hold those of the world.
-    water = clip(_polygonal(shapely.make_valid(lakes)), cut)
+    water = clip(_only_polygons(shapely.make_valid(lakes)), cut)
     notes = contents.notes
     if broken:
         notes += (f"{broken} of {total} lakes crossed themselves and were repaired",)
@@ -181,7 +179,7 @@ def _without_lakes(
         )
     near, lake = shapely.STRtree(land).query(water, "intersects")[::-1]
     touching = np.unique(near)
-    parts = _polygonal(shapely.difference(land[touching], shapely.union_all(water)))
+    parts = _only_polygons(shapely.difference(land[touching], shapely.union_all(water)))
     count = np.unique(lake).size
     return (
         np.concatenate([np.delete(land, touching), parts]),
@@ -217,14 +215,14 @@ def clip(polygons: Polygons, box: Box) -> Polygons:
         rim = (west <= box.west) | (south <= box.south) | (east >= box.east) | (north >= box.north)
         shifted[rim] = shapely.clip_by_rect(shifted[rim], box.west, box.south, box.east, box.north)
         pieces.append(shifted)
-    parts = _polygonal(np.concatenate(pieces))
+    parts = _only_polygons(np.concatenate(pieces))
     seams = [x for x in (-180.0, 180.0, 540.0) if box.west < x < box.east]
     if not seams or not parts.size:
         return parts
     bounds = shapely.bounds(parts)
     at_seam = np.any([(bounds[:, 0] == x) | (bounds[:, 2] == x) for x in seams], axis=0)
     return np.concatenate(
-        [parts[~at_seam], _polygonal(np.array([shapely.union_all(parts[at_seam])]))]
+        [parts[~at_seam], _only_polygons(np.array([shapely.union_all(parts[at_seam])]))]
     )
 
 
@@ -248,7 +246,7 @@ def thinned(shore: Shore) -> Shore:
     every = np.clip(count // FEWEST, 1, THIN)
     keep = (place % every[ring] == 0) | (place == count[ring] - 1)
     outlines = shapely.polygons(shapely.linearrings(points[keep], indices=ring[keep]))
-    note = "the domain is vast: its coast was looked at without islets and to some 3 km; a run takes it in full"
+    note = "the domain is vast: this preview shows its coast without islets, to some 3 km; a run uses all of it"
     return Shore(outlines, shore.source, (*shore.notes, note), box)
 
 
@@ -261,13 +259,13 @@ def _rounded(box: Box) -> Box:
     return Box(float(west), float(south), float(east), float(north))
 
 
-def _polygonal(geometries: Polygons) -> Polygons:
+def _only_polygons(geometries: Polygons) -> Polygons:
     """Return the polygons in geometries and collections, without lines, points and empty ones."""
     parts = shapely.get_parts(shapely.get_parts(geometries))
     return np.asarray(parts[(shapely.get_type_id(parts) == 3) & ~shapely.is_empty(parts)])
 
 
-def _repaired(polygons: Polygons) -> tuple[Polygons, tuple[str, ...]]:
+def _repair(polygons: Polygons) -> tuple[Polygons, tuple[str, ...]]:
     """Return polygons that neither cross themselves nor overlap, and notes on repairs."""
     notes: tuple[str, ...] = ()
     broken = ~shapely.is_valid(polygons)
@@ -276,10 +274,10 @@ def _repaired(polygons: Polygons) -> tuple[Polygons, tuple[str, ...]]:
         notes = (
             f"{broken.sum()} of {broken.size} shoreline polygons crossed themselves and were repaired",
         )
-    return _polygonal(np.array([shapely.union_all(polygons)])), notes
+    return _only_polygons(np.array([shapely.union_all(polygons)])), notes
 
 
-def _read(path: Path, word: str, wanted: str) -> _Contents:
+def _read_polygons(path: Path, word: str, wanted: str) -> _Contents:
     """Return a file's polygons.
 
     word: "shoreline" or "lakes"; wanted: allowed inputs; both for messages.
@@ -317,7 +315,7 @@ def _read(path: Path, word: str, wanted: str) -> _Contents:
         turn = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform
         geometries = shapely.transform(geometries, turn, interleaved=False)
         notes = (f"{word} converted from {crs.name} to longitude and latitude",)
-    polygons = _polygonal(geometries[~shapely.is_missing(geometries)])
+    polygons = _only_polygons(geometries[~shapely.is_missing(geometries)])
     _refuse_impossible(polygons, label)
     return _Contents(polygons, np.empty(0, object), notes, label)
 

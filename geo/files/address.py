@@ -73,8 +73,8 @@ class Line:
 
     def header(self, timeout: float) -> dict[str, Any]:
         """Return the header of the dataset; see `address_server.header`."""
-        with self._turn():
-            self._ready(timeout)
+        with self._exclusive():
+            self._start_and_open(timeout)
             header: dict[str, Any] = self._header
             return header
 
@@ -83,10 +83,10 @@ class Line:
     ) -> np.ndarray[Any, Any]:
         """Return part of a variable; key: slices with positive steps."""
         shape = tuple(len(range(s.start, s.stop, s.step)) for s in key)
-        with self._turn():
-            self._ready(timeout)
+        with self._exclusive():
+            self._start_and_open(timeout)
             asked = [(s.start, s.stop, s.step) for s in key]
-            reply, content = self._ask({"ask": "values", "name": name, "key": asked}, timeout)
+            reply, content = self._request({"ask": "values", "name": name, "key": asked}, timeout)
         if dtype.kind == "O" and len(reply.get("texts", ())) == math.prod(shape):
             return np.array(reply["texts"], object).reshape(shape)
         if tuple(reply.get("shape", ())) != shape or reply.get("dtype") != dtype.str:
@@ -102,7 +102,7 @@ class Line:
             child.end()
 
     @contextlib.contextmanager
-    def _turn(self) -> Iterator[None]:
+    def _exclusive(self) -> Iterator[None]:
         """Hold the process for this thread.
 
         Any error inside ends the process, because its answer may still be pending.
@@ -116,7 +116,7 @@ class Line:
                 self.close()
                 raise
 
-    def _ready(self, timeout: float) -> None:
+    def _start_and_open(self, timeout: float) -> None:
         """Start the process and make it open the address, unless it is running."""
         if self._child is not None and self._child.running():
             return
@@ -129,7 +129,7 @@ class Line:
                 "cannot start a process to read an address: it ended, or did not start in time"
             ) from None
         try:
-            header, _ = self._ask({"ask": "open", "address": self.address}, timeout)
+            header, _ = self._request({"ask": "open", "address": self.address}, timeout)
         except Refused:
             self.close()
             raise
@@ -140,7 +140,9 @@ class Line:
             )
         self._header = header
 
-    def _ask(self, question: dict[str, Any], timeout: float) -> tuple[dict[str, Any], memoryview]:
+    def _request(
+        self, question: dict[str, Any], timeout: float
+    ) -> tuple[dict[str, Any], memoryview]:
         """Return the answer to a request, and the bytes that go with it."""
         assert self._child is not None
         try:
@@ -188,7 +190,7 @@ def _check_header(header: dict[str, Any], address: str) -> None:
             size < 0 or sizes.setdefault(d, size) != size
             for d, size in zip(dims, shape, strict=False)
         ):
-            raise UserError(f'"{address}" contradicts itself on the dimensions of {name}')
+            raise UserError(f'"{address}" gives contradictory dimensions for {name}')
         if dims == [name] and shape[0] > LONGEST_AXIS:
             raise UserError(
                 f'"{address}" claims to hold {shape[0]:,} values along {name}: more than {LONGEST_AXIS:,}'
@@ -197,7 +199,7 @@ def _check_header(header: dict[str, Any], address: str) -> None:
         holder["attributes"] for holder in (header, *header["variables"].values())
     ):
         raise UserError(
-            f'"{address}" says nothing of what its values mean: no attributes, or some that cannot be read'
+            f'"{address}" does not describe its values: it has no attributes, or unreadable ones'
         )
 
 
@@ -221,17 +223,17 @@ class Store(AbstractDataStore):
             array = Values(
                 self._line, self._timeout, name, tuple(entry["shape"]), np.dtype(entry["dtype"])
             )
-            attributes = {k: _native(v) for k, v in entry["attributes"].items()}
+            attributes = {k: _to_numpy(v) for k, v in entry["attributes"].items()}
             data = indexing.LazilyIndexedArray(array)
             variables[name] = xr.Variable(entry["dims"], data, attributes, {"dtype": array.dtype})
         return variables
 
     def get_attrs(self) -> dict[str, Any]:
         """Return the attributes of the dataset."""
-        return {k: _native(v) for k, v in self._line.header(self._timeout)["attributes"].items()}
+        return {k: _to_numpy(v) for k, v in self._line.header(self._timeout)["attributes"].items()}
 
 
-def _native(value: Any) -> Any:
+def _to_numpy(value: Any) -> Any:
     """Return an attribute as a NumPy value, from the form in which `address_server` sends it."""
     if isinstance(value, dict):
         values = np.array(value["values"], np.dtype(value["dtype"]))

@@ -100,7 +100,7 @@ class Dataset:
         variable = self.data.variables[name]
         if self._speaks_dap(question["timeout"]) and variable.dtype.kind in "biuf":
             asked = f"{name}.{name}" if name in (self._grids or ()) else name
-            piece = _patiently(
+            piece = _retry(
                 lambda: dap.read_variable(
                     self._address, asked, key, variable.dtype, question["timeout"]
                 ),
@@ -122,7 +122,7 @@ class Dataset:
         return self._counted
 
 
-def _patiently(ask: Callable[[], Any], timeout: float) -> Any:
+def _retry(ask: Callable[[], Any], timeout: float) -> Any:
     """Return an answer, repeating the request after temporary failures.
 
     It gives up after half the time that the client waits.
@@ -155,20 +155,20 @@ def _open(address: str) -> Any:
 def header(data: Any) -> dict[str, Any]:
     """Return dimensions, types and attributes of a dataset as values for JSON."""
     return {
-        "attributes": {str(k): _plain(v) for k, v in data.attrs.items()},
+        "attributes": {str(k): _to_json(v) for k, v in data.attrs.items()},
         "variables": {
             str(name): {
                 "dims": [str(d) for d in variable.dims],
                 "shape": [int(n) for n in variable.shape],
                 "dtype": variable.dtype.str,
-                "attributes": {str(k): _plain(v) for k, v in variable.attrs.items()},
+                "attributes": {str(k): _to_json(v) for k, v in variable.attrs.items()},
             }
             for name, variable in data.variables.items()
         },
     }
 
 
-def _plain(value: Any) -> Any:
+def _to_json(value: Any) -> Any:
     """Return an attribute as a value for JSON.
 
     Numbers keep their type, because fill values must be exact.
@@ -179,5 +179,5 @@ def _plain(value: Any) -> Any:
         array = np.asarray(value)
         return {"dtype": array.dtype.str, "values": array.tolist()}
     if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(item) for item in list(value)]
+        return [_to_json(item) for item in list(value)]
     return value if isinstance(value, str | int | float | bool | None) else str(value)

@@ -75,20 +75,22 @@ def read_variable(
     asked = name + "".join(f"[{s.start}:{s.step or 1}:{s.stop - 1}]" for s in parts)
     most = STRUCTURE + max(dtype.itemsize, 4) * math.prod(shape)
     content = web.get(f"{address}.dods?{quote(asked, safe='.,')}", timeout, most)
-    return _decoded(content, shape, dtype, f"{name} of {address}")
+    return _decode_answer(content, shape, dtype, f"{name} of {address}")
 
 
-def _decoded(content: bytes, shape: list[int], dtype: np.dtype[Any], what: str) -> NDArray[Any]:
+def _decode_answer(
+    content: bytes, shape: list[int], dtype: np.dtype[Any], what: str
+) -> NDArray[Any]:
     """Return the array in an answer; raise web.Passing if it is not what was requested."""
     structure, mark, values = content.partition(b"\nData:\n")
     if not mark:
         said = " ".join(content[:200].decode("ascii", "replace").split())
         raise web.Passing(f"in place of {what} came: {said or 'nothing'}")
-    told = ANSWER.fullmatch(structure.decode("utf-8", "replace"))
+    match = ANSWER.fullmatch(structure.decode("utf-8", "replace"))
     if (
-        told is None
-        or [int(n) for n in re.findall(r"(\d+)\s*\]", told[2])] != shape
-        or TYPES.get(told[1])
+        match is None
+        or [int(n) for n in re.findall(r"(\d+)\s*\]", match[2])] != shape
+        or TYPES.get(match[1])
         not in (
             dtype.str[1:],
             dtype.itemsize,

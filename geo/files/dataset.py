@@ -120,7 +120,7 @@ def open_one(
                 f'cannot open the address "{path}" ({_one_line(error)}); {where}'
             ) from error
         raise UserError(
-            f'"{path}" is not a netCDF file that can be read ({_why(path, error)}); {where}'
+            f'"{path}" is not a netCDF file that can be read ({_reason(path, error)}); {where}'
         ) from error
     return data
 
@@ -171,7 +171,7 @@ def _refuse_truncated(path: str) -> None:
             raise UserError(f'"{path}" is a truncated or damaged netCDF file')
 
 
-def _why(path: str, error: Exception) -> str:
+def _reason(path: str, error: Exception) -> str:
     """Return the reason why a file cannot be opened, for a message."""
     try:
         with open(path, "rb") as file:
@@ -207,7 +207,7 @@ def readable(paths: Paths, quantity: str, mend: str = "") -> Iterator[None]:
     except UserError:
         raise
     except Exception as error:
-        if not isinstance(error, FAULTS) and _raised_in(error) not in LIBRARIES:
+        if not isinstance(error, FAULTS) and _package_raising(error) not in LIBRARIES:
             raise
         listed = [paths] if isinstance(paths, str | os.PathLike) else paths
         if len(listed) == 1 and os.path.isdir(only := os.fspath(listed[0])):
@@ -221,7 +221,7 @@ def readable(paths: Paths, quantity: str, mend: str = "") -> Iterator[None]:
         ) from error
 
 
-def _raised_in(error: BaseException) -> str:
+def _package_raising(error: BaseException) -> str:
     """Return the package in which an error was raised."""
     trace, name = error.__traceback__, ""
     while trace is not None:

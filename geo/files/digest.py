@@ -26,12 +26,12 @@ def start(paths: Iterable[str]) -> None:
     new: list[tuple[str, Future[str]]] = []
     with _guard:
         for path in paths:
-            key = _key(path)
+            key = _state_key(path)
             if key is not None and key not in _digests:
                 _digests[key] = Future()
                 new.append((path, _digests[key]))
     if new:  # a daemon thread, so that the process can end before it
-        threading.Thread(target=_fulfil, args=(new,), name="digest", daemon=True).start()
+        threading.Thread(target=_compute_digests, args=(new,), name="digest", daemon=True).start()
 
 
 def digest_of(path: str) -> str:
@@ -40,7 +40,7 @@ def digest_of(path: str) -> str:
     Raises OSError if it cannot be read.
     """
     start([path])
-    key = _key(path)
+    key = _state_key(path)
     if key is None:
         raise FileNotFoundError(path)
     return _digests[key].result()
@@ -48,13 +48,13 @@ def digest_of(path: str) -> str:
 
 def size(path: str) -> int:
     """Return the size of a file or a folder of files [bytes]."""
-    return sum(os.path.getsize(file) for file in _files(path))
+    return sum(os.path.getsize(file) for file in _files_below(path))
 
 
-def _key(path: str) -> Key | None:
+def _state_key(path: str) -> Key | None:
     """Return a key for the present state of a file or folder; None if it cannot be read."""
     try:
-        stats = [(file, os.stat(file)) for file in _files(path)]
+        stats = [(file, os.stat(file)) for file in _files_below(path)]
     except (OSError, ValueError):
         return None
     return tuple(
@@ -62,7 +62,7 @@ def _key(path: str) -> Key | None:
     )
 
 
-def _fulfil(promised: list[tuple[str, "Future[str]"]]) -> None:
+def _compute_digests(promised: list[tuple[str, "Future[str]"]]) -> None:
     """Compute the digest of each path and set it, or the error, as the result of its future."""
     for path, answer in promised:
         try:
@@ -71,7 +71,7 @@ def _fulfil(promised: list[tuple[str, "Future[str]"]]) -> None:
             answer.set_exception(error)
 
 
-def _files(path: str) -> Iterator[str]:
+def _files_below(path: str) -> Iterator[str]:
     """Yield the path itself if it is a file, or all files below it if it is a folder."""
     if not os.path.isdir(path):
         yield path
@@ -82,7 +82,7 @@ def _files(path: str) -> Iterator[str]:
 def _digest(path: str) -> str:
     fence.check_store(path)
     total = hashlib.sha256()
-    for file in _files(path):
+    for file in _files_below(path):
         if file != path:
             total.update(f"{os.path.relpath(file, path)}\n{os.path.getsize(file)}\n".encode())
         with open(file, "rb") as stream:

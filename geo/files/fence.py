@@ -57,7 +57,7 @@ def check(path: str | os.PathLike[str]) -> None:
     """Raise UserError unless a file or folder may be read, with all links resolved."""
     fence = raised()
     if fence is not None and not _inside(fence, os.path.realpath(path)):
-        raise _refusal(path)
+        raise _outside_error(path)
 
 
 def check_open(handle: int, path: str | os.PathLike[str]) -> None:
@@ -69,7 +69,7 @@ def check_open(handle: int, path: str | os.PathLike[str]) -> None:
     if os.path.islink(there := f"/proc/self/fd/{handle}"):  # Linux
         real = os.readlink(there)
     if not _inside(fence, real):
-        raise _refusal(path)
+        raise _outside_error(path)
 
 
 def check_store(folder: str) -> None:
@@ -82,7 +82,7 @@ def check_store(folder: str) -> None:
             path = os.path.join(place, name)
             # links to folders are rejected: their contents would have to be checked as well
             if os.path.islink(path) and os.path.isdir(path):
-                raise _refusal(path)
+                raise _outside_error(path)
             if os.path.islink(path):
                 check(path)
 
@@ -94,7 +94,7 @@ def check_pattern(pattern: str) -> None:
     parts = Path(pattern).parts
     plain = next((k for k, part in enumerate(parts) if re.search(r"[*?\[]", part)), len(parts))
     if ".." in parts[plain:]:
-        raise _refusal(pattern)
+        raise _outside_error(pattern)
     check(Path(*parts[:plain]))
 
 
@@ -134,7 +134,7 @@ def check_program(name: str) -> None:
     """Raise UserError unless a program named in a case may be run."""
     if raised() is not None:
         raise UserError(
-            f'"{name}" is a program, and none of a case is run here; run the case with drift run'
+            f'"{name}" is a program, and programs in a case are not run here; run the case with drift run'
         )
 
 
@@ -152,5 +152,5 @@ def _inside(fence: Fence, real: str) -> bool:
     return any(Path(real).is_relative_to(folder) for folder in fence.folders)
 
 
-def _refusal(path: str | os.PathLike[str]) -> UserError:
+def _outside_error(path: str | os.PathLike[str]) -> UserError:
     return UserError(f'"{str(path)[:200]}" is outside the folders that may be read here; {ADVICE}')

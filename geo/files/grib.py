@@ -132,7 +132,7 @@ class Points:
 def open_file(path: str) -> xr.Dataset:
     """Return the fields of a GRIB file as a dataset; values are read on demand."""
     names: dict[bytes, dict[str, Any]] = {}
-    fields = [_field(message, names) for message in messages.split_messages(path)]
+    fields = [_build_field(message, names) for message in messages.split_messages(path)]
     if not fields:
         raise UserError(f'"{path}" holds no GRIB message')
     drifting = [f for f in fields if f.role is not None]
@@ -149,8 +149,8 @@ def open_file(path: str) -> xr.Dataset:
     for field in placed:
         shape = field.message.shape
         if shape not in orders:
-            orders[shape] = _points(field.message)
-            equal = [k for k, grid in enumerate(grids) if _alike(grid, orders[shape])]
+            orders[shape] = _build_points(field.message)
+            equal = [k for k, grid in enumerate(grids) if _same_points(grid, orders[shape])]
             grid_of[shape] = equal[0] if equal else len(grids)
             grids += [] if equal else [orders[shape]]
     variables: dict[str, xr.Variable] = {}
@@ -183,8 +183,8 @@ def open_file(path: str) -> xr.Dataset:
             )
         own_name = f"{name}_grid{number + 1}" if several else name
         fields_at = _fields_at(path, own_name, group)
-        for full_name, block in _blocks(own_name, fields_at).items():
-            variables[full_name] = _variable(
+        for full_name, block in _split_blocks(own_name, fields_at).items():
+            variables[full_name] = _build_variable(
                 variables, group[0], block, orders, grids[number], _suffix(number)
             )
     return xr.Dataset(variables)
@@ -194,7 +194,7 @@ def _suffix(grid: int) -> str:
     return f"_{grid + 1}" if grid else ""
 
 
-def _alike(one: Points, other: Points) -> bool:
+def _same_points(one: Points, other: Points) -> bool:
     """Return True if two grids have the same points to a hundredth of a cell.
 
     Exact comparison fails, because edition 1 rounds to a thousandth of a degree.
@@ -224,7 +224,7 @@ def _alike(one: Points, other: Points) -> bool:
     return True
 
 
-def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
+def _build_field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
     """Return a message with the contents of its header.
 
     names: keys already looked up, by product; new ones are added.
@@ -234,17 +234,17 @@ def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
         if message.product not in names:
             names[message.product] = decoder.names(message.header)
     except decoder.DecodeError as error:
-        raise _damaged(message, error) from error
+        raise _damaged_error(message, error) from error
     keys = keys | names[message.product]
     step = str(keys.get("stepType", "instant"))
     short = str(keys.get("shortName", "unknown"))
     short = short.removeprefix("avg_") if step == "avg" else short
     role = NAMED.get(short) or (
-        NUMBERED.get(_number(message, keys)) if short in ("unknown", "~") else None
+        NUMBERED.get(_parameter_number(message, keys)) if short in ("unknown", "~") else None
     )
     if role is not None and short not in NAMED:
         short = CALLED[role[0]][role[1]]
-    kind, level = _level(message, keys)
+    kind, level = _level_of(message, keys)
     above_ground = role is not None and role[0] == "wind" and short not in ("u", "v")
     if above_ground:
         height = next((h for n, h in HEIGHT_IN_NAME.items() if short in (f"{n}u", f"{n}v")), 10.0)
@@ -257,8 +257,8 @@ def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
     if derived is not None or str(keys.get("dataType", "")) in ("em", "es"):
         mean = derived in (0, 1) or keys.get("dataType") == "em"
         name, drift_role = f"{name}_{'mean' if mean else 'spread'}", drift_role if mean else None
-    run = _seconds(keys.get("dataDate"), keys.get("dataTime"), message)
-    time = _seconds(keys.get("validityDate"), keys.get("validityTime"), message)
+    run = _to_seconds(keys.get("dataDate"), keys.get("dataTime"), message)
+    time = _to_seconds(keys.get("validityDate"), keys.get("validityTime"), message)
     long_name = str(keys.get("name", short))
     return Field(
         message,
@@ -267,17 +267,17 @@ def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
         kind,
         level,
         time,
-        time - _averaged(keys, step),
+        time - _average_length(keys, step),
         run,
         int(keys.get("perturbationNumber", keys.get("number", 0)) or 0),
-        _along(message, keys),
+        _follows_grid(message, keys),
         str(keys.get("gridType", "unknown")),
         long_name if long_name != "unknown" or role is None else f"{'uv'[role[1]]} of {role[0]}",
         str(keys.get("units", "unknown")),
     )
 
 
-def _averaged(keys: Mapping[str, Any], step: str) -> int:
+def _average_length(keys: Mapping[str, Any], step: str) -> int:
     """Return the length of an average's interval [s]; 0 for other fields or if unknown."""
     begin, end, unit = (keys.get(key) for key in ("startStep", "endStep", "stepUnits"))
     if step != "avg" or not isinstance(begin, int) or not isinstance(end, int):
@@ -285,7 +285,7 @@ def _averaged(keys: Mapping[str, Any], step: str) -> int:
     return max(end - begin, 0) * STEP_SECONDS.get(int(unit or 0), 0)
 
 
-def _along(message: Message, keys: Mapping[str, Any]) -> bool:
+def _follows_grid(message: Message, keys: Mapping[str, Any]) -> bool:
     """Return True if vectors follow the grid, by bit 5 of the flags.
 
     eccodes' key uvRelativeToGrid is equivalent but does not exist for every grid.
@@ -295,14 +295,14 @@ def _along(message: Message, keys: Mapping[str, Any]) -> bool:
         "unstructured_grid",
         "healpix",
     ):
-        raise _damaged(
+        raise _damaged_error(
             message,
             f"a grid of type {keys.get('gridType')} does not say along what its vectors count",
         )
     return bool(int(keys.get("resolutionAndComponentFlags", 0)) & 0x08)
 
 
-def _number(message: Message, keys: Mapping[str, Any]) -> tuple[int, ...]:
+def _parameter_number(message: Message, keys: Mapping[str, Any]) -> tuple[int, ...]:
     """Return the parameter's key in NUMBERED; empty if a centre's own table defines it."""
     if message.edition == 2:
         return tuple(
@@ -313,7 +313,7 @@ def _number(message: Message, keys: Mapping[str, Any]) -> tuple[int, ...]:
     return (1, int(keys.get("indicatorOfParameter", -1))) if standard else ()
 
 
-def _level(message: Message, keys: Mapping[str, Any]) -> tuple[str, float]:
+def _level_of(message: Message, keys: Mapping[str, Any]) -> tuple[str, float]:
     """Return the type of level and its value in the units of UNITS."""
     kind = str(keys.get("typeOfLevel", "unknown"))
     value = float(keys.get("level", 0.0))
@@ -332,7 +332,7 @@ def _level(message: Message, keys: Mapping[str, Any]) -> tuple[str, float]:
     return kind, value
 
 
-def _seconds(date: Any, time: Any, message: Message) -> int:
+def _to_seconds(date: Any, time: Any, message: Message) -> int:
     """Return a date (20261121) and a time (1830) of a message as seconds since 1970."""
     try:
         day = np.datetime64(
@@ -340,10 +340,10 @@ def _seconds(date: Any, time: Any, message: Message) -> int:
         )
         return int(day.astype(np.int64)) + int(time) // 100 * 3600 + int(time) % 100 * 60
     except (TypeError, ValueError) as error:
-        raise _damaged(message, f"its date is {date} {time}") from error
+        raise _damaged_error(message, f"its date is {date} {time}") from error
 
 
-def _damaged(message: Message, why: object) -> UserError:
+def _damaged_error(message: Message, why: object) -> UserError:
     if "eccodes" in str(why) and "pip install" in str(why):
         return UserError(f'"{message.path}": {why}')
     return UserError(
@@ -351,7 +351,7 @@ def _damaged(message: Message, why: object) -> UserError:
     )
 
 
-def _points(message: Message) -> Points:
+def _build_points(message: Message) -> Points:
     """Return the points of a message's grid.
 
     They are axes of latitude and longitude, axes of a projection, or 2-D coordinates.
@@ -359,16 +359,16 @@ def _points(message: Message) -> Points:
     try:
         keys, lat, lon = decoder.points(messages.whole(message))
     except decoder.DecodeError as error:
-        raise _damaged(message, error) from error
+        raise _damaged_error(message, error) from error
     east, north = (
         {"standard_name": n, "units": f"degrees_{d}"}
         for n, d in (("longitude", "east"), ("latitude", "north"))
     )
     if "pl" in keys:
-        return _reduced(message, tuple(keys["pl"]), lon, lat, east, north)
+        return _extend_reduced(message, tuple(keys["pl"]), lon, lat, east, north)
     nx, ny = (int(keys.get(a, keys.get(b, 0)) or 0) for a, b in (("Ni", "Nx"), ("Nj", "Ny")))
     if nx < 1 or ny < 1 or nx * ny != lat.size:
-        raise _damaged(message, f"{lat.size} points on a grid of {nx} x {ny}")
+        raise _damaged_error(message, f"{lat.size} points on a grid of {nx} x {ny}")
     flags = tuple(
         bool(keys.get(k, 0))
         for k in ("alternativeRowScanning", "jPointsAreConsecutive", "iScansNegatively")
@@ -376,9 +376,9 @@ def _points(message: Message) -> Points:
     ordered = Points(("y", "x"), {}, None, (ny, nx), (), (flags[0], flags[1], flags[2]))
     # eccodes returns points with all rows in one direction, even if rows of values alternate.
     placed = replace(ordered, flags=(False, flags[1], flags[2]))
-    lon, lat = _arranged(lon, placed), _arranged(lat, placed)
+    lon, lat = _arrange_rows(lon, placed), _arrange_rows(lat, placed)
     if not (np.isfinite(lon).all() and np.isfinite(lat).all()):
-        raise _damaged(message, "points without a longitude and latitude")
+        raise _damaged_error(message, "points without a longitude and latitude")
     turn = sphere.wrap_degrees(lon - lon[:1])
     if np.abs(turn).max() < 1e-6 and np.ptp(lat, axis=1).max() < 1e-6:
         coordinates = {
@@ -386,7 +386,7 @@ def _points(message: Message) -> Points:
             "longitude": (("longitude",), lon[0], east),
         }
         return Points(("latitude", "longitude"), coordinates, None, (ny, nx), (), ordered.flags)
-    plane = _plane(keys, lon, lat)
+    plane = _fit_projection(keys, lon, lat)
     if plane is None:
         points = {"latitude": (("y", "x"), lat, north), "longitude": (("y", "x"), lon, east)}
         return Points(("y", "x"), points, None, (ny, nx), (), ordered.flags)
@@ -405,14 +405,14 @@ def _points(message: Message) -> Points:
     return Points(("y", "x"), axes, mapping, (ny, nx), (), ordered.flags)
 
 
-def _plane(
+def _fit_projection(
     keys: Mapping[str, Any], lon: Real, lat: Real
 ) -> tuple[dict[str, Any], Real, Real] | None:
     """Return a projection's attributes and axes.
 
     None if they miss the points by more than a thousandth of a cell.
     """
-    mapping = _mapping(keys)
+    mapping = _projection_attributes(keys)
     if mapping is None or min(lon.shape) < 2:
         return None
     crs = reference_system.parse_reference_system(mapping)
@@ -435,7 +435,7 @@ def _plane(
     return mapping, axis_x, axis_y
 
 
-def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
+def _projection_attributes(keys: Mapping[str, Any]) -> dict[str, Any] | None:
     """Return the CF attributes of a grid's projection.
 
     None if the grid has none, or keys are missing.
@@ -487,7 +487,7 @@ def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
     return None if any(v is None for v in flat) else projection | earth
 
 
-def _reduced(
+def _extend_reduced(
     message: Message,
     rows: tuple[int, ...],
     lon: Real,
@@ -522,7 +522,7 @@ def _reduced(
     )
 
 
-def _arranged(values: Real, grid: Points) -> Real:
+def _arrange_rows(values: Real, grid: Points) -> Real:
     """Return values in a message's order as rows (ny, nx), with columns along the grid's i."""
     ny, nx = grid.shape
     if grid.rows:
@@ -580,17 +580,17 @@ def _read(message: Message, orders: Mapping[bytes, Points]) -> Real:
     """Return the values of a message on its grid, shape (ny, nx)."""
     points = orders[message.shape]
     try:
-        values = _decoded(messages.whole(message))
+        values = _decode(messages.whole(message))
     except decoder.DecodeError as error:
-        raise _damaged(message, error) from error
+        raise _damaged_error(message, error) from error
     expected = sum(points.rows) if points.rows else points.shape[0] * points.shape[1]
     if values.size != expected:
-        raise _damaged(message, f"{values.size} values for {expected} points")
-    return _arranged(values, points)
+        raise _damaged_error(message, f"{values.size} values for {expected} points")
+    return _arrange_rows(values, points)
 
 
 @lru_cache(maxsize=4)  # a window across the seam is read in two parts, for two components
-def _decoded(message: bytes) -> Real:
+def _decode(message: bytes) -> Real:
     return decoder.values(message)
 
 
@@ -626,17 +626,17 @@ def _fields_at(path: str, name: str, group: list[Field]) -> dict[tuple[int, floa
             continue
         raise UserError(
             f'"{path}" gives {name} at {field.level:g} {UNITS.get(field.kind, "")} ({field.kind}) twice for '
-            f"{_time(field.time)} (messages {first.message.number} and {field.message.number}, of the runs of "
-            f"{_time(first.run)} and {_time(field.run)}): take one out (grib_copy -w dataDate=...,dataTime=...)"
+            f"{_format_time(field.time)} (messages {first.message.number} and {field.message.number}, of the runs of "
+            f"{_format_time(first.run)} and {_format_time(field.run)}): take one out (grib_copy -w dataDate=...,dataTime=...)"
         )
     return fields_at
 
 
-def _time(seconds: int) -> str:
+def _format_time(seconds: int) -> str:
     return str(np.datetime64(seconds, "s").astype("datetime64[m]")).replace("T", " ")
 
 
-def _blocks(name: str, fields_at: Mapping[tuple[int, float, int], Field]) -> dict[str, Block]:
+def _split_blocks(name: str, fields_at: Mapping[tuple[int, float, int], Field]) -> dict[str, Block]:
     """Return the blocks without gaps into which a variable's fields divide, by variable name."""
     places_of: dict[float, set[tuple[int, int]]] = {}  # (member, time) by level
     for member, level, time in fields_at:
@@ -664,7 +664,7 @@ def _blocks(name: str, fields_at: Mapping[tuple[int, float, int], Field]) -> dic
     return blocks
 
 
-def _variable(
+def _build_variable(
     variables: dict[str, xr.Variable],
     field: Field,
     block: Block,
@@ -687,9 +687,9 @@ def _variable(
         }
     about_time = {"standard_name": "time", "units": "seconds since 1970-01-01"}
     if block.begins == block.times:
-        dims = [_coordinate(variables, "time", np.array(block.times, np.int64), about_time)]
+        dims = [_add_coordinate(variables, "time", np.array(block.times, np.int64), about_time)]
     else:
-        dims = [_time_of_means(variables, block, about_time)]
+        dims = [_add_time_of_means(variables, block, about_time)]
         attributes["cell_methods"] = f"{dims[0]}: mean"
     scalars: list[str] = []
     single_level = len(block.levels) == 1
@@ -699,7 +699,7 @@ def _variable(
         about_level["long_name"] = f"GRIB level {field.kind}"
         if field.kind == "sigma":
             about_level["standard_name"] = "atmosphere_sigma_coordinate"
-        level = _coordinate(
+        level = _add_coordinate(
             variables, field.kind, np.array(block.levels), about_level, single_level
         )
         (scalars if single_level else dims).append(level)
@@ -707,7 +707,7 @@ def _variable(
             attributes["GRIB_level"] = block.levels[0]
     if len(block.members) > 1:
         about_member = {"long_name": "member of an ensemble"}
-        dims.insert(0, _coordinate(variables, "member", np.array(block.members), about_member))
+        dims.insert(0, _add_coordinate(variables, "member", np.array(block.members), about_member))
     fields = block.messages[:, :, 0] if single_level else block.messages
     fields = fields if len(block.members) > 1 else fields[0]
     attributes["coordinates"] = " ".join(scalars)
@@ -718,7 +718,9 @@ def _variable(
     return xr.Variable(dims, values, attributes)
 
 
-def _time_of_means(variables: dict[str, xr.Variable], block: Block, about: dict[str, str]) -> str:
+def _add_time_of_means(
+    variables: dict[str, xr.Variable], block: Block, about: dict[str, str]
+) -> str:
     """Return the name of a time axis with the block's bounds; add it if it is absent."""
     ends, bounds = (
         np.array(block.times, np.int64),
@@ -736,7 +738,7 @@ def _time_of_means(variables: dict[str, xr.Variable], block: Block, about: dict[
         number += 1
 
 
-def _coordinate(
+def _add_coordinate(
     variables: dict[str, xr.Variable],
     name: str,
     values: NDArray[Any],

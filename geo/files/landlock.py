@@ -120,11 +120,11 @@ def enclose(
     writing = WRITE_FILE | REMOVE | MAKE | (TRUNCATE if held >= 3 else 0)
     rules = _call(CREATE_RULESET, struct.pack("=Q", READ_FILE | REFER | writing), 8, 0)
     try:
-        _allow(rules, Path("/"), REFER)
+        _add_rule(rules, Path("/"), REFER)
         for path in (*folders, *program, *_own(folders)):
-            _allow(rules, path, READ_FILE)
-        for path in (*writable, *_caches(), *map(Path, WRITABLE)):
-            _allow(rules, path, READ_FILE | writing & ~DEVICES)
+            _add_rule(rules, path, READ_FILE)
+        for path in (*writable, *_cache_folders(), *map(Path, WRITABLE)):
+            _add_rule(rules, path, READ_FILE | writing & ~DEVICES)
         if ctypes.CDLL(None).prctl(NO_NEW_PRIVILEGES, *map(ctypes.c_ulong, (1, 0, 0, 0))):
             raise OSError("no process may restrict itself here")
         _call(RESTRICT_SELF, rules, 0)
@@ -133,7 +133,7 @@ def enclose(
     return True
 
 
-def _caches() -> Iterable[Path]:
+def _cache_folders() -> Iterable[Path]:
     """Yield the cache folders, made if possible: a rule needs an existing folder."""
     named = [os.environ.get(name) for name in CACHE_VARIABLES]
     for path in (*filter(None, named), *(platformdirs.user_cache_dir(name) for name in CACHES)):
@@ -169,7 +169,7 @@ def _own(folders: list[Path]) -> Iterable[Path]:
             yield real
 
 
-def _allow(rules: int, path: Path, access: int) -> None:
+def _add_rule(rules: int, path: Path, access: int) -> None:
     """Add a rule for a file, or for everything in a folder; absent paths need none."""
     try:
         place = os.open(path, os.O_PATH | os.O_CLOEXEC)

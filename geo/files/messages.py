@@ -56,9 +56,9 @@ def split_messages(path: str) -> list[Message]:
             try:
                 edition = data[start + 7]
                 if edition == 1:
-                    position, fields = _first_edition(data, start)
+                    position, fields = _split_edition_1(data, start)
                 elif edition == 2:
-                    position, fields = _second_edition(data, start)
+                    position, fields = _split_edition_2(data, start)
                 else:
                     raise ValueError(f"edition {edition}")
             except (ValueError, IndexError) as error:
@@ -82,7 +82,7 @@ def whole(message: Message) -> bytes:
         for start, end in message.parts:
             file.seek(start)
             pieces.append(file.read(end - start))
-    return pieces[0] if message.edition == 1 else _second_whole(pieces)
+    return pieces[0] if message.edition == 1 else _join_edition_2(pieces)
 
 
 def _check_gap(gap: bytes, size: int, path: str, position: int) -> None:
@@ -98,29 +98,29 @@ def _check_gap(gap: bytes, size: int, path: str, position: int) -> None:
 Field = tuple[tuple[tuple[int, int], ...], bytes, bytes, bytes]
 
 
-def _length(data: mmap.mmap, position: int, size: int, end: int) -> int:
+def _read_number(data: mmap.mmap, position: int, size: int, end: int) -> int:
     """Return the number of `size` bytes at a position; raise ValueError if they exceed `end`."""
     if position + size > end:
         raise ValueError("a section beyond its end")
     return int.from_bytes(data[position : position + size], "big")
 
 
-def _first_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
+def _split_edition_1(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
     """Return the end of a GRIB 1 message, and its only field."""
-    size, end = _length(data, start + 4, 3, len(data)), len(data)
+    size, end = _read_number(data, start + 4, 3, len(data)), len(data)
     position = start + 8
-    product = _length(data, position, 3, end)
+    product = _read_number(data, position, 3, end)
     present = data[position + 7]
     position += product
     shape = b""
     for bit in (0x80, 0x40):  # flags of a grid section and a bitmap section
         if present & bit:
-            section = _length(data, position, 3, end)
+            section = _read_number(data, position, 3, end)
             if section < 6 or position + section > end:
                 raise ValueError(f"a section of {section} bytes")
             shape = data[position : position + section] if bit == 0x80 else shape
             position += section
-    values = _length(data, position, 3, end)
+    values = _read_number(data, position, 3, end)
     # above 8 MiB ECMWF counts in units of 120 bytes, minus the number `values`
     if size & 0x800000 and values < 120:
         size = (size & 0x7FFFFF) * 120 - values + 4
@@ -149,9 +149,9 @@ def _first_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
     ]
 
 
-def _second_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
+def _split_edition_2(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
     """Return the end of a GRIB 2 message, and its fields."""
-    size = _length(data, start + 8, 8, len(data))
+    size = _read_number(data, start + 8, 8, len(data))
     stop = start + size
     if stop > len(data) or size < 20 or data[stop - 4 : stop] != END:
         raise ValueError("its end is not where its length says")
@@ -159,7 +159,7 @@ def _second_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
     fields: list[Field] = []
     position, before = start + 16, 0
     while position < stop - 4:
-        section, kind = _length(data, position, 4, stop), data[position + 4]
+        section, kind = _read_number(data, position, 4, stop), data[position + 4]
         if section < 5 or position + section > stop - 4 or not 1 <= kind <= 7:
             raise ValueError(f"section {kind} of {section} bytes")
         if kind <= before and before != 7:
@@ -176,7 +176,7 @@ def _second_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
             sections = [last[k] for k in (1, 2, 3, 4, 5, 6, 7) if k in last]
             # the header gets an empty bitmap and no values
             pieces = [data[a:b] for a, b in sections[:-2]]
-            header = _second_whole(
+            header = _join_edition_2(
                 [data[start : start + 16], *pieces, b"\0\0\0\x06\x06\xff", b"\0\0\0\x05\x07"]
             )
             identity = bytearray(data[slice(*last[4])])
@@ -198,7 +198,7 @@ def _second_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
     return stop, fields
 
 
-def _second_whole(pieces: list[bytes]) -> bytes:
+def _join_edition_2(pieces: list[bytes]) -> bytes:
     """Return a GRIB 2 message joined from its sections, with its length updated."""
     body = b"".join(pieces[1:]) + END
     return pieces[0][:8] + (16 + len(body)).to_bytes(8, "big") + body

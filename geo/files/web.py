@@ -44,7 +44,7 @@ def get(address: str, timeout: float, most: int) -> bytes:
     """
     until = time.monotonic() + 10 * timeout
     asked, address = address, address.partition("?")[0]  # in messages
-    with _answer(asked, timeout) as answer:
+    with _open_answer(asked, timeout) as answer:
         length = answer.headers.get("Content-Length")
         content = bytearray()
         while block := answer.read1(BLOCK):
@@ -58,7 +58,9 @@ def get(address: str, timeout: float, most: int) -> bytes:
                     f'"{address}" sends too slowly: {len(content):,} bytes in {10 * timeout:g} s'
                 )
     if length is not None and length.isdecimal() and len(content) != int(length):
-        raise Passing(f'"{address}" sent half: {len(content):,} of {int(length):,} bytes')
+        raise Passing(
+            f'"{address}" sent an incomplete answer: {len(content):,} of {int(length):,} bytes'
+        )
     if content[:512].lstrip().lower().startswith((b"<!doctype html", b"<html")):
         raise UserError(
             f'"{address}" sent a web page in place of data: it may ask for a login, or be under repair'
@@ -67,7 +69,7 @@ def get(address: str, timeout: float, most: int) -> bytes:
 
 
 @contextmanager
-def _answer(address: str, timeout: float) -> Iterator[Any]:
+def _open_answer(address: str, timeout: float) -> Iterator[Any]:
     """Yield the answer of a server, or raise an error with a one-line message."""
     request = urllib.request.Request(address, headers={"User-Agent": "casp-drift"})
     address = address.partition("?")[0]
@@ -77,7 +79,7 @@ def _answer(address: str, timeout: float) -> Iterator[Any]:
             yield answer
     except urllib.error.HTTPError as error:
         error.close()
-        raise _refusal(address, error.code, error.reason) from None
+        raise _status_error(address, error.code, error.reason) from None
     except TimeoutError:
         raise Passing(f'"{address}" did not answer for {timeout:g} s') from None
     except urllib.error.URLError as error:
@@ -86,12 +88,12 @@ def _answer(address: str, timeout: float) -> Iterator[Any]:
         if isinstance(error.reason, socket.gaierror) and error.reason.errno in NO_NAME:
             host = urlsplit(request.full_url).hostname
             raise UserError(
-                f'"{address}": no machine is called {host}, or this one is not connected'
+                f'"{address}": no host is named {host}, or this computer is offline'
             ) from None
         raise Passing(f'"{address}" cannot be reached ({error.reason})') from None
     except http.client.IncompleteRead as error:
         raise Passing(
-            f'"{address}" sent half: {len(error.partial):,} bytes, then no more'
+            f'"{address}" sent an incomplete answer: {len(error.partial):,} bytes, then no more'
         ) from None
     except (OSError, http.client.HTTPException, ValueError) as error:
         raise Passing(f'"{address}" broke off ({error or type(error).__name__})') from None
@@ -100,9 +102,9 @@ def _answer(address: str, timeout: float) -> Iterator[Any]:
 class _Redirects(urllib.request.HTTPRedirectHandler):
     """Follow redirects to hosts that may be asked, with the credentials of the new host."""
 
-    def redirect_request(self, *told: Any) -> urllib.request.Request | None:
+    def redirect_request(self, *arguments: Any) -> urllib.request.Request | None:
         """Return the request to the new address."""
-        request = super().redirect_request(*told)
+        request = super().redirect_request(*arguments)
         if request is not None:
             fence.check_address(request.full_url)
             _authorize(request)
@@ -115,7 +117,7 @@ def _opener() -> urllib.request.OpenerDirector:
     return urllib.request.build_opener(_Redirects, urllib.request.HTTPCookieProcessor)
 
 
-def _refusal(address: str, status: int, reason: str) -> Exception:
+def _status_error(address: str, status: int, reason: str) -> Exception:
     host = urlsplit(address).hostname
     if status in (401, 403):
         return UserError(
@@ -123,11 +125,11 @@ def _refusal(address: str, status: int, reason: str) -> Exception:
         )
     if status in (404, 410):
         return UserError(
-            f'"{address}" is not there ({status}): no such dataset, or none of that time any more'
+            f'"{address}" is not there ({status}): no such dataset, or its times are no longer offered'
         )
     if status == 413:
         return UserError(
-            f'"{address}" says that this is too much at once (413): ask for a smaller box or a shorter span'
+            f'"{address}" rejects the request as too large (413): ask for a smaller box or a shorter span'
         )
     if status == 429 or status >= 500:
         return Passing(f'"{address}" failed ({status} {reason})')

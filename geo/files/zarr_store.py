@@ -60,14 +60,14 @@ def damage(folder: str, error: Exception) -> UserError:
             name, cause = found
             place = os.path.join(folder, name)
             return UserError(
-                f'"{place}": this array cannot be read, truncated or damaged ({_words(cause)})'
+                f'"{place}": this array cannot be read, truncated or damaged ({_one_line(cause)})'
             )
-    return UserError(f'"{folder}": cannot be read, truncated or damaged ({_words(error)})')
+    return UserError(f'"{folder}": cannot be read, truncated or damaged ({_one_line(error)})')
 
 
 def check(folder: str) -> None:
     """Raise UserError if metadata of a group or its arrays are no JSON or could run code."""
-    known = list(_documents(folder))
+    known = list(_metadata_files(folder))
     if known and not any(os.path.join(folder, name) in known for name in (".zgroup", "zarr.json")):
         raise UserError(
             f'"{os.path.join(folder, ".zgroup")}": is not there, but {known[0]} is; the store is damaged'
@@ -78,7 +78,7 @@ def check(folder: str) -> None:
                 document = json.load(file)
         except (ValueError, RecursionError) as error:
             raise UserError(
-                f'"{path}": is no JSON ({_words(error)}), truncated or damaged'
+                f'"{path}": is no JSON ({_one_line(error)}), truncated or damaged'
             ) from error
         except OSError as error:
             raise UserError(f'"{path}": cannot be read ({error.strerror})') from error
@@ -126,7 +126,7 @@ def without_pickles() -> Iterator[None]:
                 registry.register_codec(before, CODEC)
 
 
-def _documents(folder: str) -> Iterator[str]:
+def _metadata_files(folder: str) -> Iterator[str]:
     """Yield the metadata files of a group and of its direct children, which xarray opens."""
     inside = sorted(entry.name for entry in os.scandir(folder) if entry.is_dir())
     for place in ("", *inside):
@@ -200,5 +200,5 @@ def first_damaged(folder: str, largest: int = 0) -> tuple[str, Exception] | None
     return None
 
 
-def _words(error: BaseException) -> str:
+def _one_line(error: BaseException) -> str:
     return " ".join(str(error).split())[:120] or type(error).__name__

@@ -170,8 +170,8 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
         a, b = -88.0 + _east_of(lon, -88.0), np.asarray(lat, float)
         x, y = np.broadcast_arrays(a, b)
-        side, side_x, side_y = _beside(_smooth(LOOP), squeeze, x, y)
-        edge, edge_x, edge_y = _beside(_smooth(SHELF), squeeze, x, y)
+        side, side_x, side_y = _signed_distance(_smooth_corners(LOOP), squeeze, x, y)
+        edge, edge_x, edge_y = _signed_distance(_smooth_corners(SHELF), squeeze, x, y)
         depth = np.tanh((edge - 20e3) / 40e3)
         off = np.hypot((x + 88.0) * 0.9, y - 25.0) / 14.0
         far = np.clip(off - 0.7, 0, None)
@@ -216,7 +216,7 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
     return flow
 
 
-def _smooth(line: tuple[tuple[float, float], ...]) -> Array:
+def _smooth_corners(line: tuple[tuple[float, float], ...]) -> Array:
     """Smooth a polyline by Chaikin's corner cutting, shape (n, 2) [deg]."""
     points = np.array(line)
     for _ in range(3):
@@ -225,7 +225,9 @@ def _smooth(line: tuple[tuple[float, float], ...]) -> Array:
     return points
 
 
-def _beside(line: Array, squeeze: float, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+def _signed_distance(
+    line: Array, squeeze: float, lon: Array, lat: Array
+) -> tuple[Array, Array, Array]:
     """Return the distance [m] to a polyline and its derivatives by x and y.
 
     The distance is positive to the right of the polyline. The first and the last segment extend to

@@ -35,9 +35,15 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     listed = dataset.expand(paths, only or "current")
     # The process that reads an address ends with the last of its datasets. Keeping these references
     # lets one process serve all reads below.
-    _lines = [dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)]
+    _open_addresses = [
+        dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)
+    ]
     with dataset.readable(listed, "current"):
-        held = {only: listed} if only else _held(listed, options.get("variables") or {}, patience)
+        held = (
+            {only: listed}
+            if only
+            else _files_by_quantity(listed, options.get("variables") or {}, patience)
+        )
     own = [str((options.get("variables") or {}).get(key, "")) for key in ("east", "north")]
     if not held and any(own):
         raise UserError(
@@ -69,7 +75,9 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     return understood
 
 
-def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict[str, list[str]]:
+def _files_by_quantity(
+    listed: list[str], chosen: Mapping[str, Any], patience: float
+) -> dict[str, list[str]]:
     """Return for each quantity the files that hold it and those that hold no quantity (grids)."""
     variables: dict[str, dict[str, Any]] = {}
     for path in listed:
@@ -108,10 +116,10 @@ def describe(source: Source) -> list[str]:
     lines = [f"{QUANTITIES[source.quantity].spoken}: {source.name}"]
     around = " round the Earth" if grid.seamless else ""
     lines.append(
-        f"  where    {_degrees(box)}{around}; {grid.nlon} x {grid.nlat} nodes of {grid.dlon:.4g} x {grid.dlat:.4g} "
+        f"  where    {_format_box(box)}{around}; {grid.nlon} x {grid.nlat} nodes of {grid.dlon:.4g} x {grid.dlat:.4g} "
         "degrees"
     )
-    lines.append(f"  when     {_when(source)}")
+    lines.append(f"  when     {_describe_times(source)}")
     values = source.read(0)
     speed = np.hypot(values[..., 0], values[..., 1])
     missing = f"  missing  {notation.percent(source.missing)} of the nodes of the first slice"
@@ -157,7 +165,7 @@ def sketch(source: Source, width: int = 60, height: int = 22) -> list[str]:
     return lines
 
 
-def _when(source: Source) -> str:
+def _describe_times(source: Source) -> str:
     times = source.times[1:-1] if source.edges else source.times
     if len(times) == 0:
         return "steady: at all times"
@@ -165,9 +173,9 @@ def _when(source: Source) -> str:
         return f"{notation.group(times[0])} only"
     steps = np.unique(np.diff(times).astype("m8[m]").astype(int))
     every = (
-        f"every {_span(steps[0])}"
+        f"every {_format_interval(steps[0])}"
         if len(steps) == 1
-        else f"{_span(steps[0])} to {_span(steps[-1])} apart"
+        else f"{_format_interval(steps[0])} to {_format_interval(steps[-1])} apart"
     )
     held = (
         f", held from {notation.group(source.times[0])} to {notation.group(source.times[-1])}"
@@ -177,11 +185,11 @@ def _when(source: Source) -> str:
     return f"{notation.group(times[0])} to {notation.group(times[-1])}, {len(times)} slices {every}{held}"
 
 
-def _span(minutes: int) -> str:
+def _format_interval(minutes: int) -> str:
     return f"{minutes / 60:g} h" if minutes >= 60 else f"{minutes} min"
 
 
-def _degrees(box: Box) -> str:
+def _format_box(box: Box) -> str:
     west, east = (f"{abs(v):.2f} {'EW'[v < 0]}" for v in (box.west, sphere.wrap_degrees(box.east)))
     south, north = (f"{abs(v):.2f} {'NS'[v < 0]}" for v in (box.south, box.north))
     return f"{west} to {east}, {south} to {north}"

@@ -20,18 +20,18 @@ LOOKED_AT = 2**16  # largest number of values per slice that is read to find a p
 
 def check_sizes(name: str, quantity: str, pair: tuple[Component, Component]) -> None:
     """Raise UserError if the two components do not have the same number of members."""
-    told = [
-        f"{c.name} has {_size(c)} along {c.member}" if c.member else f"{c.name} has none"
+    counts = [
+        f"{c.name} has {_member_count(c)} along {c.member}" if c.member else f"{c.name} has none"
         for c in pair
     ]
-    if pair[0].member != pair[1].member or _size(pair[0]) != _size(pair[1]):
+    if pair[0].member != pair[1].member or _member_count(pair[0]) != _member_count(pair[1]):
         raise UserError(
-            f"{name}: of the members of the ensemble {' and '.join(told)}; both components must have the same; set "
+            f"{name}: number of ensemble members: {' and '.join(counts)}; both components must have the same; set "
             f"[[{quantity}]] files"
         )
 
 
-def _size(component: Component) -> int:
+def _member_count(component: Component) -> int:
     return int(component.segments[0][0].sizes[component.member]) if component.member else 1
 
 
@@ -43,7 +43,7 @@ def check_held(component: Component) -> None:
     for i in dict.fromkeys((0, len(component.segments) - 1)):
         if np.isfinite(slices.block(component, i, every)).any():
             return
-    mend = f"take it out of [[{component.quantity}]] files"
+    mend = f"remove it from [[{component.quantity}]] files"
     if component.member:
         mend += f", or set variables.{component.member} to the index of one that has values"
     raise UserError(
@@ -56,14 +56,14 @@ def check_grid(
 ) -> None:
     """Raise UserError if a member's grid points differ from those of the first member."""
     for own, other in zip(pair, first, strict=True):
-        if not _alike(own.layout, other.layout):
+        if not _same_points(own.layout, other.layout):
             raise UserError(
                 f'the points of "{own.name}" are not those of the first member: all members of an ensemble must have one '
-                f"grid; take it out of [[{quantity}]] files"
+                f"grid; remove it from [[{quantity}]] files"
             )
 
 
-def _alike(own: Layout, other: Layout) -> bool:
+def _same_points(own: Layout, other: Layout) -> bool:
     if type(own) is not type(other):
         return False
     pairs = zip(layout.points(own), layout.points(other), strict=True)

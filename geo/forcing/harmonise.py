@@ -42,7 +42,9 @@ def rename_components(
     """
     result = list(files)
     first = (
-        None if {"east", "north"} & set(chosen) else _found(quantity, [data for _, data in files])
+        None
+        if {"east", "north"} & set(chosen)
+        else _find_components(quantity, [data for _, data in files])
     )
     for _ in range(FEW_NAMES if first is not None else 0):
         assert first is not None
@@ -50,9 +52,9 @@ def rename_components(
         lacking = [
             k for k, (_, data) in enumerate(result) if not own & set(map(str, data.variables))
         ]
-        other = _found(quantity, [result[k][1] for k in lacking])
+        other = _find_components(quantity, [result[k][1] for k in lacking])
         if other is None or (
-            other.axes != first.axes and not _straight(result[lacking[0]][1], other)
+            other.axes != first.axes and not _has_lonlat_axes(result[lacking[0]][1], other)
         ):
             break
         new = {other.east: first.east, other.north: first.north}
@@ -71,7 +73,7 @@ def rename_components(
     return result
 
 
-def _found(quantity: str, datasets: Sequence[xr.Dataset]) -> Pair | None:
+def _find_components(quantity: str, datasets: Sequence[xr.Dataset]) -> Pair | None:
     """Return the components in the first dataset that has both, otherwise those in all together.
 
     None if there are none.
@@ -94,7 +96,7 @@ def _found(quantity: str, datasets: Sequence[xr.Dataset]) -> Pair | None:
     return None
 
 
-def _straight(data: xr.Dataset, pair: Pair) -> bool:
+def _has_lonlat_axes(data: xr.Dataset, pair: Pair) -> bool:
     """Return True if the grid's axes are longitude and latitude, so that "grid" axes are true."""
     name = pair.east if pair.east in data.variables else pair.north
     roles = {
@@ -124,19 +126,19 @@ def align_grids(
         first = result[holding[0]][1]
         for k in holding[1:]:
             path, data = result[k]
-            data = _with_dims(first, data, name)
+            data = _rename_dims(first, data, name)
             result[k] = (
                 path,
-                data if units is not None else _in_units(first, data, name, path, notes),
+                data if units is not None else _convert_units(first, data, name, path, notes),
             )
-        fewest = min((result[k][1] for k in holding), key=lambda data: _points(data, name))
+        fewest = min((result[k][1] for k in holding), key=lambda data: _count_points(data, name))
         for k in holding:
             path, data = result[k]
-            result[k] = (path, _in_order(fewest, data, name, path, notes))
+            result[k] = (path, _match_axes(fewest, data, name, path, notes))
     return result
 
 
-def _points(data: xr.Dataset, name: str) -> int:
+def _count_points(data: xr.Dataset, name: str) -> int:
     sizes = {
         str(d): n
         for d, n in data[name].sizes.items()
@@ -145,9 +147,11 @@ def _points(data: xr.Dataset, name: str) -> int:
     return int(np.prod(list(sizes.values()) or [0]))
 
 
-def _with_dims(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
+def _rename_dims(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
     """Return a dataset with the dimension names that the first dataset has for the same kinds."""
-    wanted, own = ({str(d): _kind(held, str(d)) for d in held[name].dims} for held in (first, data))
+    wanted, own = (
+        {str(d): _kind_of_dim(held, str(d)) for d in held[name].dims} for held in (first, data)
+    )
     new = {}
     for dim, kind in own.items():
         fitting = [other for other, its in wanted.items() if its == kind]
@@ -158,7 +162,7 @@ def _with_dims(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
     return data.rename(new) if new and free else data
 
 
-def _kind(data: xr.Dataset, dim: str) -> str | None:
+def _kind_of_dim(data: xr.Dataset, dim: str) -> str | None:
     """Return the kind of a dimension: "time", "level", "member", "x" or "y".
 
     None for anything else.
@@ -175,7 +179,7 @@ def _kind(data: xr.Dataset, dim: str) -> str | None:
     return "level" if level.is_vertical(data, dim) else component.axis_of(data, dim)
 
 
-def _in_units(
+def _convert_units(
     first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: list[str]
 ) -> xr.Dataset:
     """Return a dataset with a variable converted to its units in the first, if both are known."""
@@ -188,7 +192,7 @@ def _in_units(
         return data
     ratio, variable = factors[1] / factors[0], data.variables[name]
     if not np.isclose(ratio, 1.0, rtol=1e-9):
-        variable = _scaled(variable, ratio)
+        variable = _scale_lazily(variable, ratio)
         notes.append(
             f'{os.path.basename(path)}: "{name}" converted from "{pair[1]}" to "{pair[0]}"'
         )
@@ -197,7 +201,7 @@ def _in_units(
     return data.assign({name: variable})
 
 
-def _scaled(variable: xr.Variable, ratio: float) -> xr.Variable:
+def _scale_lazily(variable: xr.Variable, ratio: float) -> xr.Variable:
     """Return a variable times a number, computed lazily; its packing is scaled as well."""
 
     def read(part: derived.Part) -> Array:
@@ -213,7 +217,7 @@ def _scaled(variable: xr.Variable, ratio: float) -> xr.Variable:
     return result
 
 
-def _in_order(
+def _match_axes(
     first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: list[str]
 ) -> xr.Dataset:
     """Return a dataset restricted to the columns and rows of the first dataset, in its order.
@@ -223,12 +227,12 @@ def _in_order(
     if data is first:
         return data
     for dim in (str(d) for d in first[name].dims if d in data[name].dims):
-        pair = _along(first, dim), _along(data, dim)
+        pair = _coordinate_along(first, dim), _coordinate_along(data, dim)
         if pair[0] is None or pair[1] is None:
             continue
         (own, kind), (other, _) = pair[0], pair[1]
         wanted, held = np.asarray(first[own].values, float), np.asarray(data[other].values, float)
-        index = _places(wanted, held, kind)
+        index = _index_of_each(wanted, held, kind)
         if index is None:
             continue
         if len(index) != len(held) or np.abs(held - wanted).max() > NEAR:
@@ -240,10 +244,10 @@ def _in_order(
             )
             data = data.isel({dim: index})
         data = data.assign({other: (data[other].dims, first[own].values, data[other].attrs)})
-    return _turned(first, data, name)
+    return _match_curved_grid(first, data, name)
 
 
-def _along(data: xr.Dataset, dim: str) -> tuple[str, str] | None:
+def _coordinate_along(data: xr.Dataset, dim: str) -> tuple[str, str] | None:
     """Return the coordinate along a dimension of a grid and its role.
 
     The role is "longitude", "latitude" or "plane". None if there is no such coordinate.
@@ -261,7 +265,7 @@ def _along(data: xr.Dataset, dim: str) -> tuple[str, str] | None:
     return (dim, "plane") if planar else None
 
 
-def _places(wanted: Array, held: Array, kind: str) -> NDArray[np.int64] | None:
+def _index_of_each(wanted: Array, held: Array, kind: str) -> NDArray[np.int64] | None:
     """Return the index in `held` of each of the wanted coordinates.
 
     None if some are absent, or if `held` is a finer grid that only shares points with `wanted`.
@@ -276,7 +280,7 @@ def _places(wanted: Array, held: Array, kind: str) -> NDArray[np.int64] | None:
     order = np.argsort(held, kind="stable")
     after = np.searchsorted(held[order], wanted)
     beside = np.stack([order[(after + k) % len(held)] for k in (-1, 0)])
-    apart = _apart(held[beside], wanted, kind)
+    apart = _difference(held[beside], wanted, kind)
     index = beside[apart.argmin(axis=0), np.arange(len(wanted))]
     if (apart.min(axis=0) > NEAR * step).any():
         return None
@@ -288,12 +292,12 @@ def _places(wanted: Array, held: Array, kind: str) -> NDArray[np.int64] | None:
     )
 
 
-def _apart(one: Array, other: Array, kind: str) -> Array:
+def _difference(one: Array, other: Array, kind: str) -> Array:
     apart = np.abs(one - other) % 360.0 if kind == "longitude" else np.abs(one - other)
     return np.asarray(np.minimum(apart, 360.0 - apart)) if kind == "longitude" else apart
 
 
-def _turned(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
+def _match_curved_grid(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
     """Return a dataset with the rows and columns of its curvilinear grid ordered as in the first.
 
     The coordinates of the first dataset replace its own.
@@ -301,7 +305,7 @@ def _turned(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
     dims = [str(d) for d in first[name].dims if d in data[name].dims]
     pairs = []
     for role in ("longitude", "latitude"):
-        own, other = (_curved(held, dims, role) for held in (first, data))
+        own, other = (_curved_coordinate(held, dims, role) for held in (first, data))
         if (
             own is None
             or other is None
@@ -315,7 +319,7 @@ def _turned(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
             {d: slice(None, None, flip) for d, flip in zip(along, flips, strict=True)}
         )
         if all(
-            _same(first[own], turned[other].transpose(*first[own].dims), role)
+            _same_coordinates(first[own], turned[other].transpose(*first[own].dims), role)
             for own, other, role in pairs
         ):
             return turned.assign(
@@ -327,7 +331,7 @@ def _turned(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
     return data
 
 
-def _curved(data: xr.Dataset, dims: Sequence[str], role: str) -> str | None:
+def _curved_coordinate(data: xr.Dataset, dims: Sequence[str], role: str) -> str | None:
     """Return the 2-D coordinate with a role over the dimensions of a grid.
 
     None if there is none or more than one.
@@ -342,8 +346,8 @@ def _curved(data: xr.Dataset, dims: Sequence[str], role: str) -> str | None:
     return found[0] if len(found) == 1 else None
 
 
-def _same(own: xr.DataArray, other: xr.DataArray, role: str) -> bool:
+def _same_coordinates(own: xr.DataArray, other: xr.DataArray, role: str) -> bool:
     wanted, held = np.asarray(own.values, float), np.asarray(other.values, float)
     there = np.isfinite(wanted) & np.isfinite(held)
     same = np.array_equal(np.isfinite(wanted), np.isfinite(held))
-    return same and bool((_apart(wanted, held, role)[there] <= SAME).all())
+    return same and bool((_difference(wanted, held, role)[there] <= SAME).all())

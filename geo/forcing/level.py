@@ -155,23 +155,25 @@ def choose(
     count = int(data.sizes[dim])
     if not count:
         raise UserError(f'{where}: "{dim}" has no level; set [[{quantity}]] files')
-    levels = _along(data, dim, quantity)
+    levels = _levels_along(data, dim, quantity)
     if levels is None:
-        return _uncounted(dim, count, quantity, depth, where) if count > 1 else (0, "")
+        return _choose_by_name(dim, count, quantity, depth, where) if count > 1 else (0, "")
     if not np.isfinite(levels.values).all():
         raise UserError(
-            f'{where}: "{dim}" has missing values, so that nothing says which level lies at the surface; where you '
-            f"know it, name it by its index in [[{quantity}]] variables.{dim}"
+            f'{where}: "{dim}" has missing values, so the level at the surface is unknown; if you '
+            f"know it, give its index in [[{quantity}]] variables.{dim}"
         )
-    return _judge(levels, name, quantity, depth, where)
+    return _choose_level(levels, name, quantity, depth, where)
 
 
 def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
     """Return the levels of a variable that are scalar coordinates or stated by its attributes."""
     variable = data[name]
     own = set(map(str, variable.dims))
-    listed = _listed(variable) | set(map(str, variable.coords))
-    others = set().union(*(_listed(data[n]) for n in map(str, data.variables) if n != name))
+    listed = _listed_coordinates(variable) | set(map(str, variable.coords))
+    others = set().union(
+        *(_listed_coordinates(data[n]) for n in map(str, data.variables) if n != name)
+    )
     levels = []
     for other in map(str, data.variables):
         held = data[other]
@@ -183,17 +185,19 @@ def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
         lent = any(dims & set(map(str, v.dims)) for n, v in data.variables.items() if n != other)
         if other in listed or (other not in others and not lent):
             levels.append(
-                _read(other, held.attrs, np.ravel(held.values).astype(np.float64), quantity, True)
+                _build_levels(
+                    other, held.attrs, np.ravel(held.values).astype(np.float64), quantity, True
+                )
             )
     if levels or any(is_vertical(data, d) for d in own):
         return levels
-    stated = _stated(name, variable.attrs, quantity)
+    stated = _stated_level(name, variable.attrs, quantity)
     return [stated] if stated is not None else []
 
 
 def accept(levels: Levels, name: str, quantity: str, depth: float | None, where: str) -> str:
     """Return a note on a scalar level; raise UserError if it does not represent the surface."""
-    return _judge(levels, name, quantity, depth, where)[1]
+    return _choose_level(levels, name, quantity, depth, where)[1]
 
 
 def passes(name: str, attributes: Mapping[str, Any], quantity: str) -> bool | None:
@@ -203,15 +207,15 @@ def passes(name: str, attributes: Mapping[str, Any], quantity: str) -> bool | No
     """
     if _at_surface(attributes):
         return True
-    levels = _stated(name, attributes, quantity)
-    return None if levels is None else _surface(levels, quantity) is not None
+    levels = _stated_level(name, attributes, quantity)
+    return None if levels is None else _surface_index(levels, quantity) is not None
 
 
 def _at_surface(attributes: Mapping[str, Any]) -> bool:
     return str(attributes.get("GRIB_typeOfLevel", "")).lower() in SURFACES
 
 
-def _stated(name: str, attributes: Mapping[str, Any], quantity: str) -> Levels | None:
+def _stated_level(name: str, attributes: Mapping[str, Any], quantity: str) -> Levels | None:
     """Return the level that a variable's attributes or name state.
 
     None if they state none or the surface.
@@ -233,11 +237,11 @@ def same(data: xr.Dataset, other: xr.Dataset, dim: str, index: int) -> bool:
     )
 
 
-def _listed(variable: xr.DataArray) -> set[str]:
+def _listed_coordinates(variable: xr.DataArray) -> set[str]:
     return set(str(variable.attrs.get("coordinates", "")).split())
 
 
-def _along(data: xr.Dataset, dim: str, quantity: str) -> Levels | None:
+def _levels_along(data: xr.Dataset, dim: str, quantity: str) -> Levels | None:
     """Return the levels along a dimension.
 
     They come from its own coordinate or from the only vertical variable along the dimension. None
@@ -257,10 +261,10 @@ def _along(data: xr.Dataset, dim: str, quantity: str) -> Levels | None:
     values = np.asarray(coordinate.transpose(dim, ...).values, np.float64)
     if values.ndim > 1:  # FVCOM: siglay(siglay, node)
         values = np.nanmean(values.reshape(len(values), -1), axis=1)
-    return _read(dim, coordinate.attrs, values, quantity, False)
+    return _build_levels(dim, coordinate.attrs, values, quantity, False)
 
 
-def _read(
+def _build_levels(
     name: str, attributes: Mapping[str, Any], values: Real, quantity: str, lone: bool
 ) -> Levels:
     """Return levels with their kind and position, as far as name, units and attributes say."""
@@ -287,8 +291,8 @@ def _read(
         "-",
         "sigma_level",
     )
-    share = _sigma(name, standard, units) and np.abs(values).max(initial=0.0) <= 1.0 + 1e-6
-    if none and values.size and _counts(values) and not share:
+    share = _is_sigma(name, standard, units) and np.abs(values).max(initial=0.0) <= 1.0 + 1e-6
+    if none and values.size and _are_level_numbers(values) and not share:
         kind = "number"
         if upwards is None:
             upwards = True if FROM_BOTTOM.match(name) else False if FROM_TOP.match(name) else None
@@ -303,7 +307,7 @@ def _read(
     elif length is not None:
         kind, away = "depth", np.abs(values) * length
     elif share:
-        kind, away = "sigma", _from_surface(values, quantity, upwards)
+        kind, away = "sigma", _sigma_from_surface(values, quantity, upwards)
     elif (
         none
         and (DEPTHS.match(name) or standard == "depth")
@@ -326,7 +330,7 @@ def _read(
     return Levels(name, kind, values, units, away, upwards, lone)
 
 
-def _counts(values: Real) -> bool:
+def _are_level_numbers(values: Real) -> bool:
     """Return True if values number levels (3, 4, 5, ... or one nonzero whole number)."""
     whole = bool((values == np.round(values)).all()) if np.isfinite(values).all() else False
     return whole and (
@@ -334,7 +338,7 @@ def _counts(values: Real) -> bool:
     )
 
 
-def _sigma(name: str, standard: str, units: str) -> bool:
+def _is_sigma(name: str, standard: str, units: str) -> bool:
     return bool(
         SIGMAS.match(name)
         or units.lower() == "sigma_level"
@@ -342,7 +346,7 @@ def _sigma(name: str, standard: str, units: str) -> bool:
     )
 
 
-def _from_surface(values: Real, quantity: str, upwards: bool | None) -> Real:
+def _sigma_from_surface(values: Real, quantity: str, upwards: bool | None) -> Real:
     """Return the distance of sigma levels from the surface [1]; NaN if it cannot be known.
 
     At the surface sigma is 1 in the atmosphere and 0 in the ocean, where it is -1 at the bottom.
@@ -369,7 +373,7 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
             kind, "m" if re.match("height|depthBelowSea", kind) else ""
         )
         if value is not None and not kind.endswith("Layer"):
-            read = _read(kind, {"units": units}, np.array([float(value)]), quantity, True)
+            read = _build_levels(kind, {"units": units}, np.array([float(value)]), quantity, True)
             return Levels(
                 "level", read.kind, read.values, read.units or kind, read.away, None, True
             )
@@ -387,7 +391,9 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
         if QUANTITIES[quantity].in_air:
             hit = re.search(number + r"[\s-]*(hpa|mb|mbar|millibars?)\b", text)
             if hit:
-                return _read("level", {"units": hit[2]}, np.array([float(hit[1])]), quantity, True)
+                return _build_levels(
+                    "level", {"units": hit[2]}, np.array([float(hit[1])]), quantity, True
+                )
             of = r"\s*(?:above|height|wind|[uv]\b|[uv][- ]|eastward|northward|zonal|meridional)"
             hit = re.search(f"{at}{number}{metre}", text) or re.search(
                 rf"\b{number}{metre}(?={of})", text
@@ -397,7 +403,7 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
                 rf"\b{number}{metre}\s*(?:depth|below|deep)", text
             )
         if hit:
-            return _read("level", {"units": "m"}, np.array([float(hit[1])]), quantity, True)
+            return _build_levels("level", {"units": "m"}, np.array([float(hit[1])]), quantity, True)
     return None
 
 
@@ -409,13 +415,13 @@ def of_name(name: str, quantity: str) -> Levels | None:
         if in_air or unit.lower() == "m":
             sigma = unit.lower() == "sigma"
             called, units = ("sigma", "") if sigma else ("level", unit)
-            read = _read(called, {"units": units}, np.array([value]), quantity, True)
+            read = _build_levels(called, {"units": units}, np.array([value]), quantity, True)
             return replace(read, name="level")
     counted = COUNTED.match(name) if in_air else None
     if counted:
         value = float(counted[1] or counted[2] or counted[3])
         unit = "hPa" if value >= LEAST_PRESSURE else "m"
-        return _read("level", {"units": unit}, np.array([value]), quantity, True)
+        return _build_levels("level", {"units": unit}, np.array([value]), quantity, True)
     word = (IN_AIR if in_air else IN_WATER).search(name)
     if word:
         return Levels(
@@ -424,7 +430,7 @@ def of_name(name: str, quantity: str) -> Levels | None:
     return None
 
 
-def _surface(levels: Levels, quantity: str) -> int | None:
+def _surface_index(levels: Levels, quantity: str) -> int | None:
     """Return the index of the level that represents the surface; None if no level does.
 
     For winds it is the accepted level nearest to 10 m.
@@ -450,7 +456,7 @@ def _surface(levels: Levels, quantity: str) -> int | None:
     return best if np.isfinite(distance[best]) else None
 
 
-def _judge(
+def _choose_level(
     levels: Levels, name: str, quantity: str, depth: float | None, where: str
 ) -> tuple[int, str]:
     count = len(levels.values)
@@ -458,7 +464,7 @@ def _judge(
         if levels.kind != "depth":
             raise UserError(
                 f'{where}: [[{quantity}]] depth = {depth:g} m, but "{levels.name}" of {name} has levels that are not '
-                f"in metres: {_spoken(levels)}; {_key(levels, quantity, False)}"
+                f"in metres: {_format_levels(levels)}; {_advice(levels, quantity, False)}"
             )
         chosen = int(np.argmin(np.abs(levels.away - abs(depth))))
         apart = abs(float(levels.away[chosen]) - abs(depth))
@@ -466,12 +472,12 @@ def _judge(
         if not inside and apart > max(DEEPEST, abs(depth) / 4):
             raise UserError(
                 f"{where}: {name} has no level near [[{quantity}]] depth = {depth:g} m: it is given at "
-                f"{_spoken(levels)}"
+                f"{_format_levels(levels)}"
             )
     else:
-        surface = _surface(levels, quantity)
+        surface = _surface_index(levels, quantity)
         if surface is None:
-            raise UserError(_refusal(levels, name, quantity, where))
+            raise UserError(_rejection(levels, name, quantity, where))
         chosen = surface
     if (
         count == 1
@@ -479,7 +485,7 @@ def _judge(
         and (levels.away[0] == 0 or (levels.kind == "height" and not levels.lone))
     ):
         return 0, ""
-    value = _number(levels.values[chosen])
+    value = _format_number(levels.values[chosen])
     if QUANTITIES[quantity].in_air and levels.kind == "height":
         return chosen, f"height {value} {levels.units or 'm'}" + (
             f" of {count} levels" if count > 1 else ""
@@ -493,28 +499,28 @@ def _judge(
     return chosen, f'level {value}{unit} of {count} along "{levels.name}"{guess}'
 
 
-def _refusal(levels: Levels, name: str, quantity: str, where: str) -> str:
+def _rejection(levels: Levels, name: str, quantity: str, where: str) -> str:
     only = "the only level" if len(levels.values) == 1 else "all levels"
     if not len(levels.values):
         given = f'is given at a level of type "{levels.units}"'
     elif np.isfinite(levels.away).all() or levels.kind == "pressure":
-        given = f'is given at {_spoken(levels)} ("{levels.name}", {only} of it)'
+        given = f'is given at {_format_levels(levels)} ("{levels.name}", {only} of it)'
     else:
-        given = f'has "{levels.name}" = {_spoken(levels)}, and nothing says how far from the surface that is'
-    key = _key(levels, quantity, levels.kind == "depth")
+        given = f'has "{levels.name}" = {_format_levels(levels)}, and nothing says how far from the surface that is'
+    key = _advice(levels, quantity, levels.kind == "depth")
     return f"{where}: {name} {given}; needed is {QUANTITIES[quantity].wanted}: {key}"
 
 
-def _key(levels: Levels, quantity: str, by_depth: bool) -> str:
+def _advice(levels: Levels, quantity: str, by_depth: bool) -> str:
     """Return how to choose a level. No value is proposed: the user must know what to choose."""
     place = f"its index there, counted from 0, in [[{quantity}]] variables.{levels.name}"
     if by_depth:
         place = f"[[{quantity}]] depth, or {place}"
-    return f"name a file that has it in [[{quantity}]] files, or, if you know a level here to be right, name it by {place}"
+    return f"name a file that has it in [[{quantity}]] files, or, if you know which level here is right, give {place}"
 
 
-def _spoken(levels: Levels) -> str:
-    values = [_number(v) for v in levels.values]
+def _format_levels(levels: Levels) -> str:
+    values = [_format_number(v) for v in levels.values]
     if len(values) > 12:
         values = [*values[:6], "...", *values[-3:]]
     text = ", ".join(values)
@@ -526,11 +532,11 @@ def _spoken(levels: Levels) -> str:
     return f"{text} {unit}"
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     return f"{value:.6g}"
 
 
-def _uncounted(
+def _choose_by_name(
     dim: str, count: int, quantity: str, depth: float | None, where: str
 ) -> tuple[int, str]:
     """Return the index and a note for the surface along a vertical dimension without coordinate.
@@ -539,8 +545,8 @@ def _uncounted(
     """
     if depth is not None and not QUANTITIES[quantity].in_air:
         raise UserError(
-            f'{where}: [[{quantity}]] depth = {depth:g} m, but the {count} levels of "{dim}" have no depths; where '
-            f"you know them, name one by its index, counted from 0, in [[{quantity}]] variables.{dim}"
+            f'{where}: [[{quantity}]] depth = {depth:g} m, but the {count} levels of "{dim}" have no depths; if '
+            f"you know them, give an index, counted from 0, in [[{quantity}]] variables.{dim}"
         )
     upwards = bool(FROM_BOTTOM.match(dim))
     if not QUANTITIES[quantity].in_air and (upwards or FROM_TOP.match(dim)):
@@ -550,7 +556,7 @@ def _uncounted(
             f'{"last" if upwards else "first"} of {count} levels along "{dim}", taken as the surface',
         )
     raise UserError(
-        f'{where}: "{dim}" has {count} levels and nothing says where they lie; needed is '
-        f"{QUANTITIES[quantity].wanted}: where you know "
-        f"which that is, name it by its index, counted from 0, in [[{quantity}]] variables.{dim}"
+        f'{where}: "{dim}" has {count} levels of unknown position; needed is '
+        f"{QUANTITIES[quantity].wanted}: if you know "
+        f"which that is, give its index, counted from 0, in [[{quantity}]] variables.{dim}"
     )

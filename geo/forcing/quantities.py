@@ -177,7 +177,7 @@ def _standard_name(attributes: Attributes, key: str) -> str:
     return re.sub(r"\s+", "_", text)
 
 
-def _best(
+def _prefer(
     names: list[str], attributes: Mapping[str, Attributes], quantity: str, east: bool
 ) -> list[str]:
     """Return the best of several variables with the same standard name.
@@ -201,7 +201,7 @@ def _best(
     return names
 
 
-def _named(variables: Mapping[str, Attributes], key: str, name: str) -> list[str]:
+def _with_standard_name(variables: Mapping[str, Attributes], key: str, name: str) -> list[str]:
     """Return the variables with a standard name, except gusts, which some files label as winds."""
     return [
         n for n, a in variables.items() if _standard_name(a, key) == name and not GUST.search(n)
@@ -212,7 +212,7 @@ def _by_standard_name(quantity: str, variables: Mapping[str, Attributes], key: s
     halves: list[str] = []
     for east_name, north_name, axes in STANDARD[quantity]:
         held = [
-            _best(_named(variables, key, name), variables, quantity, east)
+            _prefer(_with_standard_name(variables, key, name), variables, quantity, east)
             for name, east in ((east_name, True), (north_name, False))
         ]
         if not held[0] or not held[1]:
@@ -295,7 +295,7 @@ def find(
                 raise UserError(f"[[{quantity}]] variables names one component; set {key} as well")
             if chosen[key] not in variables:
                 raise UserError(
-                    f'{name}: no variable "{chosen[key]}"; it holds {_list(variables)}; set [[{quantity}]] variables'
+                    f'{name}: no variable "{chosen[key]}"; it holds {_list_names(variables)}; set [[{quantity}]] variables'
                 )
         east, north = str(chosen["east"]), str(chosen["north"])
         standard = {e: a for e, _, a in STANDARD[quantity]} | {e: a for e, _, a in COMMON[quantity]}
@@ -307,16 +307,16 @@ def find(
         return Pair(east, north, axes or axes_named, "the case's own choice")
     pair = search(quantity, variables)
     if pair is None:
-        raise UserError(_absent(quantity, variables, name))
+        raise UserError(_absence_message(quantity, variables, name))
     return Pair(pair.east, pair.north, axes or pair.axes, pair.how)
 
 
-def _list(variables: Mapping[str, Attributes]) -> str:
+def _list_names(variables: Mapping[str, Attributes]) -> str:
     names = sorted(n for n in variables if not naming.of_grid(n))
     return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "no variable"
 
 
-def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> str:
+def _absence_message(quantity: str, variables: Mapping[str, Attributes], name: str) -> str:
     where = f"set [[{quantity}]] files to one that does, or [[{quantity}]] variables = {{ east = ..., north = ... }}"
     components = (
         {name for name, _, _ in STANDARD[quantity] + COMMON[quantity]},
@@ -346,5 +346,5 @@ def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> st
         pair = search(other, variables) if other != quantity else None
         if pair is not None:
             held_instead.append(f"{QUANTITIES[other].spoken} ({pair.east}, {pair.north})")
-    what = " and ".join(held_instead) if held_instead else _list(variables)
+    what = " and ".join(held_instead) if held_instead else _list_names(variables)
     return f"no {QUANTITIES[quantity].spoken} in the {QUANTITIES[quantity].spoken} file {name}: it holds {what}; {where}"

@@ -97,7 +97,7 @@ def open_reader(request: Request, paths: dataset.Paths | memory.Held) -> Reading
     asked = f"{request.variables} {request.units} {request.times} {request.steady} {request.depth} {request.box}"
     asked += f" members {request.members}" if request.members else ""
     time = opened.components[0].segments[0][2]
-    digest = _digest(
+    digest = _fingerprint(
         request, paths, opened.files, pair, time, f"{q} {pair.east} {pair.north} {asked}"
     )
     return replace(reading, fingerprint=digest)
@@ -113,31 +113,33 @@ def open_all(request: Request, paths: dataset.Paths | memory.Held) -> Opened:
     Returns:
         The source; for an ensemble the first member with all others in `others`.
     """
-    files = _files(request, paths)
+    files = _open_files(request, paths)
     if not request.members:
-        return _open(request, paths, files)
+        return _open_single(request, paths, files)
     dim = request.members if isinstance(request.members, str) else None
     if dim is not None and not any(dim in data.dims for _, data in files):
-        raise UserError(_no_members(request, files))
+        raise UserError(_no_members_message(request, files))
     if dim is not None or any(members.lie_in(data) for _, data in files):
-        return _along(_open(request, paths, files))
-    return _entries(request, paths, files)
+        return _members_along_dim(_open_single(request, paths, files))
+    return _members_by_entry(request, paths, files)
 
 
-def _files(request: Request, paths: dataset.Paths | memory.Held) -> list[tuple[str, xr.Dataset]]:
+def _open_files(
+    request: Request, paths: dataset.Paths | memory.Held
+) -> list[tuple[str, xr.Dataset]]:
     if isinstance(paths, memory.Held):
         return [(paths.title, memory.as_stored(paths))]
     q = request.quantity
     return [(path, dataset.open_one(path, q, request.timeout)) for path in dataset.expand(paths, q)]
 
 
-def _along(opened: Opened) -> Opened:
+def _members_along_dim(opened: Opened) -> Opened:
     """Return a source as an ensemble whose members lie along a dimension of its variables."""
     request, pair = opened.request, opened.components
     ensemble.check_sizes(request.name, request.quantity, pair)
     dim = pair[0].member
     if dim is None:
-        raise UserError(_no_members(request, opened.files))
+        raise UserError(_no_members_message(request, opened.files))
     called = members.labels(pair[0].segments[0][0], dim)
     every = [
         (
@@ -147,28 +149,28 @@ def _along(opened: Opened) -> Opened:
         for k in range(len(called))
     ]
     for number, own in enumerate(every):
-        with _of_member(number, called, f"{dim} = ", request.name):
+        with _naming_member(number, called, f"{dim} = ", request.name):
             for component_ in own:
                 ensemble.check_held(component_)
     others = tuple(
         replace(opened, components=own, label=label)
         for own, label in zip(every[1:], called[1:], strict=True)
     )
-    told = f"{len(called)} members of an ensemble along {dim}: {members.some(called)}"
-    return replace(opened, label=called[0], others=others, notes=(*opened.notes, told))
+    note = f"{len(called)} members of an ensemble along {dim}: {members.some(called)}"
+    return replace(opened, label=called[0], others=others, notes=(*opened.notes, note))
 
 
-def _entries(
+def _members_by_entry(
     request: Request, paths: dataset.Paths | memory.Held, files: list[tuple[str, xr.Dataset]]
 ) -> Opened:
     """Return an ensemble of which each entry of `request.entries` is a member."""
     if len(request.entries) < 2:
-        raise UserError(_no_members(request, files))
-    called = _called(request.entries)
+        raise UserError(_no_members_message(request, files))
+    called = _member_labels(request.entries)
     every: list[Opened] = []
     held = dict(files)
     for number, entry in enumerate(request.entries):
-        with _of_member(number, called), dataset.readable(entry, request.quantity):
+        with _naming_member(number, called), dataset.readable(entry, request.quantity):
             own = [
                 (
                     path,
@@ -178,7 +180,9 @@ def _entries(
                 )
                 for path in dataset.expand(entry, request.quantity)
             ]
-            opened = _open(replace(request, name=dataset.title(entry), members=False), entry, own)
+            opened = _open_single(
+                replace(request, name=dataset.title(entry), members=False), entry, own
+            )
             for component_ in opened.components:
                 ensemble.check_held(component_)
             if every:
@@ -188,7 +192,7 @@ def _entries(
         [opened.times for opened in every], request.name, request.quantity
     )
     every = [
-        _only(opened, times, own, label)
+        _select_times(opened, times, own, label)
         for opened, own, label in zip(every, chosen, called, strict=True)
     ]
     first, notes = every[0], list(every[0].notes)
@@ -206,7 +210,9 @@ def _entries(
 
 
 @contextmanager
-def _of_member(number: int, called: Sequence[str], by: str = "", name: str = "") -> Iterator[None]:
+def _naming_member(
+    number: int, called: Sequence[str], by: str = "", name: str = ""
+) -> Iterator[None]:
     """Add the ensemble member's name to an error message."""
     try:
         yield
@@ -215,7 +221,7 @@ def _of_member(number: int, called: Sequence[str], by: str = "", name: str = "")
         raise UserError(f"{name}: {place} {error}" if name else f"{place}: {error}") from error
 
 
-def _only(opened: Opened, times: clock.Times, chosen: Array, label: str) -> Opened:
+def _select_times(opened: Opened, times: clock.Times, chosen: Array, label: str) -> Opened:
     """Return a member reduced to some of its times; chosen: the indices of their slices."""
     first, second = (
         replace(c, segments=tuple(c.segments[k] for k in chosen)) for c in opened.components
@@ -230,7 +236,7 @@ def _only(opened: Opened, times: clock.Times, chosen: Array, label: str) -> Open
     )
 
 
-def _called(entries: tuple[tuple[str, ...], ...]) -> list[str]:
+def _member_labels(entries: tuple[tuple[str, ...], ...]) -> list[str]:
     """Return labels for members given by files: file names, else folder names, else numbers."""
     firsts = [entry[0].rstrip("/") for entry in entries]
     names = [os.path.splitext(os.path.basename(path))[0] for path in firsts]
@@ -241,7 +247,7 @@ def _called(entries: tuple[tuple[str, ...], ...]) -> list[str]:
     return [str(number) for number in range(1, len(entries) + 1)]
 
 
-def _no_members(request: Request, files: list[tuple[str, xr.Dataset]]) -> str:
+def _no_members_message(request: Request, files: list[tuple[str, xr.Dataset]]) -> str:
     dims = sorted({f"{dim} = {size}" for _, data in files for dim, size in data.sizes.items()})
     asked = (
         f'"{request.members}"'
@@ -249,13 +255,13 @@ def _no_members(request: Request, files: list[tuple[str, xr.Dataset]]) -> str:
         else f"one of the names {members.NAMES}"
     )
     return (
-        f"{request.name}: [[{request.quantity}]] members = {str(request.members).lower()}, and there are no members: no "
+        f"{request.name}: [[{request.quantity}]] members = {str(request.members).lower()}, but there are no members: no "
         f"dimension of both components has {asked} (it has {', '.join(dims)[:300]}), nor are there several files; name a "
         'file for each member, or the dimension: members = "..."'
     )
 
 
-def _open(
+def _open_single(
     request: Request, paths: dataset.Paths | memory.Held, files: list[tuple[str, xr.Dataset]]
 ) -> Opened:
     q = request.quantity
@@ -271,15 +277,15 @@ def _open(
     pair = quantities.find(q, fields, request.variables, request.name)
     notes.append(f"{QUANTITIES[q].spoken} from {pair.east}, {pair.north} (found by {pair.how})")
     _check_sizes(request, pair, files)
-    first, second = _components(request, pair, files, notes)
+    first, second = _gather_components(request, pair, files, notes)
     if request.lenient and not request.members and first.member is not None:
         called = members.labels(first.segments[0][0], first.member)
         notes.append(
             f"{len(called)} members of an ensemble along {first.member}: {members.some(called)}; members = true to drift in all of "
             "them; shown is the first"
         )
-    first, second, times = _join(request, first, second, notes)
-    first, second, times, edges = _to_edges(first, second, times)
+    first, second, times = _join_times(request, first, second, notes)
+    first, second, times, edges = _add_edge_times(first, second, times)
     notes += first.notes + tuple(n for n in second.notes if n not in first.notes)
     count = 1 if request.steady else len(first.segments)
     whole = survey.survey_slices((first, second), count, request.plausible, request.name)
@@ -307,12 +313,12 @@ def cut_source(opened: Opened, box: Box | None) -> Reading:
         opened.components,
         opened.whole,
     )
-    wanted = _needed(box)
+    wanted = _needed_box(box)
     if nest.moves((first, second)):
         return _cut_nest(opened, request, wanted)
     crops = [layout.crop(c.layout, wanted) for c in (first, second)]
     if crops[0] is None or crops[1] is None:
-        raise UserError(_apart(request, first.layout))
+        raise UserError(_no_overlap_message(request, first.layout))
     regridded = tile.make((first, second), (crops[0], crops[1]), opened.pair.axes, wanted)
     seen = tile.examine(regridded, opened.count, whole)
     if seen.missing == 1.0 and seen.empty:
@@ -333,12 +339,12 @@ def cut_source(opened: Opened, box: Box | None) -> Reading:
         "",
         tile.domain(regridded),
         tuple(
-            (other.label, partial(_slice, replace(regridded, components=other.components)))
+            (other.label, partial(_read_slice, replace(regridded, components=other.components)))
             for other in opened.others
         ),
         opened.label,
         opened.edges,
-        _blank(
+        _blank_finder(
             [
                 regridded,
                 *(replace(regridded, components=other.components) for other in opened.others),
@@ -347,7 +353,7 @@ def cut_source(opened: Opened, box: Box | None) -> Reading:
     )
 
 
-def _blank(tiles: Sequence[tile.Tile]) -> Callable[[Sequence[int]], list[int]]:
+def _blank_finder(tiles: Sequence[tile.Tile]) -> Callable[[Sequence[int]], list[int]]:
     """Return a test for slices that are blank in any of some tiles; it reads each slice once."""
     known: dict[int, bool] = {}
 
@@ -365,7 +371,7 @@ def _cut_nest(opened: Opened, request: Request, wanted: Box | None) -> Reading:
     pair, whole = opened.components, opened.whole
     held = nest.make(pair, opened.count, opened.pair.axes, wanted, whole.dry)
     if held is None:
-        raise UserError(_apart(request, pair[0].layout))
+        raise UserError(_no_overlap_message(request, pair[0].layout))
     missing, empty = nest.missing(held)
     if empty:
         raise UserError(f"{request.name}: every value is missing; set [[{request.quantity}]] files")
@@ -386,7 +392,7 @@ def _cut_nest(opened: Opened, request: Request, wanted: Box | None) -> Reading:
     )
 
 
-def _slice(held: tile.Tile, i: int) -> Values:
+def _read_slice(held: tile.Tile, i: int) -> Values:
     return tile.read_tile(held, i)
 
 
@@ -400,14 +406,14 @@ def keep(opened: Opened, box: Box) -> Opened:
     if nest.moves(opened.components):
         return opened
     for component_ in opened.components:
-        crop = layout.crop(component_.layout, _needed(box))
+        crop = layout.crop(component_.layout, _needed_box(box))
         kept.append(
             component_ if crop is None else replace(component_, kept=Kept(slices.window(crop)))
         )
     return replace(opened, components=(kept[0], kept[1]))
 
 
-def _digest(
+def _fingerprint(
     request: Request,
     paths: dataset.Paths | memory.Held,
     files: list[tuple[str, xr.Dataset]],
@@ -424,7 +430,7 @@ def _digest(
     return memory.fingerprint(files[0][1], used, time, extra)
 
 
-def _needed(box: Box | None) -> Box | None:
+def _needed_box(box: Box | None) -> Box | None:
     """Return a box with all nodes from which a node inside `box` may be filled.
 
     With it, a cropped source is filled exactly as the whole one would be.
@@ -482,7 +488,7 @@ def _is_field(name: str, files: list[tuple[str, xr.Dataset]]) -> bool:
     return np.issubdtype(data[name].dtype, np.number) and data[name].dims != (name,)
 
 
-def _components(
+def _gather_components(
     request: Request, pair: quantities.Pair, files: list[tuple[str, xr.Dataset]], notes: list[str]
 ) -> tuple[Component, Component]:
     holding = [(p, d) for p, d in files if pair.east in d.variables or pair.north in d.variables]
@@ -501,13 +507,13 @@ def _components(
             for n, v in own.items()
         ):
             raise UserError(
-                f"{path} holds neither {pair.east} nor {pair.north}; take it out of [[{request.quantity}]] files"
+                f"{path} holds neither {pair.east} nor {pair.north}; remove it from [[{request.quantity}]] files"
             )
         lent |= own
         notes.append(f"grid from {os.path.basename(path)}")
     if lent:
-        holding = [(p, _with(d, lent)) for p, d in holding]
-    holding = [(path, _derived(request, pair, data, notes)) for path, data in holding]
+        holding = [(p, _with_grid_variables(d, lent)) for p, d in holding]
+    holding = [(path, _apply_validity(request, pair, data, notes)) for path, data in holding]
     holding = harmonise.align_grids(holding, (pair.east, pair.north), request.units, notes)
     stated = request.steady or clock.replaces(request.times)
     result = []
@@ -537,7 +543,7 @@ def _components(
     return result[0], result[1]
 
 
-def _derived(
+def _apply_validity(
     request: Request, pair: quantities.Pair, data: xr.Dataset, notes: list[str]
 ) -> xr.Dataset:
     """Return a dataset with invalid values of its components set to NaN and versions merged."""
@@ -553,7 +559,7 @@ def _derived(
     return data
 
 
-def _with(data: xr.Dataset, lent: Mapping[str, xr.Variable]) -> xr.Dataset:
+def _with_grid_variables(data: xr.Dataset, lent: Mapping[str, xr.Variable]) -> xr.Dataset:
     """Return a dataset with the grid variables that it lacks, where their dimensions agree."""
     fitting = {
         n: v
@@ -564,7 +570,7 @@ def _with(data: xr.Dataset, lent: Mapping[str, xr.Variable]) -> xr.Dataset:
     return data.assign(fitting)
 
 
-def _join(
+def _join_times(
     request: Request, first: Component, second: Component, notes: list[str]
 ) -> tuple[Component, Component, clock.Times]:
     """Reduce both components to their common slices; return them and their times.
@@ -588,39 +594,39 @@ def _join(
                 f"{request.name}: one slice cannot be interpolated in time; set [[{q}]] steady = true"
             )
         notes.append("times as the case states them")
-        return _restamped(request, first, second, times, notes)
+        return _apply_stated_times(request, first, second, times, notes)
     assert first.times is not None
     assert second.times is not None
     times, in_first, in_second = np.intersect1d(first.times, second.times, return_indices=True)
     if len(times) == 0:
         raise UserError(
-            f"{request.name}: {first.name} ({_from_to(first.times)}) and {second.name} ({_from_to(second.times)}) have no "
+            f"{request.name}: {first.name} ({_format_span(first.times)}) and {second.name} ({_format_span(second.times)}) have no "
             f"time in common; name files of the same times in [[{q}]] files"
         )
     if len(times) < max(len(first.times), len(second.times)):
         notes.append(
             f"{len(times)} times common to {first.name} ({len(first.times)}) and {second.name} ({len(second.times)})"
         )
-        first, second = _chosen(first, in_first), _chosen(second, in_second)
+        first, second = _select_slices(first, in_first), _select_slices(second, in_second)
     if len(times) == 1:
         if not request.lenient:
             raise UserError(
-                f"{request.name}: one time only, {notation.group(times[0])}, which says nothing of the hours around "
-                f"it; set [[{q}]] steady = true to hold it constant, or name files of other times in [[{q}]] files"
+                f"{request.name}: one time only, {notation.group(times[0])}, which cannot be interpolated in time; "
+                f"set [[{q}]] steady = true to hold it constant, or name files of other times in [[{q}]] files"
             )
         notes.append("one time only: a run needs steady = true, or files of other times")
     elif np.median(np.diff(times)) > np.timedelta64(25, "h"):
         notes.append(
-            f"slices are {np.median(np.diff(times)).astype('m8[h]').astype(int)} h apart: tides and gusts are lost"
+            f"slices are {np.median(np.diff(times)).astype('m8[h]').astype(int)} h apart: tides and gusts are not resolved"
         )
     return first, second, times
 
 
-def _from_to(times: clock.Times) -> str:
+def _format_span(times: clock.Times) -> str:
     return f"{notation.group(times[0])} to {notation.group(times[-1])}"
 
 
-def _restamped(
+def _apply_stated_times(
     request: Request, first: Component, second: Component, times: clock.Times, notes: list[str]
 ) -> tuple[Component, Component, clock.Times]:
     """Return components with the times that a case states.
@@ -631,18 +637,20 @@ def _restamped(
     if not stamp:
         return first, second, times
     none = averages.join_intervals([None], [len(times)])
-    moved, cells, told = averages.slice_times(times, none, averages.Method("", "", ""), stamp, "")
-    notes += told
+    moved, cells, remarks = averages.slice_times(
+        times, none, averages.Method("", "", ""), stamp, ""
+    )
+    notes += remarks
     return replace(first, cells=cells), replace(second, cells=cells), moved
 
 
-def _chosen(component_: Component, index: Array) -> Component:
+def _select_slices(component_: Component, index: Array) -> Component:
     """Return a component with some of its slices."""
     cells = component_.cells if component_.cells is None else component_.cells[index]
     return replace(component_, segments=tuple(component_.segments[k] for k in index), cells=cells)
 
 
-def _to_edges(
+def _add_edge_times(
     first: Component, second: Component, times: clock.Times
 ) -> tuple[Component, Component, clock.Times, bool]:
     """Return components of means with two more times: the outer edges of their intervals.
@@ -652,10 +660,10 @@ def _to_edges(
     if first.cells is None or second.cells is None or len(times) < 2:
         return first, second, times, False
     times, index = averages.held(times, first.cells)
-    return _chosen(first, index), _chosen(second, index), times, True
+    return _select_slices(first, index), _select_slices(second, index), times, True
 
 
-def _apart(request: Request, item: Layout) -> str:
+def _no_overlap_message(request: Request, item: Layout) -> str:
     lon, lat = layout.points(item)
     box = request.box
     assert box is not None
@@ -670,12 +678,12 @@ def _apart(request: Request, item: Layout) -> str:
     )
     where = notation.toward(x, y, float(lon.flat[near]), float(lat.flat[near]))
     return (
-        f"{request.name} covers {_span(lon, lat)} and the case needs {box.west:.2f} to {box.east:.2f} E, "
+        f"{request.name} covers {_format_extent(lon, lat)} and the case needs {box.west:.2f} to {box.east:.2f} E, "
         f"{box.south:.2f} to {box.north:.2f} N: no overlap; from the middle of that it is {where} to the nearest "
         f"value; set [[{request.quantity}]] files, or move the case"
     )
 
 
-def _span(lon: Array, lat: Array) -> str:
+def _format_extent(lon: Array, lat: Array) -> str:
     turned = lon if np.ptp(lon[np.isfinite(lon)]) < 350 else sphere.wrap_degrees(lon)
     return f"{np.nanmin(turned):.2f} to {np.nanmax(turned):.2f} E, {np.nanmin(lat):.2f} to {np.nanmax(lat):.2f} N"

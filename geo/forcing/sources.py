@@ -105,15 +105,15 @@ class Source:
         if not empty or len(empty) == len(asked) or kept.size < 2:
             return self
         when = [notation.group(self.times[i]) for i in empty]
-        told = f"{', '.join(when[:4])}{f' and {len(when) - 4} more' if len(when) > 4 else ''}"
-        note = f"{DOUBT}{'slices' if len(when) > 1 else 'the slice'} of {told} hold{'s' * (len(when) == 1)} no value here"
+        times_text = f"{', '.join(when[:4])}{f' and {len(when) - 4} more' if len(when) > 4 else ''}"
+        note = f"{DOUBT}{'slices' if len(when) > 1 else 'the slice'} of {times_text} hold{'s' * (len(when) == 1)} no value here"
         return replace(
-            self._only(kept, empty),
-            notes=(*self.notes, f"{note}: left out, and interpolated over as if absent"),
-            others=tuple(other._only(kept, empty) for other in self.others),
+            self._select_slices(kept, empty),
+            notes=(*self.notes, f"{note}: left out and interpolated over"),
+            others=tuple(other._select_slices(kept, empty) for other in self.others),
         )
 
-    def _only(self, kept: NDArray[np.int64], empty: Sequence[int]) -> "Source":
+    def _select_slices(self, kept: NDArray[np.int64], empty: Sequence[int]) -> "Source":
         """Return the source with some of its slices; empty: indices of the others."""
         read = self.read
         shelf = self.shelf and Shelf(
@@ -145,8 +145,8 @@ def ensemble(members: Sequence[Source]) -> Source:
     digest = hashlib.sha256(
         " ".join(member.fingerprint for member in members).encode()
     ).hexdigest()[:16]
-    told = f"{len(members)} members of an ensemble: {called.some([member.label for member in members])}"
-    return replace(first, fingerprint=digest, notes=(*first.notes, told), others=tuple(members[1:]))
+    note = f"{len(members)} members of an ensemble: {called.some([member.label for member in members])}"
+    return replace(first, fingerprint=digest, notes=(*first.notes, note), others=tuple(members[1:]))
 
 
 def open_source(
@@ -193,7 +193,7 @@ def open_source(
     Raises:
         UserError: the files cannot be read or interpreted.
     """
-    asked, listed = _request(
+    asked, listed = _build_request(
         quantity,
         paths,
         variables,
@@ -208,9 +208,9 @@ def open_source(
         members,
         tuple(map(tuple, entries)),
     )
-    with dataset.readable(_titles(listed), quantity):
+    with dataset.readable(_paths_or_title(listed), quantity):
         reading = reader.open_reader(asked, listed)
-    return _source(asked, name, reading)
+    return _build_source(asked, name, reading)
 
 
 def open_shared(
@@ -231,7 +231,7 @@ def open_shared(
 
     The arguments are those of `open_source`.
     """
-    asked, listed = _request(
+    asked, listed = _build_request(
         quantity,
         paths,
         variables,
@@ -246,7 +246,7 @@ def open_shared(
         members,
         tuple(map(tuple, entries)),
     )
-    with dataset.readable(_titles(listed), quantity):
+    with dataset.readable(_paths_or_title(listed), quantity):
         return reader.open_all(asked, listed)
 
 
@@ -260,11 +260,11 @@ def part_of_source(opened: reader.Opened, box: Box, name: str | None = None) -> 
 
     Only its fingerprint is missing.
     """
-    with dataset.readable(_titles(opened.paths), opened.request.quantity):
-        return _source(opened.request, name, reader.cut_source(opened, box))
+    with dataset.readable(_paths_or_title(opened.paths), opened.request.quantity):
+        return _build_source(opened.request, name, reader.cut_source(opened, box))
 
 
-def _request(
+def _build_request(
     quantity: str,
     paths: dataset.Paths | memory.Held,
     variables: Mapping[str, Any] | None,
@@ -279,12 +279,12 @@ def _request(
     return reader.Request(quantity, dataset.title(listed), variables or {}, *how), listed
 
 
-def _titles(paths: Any) -> Any:
+def _paths_or_title(paths: Any) -> Any:
     """Return the paths, or the title of the dataset in memory, for messages."""
     return [paths.title] if isinstance(paths, memory.Held) else paths
 
 
-def _source(asked: reader.Request, name: str | None, reading: reader.Reading) -> Source:
+def _build_source(asked: reader.Request, name: str | None, reading: reader.Reading) -> Source:
     first = Source(
         asked.quantity,
         name or asked.name,
@@ -313,7 +313,7 @@ def constant(
     about: tuple[float, float] | None = None,
 ) -> Source:
     """Return a steady, uniform field [m/s] over the globe; about: see `uniform_field`."""
-    return _uniform(
+    return _build_uniform(
         quantity, np.empty(0, "datetime64[s]"), np.array([east]), np.array([north]), name, about
     )
 
@@ -349,10 +349,10 @@ def uniform_field(
         )
     if (np.diff(when) <= np.timedelta64(0, "s")).any():
         raise UserError(f"[[{quantity}]] table: times must increase")
-    return _uniform(quantity, when, u, v, name, about)
+    return _build_uniform(quantity, when, u, v, name, about)
 
 
-def _uniform(
+def _build_uniform(
     quantity: str,
     times: NDArray[np.datetime64],
     east: NDArray[Any],
@@ -441,7 +441,7 @@ def analytic(
         int(max(north - south, 1)) + 1,
     )
     hour = np.timedelta64(3600, "s")
-    first, last = sorted((_second(start), _second(end)))
+    first, last = sorted((_to_seconds(start), _to_seconds(end)))
     first = first.astype("datetime64[h]").astype("datetime64[s]")
     times = first + hour * np.arange(int(np.ceil((last - first) / hour)) + 1)
     if len(times) < 2:
@@ -465,5 +465,5 @@ def analytic(
     return Source(quantity, f"synthetic {kind}", grid, times, read, missing, notes, digest)
 
 
-def _second(time: Any) -> np.datetime64:
+def _to_seconds(time: Any) -> np.datetime64:
     return np.datetime64(time, "s")

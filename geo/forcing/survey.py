@@ -64,14 +64,16 @@ def survey_slices(
     looked_at = tuple(
         int(k) for k in np.unique(np.linspace(0, count - 1, min(count, LOOKED_AT)).round())
     )
-    samples = [_sample(component, looked_at) for component in components]
+    samples = [_sample_values(component, looked_at) for component in components]
     notes: list[str] = []
     fills: list[tuple[float, ...]] = []
     for component, values in zip(components, samples, strict=True):
         stray = (
             ()
             if plausible
-            else undeclared(values, component.factor, component.quantity, _packed(component))
+            else undeclared(
+                values, component.factor, component.quantity, _packed_fill_values(component)
+            )
         )
         fills.append(stray)
         for fill in stray:
@@ -79,32 +81,32 @@ def survey_slices(
             values[values == fill] = np.nan
             notes.append(
                 f'"{component.name}" holds {fill:g} at {notation.percent(share)} of its points, apart from all other values: taken '
-                "as a fill value that the file does not declare (plausible = true to take it as a value)"
+                "as a fill value that the file does not declare (plausible = true to use it as a value)"
             )
         with np.errstate(invalid="ignore", over="ignore"):
             values[
                 np.abs(values) * component.factor > QUANTITIES[component.quantity].impossible
             ] = np.nan
-    slow = () if plausible else _shared(samples)
+    slow = () if plausible else _shared_nines(samples)
     for fill in slow:
         share = float(np.mean(samples[0] == fill))
         samples = [np.where(values == fill, np.nan, values) for values in samples]
         notes.append(
             f"both components hold {fill:g} at {notation.percent(share)} of their points, apart from all other values: taken as a "
-            "fill value that the file does not declare (plausible = true to take it as a value)"
+            "fill value that the file does not declare (plausible = true to use it as a value)"
         )
-    shares = _still(components, samples, looked_at)
+    shares = _zero_shares(components, samples, looked_at)
     dry = min(shares) > DRY and max(shares) < 1 and _may_be_dry(components, samples)
     if dry:
         notes.append(
             f"{notation.percent(max(shares))} of the values are exactly zero at all {len(looked_at)} times looked at: taken as land "
             '(variables.mask = "none" to take them as still water)'
         )
-    notes += _judged(components, samples, looked_at, plausible, name)
+    notes += _check_speeds(components, samples, looked_at, plausible, name)
     return Survey(looked_at, (fills[0] + slow, fills[1] + slow), dry, tuple(notes))
 
 
-def _sample(component: Component, looked_at: tuple[int, ...]) -> Array:
+def _sample_values(component: Component, looked_at: tuple[int, ...]) -> Array:
     """Return strided values in the file's own units, shape (slices, ...).
 
     Missing, infinite or masked values are NaN.
@@ -124,7 +126,7 @@ def _sample(component: Component, looked_at: tuple[int, ...]) -> Array:
     return values
 
 
-def _packed(component: Component) -> tuple[float, ...]:
+def _packed_fill_values(component: Component) -> tuple[float, ...]:
     """Return the values to which the usual fill values of packed integers decode.
 
     Libraries write these if no fill value is declared.
@@ -183,7 +185,7 @@ def undeclared(
     return tuple(fills)
 
 
-def _shared(samples: list[Array]) -> tuple[float, ...]:
+def _shared_nines(samples: list[Array]) -> tuple[float, ...]:
     """Return numbers of nines that both components hold at the same points, apart from all others.
 
     They are fill values of plausible size. 99 cm/s is a speed like others, but not if both
@@ -207,7 +209,7 @@ def _shared(samples: list[Array]) -> tuple[float, ...]:
     return tuple(fills)
 
 
-def _still(
+def _zero_shares(
     components: tuple[Component, Component], samples: list[Array], looked_at: tuple[int, ...]
 ) -> tuple[float, float]:
     """Return for each component the share of its present points that are zero in all slices."""
@@ -243,7 +245,7 @@ def _may_be_dry(components: tuple[Component, Component], samples: list[Array]) -
     )
 
 
-def _judged(
+def _check_speeds(
     components: tuple[Component, Component],
     samples: list[Array],
     looked_at: tuple[int, ...],
@@ -269,16 +271,16 @@ def _judged(
     else:
         good, allowed = largest <= fastest, f"a {spoken} is at most {fastest:g} m/s"
     if not good and plausible:
-        return [f"speeds that no {spoken} has ({figures}), as the case vouches"]
+        return [f"speeds that no {spoken} has ({figures}), accepted because plausible = true"]
     if not good:
         raise UserError(
             f"{name}: {components[0].name}, {components[1].name} can't be a {spoken}: {figures}; {allowed}. "
-            f"Is it another quantity, or in other units? Mend [[{quantity}]] files, variables or units, or set "
+            f"Is it another quantity, or in other units? Correct [[{quantity}]] files, variables or units, or set "
             "plausible = true"
         )
     if QUANTITIES[quantity].in_air and largest <= SLOW_WIND:
         return [
-            f"WARNING: this wind is nowhere over {largest:.2g} m/s at the {len(looked_at)} times looked at: is it a "
+            f"WARNING: this wind never exceeds {largest:.2g} m/s at the {len(looked_at)} times examined: is it a "
             "current?"
         ]
     return []

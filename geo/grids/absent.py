@@ -37,18 +37,18 @@ def without(lon: Array, lat: Array, notes: list[str]) -> tuple[Array, Array]:
             ):
                 values[fill_value] = np.nan
         if lon.ndim == 2 and lon.shape == lat.shape:
-            block = _blocks(*coordinates)
+            block = _in_blocks(*coordinates)
             if block.any():
                 first = np.argmax(block)
                 where = f"{np.ravel(lon)[first]:g} E, {np.ravel(lat)[first]:g} N"
                 notes.append(
-                    f"{notation.percent(block.mean())} of the points have no place of their own ({where}): left out as land"
+                    f"{notation.percent(block.mean())} of the points have no position of their own ({where}): treated as land"
                 )
                 coordinates = [np.where(block, np.nan, values) for values in coordinates]
     return coordinates[0], coordinates[1]
 
 
-def _blocks(lon: Array, lat: Array) -> NDArray[np.bool_]:
+def _in_blocks(lon: Array, lat: Array) -> NDArray[np.bool_]:
     """Return the points in blocks of points that share one position."""
     same = np.abs(lat[:-1, :-1]) < POLE
     for values in (lon, lat):

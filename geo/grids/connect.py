@@ -40,7 +40,9 @@ def triangles(
     """
     size = int(data.sizes[dim])
     node_lon, node_lat = (
-        (None, None) if mesh is None or not mesh.nodes else (_values(data, n) for n in mesh.nodes)
+        (None, None)
+        if mesh is None or not mesh.nodes
+        else (_read_values(data, n) for n in mesh.nodes)
     )
     table = _connectivity(data, dim, mesh, None if node_lon is None else len(node_lon))
     if table is None:
@@ -56,7 +58,7 @@ def triangles(
         at_faces = mesh.place == "face"
     if count == size and (at_faces or size != nodes):
         if node_lon is None or node_lat is None:
-            node_lon, node_lat = _nodes(data, nodes, count)
+            node_lon, node_lat = _node_coordinates(data, nodes, count)
         if node_lon is not None and node_lat is not None and lon is None:
             lon, lat = _centres(node_lon, node_lat, cells)
             notes.append("centres of elements taken as the means of their nodes")
@@ -72,10 +74,10 @@ def triangles(
     if nodes > size or lon is None or lat is None:
         raise UserError(f'"{name}" has {size} points, but its triangles name {nodes} nodes')
     notes.append(f"triangles: {count} elements with values at their {size} nodes")
-    return Triangles(lon, lat, _split(cells), 0)
+    return Triangles(lon, lat, _to_triangles(cells), 0)
 
 
-def _values(data: xr.Dataset, name: str) -> Array:
+def _read_values(data: xr.Dataset, name: str) -> Array:
     return np.asarray(data[name].values, np.float64)
 
 
@@ -129,7 +131,7 @@ def _connectivity(
     return None
 
 
-def _split(cells: Index) -> Index:
+def _to_triangles(cells: Index) -> Index:
     """Return polygons (m, k), padded with -1, cut into triangles."""
     parts = [cells[:, :3]]
     for k in range(3, cells.shape[1]):
@@ -138,7 +140,9 @@ def _split(cells: Index) -> Index:
     return np.concatenate(parts)
 
 
-def _nodes(data: xr.Dataset, least: int, cells: int) -> tuple[Array | None, Array | None]:
+def _node_coordinates(
+    data: xr.Dataset, least: int, cells: int
+) -> tuple[Array | None, Array | None]:
     """Return longitudes and latitudes of nodes, None if not found.
 
     There are at least `least` of them, and not as many as cells.

@@ -26,25 +26,27 @@ def describe_cost(
     source: tuple[Array, Array],
 ) -> str:
     """Return a note on the regridding error at the source's points and between them."""
-    source = _off_the_fold(layouts[0], source[0]), _off_the_fold(layouts[1], source[1])
-    at_points = _error(
+    source = _drop_fold(layouts[0], source[0]), _drop_fold(layouts[1], source[1])
+    at_points = _rms_error(
         grid, carried, [(layout.points(i), v) for i, v in zip(layouts, source, strict=True)]
     )
-    between = _error(grid, carried, [_between(i, v) for i, v in zip(layouts, source, strict=True)])
+    between = _rms_error(
+        grid, carried, [_probe_between(i, v) for i, v in zip(layouts, source, strict=True)]
+    )
     return (
         f"regridding cost: rms error {between[0]:.1%} of the rms speed between the points, {at_points[0]:.1%} at "
         f"them, {at_points[1]:.1%} of wet points lost (rim and coast)"
     )
 
 
-def _off_the_fold(item: Layout, values: Array) -> Array:
+def _drop_fold(item: Layout, values: Array) -> Array:
     """Return values with NaN at the fold of a tripolar grid, where the grid's axes reverse."""
     if not isinstance(item, Curved) or item.mirror is None:
         return values
     return np.where(np.arange(len(values))[:, None] < len(values) - 2, values, np.nan)
 
 
-def _between(item: Layout, values: Array) -> Probe:
+def _probe_between(item: Layout, values: Array) -> Probe:
     """Return one scattered position in every cell, and the source's interpolated value there."""
     if isinstance(item, Triangles):
         if item.lonc is not None:
@@ -90,7 +92,9 @@ def _scatter(count: int, axis: int) -> Array:
     )
 
 
-def _error(grid: Grid, carried: tuple[Array, Array], probes: list[Probe]) -> tuple[float, float]:
+def _rms_error(
+    grid: Grid, carried: tuple[Array, Array], probes: list[Probe]
+) -> tuple[float, float]:
     """Return the rms error as a share of the rms speed, and the share of wet probes lost."""
     square = error = 0.0
     wet = kept = 0

@@ -54,12 +54,12 @@ def fill(
     result = np.array(values, np.float32, order="C")
     if not seamless and np.isfinite(result).all():
         return result
-    wet = _wet(result) if reach > 0 else None
-    _rings(result, cells, seamless)
+    wet = _present(result) if reach > 0 else None
+    _fill_rings(result, cells, seamless)
     if wet is not None and wet.any() and not wet.all():
         allowed = None if within is None else np.packbits(within).tobytes()
         all_bands = bands or ((0, wet.shape[0], (1.0, 1.0)),)
-        node, source = _nearest(
+        node, source = _nearest_wet(
             np.packbits(wet).tobytes(), wet.shape, seamless, float(reach), all_bands, allowed
         )
         flat = result.reshape(-1, result.shape[2])
@@ -85,12 +85,12 @@ def bands(grid: Grid) -> Bands:
     return tuple(result)
 
 
-def _rings(result: NDArray[np.float32], cells: int, seamless: bool) -> None:
+def _fill_rings(result: NDArray[np.float32], cells: int, seamless: bool) -> None:
     """Fill `cells` rings in place."""
     body = result[:, :-1] if seamless else result
     ny, nx = body.shape[:2]
     for _ in range(cells):
-        wet = _wet(body)
+        wet = _present(body)
         if wet.all() or not wet.any():
             break
         # one cell of padding on all sides: land, or the values across the seam
@@ -111,7 +111,7 @@ def _rings(result: NDArray[np.float32], cells: int, seamless: bool) -> None:
         result[:, -1] = result[:, 0]
 
 
-def _wet(values: NDArray[np.float32]) -> Mask:
+def _present(values: NDArray[np.float32]) -> Mask:
     """Return the nodes (nlat, nlon) where none of the k values is missing.
 
     `all(axis=2)` of few values takes five times as long.
@@ -122,7 +122,7 @@ def _wet(values: NDArray[np.float32]) -> Mask:
 
 
 @functools.lru_cache(MASKS)
-def _nearest(
+def _nearest_wet(
     bits: bytes,
     shape: tuple[int, int],
     seamless: bool,
@@ -131,14 +131,14 @@ def _nearest(
     allowed: bytes | None,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return flat indices (node, source): missing nodes within reach, and nearest wet nodes."""
-    wet = _mask(bits, shape)
-    fillable = np.ones(shape, bool) if allowed is None else _mask(allowed, shape)
+    wet = _unpack_mask(bits, shape)
+    fillable = np.ones(shape, bool) if allowed is None else _unpack_mask(allowed, shape)
     nodes, sources = [], []
     for first, last, spacing in bands:
         # rows of neighbouring bands may hold the nearest node
         margin = int(min(shape[0], np.ceil(reach / spacing[0])))
         low, high = max(first - margin, 0), min(last + margin, shape[0])
-        distance, row, column = _distances(wet[low:high], seamless, reach, spacing)
+        distance, row, column = _distances_to_wet(wet[low:high], seamless, reach, spacing)
         own = slice(first - low, last - low)
         chosen = (distance[own] > 0) & (distance[own] <= reach) & fillable[first:last]
         nodes.append(np.flatnonzero(chosen) + first * shape[1])
@@ -146,7 +146,7 @@ def _nearest(
     return np.concatenate(nodes).astype(np.int32), np.concatenate(sources).astype(np.int32)
 
 
-def _distances(
+def _distances_to_wet(
     wet: Mask, seamless: bool, reach: float, spacing: tuple[float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
     """Return each node's distance from the nearest wet node, and that node's row and column.
@@ -172,7 +172,7 @@ def _distances(
     return distance[:, middle], row[:, middle], turns[column[:, middle]]
 
 
-def _mask(bits: bytes, shape: tuple[int, int]) -> Mask:
+def _unpack_mask(bits: bytes, shape: tuple[int, int]) -> Mask:
     """Return a mask from its packed bits, which are bytes to serve as a key of a cache."""
     return (
         np.unpackbits(np.frombuffer(bits, np.uint8), count=shape[0] * shape[1])

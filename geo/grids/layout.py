@@ -144,15 +144,15 @@ def spacing(layout: Layout) -> float:
     if isinstance(layout, Triangles):
         pair = layout.cells[:, [0, 1]], layout.cells[:, [1, 2]], layout.cells[:, [2, 0]]
         a, b = np.concatenate(pair).T
-        edges = _apart(layout.lon[a], layout.lat[a], layout.lon[b], layout.lat[b])
+        edges = _angles_between(layout.lon[a], layout.lat[a], layout.lon[b], layout.lat[b])
         return _quantile(10, edges)  # small elements near the coast matter, single slivers do not
     lon, lat = points(layout)
     # 250,000 points are enough for a median
     step = max(1, lon.shape[0] // 500), max(1, lon.shape[1] // 500)
-    across = _apart(
+    across = _angles_between(
         lon[:: step[0], :-1], lat[:: step[0], :-1], lon[:: step[0], 1:], lat[:: step[0], 1:]
     )
-    along = _apart(
+    along = _angles_between(
         lon[:-1, :: step[1]], lat[:-1, :: step[1]], lon[1:, :: step[1]], lat[1:, :: step[1]]
     )
     return min(_quantile(50, across), _quantile(50, along))
@@ -168,7 +168,7 @@ def _quantile(percent: float, distances: Array) -> float:
     return float(np.percentile(finite, percent))
 
 
-def _apart(lon1: Array, lat1: Array, lon2: Array, lat2: Array) -> Array:
+def _angles_between(lon1: Array, lat1: Array, lon2: Array, lat2: Array) -> Array:
     """Return distances between points [deg] in degrees of a great circle; NaN between equal points."""
     metres = sphere.distance(*(np.radians(v) for v in (lon1, lat1, lon2, lat2)))
     metres = np.where(metres > 0, metres, np.nan)
@@ -342,10 +342,10 @@ def _crop_curved(curved: Curved, box: Box) -> Curved | None:
     # 64 rows at a time, to save memory
     for rows in [band[k : k + 64] for k in range(0, len(band), 64)]:
         corners = cells(curved, rows).reshape(-1, 4)
-        met = corners[_meet(lon[corners], lat[corners], grown)]
+        met = corners[_overlap_box(lon[corners], lat[corners], grown)]
         row_needed[met // nx] = column_needed[met % nx] = True
     corners = across(curved)
-    met = corners[_meet(lon[corners], lat[corners], grown)]
+    met = corners[_overlap_box(lon[corners], lat[corners], grown)]
     row_needed[met // nx] = column_needed[met % nx] = True
     if not row_needed.any():
         return None
@@ -370,7 +370,7 @@ def _crop_curved(curved: Curved, box: Box) -> Curved | None:
     )
 
 
-def _meet(lon: Array, lat: Array, box: Box) -> NDArray[np.bool_]:
+def _overlap_box(lon: Array, lat: Array, box: Box) -> NDArray[np.bool_]:
     """Return which cells with corners (m, k) [deg] overlap a box.
 
     Edges of cells up to WIDE bulge poleward by at most width^2 / 16; a tenth is added for the next
@@ -426,7 +426,7 @@ def _crop_triangles(mesh: Triangles, box: Box) -> Triangles | None:
     grown = box.grown(
         margin / max(0.02, np.cos(np.radians(max(abs(box.south), abs(box.north))))), margin
     )
-    meets = _meet(mesh.lon[corners], mesh.lat[corners], grown)
+    meets = _overlap_box(mesh.lon[corners], mesh.lat[corners], grown)
     kept = np.nonzero(meets)[0]
     if len(kept) == 0:
         return None

@@ -51,7 +51,7 @@ def locate(
     component = Component(data, name, dims, side, chosen)
     plane = projection.plane(data, name, dims, chosen, notes)
     mesh = ugrid.mesh_of(data, name, dims[0]) if len(dims) == 1 else None
-    lon_name, lat_name = _names(component, mesh)
+    lon_name, lat_name = _find_names(component, mesh)
     along: pyproj.Transformer | None = None
     if plane is None and not (lon_name and lat_name) and not (mesh and mesh.nodes):
         flat = planar.unprojected(data, name, dims, chosen, notes)
@@ -59,12 +59,12 @@ def locate(
             data, along = flat
             component = replace(component, data=data)
             mesh = ugrid.mesh_of(data, name, dims[0]) if len(dims) == 1 else None
-            lon_name, lat_name = _names(component, mesh)
+            lon_name, lat_name = _find_names(component, mesh)
     elif len(dims) == 1 and planar.pairs(data, chosen):
         along = planar.transformer(data, name, chosen, [])
     if len(dims) == 1 and (mesh.place == "edge" if mesh else "edge" in dims[0].lower()):
         raise UserError(
-            f'"{name}" stands on the edges of its mesh ({dims[0]}), where no vector is known; choose values at nodes '
+            f'"{name}" is defined on the edges of its mesh ({dims[0]}), where no vector is known; choose values at nodes '
             f"or faces with variables = {{ east = ..., north = ... }}"
         )
     if mesh and mesh.place == "face" and lon_name is None and mesh.nodes and mesh.connectivity:
@@ -73,7 +73,7 @@ def locate(
         ), notes
     if plane is not None:
         if lon_name and lat_name:
-            own_lon, own_lat = (_at_first(component, n) for n in (lon_name, lat_name))
+            own_lon, own_lat = (_first_values(component, n) for n in (lon_name, lat_name))
             trouble = projection.disagreement(plane, own_lon, own_lat)
             if trouble and not chosen.get("crs"):
                 notes.append(
@@ -87,14 +87,16 @@ def locate(
             f'no longitude and latitude for "{name}" ({", ".join(dims)}), and no grid mapping with x and y; '
             f"set variables = {{ lon = ..., lat = ... }} or variables.crs"
         )
-    lon, lat = absent.without(_at_first(component, lon_name), _at_first(component, lat_name), notes)
+    lon, lat = absent.without(
+        _first_values(component, lon_name), _first_values(component, lat_name), notes
+    )
     if (
         not np.isfinite(lon).any()
         or np.nanmax(np.abs(lat)) > 90.001
         or np.nanmax(np.abs(lon)) > 720
     ):
         raise UserError(
-            f'"{lon_name}" and "{lat_name}" are no degrees; set variables = {{ lon = ..., lat = ... }}'
+            f'"{lon_name}" and "{lat_name}" are not in degrees; set variables = {{ lon = ..., lat = ... }}'
         )
     if len(dims) == 1:
         return replace(
@@ -109,10 +111,10 @@ def locate(
                 f"({dims[1]} = {sizes[1]}, {dims[0]} = {sizes[0]}); set variables = {{ lon = ..., lat = ... }}"
             )
         return axes(lon, lat, lon_name, lat_name), notes
-    lon, lat = _at_points(component, lon_name, lon, lat, notes)
-    if _separable(lon, lat):
+    lon, lat = _component_points(component, lon_name, lon, lat, notes)
+    if _is_rectilinear(lon, lat):
         return axes(lon[0], lat[:, 0], lon_name, lat_name), notes
-    angle = _angle(data, chosen, lon, lat, notes)
+    angle = _file_angle(data, chosen, lon, lat, notes)
     grid = Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0]), angle)
     return absent.extended(seam.close(grid, notes)), notes
 
@@ -124,11 +126,11 @@ def coordinates(
 
     dims, chosen, side: as in `locate`.
     """
-    lon, lat = _names(Component(data, name, dims, side, chosen), None)
+    lon, lat = _find_names(Component(data, name, dims, side, chosen), None)
     return (lon, lat) if lon is not None and lat is not None else None
 
 
-def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, str | None]:
+def _find_names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, str | None]:
     """Return the names of the longitudes and latitudes of a variable; None for each if absent."""
     data, chosen = component.data, component.chosen
     mesh_names = None if mesh is None else {"node": mesh.nodes, "face": mesh.faces}.get(mesh.place)
@@ -144,7 +146,9 @@ def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, s
         scores = {}
         for other in map(str, data.variables):
             attributes = data[other].attrs
-            fit = _fit(component, other) if naming.role(other, attributes) == standard else None
+            fit = (
+                _fit_score(component, other) if naming.role(other, attributes) == standard else None
+            )
             if fit is not None:
                 scores[other] = naming.certainty(other, attributes, standard) + fit
         scores_of.append(scores)
@@ -152,7 +156,7 @@ def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, s
         (x + y, lon, lat)
         for lon, x in scores_of[0].items()
         for lat, y in scores_of[1].items()
-        if _go_together(component, lon, lat)
+        if _belong_together(component, lon, lat)
     ]
     if pairs:
         _, lon, lat = max(pairs)
@@ -179,16 +183,16 @@ def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, s
     )
 
 
-def _go_together(component: Component, lon: str, lat: str) -> bool:
+def _belong_together(component: Component, lon: str, lat: str) -> bool:
     """Return True if longitudes and latitudes belong together.
 
     They have the same points, are both axes, or are both named by the case.
     """
-    own = [_lasting(component, component.data[name].variable) for name in (lon, lat)]
+    own = [_own_dims(component, component.data[name].variable) for name in (lon, lat)]
     return own[0] == own[1] or max(map(len, own)) == 1 or {"lon", "lat"} <= set(component.chosen)
 
 
-def _lasting(component: Component, variable: xr.Variable) -> tuple[str, ...]:
+def _own_dims(component: Component, variable: xr.Variable) -> tuple[str, ...]:
     """Return the dimensions of coordinates, without a leading one (time) that repeats them."""
     own = tuple(map(str, variable.dims))
     stands = map(str, component.data[component.name].dims)
@@ -196,21 +200,21 @@ def _lasting(component: Component, variable: xr.Variable) -> tuple[str, ...]:
     return own[1:] if repeated else own
 
 
-def _fit(component: Component, other: str) -> float | None:
+def _fit_score(component: Component, other: str) -> float | None:
     """Return a score of how well coordinates fit a component's points; None if they do not."""
     data, dims = component.data, component.dims
     variable = data[other]
     if not variable.ndim or not np.issubdtype(variable.dtype, np.number):
         return None
     own = (
-        set(_lasting(component, variable.variable)) <= set(dims)
+        set(_own_dims(component, variable.variable)) <= set(dims)
         or tuple(map(str, variable.dims[1:])) == dims
     )
     place = stagger.place_of(other) if len(dims) == 2 else None
-    beside = place in (None, "t") and _beside(data, variable, dims)
+    beside = place in (None, "t") and _half_cell_beside(data, variable, dims)
     if not own and not beside:
         return None
-    values = _at_first(component, other)
+    values = _first_values(component, other)
     finite = values[np.isfinite(values)]
     if values.size > 1 and (finite.size == 0 or finite.min() == finite.max()):
         # FVCOM in metres writes lon = lat = 0 everywhere, ROMS zeros or fill values at u and v
@@ -221,7 +225,7 @@ def _fit(component: Component, other: str) -> float | None:
     )
 
 
-def _beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> bool:
+def _half_cell_beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> bool:
     """Return True if points may lie half a cell beside those of a component over `dims`."""
     wanted = tuple(int(data.sizes[d]) for d in dims)
     # WRF repeats coordinates for every time
@@ -238,10 +242,10 @@ def _beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> 
     return same or (max(more) <= 1 and min(more) >= 0 and any(more)) or sorted(more) == [-1, 0]
 
 
-def _at_first(component: Component, name: str) -> Array:
+def _first_values(component: Component, name: str) -> Array:
     """Return coordinates at the first time, for files that repeat them as WRF does."""
     variable = component.data[name].variable
-    while variable.ndim > min(len(component.dims), len(_lasting(component, variable))):
+    while variable.ndim > min(len(component.dims), len(_own_dims(component, variable))):
         variable = variable.isel({variable.dims[0]: 0})
     values = np.asarray(variable.values, np.float64)
     return np.where(np.isfinite(values), values, np.nan)
@@ -258,7 +262,7 @@ def _staggered_shape(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
     return more in ((0, 1), (1, 0), (1, 1))
 
 
-def _averaged(values: Array, wanted: tuple[int, ...]) -> Array:
+def _average_neighbours(values: Array, wanted: tuple[int, ...]) -> Array:
     """Return the means of neighbours along every axis with one point more than wanted."""
     for axis in (0, 1):
         if values.shape[axis] == wanted[axis] + 1:
@@ -267,7 +271,7 @@ def _averaged(values: Array, wanted: tuple[int, ...]) -> Array:
     return values
 
 
-def _at_points(
+def _component_points(
     component: Component, lon_name: str, lon: Array, lat: Array, notes: list[str]
 ) -> tuple[Array, Array]:
     """Return (lon, lat) [deg] of a component's own points, (ny, nx).
@@ -291,9 +295,9 @@ def _at_points(
     if along == (0.0, 0.0):
         return lon, lat
     notes.append(
-        f"{name} has no places of its own: taken midway between the points of {lon_name}{_direction(along)}"
+        f"{name} has no coordinates of its own: taken midway between the points of {lon_name}{_describe_offset(along)}"
     )
-    if _separable(lon, lat):
+    if _is_rectilinear(lon, lat):
         line = stagger.moved_line(np.unwrap(lon[0], period=360.0), wanted[1], along[1])
         x, y = np.meshgrid(line, stagger.moved_line(lat[:, 0], wanted[0], along[0]))
         return x, y
@@ -301,7 +305,7 @@ def _at_points(
     return stagger.midpoints(extended.lon, extended.lat, wanted, along, seam.follower(extended))
 
 
-def _direction(along: tuple[float | None, float | None]) -> str:
+def _describe_offset(along: tuple[float | None, float | None]) -> str:
     """Return text on which side of the given points a component lies, if sizes do not show it."""
     phrases = [
         f", half a cell {'after' if offset > 0 else 'before'} them along the {axis}"
@@ -311,7 +315,7 @@ def _direction(along: tuple[float | None, float | None]) -> str:
     return "".join(phrases)
 
 
-def _separable(lon: Array, lat: Array) -> bool:
+def _is_rectilinear(lon: Array, lat: Array) -> bool:
     """Return True if two-dimensional lon and lat form a rectilinear grid."""
     if not (np.isfinite(lon).all() and np.isfinite(lat).all()) or min(lon.shape) < 2:
         return False
@@ -373,7 +377,7 @@ def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
     return Axes(ordered, lat[rows], columns, rows, goes_round)
 
 
-def _angle(
+def _file_angle(
     data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, notes: list[str]
 ) -> Array | None:
     """Return the file's own angle of the x axis from east [rad], (ny, nx).
@@ -397,7 +401,10 @@ def _angle(
 
     def at_points(turn: Array) -> Array:
         return np.asarray(
-            np.arctan2(_averaged(np.sin(turn), lon.shape), _averaged(np.cos(turn), lon.shape))
+            np.arctan2(
+                _average_neighbours(np.sin(turn), lon.shape),
+                _average_neighbours(np.cos(turn), lon.shape),
+            )
         )
 
     for factor, remark in (

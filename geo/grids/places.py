@@ -79,7 +79,7 @@ def moving_places(
         along = time_dim if any(time_dim in data[other].dims for other in pair) else None
         if along is None and _count(data, name, time_dim) > 1:
             return None
-        for k, row in enumerate(np.round(_probe(data, pair, along), DIGITS) + 0.0):
+        for k, row in enumerate(np.round(_probe_coordinates(data, pair, along), DIGITS) + 0.0):
             place = known.setdefault(row.tobytes(), len(known))
             number[id(data), k] = place
             if place == len(held):
@@ -106,7 +106,9 @@ def _count(data: xr.Dataset, name: str, time_dim: str | None) -> int:
     return int(data.sizes[time_dim]) if time_dim in data[name].dims else 1
 
 
-def _probe(data: xr.Dataset, pair: tuple[str, str], along: str | None) -> NDArray[np.float64]:
+def _probe_coordinates(
+    data: xr.Dataset, pair: tuple[str, str], along: str | None
+) -> NDArray[np.float64]:
     """Return coordinates of a few points at every index along a dimension, shape (n, points).
 
     Without a dimension n is 1.

@@ -36,7 +36,7 @@ def pairs(data: xr.Dataset, chosen: Mapping[str, Any] | None = None) -> list[tup
                 str(key).endswith("_coordinates")
                 and str(topology.attrs.get("cf_role", "")) == "mesh_topology"
             ):
-                found += _pair(
+                found += _pair_up(
                     [name for name in str(listed).split() if name in data.variables], data
                 )
     over: dict[tuple[Any, ...], list[str]] = {}
@@ -48,12 +48,12 @@ def pairs(data: xr.Dataset, chosen: Mapping[str, Any] | None = None) -> list[tup
         ):
             over.setdefault(variable.dims, []).append(str(name))
     for names in over.values():
-        found += _pair(names, data)
+        found += _pair_up(names, data)
     return list(dict.fromkeys(found))
 
 
-def _pair(names: list[str], data: xr.Dataset) -> list[tuple[str, str]]:
-    sides = [[name for name in names if _axis(data, name) == axis] for axis in ("x", "y")]
+def _pair_up(names: list[str], data: xr.Dataset) -> list[tuple[str, str]]:
+    sides = [[name for name in names if _axis_of(data, name) == axis] for axis in ("x", "y")]
     alone = len(sides[0]) == 1 and len(sides[1]) == 1
     return (
         [(sides[0][0], sides[1][0])]
@@ -62,7 +62,7 @@ def _pair(names: list[str], data: xr.Dataset) -> list[tuple[str, str]]:
     )
 
 
-def _axis(data: xr.Dataset, name: str) -> str | None:
+def _axis_of(data: xr.Dataset, name: str) -> str | None:
     """Return the axis in a plane, "x" or "y", that a variable holds; None for others."""
     attributes = data[name].attrs
     units, standard = (str(attributes.get(key, "")).strip() for key in ("units", "standard_name"))
@@ -123,7 +123,7 @@ def unprojected(
         given = (
             f'variables.crs = "{chosen["crs"]}" is no projection'
             if chosen.get("crs")
-            else "nothing says of which projection"
+            else "their projection is unknown"
         )
         raise UserError(
             f'"{x_name}" and "{y_name}" are lengths in a plane, and {given}; set variables = {{ crs = "EPSG:32631", axes = '
@@ -132,7 +132,7 @@ def unprojected(
         )
     new = {}
     for pair in found:
-        x, y = (_metres(data, other) for other in pair)
+        x, y = (_to_metres(data, other) for other in pair)
         degrees = to_degrees.transform(x, y)
         for other, values, kind in zip(pair, degrees, ("longitude", "latitude"), strict=True):
             values = np.where(np.isfinite(values), values, np.nan)
@@ -144,6 +144,6 @@ def unprojected(
     return data.assign(new), to_degrees
 
 
-def _metres(data: xr.Dataset, name: str) -> Any:
+def _to_metres(data: xr.Dataset, name: str) -> Any:
     factor = 1000.0 if KILO.match(str(data[name].attrs.get("units", "")).strip()) else 1.0
     return np.asarray(data[name].values, np.float64) * factor

@@ -92,21 +92,21 @@ def crs_of(
             ) from error
     mapping = str(data[name].attrs.get("grid_mapping", "")).split(":")[0].strip()
     if mapping in data.variables:
-        return _described(data, mapping, notes)
-    described = [str(n) for n in data.variables if _describes(data[n].attrs)]
+        return _system_of_mapping(data, mapping, notes)
+    described = [str(n) for n in data.variables if _has_system(data[n].attrs)]
     if len(described) > 1:  # Delft3D FM also has one in degrees
-        systems = {n: _described(data, n, []) for n in described}
+        systems = {n: _system_of_mapping(data, n, []) for n in described}
         described = [n for n, crs in systems.items() if crs is not None and crs.is_projected]
     if len(described) != 1:
         return None
     notes.append(f'grid mapping "{described[0]}" taken, the only one in the file')
-    return _described(data, described[0], notes)
+    return _system_of_mapping(data, described[0], notes)
 
 
-def _described(data: xr.Dataset, mapping: str, notes: list[str]) -> pyproj.CRS | None:
+def _system_of_mapping(data: xr.Dataset, mapping: str, notes: list[str]) -> pyproj.CRS | None:
     """Return the reference system that a grid mapping describes; None if it describes none."""
     attributes = dict(data[mapping].attrs)
-    for key in _texts(attributes):
+    for key in _system_keys(attributes):
         if not WKT.match(str(attributes.get(key, ""))):
             fence.check_crs(attributes.get(key, ""))
     try:
@@ -115,11 +115,11 @@ def _described(data: xr.Dataset, mapping: str, notes: list[str]) -> pyproj.CRS |
         return of_attributes(attributes, notes, f'grid mapping "{mapping}"')
 
 
-def _describes(attributes: Mapping[str, Any]) -> bool:
-    return "grid_mapping_name" in attributes or bool(_texts(attributes))
+def _has_system(attributes: Mapping[str, Any]) -> bool:
+    return "grid_mapping_name" in attributes or bool(_system_keys(attributes))
 
 
-def _texts(attributes: Mapping[str, Any]) -> list[str]:
+def _system_keys(attributes: Mapping[str, Any]) -> list[str]:
     """Return the attributes that may define a reference system, the most usual ones first."""
     return [key for key in MAPPINGS if key in attributes] + sorted(
         k for k in attributes if EPSG.search(k) and k not in MAPPINGS
@@ -130,7 +130,7 @@ def of_attributes(
     attributes: Mapping[str, Any], notes: list[str] | None = None, called: str = "projection"
 ) -> pyproj.CRS | None:
     """Return the reference system that attributes define (PROJ, WKT, EPSG); None without."""
-    for key in _texts(attributes):
+    for key in _system_keys(attributes):
         written = attributes[key]
         number = re.fullmatch(
             r"\s*(?:urn:ogc:def:crs:)?(?:EPSG:*)?\s*(\d{4,6})(?:\.0)?\s*",

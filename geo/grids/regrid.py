@@ -31,9 +31,9 @@ def weights(layout: Layout, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
         mirrored: sign of weights on points beyond the fold.
     """
     if isinstance(layout, Axes):
-        matrix = _of_axes(layout, grid)
+        matrix = _axes_weights(layout, grid)
     elif isinstance(layout, Plane):
-        matrix = _of_plane(layout, grid)
+        matrix = _plane_weights(layout, grid)
     elif isinstance(layout, Curved):
         matrix = cell_weights.of_curved(layout, grid, mirrored)
     else:
@@ -64,7 +64,7 @@ def carry(matrix: sp.csr_matrix, values: NDArray[np.floating]) -> NDArray[np.flo
         )
 
 
-def _line(nodes: Array, where: Array) -> tuple[Index, Array, NDArray[np.bool_]]:
+def _locate_on_line(nodes: Array, where: Array) -> tuple[Index, Array, NDArray[np.bool_]]:
     """Return (i, fraction, inside) of positions along monotonic nodes; i: lower index of a pair."""
     falling = nodes[0] > nodes[-1]
     up = nodes[::-1] if falling else nodes
@@ -78,12 +78,12 @@ def _line(nodes: Array, where: Array) -> tuple[Index, Array, NDArray[np.bool_]]:
     return i, fraction, inside
 
 
-def _band(nodes: Array, where: Array, count: int) -> sp.csr_matrix:
+def _linear_weights(nodes: Array, where: Array, count: int) -> sp.csr_matrix:
     """Return the matrix of linear interpolation along one axis.
 
     Nodes beyond `count` wrap around to the first ones.
     """
-    i, fraction, inside = _line(nodes, where)
+    i, fraction, inside = _locate_on_line(nodes, where)
     k = np.arange(len(where))
     keep = np.nonzero(inside)[0]
     row = np.concatenate((k[keep], k[keep]))
@@ -92,22 +92,24 @@ def _band(nodes: Array, where: Array, count: int) -> sp.csr_matrix:
     return sp.csr_matrix((data, (row, column)), shape=(len(where), count))
 
 
-def _of_axes(axes: Axes, grid: Grid) -> sp.csr_matrix:
+def _axes_weights(axes: Axes, grid: Grid) -> sp.csr_matrix:
     """Return bilinear weights in a rectilinear grid, shape (nodes, points)."""
     lon = np.concatenate((axes.lon, axes.lon[:1] + 360.0)) if axes.round else axes.lon
     east = lon[0] + (grid.lon[: grid.columns] - lon[0] + 1e-7) % 360.0 - 1e-7
     matrix = sp.kron(
-        _band(axes.lat, grid.lat, len(axes.lat)), _band(lon, east, len(axes.lon)), format="csr"
+        _linear_weights(axes.lat, grid.lat, len(axes.lat)),
+        _linear_weights(lon, east, len(axes.lon)),
+        format="csr",
     )
     matrix.eliminate_zeros()
     return matrix
 
 
-def _of_plane(plane: Plane, grid: Grid) -> sp.csr_matrix:
+def _plane_weights(plane: Plane, grid: Grid) -> sp.csr_matrix:
     """Return bilinear weights in a projection's plane, shape (nodes, points)."""
     x, y = (np.ravel(v) for v in plane.to_plane(*grids.nodes(grid)))
-    i, fx, inside_x = _line(plane.x, x)
-    j, fy, inside_y = _line(plane.y, y)
+    i, fx, inside_x = _locate_on_line(plane.x, x)
+    j, fy, inside_y = _locate_on_line(plane.y, y)
     keep = np.nonzero(inside_x & inside_y)[0]
     i, fx, j, fy = i[keep], fx[keep], j[keep], fy[keep]
     corner = (

@@ -43,11 +43,11 @@ def _at_own_points(data: xr.Dataset, name: str, dims: tuple[str, ...], side: int
         AT_U.search(str(data[name].attrs.get("standard_name", ""))) is not None
         or name in NEMO[side]
         or any(place_of(other) == letter for other in (*dims, *listed))
-        or _nemo(data, dims, side)
+        or _has_nemo_mask(data, dims, side)
     )
 
 
-def _nemo(data: xr.Dataset, dims: tuple[str, ...], side: int) -> bool:
+def _has_nemo_mask(data: xr.Dataset, dims: tuple[str, ...], side: int) -> bool:
     """Return True if a file holds NEMO's mask of a component over the same dimensions."""
     mask = ("umask", "vmask")[side]
     return mask in data.variables and tuple(map(str, data[mask].dims[-2:])) == dims
@@ -89,12 +89,12 @@ def offsets(
         along[1 - side] = stated(name, lon_name, chosen)
         return along[0], along[1]
     if own != dims and set(own) != set(dims):
-        shifts = [_shift(data, d, o) for d, o in zip(dims, own, strict=True)]
+        shifts = [_axis_shift(data, d, o) for d, o in zip(dims, own, strict=True)]
         if all(shift is not None for shift in shifts):
             return shifts[0], shifts[1]
     elif place_of(lon_name) != "t" or not _at_own_points(data, name, dims, side):
         return 0.0, 0.0  # the coordinates are the component's own
-    elif name in NEMO[side] or _nemo(data, dims, side):
+    elif name in NEMO[side] or _has_nemo_mask(data, dims, side):
         along[1 - side] = STATED["after"]
         return along[0], along[1]
     along[1 - side] = stated(name, lon_name, chosen)
@@ -105,7 +105,7 @@ def stated(name: str, lon_name: str, chosen: Mapping[str, Any]) -> float:
     """Return the offset [cells] that the case states; raise UserError if it states none."""
     if "stagger" not in chosen:
         raise UserError(
-            f'"{name}" stands half a cell beside the points of "{lon_name}", and nothing says on which side; set '
+            f'"{name}" lies half a cell beside the points of "{lon_name}", and the file does not say on which side; set '
             f'variables.stagger = "after" (u east, v north of its point along the grid, as in NEMO), "before" (as in '
             f'MITgcm) or "none" (at the points)'
         )
@@ -116,7 +116,7 @@ def stated(name: str, lon_name: str, chosen: Mapping[str, Any]) -> float:
     return STATED[str(chosen["stagger"])]
 
 
-def _shift(data: xr.Dataset, dim: str, other: str) -> float | None:
+def _axis_shift(data: xr.Dataset, dim: str, other: str) -> float | None:
     """Return the offset [cells] of a dimension's points from another's by c_grid_axis_shift.
 
     None if the file does not state it.

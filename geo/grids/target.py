@@ -35,7 +35,7 @@ class Extent:
         """Extend it by a layout."""
         lon, lat = (np.ravel(v) for v in lay.points(item))
         there = np.isfinite(lon) & np.isfinite(lat)
-        south, north = _latitudes(item, lat[there])
+        south, north = _latitude_range(item, lat[there])
         rounded = np.concatenate((np.floor(lon[there] * 100), np.ceil(lon[there] * 100))) / 100
         self.lon = np.unique(np.concatenate((self.lon, rounded)))
         self.south, self.north = min(self.south, south), max(self.north, north)
@@ -44,7 +44,9 @@ class Extent:
 
 def over(extent: Extent, box: Box | None) -> tuple[Grid, bool]:
     """Return the regular grid over an extent, and whether MOST_NODES made it coarser."""
-    return _at_most(_around(extent.lon, extent.south, extent.north, extent.step / FINER, box))
+    return _limit_nodes(
+        _grid_over(extent.lon, extent.south, extent.north, extent.step / FINER, box)
+    )
 
 
 def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
@@ -65,11 +67,11 @@ def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
             )
         finite = np.isfinite(lon) & np.isfinite(lat)
         lon, lat = lon[finite], lat[finite]
-        grid = _around(lon, *_latitudes(first, lat), step, box)
-    return _at_most(grid)
+        grid = _grid_over(lon, *_latitude_range(first, lat), step, box)
+    return _limit_nodes(grid)
 
 
-def _around(lon: Array, low: float, high: float, step: float, box: Box | None) -> Grid:
+def _grid_over(lon: Array, low: float, high: float, step: float, box: Box | None) -> Grid:
     """Return the regular grid over longitudes and a range of latitudes.
 
     step: spacing [deg of a great circle].
@@ -80,22 +82,24 @@ def _around(lon: Array, low: float, high: float, step: float, box: Box | None) -
     nearest_equator = 0.0 if south < 0 < north else min(abs(south), abs(north))
     # at the widest parallel the spacing must be fine enough
     dlon = step / max(0.02, np.cos(np.radians(nearest_equator)))
-    west, width = _hull(lon, 4 * FINER * dlon)
+    west, width = _shortest_arc(lon, 4 * FINER * dlon)
     if box is not None and box.east - box.west < 350.0:
-        west, width = _shared(west, width, box.west - 2 * dlon, box.east - box.west + 4 * dlon)
-    return _grid(west, south, width, max(north - south, step), dlon, step)
+        west, width = _shared_arc(west, width, box.west - 2 * dlon, box.east - box.west + 4 * dlon)
+    return _build_grid(west, south, width, max(north - south, step), dlon, step)
 
 
-def _at_most(grid: Grid) -> tuple[Grid, bool]:
+def _limit_nodes(grid: Grid) -> tuple[Grid, bool]:
     """Return a grid with at most MOST_NODES nodes, and whether it had to be made coarser."""
     coarser = np.sqrt(grid.nlon * grid.nlat / MOST_NODES)
     if coarser > 1:
         width, height = (grid.nlon - 1) * grid.dlon, (grid.nlat - 1) * grid.dlat
-        grid = _grid(grid.lon0, grid.lat0, width, height, grid.dlon * coarser, grid.dlat * coarser)
+        grid = _build_grid(
+            grid.lon0, grid.lat0, width, height, grid.dlon * coarser, grid.dlat * coarser
+        )
     return grid, bool(coarser > 1)
 
 
-def _latitudes(item: Layout, lat: Array) -> tuple[float, float]:
+def _latitude_range(item: Layout, lat: Array) -> tuple[float, float]:
     """Return a layout's (south, north) [deg], given its points' latitudes.
 
     A pole inside a cell is included.
@@ -116,7 +120,7 @@ def _latitudes(item: Layout, lat: Array) -> tuple[float, float]:
     return float(np.fmin.reduce(low, initial=south)), float(np.fmax.reduce(high, initial=north))
 
 
-def _shared(west: float, width: float, start: float, span: float) -> tuple[float, float]:
+def _shared_arc(west: float, width: float, start: float, span: float) -> tuple[float, float]:
     """Return (west, width) [deg] of the intersection of an arc of longitudes and a wanted one.
 
     If it is in two pieces, the whole wanted arc is returned.
@@ -130,7 +134,9 @@ def _shared(west: float, width: float, start: float, span: float) -> tuple[float
     return (west, behind) if behind > ahead else (start, max(ahead, 0.0))
 
 
-def _grid(west: float, south: float, width: float, height: float, dlon: float, dlat: float) -> Grid:
+def _build_grid(
+    west: float, south: float, width: float, height: float, dlon: float, dlat: float
+) -> Grid:
     """Return the grid with this extent [deg] and a spacing of at most (dlon, dlat) [deg]."""
     nlat = max(2, int(np.ceil(height / dlat - 1e-6)) + 1)
     if width >= 360.0 - 1e-9:
@@ -148,7 +154,7 @@ def _grid(west: float, south: float, width: float, height: float, dlon: float, d
     )
 
 
-def _hull(lon: Array, gap: float) -> tuple[float, float]:
+def _shortest_arc(lon: Array, gap: float) -> tuple[float, float]:
     """Return (west, width) [deg] of the shortest arc with all longitudes.
 
     It is 360 wide if no gap is wider than `gap`.
@@ -185,6 +191,6 @@ def _target_of_axes(several: Sequence[Axes]) -> Grid:
     south, north, dlat = line("lat")
     width = 360.0 if first.round else east - west
     if first.round:
-        grid = _grid(west, south, 360.0, north - south, dlon, dlat)
+        grid = _build_grid(west, south, 360.0, north - south, dlon, dlat)
         return Grid(west, south, grid.dlon, grid.dlat, grid.nlon, grid.nlat)
-    return _grid(west, south, width, north - south, dlon, dlat)
+    return _build_grid(west, south, width, north - south, dlon, dlat)

@@ -41,12 +41,12 @@ def mesh_of(data: xr.Dataset, name: str, dim: str) -> Mesh | None:
     ]
     for topology in [topology_name] if topology_name in data.variables else roles:
         attributes = {key: str(value) for key, value in data[topology].attrs.items()}
-        nodes = _degrees(data, attributes.get("node_coordinates", ""))
-        faces = _degrees(data, attributes.get("face_coordinates", ""))
+        nodes = _lonlat_names(data, attributes.get("node_coordinates", ""))
+        faces = _lonlat_names(data, attributes.get("face_coordinates", ""))
         connectivity = attributes.get("face_node_connectivity", "")
         dims = {}
         for place in PLACES:
-            dim_of_place = _dimension(data, attributes, place)
+            dim_of_place = _dim_of_place(data, attributes, place)
             if dim_of_place:
                 dims[place] = dim_of_place
         stated = str(data[name].attrs.get("location", ""))
@@ -60,7 +60,7 @@ def mesh_of(data: xr.Dataset, name: str, dim: str) -> Mesh | None:
     return None
 
 
-def _dimension(data: xr.Dataset, attributes: dict[str, str], place: str) -> str | None:
+def _dim_of_place(data: xr.Dataset, attributes: dict[str, str], place: str) -> str | None:
     """Return the dimension of a mesh's nodes, faces or edges.
 
     It is stated, or follows from coordinates or connectivity.
@@ -77,7 +77,7 @@ def _dimension(data: xr.Dataset, attributes: dict[str, str], place: str) -> str 
     return None
 
 
-def _degrees(data: xr.Dataset, listed: str) -> tuple[str, str] | None:
+def _lonlat_names(data: xr.Dataset, listed: str) -> tuple[str, str] | None:
     """Return the longitudes and latitudes among coordinates, which may include planar x and y."""
     candidates = [n for n in listed.split() if n in data.variables and data[n].ndim == 1]
     chosen = []

@@ -29,14 +29,14 @@ def find(held: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
         return []
     places = None
     for k in np.unique(np.linspace(0, len(among) - 1, TRIED).round().astype(int)):
-        places = _wet(held, among[k])
+        places = _find_wet_points(held, among[k])
         if places is not None:
             break
     if places is None:
         return []
     silent = np.zeros(len(indices), bool)
     for component, place in zip(held.components, places, strict=True):
-        silent |= ~_there(_series(component, indices, place), component)
+        silent |= ~_is_real(_read_series(component, indices, place), component)
     return [
         i
         for i, doubted in zip(indices, silent, strict=True)
@@ -44,7 +44,7 @@ def find(held: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
     ]
 
 
-def _wet(held: Tile, i: int) -> list[tuple[int, ...]] | None:
+def _find_wet_points(held: Tile, i: int) -> list[tuple[int, ...]] | None:
     """Return for each component the file indices of a point that has a value in slice i.
 
     None if a component has none.
@@ -63,7 +63,7 @@ def _wet(held: Tile, i: int) -> list[tuple[int, ...]] | None:
     return found
 
 
-def _series(component: Component, indices: Sequence[int], place: tuple[int, ...]) -> Array:
+def _read_series(component: Component, indices: Sequence[int], place: tuple[int, ...]) -> Array:
     """Return a component at one point in some slices, in the file's units; one read per file."""
     parts = []
     for _, run in groupby(indices, lambda i: id(component.segments[i][0])):
@@ -82,7 +82,7 @@ def _series(component: Component, indices: Sequence[int], place: tuple[int, ...]
     return np.concatenate(parts)
 
 
-def _there(values: Array, component: Component) -> Array:
+def _is_real(values: Array, component: Component) -> Array:
     """Return True for values that are real, False for those that mean missing."""
     with np.errstate(invalid="ignore"):
         real = np.isfinite(values) & ~np.isin(values, component.fills)

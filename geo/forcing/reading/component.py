@@ -112,7 +112,7 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
     layout, remarks = locate.locate(data, name, dims, chosen, wanted.side)
     notes += remarks
     for file in files:
-        notes += [n for n in _beside(wanted, file) if n not in notes]
+        notes += [n for n in _scalar_level_notes(wanted, file) if n not in notes]
     if depth is not None and not lone and not any(level.is_vertical(data, d) for d in fixed):
         notes.append(f"depth = {depth:g} m is not used: {name} has no levels")
     method = averages.method_of(data, name, time_name, path)
@@ -123,18 +123,18 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
             f"moving grid: {moving.count} positions; each slice is read at its own position"
         )
     slices: list[Slice] = []
-    stamped: list[_Stamped] = []
+    stamped: list[_FileTimes] = []
     for other_path, other in files:
-        _same_grid(wanted, files[0], (other_path, other), dims, moving is not None)
-        _same_units(wanted, files[0], (other_path, other))
-        _same_levels(wanted, files[0], (other_path, other), fixed)
+        _check_same_grid(wanted, files[0], (other_path, other), dims, moving is not None)
+        _check_same_units(wanted, files[0], (other_path, other))
+        _check_same_levels(wanted, files[0], (other_path, other), fixed)
         count = int(other.sizes[time_dim]) if time_dim and time_dim in other[name].dims else 1
         own = [
             (other, other_path, time_dim if time_dim in other[name].dims else None, k)
             for k in range(count)
         ]
         if wanted.needs_times:
-            one = _stamps(wanted, (other_path, other), time_name, own, method)
+            one = _read_times(wanted, (other_path, other), time_name, own, method)
             notes += [r for r in one.notes if r not in notes]
             stamped.append(one)
             own = [own[k] for k in one.chosen]
@@ -145,19 +145,19 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
         )
     times, cells = None, None
     if wanted.needs_times:
-        times, slices, cells = _placed(wanted, fixed, stamped, slices, method, notes)
+        times, slices, cells = _order_by_time(wanted, fixed, stamped, slices, method, notes)
     elif not wanted.steady:
-        slices = _in_stated_order(files, time_name, slices, notes)
+        slices = _order_by_file_times(files, time_name, slices, notes)
     return Component(
         name,
         dims,
         fixed,
         tuple(slices),
         times,
-        _factor(wanted, files[0], notes),
+        _factor_to_mps(wanted, files[0], notes),
         quantity,
         layout,
-        _mask(data, dims, chosen, notes),
+        _read_mask(data, dims, chosen, notes),
         chosen.get("mask") in ("none", False),
         member=member,
         places=moving,
@@ -181,7 +181,7 @@ def _check_keys(wanted: Wanted, data: xr.Dataset, lone: Sequence[str]) -> None:
         )
 
 
-def _same_levels(wanted: Wanted, first: File, file: File, fixed: Mapping[str, int]) -> None:
+def _check_same_levels(wanted: Wanted, first: File, file: File, fixed: Mapping[str, int]) -> None:
     """Raise UserError if an index is another level in this file than in the first."""
     (path, data), (other_path, other) = first, file
     for dim, index in fixed.items():
@@ -193,7 +193,7 @@ def _same_levels(wanted: Wanted, first: File, file: File, fixed: Mapping[str, in
 
 
 @dataclass(frozen=True)
-class _Stamped:
+class _FileTimes:
     """The slices of one file in order of time.
 
     times: of the slices. cells: their bounds (n, 2), NaT for none. chosen: their indices in the
@@ -231,13 +231,13 @@ def _check_method(wanted: Wanted, method: averages.Method, path: str) -> None:
     )
 
 
-def _stamps(
+def _read_times(
     wanted: Wanted, file: File, time_name: str | None, own: list[Slice], method: averages.Method
-) -> _Stamped:
+) -> _FileTimes:
     """Return the times of a file's slices, sorted; identical slices at one time are left out."""
     quantity, (path, data) = wanted.quantity, file
     if time_name is None:
-        raise UserError(_no_time(path, quantity, len(own), "has no time"))
+        raise UserError(_no_time_message(path, quantity, len(own), "has no time"))
     zone, stamp = clock.zone(wanted.times), clock.stamp(wanted.times)
     try:
         when, remarks = clock.decode(data, time_name, zone, trim=True)
@@ -246,7 +246,7 @@ def _stamps(
             f'{path}: {error}; state its zone, hours ahead of UTC, with [[{quantity}]] times = {{ zone = "-06:00" }}'
         ) from error
     except UserError as error:
-        raise UserError(_no_time(path, quantity, len(own), str(error))) from error
+        raise UserError(_no_time_message(path, quantity, len(own), str(error))) from error
     bounds, more = None, list[str]()
     if not stamp and method.kind != "point":
         try:
@@ -268,14 +268,14 @@ def _stamps(
     for k in repeated:
         if not _same_values(wanted.name, own[chosen[k]], own[chosen[k + 1]]):
             raise UserError(
-                f"{path}: slices {chosen[k] + 1} and {chosen[k + 1] + 1} have one time, "
-                f"{notation.group(when[chosen[k]])}, and other values, so that times do not increase; where slices follow "
-                f"each other evenly state [[{quantity}]] times = {{ start = ..., every = ... }}"
+                f"{path}: slices {chosen[k] + 1} and {chosen[k + 1] + 1} have the same time, "
+                f"{notation.group(when[chosen[k]])}, but different values; if the slices are "
+                f"evenly spaced, state [[{quantity}]] times = {{ start = ..., every = ... }}"
             )
     if repeated:
-        remarks.append(f"{len(repeated)} slices have the time and the values of another: left out")
+        remarks.append(f"{len(repeated)} slices repeat the time and values of another: left out")
         chosen = np.delete(chosen, [k + 1 for k in repeated])
-    return _Stamped(when[chosen], cells[chosen], chosen.tolist(), remarks)
+    return _FileTimes(when[chosen], cells[chosen], chosen.tolist(), remarks)
 
 
 def _same_values(name: str, one: Slice, other: Slice) -> bool:
@@ -286,10 +286,10 @@ def _same_values(name: str, one: Slice, other: Slice) -> bool:
     return np.array_equal(a, b, equal_nan=True)
 
 
-def _placed(
+def _order_by_time(
     wanted: Wanted,
     fixed: Mapping[str, int],
-    stamped: Sequence[_Stamped],
+    stamped: Sequence[_FileTimes],
     slices: list[Slice],
     method: averages.Method,
     notes: list[str],
@@ -301,7 +301,7 @@ def _placed(
     quantity, zone = wanted.quantity, clock.zone(wanted.times)
     every = np.concatenate([one.cells for one in stamped])
     bounds = {(id(s[0]), s[3]): cell for s, cell in zip(slices, every, strict=True)}
-    times, slices = _in_order(
+    times, slices = _resolve_overlaps(
         np.concatenate([one.times for one in stamped]), slices, wanted, fixed, notes
     )
     if zone is not None:
@@ -315,7 +315,7 @@ def _placed(
     return times, slices, placed
 
 
-def _in_stated_order(
+def _order_by_file_times(
     files: Sequence[File], time_name: str | None, slices: list[Slice], notes: list[str]
 ) -> list[Slice]:
     """Return slices in the order of the files' own times, for a case that states other times."""
@@ -330,7 +330,7 @@ def _in_stated_order(
     return [slices[k] for k in order]
 
 
-def _in_order(
+def _resolve_overlaps(
     times: NDArray[np.datetime64],
     slices: list[Slice],
     wanted: Wanted,
@@ -342,10 +342,10 @@ def _in_order(
     return times[order], [slices[k] for k in order]
 
 
-def _no_time(path: str, quantity: str, count: int, why: str) -> str:
+def _no_time_message(path: str, quantity: str, count: int, why: str) -> str:
     keys = f"[[{quantity}]] times = {{ start = ..., every = ... }}"
     if count == 1:
-        return f"{path}: {why}; state steady = true to hold it constant, or of several such files {keys}"
+        return f"{path}: {why}; state steady = true to hold it constant, or for several such files {keys}"
     return f"{path}: {why}; state {keys}, or steady = true to hold the first slice constant"
 
 
@@ -376,7 +376,7 @@ def _sort_dims(
             fixed[dim], remark = level.choose(data, name, dim, quantity, wanted.depth, path)
             notes += [remark] if remark else []
     rest = [d for d in rest if d not in fixed]
-    single = _unstructured(data, name, rest, chosen)
+    single = _unstructured_dim(data, name, rest, chosen)
     horizontal = 1 if single else 2
     for dim in rest:
         if (
@@ -408,7 +408,7 @@ def _sort_dims(
     return tuple(rest), fixed, member
 
 
-def _beside(wanted: Wanted, file: File) -> list[str]:
+def _scalar_level_notes(wanted: Wanted, file: File) -> list[str]:
     """Return notes on a variable's scalar levels; raise UserError for levels below the surface."""
     name, quantity, chosen, (path, data) = wanted.name, wanted.quantity, wanted.chosen, file
     remarks = []
@@ -473,7 +473,7 @@ def axis_of(
     return None
 
 
-def _unstructured(
+def _unstructured_dim(
     data: xr.Dataset, name: str, dims: Sequence[str], chosen: Mapping[str, Any]
 ) -> str | None:
     """Return the dimension of an unstructured grid; None for other grids.
@@ -499,7 +499,9 @@ def _unstructured(
     return dims[-1] if all(held) else None
 
 
-def _same_grid(wanted: Wanted, first: File, file: File, dims: tuple[str, ...], moves: bool) -> None:
+def _check_same_grid(
+    wanted: Wanted, first: File, file: File, dims: tuple[str, ...], moves: bool
+) -> None:
     """Raise UserError if a file's grid points differ from those of the first; a grid may move."""
     (path, data), (other_path, other) = first, file
     if other is data:
@@ -530,7 +532,7 @@ def _same_grid(wanted: Wanted, first: File, file: File, dims: tuple[str, ...], m
         )
 
 
-def _same_units(wanted: Wanted, first: File, file: File) -> None:
+def _check_same_units(wanted: Wanted, first: File, file: File) -> None:
     """Raise UserError for files in different units, unless the case states the units."""
     name, quantity = wanted.name, wanted.quantity
     (path, units), (other_path, others) = (
@@ -543,7 +545,7 @@ def _same_units(wanted: Wanted, first: File, file: File) -> None:
         )
 
 
-def _factor(wanted: Wanted, file: File, notes: list[str]) -> float:
+def _factor_to_mps(wanted: Wanted, file: File, notes: list[str]) -> float:
     """Return the factor from a variable's units to m/s; notes are appended to `notes`."""
     name, units, quantity, (path, data) = wanted.name, wanted.units, wanted.quantity, file
     attributes = data[name].attrs
@@ -571,7 +573,7 @@ def _factor(wanted: Wanted, file: File, notes: list[str]) -> float:
     return factor
 
 
-def _mask(
+def _read_mask(
     data: xr.Dataset, dims: tuple[str, ...], chosen: Mapping[str, Any], notes: list[str]
 ) -> NDArray[np.bool_] | None:
     """Return True where a file's mask (1 water, 0 land) says water; None without a mask."""
@@ -590,7 +592,7 @@ def _mask(
             variable.dims == dims
             and np.isin(np.unique(np.nan_to_num(variable.values)), (0, 1)).all()
         ):
-            water = _water(variable.attrs)
+            water = _water_value(variable.attrs)
             wet = np.asarray(variable.values == water)
             if wet.all() and not named:
                 continue  # a mask without land does not tell whether land is stored as zero
@@ -599,7 +601,7 @@ def _mask(
     return None
 
 
-def _water(attributes: Mapping[str, Any]) -> int:
+def _water_value(attributes: Mapping[str, Any]) -> int:
     """Return the value of a mask, 0 or 1, that means water: 1 unless its flags say otherwise."""
     meanings = str(attributes.get("flag_meanings", "")).lower().split()
     values = np.ravel(attributes.get("flag_values", range(len(meanings))))

@@ -24,14 +24,14 @@ class Kept:
 
     def __init__(self, index: tuple[Index, ...]) -> None:
         self.index = index
-        self._places = [_places(along) for along in index]
+        self._window_positions = [_window_positions(along) for along in index]
         self._slices: dict[int, tuple[Array, int]] = {}
         self._guard = threading.Lock()
 
     def part(self, index: tuple[Index, ...]) -> tuple[Index, ...] | None:
         """Return the position of indices in the window; None if some are outside it."""
         inside = []
-        for wanted, places in zip(index, self._places, strict=True):
+        for wanted, places in zip(index, self._window_positions, strict=True):
             if wanted.max(initial=-1) >= len(places) or (places[wanted] < 0).any():
                 return None
             inside.append(places[wanted])
@@ -77,7 +77,7 @@ class Finished:
     def made(self, key: Hashable, make: Callable[[], Array]) -> Array:
         """Return a slice that `find` did not find, made now or read from disk; do not change it."""
         values = make() if self._stored is None else self._stored.get(key, make)
-        self._keep(key, values)
+        self._add(key, values)
         return values
 
     def store(self, folder: Path | None) -> None:
@@ -89,7 +89,7 @@ class Finished:
         for key, values in held.items() if self._stored else ():
             self.made(key, functools.partial(np.asarray, values))
 
-    def _keep(self, key: Hashable, values: Array) -> None:
+    def _add(self, key: Hashable, values: Array) -> None:
         with self._guard:
             if self._first and self._size + values.nbytes > MOST:
                 return
@@ -115,7 +115,7 @@ class Shelf:
         return self.finished.made((self.part, *key), make)
 
 
-def _places(index: Index) -> Index:
+def _window_positions(index: Index) -> Index:
     """Return the position of each of the file's indices in a window, -1 if it is outside."""
     places = np.full(int(index.max(initial=0)) + 1, -1, np.int64)
     places[index] = np.arange(len(index))

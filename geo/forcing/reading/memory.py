@@ -79,7 +79,7 @@ def as_stored(held: Held) -> xr.Dataset:
             # warnings of several fill values, which all count as missing
             warnings.simplefilter("ignore")
             return xr.decode_cf(
-                _encoded(held.data),
+                _encode(held.data),
                 concat_characters=False,
                 decode_times=False,
                 decode_coords=False,
@@ -87,12 +87,12 @@ def as_stored(held: Held) -> xr.Dataset:
             )
     except Exception as error:  # xarray and cftime raise many kinds
         raise UserError(
-            f"{held.title} cannot be decoded ({' '.join(str(error).split())[:120]}); mend its attributes, or decode "
+            f"{held.title} cannot be decoded ({' '.join(str(error).split())[:120]}); correct its attributes, or decode "
             "it first"
         ) from error
 
 
-def _encoded(data: xr.Dataset) -> xr.Dataset:
+def _encode(data: xr.Dataset) -> xr.Dataset:
     """Return a dataset with dates as numbers, and attributes back where a file has them."""
     data = data.rename(
         {name: str(name) for name in {*data.variables, *data.dims} if not isinstance(name, str)}
@@ -108,7 +108,7 @@ def _encoded(data: xr.Dataset) -> xr.Dataset:
         attributes |= kept | validity.unpacked(variable.attrs, variable.encoding)
         # time bounds and valid times of several runs have two dimensions
         if variable.ndim <= 2 and variable.dtype.kind in "MO":
-            variable, attributes = _numbers(variable, attributes)
+            variable, attributes = _dates_as_numbers(variable, attributes)
         elif variable.ndim <= 1 and variable.dtype.kind == "m":
             variable = xr.Variable(variable.dims, variable.values / np.timedelta64(1, "s"))
             attributes = {**attributes, "units": "seconds"}
@@ -117,7 +117,7 @@ def _encoded(data: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(stored)
 
 
-def _numbers(
+def _dates_as_numbers(
     variable: xr.Variable, attributes: Mapping[Any, Any]
 ) -> tuple[xr.Variable, dict[Any, Any]]:
     """Return dates as numbers with their attributes, as a file has them; other values unchanged."""
@@ -126,7 +126,7 @@ def _numbers(
         dates = values.astype("datetime64[us]").astype(object)  # Python's, None where missing
         calendar = "proleptic_gregorian"
     else:
-        dates = np.array([_utc(date) for date in values.flat] + [None], object)[:-1]
+        dates = np.array([_to_utc(date) for date in values.flat] + [None], object)[:-1]
         calendar = next(
             (getattr(d, "calendar", "standard") for d in dates if d is not None), "standard"
         )
@@ -135,7 +135,7 @@ def _numbers(
     )
     if not there.any():
         return variable, dict(attributes)
-    stored = _stored(encoding)
+    stored = _stored_units(encoding)
     single = stored is not None and encoding.get("dtype") == np.float32
     if stored is None or not (single or stored.misread):
         units, origin, seconds = EPOCH, EPOCH, 1.0
@@ -151,7 +151,7 @@ def _numbers(
 
 
 @dataclass(frozen=True)
-class _Stored:
+class _StoredUnits:
     """The units in which a file has the dates that xarray decoded.
 
     origin: xarray's interpretation of their origin; seconds: length of the unit; misread: xarray
@@ -164,7 +164,7 @@ class _Stored:
     misread: bool
 
 
-def _stored(encoding: Mapping[Any, Any]) -> _Stored | None:
+def _stored_units(encoding: Mapping[Any, Any]) -> _StoredUnits | None:
     """Return the units from which dates were decoded; None if unknown."""
     units = str(encoding.get("units", ""))
     if not epoch.is_shifted(units):
@@ -185,10 +185,10 @@ def _stored(encoding: Mapping[Any, Any]) -> _Stored | None:
         right = np.datetime64(own.moment.replace(" ", "T"), "s") - np.timedelta64(own.zone, "s")
     except (ValueError, UserError):
         pass
-    return _Stored(units, f"seconds since {begin}", seconds, bool(right != begin))
+    return _StoredUnits(units, f"seconds since {begin}", seconds, bool(right != begin))
 
 
-def _utc(date: Any) -> Any:
+def _to_utc(date: Any) -> Any:
     """Return a date in UTC without time zone: cftime would take the zone's local time for UTC."""
     aware = isinstance(date, datetime.datetime) and date.tzinfo is not None
     return date.astimezone(datetime.UTC).replace(tzinfo=None) if aware else date
@@ -224,19 +224,19 @@ def fingerprint(data: xr.Dataset, fields: Collection[str], time: str | None, ext
 
 def _hash_values(total: "hashlib._Hash", variable: xr.Variable) -> None:
     if variable.ndim == 0 or not variable.size:
-        total.update(_bytes(variable))
+        total.update(_value_bytes(variable))
         return
     first, rows = variable.dims[0], variable.shape[0]
     if variable.nbytes <= WHOLE:
         step = max(1, PIECE * rows // variable.nbytes)
         for k in range(0, rows, step):
-            total.update(_bytes(variable.isel({first: slice(k, k + step)})))
+            total.update(_value_bytes(variable.isel({first: slice(k, k + step)})))
         return
     others = max(variable.ndim - 1, 1)
     every = math.ceil((variable.size / rows / THINNED) ** (1 / others))
     for k in np.unique(np.linspace(0, rows - 1, SLICES).astype(int)):
         total.update(
-            _bytes(
+            _value_bytes(
                 variable.isel(
                     {first: k, **{d: slice(None, None, every) for d in variable.dims[1:]}}
                 )
@@ -244,7 +244,7 @@ def _hash_values(total: "hashlib._Hash", variable: xr.Variable) -> None:
         )
 
 
-def _bytes(variable: xr.Variable) -> bytes:
+def _value_bytes(variable: xr.Variable) -> bytes:
     values = np.asarray(variable.values)
     return (
         repr(values.tolist()).encode()

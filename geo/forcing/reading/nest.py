@@ -62,11 +62,14 @@ def make(
         box: needed area; None for all.
         dry: exact zeros are land.
     """
-    numbers = tuple((_place(components[0], i), _place(components[1], i)) for i in range(count))
+    numbers = tuple(
+        (_position_number(components[0], i), _position_number(components[1], i))
+        for i in range(count)
+    )
     met: list[tuple[int, int]] = []
     extent = target.Extent()
     for number in dict.fromkeys(numbers):
-        crops = _crops(components, number, box)
+        crops = _crop_at(components, number, box)
         if crops is not None:
             met.append(number)
             extent.add(crops[0])
@@ -74,36 +77,36 @@ def make(
         return None
     grid, coarser = target.over(extent, box)
     nest = Nest(grid, components, numbers, frozenset(met), axes, box, dry, None, ())
-    notes = _tile(nest, met[0]).notes
+    notes = _tile_at(nest, met[0]).notes
     if coarser:
         notes += (f"coarser than wanted to stay under {target.MOST_NODES:,} nodes",)
-    return replace(nest, domain=_always(nest, met), notes=notes)
+    return replace(nest, domain=_always_inside(nest, met), notes=notes)
 
 
-def _place(component: Component, i: int) -> int:
+def _position_number(component: Component, i: int) -> int:
     data, _, _, k = component.segments[i]
     return 0 if component.places is None else component.places.number[id(data), k]
 
 
-def _layout(component: Component, place: int) -> Layout:
+def _layout_at(component: Component, place: int) -> Layout:
     return component.layout if component.places is None else component.places.layout(place)
 
 
-def _crops(
+def _crop_at(
     components: tuple[Component, Component], number: tuple[int, int], box: Box | None
 ) -> tuple[Layout, Layout] | None:
     """Return both layouts at a position, cropped to a box; None if one does not overlap it."""
-    first = layout.crop(_layout(components[0], number[0]), box)
-    second = layout.crop(_layout(components[1], number[1]), box)
+    first = layout.crop(_layout_at(components[0], number[0]), box)
+    second = layout.crop(_layout_at(components[1], number[1]), box)
     return None if first is None or second is None else (first, second)
 
 
-def _tile(nest: Nest, number: tuple[int, int]) -> Tile:
+def _tile_at(nest: Nest, number: tuple[int, int]) -> Tile:
     """Return the tile of a position, from those used last or made now."""
     with nest.guard:
         held = nest.tiles.pop(number, None)
         if held is None:
-            crops = _crops(nest.components, number, nest.box)
+            crops = _crop_at(nest.components, number, nest.box)
             assert crops is not None
             held = tile.make(nest.components, crops, nest.axes, nest.box, nest.grid)
         nest.tiles[number] = held
@@ -112,13 +115,13 @@ def _tile(nest: Nest, number: tuple[int, int]) -> Tile:
     return replace(held, components=nest.components)
 
 
-def _always(nest: Nest, met: Sequence[tuple[int, int]]) -> NDArray[np.bool_] | None:
+def _always_inside(nest: Nest, met: Sequence[tuple[int, int]]) -> NDArray[np.bool_] | None:
     """Return the nodes inside the grid at every position, where a missing value may mean land.
 
     Of many positions only TILES are used.
     """
     chosen = np.unique(np.linspace(0, len(met) - 1, TILES).astype(int))
-    inside = [tile.domain(_tile(nest, met[k])) for k in chosen]
+    inside = [tile.domain(_tile_at(nest, met[k])) for k in chosen]
     masks = [mask for mask in inside if mask is not None]
     if not masks:
         return None
@@ -130,7 +133,7 @@ def read_nested_slice(nest: Nest, i: int) -> Values:
     """Return slice i like `tile.read_tile`; NaN outside the grid's position at that time."""
     if nest.numbers[i] not in nest.met:
         return np.full((nest.grid.nlat, nest.grid.nlon, 2), np.nan, np.float32)
-    held = _tile(nest, nest.numbers[i])
+    held = _tile_at(nest, nest.numbers[i])
     if nest.dry:
         held = replace(held, dry=tile.still(held, i))
     return tile.read_tile(held, i)

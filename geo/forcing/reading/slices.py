@@ -41,23 +41,23 @@ def read_component_slice(component: Component, layout: Layout, i: int) -> tuple[
     index, kept = window(layout), component.kept
     part = None if kept is None else kept.part(index)
     if kept is None or part is None:
-        return _read(component, index, i)
-    values, strange = kept.slice(i, lambda: _read(component, kept.index, i))
+        return _read_slice(component, index, i)
+    values, strange = kept.slice(i, lambda: _read_slice(component, kept.index, i))
     return values[np.ix_(*part)], strange
 
 
-def _read(component: Component, index: tuple[Index, ...], i: int) -> tuple[Array, int]:
+def _read_slice(component: Component, index: tuple[Index, ...], i: int) -> tuple[Array, int]:
     """Return slice i [m/s] at file indices along its horizontal dimensions."""
-    with _reading(component, i) as variable:
-        values = _block(variable, component.dims, index)
+    with _opened_slice(component, i) as variable:
+        values = _read_block(variable, component.dims, index)
     if component.mask is not None:
         values[~component.mask[np.ix_(*index)]] = np.nan
-    return _clean(values, component)
+    return _convert(values, component)
 
 
 def block(component: Component, i: int, index: tuple[slice, ...]) -> Array:
     """Return part of slice i in the file's own units; axes in the order of `component.dims`."""
-    with _reading(component, i) as variable:
+    with _opened_slice(component, i) as variable:
         cut = variable.isel(dict(zip(component.dims, index, strict=True))).transpose(
             *component.dims
         )
@@ -65,7 +65,7 @@ def block(component: Component, i: int, index: tuple[slice, ...]) -> Array:
 
 
 @contextmanager
-def _reading(component: Component, i: int) -> Iterator[xr.DataArray]:
+def _opened_slice(component: Component, i: int) -> Iterator[xr.DataArray]:
     """Yield slice i, not yet read; an error while reading it becomes a UserError with the file."""
     data, path, time_dim, k = component.segments[i]
     fixed = {d: n for d, n in component.fixed.items() if d in data[component.name].dims}
@@ -79,11 +79,11 @@ def _reading(component: Component, i: int) -> Iterator[xr.DataArray]:
     except Exception as error:  # HDF5 raises OSError and RuntimeError, zlib its own
         raise UserError(
             f"{path}: cannot read slice {k} of {component.name} ({' '.join(str(error).split())[:80]}): "
-            f"truncated or damaged; mend {dataset.key(path, component.quantity)}"
+            f"truncated or damaged; check {dataset.key(path, component.quantity)}"
         ) from error
 
 
-def _block(variable: xr.DataArray, dims: tuple[str, ...], index: tuple[Index, ...]) -> Array:
+def _read_block(variable: xr.DataArray, dims: tuple[str, ...], index: tuple[Index, ...]) -> Array:
     """Read the smallest contiguous blocks that hold the wanted indices, and sort the values."""
     spans, orders = [], []
     for wanted in index:
@@ -118,7 +118,7 @@ def still(values: Array, component: Component, i: int) -> NDArray[np.bool_]:
         return np.asarray(np.abs(values) <= max(slack, ROUNDING / component.factor))
 
 
-def _clean(values: Array, component: Component) -> tuple[Array, int]:
+def _convert(values: Array, component: Component) -> tuple[Array, int]:
     """Convert to m/s; set impossible speeds and undeclared fill values to NaN, and count them."""
     values = np.where(np.isin(values, component.fills), np.nan, values)
     with np.errstate(invalid="ignore", over="ignore"):

@@ -35,7 +35,7 @@ class Stored:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._sound: set[str] = set()  # slices whose digest this process has checked
+        self._valid: set[str] = set()  # slices whose digest this process has checked
 
     def get(self, key: Hashable, make: Callable[[], Array]) -> Array:
         """Return the slice of a key; if it is absent, only one process makes it."""
@@ -43,7 +43,7 @@ class Stored:
         found = self._read(name)
         if found is not None:
             return found
-        with _alone(self.folder / f"{name}.lock"):
+        with _exclusive(self.folder / f"{name}.lock"):
             found = self._read(name)
             if found is not None:
                 return found
@@ -57,12 +57,12 @@ class Stored:
             # copy on write: a device may copy an argument back, which must not change the file
             held = np.memmap(self.folder / f"{name}{SUFFIX}", np.uint8, "c")
             body, shape, digest = np.split(held, (-DIGEST - SHAPE.size, -DIGEST))
-            if name not in self._sound and _digest(name, body, shape.tobytes()) != digest.tobytes():
+            if name not in self._valid and _digest(name, body, shape.tobytes()) != digest.tobytes():
                 return None
             values = np.asarray(body).view(np.float32).reshape(SHAPE.unpack(shape.tobytes()))
         except (OSError, ValueError, struct.error):  # the file is absent, empty or too short
             return None
-        self._sound.add(name)
+        self._valid.add(name)
         return values
 
     def _write(self, name: str, values: Array) -> None:
@@ -90,7 +90,7 @@ def _digest(name: str, body: Array, shape: bytes) -> bytes:
 
 
 @contextlib.contextmanager
-def _alone(path: Path) -> Iterator[None]:
+def _exclusive(path: Path) -> Iterator[None]:
     """Hold a lock file, which the system releases if the process ends.
 
     On systems without locks, continue without.
@@ -99,7 +99,7 @@ def _alone(path: Path) -> Iterator[None]:
     try:
         with contextlib.suppress(OSError):
             lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        while lock is not None and not _locked(lock):
+        while lock is not None and not _try_lock(lock):
             waiting.heed()
             time.sleep(POLL)
         yield
@@ -108,7 +108,7 @@ def _alone(path: Path) -> Iterator[None]:
             os.close(lock)
 
 
-def _locked(lock: int) -> bool:
+def _try_lock(lock: int) -> bool:
     """Try to lock an open file; return False if another process has the lock."""
     try:
         if fcntl is not None:

@@ -70,8 +70,8 @@ class Slices:
         # for short lists, searching in Python is faster than in NumPy
         self._nodes: list[int] = self.seconds.tolist()
         self._steps: list[int] = steps.tolist()
-        self._usual = float(np.median(steps)) if steps.size else 0.0
-        self._reading: dict[int, Future[Array]] = {}
+        self._usual_step = float(np.median(steps)) if steps.size else 0.0
+        self._pending: dict[int, Future[Array]] = {}
 
     def bracket(self, low: int, high: int) -> Bracket | None:
         """Return the bracket of the step [low, high] [s since 1970]; None if there is no data."""
@@ -84,7 +84,7 @@ class Slices:
             return Bracket(float(low), float(high), 0.0, 1.0)
         i = min(bisect_right(nodes, low) - 1, len(nodes) - 2)
         j = max(bisect_left(nodes, high), i + 1)
-        if not self.source.gapless and max(self._steps[i:j]) > LONGEST_GAP * self._usual:
+        if not self.source.gapless and max(self._steps[i:j]) > LONGEST_GAP * self._usual_step:
             return None
         if j > i + 1:
             return Bracket(float(low), float(high), 0.0, 1.0)
@@ -98,28 +98,28 @@ class Slices:
             i = min(int(np.searchsorted(self.seconds, key, "right")) - 1, self.seconds.size - 2)
             weight = np.float32((key - self.seconds[i]) / self._steps[i])
             return np.asarray((1 - weight) * self.get(i) + weight * self.get(i + 1))
-        values = self._ready(key)
+        values = self._find_shared(key)
         if values is None:
             values = self._request(key).result()
-        if self._ready(key + self.ahead) is None:
+        if self._find_shared(key + self.ahead) is None:
             self._request(key + self.ahead)
-        for old in [k for k in self._reading if abs(k - key) > 1]:
-            del self._reading[old]
+        for old in [k for k in self._pending if abs(k - key) > 1]:
+            del self._pending[old]
         return values
 
-    def _ready(self, index: int) -> Array | None:
+    def _find_shared(self, index: int) -> Array | None:
         """Return a slice from the shared cache; None if it is absent."""
         shelf = self.source.shelf
-        return None if shelf is None else shelf.find(self.cells, self._inside(index))
+        return None if shelf is None else shelf.find(self.cells, self._clamp_index(index))
 
-    def _inside(self, index: int) -> int:
+    def _clamp_index(self, index: int) -> int:
         return min(max(index, 0), max(self.seconds.size, 1) - 1)
 
     def _request(self, index: int) -> Future[Array]:
-        index = self._inside(index)
-        if index not in self._reading:
-            self._reading[index] = self._pool.submit(self._read, index)
-        return self._reading[index]
+        index = self._clamp_index(index)
+        if index not in self._pending:
+            self._pending[index] = self._pool.submit(self._read, index)
+        return self._pending[index]
 
     def within(self, low: int, high: int) -> int:
         """Return the largest number of slices that a run between two times [s since 1970] reads."""
@@ -130,12 +130,12 @@ class Slices:
     def _read(self, index: int) -> Array:
         shelf = self.source.shelf
         return (
-            self._made(index)
+            self._read_and_fill(index)
             if shelf is None
-            else shelf.made(partial(self._made, index), self.cells, index)
+            else shelf.made(partial(self._read_and_fill, index), self.cells, index)
         )
 
-    def _made(self, index: int) -> Array:
+    def _read_and_fill(self, index: int) -> Array:
         values, grid = self.source.read(index), self.source.grid
         if self.cells:
             bands, inside = filling.bands(grid), self.source.domain

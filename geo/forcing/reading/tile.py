@@ -93,7 +93,7 @@ def make(
         weights = regrid.weights(first, grid, sign)
         matrices = (
             weights,
-            weights if _same(first, second) else regrid.weights(second, grid, sign),
+            weights if _identical(first, second) else regrid.weights(second, grid, sign),
         )
         kind = {
             Axes: "rectilinear",
@@ -102,7 +102,7 @@ def make(
             Triangles: "triangular",
         }[type(first)]
         notes.append(
-            f"{kind} grid carried to a regular one of {grid.nlon} x {grid.nlat} nodes, "
+            f"{kind} grid regridded to a regular one of {grid.nlon} x {grid.nlat} nodes, "
             f"{grid.dlon:.4g} x {grid.dlat:.4g} degrees"
             + (
                 f", coarser than wanted to stay under {target.MOST_NODES:,} nodes"
@@ -110,17 +110,17 @@ def make(
                 else ""
             )
         )
-        if not _together(first, second):
+        if not _same_points(first, second):
             notes.append(
-                "the components stand at different points (a staggered grid): each is carried from its own"
+                "the components have different points (a staggered grid): each is regridded from its own"
             )
-    directions = _directions(grid, layouts, matrices, axes, notes)
+    directions = _axis_directions(grid, layouts, matrices, axes, notes)
     about_pole = None
     if (
         matrices is not None
         and directions is None
         and np.abs(grid.lat).max() > ABOUT_POLE
-        and _together(first, second)
+        and _same_points(first, second)
     ):
         lon, lat = layout.points(first)
         about_pole = np.radians(lon), np.radians(lat)
@@ -140,7 +140,7 @@ def domain(tile: Tile) -> NDArray[np.bool_] | None:
     return np.concatenate([inside, inside[:, :1]], axis=1) if tile.grid.seamless else inside
 
 
-def _same(first: Layout, second: Layout) -> bool:
+def _identical(first: Layout, second: Layout) -> bool:
     """Return True if two layouts are bitwise equal; equal projections may not be recognized."""
     if type(first) is not type(second):
         return False
@@ -151,7 +151,7 @@ def _same(first: Layout, second: Layout) -> bool:
     )
 
 
-def _together(first: Layout, second: Layout) -> bool:
+def _same_points(first: Layout, second: Layout) -> bool:
     """Return True if two components have the same points."""
     pairs = list(zip(layout.points(first), layout.points(second), strict=True))
     return all(
@@ -184,7 +184,7 @@ def regular(first: Layout, second: Layout) -> Grid | None:
     )
 
 
-def _directions(
+def _axis_directions(
     grid: Grid,
     layouts: tuple[Layout, Layout],
     matrices: tuple[sp.csr_matrix, sp.csr_matrix] | None,
@@ -211,7 +211,9 @@ def _directions(
     else:  # each component has its own axis: at a fold the two may come from different sides
         second = layouts[1] if isinstance(layouts[1], Curved) else first
         x, y = (
-            rotation.carried_axis(matrix, item.lon, item.lat, _x_axis(item) + quarter, lon, lat)
+            rotation.carried_axis(
+                matrix, item.lon, item.lat, _x_axis_angle(item) + quarter, lon, lat
+            )
             for matrix, item, quarter in (
                 (matrices[0], first, 0.0),
                 (matrices[1], second, np.pi / 2),
@@ -228,7 +230,7 @@ def _directions(
     return result
 
 
-def _x_axis(item: Curved) -> Array:
+def _x_axis_angle(item: Curved) -> Array:
     """Return the angle [rad] of a curvilinear grid's x axis from east at its points."""
     return (
         item.angle
@@ -237,7 +239,7 @@ def _x_axis(item: Curved) -> Array:
     )
 
 
-def _components(tile: Tile, i: int) -> tuple[Array, Array, int]:
+def _read_components(tile: Tile, i: int) -> tuple[Array, Array, int]:
     """Return both components of slice i at their own points, and the number of undeclared fills."""
     values, strange = [], 0
     for k in (0, 1):
@@ -249,7 +251,7 @@ def _components(tile: Tile, i: int) -> tuple[Array, Array, int]:
     return values[0], values[1], strange
 
 
-def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _interpolate(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return components (nlat, columns) interpolated to the grid, still along their own axes."""
     if tile.matrices is None:
         return np.asarray(x, np.float32), np.asarray(y, np.float32)
@@ -266,7 +268,7 @@ def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArr
     return a, b
 
 
-def _finished(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Values:
+def _to_vectors(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Values:
     """Rotate interpolated components to east and north; NaN where either is missing."""
     result = np.empty((tile.grid.nlat, tile.grid.nlon, 2), np.float32)
     own = tile.grid.columns
@@ -277,13 +279,13 @@ def _finished(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Val
     if tile.grid.seamless:
         for row, inner in ((0, 1), (-1, -2)):
             if abs(tile.grid.lat[row]) > 90.0 - 1e-6:
-                result[row] = _at_pole(
+                result[row] = _pole_row(
                     result[row], result[inner], tile.grid.lon, float(tile.grid.lat[row])
                 )
     return result
 
 
-def _at_pole(own: Values, inner: Values, lon: Array, lat: float) -> Values:
+def _pole_row(own: Values, inner: Values, lon: Array, lat: float) -> Values:
     """Return the row at a pole, where all columns are one point: one vector for all meridians.
 
     Files store it in several ways. If the columns of a file disagree, the vector is the mean of
@@ -316,8 +318,8 @@ def read_tile(tile: Tile, i: int) -> Values:
 
     It is safe to call from any thread.
     """
-    x, y, _ = _components(tile, i)
-    return _finished(tile, *_carried(tile, x, y))
+    x, y, _ = _read_components(tile, i)
+    return _to_vectors(tile, *_interpolate(tile, x, y))
 
 
 def examine(tile: Tile, count: int, seen: Survey) -> Examined:
@@ -330,14 +332,14 @@ def examine(tile: Tile, count: int, seen: Survey) -> Examined:
     """
     notes: list[str] = []
     if seen.dry:
-        tile = replace(tile, dry=_dry(tile, seen.looked_at))
-    x, y, strange = _components(tile, 0)
+        tile = replace(tile, dry=_dry_points(tile, seen.looked_at))
+    x, y, strange = _read_components(tile, 0)
     if strange:
         notes.append(
             f"{strange} values of the first slice are fill values that the file does not declare: missing"
         )
-    a, b = _carried(tile, x, y)
-    first = _finished(tile, a, b)
+    a, b = _interpolate(tile, x, y)
+    first = _to_vectors(tile, a, b)
     missing = float(np.isnan(first[..., 0]).mean())
     empty = missing == 1.0 and not any(
         np.isfinite(read_tile(tile, i)).any() for i in {count // 2, count - 1} - {0}
@@ -347,7 +349,9 @@ def examine(tile: Tile, count: int, seen: Survey) -> Examined:
     return Examined(tile, missing, empty, strange, tuple(notes))
 
 
-def _dry(tile: Tile, looked_at: tuple[int, ...]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _dry_points(
+    tile: Tile, looked_at: tuple[int, ...]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the points of each component that are exactly zero, or missing, in all these slices."""
     zero = [still(tile, i) for i in looked_at]
     return np.logical_and.reduce([u for u, _ in zero]), np.logical_and.reduce([v for _, v in zero])
@@ -355,7 +359,7 @@ def _dry(tile: Tile, looked_at: tuple[int, ...]) -> tuple[NDArray[np.bool_], NDA
 
 def still(tile: Tile, i: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the points of each component that are exactly zero, or missing, in slice i."""
-    values = _components(tile, i)[:2]
+    values = _read_components(tile, i)[:2]
     u, v = (
         slices.still(value / c.factor, c, i) | np.isnan(value)
         for value, c in zip(values, tile.components, strict=True)

@@ -87,19 +87,19 @@ def method_of(data: xr.Dataset, name: str, time_name: str | None, path: str) -> 
         *clock.NAMES,
         *([time_name, *map(str, data[time_name].dims)] if time_name else []),
     }
-    product = _product(data, path)
+    product = _product_method(data, path)
     text = str(attributes.get("cell_methods", ""))
     for names, kind, rest in _METHODS.findall(re.sub(r"\([^)]*\)", " ", text)):
         if axis & {one.strip() for one in names.split(":")}:
             if re.search(r"\b(within|over)\b", rest):
                 return Method("climatology", "", f'cell_methods "{text}"')
             return Method(
-                _kind(kind),
-                product.stamp if _kind(kind) == "mean" else "",
+                _method_kind(kind),
+                product.stamp if _method_kind(kind) == "mean" else "",
                 f'cell_methods "{text}"',
             )
     for key in ("GRIB_stepType", "online_operation"):
-        kind = _kind(str(attributes.get(key, "")).strip())
+        kind = _method_kind(str(attributes.get(key, "")).strip())
         if kind:  # GRIB stamps an average at its end
             return Method(
                 kind,
@@ -116,12 +116,12 @@ def method_of(data: xr.Dataset, name: str, time_name: str | None, path: str) -> 
     )
 
 
-def _kind(method: str) -> str:
+def _method_kind(method: str) -> str:
     low = method.lower()
     return "mean" if low in MEANS else "point" if low in POINTS else low if low in OTHERS else ""
 
 
-def _product(data: xr.Dataset, path: str) -> Method:
+def _product_method(data: xr.Dataset, path: str) -> Method:
     """Return the method that a Copernicus product name states, in the path or in attributes."""
     for text in (path, *(str(value) for value in data.attrs.values())):
         match = COPERNICUS.search(text)
@@ -181,11 +181,11 @@ def bounds_of(
         units = own
     calendar = str(held.attrs.get("calendar", calendar)) or "standard"
     cells = np.sort(clock.dates(numbers, units, calendar.lower(), name, zone), axis=1)
-    _check(cells, times, name)
+    _check_bounds(cells, times, name)
     return cells, []
 
 
-def _check(cells: Times, times: Times, name: str) -> None:
+def _check_bounds(cells: Times, times: Times, name: str) -> None:
     """Raise UserError for bounds that do not contain their times, or that are out of order."""
     slack = (cells[:, 1] - cells[:, 0]) * SLACK + np.timedelta64(1, "s")
     outside = np.flatnonzero((times < cells[:, 0] - slack) | (times > cells[:, 1] + slack))
@@ -200,9 +200,7 @@ def _check(cells: Times, times: Times, name: str) -> None:
         len(times) > 1
         and (np.sign(np.diff(middles.astype(int))) != np.sign(np.diff(times.astype(int)))).any()
     ):
-        raise UserError(
-            f'"{name}" gives slices of different times intervals that do not follow each other'
-        )
+        raise UserError(f'"{name}" gives intervals that are not in the order of their times')
 
 
 def slice_times(
@@ -223,11 +221,11 @@ def slice_times(
     if stated == "instant":
         return times, None, ["times are taken as instants, as the case states"]
     if stated:
-        return _by_spacing(times, stated, "as the case says")
+        return _place_by_spacing(times, stated, "as the case says")
     known = ~np.isnat(cells[:, 0])
     if known.all() and method.kind != "point":
         moved = _middles(cells)
-        return moved, cells, [_told(cells, times, moved, "by their time bounds")]
+        return moved, cells, [_describe_means(cells, times, moved, "by their time bounds")]
     if known.any() and method.kind != "point":
         raise UserError(
             f'some files have time bounds and some have none; state {key} = "start", "middle" or "end"'
@@ -240,17 +238,17 @@ def slice_times(
         method = Method("mean", "", "slices a month apart")
     if method.kind != "mean" or len(times) < 2:
         return times, None, []
-    if _at_middle(times):
-        return _by_spacing(times, "middle", f"{method.why}, and stamps at half their spacing")
+    if _are_midpoints(times):
+        return _place_by_spacing(times, "middle", f"{method.why}, and stamps at half their spacing")
     if method.stamp:
-        return _by_spacing(times, method.stamp, method.why)
+        return _place_by_spacing(times, method.stamp, method.why)
     usual = np.median(np.diff(times))
     return (
         times,
         None,
         [
-            f"WARNING: means over {_hours(usual)} ({method.why}), and nothing says whether they are stamped at the start, the "
-            f'middle or the end: taken for the middle, which may be {_hours(usual / 2)} off; state {key} = "start", '
+            f"WARNING: means over {_format_hours(usual)} ({method.why}), and nothing says whether they are stamped at the start, the "
+            f'middle or the end: taken for the middle, which may be {_format_hours(usual / 2)} off; state {key} = "start", '
             '"middle" or "end"'
         ],
     )
@@ -267,7 +265,7 @@ def held(times: Times, cells: Times) -> tuple[Times, NDArray[np.int64]]:
     return np.concatenate((cells[:1, 0], times, cells[-1:, 1])), index
 
 
-def _by_spacing(times: Times, stamp: str, why: str) -> tuple[Times, Times | None, list[str]]:
+def _place_by_spacing(times: Times, stamp: str, why: str) -> tuple[Times, Times | None, list[str]]:
     """Place means by their stamps alone: an interval lasts until the next stamp.
 
     At a gap it has the usual length.
@@ -277,10 +275,10 @@ def _by_spacing(times: Times, stamp: str, why: str) -> tuple[Times, Times | None
     steps, usual = np.diff(times), np.median(np.diff(times)).astype("timedelta64[s]")
     steps = np.where(steps > APART * usual, usual, steps)
     if stamp == "start":
-        last = _months(times[-1:], 1) - times[-1:] if _monthly(times) else steps[-1:]
+        last = _add_months(times[-1:], 1) - times[-1:] if _are_month_starts(times) else steps[-1:]
         begin, end = times, times + np.concatenate((steps, last))
     elif stamp == "end":
-        first = times[:1] - _months(times[:1], -1) if _monthly(times) else steps[:1]
+        first = times[:1] - _add_months(times[:1], -1) if _are_month_starts(times) else steps[:1]
         begin, end = times - np.concatenate((first, steps)), times
     else:
         begin = times - np.concatenate((steps[:1], steps)) // 2
@@ -290,29 +288,29 @@ def _by_spacing(times: Times, stamp: str, why: str) -> tuple[Times, Times | None
     where = {"start": "stamped at their start", "end": "stamped at their end"}.get(
         stamp, "stamped at their middle"
     )
-    return moved, cells, [_told(cells, times, moved, f"{where}: {why}")]
+    return moved, cells, [_describe_means(cells, times, moved, f"{where}: {why}")]
 
 
-def _told(cells: Times, times: Times, moved: Times, why: str) -> str:
+def _describe_means(cells: Times, times: Times, moved: Times, why: str) -> str:
     lengths = np.unique(cells[:, 1] - cells[:, 0])
     over = (
-        _hours(lengths[0])
+        _format_hours(lengths[0])
         if len(lengths) == 1
-        else f"{_hours(lengths[0])} to {_hours(lengths[-1])}"
+        else f"{_format_hours(lengths[0])} to {_format_hours(lengths[-1])}"
     )
     shift = (
         ""
         if (moved == times).all()
         else f"; the slice stamped {notation.group(times[0])} is given {notation.group(moved[0])}"
     )
-    return f"means over {over}, each placed at the middle of its interval ({why}){shift}; the first and last hold to the edges of theirs"
+    return f"means over {over}, each placed at the middle of its interval ({why}){shift}; the first and last are held to the ends of their intervals"
 
 
 def _middles(cells: Times) -> Times:
     return np.asarray(cells[:, 0] + (cells[:, 1] - cells[:, 0]) // 2)
 
 
-def _at_middle(times: Times) -> bool:
+def _are_midpoints(times: Times) -> bool:
     """Return True if all stamps lie half their spacing after its multiples.
 
     Examples are 12:00 for daily means and 00:30 for hourly ones; for monthly means, the middle of
@@ -331,17 +329,17 @@ def _monthly_spacing(usual: int) -> bool:
     return MONTH[0] <= usual <= MONTH[1]
 
 
-def _monthly(times: Times) -> bool:
+def _are_month_starts(times: Times) -> bool:
     """Return True if all stamps are the first moment of a month, with monthly spacing."""
     firsts = times == times.astype("datetime64[M]").astype(CELLS)
     return bool(firsts.all()) and _monthly_spacing(int(np.median(np.diff(times)).astype(int)))
 
 
-def _months(times: Times, by: int) -> Times:
+def _add_months(times: Times, by: int) -> Times:
     return np.asarray((times.astype("datetime64[M]") + np.timedelta64(by, "M")).astype(CELLS))
 
 
-def _hours(span: Any) -> str:
+def _format_hours(span: Any) -> str:
     hours = float(span / np.timedelta64(3600, "s"))
     return f"{hours:g} h" if hours >= 1 else f"{hours * 60:g} min"
 

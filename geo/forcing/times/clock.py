@@ -105,11 +105,11 @@ def decode(
     if {"Itime", "Itime2"} <= set(data.variables):  # FVCOM: exact, in days and milliseconds
         start = np.datetime64("1858-11-17", "ms") - np.timedelta64(zone or 0, "s")
         days = np.atleast_1d(data["Itime"].values).astype("timedelta64[D]")
-        return _seconds(
+        return _round_to_seconds(
             start + days + np.atleast_1d(data["Itime2"].values).astype("timedelta64[ms]")
         ), notes
     if np.issubdtype(values.dtype, np.datetime64):
-        return _seconds(values), notes
+        return _round_to_seconds(values), notes
     if not epoch.is_shifted(units):
         raise UserError(f'"{name}" has units "{units}", which give no date')
     if not np.issubdtype(values.dtype, np.number):
@@ -134,7 +134,7 @@ def decode(
             float(np.spacing(np.abs(values[: len(kept)]).max())) * epoch.parse(units, zone).seconds
         )
         if grain > 0.5:
-            times, step = _snapped(times, grain)
+            times, step = _snap_times(times, grain)
             notes.append(
                 f"times stored in single precision (to {grain:.0f} s): rounded to {step} s"
             )
@@ -158,7 +158,7 @@ def dates(
             f'"{name}" has units "{units}" in calendar "{calendar}", not understood'
         ) from error
     try:
-        times = _seconds(
+        times = _round_to_seconds(
             np.array([np.datetime64(date.isoformat(), "us") for date in np.ravel(found)])
         )
     except ValueError as error:
@@ -212,12 +212,12 @@ def order(
     return np.concatenate(parts)
 
 
-def _seconds(times: NDArray[np.datetime64]) -> Times:
+def _round_to_seconds(times: NDArray[np.datetime64]) -> Times:
     rounded = times.astype("datetime64[us]") + np.timedelta64(500_000, "us")
     return rounded.astype("datetime64[s]")
 
 
-def _snapped(times: Times, grain: float) -> tuple[Times, int]:
+def _snap_times(times: Times, grain: float) -> tuple[Times, int]:
     """Round to the coarsest step that moves no time by more than its stored precision."""
     seconds = times.astype(np.int64)
     for step in STEPS:

@@ -92,7 +92,7 @@ def is_shifted(units: str) -> bool:
     unit = _UNIT.match(match[1]) if match else None
     if match is None or unit is None or not any(letter.isdigit() for letter in match[2]):
         return False
-    return _name(unit[2]) is not None or unit[2].lower().rstrip("s") in UNEVEN
+    return _unit_name(unit[2]) is not None or unit[2].lower().rstrip("s") in UNEVEN
 
 
 def parse(units: str, zone: int | None = None) -> Epoch:
@@ -110,7 +110,7 @@ def parse(units: str, zone: int | None = None) -> Epoch:
     unit = _UNIT.match(match[1]) if match else None
     if match is None or unit is None:
         raise UserError(f'units "{units}" give no date')
-    name = _name(unit[2])
+    name = _unit_name(unit[2])
     if name is None:
         raise UserError(f'units "{units}": "{unit[2]}" is no unit of time with a fixed length')
     scale = float(unit[1] or 1.0)
@@ -134,12 +134,12 @@ def parse(units: str, zone: int | None = None) -> Epoch:
             raise ZoneError(f'units "{units}": "{rest}" after the time has no meaning as a zone')
         raise UserError(f'units "{units}": "{match[2]}" is no date and time')
     part = (whole or begin).groupdict()
-    own = 0 if whole is None or zone is not None else _offset(part)
+    own = 0 if whole is None or zone is not None else _zone_offset(part)
     if zone is None and part["hour"] is None and part["hour_p"] is None and own:
         raise ZoneError(f'units "{units}": "{match[2]}" may end in a zone or in a time of day')
     if abs(own) > FARTHEST and zone is None:
         raise ZoneError(f'units "{units}": no zone is that far from UTC')
-    epoch = Epoch(name, scale, seconds, _moment(part), own)
+    epoch = Epoch(name, scale, seconds, _format_moment(part), own)
     return epoch if zone is None else replace(epoch, zone=zone)
 
 
@@ -156,7 +156,7 @@ def zone_of(text: str) -> int:
     return -seconds if match[1] == "-" else seconds
 
 
-def _name(word: str) -> str | None:
+def _unit_name(word: str) -> str | None:
     """Return the singular name of a unit of time; None if the word is no such unit."""
     folded = word.lower()
     for text in (folded, folded.removesuffix("s")):
@@ -167,7 +167,7 @@ def _name(word: str) -> str | None:
     return None
 
 
-def _moment(part: dict[str, str | None]) -> str:
+def _format_moment(part: dict[str, str | None]) -> str:
     """Return a date and time of day as cftime reads them."""
 
     def first(name: str, otherwise: str) -> str:
@@ -190,7 +190,7 @@ def _moment(part: dict[str, str | None]) -> str:
     )
 
 
-def _offset(part: dict[str, str | None]) -> int:
+def _zone_offset(part: dict[str, str | None]) -> int:
     """Return the offset of a written zone from UTC [s], from 6, -6, -3:30 or -0600."""
     digits = part.get("off") or part.get("plain")
     if digits is None:
@@ -210,5 +210,5 @@ def _offset(part: dict[str, str | None]) -> int:
 def seconds_of(unit: str) -> float | None:
     """Return the length [s] of a unit of time without a date, like "hours"; None otherwise."""
     match = _UNIT.match(unit.strip())
-    name = _name(match[2]) if match else None
+    name = _unit_name(match[2]) if match else None
     return None if match is None or name is None else float(match[1] or 1.0) * SECONDS[name]

@@ -58,7 +58,7 @@ def resolved(
     seconds = times.astype("datetime64[s]").astype(np.int64)
     kept = np.ones(len(seconds), bool)
     if len(np.unique(seconds)) < len(seconds):
-        runs = _runs(seconds, slices)
+        runs = _list_runs(seconds, slices)
         same, later, unseen = list[str](), list[str](), list[str]()
         for k, earlier in enumerate(runs):
             for run in runs[k + 1 :]:
@@ -66,16 +66,16 @@ def resolved(
                 if shared.size:
                     most = COMPARED_REMOTE if dataset.remote(run.path) else COMPARED
                     seen = len(same) + len(later) < most
-                    equal = seen and _equal(earlier, run, shared, slices, name, fixed)
+                    equal = seen and _equal_values(earlier, run, shared, slices, name, fixed)
                     (same if equal else later if seen else unseen).append(
-                        _settle(earlier, run, shared, equal, kept)
+                        _drop_overlap(earlier, run, shared, equal, kept)
                     )
-        notes += _told(same, later, unseen)
+        notes += _overlap_notes(same, later, unseen)
     chosen = np.flatnonzero(kept)
     return np.asarray(chosen[np.argsort(seconds[chosen], kind="stable")], np.int64)
 
 
-def _runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run]:
+def _list_runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run]:
     """Return the runs in order of their start; of equal starts the last named is later."""
     files: dict[int, list[int]] = {}
     for k, (data, *_) in enumerate(slices):
@@ -84,7 +84,7 @@ def _runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run]:
     for own in files.values():
         data, path, along, _ = slices[own[0]]
         index = np.array(own)
-        began = _reference(data)
+        began = _run_start(data)
         held = versions.along(data, along)
         version = (
             np.zeros(len(own), np.int64) if held is None else held[[slices[k][3] for k in own]]
@@ -94,7 +94,7 @@ def _runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run]:
     return sorted(runs, key=lambda run: (run.began, int(run.times.min())))
 
 
-def _reference(data: xr.Dataset) -> int | None:
+def _run_start(data: xr.Dataset) -> int | None:
     """Return the start of a file's run [s since 1970]; None if the file does not state it."""
     for name, variable in data.variables.items():
         if (
@@ -113,7 +113,7 @@ def _reference(data: xr.Dataset) -> int | None:
     return None
 
 
-def _settle(
+def _drop_overlap(
     earlier: _Run, later: _Run, shared: NDArray[np.int64], equal: bool, kept: NDArray[np.bool_]
 ) -> str:
     """Clear `kept` for slices of two runs that are not used; return a text for a note."""
@@ -150,7 +150,7 @@ def _version_at(run: _Run, time: int) -> int:
     return int(run.version[np.flatnonzero(run.times == time)[0]])
 
 
-def _equal(
+def _equal_values(
     earlier: _Run,
     later: _Run,
     shared: NDArray[np.int64],
@@ -168,7 +168,7 @@ def _equal(
         pair = []
         for run in (earlier, later):
             k = int(run.index[np.flatnonzero(run.times == time)[0]])
-            pair.append(_sample(slices[k], name, fixed))
+            pair.append(_sample_slice(slices[k], name, fixed))
         (a, near), (b, other) = pair
         if a.shape != b.shape or (np.isnan(a) != np.isnan(b)).any():
             return False
@@ -179,7 +179,7 @@ def _equal(
     return True
 
 
-def _sample(one: Slice, name: str, fixed: Mapping[str, int]) -> tuple[Array, float]:
+def _sample_slice(one: Slice, name: str, fixed: Mapping[str, int]) -> tuple[Array, float]:
     """Return thinned values of a slice and the rounding error of their packing."""
     data, _, along, k = one
     variable = data[name]
@@ -195,19 +195,23 @@ def _sample(one: Slice, name: str, fixed: Mapping[str, int]) -> tuple[Array, flo
     return np.asarray(thinned.values, np.float64), 0.501 * step
 
 
-def _told(same: list[str], later: list[str], unseen: list[str]) -> list[str]:
+def _overlap_notes(same: list[str], later: list[str], unseen: list[str]) -> list[str]:
     """Return notes on pairs of files with equal values, with other values, or not compared."""
     remarks = []
     if same:
-        remarks.append(f"times that files share, with the same values, count once: {_some(same)}")
+        remarks.append(
+            f"times that files share, with equal values, are used once: {_list_some(same)}"
+        )
     if later:
-        remarks.append(f"times that files share, with other values: taken is {_some(later)}")
+        remarks.append(
+            f"times that files share, with different values: used is {_list_some(later)}"
+        )
     if unseen:
         remarks.append(
-            f"times that many files share, whose values were not compared: taken is {_some(unseen)}"
+            f"times that many files share, whose values were not compared: used is {_list_some(unseen)}"
         )
     return remarks
 
 
-def _some(listed: list[str]) -> str:
+def _list_some(listed: list[str]) -> str:
     return "; ".join(listed[:3]) + (f"; and {len(listed) - 3} more" if len(listed) > 3 else "")

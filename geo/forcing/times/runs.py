@@ -47,28 +47,32 @@ def unrolled(
     notes: list[str] = []
     left = dict(chosen)
     for path, data in files:
-        found = _axes(data, name, chosen) if name in data.variables else None
+        found = _run_dims(data, name, chosen) if name in data.variables else None
         if found is None:
             result.append((path, data))
             continue
         reference, lead = found
         if reference is not None and reference in chosen:
-            data = data.isel({reference: [_index(data, reference, chosen[reference], quantity)]})
+            data = data.isel(
+                {reference: [_run_index(data, reference, chosen[reference], quantity)]}
+            )
             left.pop(reference, None)
-        own, remarks = _runs(path, data, reference, lead, quantity=quantity, times=times)
+        own, remarks = _split_runs(path, data, reference, lead, quantity=quantity, times=times)
         result += own
         notes += [r for r in remarks if r not in notes]
     return result, left, notes
 
 
-def _index(data: xr.Dataset, dim: str, given: Any, quantity: str) -> int:
+def _run_index(data: xr.Dataset, dim: str, given: Any, quantity: str) -> int:
     text, size = str(given).strip(), int(data.sizes[dim])
     if not text.isdigit() or int(text) >= size:
         raise UserError(f"[[{quantity}]] variables.{dim} = {text}: it is an index, 0 to {size - 1}")
     return int(text)
 
 
-def _axes(data: xr.Dataset, name: str, chosen: Mapping[str, Any]) -> tuple[str | None, str] | None:
+def _run_dims(
+    data: xr.Dataset, name: str, chosen: Mapping[str, Any]
+) -> tuple[str | None, str] | None:
     """Return the dimension of runs (None for a single run) and that of lead times.
 
     None if the variable has no lead times.
@@ -85,7 +89,7 @@ def _axes(data: xr.Dataset, name: str, chosen: Mapping[str, Any]) -> tuple[str |
         data[n].dims == (lead,) and _is_valid(data, str(n)) for n in data.variables
     ):
         return None  # valid times lie along the lead already
-    return (None, lead) if _alone(data) is not None else None
+    return (None, lead) if _single_run_start(data) is not None else None
 
 
 def _is_lead(data: xr.Dataset, dim: str) -> bool:
@@ -112,7 +116,7 @@ def _is_valid(data: xr.Dataset, name: str) -> bool:
     return timely and epoch.is_shifted(str(attributes.get("units", "")))
 
 
-def _alone(data: xr.Dataset) -> str | None:
+def _single_run_start(data: xr.Dataset) -> str | None:
     """Return the variable with the start of a file's only run; None if there is none."""
     found = [
         str(n)
@@ -123,7 +127,7 @@ def _alone(data: xr.Dataset) -> str | None:
     return found[0] if len(found) == 1 else None
 
 
-def _runs(
+def _split_runs(
     path: str, data: xr.Dataset, reference: str | None, lead: str, *, quantity: str, times: Any
 ) -> tuple[list[File], list[str]]:
     """Return one file for each run, without the slices that a later run has."""
@@ -140,7 +144,7 @@ def _runs(
         stamps = xr.Variable(
             (lead,), np.asarray(since, np.float64), {"units": SECONDS, "standard_name": "time"}
         )
-        return [(path, part.drop_vars(_times_of(part)).assign({VALID: stamps}))], []
+        return [(path, part.drop_vars(_time_variables(part)).assign({VALID: stamps}))], []
     try:
         valid = _valid_times(data, reference, lead, clock.zone(times))
     except UserError as error:
@@ -161,15 +165,15 @@ def _runs(
         stamps = xr.Variable(
             (lead,), own[steps].astype(np.float64), {"units": SECONDS, "standard_name": "time"}
         )
-        files.append((path, part.drop_vars(_times_of(part)).assign({VALID: stamps})))
-    spoken = f"valid times from {reference or _alone(data)} and {lead}"
+        files.append((path, part.drop_vars(_time_variables(part)).assign({VALID: stamps})))
+    spoken = f"valid times from {reference or _single_run_start(data)} and {lead}"
     if count > 1:
         spoken += f", {count} runs from {notation.group(valid[starts[-1], 0])} to {notation.group(valid[starts[0], 0])}: "
         spoken += "where they overlap the later run is taken"
     return files[::-1], [spoken]
 
 
-def _times_of(data: xr.Dataset) -> list[str]:
+def _time_variables(data: xr.Dataset) -> list[str]:
     """Return the variables that could be mistaken for the valid times."""
     return [
         str(n)
@@ -193,7 +197,7 @@ def _valid_times(
                 if np.isfinite(numbers).all():
                     calendar = str(held.attrs.get("calendar", "standard")).lower()
                     return clock.dates(numbers, str(held.attrs["units"]), calendar, name, zone)
-    start = reference if reference in data.variables else _alone(data)
+    start = reference if reference in data.variables else _single_run_start(data)
     if start is None or lead not in data.variables:
         raise UserError(f"nothing says when along {reference or lead} its runs begin")
     starts, _ = clock.decode(data, start, zone)

@@ -23,8 +23,8 @@ def merge_versions(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable
     variable = data.variables[name]
     if variable.sizes.get(NAME, 1) < 2:
         return variable
-    order, called = _order(data, variable.sizes[NAME])
-    note = f"{NAME} {' and '.join(called[k] for k in order)} joined: each value is of the first that has it"
+    order, called = _version_order(data, variable.sizes[NAME])
+    note = f"{NAME} {' and '.join(called[k] for k in order)} merged: each value is from the first that has it"
     if note not in notes:
         notes.append(note)
 
@@ -48,7 +48,7 @@ def along(data: xr.Dataset, dim: str | None) -> NDArray[np.int64] | None:
     if NAME not in data.variables or dim is None or data.variables[NAME].dims != (dim,):
         return None
     return np.array(
-        [_number(_text(value)) for value in data.variables[NAME].values.tolist()], np.int64
+        [_version_number(_text(value)) for value in data.variables[NAME].values.tolist()], np.int64
     )
 
 
@@ -56,14 +56,14 @@ def _text(value: object) -> str:
     return value.decode() if isinstance(value, bytes) else str(value)
 
 
-def _number(text: str) -> int:
+def _version_number(text: str) -> int:
     hit = re.search(r"\d+", text)
     return int(hit[0]) if hit else 10**6
 
 
-def _order(data: xr.Dataset, count: int) -> tuple[list[int], list[str]]:
+def _version_order(data: xr.Dataset, count: int) -> tuple[list[int], list[str]]:
     """Return the indices of versions, final ones first, and their labels."""
     if NAME not in data.variables or data.variables[NAME].dims != (NAME,):
         return list(range(count)), [str(k) for k in range(count)]
     called = [_text(value) for value in data.variables[NAME].values.tolist()]
-    return sorted(range(count), key=lambda k: _number(called[k])), called
+    return sorted(range(count), key=lambda k: _version_number(called[k])), called
