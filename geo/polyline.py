@@ -75,9 +75,9 @@ def unwrap(lon: npt.ArrayLike, first: float | None = None) -> Array:
     one.
     """
     lon = np.asarray(lon, np.float64)
-    whole = np.concatenate([[lon[0] if first is None else first], lon])
+    extended = np.concatenate([[lon[0] if first is None else first], lon])
     # exact if nothing jumps
-    return np.asarray(lon - 360.0 * np.cumsum(np.rint(np.diff(whole) / 360.0)))
+    return np.asarray(lon - 360.0 * np.cumsum(np.rint(np.diff(extended) / 360.0)))
 
 
 def fly(
@@ -202,10 +202,10 @@ def strip(legs: Legs, reach: float) -> Area:
 
     x, y, back = _to_plane(legs)
     parts = [[(x[k], y[k]), (x[k + 1], y[k + 1])] for k in range(len(x) - 1) if legs.searching[k]]
-    whole = shapely.union_all(shapely.buffer(shapely.linestrings(parts), reach, quad_segs=4))
-    if whole.geom_type != "Polygon":  # the search legs are far apart
-        whole = whole.convex_hull
-    outline = np.array(whole.simplify(reach / 50).exterior.coords)[:-1]
+    merged = shapely.union_all(shapely.buffer(shapely.linestrings(parts), reach, quad_segs=4))
+    if merged.geom_type != "Polygon":  # the search legs are far apart
+        merged = merged.convex_hull
+    outline = np.array(merged.simplify(reach / 50).exterior.coords)[:-1]
     lon, lat = back(outline[:, 0], outline[:, 1])
     return Area(tuple(unwrap(lon, legs.lon[0]).tolist()), tuple(lat.tolist()))
 

@@ -170,13 +170,15 @@ def of_stretches(land: LandMasses, coast: Coast, of_edge: Array, count: int) -> 
     mass = _mass_of_edges(land, edge)
     at = np.stack([of_edge, mass], axis=1)
     pairs, row = np.unique(at, axis=0, return_inverse=True)
-    held = np.bincount(row.reshape(-1), length, len(pairs))
-    whole = np.bincount(of_edge, length, count)
-    order = np.lexsort((-held, pairs[:, 0]))
+    length_on_mass = np.bincount(row.reshape(-1), length, len(pairs))
+    total_length = np.bincount(of_edge, length, count)
+    order = np.lexsort((-length_on_mass, pairs[:, 0]))
     first = order[np.unique(pairs[order, 0], return_index=True)[1]]
     found = np.full(count, SEVERAL, np.int64)
     stretch = pairs[first, 0]
-    found[stretch] = np.where(held[first] >= MOST * whole[stretch], pairs[first, 1], SEVERAL)
+    found[stretch] = np.where(
+        length_on_mass[first] >= MOST * total_length[stretch], pairs[first, 1], SEVERAL
+    )
     return found
 
 

@@ -351,15 +351,15 @@ def _read_geojson(path: Path) -> tuple[Polygons, Any]:
     """
     import pyproj
 
-    whole = json.loads(path.read_bytes().decode("utf-8-sig"))
-    if not isinstance(whole, dict):
+    document = json.loads(path.read_bytes().decode("utf-8-sig"))
+    if not isinstance(document, dict):
         raise ValueError("this is no GeoJSON")
-    held = whole["features"] if whole.get("type") == "FeatureCollection" else [whole]
-    shapes = [one.get("geometry") if one.get("type") == "Feature" else one for one in held]
+    entries = document["features"] if document.get("type") == "FeatureCollection" else [document]
+    shapes = [one.get("geometry") if one.get("type") == "Feature" else one for one in entries]
     if any(shape is not None and shape.get("type") not in SHAPES for shape in shapes):
         raise ValueError("this is no GeoJSON")
     crs = None
-    if (named := whole.get("crs")) is not None:
+    if (named := document.get("crs")) is not None:
         name = named["properties"]["name"]
         fence.check_crs(name)
         crs = pyproj.CRS(name)

@@ -85,8 +85,8 @@ class Line:
         shape = tuple(len(range(s.start, s.stop, s.step)) for s in key)
         with self._exclusive():
             self._start_and_open(timeout)
-            asked = [(s.start, s.stop, s.step) for s in key]
-            reply, content = self._request({"ask": "values", "name": name, "key": asked}, timeout)
+            bounds = [(s.start, s.stop, s.step) for s in key]
+            reply, content = self._request({"ask": "values", "name": name, "key": bounds}, timeout)
         if dtype.kind == "O" and len(reply.get("texts", ())) == math.prod(shape):
             return np.array(reply["texts"], object).reshape(shape)
         if tuple(reply.get("shape", ())) != shape or reply.get("dtype") != dtype.str:
@@ -277,8 +277,8 @@ class Values(BackendArray):
             raise UserError(f'"{self.line.address}": {self.name} is too large to read') from None
         for piece in pieces(result.shape, max(PIECE // max(self.dtype.itemsize, 1), 1)):
             wanted = tuple(span[part] for span, part in zip(spans, piece, strict=True))
-            asked = tuple(slice(w.start, w.stop, w.step) for w in wanted)
-            result[piece] = self.line.values(self.name, asked, self.dtype, self.timeout)
+            bounds = tuple(slice(w.start, w.stop, w.step) for w in wanted)
+            result[piece] = self.line.values(self.name, bounds, self.dtype, self.timeout)
         return result[tuple(slice(None) if isinstance(index, slice) else 0 for index in key)]
 
 

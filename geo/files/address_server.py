@@ -99,10 +99,10 @@ class Dataset:
         name, key = question["name"], tuple(slice(*bounds) for bounds in question["key"])
         variable = self.data.variables[name]
         if self._speaks_dap(question["timeout"]) and variable.dtype.kind in "biuf":
-            asked = f"{name}.{name}" if name in (self._grids or ()) else name
+            full_name = f"{name}.{name}" if name in (self._grids or ()) else name
             piece = _retry(
                 lambda: dap.read_variable(
-                    self._address, asked, key, variable.dtype, question["timeout"]
+                    self._address, full_name, key, variable.dtype, question["timeout"]
                 ),
                 question["timeout"],
             )

@@ -72,9 +72,9 @@ def read_variable(
     shape = [len(range(s.start, s.stop, s.step or 1)) for s in parts]
     if 0 in shape:
         return np.empty(shape, dtype)
-    asked = name + "".join(f"[{s.start}:{s.step or 1}:{s.stop - 1}]" for s in parts)
+    constraint = name + "".join(f"[{s.start}:{s.step or 1}:{s.stop - 1}]" for s in parts)
     most = STRUCTURE + max(dtype.itemsize, 4) * math.prod(shape)
-    content = web.get(f"{address}.dods?{quote(asked, safe='.,')}", timeout, most)
+    content = web.get(f"{address}.dods?{quote(constraint, safe='.,')}", timeout, most)
     return _decode_answer(content, shape, dtype, f"{name} of {address}")
 
 
@@ -84,8 +84,8 @@ def _decode_answer(
     """Return the array in an answer; raise web.Passing if it is not what was requested."""
     structure, mark, values = content.partition(b"\nData:\n")
     if not mark:
-        said = " ".join(content[:200].decode("ascii", "replace").split())
-        raise web.Passing(f"in place of {what} came: {said or 'nothing'}")
+        excerpt = " ".join(content[:200].decode("ascii", "replace").split())
+        raise web.Passing(f"in place of {what} came: {excerpt or 'nothing'}")
     match = ANSWER.fullmatch(structure.decode("utf-8", "replace"))
     if (
         match is None
@@ -96,8 +96,8 @@ def _decode_answer(
             dtype.itemsize,
         )
     ):
-        said = " ".join(structure[-200:].decode("ascii", "replace").split())
-        raise web.Passing(f"in place of {what} came other values: {said}")
+        excerpt = " ".join(structure[-200:].decode("ascii", "replace").split())
+        raise web.Passing(f"in place of {what} came other values: {excerpt}")
     count, start = math.prod(shape), 8 if shape else 0  # a scalar has no length before it
     size = start + (-(-count // 4) * 4 if dtype.itemsize == 1 else count * max(dtype.itemsize, 4))
     if len(values) != size or not (np.frombuffer(values[:start], ">u4") == count).all():

@@ -46,9 +46,9 @@ def raised() -> Fence | None:
     if written is None:
         return None
     try:
-        held = json.loads(written)
-        folders, writable = (tuple(map(Path, held[key])) for key in ("folders", "writable"))
-        return Fence(folders, frozenset(map(str, held["hosts"])), writable)
+        content = json.loads(written)
+        folders, writable = (tuple(map(Path, content[key])) for key in ("folders", "writable"))
+        return Fence(folders, frozenset(map(str, content["hosts"])), writable)
     except (ValueError, KeyError, TypeError, RecursionError):
         return Fence()
 

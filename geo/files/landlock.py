@@ -113,11 +113,11 @@ def enclose(
     Raises:
         OSError: the kernel has Landlock, but the call failed.
     """
-    held = version()
-    if not held:
+    kernel_version = version()
+    if not kernel_version:
         return False
     folders = list(folders)
-    writing = WRITE_FILE | REMOVE | MAKE | (TRUNCATE if held >= 3 else 0)
+    writing = WRITE_FILE | REMOVE | MAKE | (TRUNCATE if kernel_version >= 3 else 0)
     rules = _call(CREATE_RULESET, struct.pack("=Q", READ_FILE | REFER | writing), 8, 0)
     try:
         _add_rule(rules, Path("/"), REFER)

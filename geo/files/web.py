@@ -43,8 +43,8 @@ def get(address: str, timeout: float, most: int) -> bytes:
         Passing: a temporary failure.
     """
     until = time.monotonic() + 10 * timeout
-    asked, address = address, address.partition("?")[0]  # in messages
-    with _open_answer(asked, timeout) as answer:
+    full_address, address = address, address.partition("?")[0]  # in messages
+    with _open_answer(full_address, timeout) as answer:
         length = answer.headers.get("Content-Length")
         content = bytearray()
         while block := answer.read1(BLOCK):

@@ -39,23 +39,23 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
         dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)
     ]
     with dataset.readable(listed, "current"):
-        held = (
+        files_of = (
             {only: listed}
             if only
             else _files_by_quantity(listed, options.get("variables") or {}, patience)
         )
     own = [str((options.get("variables") or {}).get(key, "")) for key in ("east", "north")]
-    if not held and any(own):
+    if not files_of and any(own):
         raise UserError(
             f"{dataset.title(listed)}: nothing says whether {' and '.join(filter(None, own))} are "
             f"{any_of('a ')}; say which: --as"
         )
     for quantity in QUANTITIES:
-        if held and quantity not in held:
+        if files_of and quantity not in files_of:
             continue
         try:
             found = sources.open_source(
-                quantity, held.get(quantity, listed), lenient=True, **options
+                quantity, files_of.get(quantity, listed), lenient=True, **options
             )
             if found.times.size <= LOOKED_AT and not any(dataset.remote(path) for path in listed):
                 found = (
@@ -66,7 +66,7 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
             understood.append(found)
         except UserError as error:
             errors[quantity] = error
-    if not held:
+    if not files_of:
         halves = [e for e in errors.values() if "one component" in str(e)]
         why = (halves or [errors["current"]])[0]
         raise UserError(f"no {any_of()} found: {why}") from why
@@ -172,17 +172,17 @@ def _describe_times(source: Source) -> str:
     if len(times) == 1:
         return f"{notation.group(times[0])} only"
     steps = np.unique(np.diff(times).astype("m8[m]").astype(int))
-    every = (
+    spacing = (
         f"every {_format_interval(steps[0])}"
         if len(steps) == 1
         else f"{_format_interval(steps[0])} to {_format_interval(steps[-1])} apart"
     )
-    held = (
+    hold_text = (
         f", held from {notation.group(source.times[0])} to {notation.group(source.times[-1])}"
         if source.edges
         else ""
     )
-    return f"{notation.group(times[0])} to {notation.group(times[-1])}, {len(times)} slices {every}{held}"
+    return f"{notation.group(times[0])} to {notation.group(times[-1])}, {len(times)} slices {spacing}{hold_text}"
 
 
 def _format_interval(minutes: int) -> str:

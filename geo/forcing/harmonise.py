@@ -86,9 +86,12 @@ def _find_components(quantity: str, datasets: Sequence[xr.Dataset]) -> Pair | No
         }
         for data in datasets
     ]
-    for held in (*fields, {name: said for own in reversed(fields) for name, said in own.items()}):
+    for attributes_by_name in (
+        *fields,
+        {name: attributes for own in reversed(fields) for name, attributes in own.items()},
+    ):
         try:
-            pair = quantities.search(quantity, held)
+            pair = quantities.search(quantity, attributes_by_name)
         except UserError:
             continue
         if pair is not None:
@@ -150,7 +153,8 @@ def _count_points(data: xr.Dataset, name: str) -> int:
 def _rename_dims(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
     """Return a dataset with the dimension names that the first dataset has for the same kinds."""
     wanted, own = (
-        {str(d): _kind_of_dim(held, str(d)) for d in held[name].dims} for held in (first, data)
+        {str(d): _kind_of_dim(dataset, str(d)) for d in dataset[name].dims}
+        for dataset in (first, data)
     )
     new = {}
     for dim, kind in own.items():
@@ -167,10 +171,10 @@ def _kind_of_dim(data: xr.Dataset, dim: str) -> str | None:
 
     None for anything else.
     """
-    held = data[dim].attrs if dim in data.variables else {}
+    attributes = data[dim].attrs if dim in data.variables else {}
     if (
-        " since " in str(held.get("units", ""))
-        or str(held.get("standard_name", "")) == "time"
+        " since " in str(attributes.get("units", ""))
+        or str(attributes.get("standard_name", "")) == "time"
         or dim in clock.NAMES
     ):
         return "time"
@@ -183,7 +187,7 @@ def _convert_units(
     first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: list[str]
 ) -> xr.Dataset:
     """Return a dataset with a variable converted to its units in the first, if both are known."""
-    pair = [str(held[name].attrs.get("units", "")).strip() for held in (first, data)]
+    pair = [str(dataset[name].attrs.get("units", "")).strip() for dataset in (first, data)]
     if pair[0].lower() == pair[1].lower():
         return data
     try:
@@ -231,16 +235,16 @@ def _match_axes(
         if pair[0] is None or pair[1] is None:
             continue
         (own, kind), (other, _) = pair[0], pair[1]
-        wanted, held = np.asarray(first[own].values, float), np.asarray(data[other].values, float)
-        index = _index_of_each(wanted, held, kind)
+        wanted, values = np.asarray(first[own].values, float), np.asarray(data[other].values, float)
+        index = _index_of_each(wanted, values, kind)
         if index is None:
             continue
-        if len(index) != len(held) or np.abs(held - wanted).max() > NEAR:
-            called = {"longitude": "longitudes", "latitude": "latitudes"}.get(
+        if len(index) != len(values) or np.abs(values - wanted).max() > NEAR:
+            label = {"longitude": "longitudes", "latitude": "latitudes"}.get(
                 kind, f'values of "{other}"'
             )
             notes.append(
-                f"{os.path.basename(path)}: its {called} reordered to match the other files"
+                f"{os.path.basename(path)}: its {label} reordered to match the other files"
             )
             data = data.isel({dim: index})
         data = data.assign({other: (data[other].dims, first[own].values, data[other].attrs)})
@@ -265,29 +269,29 @@ def _coordinate_along(data: xr.Dataset, dim: str) -> tuple[str, str] | None:
     return (dim, "plane") if planar else None
 
 
-def _index_of_each(wanted: Array, held: Array, kind: str) -> NDArray[np.int64] | None:
-    """Return the index in `held` of each of the wanted coordinates.
+def _index_of_each(wanted: Array, present: Array, kind: str) -> NDArray[np.int64] | None:
+    """Return the index in `present` of each of the wanted coordinates.
 
-    None if some are absent, or if `held` is a finer grid that only shares points with `wanted`.
+    None if some are absent, or if `present` is a finer grid that only shares points with `wanted`.
     """
-    if min(wanted.size, held.size) < 2 or not (
-        np.isfinite(wanted).all() and np.isfinite(held).all()
+    if min(wanted.size, present.size) < 2 or not (
+        np.isfinite(wanted).all() and np.isfinite(present).all()
     ):
         return None
     step = float(np.median(np.abs(np.diff(wanted))))
     if kind == "longitude":
-        wanted, held = wanted % 360.0, held % 360.0
-    order = np.argsort(held, kind="stable")
-    after = np.searchsorted(held[order], wanted)
-    beside = np.stack([order[(after + k) % len(held)] for k in (-1, 0)])
-    apart = _difference(held[beside], wanted, kind)
+        wanted, present = wanted % 360.0, present % 360.0
+    order = np.argsort(present, kind="stable")
+    after = np.searchsorted(present[order], wanted)
+    beside = np.stack([order[(after + k) % len(present)] for k in (-1, 0)])
+    apart = _difference(present[beside], wanted, kind)
     index = beside[apart.argmin(axis=0), np.arange(len(wanted))]
     if (apart.min(axis=0) > NEAR * step).any():
         return None
-    jumps = np.diff(index) % len(held)  # grids with different steps may share points
+    jumps = np.diff(index) % len(present)  # grids with different steps may share points
     return (
         np.asarray(index, np.int64)
-        if np.median(np.minimum(jumps, len(held) - jumps)) <= 1
+        if np.median(np.minimum(jumps, len(present) - jumps)) <= 1
         else None
     )
 
@@ -305,7 +309,7 @@ def _match_curved_grid(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dat
     dims = [str(d) for d in first[name].dims if d in data[name].dims]
     pairs = []
     for role in ("longitude", "latitude"):
-        own, other = (_curved_coordinate(held, dims, role) for held in (first, data))
+        own, other = (_curved_coordinate(dataset, dims, role) for dataset in (first, data))
         if (
             own is None
             or other is None
@@ -347,7 +351,7 @@ def _curved_coordinate(data: xr.Dataset, dims: Sequence[str], role: str) -> str 
 
 
 def _same_coordinates(own: xr.DataArray, other: xr.DataArray, role: str) -> bool:
-    wanted, held = np.asarray(own.values, float), np.asarray(other.values, float)
-    there = np.isfinite(wanted) & np.isfinite(held)
-    same = np.array_equal(np.isfinite(wanted), np.isfinite(held))
-    return same and bool((_difference(wanted, held, role)[there] <= SAME).all())
+    wanted, values = np.asarray(own.values, float), np.asarray(other.values, float)
+    finite = np.isfinite(wanted) & np.isfinite(values)
+    same = np.array_equal(np.isfinite(wanted), np.isfinite(values))
+    return same and bool((_difference(wanted, values, role)[finite] <= SAME).all())

@@ -176,17 +176,21 @@ def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
     )
     levels = []
     for other in map(str, data.variables):
-        held = data[other]
-        dims = set(map(str, held.dims))
-        if other == name or held.size != 1 or dims & own or not is_vertical(data, other):
+        candidate = data[other]
+        dims = set(map(str, candidate.dims))
+        if other == name or candidate.size != 1 or dims & own or not is_vertical(data, other):
             continue
-        if not np.issubdtype(held.dtype, np.number) or not np.isfinite(held.values).all():
+        if not np.issubdtype(candidate.dtype, np.number) or not np.isfinite(candidate.values).all():
             continue
         lent = any(dims & set(map(str, v.dims)) for n, v in data.variables.items() if n != other)
         if other in listed or (other not in others and not lent):
             levels.append(
                 _build_levels(
-                    other, held.attrs, np.ravel(held.values).astype(np.float64), quantity, True
+                    other,
+                    candidate.attrs,
+                    np.ravel(candidate.values).astype(np.float64),
+                    quantity,
+                    True,
                 )
             )
     if levels or any(is_vertical(data, d) for d in own):
@@ -332,8 +336,8 @@ def _build_levels(
 
 def _are_level_numbers(values: Real) -> bool:
     """Return True if values number levels (3, 4, 5, ... or one nonzero whole number)."""
-    whole = bool((values == np.round(values)).all()) if np.isfinite(values).all() else False
-    return whole and (
+    integral = bool((values == np.round(values)).all()) if np.isfinite(values).all() else False
+    return integral and (
         bool(values[0]) if len(values) == 1 else bool((np.abs(np.diff(values)) == 1).all())
     )
 
@@ -414,8 +418,8 @@ def of_name(name: str, quantity: str) -> Levels | None:
         value, unit = float(hit[1].upper().replace("D", ".")), hit[2]
         if in_air or unit.lower() == "m":
             sigma = unit.lower() == "sigma"
-            called, units = ("sigma", "") if sigma else ("level", unit)
-            read = _build_levels(called, {"units": units}, np.array([value]), quantity, True)
+            level_name, units = ("sigma", "") if sigma else ("level", unit)
+            read = _build_levels(level_name, {"units": units}, np.array([value]), quantity, True)
             return replace(read, name="level")
     counted = COUNTED.match(name) if in_air else None
     if counted:
@@ -502,13 +506,13 @@ def _choose_level(
 def _rejection(levels: Levels, name: str, quantity: str, where: str) -> str:
     only = "the only level" if len(levels.values) == 1 else "all levels"
     if not len(levels.values):
-        given = f'is given at a level of type "{levels.units}"'
+        description = f'is given at a level of type "{levels.units}"'
     elif np.isfinite(levels.away).all() or levels.kind == "pressure":
-        given = f'is given at {_format_levels(levels)} ("{levels.name}", {only} of it)'
+        description = f'is given at {_format_levels(levels)} ("{levels.name}", {only} of it)'
     else:
-        given = f'has "{levels.name}" = {_format_levels(levels)}, and nothing says how far from the surface that is'
+        description = f'has "{levels.name}" = {_format_levels(levels)}, and nothing says how far from the surface that is'
     key = _advice(levels, quantity, levels.kind == "depth")
-    return f"{where}: {name} {given}; needed is {QUANTITIES[quantity].wanted}: {key}"
+    return f"{where}: {name} {description}; needed is {QUANTITIES[quantity].wanted}: {key}"
 
 
 def _advice(levels: Levels, quantity: str, by_depth: bool) -> str:

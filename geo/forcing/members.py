@@ -17,8 +17,8 @@ _NAMED = re.compile(
 
 def named(data: xr.Dataset, dim: str) -> bool:
     """Return True if a dimension's name or standard name says that it numbers members."""
-    said = data[dim].attrs.get("standard_name", "") if dim in data.variables else ""
-    return str(said) == "realization" or bool(_NAMED.match(dim))
+    standard_name = data[dim].attrs.get("standard_name", "") if dim in data.variables else ""
+    return str(standard_name) == "realization" or bool(_NAMED.match(dim))
 
 
 def along(data: xr.Dataset, dims: Iterable[str], wanted: bool | str) -> str | None:
@@ -45,13 +45,13 @@ def labels(data: xr.Dataset, dim: str) -> tuple[str, ...]:
     values = (
         data[dim].values if dim in data.variables and data[dim].dims == (dim,) else np.arange(size)
     )
-    called = tuple(
+    names = tuple(
         f"{value:g}" if np.issubdtype(values.dtype, np.number) else str(value)
         for value in values.tolist()
     )
-    return called if len(set(called)) == size else tuple(map(str, range(size)))
+    return names if len(set(names)) == size else tuple(map(str, range(size)))
 
 
-def some(called: Sequence[str]) -> str:
+def some(names: Sequence[str]) -> str:
     """Return a list of labels for a note; of many labels only the first ones and the last."""
-    return ", ".join(called if len(called) <= MOST else [*called[: MOST - 1], "...", called[-1]])
+    return ", ".join(names if len(names) <= MOST else [*names[: MOST - 1], "...", names[-1]])

@@ -211,20 +211,20 @@ def _with_standard_name(variables: Mapping[str, Attributes], key: str, name: str
 def _by_standard_name(quantity: str, variables: Mapping[str, Attributes], key: str) -> Pair | None:
     halves: list[str] = []
     for east_name, north_name, axes in STANDARD[quantity]:
-        held = [
+        candidates = [
             _prefer(_with_standard_name(variables, key, name), variables, quantity, east)
             for name, east in ((east_name, True), (north_name, False))
         ]
-        if not held[0] or not held[1]:
-            halves += held[0] + held[1]
+        if not candidates[0] or not candidates[1]:
+            halves += candidates[0] + candidates[1]
             continue
-        for names in held:
+        for names in candidates:
             if len(names) > 1:
                 raise UserError(
                     f"several variables are the {QUANTITIES[quantity].spoken}: {', '.join(sorted(names))}; "
                     f"choose with [[{quantity}]] variables = {{ east = ..., north = ... }}"
                 )
-        return Pair(held[0][0], held[1][0], axes, f"{key} {east_name}")
+        return Pair(candidates[0][0], candidates[1][0], axes, f"{key} {east_name}")
     return None
 
 
@@ -322,15 +322,15 @@ def _absence_message(quantity: str, variables: Mapping[str, Attributes], name: s
         {name for name, _, _ in STANDARD[quantity] + COMMON[quantity]},
         {north for _, north, _ in STANDARD[quantity] + COMMON[quantity]},
     )
-    for held, lacking, side in ((0, 1, "northward"), (1, 0, "eastward")):
+    for present, lacking, side in ((0, 1, "northward"), (1, 0, "eastward")):
         lone = [
             n
             for n, a in variables.items()
             if not GUST.search(n)
             and (
-                _standard_name(a, "standard_name") in components[held]
+                _standard_name(a, "standard_name") in components[present]
                 or (
-                    n in components[held]
+                    n in components[present]
                     and said(a) in (None, quantity)
                     and (n not in PLAIN or QUANTITIES[quantity].plain)
                 )

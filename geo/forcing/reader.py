@@ -94,11 +94,11 @@ def open_reader(request: Request, paths: dataset.Paths | memory.Held) -> Reading
     opened = open_all(request, paths)
     reading = cut_source(opened, request.box)
     q, pair = request.quantity, opened.pair
-    asked = f"{request.variables} {request.units} {request.times} {request.steady} {request.depth} {request.box}"
-    asked += f" members {request.members}" if request.members else ""
+    options = f"{request.variables} {request.units} {request.times} {request.steady} {request.depth} {request.box}"
+    options += f" members {request.members}" if request.members else ""
     time = opened.components[0].segments[0][2]
     digest = _fingerprint(
-        request, paths, opened.files, pair, time, f"{q} {pair.east} {pair.north} {asked}"
+        request, paths, opened.files, pair, time, f"{q} {pair.east} {pair.north} {options}"
     )
     return replace(reading, fingerprint=digest)
 
@@ -140,24 +140,24 @@ def _members_along_dim(opened: Opened) -> Opened:
     dim = pair[0].member
     if dim is None:
         raise UserError(_no_members_message(request, opened.files))
-    called = members.labels(pair[0].segments[0][0], dim)
-    every = [
+    labels = members.labels(pair[0].segments[0][0], dim)
+    pairs = [
         (
             replace(pair[0], fixed={**pair[0].fixed, dim: k}),
             replace(pair[1], fixed={**pair[1].fixed, dim: k}),
         )
-        for k in range(len(called))
+        for k in range(len(labels))
     ]
-    for number, own in enumerate(every):
-        with _naming_member(number, called, f"{dim} = ", request.name):
+    for number, own in enumerate(pairs):
+        with _naming_member(number, labels, f"{dim} = ", request.name):
             for component_ in own:
                 ensemble.check_held(component_)
     others = tuple(
         replace(opened, components=own, label=label)
-        for own, label in zip(every[1:], called[1:], strict=True)
+        for own, label in zip(pairs[1:], labels[1:], strict=True)
     )
-    note = f"{len(called)} members of an ensemble along {dim}: {members.some(called)}"
-    return replace(opened, label=called[0], others=others, notes=(*opened.notes, note))
+    note = f"{len(labels)} members of an ensemble along {dim}: {members.some(labels)}"
+    return replace(opened, label=labels[0], others=others, notes=(*opened.notes, note))
 
 
 def _members_by_entry(
@@ -166,16 +166,16 @@ def _members_by_entry(
     """Return an ensemble of which each entry of `request.entries` is a member."""
     if len(request.entries) < 2:
         raise UserError(_no_members_message(request, files))
-    called = _member_labels(request.entries)
-    every: list[Opened] = []
-    held = dict(files)
+    labels = _member_labels(request.entries)
+    all_opened: list[Opened] = []
+    datasets = dict(files)
     for number, entry in enumerate(request.entries):
-        with _naming_member(number, called), dataset.readable(entry, request.quantity):
+        with _naming_member(number, labels), dataset.readable(entry, request.quantity):
             own = [
                 (
                     path,
-                    held[path]
-                    if path in held
+                    datasets[path]
+                    if path in datasets
                     else dataset.open_one(path, request.quantity, request.timeout),
                 )
                 for path in dataset.expand(entry, request.quantity)
@@ -185,39 +185,39 @@ def _members_by_entry(
             )
             for component_ in opened.components:
                 ensemble.check_held(component_)
-            if every:
-                ensemble.check_grid(opened.components, every[0].components, request.quantity)
-        every.append(opened)
+            if all_opened:
+                ensemble.check_grid(opened.components, all_opened[0].components, request.quantity)
+        all_opened.append(opened)
     times, chosen = ensemble.common(
-        [opened.times for opened in every], request.name, request.quantity
+        [opened.times for opened in all_opened], request.name, request.quantity
     )
-    every = [
+    all_opened = [
         _select_times(opened, times, own, label)
-        for opened, own, label in zip(every, chosen, called, strict=True)
+        for opened, own, label in zip(all_opened, chosen, labels, strict=True)
     ]
-    first, notes = every[0], list(every[0].notes)
+    first, notes = all_opened[0], list(all_opened[0].notes)
     if first.count < max(own.max() + 1 for own in chosen):
         notes.append(f"{first.count} times that all members have")
-    notes.append(f"{len(called)} members of an ensemble, by file: {members.some(called)}")
+    notes.append(f"{len(labels)} members of an ensemble, by file: {members.some(labels)}")
     return replace(
         first,
         request=request,
         paths=paths,
         files=files,
-        others=tuple(every[1:]),
+        others=tuple(all_opened[1:]),
         notes=tuple(notes),
     )
 
 
 @contextmanager
 def _naming_member(
-    number: int, called: Sequence[str], by: str = "", name: str = ""
+    number: int, labels: Sequence[str], by: str = "", name: str = ""
 ) -> Iterator[None]:
     """Add the ensemble member's name to an error message."""
     try:
         yield
     except UserError as error:
-        place = f"member {number + 1} of {len(called)} ({by}{called[number]})"
+        place = f"member {number + 1} of {len(labels)} ({by}{labels[number]})"
         raise UserError(f"{name}: {place} {error}" if name else f"{place}: {error}") from error
 
 
@@ -227,12 +227,17 @@ def _select_times(opened: Opened, times: clock.Times, chosen: Array, label: str)
         replace(c, segments=tuple(c.segments[k] for k in chosen)) for c in opened.components
     )
     place = {int(old): new for new, old in enumerate(chosen)}
-    whole = replace(
+    surveyed = replace(
         opened.whole,
         looked_at=tuple(place[k] for k in opened.whole.looked_at if k in place) or (0,),
     )
     return replace(
-        opened, components=(first, second), times=times, count=len(chosen), whole=whole, label=label
+        opened,
+        components=(first, second),
+        times=times,
+        count=len(chosen),
+        whole=surveyed,
+        label=label,
     )
 
 
@@ -241,22 +246,22 @@ def _member_labels(entries: tuple[tuple[str, ...], ...]) -> list[str]:
     firsts = [entry[0].rstrip("/") for entry in entries]
     names = [os.path.splitext(os.path.basename(path))[0] for path in firsts]
     folders = [os.path.basename(os.path.dirname(path)) for path in firsts]
-    for called in (names, folders):
-        if len(set(called)) == len(entries):
-            return called
+    for labels in (names, folders):
+        if len(set(labels)) == len(entries):
+            return labels
     return [str(number) for number in range(1, len(entries) + 1)]
 
 
 def _no_members_message(request: Request, files: list[tuple[str, xr.Dataset]]) -> str:
     dims = sorted({f"{dim} = {size}" for _, data in files for dim, size in data.sizes.items()})
-    asked = (
+    wanted = (
         f'"{request.members}"'
         if isinstance(request.members, str)
         else f"one of the names {members.NAMES}"
     )
     return (
         f"{request.name}: [[{request.quantity}]] members = {str(request.members).lower()}, but there are no members: no "
-        f"dimension of both components has {asked} (it has {', '.join(dims)[:300]}), nor are there several files; name a "
+        f"dimension of both components has {wanted} (it has {', '.join(dims)[:300]}), nor are there several files; name a "
         'file for each member, or the dimension: members = "..."'
     )
 
@@ -279,22 +284,31 @@ def _open_single(
     _check_sizes(request, pair, files)
     first, second = _gather_components(request, pair, files, notes)
     if request.lenient and not request.members and first.member is not None:
-        called = members.labels(first.segments[0][0], first.member)
+        labels = members.labels(first.segments[0][0], first.member)
         notes.append(
-            f"{len(called)} members of an ensemble along {first.member}: {members.some(called)}; members = true to drift in all of "
+            f"{len(labels)} members of an ensemble along {first.member}: {members.some(labels)}; members = true to drift in all of "
             "them; shown is the first"
         )
     first, second, times = _join_times(request, first, second, notes)
     first, second, times, edges = _add_edge_times(first, second, times)
     notes += first.notes + tuple(n for n in second.notes if n not in first.notes)
     count = 1 if request.steady else len(first.segments)
-    whole = survey.survey_slices((first, second), count, request.plausible, request.name)
+    surveyed = survey.survey_slices((first, second), count, request.plausible, request.name)
     first, second = (
         replace(c, fills=fills, vouched=request.plausible)
-        for c, fills in zip((first, second), whole.fills, strict=True)
+        for c, fills in zip((first, second), surveyed.fills, strict=True)
     )
     return Opened(
-        request, paths, files, pair, (first, second), times, count, whole, tuple(notes), edges=edges
+        request,
+        paths,
+        files,
+        pair,
+        (first, second),
+        times,
+        count,
+        surveyed,
+        tuple(notes),
+        edges=edges,
     )
 
 
@@ -308,7 +322,7 @@ def cut_source(opened: Opened, box: Box | None) -> Reading:
     Raises:
         UserError: the source does not overlap the box, or has no value there.
     """
-    request, (first, second), whole = (
+    request, (first, second), surveyed = (
         replace(opened.request, box=box),
         opened.components,
         opened.whole,
@@ -320,7 +334,7 @@ def cut_source(opened: Opened, box: Box | None) -> Reading:
     if crops[0] is None or crops[1] is None:
         raise UserError(_no_overlap_message(request, first.layout))
     regridded = tile.make((first, second), (crops[0], crops[1]), opened.pair.axes, wanted)
-    seen = tile.examine(regridded, opened.count, whole)
+    seen = tile.examine(regridded, opened.count, surveyed)
     if seen.missing == 1.0 and seen.empty:
         inside = " in the case's area" if box is not None else ""
         odd = (
@@ -335,7 +349,7 @@ def cut_source(opened: Opened, box: Box | None) -> Reading:
         opened.times,
         lambda i: tile.read_tile(regridded, i),
         seen.missing,
-        opened.notes + whole.notes + regridded.notes + seen.notes,
+        opened.notes + surveyed.notes + regridded.notes + seen.notes,
         "",
         tile.domain(regridded),
         tuple(
@@ -358,9 +372,9 @@ def _blank_finder(tiles: Sequence[tile.Tile]) -> Callable[[Sequence[int]], list[
     known: dict[int, bool] = {}
 
     def find(indices: Sequence[int]) -> list[int]:
-        asked = [i for i in indices if i not in known]
-        found = {i for held in tiles for i in blank.find(held, asked, indices)}
-        known.update((i, i in found) for i in asked)
+        unknown = [i for i in indices if i not in known]
+        found = {i for regridded in tiles for i in blank.find(regridded, unknown, indices)}
+        known.update((i, i in found) for i in unknown)
         return [i for i in indices if known[i]]
 
     return find
@@ -368,23 +382,26 @@ def _blank_finder(tiles: Sequence[tile.Tile]) -> Callable[[Sequence[int]], list[
 
 def _cut_nest(opened: Opened, request: Request, wanted: Box | None) -> Reading:
     """Do what `cut_source` does for a grid that moves."""
-    pair, whole = opened.components, opened.whole
-    held = nest.make(pair, opened.count, opened.pair.axes, wanted, whole.dry)
-    if held is None:
+    pair, surveyed = opened.components, opened.whole
+    moving_nest = nest.make(pair, opened.count, opened.pair.axes, wanted, surveyed.dry)
+    if moving_nest is None:
         raise UserError(_no_overlap_message(request, pair[0].layout))
-    missing, empty = nest.missing(held)
+    missing, empty = nest.missing(moving_nest)
     if empty:
         raise UserError(f"{request.name}: every value is missing; set [[{request.quantity}]] files")
     return Reading(
-        held.grid,
+        moving_nest.grid,
         opened.times,
-        partial(nest.read_nested_slice, held),
+        partial(nest.read_nested_slice, moving_nest),
         missing,
-        opened.notes + whole.notes + held.notes,
+        opened.notes + surveyed.notes + moving_nest.notes,
         "",
-        held.domain,
+        moving_nest.domain,
         tuple(
-            (o.label, partial(nest.read_nested_slice, replace(held, components=o.components)))
+            (
+                o.label,
+                partial(nest.read_nested_slice, replace(moving_nest, components=o.components)),
+            )
             for o in opened.others
         ),
         opened.label,
@@ -392,8 +409,8 @@ def _cut_nest(opened: Opened, request: Request, wanted: Box | None) -> Reading:
     )
 
 
-def _read_slice(held: tile.Tile, i: int) -> Values:
-    return tile.read_tile(held, i)
+def _read_slice(regridded: tile.Tile, i: int) -> Values:
+    return tile.read_tile(regridded, i)
 
 
 def keep(opened: Opened, box: Box) -> Opened:
@@ -444,16 +461,16 @@ def _needed_box(box: Box | None) -> Box | None:
 
 def _check_chosen(request: Request, files: list[tuple[str, xr.Dataset]]) -> None:
     """Raise UserError for a variable named in the case that no file holds."""
-    held = {str(n): v for _, d in files for n, v in d.variables.items()}
+    variables = {str(n): v for _, d in files for n, v in d.variables.items()}
     for key in ("lon", "lat", "time", "angle", "mask", "x", "y"):
         name = request.variables.get(key)
         if name is None or (key == "mask" and name in ("none", False)):
             continue
-        if name not in held:
+        if name not in variables:
             raise UserError(
                 f'{request.name}: no variable "{name}"; set [[{request.quantity}]] variables.{key}'
             )
-        if key in ("lon", "lat", "x", "y") and not np.issubdtype(held[name].dtype, np.number):
+        if key in ("lon", "lat", "x", "y") and not np.issubdtype(variables[name].dtype, np.number):
             raise UserError(
                 f'{request.name}: "{name}" holds no numbers; set [[{request.quantity}]] variables.{key}'
             )

@@ -90,19 +90,19 @@ class Source:
         if self.blank is None or self.times.size < 3:
             return self
         low, high = (int(k) for k in np.searchsorted(self.times, (first, last)))
-        asked, size = range(max(low - 1, 0), min(high + 1, self.times.size)), self.times.size
-        empty = self.blank(asked)
+        examined, size = range(max(low - 1, 0), min(high + 1, self.times.size)), self.times.size
+        empty = self.blank(examined)
         # widen the range until the slices on both sides of the removed ones have values
-        while empty and len(empty) < len(asked):
+        while empty and len(empty) < len(examined):
             wider = range(
-                max(asked[0] - (asked[0] in empty), 0),
-                min(asked[-1] + 1 + (asked[-1] in empty), size),
+                max(examined[0] - (examined[0] in empty), 0),
+                min(examined[-1] + 1 + (examined[-1] in empty), size),
             )
-            if wider == asked:
+            if wider == examined:
                 break
-            asked, empty = wider, self.blank(wider)
+            examined, empty = wider, self.blank(wider)
         kept = np.delete(np.arange(self.times.size), empty)
-        if not empty or len(empty) == len(asked) or kept.size < 2:
+        if not empty or len(empty) == len(examined) or kept.size < 2:
             return self
         when = [notation.group(self.times[i]) for i in empty]
         times_text = f"{', '.join(when[:4])}{f' and {len(when) - 4} more' if len(when) > 4 else ''}"
@@ -193,7 +193,7 @@ def open_source(
     Raises:
         UserError: the files cannot be read or interpreted.
     """
-    asked, listed = _build_request(
+    request, listed = _build_request(
         quantity,
         paths,
         variables,
@@ -209,8 +209,8 @@ def open_source(
         tuple(map(tuple, entries)),
     )
     with dataset.readable(_paths_or_title(listed), quantity):
-        reading = reader.open_reader(asked, listed)
-    return _build_source(asked, name, reading)
+        reading = reader.open_reader(request, listed)
+    return _build_source(request, name, reading)
 
 
 def open_shared(
@@ -231,7 +231,7 @@ def open_shared(
 
     The arguments are those of `open_source`.
     """
-    asked, listed = _build_request(
+    request, listed = _build_request(
         quantity,
         paths,
         variables,
@@ -247,7 +247,7 @@ def open_shared(
         tuple(map(tuple, entries)),
     )
     with dataset.readable(_paths_or_title(listed), quantity):
-        return reader.open_all(asked, listed)
+        return reader.open_all(request, listed)
 
 
 def keep(opened: reader.Opened, box: Box) -> reader.Opened:
@@ -284,10 +284,10 @@ def _paths_or_title(paths: Any) -> Any:
     return [paths.title] if isinstance(paths, memory.Held) else paths
 
 
-def _build_source(asked: reader.Request, name: str | None, reading: reader.Reading) -> Source:
+def _build_source(request: reader.Request, name: str | None, reading: reader.Reading) -> Source:
     first = Source(
-        asked.quantity,
-        name or asked.name,
+        request.quantity,
+        name or request.name,
         reading.grid,
         reading.times,
         reading.read,
@@ -376,12 +376,12 @@ def _build_uniform(
         row = np.stack(sphere.from_pole(np.radians(ABOUT_POLE.lon), about[1], *common), axis=-1)
         return np.ascontiguousarray(np.broadcast_to(row.astype(np.float32), (2, *row.shape)))
 
-    spoken = " then ".join(
+    description = " then ".join(
         as_said(quantity, *vector)
         for vector in zip(east[:3].tolist(), north[:3].tolist(), strict=True)
     )
     rest = f" and {len(values) - 3} more" if len(values) > 3 else ""
-    note = f"the same everywhere: {spoken}{rest}"
+    note = f"the same everywhere: {description}{rest}"
     if about is None:
         return Source(quantity, name, EVERYWHERE, times, read, 0.0, (note,), digest)
     note += f"; near the pole one direction, stated for {notation.position(*about)}"
@@ -456,10 +456,10 @@ def analytic(
         result[np.abs(grid.lat) > 89.0] = np.nan
         return result
 
-    given = ", ".join(f"{k} = {v:g}" for k, v in sorted(parameters.items()))
-    digest = hashlib.sha256(f"{kind} {given} {grid} {first} {last}".encode()).hexdigest()[:16]
+    settings = ", ".join(f"{k} = {v:g}" for k, v in sorted(parameters.items()))
+    digest = hashlib.sha256(f"{kind} {settings} {grid} {first} {last}".encode()).hexdigest()[:16]
     notes = (
-        f'SYNTHETIC: built-in flow "{kind}"{" with " + given if given else ""}, no observation or model',
+        f'SYNTHETIC: built-in flow "{kind}"{" with " + settings if settings else ""}, no observation or model',
     )
     missing = float((np.abs(grid.lat) > 89.0).mean())
     return Source(quantity, f"synthetic {kind}", grid, times, read, missing, notes, digest)

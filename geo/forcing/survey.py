@@ -118,10 +118,10 @@ def _sample_values(component: Component, looked_at: tuple[int, ...]) -> Array:
     ).itemsize
     most = (READ_REMOTE if remote(path) else READ) / (2 * len(looked_at) * itemsize)
     stride = max(1, int(np.ceil((np.prod(sizes) / most) ** (1 / len(sizes)))))
-    every = (slice(None, None, stride),) * len(sizes)
-    values = np.stack([slices.block(component, k, every) for k in looked_at])
+    strides = (slice(None, None, stride),) * len(sizes)
+    values = np.stack([slices.block(component, k, strides) for k in looked_at])
     if component.mask is not None:
-        values[:, ~component.mask[every]] = np.nan
+        values[:, ~component.mask[strides]] = np.nan
     values[np.isinf(values)] = np.nan
     return values
 
@@ -263,18 +263,20 @@ def _check_speeds(
         float(speed.max()),
     )
     figures = f"mean {mean:.2g}, {PERCENTILE:g}th percentile {high:.3g}, largest {largest:.3g} m/s"
-    spoken, fastest = QUANTITIES[quantity].spoken, QUANTITIES[quantity].fastest
+    quantity_name, fastest = QUANTITIES[quantity].spoken, QUANTITIES[quantity].fastest
     strong = QUANTITIES[quantity].strong_mean
     if math.isfinite(strong):
         good = mean <= strong and high <= fastest
-        allowed = f"a {spoken}'s mean is at most {strong:g}, its {PERCENTILE:g}th percentile at most {fastest:g} m/s"
+        allowed = f"a {quantity_name}'s mean is at most {strong:g}, its {PERCENTILE:g}th percentile at most {fastest:g} m/s"
     else:
-        good, allowed = largest <= fastest, f"a {spoken} is at most {fastest:g} m/s"
+        good, allowed = largest <= fastest, f"a {quantity_name} is at most {fastest:g} m/s"
     if not good and plausible:
-        return [f"speeds that no {spoken} has ({figures}), accepted because plausible = true"]
+        return [
+            f"speeds that no {quantity_name} has ({figures}), accepted because plausible = true"
+        ]
     if not good:
         raise UserError(
-            f"{name}: {components[0].name}, {components[1].name} can't be a {spoken}: {figures}; {allowed}. "
+            f"{name}: {components[0].name}, {components[1].name} can't be a {quantity_name}: {figures}; {allowed}. "
             f"Is it another quantity, or in other units? Correct [[{quantity}]] files, variables or units, or set "
             "plausible = true"
         )

@@ -88,9 +88,9 @@ def valid_limits(
     None if its attributes state no limit.
     """
     low, high = -np.inf, np.inf
-    whole, ends = _unpack_numbers(attributes.get("valid_range"), packing), []
-    if whole is not None and whole.size == 2:
-        low, high = float(whole.min()), float(whole.max())
+    valid_range, ends = _unpack_numbers(attributes.get("valid_range"), packing), []
+    if valid_range is not None and valid_range.size == 2:
+        low, high = float(valid_range.min()), float(valid_range.max())
     for key in ("valid_min", "valid_max"):
         end = _unpack_numbers(attributes.get(key), packing)
         ends.append(
@@ -168,13 +168,13 @@ def _find_flags(data: xr.Dataset, name: str) -> list[Flags]:
     own = {f"{standard} {flag}" for flag in FLAGS} if standard else set()
     found = []
     for other in map(str, data.variables):
-        held = data.variables[other]
-        said = re.sub(r"\s+", " ", str(held.attrs.get("standard_name", "")).strip())
-        of_all = said in FLAGS and other not in others
-        if other == name or not (other in listed or said in own or of_all):
+        candidate = data.variables[other]
+        flag_name = re.sub(r"\s+", " ", str(candidate.attrs.get("standard_name", "")).strip())
+        of_all = flag_name in FLAGS and other not in others
+        if other == name or not (other in listed or flag_name in own or of_all):
             continue
-        if "flag_meanings" in held.attrs and set(held.dims) <= set(variable.dims):
-            flags = _read_flags(other, held)
+        if "flag_meanings" in candidate.attrs and set(candidate.dims) <= set(variable.dims):
+            flags = _read_flags(other, candidate)
             found += [flags] if flags is not None and flags.bad else []
     return found
 
@@ -194,14 +194,16 @@ def _read_flags(name: str, variable: xr.Variable) -> Flags | None:
     bits = _all_bits(variable)
 
     def is_bad(numbers: Array) -> NDArray[np.bool_]:
-        there = np.isfinite(numbers)
-        held = np.where(there, numbers, 0).astype(np.int64) & bits
+        finite = np.isfinite(numbers)
+        flag_bits = np.where(finite, numbers, 0).astype(np.int64) & bits
         result = np.zeros(numbers.shape, bool)
         for k in np.flatnonzero(wrong):
             mask = bits if masks is None else int(masks[k])
-            hit = (held & mask) != 0 if values is None else (held & mask) == int(values[k])
+            hit = (
+                (flag_bits & mask) != 0 if values is None else (flag_bits & mask) == int(values[k])
+            )
             result |= hit
-        return result & there
+        return result & finite
 
     return Flags(name, variable, is_bad, bad, kept)
 

@@ -83,9 +83,9 @@ def _read_values(data: xr.Dataset, name: str) -> Array:
 
 def _centres(lon: Array, lat: Array, cells: Index) -> tuple[Array, Array]:
     """Return mean positions [deg] of the nodes of cells (m, k), padded with -1 for fewer nodes."""
-    phi, lam, there = np.radians(lat)[cells], np.radians(lon)[cells], cells >= 0
+    phi, lam, present = np.radians(lat)[cells], np.radians(lon)[cells], cells >= 0
     x, y, z = (
-        np.where(there, v, 0.0).sum(axis=1)
+        np.where(present, v, 0.0).sum(axis=1)
         for v in (np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi))
     )
     return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))

@@ -120,13 +120,13 @@ def unprojected(
     x_name, y_name = next((p for p in found if set(data[p[0]].dims) <= set(dims)), found[0])
     to_degrees = transformer(data, name, chosen, notes)
     if to_degrees is None:
-        given = (
+        reason = (
             f'variables.crs = "{chosen["crs"]}" is no projection'
             if chosen.get("crs")
             else "their projection is unknown"
         )
         raise UserError(
-            f'"{x_name}" and "{y_name}" are lengths in a plane, and {given}; set variables = {{ crs = "EPSG:32631", axes = '
+            f'"{x_name}" and "{y_name}" are lengths in a plane, and {reason}; set variables = {{ crs = "EPSG:32631", axes = '
             '"grid" } with the EPSG code of their projection (this one is UTM zone 31 north), and axes = "true" where '
             "components are east and north instead of along the plane's axes"
         )
@@ -139,8 +139,8 @@ def unprojected(
             units = "degrees_east" if kind == "longitude" else "degrees_north"
             new[other] = (data[other].dims, values, {"units": units, "standard_name": kind})
     crs = to_degrees.source_crs
-    called = crs.name if crs is not None else "a projection"
-    notes.append(f'"{x_name}" and "{y_name}" lie in the plane of {called}')
+    crs_name = crs.name if crs is not None else "a projection"
+    notes.append(f'"{x_name}" and "{y_name}" lie in the plane of {crs_name}')
     return data.assign(new), to_degrees
 
 

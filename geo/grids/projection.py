@@ -127,7 +127,7 @@ def _system_keys(attributes: Mapping[str, Any]) -> list[str]:
 
 
 def of_attributes(
-    attributes: Mapping[str, Any], notes: list[str] | None = None, called: str = "projection"
+    attributes: Mapping[str, Any], notes: list[str] | None = None, source_text: str = "projection"
 ) -> pyproj.CRS | None:
     """Return the reference system that attributes define (PROJ, WKT, EPSG); None without."""
     for key in _system_keys(attributes):
@@ -148,7 +148,7 @@ def of_attributes(
         except pyproj.exceptions.CRSError:
             continue
         if notes is not None:
-            notes.append(f"{called} read from its {key}")
+            notes.append(f"{source_text} read from its {key}")
         return crs
     return None
 

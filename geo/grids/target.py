@@ -34,9 +34,9 @@ class Extent:
     def add(self, item: Layout) -> None:
         """Extend it by a layout."""
         lon, lat = (np.ravel(v) for v in lay.points(item))
-        there = np.isfinite(lon) & np.isfinite(lat)
-        south, north = _latitude_range(item, lat[there])
-        rounded = np.concatenate((np.floor(lon[there] * 100), np.ceil(lon[there] * 100))) / 100
+        finite = np.isfinite(lon) & np.isfinite(lat)
+        south, north = _latitude_range(item, lat[finite])
+        rounded = np.concatenate((np.floor(lon[finite] * 100), np.ceil(lon[finite] * 100))) / 100
         self.lon = np.unique(np.concatenate((self.lon, rounded)))
         self.south, self.north = min(self.south, south), max(self.north, north)
         self.step = min(self.step, lay.spacing(item))

@@ -20,7 +20,7 @@ from geo.forcing.reading.tile import Tile
 TRIED = 5  # number of slices in which a wet point is searched for
 
 
-def find(held: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
+def find(regridded: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
     """Return which of some slices of a tile are blank; none if no slice shows a wet point.
 
     among: slices in which a wet point is searched for.
@@ -29,28 +29,28 @@ def find(held: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
         return []
     places = None
     for k in np.unique(np.linspace(0, len(among) - 1, TRIED).round().astype(int)):
-        places = _find_wet_points(held, among[k])
+        places = _find_wet_points(regridded, among[k])
         if places is not None:
             break
     if places is None:
         return []
     silent = np.zeros(len(indices), bool)
-    for component, place in zip(held.components, places, strict=True):
+    for component, place in zip(regridded.components, places, strict=True):
         silent |= ~_is_real(_read_series(component, indices, place), component)
     return [
         i
         for i, doubted in zip(indices, silent, strict=True)
-        if doubted and np.isnan(tile.read_tile(held, i)).all()
+        if doubted and np.isnan(tile.read_tile(regridded, i)).all()
     ]
 
 
-def _find_wet_points(held: Tile, i: int) -> list[tuple[int, ...]] | None:
+def _find_wet_points(regridded: Tile, i: int) -> list[tuple[int, ...]] | None:
     """Return for each component the file indices of a point that has a value in slice i.
 
     None if a component has none.
     """
     found = []
-    for component, layout in zip(held.components, held.layouts, strict=True):
+    for component, layout in zip(regridded.components, regridded.layouts, strict=True):
         values, _ = slices.read_component_slice(component, layout, i)
         wet = np.argwhere(np.isfinite(values) & (values != 0))  # land may be stored as zero
         wet = wet if len(wet) else np.argwhere(np.isfinite(values))

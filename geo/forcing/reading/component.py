@@ -299,8 +299,8 @@ def _order_by_time(
     Notes are appended to `notes`.
     """
     quantity, zone = wanted.quantity, clock.zone(wanted.times)
-    every = np.concatenate([one.cells for one in stamped])
-    bounds = {(id(s[0]), s[3]): cell for s, cell in zip(slices, every, strict=True)}
+    all_bounds = np.concatenate([one.cells for one in stamped])
+    bounds = {(id(s[0]), s[3]): cell for s, cell in zip(slices, all_bounds, strict=True)}
     times, slices = _resolve_overlaps(
         np.concatenate([one.times for one in stamped]), slices, wanted, fixed, notes
     )
@@ -490,13 +490,13 @@ def _unstructured_dim(
         return own[0][0] if own[0] == own[1] and len(own[0]) == 1 and own[0][0] in dims else None
     if not dims:
         return None
-    held: list[bool] = []
+    found: list[bool] = []
     for standard in ("longitude", "latitude"):
         along = [(str(n), v) for n, v in data.variables.items() if v.dims == (dims[-1],)]
-        held.append(any(naming.role(n, v.attrs) == standard for n, v in along))
-    if not all(held) and any(data[x].dims == (dims[-1],) for x, _ in planar.pairs(data, chosen)):
+        found.append(any(naming.role(n, v.attrs) == standard for n, v in along))
+    if not all(found) and any(data[x].dims == (dims[-1],) for x, _ in planar.pairs(data, chosen)):
         return dims[-1]
-    return dims[-1] if all(held) else None
+    return dims[-1] if all(found) else None
 
 
 def _check_same_grid(
@@ -549,12 +549,12 @@ def _factor_to_mps(wanted: Wanted, file: File, notes: list[str]) -> float:
     """Return the factor from a variable's units to m/s; notes are appended to `notes`."""
     name, units, quantity, (path, data) = wanted.name, wanted.units, wanted.quantity, file
     attributes = data[name].attrs
-    held = str(attributes.get("units", "")).strip()
+    file_units = str(attributes.get("units", "")).strip()
     if units is not None:
-        if held and held.lower() != units.lower():
-            notes.append(f'units {units} as the case says (the file says "{held}")')
+        if file_units and file_units.lower() != units.lower():
+            notes.append(f'units {units} as the case says (the file says "{file_units}")')
         return speed.factor(units)
-    if held in ("", "1", "unknown", "none"):
+    if file_units in ("", "1", "unknown", "none"):
         inside = speed.inside_text(str(attributes.get("long_name", "")))
         if inside is None:
             raise UserError(
@@ -563,13 +563,13 @@ def _factor_to_mps(wanted: Wanted, file: File, notes: list[str]) -> float:
         notes.append(f'units "{inside}" read from the long name')
         return speed.factor(inside)
     try:
-        factor = speed.factor(held)
+        factor = speed.factor(file_units)
     except UserError as error:
         raise UserError(
             f'{path}: "{name}": {error}; or state them with [[{quantity}]] units'
         ) from error
     if factor != 1.0:
-        notes.append(f'converted from "{held}" to m/s')
+        notes.append(f'converted from "{file_units}" to m/s')
     return factor
 
 

@@ -84,9 +84,9 @@ class Finished:
         """Store slices in a folder from now on, and those in memory too; None to stop storing."""
         if folder == (self._stored and self._stored.folder):
             return
-        self._stored, held = None if folder is None else Stored(folder), self._slices
+        self._stored, slices = None if folder is None else Stored(folder), self._slices
         self._slices, self._size = {}, 0
-        for key, values in held.items() if self._stored else ():
+        for key, values in slices.items() if self._stored else ():
             self.made(key, functools.partial(np.asarray, values))
 
     def _add(self, key: Hashable, values: Array) -> None:

@@ -100,12 +100,12 @@ def _encode(data: xr.Dataset) -> xr.Dataset:
     stored = {}
     for name in map(str, data.variables):
         variable = data[name].variable.copy(deep=False)
-        kept = {
+        references = {
             k: variable.encoding[k] for k in REFERENCES if isinstance(variable.encoding.get(k), str)
         }
         aside = sorted(str(c) for c in data[name].coords if c not in data.dims and c != name)
         attributes = {"coordinates": " ".join(aside)} if aside and name in data.data_vars else {}
-        attributes |= kept | validity.unpacked(variable.attrs, variable.encoding)
+        attributes |= references | validity.unpacked(variable.attrs, variable.encoding)
         # time bounds and valid times of several runs have two dimensions
         if variable.ndim <= 2 and variable.dtype.kind in "MO":
             variable, attributes = _dates_as_numbers(variable, attributes)
@@ -130,10 +130,10 @@ def _dates_as_numbers(
         calendar = next(
             (getattr(d, "calendar", "standard") for d in dates if d is not None), "standard"
         )
-    there = np.array(
+    valid = np.array(
         [isinstance(d, datetime.datetime | cftime.datetime) and d == d for d in dates.flat], bool
     )
-    if not there.any():
+    if not valid.any():
         return variable, dict(attributes)
     stored = _stored_units(encoding)
     single = stored is not None and encoding.get("dtype") == np.float32
@@ -145,9 +145,9 @@ def _dates_as_numbers(
         units, origin, seconds = stored.units, stored.origin, stored.seconds
         calendar = encoding.get("calendar", calendar)
     numbers: NDArray[Any] = np.full(dates.size, np.nan, "f4" if single else "f8")
-    numbers[there] = cftime.date2num(dates.reshape(-1)[there], origin, calendar) / seconds
-    said = {**attributes, "units": units, "calendar": calendar}
-    return xr.Variable(variable.dims, numbers.reshape(values.shape)), said
+    numbers[valid] = cftime.date2num(dates.reshape(-1)[valid], origin, calendar) / seconds
+    new_attributes = {**attributes, "units": units, "calendar": calendar}
+    return xr.Variable(variable.dims, numbers.reshape(values.shape)), new_attributes
 
 
 @dataclass(frozen=True)

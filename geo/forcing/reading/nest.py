@@ -104,15 +104,15 @@ def _crop_at(
 def _tile_at(nest: Nest, number: tuple[int, int]) -> Tile:
     """Return the tile of a position, from those used last or made now."""
     with nest.guard:
-        held = nest.tiles.pop(number, None)
-        if held is None:
+        found = nest.tiles.pop(number, None)
+        if found is None:
             crops = _crop_at(nest.components, number, nest.box)
             assert crops is not None
-            held = tile.make(nest.components, crops, nest.axes, nest.box, nest.grid)
-        nest.tiles[number] = held
+            found = tile.make(nest.components, crops, nest.axes, nest.box, nest.grid)
+        nest.tiles[number] = found
         while len(nest.tiles) > TILES:
             del nest.tiles[next(iter(nest.tiles))]
-    return replace(held, components=nest.components)
+    return replace(found, components=nest.components)
 
 
 def _always_inside(nest: Nest, met: Sequence[tuple[int, int]]) -> NDArray[np.bool_] | None:
@@ -133,10 +133,10 @@ def read_nested_slice(nest: Nest, i: int) -> Values:
     """Return slice i like `tile.read_tile`; NaN outside the grid's position at that time."""
     if nest.numbers[i] not in nest.met:
         return np.full((nest.grid.nlat, nest.grid.nlon, 2), np.nan, np.float32)
-    held = _tile_at(nest, nest.numbers[i])
+    current = _tile_at(nest, nest.numbers[i])
     if nest.dry:
-        held = replace(held, dry=tile.still(held, i))
-    return tile.read_tile(held, i)
+        current = replace(current, dry=tile.still(current, i))
+    return tile.read_tile(current, i)
 
 
 def missing(nest: Nest) -> tuple[float, bool]:
@@ -144,7 +144,7 @@ def missing(nest: Nest) -> tuple[float, bool]:
 
     The latter is judged from three slices.
     """
-    there = [i for i, number in enumerate(nest.numbers) if number in nest.met]
-    looked_at = {there[0], there[len(there) // 2], there[-1]}
-    first = float(np.isnan(read_nested_slice(nest, there[0])[..., 0]).mean())
+    overlapping = [i for i, number in enumerate(nest.numbers) if number in nest.met]
+    looked_at = {overlapping[0], overlapping[len(overlapping) // 2], overlapping[-1]}
+    first = float(np.isnan(read_nested_slice(nest, overlapping[0])[..., 0]).mean())
     return first, not any(np.isfinite(read_nested_slice(nest, i)).any() for i in looked_at)

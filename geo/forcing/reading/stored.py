@@ -55,8 +55,8 @@ class Stored:
         """Return a slice; None if it is absent or damaged."""
         try:
             # copy on write: a device may copy an argument back, which must not change the file
-            held = np.memmap(self.folder / f"{name}{SUFFIX}", np.uint8, "c")
-            body, shape, digest = np.split(held, (-DIGEST - SHAPE.size, -DIGEST))
+            mapped = np.memmap(self.folder / f"{name}{SUFFIX}", np.uint8, "c")
+            body, shape, digest = np.split(mapped, (-DIGEST - SHAPE.size, -DIGEST))
             if name not in self._valid and _digest(name, body, shape.tobytes()) != digest.tobytes():
                 return None
             values = np.asarray(body).view(np.float32).reshape(SHAPE.unpack(shape.tobytes()))

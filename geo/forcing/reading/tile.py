@@ -135,8 +135,8 @@ def domain(tile: Tile) -> NDArray[np.bool_] | None:
     """
     if tile.matrices is None or any(isinstance(layout, Triangles) for layout in tile.layouts):
         return None
-    held = [m.getnnz(axis=1) > 0 for m in tile.matrices]
-    inside = (held[0] & held[1]).reshape(tile.grid.nlat, -1)
+    has_weights = [m.getnnz(axis=1) > 0 for m in tile.matrices]
+    inside = (has_weights[0] & has_weights[1]).reshape(tile.grid.nlat, -1)
     return np.concatenate([inside, inside[:, :1]], axis=1) if tile.grid.seamless else inside
 
 

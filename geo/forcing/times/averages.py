@@ -156,15 +156,15 @@ def bounds_of(
         return None, []
     if name not in data.variables:
         return None, [f'"{time_name}" names bounds "{name}" that the file lacks']
-    held = data[name]
-    values = np.asarray(held.values)
+    bounds = data[name]
+    values = np.asarray(bounds.values)
     if values.ndim == 1 and variable.ndim == 0:
         values = values[None, :]
     elif (
         variable.ndim == 1
-        and held.ndim == 2
-        and held.dims[1] == variable.dims[0]
-        and held.dims[0] != held.dims[1]
+        and bounds.ndim == 2
+        and bounds.dims[1] == variable.dims[0]
+        and bounds.dims[0] != bounds.dims[1]
     ):
         values = values.T
     if values.shape[-1:] != (2,) or values.ndim != 2 or len(values) < len(times):
@@ -176,10 +176,10 @@ def bounds_of(
             f'"{name}" has missing values: not used'
         ]
     units, calendar = (str(variable.attrs.get(key, "")) for key in ("units", "calendar"))
-    own = str(held.attrs.get("units", ""))
+    own = str(bounds.attrs.get("units", ""))
     if own and own.strip() != units.strip() and epoch.is_shifted(own):
         units = own
-    calendar = str(held.attrs.get("calendar", calendar)) or "standard"
+    calendar = str(bounds.attrs.get("calendar", calendar)) or "standard"
     cells = np.sort(clock.dates(numbers, units, calendar.lower(), name, zone), axis=1)
     _check_bounds(cells, times, name)
     return cells, []

@@ -115,8 +115,8 @@ def decode(
     if not np.issubdtype(values.dtype, np.number):
         raise UserError(f'"{name}" holds no numbers')
     numbers = np.where(np.isin(values, FILLS), np.nan, values.astype(np.float64))
-    there = np.flatnonzero(np.isfinite(numbers))
-    kept = numbers[: there[-1] + 1] if trim and there.size else numbers
+    finite = np.flatnonzero(np.isfinite(numbers))
+    kept = numbers[: finite[-1] + 1] if trim and finite.size else numbers
     if not np.isfinite(kept).all():
         raise UserError(f'"{name}" has missing values')
     if len(kept) < len(numbers):
@@ -194,17 +194,17 @@ def order(
         counted: from `counts`, for each file.
         sizes: number of slices of each file.
     """
-    whole = [own for own in counted if own is not None and len(np.unique(own[0])) == len(own[0])]
-    if len(whole) < len(counted) or any(
-        len(own[0]) != size for own, size in zip(whole, sizes, strict=True)
+    usable = [own for own in counted if own is not None and len(np.unique(own[0])) == len(own[0])]
+    if len(usable) < len(counted) or any(
+        len(own[0]) != size for own, size in zip(usable, sizes, strict=True)
     ):
         return None
-    if len({units for _, units in whole}) == 1 and epoch.is_shifted(whole[0][1]):
-        every = np.concatenate([numbers for numbers, _ in whole])
-        if len(np.unique(every)) == len(every):
-            return np.argsort(every, kind="stable")
+    if len({units for _, units in usable}) == 1 and epoch.is_shifted(usable[0][1]):
+        all_numbers = np.concatenate([numbers for numbers, _ in usable])
+        if len(np.unique(all_numbers)) == len(all_numbers):
+            return np.argsort(all_numbers, kind="stable")
     begins = np.cumsum([0, *sizes[:-1]])
-    falling = [bool((np.diff(numbers) < 0).all()) for numbers, _ in whole]
+    falling = [bool((np.diff(numbers) < 0).all()) for numbers, _ in usable]
     parts = [
         begin + (np.arange(size)[::-1] if turned else np.arange(size))
         for begin, size, turned in zip(begins, sizes, falling, strict=True)
@@ -234,8 +234,8 @@ def replaces(times: Any) -> bool:
 
 def zone(times: Any) -> int | None:
     """Return the zone that a case states for a file's times [s ahead of UTC]; None if none."""
-    said = times.get("zone") if isinstance(times, Mapping) else None
-    return None if said is None else epoch.zone_of(str(said))
+    stated_zone = times.get("zone") if isinstance(times, Mapping) else None
+    return None if stated_zone is None else epoch.zone_of(str(stated_zone))
 
 
 def stamp(times: Any) -> str:

@@ -119,22 +119,22 @@ def parse(units: str, zone: int | None = None) -> Epoch:
         name, scale = "day", seconds / SECONDS["day"]
     elif name == "nanosecond":
         name, scale = "microsecond", scale / 1000.0
-    whole = _MOMENT.fullmatch(match[2])
+    complete = _MOMENT.fullmatch(match[2])
     begin = _BEGIN.match(match[2])
-    if begin is not None and whole is None:
+    if begin is not None and complete is None:
         rest = match[2][begin.end() :].strip()
         timed = begin["hour"] is None and begin["hour_p"] is None and re.match(r"[^+-]*\d", rest)
         if timed or re.fullmatch(r"[ap]\.?m\.?", rest, re.IGNORECASE):
             raise UserError(
                 f'units "{units}": "{rest}" after the date is no time of day, as 06:00:00 on a 24 hour clock is'
             )
-    if begin is None or (whole is None and zone is None):
+    if begin is None or (complete is None and zone is None):
         rest = "" if begin is None else match[2][begin.end() :].strip()
         if rest:
             raise ZoneError(f'units "{units}": "{rest}" after the time has no meaning as a zone')
         raise UserError(f'units "{units}": "{match[2]}" is no date and time')
-    part = (whole or begin).groupdict()
-    own = 0 if whole is None or zone is not None else _zone_offset(part)
+    part = (complete or begin).groupdict()
+    own = 0 if complete is None or zone is not None else _zone_offset(part)
     if zone is None and part["hour"] is None and part["hour_p"] is None and own:
         raise ZoneError(f'units "{units}": "{match[2]}" may end in a zone or in a time of day')
     if abs(own) > FARTHEST and zone is None:

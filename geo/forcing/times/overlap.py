@@ -85,9 +85,11 @@ def _list_runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run
         data, path, along, _ = slices[own[0]]
         index = np.array(own)
         began = _run_start(data)
-        held = versions.along(data, along)
+        own_versions = versions.along(data, along)
         version = (
-            np.zeros(len(own), np.int64) if held is None else held[[slices[k][3] for k in own]]
+            np.zeros(len(own), np.int64)
+            if own_versions is None
+            else own_versions[[slices[k][3] for k in own]]
         )
         first = int(seconds[index].min())
         runs.append(_Run(path, index, seconds[index], first if began is None else began, version))

@@ -63,8 +63,8 @@ def unrolled(
     return result, left, notes
 
 
-def _run_index(data: xr.Dataset, dim: str, given: Any, quantity: str) -> int:
-    text, size = str(given).strip(), int(data.sizes[dim])
+def _run_index(data: xr.Dataset, dim: str, value: Any, quantity: str) -> int:
+    text, size = str(value).strip(), int(data.sizes[dim])
     if not text.isdigit() or int(text) >= size:
         raise UserError(f"[[{quantity}]] variables.{dim} = {text}: it is an index, 0 to {size - 1}")
     return int(text)
@@ -166,11 +166,11 @@ def _split_runs(
             (lead,), own[steps].astype(np.float64), {"units": SECONDS, "standard_name": "time"}
         )
         files.append((path, part.drop_vars(_time_variables(part)).assign({VALID: stamps})))
-    spoken = f"valid times from {reference or _single_run_start(data)} and {lead}"
+    note = f"valid times from {reference or _single_run_start(data)} and {lead}"
     if count > 1:
-        spoken += f", {count} runs from {notation.group(valid[starts[-1], 0])} to {notation.group(valid[starts[0], 0])}: "
-        spoken += "where they overlap the later run is taken"
-    return files[::-1], [spoken]
+        note += f", {count} runs from {notation.group(valid[starts[-1], 0])} to {notation.group(valid[starts[0], 0])}: "
+        note += "where they overlap the later run is taken"
+    return files[::-1], [note]
 
 
 def _time_variables(data: xr.Dataset) -> list[str]:

@@ -23,8 +23,8 @@ def merge_versions(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable
     variable = data.variables[name]
     if variable.sizes.get(NAME, 1) < 2:
         return variable
-    order, called = _version_order(data, variable.sizes[NAME])
-    note = f"{NAME} {' and '.join(called[k] for k in order)} merged: each value is from the first that has it"
+    order, labels = _version_order(data, variable.sizes[NAME])
+    note = f"{NAME} {' and '.join(labels[k] for k in order)} merged: each value is from the first that has it"
     if note not in notes:
         notes.append(note)
 
@@ -65,5 +65,5 @@ def _version_order(data: xr.Dataset, count: int) -> tuple[list[int], list[str]]:
     """Return the indices of versions, final ones first, and their labels."""
     if NAME not in data.variables or data.variables[NAME].dims != (NAME,):
         return list(range(count)), [str(k) for k in range(count)]
-    called = [_text(value) for value in data.variables[NAME].values.tolist()]
-    return sorted(range(count), key=lambda k: _version_number(called[k])), called
+    labels = [_text(value) for value in data.variables[NAME].values.tolist()]
+    return sorted(range(count), key=lambda k: _version_number(labels[k])), labels
