@@ -463,7 +463,11 @@ REFUSALS = {
         ".dds",
         "sent a web page",
     ),
-    "half": (hostile.always(hostile.http(b"Dataset {" + b" " * 999)[:-500]), ".dds", "sent an incomplete answer"),
+    "half": (
+        hostile.always(hostile.http(b"Dataset {" + b" " * 999)[:-500]),
+        ".dds",
+        "sent an incomplete answer",
+    ),
     "no HTTP": (hostile.always(b"\x00\x01 hello"), ".dds", "broke off"),
     "silent": (hostile.silent, ".dds", "did not answer for 0.7 s"),
     "another server": (
