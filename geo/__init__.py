@@ -1,3 +1,4 @@
-"""The Earth and the files that describe it: sphere, boxes, notation, winds and currents,
-shorelines. No particles.
+"""The Earth and files that describe it: sphere, boxes, notation, forcing and shorelines.
+
+This package knows nothing of particles.
 """

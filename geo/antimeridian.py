@@ -1,8 +1,8 @@
-"""Shapes across the antimeridian: cut there, for formats whose longitudes end at 180 degrees.
+"""Cut shapes at the antimeridian, for formats whose longitudes end at 180 degrees.
 
-Our shapes have unwrapped longitudes, which say how they run. The library `antimeridian` (0.4.9)
-guesses that from jumps of more than 180 degrees: it returns invalid polygons for what touches the
-line from the east, refuses a hole across it, and does not cut unwrapped lines.
+Our shapes have unwrapped longitudes, which define how they run. The library `antimeridian` (0.4.9)
+infers that from jumps of more than 180 degrees: it returns invalid polygons for shapes that touch
+the line from the east, rejects a hole across it, and does not cut unwrapped lines.
 """
 
 from collections.abc import Iterator
@@ -11,29 +11,35 @@ from typing import Any
 import numpy as np
 import shapely
 
-TURNS = (-720, -360, 0, 360, 720)  # [deg] that unwrapped longitudes may have gone round
+TURNS = (-720, -360, 0, 360, 720)  # [deg] shifts that unwrapped longitudes may need
 
 
 def cut_polygons(polygon: shapely.MultiPolygon) -> shapely.MultiPolygon:
-    """Return polygons of unwrapped longitudes cut at the antimeridian.
+    """Return polygons with unwrapped longitudes, cut at the antimeridian.
 
     The parts lie in [-180, 180] [deg], with outer rings anticlockwise.
     """
     parts = [
-        part for part in _turned(polygon, 1e-7) if part.geom_type == "Polygon" and part.area > 0
+        part
+        for part in _split_at_antimeridian(polygon, 1e-7)
+        if part.geom_type == "Polygon" and part.area > 0
     ]
     return shapely.MultiPolygon([shapely.geometry.polygon.orient(part) for part in parts])
 
 
 def cut_line(line: Any) -> list[Any]:
-    """Return the parts of a line of unwrapped longitudes, cut at the antimeridian, in [-180, 180]."""
-    return [part for part in _turned(line) if part.geom_type == "LineString" and not part.is_empty]
+    """Return the parts of a line with unwrapped longitudes, cut at the antimeridian, in degrees."""
+    return [
+        part
+        for part in _split_at_antimeridian(line)
+        if part.geom_type == "LineString" and not part.is_empty
+    ]
 
 
-def _turned(shape: Any, precision: float = 0.0) -> Iterator[Any]:
-    """Yield the parts of a shape between two antimeridians, moved between -180 and 180.
+def _split_at_antimeridian(shape: Any, precision: float = 0.0) -> Iterator[Any]:
+    """Yield the parts of a shape between two antimeridians, shifted to [-180, 180].
 
-    precision [deg]: of the grid on which the corners lie.
+    precision [deg]: grid size to which corners are rounded; 0 for none.
     """
     for turn in TURNS:
         inside = shapely.intersection(shape, shapely.box(turn - 180, -90, turn + 180, 90))

@@ -1,4 +1,4 @@
-"""Arrays in signatures: docstrings say what they hold, and in which unit and shape."""
+"""Array types for signatures; docstrings state contents, unit and shape."""
 
 from typing import Any
 

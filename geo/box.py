@@ -1,4 +1,4 @@
-"""A box of longitudes and latitudes that may lie across the antimeridian."""
+"""Boxes of longitudes and latitudes, which may cross the antimeridian."""
 
 from dataclasses import dataclass
 
@@ -7,8 +7,9 @@ from geo import sphere
 
 @dataclass(frozen=True)
 class Box:
-    """Edges [deg]: west in [-180, 180), east in (west, west + 360], so Box(170, -10, 195, 5)
-    crosses 180.
+    """Edges [deg]: west in [-180, 180), east in (west, west + 360].
+
+    Box(170, -10, 195, 5) crosses the antimeridian.
     """
 
     west: float
@@ -26,12 +27,19 @@ class Box:
 
 
 def between(west: float, south: float, east: float, north: float) -> Box:
-    """Return the box from a western edge eastward to an eastern one [deg], which may count on
-    beyond 180.
+    """Return the box from a western edge eastward to an eastern one.
 
-    Edges of one longitude, or a turn apart, go round the whole Earth. Raises ValueError where east
-    is less than west, so that the box lies across the antimeridian, and is wider than half the
-    Earth: then the two are most likely swapped, or a sign is lost.
+    Equal longitudes, or longitudes a turn apart, give the whole globe.
+
+    Args:
+        west: western edge [deg]; any multiple of 360 may be added.
+        south: southern edge [deg].
+        east: eastern edge [deg]; it may exceed 180.
+        north: northern edge [deg].
+
+    Raises:
+        ValueError: east is less than west, and the box would be wider than half the Earth: most
+            likely the two are swapped, or a sign is missing.
     """
     width = 360.0 if east - west >= 360 else (east - west) % 360 or 360.0
     start, left = float(sphere.wrap_degrees(west)), float(sphere.wrap_degrees(east))

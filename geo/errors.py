@@ -1,7 +1,7 @@
-"""The one kind of error that a user can mend.
+"""The exception for errors that a user can correct.
 
-Its texts name options as a command has them, `--threads 0`. Where no command runs, a program or a
-notebook reads of the arguments of Python that are the same, `threads = 0`: `named` says it so.
+Messages name options as on a command line, `--threads 0`. In programs and notebooks, where no
+command runs, `named` replaces them with the equivalent Python arguments, `threads = 0`.
 """
 
 import re
@@ -35,7 +35,7 @@ SAME = (
     "threads",
     "time",
 )
-# by option: the argument that is the same
+# option -> equivalent argument, where the names differ
 ARGUMENTS = {name: name.replace("-", "_") for name in SAME} | {
     "drifters": "files",
     "figure": "figures",
@@ -52,26 +52,23 @@ OPTION = re.compile(
     rf"--({'|'.join(ARGUMENTS)})(?![\w-])(?: (-?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?(?!\w)|(?:auto|cpu|cuda|metal|vulkan)\b))?"
 )
 
-# that run in this process; not of a thread: a command's errors may be written in its others
+# one entry per command running in this process; not per thread, because a command uses several
 _commands: list[None] = []
 
 
 class UserError(Exception):
-    """A mistake of a user's: what is wrong, what was given, what is allowed, where to change it.
+    """A user error: what is wrong, the value given, what is allowed, where to change it.
 
-    Each mistake is one line; several are reported together.
+    Each error is one line; several are reported together.
     """
 
     def __init__(self, *lines: str) -> None:
-        """Take one line for each mistake;
-
-        `lines` removes line breaks that stand inside one of them.
-        """
+        """Take one line for each error; `lines` removes line breaks within one."""
         super().__init__(*lines)
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The mistakes, one line each."""
+        """The errors, one line each."""
         return tuple(" ".join(named(str(line)).split()) for line in self.args)
 
     def __str__(self) -> str:
@@ -80,7 +77,7 @@ class UserError(Exception):
 
 @contextmanager
 def of_a_command() -> Iterator[None]:
-    """Have errors name options inside, as a command does."""
+    """Keep command-line options in the messages of errors inside this context."""
     _commands.append(None)
     try:
         yield
@@ -89,14 +86,12 @@ def of_a_command() -> Iterator[None]:
 
 
 def named(text: str) -> str:
-    """Return a text whose options are arguments of Python, unless a command runs."""
-    return text if _commands else OPTION.sub(_argument, text)
+    """Return a text with options replaced by Python arguments, unless a command runs."""
+    return text if _commands else OPTION.sub(_as_argument, text)
 
 
-def _argument(option: re.Match[str]) -> str:
-    """Return `threads = 0` for `--threads 0`, `out` for `--out`, `overwrite = True` for
-    `--overwrite`.
-    """
+def _as_argument(option: re.Match[str]) -> str:
+    """Return `threads = 0` for `--threads 0`, `overwrite = True` for `--overwrite`."""
     name, value = ARGUMENTS[option[1]], option[2]
     if option[1] in SWITCHES:
         return f"{name} = True"

@@ -1,10 +1,10 @@
-"""Geohashes (Niemeyer 2008): a place in a few letters and digits, more of them for a smaller cell."""
+"""Geohashes (Niemeyer 2008): positions as letters and digits; more of them mean a smaller cell."""
 
 ALPHABET = "0123456789bcdefghjkmnpqrstuvwxyz"
 
 
 def encode(lon: float, lat: float, length: int) -> str:
-    """Return the geohash of a place [deg], lon in [-180, 180]."""
+    """Return the geohash of a position [deg], lon in [-180, 180], with `length` letters."""
     bounds, values = [[-180.0, 180.0], [-90.0, 90.0]], (lon, lat)
     letters, number = "", 0
     for bit in range(5 * length):
@@ -19,7 +19,7 @@ def encode(lon: float, lat: float, length: int) -> str:
 
 
 def decode(text: str) -> tuple[float, float]:
-    """Return the middle (lon, lat) [deg] of a geohash's cell; raise ValueError for what is none."""
+    """Return the centre (lon, lat) [deg] of a geohash's cell; raise ValueError for other text."""
     bounds, bit = [[-180.0, 180.0], [-90.0, 90.0]], 0
     for letter in text:
         number = ALPHABET.index(letter)

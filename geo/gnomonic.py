@@ -1,4 +1,4 @@
-"""The gnomonic plane, in which every great circle is straight."""
+"""Lines in a gnomonic plane, in which every great circle is straight."""
 
 import math
 from collections.abc import Sequence
@@ -10,14 +10,14 @@ from geo import sphere
 from geo.array import Array
 from geo.polyline import LonLat
 
-# from the middle of a line to its points; there the plane is stretched by 1.7
+# largest angle between the middle of a line and its points; the plane is stretched by 1.7 there
 LONGEST = math.radians(40)
 SAME = 1.0  # [m] points closer than this count as one
 
 
 @dataclass(frozen=True)
 class PlaneLine:
-    """A line of great circles in the gnomonic plane of its middle."""
+    """A polyline of great circles in the gnomonic plane about its middle."""
 
     lon: float  # [rad] the middle, at a whole binary angle
     lat: float
@@ -26,9 +26,9 @@ class PlaneLine:
 
 
 def line(points: Sequence[LonLat]) -> PlaneLine:
-    """Return a line through points [deg] in the plane of its middle.
+    """Return a line through points [deg] in the gnomonic plane about its middle.
 
-    Raises ValueError for a line without length, and for one that is too long for a plane.
+    Raises ValueError for a line without length, and for one that is too long for one plane.
     """
     lon, lat = np.radians(np.array(points, np.float64)).T
     x, y, z = (

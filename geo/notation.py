@@ -1,8 +1,7 @@
-"""Text of times, positions, directions, shares and stated numbers as a planner reads them, and of
-times as ISO 8601.
+"""Text for times, positions, directions, shares and numbers as planners read them.
 
-What a case states is read back to the digits given (`number`, `hundredths`, `bearing`,
-`stated_position`, `stated_time`); what is computed from it is rounded (`percent`, `probability`,
+Numbers that a case states are repeated with all their digits (`number`, `hundredths`, `bearing`,
+`stated_position`, `stated_time`). Computed numbers are rounded (`percent`, `probability`,
 `position`, `group`).
 """
 
@@ -17,18 +16,18 @@ from geo import sphere
 NMI = 1852.0  # [m] international nautical mile
 KNOT = NMI / 3600  # [m/s]
 COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
-GIVEN = 9  # significant digits of a stated number that are read back
+GIVEN = 9  # significant digits of a stated number that are repeated
 DERIVED = 4  # significant digits of a number that no case states
-FINEST = 5  # decimals of the minutes of a stated position: 2 cm
-ROUNDING = 1e-9  # of sums of weights
+FINEST = 5  # largest number of decimals of the minutes of a stated position: 2 cm
+ROUNDING = 1e-9  # rounding error of sums of weights
 MONTHS = ("JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC")
 
 
 def group(moment: Any) -> str:
     """Return a time (np.datetime64, UTC) as a date-time group (ACP 121), 211830ZNOV26.
 
-    Seconds are dropped. The year has two digits in this century, which a reader assumes, and all in
-    any other: damaged files hold times that Python's own dates do not reach.
+    Seconds are dropped. Years of this century have two digits, others all of them: damaged files
+    hold times outside the range of Python's dates.
     """
     date, clock = str(np.asarray(moment).astype("datetime64[s]")).split("T")
     year, month, day = date.rsplit("-", 2)
@@ -42,7 +41,7 @@ def day_time(moment: Any) -> str:
 
 
 def toward(lon1: float, lat1: float, lon2: float, lat2: float) -> str:
-    """Return how far and in which direction point 2 lies from point 1 [deg], along a great circle."""
+    """Return distance and compass direction of point 2 [deg] from point 1, on a great circle."""
     east, north = (float(x) for x in sphere.offset(*np.radians([lon1, lat1, lon2, lat2])))
     miles, eighth = (
         math.hypot(east, north) / NMI,
@@ -58,12 +57,12 @@ def toward(lon1: float, lat1: float, lon2: float, lat2: float) -> str:
 def percent(share: float, digits: int = 1, unit: str = " %") -> str:
     """Return a computed probability or share in percent, never rounded to 0 % or 100 %.
 
-    What is exactly 0 or 1 is "0 %" or "100 %"; what is only near is "< 0.1 %" or "> 99.9 %".
+    Exactly 0 or 1 is "0 %" or "100 %"; values near them are "< 0.1 %" or "> 99.9 %".
 
     Args:
-        share: the share, 0 to 1; within ROUNDING of an end it is that end, as a sum of weights is.
-        digits: after the point; the limits of "near" follow.
-        unit: what stands after the number; "" where a cell of a picture has no room, also for the
+        share: 0 to 1; within ROUNDING of 1 it counts as 1, because sums of weights are inexact.
+        digits: after the decimal point; they also set the limits of "near".
+        unit: text after the number; "" where a cell of a picture has no room, which also drops the
             blank.
     """
     if math.isnan(share):
@@ -84,16 +83,12 @@ def percent(share: float, digits: int = 1, unit: str = " %") -> str:
 
 
 def short_percent(share: float) -> str:
-    """Return the same with a digit after the point only below 10 % and above 99.5 %, where room is
-    scarce.
-    """
+    """Return a share like `percent`, with a decimal only below 10 % and above 99.5 %."""
     return percent(share, 0 if 0.0995 <= share <= 0.995 else 1)
 
 
 def probability(value: float, digits: int = 2) -> str:
-    """Return a computed probability as a decimal; only what is exactly 0 or 1 is written as such:
-    <0.01, >0.99.
-    """
+    """Return a computed probability as a decimal: 0.25; <0.01 and >0.99 unless exactly 0 or 1."""
     rounded = f"{value:.{digits}f}"
     least = 10.0**-digits
     if value > 0 and float(rounded) == 0:
@@ -102,9 +97,9 @@ def probability(value: float, digits: int = 2) -> str:
 
 
 def number(value: float, digits: int = DERIVED) -> str:
-    """Return a number that a case states, read back with all its digits: 0.25, not 0.3.
+    """Return a number that a case states with all its digits: 0.25, not 0.3.
 
-    The value may have been converted to SI and back: up to GIVEN significant digits return as
+    The value may have been converted to SI and back: up to GIVEN significant digits are kept as
     written. A number with more digits is derived from what the case states (exp(0.3), 0.25 m/s in
     knots). It is rounded to `digits` significant digits, or to a whole number if that has more.
     """
@@ -117,15 +112,14 @@ def number(value: float, digits: int = DERIVED) -> str:
 
 
 def hundredths(share: float) -> str:
-    """Return a share that a case states in percent, without its unit, with all digits: 0.95 is 95,
-    0.999 is 99.9.
-    """
+    """Return a stated share in percent, without unit, with all digits: 95 for 0.95."""
     return number(100 * share)
 
 
 def bearing(angle: float) -> str:
-    """Return a course or bearing [deg] as `number` does, with three digits before the point: 045,
-    123.5.
+    """Return a course or bearing [deg] as `number` does, with three digits before the point.
+
+    Examples: 045, 123.5.
     """
     rounded = float(number(angle % 360)) % 360  # 359.9999999999 is north
     whole, point, rest = number(rounded).partition(".")
@@ -133,7 +127,7 @@ def bearing(angle: float) -> str:
 
 
 def size(count: float) -> str:
-    """Return a number of bytes in words."""
+    """Return a number of bytes as text in GiB or MiB."""
     return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.1f} MiB"
 
 
@@ -143,7 +137,7 @@ def epoch(time: Any) -> int:
 
 
 def epochs(times: Any) -> npt.NDArray[np.int64]:
-    """Return times, np.datetime64 in UTC of any shape, as whole seconds since 1970."""
+    """Return times (np.datetime64, UTC, any shape) as whole seconds since 1970."""
     return np.asarray(times).astype("datetime64[s]").astype(np.int64)
 
 
@@ -153,24 +147,25 @@ def iso(time: Any) -> str:
 
 
 def lasting(seconds: float) -> str:
-    """Return a duration as 90 min, or under a minute as 12 s."""
+    """Return a duration [s] as 90 min, or below a minute as 12 s."""
     return f"{seconds / 60:g} min" if seconds >= 60 else f"{seconds:g} s"
 
 
 def position(lon: float, lat: float, decimals: int = 1) -> str | None:
     """Return a position [deg] in degrees and decimal minutes, 28-42.0N 087-30.0W.
 
-    decimals: of the minutes. Returns None where it is not finite.
+    decimals: of the minutes. Returns None if the position is not finite.
     """
     if not (np.isfinite(lon) and np.isfinite(lat)):
         return None
     lon = sphere.wrap_degrees(lon)
-    return f"{_minutes(lat, 2, decimals)}{'N' if lat >= 0 else 'S'} {_minutes(lon, 3, decimals)}{'E' if lon >= 0 else 'W'}"
+    return f"{_format_minutes(lat, 2, decimals)}{'N' if lat >= 0 else 'S'} {_format_minutes(lon, 3, decimals)}{'E' if lon >= 0 else 'W'}"
 
 
 def stated_position(lon: float, lat: float) -> str | None:
-    """Return a position [deg] that a case states: with as many decimals of the minutes as it has,
-    one to FINEST.
+    """Return a position [deg] that a case states, with as many decimals of minutes as it has.
+
+    At least one and at most FINEST.
     """
     exact = [60 * abs(angle) for angle in (lon, lat)]
     decimals = (
@@ -182,15 +177,17 @@ def stated_position(lon: float, lat: float) -> str | None:
 
 
 def stated_time(moment: Any) -> str:
-    """Return a time (np.datetime64, UTC) that a case states: its date-time group, or ISO 8601 where
-    it has seconds.
+    """Return a time (np.datetime64, UTC) that a case states: a date-time group.
+
+    With seconds it is ISO 8601.
     """
     return iso(moment) if epoch(moment) % 60 else group(moment)
 
 
-def _minutes(angle: float, digits: int, decimals: int) -> str:
-    """Return an angle [deg] without its sign as degrees of so many digits and minutes of so many
-    decimals.
+def _format_minutes(angle: float, digits: int, decimals: int) -> str:
+    """Return an unsigned angle [deg] as degrees and minutes.
+
+    digits: of the degrees; decimals: of the minutes.
     """
     degree = 60 * 10**decimals
     parts = round(abs(angle) * degree)

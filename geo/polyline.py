@@ -1,7 +1,7 @@
-"""Areas, and legs made good: made from points, cut, thinned and outlined.
+"""Areas, and tracks of legs: built from points, cut, simplified and outlined.
 
-Legs are great circles from vertex to vertex, each at constant speed. Positions are degrees;
-longitudes are unwrapped, so that they have no jumps. Times are seconds since 1970.
+Legs are great circles from vertex to vertex, each at constant speed. Positions are degrees, with
+unwrapped longitudes. Times are seconds since 1970.
 """
 
 import itertools
@@ -21,20 +21,20 @@ SAME = 0.01  # [m] points closer than this count as one point
 
 @dataclass(frozen=True)
 class Area:
-    """A region on the sphere; its edges are great circles."""
+    """A region on the sphere with great-circle edges."""
 
     lon: tuple[float, ...]  # [deg] corners in order, not closed
     lat: tuple[float, ...]
 
     @property
     def ring(self) -> list[tuple[float, float]]:
-        """Corners (lon, lat) [deg], with the first repeated at the end."""
+        """Corners (lon, lat) [deg], with the first one repeated at the end."""
         return [*zip(self.lon, self.lat, strict=True), (self.lon[0], self.lat[0])]
 
 
 @dataclass(frozen=True)
 class Legs:
-    """Straight legs from vertex to vertex along great circles, each at constant speed."""
+    """A track of great-circle legs from vertex to vertex, each at constant speed."""
 
     time: tuple[float, ...]  # [s since 1970], ascending, (k,)
     lon: tuple[float, ...]  # [deg] (k,)
@@ -49,9 +49,13 @@ def through(
     lat: npt.ArrayLike,
     searching: Sequence[bool] | None = None,
 ) -> Legs:
-    """Return legs from arrays of their vertices, shape (k,).
+    """Return legs from arrays of their vertices.
 
-    searching: whether the unit searches on each leg, shape (k - 1,); on all of them by default.
+    Args:
+        time: of the vertices [s since 1970], shape (k,).
+        lon: of the vertices [deg], shape (k,).
+        lat: of the vertices [deg], shape (k,).
+        searching: whether the unit searches on each leg, shape (k - 1,); default: on all.
     """
     t, x, y = (
         tuple(np.asarray(values, np.float64).tolist()) for values in (time, unwrap(lon), lat)
@@ -67,12 +71,13 @@ def through(
 def unwrap(lon: npt.ArrayLike, first: float | None = None) -> Array:
     """Return longitudes [deg] without jumps.
 
-    Each is shifted by whole turns to lie nearest to the one before it.
+    Each is shifted by whole turns to be nearest to the previous one; first: what precedes the first
+    one.
     """
     lon = np.asarray(lon, np.float64)
-    whole = np.concatenate([[lon[0] if first is None else first], lon])
-    # exact where nothing jumps
-    return np.asarray(lon - 360.0 * np.cumsum(np.rint(np.diff(whole) / 360.0)))
+    extended = np.concatenate([[lon[0] if first is None else first], lon])
+    # exact if nothing jumps
+    return np.asarray(lon - 360.0 * np.cumsum(np.rint(np.diff(extended) / 360.0)))
 
 
 def fly(
@@ -82,14 +87,20 @@ def fly(
     speed: float,
     searching: Sequence[bool] | None = None,
 ) -> Legs:
-    """Return legs through points [deg] that start at a time [s since 1970] and have one speed
-    [m/s].
+    """Return legs through points that start at a time and have constant speed.
 
-    Repeated points are left out. searching: whether the unit searches on the leg from each point to
-    the next, shape (k - 1,); on all of them by default.
+    Args:
+        lon: of the points [deg], shape (k,); repeated points are left out.
+        lat: of the points [deg], shape (k,).
+        start: time at the first point [s since 1970].
+        speed: [m/s].
+        searching: whether the unit searches on each leg, shape (k - 1,); default: on all.
+
+    Raises:
+        ValueError: all points are the same.
     """
     lon, lat = unwrap(lon), np.asarray(lat, np.float64)
-    steps = _steps(lon, lat)
+    steps = _leg_lengths(lon, lat)
     keep = np.flatnonzero(np.concatenate([[True], steps > SAME]))
     if keep.size < 2:
         raise ValueError("has no length: all its points are the same")
@@ -100,21 +111,21 @@ def fly(
 
 def lengths(legs: Legs) -> Array:
     """Return the length [m] of each leg, shape (k - 1,)."""
-    return _steps(np.array(legs.lon), np.array(legs.lat))
+    return _leg_lengths(np.array(legs.lon), np.array(legs.lat))
 
 
 def way(points: Sequence[LonLat]) -> float:
-    """Return the length [m] of great circles through points [deg]."""
-    return float(_steps(*np.array(points).T).sum())
+    """Return the length [m] of a line of great circles through points [deg]."""
+    return float(_leg_lengths(*np.array(points).T).sum())
 
 
-def _steps(lon: Array, lat: Array) -> Array:
+def _leg_lengths(lon: Array, lat: Array) -> Array:
     x, y = np.radians(lon), np.radians(lat)
     return sphere.distance(x[:-1], y[:-1], x[1:], y[1:])
 
 
 def cut_legs(legs: Legs, share: float) -> Legs:
-    """Return the legs up to a share of their whole length; all of them where the share is 1."""
+    """Return the legs up to a share of their total length; all of them if the share is 1."""
     done = np.concatenate([[0.0], np.cumsum(lengths(legs))])
     goal = share * done[-1]
     if share >= 1:
@@ -125,9 +136,7 @@ def cut_legs(legs: Legs, share: float) -> Legs:
 
 
 def between(legs: Legs, first: float, last: float) -> Legs:
-    """Return the part of legs between two times [s since 1970]; raise ValueError where there is
-    none.
-    """
+    """Return the part of legs between two times [s since 1970]; raise ValueError if empty."""
     time = np.array(legs.time)
     first, last = max(first, legs.time[0]), min(last, legs.time[-1])
     if last <= first:
@@ -147,7 +156,7 @@ def between(legs: Legs, first: float, last: float) -> Legs:
 
 
 def position_at(legs: Legs, time: float) -> LonLat:
-    """Return (lon, lat) [deg] where legs are at a time [s since 1970] on them."""
+    """Return the position (lon, lat) [deg] on legs at a time [s since 1970]."""
     k = min(max(int(np.searchsorted(legs.time, time, "right")) - 1, 0), len(legs.time) - 2)
     share = (time - legs.time[k]) / (legs.time[k + 1] - legs.time[k])
     ends = np.radians([legs.lon[k], legs.lat[k], legs.lon[k + 1], legs.lat[k + 1]])
@@ -157,18 +166,17 @@ def position_at(legs: Legs, time: float) -> LonLat:
 
 
 def thinned(legs: Legs, tolerance: float) -> Legs:
-    """Return legs with fewer vertices that keep the unit within a tolerance [m] of where it was at
-    every time.
+    """Return legs with fewer vertices, on which the unit is never off by more than a tolerance [m].
 
     Douglas and Peucker (1973, doi:10.3138/FM57-6770-U75U-7727), with the distance between positions
-    at the same time. Legs on which the unit searches are not joined with legs on which it does not.
+    at the same time. Legs with search are not joined with legs without.
     """
     fixed = [
         0,
         *(k for k in range(1, len(legs.time) - 1) if legs.searching[k] != legs.searching[k - 1]),
         len(legs.time) - 1,
     ]
-    (x, y, _), t = _plane(legs), np.array(legs.time)
+    (x, y, _), t = _to_plane(legs), np.array(legs.time)
     keep = np.zeros(t.size, bool)
     keep[fixed] = True
     unchecked = [(a, b) for a, b in itertools.pairwise(fixed) if b > a + 1]
@@ -189,22 +197,20 @@ def thinned(legs: Legs, tolerance: float) -> Legs:
 
 
 def strip(legs: Legs, reach: float) -> Area:
-    """Return the outline of what lies within a reach [m] of the legs of search; holes in it are
-    filled.
-    """
+    """Return the outline of the area within a reach [m] of the search legs, without holes."""
     import shapely
 
-    x, y, back = _plane(legs)
+    x, y, back = _to_plane(legs)
     parts = [[(x[k], y[k]), (x[k + 1], y[k + 1])] for k in range(len(x) - 1) if legs.searching[k]]
-    whole = shapely.union_all(shapely.buffer(shapely.linestrings(parts), reach, quad_segs=4))
-    if whole.geom_type != "Polygon":  # the searched legs are apart
-        whole = whole.convex_hull
-    outline = np.array(whole.simplify(reach / 50).exterior.coords)[:-1]
+    merged = shapely.union_all(shapely.buffer(shapely.linestrings(parts), reach, quad_segs=4))
+    if merged.geom_type != "Polygon":  # the search legs are far apart
+        merged = merged.convex_hull
+    outline = np.array(merged.simplify(reach / 50).exterior.coords)[:-1]
     lon, lat = back(outline[:, 0], outline[:, 1])
     return Area(tuple(unwrap(lon, legs.lon[0]).tolist()), tuple(lat.tolist()))
 
 
-def _plane(legs: Legs) -> tuple[Array, Array, Callable[[Array, Array], tuple[Array, Array]]]:
+def _to_plane(legs: Legs) -> tuple[Array, Array, Callable[[Array, Array], tuple[Array, Array]]]:
     """Return (x, y) [m] of the vertices in an azimuthal equidistant projection, and its inverse.
 
     The projection is centred on the middle of the vertices. The inverse takes arrays of x and y [m]

@@ -1,8 +1,8 @@
 """Formulas on the spherical Earth in float64, and the binary angles in which positions are stored.
 
 Angles are radians and distances metres unless a name says otherwise. Everything works on arrays, at
-the antimeridian and at the poles. Vector formulas (no haversine cancellation near the antipode) are
-used throughout.
+the antimeridian and at the poles. All formulas use vectors, because the haversine formula loses
+precision near the antipode.
 """
 
 from typing import TypeVar
@@ -20,8 +20,9 @@ Degrees = TypeVar("Degrees", float, Array)
 
 
 def to_binary(angle_deg: npt.ArrayLike) -> Array:
-    """Return angles [deg] as int32 binary angles; longitudes wrap, so 180 and -180 are the same
-    number.
+    """Return angles [deg] as int32 binary angles.
+
+    Longitudes wrap: 180 and -180 are the same number.
     """
     units = np.rint(np.asarray(angle_deg, np.float64) * (TURN / 360.0)).astype(np.int64)
     return ((units + 2**31) % TURN - 2**31).astype(np.int32)
@@ -33,24 +34,22 @@ def to_degrees(binary: npt.ArrayLike) -> Array:
 
 
 def wrap(lon: npt.ArrayLike) -> Array:
-    """Return longitudes [rad] brought into [-pi, pi)."""
+    """Return longitudes [rad] wrapped into [-pi, pi)."""
     return (np.asarray(lon, np.float64) + np.pi) % (2 * np.pi) - np.pi
 
 
 def wrap_degrees(lon: Degrees) -> Degrees:
-    """Return longitudes [deg] brought into [-180, 180)."""
+    """Return longitudes [deg] wrapped into [-180, 180)."""
     return (lon + 180.0) % 360.0 - 180.0
 
 
 def near_degrees(lon: Degrees, about: Degrees | float) -> Degrees:
-    """Return longitudes [deg] moved by whole turns to within half a turn of others, so that they
-    run on there.
-    """
+    """Return longitudes [deg] shifted by whole turns to within half a turn of `about`."""
     return about + (lon - about + 180.0) % 360.0 - 180.0
 
 
 def east_of_degrees(lon: Degrees, west: Degrees | float) -> Degrees:
-    """Return longitudes [deg] moved by whole turns to within a turn east of others."""
+    """Return longitudes [deg] shifted by whole turns to within one turn east of `west`."""
     return west + (lon - west) % 360.0
 
 
@@ -76,8 +75,9 @@ def distance(
 def offset(
     lon1: npt.ArrayLike, lat1: npt.ArrayLike, lon2: npt.ArrayLike, lat2: npt.ArrayLike
 ) -> tuple[Array, Array]:
-    """Return (east, north) [m] of point 2 in the tangent plane of point 1: the inverse exponential
-    map.
+    """Return (east, north) [m] of point 2 in the tangent plane of point 1 (points in rad).
+
+    This is the inverse exponential map.
     """
     lon1, lat1, lon2, lat2 = (np.asarray(x, np.float64) for x in (lon1, lat1, lon2, lat2))
     dlon = lon2 - lon1
@@ -92,7 +92,7 @@ def offset(
 def destination(
     lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: npt.ArrayLike
 ) -> tuple[Array, Array]:
-    """Return (lon, lat) [rad] reached from a point along the great circle (east, north) [m].
+    """Return (lon, lat) [rad] reached from a point [rad] along the great circle (east, north) [m].
 
     This is the exponential map.
     """
@@ -106,8 +106,9 @@ def destination(
 
 
 def track(lon: npt.ArrayLike, lat: npt.ArrayLike, longest: float) -> tuple[Array, Array]:
-    """Return points (lon, lat) [rad] along great-circle legs between corners, at most `longest` [m]
-    apart.
+    """Return points (lon, lat) [rad] along great-circle legs between corners [rad].
+
+    longest: largest distance between two points [m].
     """
     lon, lat = np.asarray(lon, np.float64), np.asarray(lat, np.float64)
     x, y = [lon[:1]], [lat[:1]]
@@ -124,17 +125,17 @@ def track(lon: npt.ArrayLike, lat: npt.ArrayLike, longest: float) -> tuple[Array
 def to_pole(
     lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: npt.ArrayLike
 ) -> tuple[Array, Array]:
-    """Return vectors at places near a pole in one frame, that of the plane of the pole at the
-    meridian of 0.
+    """Return vectors near a pole in one frame: the polar plane's, aligned with the prime meridian.
 
-    The frames of two places differ by the angle between their meridians: exact at the pole, and
-    1.5e-4 of that angle off at 89 degrees. kernels.maths.sphere.meridian is the same on the device.
+    The local frames of two positions differ by the angle between their meridians. This is exact at
+    the pole, and off by 1.5e-4 of that angle at 89 degrees. kernels.maths.sphere.meridian is the
+    same on the device.
 
     Args:
-        lon: of the places [rad].
-        lat: of the places; only its sign counts, which says which pole.
-        east: component of the vectors there.
-        north: component of the vectors there.
+        lon: of the positions [rad].
+        lat: of the positions; only its sign is used, to choose the pole.
+        east: component of the vectors in the local frame.
+        north: component of the vectors in the local frame.
 
     Returns:
         The components of the vectors in the common frame, in the unit of the input.
@@ -148,7 +149,8 @@ def to_pole(
 def from_pole(
     lon: npt.ArrayLike, lat: npt.ArrayLike, east: npt.ArrayLike, north: npt.ArrayLike
 ) -> tuple[Array, Array]:
-    """Return vectors of the common frame of `to_pole` as east and north at places (lon, lat) [rad]:
-    its inverse.
+    """Return vectors of the common frame of `to_pole` as local east and north; its inverse.
+
+    lon, lat: positions [rad].
     """
     return to_pole(-np.asarray(lon, float), lat, east, north)

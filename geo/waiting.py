@@ -1,32 +1,31 @@
-"""How a wait for a server, a library or another thread can be given up.
+"""Interruptible waits for a server, a library or another thread.
 
-It asks every quarter of a second whether to go on.
-
-A signal's exception can be lost where a destructor runs, and other threads never see it. So each
-wait asks by itself.
+A signal's exception can be lost in a destructor, and other threads never receive it. So each wait
+checks every quarter of a second whether to continue.
 """
 
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-POLL = 0.25  # [s] longest time that a wait goes without asking
+POLL = 0.25  # [s] longest time between two checks
 
 _of_thread = threading.local()
 
 
 class Left(BaseException):
-    """The wait was given up because its result is no longer needed."""
+    """The wait was interrupted because its result is no longer needed."""
 
 
 def ask(check: Callable[[], None]) -> None:
-    """Have the waits of this thread call `check`, which raises to end them."""
+    """Make the waits of this thread call `check`, which raises an exception to end them."""
     _of_thread.check = check
 
 
 def heed() -> None:
-    """Raise where this thread must give up its wait: its check says so, or the program's main
-    thread has ended.
+    """Raise if this thread must end its wait.
+
+    That is so if its check raises, or if the program's main thread has ended.
     """
     check: Callable[[], None] | None = getattr(_of_thread, "check", None)
     if check is not None:
@@ -37,7 +36,7 @@ def heed() -> None:
 
 @contextmanager
 def turn(lock: threading.Lock) -> Iterator[None]:
-    """Hold a lock of `threading`; the wait for it can be given up like any other."""
+    """Hold a lock of `threading`; the wait for it can be interrupted like any other."""
     while not lock.acquire(timeout=POLL):
         heed()
     try:

@@ -1,1 +1,1 @@
-"""Shorelines: polygons of land, edges as the kernels see them, stretches of coast."""
+"""Shorelines: land polygons, edges for the kernels, stretches of coast and land masses."""

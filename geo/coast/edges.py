@@ -1,12 +1,12 @@
 """The coast for the kernels: shoreline edges in a uniform grid of cells, in binary angles.
 
-Every polygon vertex is rounded to int32 binary angles (at most 5 mm away); from there on everything
-is exact integer geometry in the lon-lat plane. A cell lists every edge that touches it, knows how
-far (in cells) the nearest cell with an edge is, and whether its reference point lies on land.
-`build` makes it; kernels.step.coast reads it, and so do the functions below for single questions. A
-point exactly on an edge is on land. Outside the grid everything is water.
+Every polygon vertex is rounded to int32 binary angles (at most 5 mm away); after that, all geometry
+in the lon-lat plane is exact integer arithmetic. For each cell the grid holds the edges that touch
+it, the distance (in cells) to the nearest cell with an edge, and whether its reference point lies
+on land. `build_coast` makes the grid; kernels.step.coast reads it, and so do the functions below
+for single queries. A point exactly on an edge is on land. Outside the grid everything is water.
 
-A box that reaches beyond the box to which the polygons were cut is refused: the cut would count as
+A box that extends beyond the box to which the polygons were cut is rejected: the cut would count as
 coast.
 """
 
@@ -26,10 +26,10 @@ TURN = sphere.TURN
 POLE = TURN // 4  # [unit] the north pole's binary latitude
 FINEST = 17  # smallest shift: a cell of 2**17 units is 0.011 degrees, 1.2 km of latitude
 COARSEST = 21  # largest shift: 0.18 degrees, less than geo.coast.shore.MARGIN
-# [unit] 2.4 km, as stretches of coast are made of whole edges; kernels would allow 45 degrees
+# [unit] 2.4 km, because stretches of coast consist of whole edges; kernels would allow 45 degrees
 LONGEST_EDGE = 2**18
 FAR = 127  # [cells] distances are capped at this number, so that they fit into seven bits
-LAND = 128  # the bit of a cell's byte that says that its reference point is on land
+LAND = 128  # bit of a cell's byte: its reference point is on land
 
 Ints = npt.NDArray[np.int64]
 
@@ -38,9 +38,9 @@ Ints = npt.NDArray[np.int64]
 class Coast:
     """Shoreline edges by cell.
 
-    Positions and lengths are binary angle units, rows of cells run from south to north. cell: low 7
-    bits: chessboard distance to a cell with edges; high bit: whether the reference point is on
-    land.
+    Positions and lengths are in binary angle units; rows of cells run from south to north. cell:
+    the low 7 bits are the chessboard distance to a cell with edges, the high bit says that the
+    reference point is on land.
     """
 
     lon0: int  # south-west corner of cell (0, 0)
@@ -49,23 +49,29 @@ class Coast:
     nx: int
     ny: int
     cell: npt.NDArray[np.uint8]  # (ny * nx,)
-    start: npt.NDArray[np.int32]  # (ny * nx + 1,) where each cell's edges start in `edge`
-    # (n, 4) lon_a, lat_a, lon_b, lat_b; repeated for every cell that it touches
+    start: npt.NDArray[np.int32]  # (ny * nx + 1,) index in `edge` of each cell's first edge
+    # (n, 4) lon_a, lat_a, lon_b, lat_b; an edge is repeated for every cell that it touches
     edge: npt.NDArray[np.int32]
-    # (n,) number of the shoreline edge, from 0, running along each shoreline
+    # (n,) number of each shoreline edge, from 0, increasing along each shoreline
     edge_id: npt.NDArray[np.int32]
     reference: tuple[int, int]  # offset of the reference point in its cell
-    polygons: Array  # shapely land polygons [deg], unwrapped round the box
+    polygons: Array  # shapely land polygons [deg], unwrapped around the box
     source: str
-    cut: Box | None = None  # to which the polygons are cut; None: they are whole
+    cut: Box | None = None  # box to which the polygons are cut; None: they are complete
 
 
 def build_coast(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
     """Return the coast of a box.
 
-    Its grid covers the box, rounded outward to cells, in at most max_cells cells.
+    Args:
+        shore: land polygons that cover the box.
+        box: area of the grid, which is rounded outward to cells.
+        max_cells: largest number of cells; fewer and larger cells are used above it.
+
+    Raises:
+        ValueError: the polygons are cut to a box that does not contain `box`.
     """
-    # the shore is not cut, so the grid goes round as well
+    # the shore is not cut in longitude, so the grid spans the globe as well
     if shore.box and shore.box.east - shore.box.west >= 360:
         box = Box(-180.0, box.south, 180.0, box.north)
     if shore.box and not (
@@ -76,32 +82,32 @@ def build_coast(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
     ):
         raise ValueError(f"the shore is cut to {shore.box}, which does not hold {box}")
     for shift in range(FINEST, COARSEST + 1):
-        west, south, nx, ny = _cells(box, shift)
+        west, south, nx, ny = _cells_over(box, shift)
         if nx * ny <= max_cells or shift == COARSEST:
             break
     globe = nx << shift == TURN
-    edges = _edges(shore.polygons)
+    edges = _split_edges(shore.polygons)
     edges -= np.array([west, south, west, south])
-    shoreline = _without_cuts(edges, globe, south)
-    owner, cell = _touched(shoreline, shift, nx, ny, globe)
+    shoreline = _drop_cuts(edges, globe, south)
+    owner, cell = _touching_pairs(shoreline, shift, nx, ny, globe)
     order = np.argsort(cell, kind="stable")
     owner, cell = owner[order], cell[order]
     start = np.zeros(nx * ny + 1, np.int32)
     np.cumsum(np.bincount(cell, minlength=nx * ny), out=start[1:])
-    reference = _reference(shoreline[owner], cell, shift, nx)
+    reference = _reference_offset(shoreline[owner], cell, shift, nx)
     land = _land_of_references(edges, reference, shift, nx, ny)
     distance = _cells_to_edges((start[1:] == start[:-1]).reshape(ny, nx), globe)
     used, number = np.unique(owner, return_inverse=True)
     corner = np.array([west, south, west, south])
     return Coast(
-        lon0=int(_wrapped(np.array(west))),
+        lon0=int(_wrap_to_int32(np.array(west))),
         lat0=south,
         shift=shift,
         nx=nx,
         ny=ny,
         cell=distance.ravel() | np.where(land, LAND, 0).astype(np.uint8),
         start=start,
-        edge=_wrapped(shoreline[used] + corner)[number],
+        edge=_wrap_to_int32(shoreline[used] + corner)[number],
         edge_id=number.astype(np.int32),
         reference=reference,
         polygons=shore.polygons,
@@ -111,10 +117,9 @@ def build_coast(shore: Shore, box: Box, max_cells: int = 4_000_000) -> Coast:
 
 
 def _cells_to_edges(empty: npt.NDArray[np.bool_], globe: bool) -> npt.NDArray[np.uint8]:
-    """Return chessboard distances (ny, nx) from each cell to the nearest that is not empty, at most
-    FAR.
+    """Return the chessboard distance (ny, nx) from each cell to the nearest non-empty one.
 
-    globe: whether the columns go round the Earth, so that distances do too.
+    Distances are capped at FAR. globe: the columns span the globe, so distances cross its seam.
     """
     if empty.all():
         return np.full(empty.shape, FAR, np.uint8)
@@ -140,14 +145,14 @@ def is_land(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike) -> npt.NDArray
     land[inside] = coast.cell[cell] >= LAND
     count = coast.start[cell + 1] - coast.start[cell]
     point = np.repeat(inside, count)
-    listed = _runs(coast.start[cell], count)
+    listed = _concatenated_ranges(coast.start[cell], count)
     corner = 1 << coast.shift
     # all coordinates are relative to the cell's reference point
     px = x[point] % corner - coast.reference[0]
     py = y[point] % corner - coast.reference[1]
-    ax = _difference(coast.edge[listed, 0], lon[point]) + px
+    ax = _angle_difference(coast.edge[listed, 0], lon[point]) + px
     ay = coast.edge[listed, 1].astype(np.int64) - lat[point] + py
-    bx = _difference(coast.edge[listed, 2], lon[point]) + px
+    bx = _angle_difference(coast.edge[listed, 2], lon[point]) + px
     by = coast.edge[listed, 3].astype(np.int64) - lat[point] + py
     side_a, side_b = px * ay - py * ax, px * by - py * bx
     from_reference = ax * by - ay * bx
@@ -166,14 +171,14 @@ def is_land(coast: Coast, lon: npt.ArrayLike, lat: npt.ArrayLike) -> npt.NDArray
 
 
 def edges(coast: Coast) -> npt.NDArray[np.int32]:
-    """Return the shoreline edges by their number, which is their `edge_id`, shape (m, 4)."""
+    """Return the shoreline edges ordered by their `edge_id`, shape (m, 4)."""
     ordered = np.empty((int(coast.edge_id.max(initial=-1)) + 1, 4), np.int32)
     ordered[coast.edge_id] = coast.edge
     return ordered
 
 
 def covers(coast: Coast, box: Box) -> bool:
-    """Return whether the grid covers a box, so that it knows all land there."""
+    """Return True if the grid covers a box, so that it contains all land there."""
     if coast.nx << coast.shift == TURN:
         wide_enough = True
     else:
@@ -188,10 +193,10 @@ def nearest_coast(
 ) -> tuple[float, float, float] | None:
     """Return (lon [deg], lat [deg], distance [m]) of the nearest point of the coast in the grid.
 
-    Returns None without coast. The nearest edge is found in the plane tangent to the parallel:
-    exact nearby, off by some percent at 500 km.
+    None if there is no coast. The nearest edge is found in a plane with longitudes scaled by the
+    cosine of the point's latitude: exact nearby, off by some percent at 500 km.
     """
-    nearest = _nearest(coast, lon_deg, lat_deg, 1)
+    nearest = _nearest_points(coast, lon_deg, lat_deg, 1)
     return _with_distance(lon_deg, lat_deg, *nearest[0]) if nearest else None
 
 
@@ -200,17 +205,17 @@ def nearest_water(
 ) -> tuple[float, float, float] | None:
     """Return (lon [deg], lat [deg], distance [m]) of water near a point.
 
-    It lies some 50 m off the coast where possible. A point in water is returned itself; None where
-    no water is found.
+    The water lies some 50 m off the coast if possible. A point in water is returned unchanged; None
+    if no water is found.
     """
     lon, lat = sphere.to_binary(lon_deg), sphere.to_binary(lat_deg)
     if not is_land(coast, lon, lat):
         return lon_deg, lat_deg, 0.0
     bearing = np.arange(16) * np.pi / 8
     stretch = 1 / max(np.cos(np.deg2rad(lat_deg)), 0.01)
-    for x, y in _nearest(coast, lon_deg, lat_deg, 32):
+    for x, y in _nearest_points(coast, lon_deg, lat_deg, 32):
         for radius in (5400, 540, 54, 5, 2):  # [unit] of 9.3 mm
-            lon = _wrapped(np.rint(x + radius * stretch * np.cos(bearing)).astype(np.int64))
+            lon = _wrap_to_int32(np.rint(x + radius * stretch * np.cos(bearing)).astype(np.int64))
             lat = np.rint(y + radius * np.sin(bearing)).astype(np.int32)
             wet = np.flatnonzero(~is_land(coast, lon, lat))
             if wet.size:
@@ -221,14 +226,16 @@ def nearest_water(
     return None
 
 
-def _nearest(coast: Coast, lon_deg: float, lat_deg: float, count: int) -> list[tuple[float, float]]:
+def _nearest_points(
+    coast: Coast, lon_deg: float, lat_deg: float, count: int
+) -> list[tuple[float, float]]:
     """Return the nearest points [unit] on the `count` nearest edges."""
     lon, lat = sphere.to_binary(lon_deg), sphere.to_binary(lat_deg)
     edge = edges(coast)
     if not len(edge):
         return []
     squeeze = np.cos(np.deg2rad(lat_deg))
-    ax, bx = (_difference(edge[:, i], lon) * squeeze for i in (0, 2))
+    ax, bx = (_angle_difference(edge[:, i], lon) * squeeze for i in (0, 2))
     ay, by = (edge[:, i].astype(np.float64) - lat for i in (1, 3))
     dx, dy = bx - ax, by - ay
     along = np.clip(-(ax * dx + ay * dy) / (dx * dx + dy * dy + 1e-300), 0, 1)
@@ -242,24 +249,24 @@ def _nearest(coast: Coast, lon_deg: float, lat_deg: float, count: int) -> list[t
 def _with_distance(
     lon_deg: float, lat_deg: float, lon: float, lat: float
 ) -> tuple[float, float, float]:
-    """Return a second point [unit] as (lon [deg], lat [deg], distance [m]) from the first [deg]."""
+    """Return a point [unit] as (lon [deg], lat [deg], distance [m]) from a first point [deg]."""
     x = sphere.wrap_degrees(lon * 360 / TURN)
     y = lat * 360 / TURN
     return x, y, float(sphere.distance(*np.deg2rad([lon_deg, lat_deg, x, y])))
 
 
-def _wrapped(units: Array) -> npt.NDArray[np.int32]:
-    """Return binary angles brought into int32."""
+def _wrap_to_int32(units: Array) -> npt.NDArray[np.int32]:
+    """Return binary angles wrapped into int32."""
     return (units & (TURN - 1)).astype(np.uint32).view(np.int32)
 
 
-def _difference(a: Array, b: Array) -> Ints:
-    """Return a - b of binary angles, the short way round, as int64."""
+def _angle_difference(a: Array, b: Array) -> Ints:
+    """Return a - b of binary angles along the shorter arc, as int64."""
     return np.asarray((a - b).astype(np.int32), np.int64)
 
 
-def _runs(start: Array, count: Array) -> Ints:
-    """Return start[i], start[i] + 1, ..., which are count[i] numbers for every i, in one array."""
+def _concatenated_ranges(start: Array, count: Array) -> Ints:
+    """Return start[i], start[i] + 1, ... (count[i] numbers) for every i, in one array."""
     ends = np.cumsum(count)
     return np.asarray(
         np.arange(int(ends[-1]) if ends.size else 0) + np.repeat(start - (ends - count), count),
@@ -267,8 +274,8 @@ def _runs(start: Array, count: Array) -> Ints:
     )
 
 
-def _cells(box: Box, shift: int) -> tuple[int, int, int, int]:
-    """Return (west, south, columns, rows) of the cells that cover a box, also its edges.
+def _cells_over(box: Box, shift: int) -> tuple[int, int, int, int]:
+    """Return (west, south, columns, rows) of the cells that cover a box including its edges.
 
     West and south are in units; west is not wrapped.
     """
@@ -287,19 +294,19 @@ def _cells(box: Box, shift: int) -> tuple[int, int, int, int]:
     return west * size, south * size, east - west, north - south
 
 
-def _edges(polygons: Array) -> Ints:
-    """Return the polygons' edges [unit, longitudes not wrapped], shape (n, 4), none longer than
-    LONGEST_EDGE.
+def _split_edges(polygons: Array) -> Ints:
+    """Return the polygons' edges [unit], shape (n, 4), split so that none exceeds LONGEST_EDGE.
+
+    Longitudes are not wrapped.
     """
     points, ring = shapely.get_coordinates(shapely.get_rings(polygons), return_index=True)
     units = np.rint(points * (TURN / 360.0)).astype(np.int64)
     first = np.flatnonzero((ring[1:] == ring[:-1]) & (units[1:] != units[:-1]).any(axis=1))
     edge = np.concatenate([units[first], units[first + 1]], axis=1)
-    # Few edges are long: only those are halved, again and again, and put back in their places among
-    # the others.
-    long_edges = np.flatnonzero(_long(edge))
+    # Few edges are long. Only those are halved repeatedly and put back in order among the others.
+    long_edges = np.flatnonzero(_is_long(edge))
     part, owner = edge[long_edges], long_edges
-    while (long := _long(part)).any():
+    while (long := _is_long(part)).any():
         halves, owner = np.repeat(part, 1 + long, axis=0), np.repeat(owner, 1 + long)
         lower = np.flatnonzero(np.repeat(long, 1 + long))[::2]
         halves[lower, 2:] = halves[lower + 1, :2] = (halves[lower, :2] + halves[lower, 2:]) // 2
@@ -315,46 +322,44 @@ def _edges(polygons: Array) -> Ints:
     return np.asarray(split, np.int64)
 
 
-def _long(edge: Ints) -> npt.NDArray[np.bool_]:
-    """Return which edges are too long."""
+def _is_long(edge: Ints) -> npt.NDArray[np.bool_]:
+    """Return True for edges that are too long, shape (n,)."""
     wide, high = np.abs(edge[:, 2] - edge[:, 0]), np.abs(edge[:, 3] - edge[:, 1])
     return np.asarray(np.maximum(wide, high) >= LONGEST_EDGE, bool)
 
 
-def _without_cuts(edge: Ints, globe: bool, south: int) -> Ints:
-    """Return the edges that are coast, without the rim at a pole and, round the globe, cuts along
-    the seam.
-    """
+def _drop_cuts(edge: Ints, globe: bool, south: int) -> Ints:
+    """Return the edges that are coast, without edges at a pole and cuts along a globe's seam."""
     rim = (np.abs(edge[:, 1] + south) == POLE) & (np.abs(edge[:, 3] + south) == POLE)
     if not globe:
         return np.asarray(edge[~rim] if rim.any() else edge, np.int64)
     seam = (edge[:, 0] == edge[:, 2]) & ((edge[:, 0] == 0) | (edge[:, 0] == TURN)) & ~rim
     ends, times = np.unique(edge[seam][:, [1, 3]], return_counts=True)
-    # stretches of the seam with land on one side only are coast
+    # parts of the seam with land on one side only are coast
     odd = ends[times % 2 == 1].reshape(-1, 2)
     one_sided = np.stack([0 * odd[:, 0], odd[:, 0], 0 * odd[:, 0], odd[:, 1]], axis=1)
     return np.concatenate([edge[~(rim | seam)], one_sided])
 
 
 def _upward(edge: Ints) -> tuple[Ints, Ints, Ints, Ints]:
-    """Return the edges' ends with the southern one first."""
+    """Return the coordinates of the edges' ends, southern end first."""
     ax, ay, bx, by = (np.ascontiguousarray(column) for column in edge.T)
     down = ay > by
     return np.where(down, bx, ax), np.minimum(ay, by), np.where(down, ax, bx), np.maximum(ay, by)
 
 
-def _touched(edge: Ints, shift: int, nx: int, ny: int, globe: bool) -> tuple[Ints, Ints]:
-    """Return (edge, cell) of all pairs that touch.
+def _touching_pairs(edge: Ints, shift: int, nx: int, ny: int, globe: bool) -> tuple[Ints, Ints]:
+    """Return (edge, cell) for all pairs that touch.
 
-    In each row of cells these are the columns from where the edge enters the row to where it leaves
-    it.
+    In each row of cells these are the columns between the points where the edge enters and leaves
+    the row.
     """
     ax, ay, bx, by = _upward(edge)
     first, last = np.maximum(ay >> shift, 0), np.minimum(by >> shift, ny - 1)
     near = (np.minimum(ax, bx) >> shift < nx + globe) & (np.maximum(ax, bx) >= 0)
     count = np.where(near, np.maximum(last - first + 1, 0), 0)
     owner = np.repeat(np.arange(len(edge)), count)
-    row = _runs(first, count)
+    row = _concatenated_ranges(first, count)
     ax, ay, bx, by = ax[owner], ay[owner], bx[owner], by[owner]
     rise = np.maximum(by - ay, 1)
     enter = ax + (np.maximum(row << shift, ay) - ay) * (bx - ax) // rise
@@ -363,12 +368,12 @@ def _touched(edge: Ints, shift: int, nx: int, ny: int, globe: bool) -> tuple[Int
     left = np.maximum(np.minimum(enter, leave) >> shift, 0)
     right = np.minimum(np.maximum(enter, leave) >> shift, nx - 1 + globe)
     count = np.maximum(right - left + 1, 0)
-    cell = np.repeat(row * nx, count) + _runs(left, count) % nx
+    cell = np.repeat(row * nx, count) + _concatenated_ranges(left, count) % nx
     return np.repeat(owner, count), cell
 
 
-def _reference(edge: Ints, cell: Ints, shift: int, nx: int) -> tuple[int, int]:
-    """Return an offset of reference points in their cells such that none lies on an edge."""
+def _reference_offset(edge: Ints, cell: Ints, shift: int, nx: int) -> tuple[int, int]:
+    """Return an offset of reference points in their cells with which none lies on an edge."""
     size = 1 << shift
     ax, bx = ((edge[:, i] - (cell % nx << shift)) for i in (0, 2))
     ay, by = ((edge[:, i] - (cell // nx << shift)) for i in (1, 3))
@@ -385,17 +390,15 @@ def _reference(edge: Ints, cell: Ints, shift: int, nx: int) -> tuple[int, int]:
 def _land_of_references(
     edge: Ints, reference: tuple[int, int], shift: int, nx: int, ny: int
 ) -> npt.NDArray[np.bool_]:
-    """Return whether each cell's reference point is on land, exactly, by the parity of the edges
-    west of it.
-    """
+    """Return whether each cell's reference point is on land, by the parity of edges west of it."""
     ax, ay, bx, by = _upward(edge)
     x, y = reference
-    first = np.maximum(-((y - ay) >> shift), 0)  # rows whose reference latitude lies in [ay, by)
+    first = np.maximum(-((y - ay) >> shift), 0)  # first row with reference latitude in [ay, by)
     last = np.minimum(-((y - by) >> shift) - 1, ny - 1)
     count = np.where(by > ay, np.maximum(last - first + 1, 0), 0)
-    # few edges, as most lie between two such latitudes
+    # few edges remain, because most lie between two reference latitudes
     owner = np.repeat(np.arange(len(edge)), count)
-    row = _runs(first, count)
+    row = _concatenated_ranges(first, count)
     ax, ay, bx, by = ax[owner], ay[owner], bx[owner], by[owner]
     crossing = ax + ((row << shift) + y - ay) * (bx - ax) // (by - ay)
     column = np.clip(((crossing - x) >> shift) + 1, 0, nx)

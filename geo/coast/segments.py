@@ -1,14 +1,15 @@
-"""The shoreline cut into stretches: of a given length, or as a user's GeoJSON names them.
+"""The shoreline cut into stretches: of a given length, or as named in a user's GeoJSON.
 
 A stretch is a set of whole shoreline edges (geo.coast.edges.edges), which are never split. The
-shoreline from one landmark to the next is cut into equal lengths, as far as edges allow. The shore
-round a landmark alone decides that it is one, so that a coast has the same stretches in every
-domain, but near where the domain's edge cuts it. Rings shorter than half a stretch, and pieces as
-short that a box or a named stretch leaves of a coast, are no stretches of their own: all those in
-one square, about a stretch wide, are one segment together.
+shoreline between two landmarks is cut into equal lengths, as far as edges allow. Landmarks depend
+only on the shore around them. So a coast has the same stretches in every domain, except near where
+the domain's edge cuts it. Rings shorter than half a stretch, and pieces as short that a box or a
+named stretch leaves of a coast, are no stretches of their own: all those in a square about one
+stretch wide form one segment.
 
-Lengths are great circles between the edges' ends. Nearness is computed in the plane tangent to the
-parallel of the place in question: exact nearby, off by some percent at 500 km.
+Lengths are great circles between the edges' ends. Distances for finding the nearest shoreline are
+computed in a plane with longitudes scaled at the place in question: exact nearby, off by some
+percent at 500 km.
 """
 
 import json
@@ -32,12 +33,12 @@ from geo.files import small as file
 NEAR = 2_000.0  # [m] largest distance from a named line to its shoreline
 METRES = np.pi * sphere.RADIUS / 180  # [m] in a degree of latitude
 DEGREES = 360.0 / sphere.TURN  # [deg] in a binary angle unit
-# [stretches] to both sides of a landmark no other lies: lengths between two are within an eighth of
-# what is asked
+# [stretches] radius in which a landmark is the only one; with it, lengths between two landmarks
+# divide into stretches within an eighth of the wanted length
 REACH = 4.0
-MARGIN = 1e-6  # of a stretch, 1 cm of 10 km: far above the rounding of sums over a coast
-ID_LENGTH = 9  # letters of an id: its cell is 5 m wide
-UNKNOWN = ""  # kind of a shore of which the user's file says nothing
+MARGIN = 1e-6  # of a stretch (1 cm of 10 km): far above the rounding of sums over a coast
+ID_LENGTH = 9  # letters of an id: its geohash cell is 5 m wide
+UNKNOWN = ""  # kind of shore that the user's file does not state
 
 Ints = npt.NDArray[np.int32]
 Floats = npt.NDArray[np.float64]
@@ -45,19 +46,19 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Segments:
-    """Stretches of shoreline, one in each row, shape (n,)."""
+    """Stretches of shoreline, one per row, shape (n,)."""
 
     name: tuple[str, ...]  # unique
     length: Floats  # [m] along the shoreline
     lon: Floats  # [deg] of the midpoint, which lies on the shoreline; -180 to 180
     lat: Floats
-    of_edge: Ints  # (edges,) the segment of every shoreline edge, by the edge's number
-    lines: Array  # shapely LineString or MultiLineString [deg], unwrapped round the coast's grid
-    access: tuple[str, ...]  # kind of shore by the user's file; "" where it says none
-    id: tuple[str, ...] = ()  # by the place of the midpoint: unique, the same whatever the domain
-    # the land of which they are the shore; None: nothing is known of it
+    of_edge: Ints  # (edges,) segment of every shoreline edge, by the edge's number
+    lines: Array  # shapely LineString or MultiLineString [deg], unwrapped around the coast's grid
+    access: tuple[str, ...]  # kind of shore from the user's file; "" if it states none
+    id: tuple[str, ...] = ()  # geohash of the midpoint: unique, and the same in every domain
+    # the land whose shore these are; None if unknown
     land: LandMasses | None = None
-    # number of each stretch's land mass, SEVERAL where it lies on several
+    # number of each stretch's land mass, SEVERAL if it lies on several
     mass: npt.NDArray[np.int64] | None = None
 
 
@@ -71,30 +72,40 @@ class _Feature:
 
 
 def cut_coast(coast: Coast, length: float = 10_000.0) -> Segments:
-    """Return the coast cut into stretches of about `length` [m]: whole edges, and equal shares of
-    each chain.
+    """Return the coast cut into stretches of whole edges.
+
+    Args:
+        coast: to cut.
+        length: of a stretch, approximately [m]; the stretches of a chain are equally long.
     """
     edge = shoreline.edges(coast)
-    return _cut(coast, edge, np.full(len(edge), -1), [], length)
+    return _build_segments(coast, edge, np.full(len(edge), -1), [], length)
 
 
 def named(coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0) -> Segments:
-    """Return the stretches of a user's GeoJSON, in its order, then the rest of the coast.
+    """Return the stretches of a user's GeoJSON in file order, then the rest of the coast.
 
-    rest [m]: length of the stretches of which the rest is cut. A polygon takes the edges whose
-    midpoints lie inside; a line takes those within NEAR of it, except those beyond its ends. An
-    edge that several features take belongs to the nearest of them, and to the first in the file
-    where they are equally near. Properties of a feature: "name", needed and unique, and "access".
-    Raises UserError for a file that cannot be used and for a feature without shoreline.
+    A polygon takes the edges with midpoints inside; a line takes those within NEAR of it, except
+    those beyond its ends. An edge that several features could take belongs to the nearest of them,
+    and to the first in the file if they are equally near. Feature properties: "name", required and
+    unique, and "access".
+
+    Args:
+        coast: to divide.
+        path: of the GeoJSON file.
+        rest: length of the stretches into which the rest is cut [m].
+
+    Raises:
+        UserError: the file cannot be used, or a feature has no shoreline.
     """
-    features = _read(Path(path))
+    features = _read_features(Path(path))
     edge = shoreline.edges(coast)
-    lon, lat = _middles(edge)
+    lon, lat = _edge_midpoints(edge)
     owner, nearest_distance = np.full(len(edge), -1), np.full(len(edge), np.inf)
     for number, feature in enumerate(features):
-        taken, distance = _taken(feature.shape, lon, lat)
+        taken, distance = _edges_of_feature(feature.shape, lon, lat)
         if not taken.size:
-            raise UserError(f'segments "{path}": {_too_far(feature, coast)}')
+            raise UserError(f'segments "{path}": {_no_shoreline_message(feature, coast)}')
         closer = distance < nearest_distance[taken]
         owner[taken[closer]], nearest_distance[taken[closer]] = number, distance[closer]
     empty = np.flatnonzero(np.bincount(owner[owner >= 0], minlength=len(features)) == 0)
@@ -103,27 +114,27 @@ def named(coast: Coast, path: str | os.PathLike[str], rest: float = 10_000.0) ->
             f'segments "{path}": all the shoreline of "{features[empty[0]].name}" belongs to others that lie nearer or '
             "come first; move or delete it"
         )
-    return _cut(coast, edge, owner, features, rest)
+    return _build_segments(coast, edge, owner, features, rest)
 
 
 def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) -> tuple[int, float]:
     """Return (segment, distance [m]) of the shoreline nearest to a point.
 
-    They are (-1, inf) where there is no coast.
+    (-1, inf) if there is no coast.
     """
     edge = shoreline.edges(coast)
     if not len(edge):
         return -1, np.inf
     lon, lat = int(sphere.to_binary(lon_deg)), int(sphere.to_binary(lat_deg))
     squeeze = max(np.cos(np.deg2rad(lat_deg)), 1e-9)
-    ax, ay = _turned(edge[:, 0] - np.int64(lon)) * squeeze, edge[:, 1] - float(lat)
+    ax, ay = _shorter_arc(edge[:, 0] - np.int64(lon)) * squeeze, edge[:, 1] - float(lat)
     dx, dy = (
-        _turned(edge[:, 2] - edge[:, 0].astype(np.int64)) * squeeze,
+        _shorter_arc(edge[:, 2] - edge[:, 0].astype(np.int64)) * squeeze,
         edge[:, 3] - edge[:, 1].astype(float),
     )
     along = np.clip(-(ax * dx + ay * dy) / (dx * dx + dy * dy), 0, 1)
     x, y = ax + along * dx, ay + along * dy
-    # distances on the sphere decide among these
+    # among these, distances on the sphere decide
     near = np.argpartition(np.hypot(x, y), min(31, len(edge) - 1))[:32]
     to = (lon + x[near] / squeeze) * sphere.UNIT, (lat + y[near]) * sphere.UNIT
     distance = sphere.distance(np.deg2rad(lon_deg), np.deg2rad(lat_deg), *to)
@@ -132,10 +143,9 @@ def nearest(segments: Segments, coast: Coast, lon_deg: float, lat_deg: float) ->
 
 
 def placed(segments: Segments, text: str) -> int | None:
-    """Return the stretch of an id: of this coast, or, where another domain has cut it otherwise,
-    the one that lies there.
+    """Return the stretch with an id, or, if another domain has cut this coast, the one there.
 
-    Returns None for what is no id, or one of a place farther than NEAR from any stretch.
+    None if the text is no id, or if its position is farther than NEAR from any stretch.
     """
     if text in segments.id:
         return segments.id.index(text)
@@ -158,38 +168,40 @@ def placed(segments: Segments, text: str) -> int | None:
     return int(near[closest]) if distance[closest] <= NEAR else None
 
 
-def _ids(lon: Array, lat: Array) -> tuple[str, ...]:
-    """Return the ids of stretches by their midpoints [deg], as binary angles: last bits of a sum
-    must not change a letter.
+def _geohash_ids(lon: Array, lat: Array) -> tuple[str, ...]:
+    """Return the ids of stretches from their midpoints [deg].
+
+    Midpoints are rounded to binary angles, so that rounding errors of a sum change no letter.
     """
     lon, lat = (np.floor(np.asarray(x) / DEGREES + 0.25) * DEGREES for x in (lon, lat))
     places = list(zip(sphere.wrap_degrees(lon).tolist(), lat.tolist(), strict=True))
-    return _unique([geohash.encode(*place, ID_LENGTH) for place in places], "{name}{number}")
+    return _unique_names([geohash.encode(*place, ID_LENGTH) for place in places], "{name}{number}")
 
 
-def _cut(
+def _build_segments(
     coast: Coast, edge: Array, owner: Array, features: list[_Feature], length: float
 ) -> Segments:
     """Return the segments.
 
-    owner: (edges,) feature of each edge, -1 for those that are cut by a length [m].
+    owner: (edges,) feature of each edge, -1 for edges to be cut by length. length: of a stretch
+    [m].
     """
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"length of a segment: {length} m; must be more than 0")
-    order, chain, closed = _chains(edge, owner, REACH * length)
-    a, size = np.deg2rad(edge[order, :2] * DEGREES).T, _lengths(edge[order])
+    order, chain, closed = _running_chains(edge, owner, REACH * length)
+    a, size = np.deg2rad(edge[order, :2] * DEGREES).T, _edge_lengths(edge[order])
     total = np.bincount(chain, size)
     first = np.flatnonzero(np.diff(chain, prepend=-1))
     share = np.maximum(np.rint(total / length), 1)[chain]  # number of stretches in the edge's chain
     reached = np.cumsum(size)
     middle = reached - (reached - size)[first][chain] - size / 2
-    # The margin decides where an edge's middle lies on a boundary, as in equal halves: sums over
-    # the whole coast round there.
+    # An edge's middle may lie exactly on a boundary, as in equal halves. The margin then decides,
+    # because sums over the whole coast have rounding errors.
     stretch = np.minimum(np.floor(middle / total[chain] * share + MARGIN), share - 1)
 
-    # Each edge gets a key: (0, feature, 0), (1, chain, stretch) or, where its chain is short, (2,
-    # row, column) of a square. Each key becomes a segment; segments are numbered in the order of
-    # their first edges.
+    # Each edge gets a key: (0, feature, 0), (1, chain, stretch) or, if its chain is short, (2, row,
+    # column) of a square. Each key becomes a segment; segments are numbered in the order of their
+    # first edges.
     own_feature = owner[order]
     row = np.floor(a[1][first] * sphere.RADIUS / length)
     column = np.floor(
@@ -212,8 +224,8 @@ def _cut(
     rank[np.lexsort((np.where(unnamed, begins, 0), unnamed))] = np.arange(len(begins))
     number = rank[number]
 
-    # chains of one segment follow one another by it, whatever their numbers
-    mark = _marks(edge[order])[first][chain]
+    # order a segment's chains by their marks, which do not depend on chain numbers
+    mark = _random_marks(edge[order])[first][chain]
     by_segment = np.lexsort((np.arange(len(order)), mark, number))
     order, number, size = order[by_segment], number[by_segment], size[by_segment]
     of_edge = np.empty(len(edge), np.int32)
@@ -223,13 +235,13 @@ def _cut(
     islets = np.bincount(number, (small & closed[chain])[by_segment], minlength=len(begins)) > 0
     pieces = np.bincount(number, small[by_segment], minlength=len(begins)) > 0
     prefixes = np.where(islets, "islets near ", np.where(pieces, "shore near ", ""))
-    ids = _ids(lon, lat)
+    ids = _geohash_ids(lon, lat)
     generated = [
         f"{prefix}{notation.position(x, y)}"
         for prefix, x, y in zip(prefixes, lon, lat, strict=True)
     ][len(features) :]
     return Segments(
-        name=_unique(
+        name=_unique_names(
             [*(f.name for f in features), *generated],
             by=[*[""] * len(features), *ids[len(features) :]],
         ),
@@ -237,19 +249,18 @@ def _cut(
         lon=lon,
         lat=lat,
         of_edge=of_edge,
-        lines=_lines(coast, edge[order], number),
+        lines=_segment_lines(coast, edge[order], number),
         access=(*(f.access for f in features), *[UNKNOWN] * len(generated)),
         id=ids,
     )
 
 
-def _chains(edge: Array, label: Array, reach: float) -> tuple[Array, Array, Array]:
-    """Return the edges in running order, the chain of each of these, and whether chains are rings
-    or parts of one.
+def _running_chains(edge: Array, label: Array, reach: float) -> tuple[Array, Array, Array]:
+    """Return the edges in running order, the chain of each, and whether chains are part of a ring.
 
-    A chain is a run of edges of one label, each beginning where the one before ends: from landmark
-    to landmark (see `_landmarks`), so that stretches depend neither on the box nor on where a file
-    happens to begin. The parts into which a ring's first point divides a chain are joined there.
+    A chain is a run of edges with one label, each beginning where the previous one ends, from
+    landmark to landmark (see `_landmarks`). So stretches depend neither on the box nor on where a
+    file happens to begin. Chains that the first point of a ring divides are joined.
     """
     if not len(edge):
         return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, bool)
@@ -266,7 +277,7 @@ def _chains(edge: Array, label: Array, reach: float) -> tuple[Array, Array, Arra
     chain, place = np.arange(len(first)), np.zeros(len(first), np.int64)
     visited: set[int] = set()
     followers = set(follows.values())
-    # runs that are still left form rings
+    # runs that are still unvisited form rings
     for head in [*(c for c in open_runs if c not in followers), *open_runs]:
         c, steps = head, 0
         while c not in visited:
@@ -289,42 +300,39 @@ def _chains(edge: Array, label: Array, reach: float) -> tuple[Array, Array, Arra
     return order[running], np.cumsum(begins) - 1, closed[chain[begins]]
 
 
-def _lengths(edge: Array) -> Floats:
-    """Return the great circles [m] between the ends of edges (n, 4) [binary angle], (n,)."""
+def _edge_lengths(edge: Array) -> Floats:
+    """Return the great-circle lengths [m] of edges (n, 4) [binary angle], shape (n,)."""
     return np.asarray(
         sphere.distance(*np.deg2rad(edge[:, :2] * DEGREES).T, *np.deg2rad(edge[:, 2:] * DEGREES).T)
     )
 
 
-def _marks(edge: Array) -> Array:
-    """Return a number for each edge (n, 4), (n,) uint64: random, but always the same for the place
-    where it begins.
-    """
+def _random_marks(edge: Array) -> Array:
+    """Return a random number for each edge (n, 4) that depends only on its first point, uint64."""
     place = edge[:, :2].astype(np.int32).view(np.uint32).astype(np.uint64)
     return mixing.mixed(place[:, 0] << np.uint64(32) | place[:, 1])
 
 
 def _landmarks(edge: Array, first: Array, closed: Array, reach: float) -> tuple[Array, Array]:
-    """Return which edges begin at a landmark (n,), and the number of the edge of each chain that
-    has the least mark (m,).
+    """Return which edges begin at a landmark (n,), and the edge with the least mark per chain (m,).
 
-    A landmark has the least mark of all points within `reach` [m] along its chain to both sides,
-    and the chain goes on as far: a larger box has the same landmarks, and more.
+    A landmark has the least mark of all points within `reach` [m] to both sides along its chain,
+    and the chain must extend as far. So a larger box has the same landmarks, and more.
 
-    edge: in running order (n, 4). first: number of the first edge of each chain (m,). closed:
-    whether it is a ring (m,).
+    edge: in running order (n, 4). first: index of the first edge of each chain (m,). closed:
+    whether the chain is a ring (m,).
     """
-    mark, size, found = _marks(edge), _lengths(edge), np.zeros(len(edge), bool)
+    mark, size, found = _random_marks(edge), _edge_lengths(edge), np.zeros(len(edge), bool)
     count, total = np.diff(np.append(first, len(edge))), np.add.reduceat(size, first)
     least = np.lexsort((mark, np.repeat(np.arange(len(first)), count)))[first]
-    found[least[closed]] = True  # no other of its ring is less
+    found[least[closed]] = True  # the least mark of its ring
     for chain in np.flatnonzero(total > 2 * reach):
         own = slice(first[chain], first[chain] + count[chain])
         at = np.cumsum(size[own]) - size[own]
         turns = np.array([-1, 0, 1] if closed[chain] else [0])
         around, marks = (total[chain] * turns[:, None] + at).ravel(), np.tile(mark[own], len(turns))
         candidates = np.flatnonzero(np.diff(at // reach, prepend=-1))
-        # A landmark has the least mark of a part as long as the reach.
+        # A landmark has the least mark of its part of length `reach`.
         best = np.minimum.reduceat(mark[own], candidates)
         candidates = np.flatnonzero(
             mark[own] == np.repeat(best, np.diff(np.append(candidates, len(at))))
@@ -343,8 +351,9 @@ def _landmarks(edge: Array, first: Array, closed: Array, reach: float) -> tuple[
 
 
 def _midpoints(edge: Array, number: Array, size: Array) -> tuple[Floats, Floats]:
-    """Return (lon, lat) [deg] of the points at half of each segment's length; edges sorted by
-    segment.
+    """Return (lon, lat) [deg] of the point at half of each segment's length.
+
+    The edges are sorted by segment.
     """
     first = np.flatnonzero(np.diff(number, prepend=-1))
     reached = np.cumsum(size)
@@ -353,25 +362,25 @@ def _midpoints(edge: Array, number: Array, size: Array) -> tuple[Floats, Floats]
     last = np.append(first[1:], len(edge)) - 1
     middle = np.clip(np.searchsorted(reached, half), first, last)
     share = np.clip((half - (reached - size)[middle]) / size[middle], 0, 1)
-    lon = edge[middle, 0] + share * _turned(edge[middle, 2] - edge[middle, 0].astype(np.int64))
+    lon = edge[middle, 0] + share * _shorter_arc(edge[middle, 2] - edge[middle, 0].astype(np.int64))
     lat = edge[middle, 1] + share * (edge[middle, 3] - edge[middle, 1].astype(float))
     return sphere.wrap_degrees(lon * DEGREES), lat * DEGREES
 
 
-def _lines(coast: Coast, edge: Array, number: Array) -> Array:
+def _segment_lines(coast: Coast, edge: Array, number: Array) -> Array:
     """Return each segment's line or lines [deg].
 
-    The edges are sorted by segment, in running order where they are joined.
+    The edges are sorted by segment and, within connected parts, in running order.
     """
     if not len(edge):
         return np.empty(0, object)
     centre = np.int64(coast.lon0) + (coast.nx << coast.shift) // 2
-    ax = centre + _turned(edge[:, 0] - centre)
-    bx = ax + _turned(edge[:, 2] - edge[:, 0].astype(np.int64))
+    ax = centre + _shorter_arc(edge[:, 0] - centre)
+    bx = ax + _shorter_arc(edge[:, 2] - edge[:, 0].astype(np.int64))
     ends = np.stack([ax, edge[:, 1], bx, edge[:, 3]], axis=1) * DEGREES
     new = np.ones(len(edge), bool)
     new[1:] = (ends[1:, :2] != ends[:-1, 2:]).any(axis=1) | (number[1:] != number[:-1])
-    # Points of the lines: the beginning of each line's first edge, then the ends of its edges.
+    # points of the lines: the start of each line's first edge, then the ends of its edges
     points = np.repeat(ends[:, 2:], 1 + new, axis=0)
     points[np.flatnonzero(new) + np.arange(new.sum())] = ends[new, :2]
     line = np.repeat(np.cumsum(new) - 1, 1 + new)
@@ -383,12 +392,12 @@ def _lines(coast: Coast, edge: Array, number: Array) -> Array:
     return lines_of
 
 
-def _unique(
+def _unique_names(
     names: list[str], again: str = "{name} ({number})", by: list[str] | None = None
 ) -> tuple[str, ...]:
-    """Return names with " (2)", " (3)" after repeated ones, counted in the order of `by`;
+    """Return names with " (2)", " (3)" after repeated ones, numbered in the order of `by`.
 
-    None: as they come.
+    None: in the given order.
     """
     used: set[str] = set()
     times: dict[str, int] = {}
@@ -403,23 +412,19 @@ def _unique(
     return tuple(unique)
 
 
-def _turned(units: Array) -> Floats:
-    """Return differences of binary longitudes the short way round the Earth."""
+def _shorter_arc(units: Array) -> Floats:
+    """Return differences of binary longitudes along the shorter arc."""
     return np.asarray(units.astype(np.int64).astype(np.int32), np.float64)
 
 
-def _middles(edge: Array) -> tuple[Floats, Floats]:
-    """Return the midpoints (lon, lat) [deg] of edges; longitudes may leave -180..180 by half an
-    edge.
-    """
-    half = _turned(edge[:, 2] - edge[:, 0].astype(np.int64)) / 2
+def _edge_midpoints(edge: Array) -> tuple[Floats, Floats]:
+    """Return the midpoints (lon, lat) [deg] of edges; longitudes may exceed 180 by half an edge."""
+    half = _shorter_arc(edge[:, 2] - edge[:, 0].astype(np.int64)) / 2
     return (edge[:, 0] + half) * DEGREES, (edge[:, 1] / 2 + edge[:, 3] / 2) * DEGREES
 
 
-def _taken(shape: Any, lon: Floats, lat: Floats) -> tuple[Array, Floats]:
-    """Return the edges that a feature takes, by their midpoints [deg], and how far they are from it
-    [m].
-    """
+def _edges_of_feature(shape: Any, lon: Floats, lat: Floats) -> tuple[Array, Floats]:
+    """Return the edges that a feature takes, by their midpoints [deg], and their distances [m]."""
     west, south, east, north = shape.bounds
     centre, squeeze = (west + east) / 2, np.cos(np.deg2rad((south + north) / 2))
     margin = NEAR / METRES
@@ -441,14 +446,14 @@ def _taken(shape: Any, lon: Floats, lat: Floats) -> tuple[Array, Floats]:
         distance[distance <= NEAR],
     )
     ends = shapely.boundary(plane)  # empty for a closed line
-    # NaN, so false, without ends
+    # without ends the distance is NaN, so the comparison is False
     beyond = np.asarray(shapely.distance(ends, points)) <= distance * (1 + 1e-9)
     beyond &= ~beyond.all()
     return near[~beyond], distance[~beyond]
 
 
-def _too_far(feature: _Feature, coast: Coast) -> str:
-    """Return in words why a feature has no shoreline, and what to do."""
+def _no_shoreline_message(feature: _Feature, coast: Coast) -> str:
+    """Return a message that says why a feature has no shoreline, and what to do."""
     middle = feature.shape.point_on_surface()
     nearest = shoreline.nearest_coast(coast, float(sphere.wrap_degrees(middle.x)), float(middle.y))
     hint = "the domain has no coast"
@@ -468,10 +473,8 @@ def _too_far(feature: _Feature, coast: Coast) -> str:
     return f'"{feature.name}" matches no shoreline: {hint}; {allowed}. Move it or delete it'
 
 
-def _read(path: Path) -> list[_Feature]:
-    """Return the features of a GeoJSON file; raise UserError for anything but named lines and
-    polygons.
-    """
+def _read_features(path: Path) -> list[_Feature]:
+    """Return the features of a GeoJSON file; raise UserError unless all are named and usable."""
     needed = "give a GeoJSON file of lines or polygons, each with a name"
     try:
         content = json.loads(file.contents(path).decode("utf-8-sig"))
@@ -509,9 +512,7 @@ def _read(path: Path) -> list[_Feature]:
 
 
 def _feature(row: Any) -> _Feature:
-    """Return a feature from its JSON; raise ValueError, with a message for users, where it cannot
-    be used.
-    """
+    """Return a feature from its JSON; raise ValueError with a message for users if unusable."""
     if not isinstance(row, dict) or row.get("type") != "Feature":
         raise ValueError("is no GeoJSON Feature")
     properties = row.get("properties") or {}
@@ -547,10 +548,10 @@ def _feature(row: Any) -> _Feature:
         raise ValueError(
             f'"{name}": coordinates must be degrees, lon -180..360 and lat -90..90, in that order'
         )
-    shape = _unwrapped(shape)
+    shape = _unwrap_geometry(shape)
     if kind.endswith("Polygon"):
-        # Repairing a polygon that crosses itself may leave lines, to which other rules would apply:
-        # polygons are kept.
+        # Repairing a polygon that crosses itself may leave lines, for which other rules hold: keep
+        # only polygons.
         parts = shapely.get_parts(shapely.get_parts(shapely.make_valid(shape)))
         shape = shapely.multipolygons(parts[shapely.get_type_id(parts) == 3])
         if shape.is_empty:
@@ -558,9 +559,10 @@ def _feature(row: Any) -> _Feature:
     return _Feature(name, " ".join(access.split()), shape)
 
 
-def _unwrapped(shape: Any) -> Any:
-    """Return a geometry without jumps at the antimeridian, with all parts within half a turn of the
-    first.
+def _unwrap_geometry(shape: Any) -> Any:
+    """Return a geometry without jumps at the antimeridian.
+
+    All its parts lie within half a turn of the first one.
     """
     reference: list[float] = []
 

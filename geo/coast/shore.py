@@ -1,14 +1,14 @@
-"""Reading land polygons: GSHHG from roaring-landmask, or the user's own shoreline, cut to a box.
+"""Land polygons: GSHHG from roaring-landmask, or the user's own shoreline, cut to a box.
 
-Polygons are shapely polygons in degrees, unwrapped round the box (so a box over the antimeridian
-holds longitudes above 180), cut at the box rounded outward to whole degrees plus MARGIN. Broken
-polygons (rings that cross themselves, polygons that overlap) are repaired, and `notes` say so; a
-shoreline without polygons is refused.
+Polygons are shapely polygons in degrees, unwrapped around the box (so a box over the antimeridian
+has longitudes above 180). They are cut at the box, rounded outward to whole degrees plus MARGIN.
+Broken polygons (self-crossing or overlapping) are repaired, with a note; a shoreline without
+polygons is rejected.
 
-Lakes are land, because nothing that drifts at sea gets there, unless the case asks for them: then
-they are the inner rings of a file's own polygons, or a file of lake polygons. A .bna marks lakes by
-their type, and NOAA's files hold those that the sea reaches (Pontchartrain, Maurepas): these are
-always water. GSHHG comes without lakes.
+Lakes count as land, because nothing that drifts at sea gets there, unless the case asks for them.
+Then they are the inner rings of a file's own polygons, or a file of lake polygons. A .bna file
+marks lakes by their type; NOAA's files contain lakes that are connected to the sea (Pontchartrain,
+Maurepas), which are always water. GSHHG comes without lakes.
 """
 
 import glob
@@ -30,13 +30,13 @@ from geo.coast import gshhg
 from geo.errors import UserError
 from geo.files import fence
 
-VAST = 4_000.0  # [deg2] the coast of a larger box is thinned for a preview
-ISLET = 0.05  # [deg] extent; smaller islands are left out of such a preview
+VAST = 4_000.0  # [deg2] area above which a preview of the coast is thinned
+ISLET = 0.05  # [deg] extent below which islands are left out of such a preview
 THIN, FEWEST = 16, 12  # every THIN-th vertex of a ring is kept, but at least about FEWEST vertices
-# [deg] kept beyond the rounded box, so that the cut lines lie outside every grid of geo.coast.edges
+# [deg] margin around the rounded box, so that cut lines lie outside every grid of geo.coast.edges
 MARGIN = 0.25
 
-SHAPEFILE = b"\x00\x00\x27\x0a"  # its first bytes
+SHAPEFILE = b"\x00\x00\x27\x0a"  # first bytes of a shapefile
 SHAPES = (
     "Point",
     "MultiPoint",
@@ -52,9 +52,7 @@ Polygons = npt.NDArray[Any]  # of shapely.Polygon
 
 @dataclass(frozen=True)
 class Shore:
-    """Land polygons [deg], their source, notes on what was done to them, and the box to which they
-    are cut.
-    """
+    """Land polygons [deg], their source, notes on repairs, and the box to which they are cut."""
 
     polygons: Polygons
     source: str
@@ -64,8 +62,7 @@ class Shore:
 
 @dataclass(frozen=True)
 class _Contents:
-    """What a file holds: polygons, those that a .bna marks as lakes, and notes on what was done to
-    them.
+    """Contents of a file: polygons, polygons that a .bna marks as lakes, and notes.
 
     label: name of the file in messages.
     """
@@ -79,12 +76,17 @@ class _Contents:
 def land(
     source: str | os.PathLike[str], box: Box, lakes: bool | str | os.PathLike[str] = False
 ) -> Shore:
-    """Return the land in a box, from "gshhg", a file (.bna, GeoJSON, shapefile, ...) or "none".
+    """Return the land in a box.
 
-    lakes: False: inner rings of the source's polygons are land; True: they are water; a file: its
-    polygons are water (where it is a .bna with records of type 2, only those), and their inner
-    rings are land, whatever the source. In a .bna source, records of type 2 are water. Raises
-    UserError for files that cannot be understood, and for lakes where the source has none.
+    Args:
+        source: "gshhg", a file (.bna, GeoJSON, shapefile) or "none".
+        box: area of the case.
+        lakes: False: inner rings of the source's polygons are land. True: they are water. A file:
+            its polygons are water (in a .bna with records of type 2 only those), and inner rings
+            of the source are land. In a .bna source, records of type 2 are always water.
+
+    Raises:
+        UserError: a file cannot be read or interpreted, or the source has no lakes.
     """
     cut = _rounded(box)
     name = os.fspath(source)
@@ -92,7 +94,7 @@ def land(
     if lakes is True and kind == "gshhg":
         raise UserError(
             'lakes = true: GSHHG as installed holds no lakes; name a file of lake polygons (lakes = "lakes.geojson"), '
-            "or leave lakes out and all inside its shores is land"
+            "or leave lakes out: everything inside its shores is then land"
         )
     if lakes and kind == "none":
         raise UserError(
@@ -105,31 +107,31 @@ def land(
         polygons = clip(gshhg.near(cut), cut)
         origin = f"GSHHG, full resolution (roaring-landmask {gshhg.version()})"
     else:
-        polygons, notes = _of_file(Path(name), lakes is True)
+        polygons, notes = _land_of_file(Path(name), lakes is True)
         polygons = clip(polygons, cut)
         if not polygons.size:
             notes += (f"none of its land lies in {_extent_text(box)}",)
         origin = _name_and_digest(name)
     if lakes and lakes is not True:
-        polygons, done = _without_lakes(polygons, Path(lakes), cut, box)
+        polygons, done = _cut_lakes(polygons, Path(lakes), cut, box)
         origin, notes = f"{origin}, lakes {_name_and_digest(lakes)}", notes + done
     return Shore(polygons, origin, notes, cut)
 
 
 def whole(source: str | os.PathLike[str], lakes: bool | str | os.PathLike[str] = False) -> Polygons:
-    """Return the land polygons of a source as `land` takes it, of the whole Earth, cut nowhere.
+    """Return the uncut land polygons of a source, for the whole Earth; arguments as in `land`.
 
-    A file of lakes is left out. GSHHG takes a second.
+    A file of lakes is ignored. GSHHG takes a second.
     """
     name = os.fspath(source)
     if name.lower() == "none":
         return np.empty(0, object)
-    return gshhg.whole() if name.lower() == "gshhg" else _of_file(Path(name), lakes is True)[0]
+    return gshhg.whole() if name.lower() == "gshhg" else _land_of_file(Path(name), lakes is True)[0]
 
 
-def _of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
-    """Return the land of a user's file; lakes: whether its inner rings are water."""
-    contents = _read(path, "shoreline", 'a .bna, GeoJSON or shapefile, "gshhg" or "none"')
+def _land_of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
+    """Return the land of a user's file, and notes; lakes: inner rings are water."""
+    contents = _read_polygons(path, "shoreline", 'a .bna, GeoJSON or shapefile, "gshhg" or "none"')
     polygons, notes = contents.polygons, contents.notes
     if not polygons.size:
         raise UserError(
@@ -141,7 +143,7 @@ def _of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
         notes += (
             f"{rings} inner rings of the shoreline (lakes) are land; lakes = true makes them water",
         )
-    polygons, repairs = _repaired(polygons)
+    polygons, repairs = _repair(polygons)
     if not polygons.size:
         raise UserError(
             f'{contents.label}: holds no land polygon; give polygons of land, "gshhg" or "none"'
@@ -149,7 +151,7 @@ def _of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
     notes += repairs
     if contents.lakes.size:
         water = shapely.union_all(shapely.make_valid(contents.lakes))
-        polygons = _polygonal(shapely.difference(polygons, water))
+        polygons = _only_polygons(shapely.difference(polygons, water))
     if contents.lakes.size or (lakes and rings):
         notes += (f"{rings * lakes + contents.lakes.size} lakes of the shoreline are water",)
     elif lakes:
@@ -157,18 +159,16 @@ def _of_file(path: Path, lakes: bool) -> tuple[Polygons, tuple[str, ...]]:
     return polygons, notes
 
 
-def _without_lakes(
-    land: Polygons, path: Path, cut: Box, box: Box
-) -> tuple[Polygons, tuple[str, ...]]:
-    """Return land, cut to a box, without the lakes of a file, and notes on what was done."""
-    contents = _read(path, "lakes", "a .bna, GeoJSON or shapefile of lake polygons")
+def _cut_lakes(land: Polygons, path: Path, cut: Box, box: Box) -> tuple[Polygons, tuple[str, ...]]:
+    """Return land, cut to a box, without the lakes of a file, and notes."""
+    contents = _read_polygons(path, "lakes", "a .bna, GeoJSON or shapefile of lake polygons")
     lakes = contents.lakes if contents.lakes.size else contents.polygons
     if not lakes.size:
         raise UserError(f"{contents.label}: holds no polygon; give polygons of lakes")
     total = lakes.size
     broken = int((~shapely.is_valid(lakes)).sum())
-    # They are cut before they are joined, because the lakes of the world are many.
-    water = clip(_polygonal(shapely.make_valid(lakes)), cut)
+    # Lakes are cut to the box before they are joined, because a file may hold those of the world.
+    water = clip(_only_polygons(shapely.make_valid(lakes)), cut)
     notes = contents.notes
     if broken:
         notes += (f"{broken} of {total} lakes crossed themselves and were repaired",)
@@ -179,7 +179,7 @@ def _without_lakes(
         )
     near, lake = shapely.STRtree(land).query(water, "intersects")[::-1]
     touching = np.unique(near)
-    parts = _polygonal(shapely.difference(land[touching], shapely.union_all(water)))
+    parts = _only_polygons(shapely.difference(land[touching], shapely.union_all(water)))
     count = np.unique(lake).size
     return (
         np.concatenate([np.delete(land, touching), parts]),
@@ -188,19 +188,20 @@ def _without_lakes(
 
 
 def _name_and_digest(path: str | os.PathLike[str]) -> str:
-    """Return a file's name and a digest of what it holds."""
+    """Return a file's name and a digest of its contents."""
     fence.check(path)
     return f"{Path(path).name} (sha256 {hashlib.sha256(Path(path).read_bytes()).hexdigest()[:12]})"
 
 
 def _extent_text(box: Box) -> str:
-    """Return a box [deg] as messages write it."""
+    """Return a box [deg] as text for messages."""
     return f"{box.west:g}..{box.east:g} E, {box.south:g}..{box.north:g} N"
 
 
 def clip(polygons: Polygons, box: Box) -> Polygons:
-    """Return the polygons' parts in a box, shifted by whole turns to its longitudes and joined at
-    180 degrees.
+    """Return the polygons' parts in a box, shifted to its longitudes.
+
+    Parts on both sides of the antimeridian are joined.
     """
     bounds = shapely.bounds(polygons)
     pieces = []
@@ -214,23 +215,23 @@ def clip(polygons: Polygons, box: Box) -> Polygons:
         rim = (west <= box.west) | (south <= box.south) | (east >= box.east) | (north >= box.north)
         shifted[rim] = shapely.clip_by_rect(shifted[rim], box.west, box.south, box.east, box.north)
         pieces.append(shifted)
-    parts = _polygonal(np.concatenate(pieces))
+    parts = _only_polygons(np.concatenate(pieces))
     seams = [x for x in (-180.0, 180.0, 540.0) if box.west < x < box.east]
     if not seams or not parts.size:
         return parts
     bounds = shapely.bounds(parts)
     at_seam = np.any([(bounds[:, 0] == x) | (bounds[:, 2] == x) for x in seams], axis=0)
     return np.concatenate(
-        [parts[~at_seam], _polygonal(np.array([shapely.union_all(parts[at_seam])]))]
+        [parts[~at_seam], _only_polygons(np.array([shapely.union_all(parts[at_seam])]))]
     )
 
 
 def thinned(shore: Shore) -> Shore:
     """Return land for a preview, not for a run.
 
-    In a vast box it has no islets, and a vertex every few kilometres. Its shores are off by up to
-    some THIN vertices (3 km for GSHHG). Land with inner rings, and land of a box that is not vast,
-    stays as it is.
+    In a vast box, islets are left out, and a vertex is kept every few kilometres: shores are off by
+    up to about THIN vertices (3 km for GSHHG). Land with inner rings, and land in a smaller box, is
+    returned unchanged.
     """
     box, polygons = shore.box, shore.polygons
     if box is None or (box.east - box.west) * (box.north - box.south) <= VAST:
@@ -245,14 +246,12 @@ def thinned(shore: Shore) -> Shore:
     every = np.clip(count // FEWEST, 1, THIN)
     keep = (place % every[ring] == 0) | (place == count[ring] - 1)
     outlines = shapely.polygons(shapely.linearrings(points[keep], indices=ring[keep]))
-    note = "the domain is vast: its coast was looked at without islets and to some 3 km; a run takes it in full"
+    note = "the domain is vast: this preview shows its coast without islets, to some 3 km; a run uses all of it"
     return Shore(outlines, shore.source, (*shore.notes, note), box)
 
 
 def _rounded(box: Box) -> Box:
-    """Return a box rounded outward to whole degrees and widened by MARGIN, at most to the whole
-    Earth.
-    """
+    """Return a box rounded outward to whole degrees and widened by MARGIN, within the Earth."""
     south, north = max(np.floor(box.south) - MARGIN, -90.0), min(np.ceil(box.north) + MARGIN, 90.0)
     west, east = np.floor(box.west) - MARGIN, np.ceil(box.east) + MARGIN
     if east - west >= 360:
@@ -260,14 +259,14 @@ def _rounded(box: Box) -> Box:
     return Box(float(west), float(south), float(east), float(north))
 
 
-def _polygonal(geometries: Polygons) -> Polygons:
+def _only_polygons(geometries: Polygons) -> Polygons:
     """Return the polygons in geometries and collections, without lines, points and empty ones."""
     parts = shapely.get_parts(shapely.get_parts(geometries))
     return np.asarray(parts[(shapely.get_type_id(parts) == 3) & ~shapely.is_empty(parts)])
 
 
-def _repaired(polygons: Polygons) -> tuple[Polygons, tuple[str, ...]]:
-    """Return polygons that neither cross themselves nor overlap, and notes on what was done."""
+def _repair(polygons: Polygons) -> tuple[Polygons, tuple[str, ...]]:
+    """Return polygons that neither cross themselves nor overlap, and notes on repairs."""
     notes: tuple[str, ...] = ()
     broken = ~shapely.is_valid(polygons)
     if broken.any():
@@ -275,13 +274,13 @@ def _repaired(polygons: Polygons) -> tuple[Polygons, tuple[str, ...]]:
         notes = (
             f"{broken.sum()} of {broken.size} shoreline polygons crossed themselves and were repaired",
         )
-    return _polygonal(np.array([shapely.union_all(polygons)])), notes
+    return _only_polygons(np.array([shapely.union_all(polygons)])), notes
 
 
-def _read(path: Path, word: str, wanted: str) -> _Contents:
+def _read_polygons(path: Path, word: str, wanted: str) -> _Contents:
     """Return a file's polygons.
 
-    word: "shoreline" or "lakes", wanted: what a user may give, both for messages.
+    word: "shoreline" or "lakes"; wanted: allowed inputs; both for messages.
     """
     label = f'{word} "{path}"'
     fence.check(path)
@@ -316,52 +315,51 @@ def _read(path: Path, word: str, wanted: str) -> _Contents:
         turn = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform
         geometries = shapely.transform(geometries, turn, interleaved=False)
         notes = (f"{word} converted from {crs.name} to longitude and latitude",)
-    polygons = _polygonal(geometries[~shapely.is_missing(geometries)])
+    polygons = _only_polygons(geometries[~shapely.is_missing(geometries)])
     _refuse_impossible(polygons, label)
     return _Contents(polygons, np.empty(0, object), notes, label)
 
 
 def _read_shapefile(path: Path) -> tuple[Polygons, Any]:
-    """Return the shapes of a shapefile, whose files name no others, and its reference system."""
+    """Return the shapes of a shapefile, which refers to no other files, and its crs."""
     import pyogrio
     import pyproj
 
-    # GDAL goes by names too: x.zip!y is y in an archive
+    # GDAL also interprets names: x.zip!y is y in an archive
     if path.suffix.lower() != ".shp" or "!" in str(path):
         raise ValueError('the name of a shapefile ends in .shp, and has no "!"')
     for beside in path.parent.glob(f"{glob.escape(path.stem)}.*"):
         fence.check(beside)
     try:
         with warnings.catch_warnings():
-            # GDAL's are about what is refused or repaired later
+            # GDAL warns about problems that are rejected or repaired later
             warnings.simplefilter("ignore", RuntimeWarning)
             meta, _, wkb, _ = pyogrio.raw.read(path, layer=0, columns=[], force_2d=True)
     except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
         raise ValueError(str(error).splitlines()[0]) from None
-    # A table without shapes has None.
+    # A table without shapes has the geometry None.
     return shapely.from_wkb(wkb if wkb is not None else np.empty(0, object)), meta[
         "crs"
     ] and pyproj.CRS(meta["crs"])
 
 
 def _read_geojson(path: Path) -> tuple[Polygons, Any]:
-    """Return the shapes of a GeoJSON file, and its reference system where it names one, as GDAL and
-    those before RFC 7946 do.
+    """Return the shapes of a GeoJSON file, and its crs if it names one (not part of RFC 7946).
 
-    GDAL itself is not asked: it opens by what a text holds, which may be a program or a list of
+    GDAL is not used: it chooses a driver by the contents of a text, which may name a program or
     other files.
     """
     import pyproj
 
-    whole = json.loads(path.read_bytes().decode("utf-8-sig"))
-    if not isinstance(whole, dict):
+    document = json.loads(path.read_bytes().decode("utf-8-sig"))
+    if not isinstance(document, dict):
         raise ValueError("this is no GeoJSON")
-    held = whole["features"] if whole.get("type") == "FeatureCollection" else [whole]
-    shapes = [one.get("geometry") if one.get("type") == "Feature" else one for one in held]
+    entries = document["features"] if document.get("type") == "FeatureCollection" else [document]
+    shapes = [one.get("geometry") if one.get("type") == "Feature" else one for one in entries]
     if any(shape is not None and shape.get("type") not in SHAPES for shape in shapes):
         raise ValueError("this is no GeoJSON")
     crs = None
-    if (named := whole.get("crs")) is not None:
+    if (named := document.get("crs")) is not None:
         name = named["properties"]["name"]
         fence.check_crs(name)
         crs = pyproj.CRS(name)
@@ -370,7 +368,7 @@ def _read_geojson(path: Path) -> tuple[Polygons, Any]:
 
 
 def _refuse_impossible(polygons: Polygons, label: str) -> None:
-    """Raise UserError where coordinates cannot be degrees of longitude and latitude."""
+    """Raise UserError if coordinates cannot be degrees of longitude and latitude."""
     if not polygons.size:
         return
     west, south, east, north = shapely.total_bounds(polygons)
@@ -387,8 +385,8 @@ _HEADER = re.compile(r'\s*"([^"]*)"\s*,\s*"([^"]*)"\s*,\s*(-?\d{1,12})\s*$')
 def _read_bna(path: Path, word: str, label: str) -> _Contents:
     """Return the polygons of NOAA's .bna: records of type 1 are land, of type 2 lakes.
 
-    A negative count is a line. "Map Bounds" and "SpillableArea" (names of NOAA's GNOME) are frames,
-    not land: a note says that the file knows nothing outside the map bounds.
+    A negative count means a line. "Map Bounds" and "SpillableArea" (names in NOAA's GNOME) are
+    frames, not land; a note says that the file covers only the map bounds.
     """
     lines = path.read_text(encoding="latin-1").splitlines()
     shores: list[Any] = []

@@ -1,4 +1,4 @@
-"""Files and addresses: opening, reading and fingerprinting them.
+"""Files and addresses: opening, reading and fingerprinting.
 
-Where bytes may crash a library, they are read in a process of their own.
+Libraries that damaged or hostile data may crash run in separate processes.
 """

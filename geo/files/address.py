@@ -1,12 +1,11 @@
-"""Datasets at addresses (OPeNDAP), read through a process of their own.
+"""Datasets at addresses (OPeNDAP), read through a separate process.
 
-So no server can crash or hang this process.
-
-What comes back is a dataset like that of a file: read on demand, decoded by the same rules. A
-question asks for the header or for a piece of at most 2 MB of values. A server that leaves one
-unanswered for the time-out (60 s unless the case says otherwise) is given up. A wait heeds signals,
-and ends within half a second when nobody needs its answer any more. The process starts with the
-first question, starts again if it had to be ended, and never outlives this one.
+So no server can crash or hang this process. The result is a dataset like that of a file: read on
+demand, decoded by the same rules. A request asks for the header or for at most 2 MB of values. If
+the server does not answer a request within the time-out (60 s unless the case says otherwise), the
+request fails. Waiting can be interrupted by signals, and ends within half a second if the answer is
+no longer needed. The process starts with the first request, is restarted if it had to be stopped,
+and never outlives this process.
 """
 
 import contextlib
@@ -30,10 +29,10 @@ from geo.errors import UserError
 from geo.files.child import Child
 
 TIMEOUT = 60.0  # [s] without progress
-STARTING = 120.0  # [s] in which a process for an address must have started, even on a slow machine
-PIECE = 2_000_000  # [bytes] of values that one question asks for at most
-LONGEST_AXIS = 10_000_000  # most values that a coordinate may have
-LARGEST = 2**32  # [bytes] most values that one reading may take
+STARTING = 120.0  # [s] within which the reading process must start, even on a slow machine
+PIECE = 2_000_000  # [bytes] largest amount of values per request
+LONGEST_AXIS = 10_000_000  # largest number of values of a coordinate
+LARGEST = 2**32  # [bytes] largest amount of values per read
 START = "from geo.files import address_server; address_server.main(sys.argv[1])"
 
 _open: "weakref.WeakValueDictionary[str, Line]" = weakref.WeakValueDictionary()
@@ -41,11 +40,14 @@ _opening = threading.Lock()
 
 
 def open_dataset(address: str, timeout: float = TIMEOUT) -> xr.Dataset:
-    """Return the dataset at an address, with fill values and packing resolved but times as they are
-    stored.
+    """Return the dataset at an address, with fill values and packing resolved, times undecoded.
 
-    timeout: how long a question may stay unanswered [s]. Raises UserError; so does reading from the
-    dataset.
+    Args:
+        address: of the dataset.
+        timeout: longest wait for the answer to a request [s].
+
+    Raises:
+        UserError: the dataset cannot be opened. Reading from it raises UserError as well.
     """
     with _opening:
         line = _open.get(address)
@@ -61,7 +63,7 @@ def open_dataset(address: str, timeout: float = TIMEOUT) -> xr.Dataset:
 
 
 class Line:
-    """A process that reads one address: questions go there, one at a time, and answers come back."""
+    """A process that reads one address; it answers one request at a time."""
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -70,21 +72,21 @@ class Line:
         self._header: Any = None
 
     def header(self, timeout: float) -> dict[str, Any]:
-        """Return what the address holds; see `address_server.header`."""
-        with self._turn():
-            self._ready(timeout)
+        """Return the header of the dataset; see `address_server.header`."""
+        with self._exclusive():
+            self._start_and_open(timeout)
             header: dict[str, Any] = self._header
             return header
 
     def values(
         self, name: str, key: tuple[slice, ...], dtype: np.dtype[Any], timeout: float
     ) -> np.ndarray[Any, Any]:
-        """Return a piece of a variable; key: slices with positive steps."""
+        """Return part of a variable; key: slices with positive steps."""
         shape = tuple(len(range(s.start, s.stop, s.step)) for s in key)
-        with self._turn():
-            self._ready(timeout)
-            asked = [(s.start, s.stop, s.step) for s in key]
-            reply, content = self._ask({"ask": "values", "name": name, "key": asked}, timeout)
+        with self._exclusive():
+            self._start_and_open(timeout)
+            bounds = [(s.start, s.stop, s.step) for s in key]
+            reply, content = self._request({"ask": "values", "name": name, "key": bounds}, timeout)
         if dtype.kind == "O" and len(reply.get("texts", ())) == math.prod(shape):
             return np.array(reply["texts"], object).reshape(shape)
         if tuple(reply.get("shape", ())) != shape or reply.get("dtype") != dtype.str:
@@ -94,16 +96,16 @@ class Line:
         return np.frombuffer(content, dtype).reshape(shape)
 
     def close(self) -> None:
-        """End the process; a later question starts another one."""
+        """End the process; a later request starts another one."""
         child, self._child = self._child, None
         if child is not None:
             child.end()
 
     @contextlib.contextmanager
-    def _turn(self) -> Iterator[None]:
+    def _exclusive(self) -> Iterator[None]:
         """Hold the process for this thread.
 
-        Any error inside ends it, because an answer may still be under way.
+        Any error inside ends the process, because its answer may still be pending.
         """
         with waiting.turn(self._lock):
             try:
@@ -114,8 +116,8 @@ class Line:
                 self.close()
                 raise
 
-    def _ready(self, timeout: float) -> None:
-        """Start the process and have it open the address, where it does not run yet."""
+    def _start_and_open(self, timeout: float) -> None:
+        """Start the process and make it open the address, unless it is running."""
         if self._child is not None and self._child.running():
             return
         self.close()
@@ -127,7 +129,7 @@ class Line:
                 "cannot start a process to read an address: it ended, or did not start in time"
             ) from None
         try:
-            header, _ = self._ask({"ask": "open", "address": self.address}, timeout)
+            header, _ = self._request({"ask": "open", "address": self.address}, timeout)
         except Refused:
             self.close()
             raise
@@ -138,8 +140,10 @@ class Line:
             )
         self._header = header
 
-    def _ask(self, question: dict[str, Any], timeout: float) -> tuple[dict[str, Any], memoryview]:
-        """Return the answer to a question, and the bytes that go with it."""
+    def _request(
+        self, question: dict[str, Any], timeout: float
+    ) -> tuple[dict[str, Any], memoryview]:
+        """Return the answer to a request, and the bytes that go with it."""
         assert self._child is not None
         try:
             reply, content = self._child.ask(question | {"timeout": timeout}, timeout)
@@ -162,11 +166,11 @@ class Line:
 
 
 class Refused(Exception):
-    """An answer that says what is wrong; the process that gave it can be asked again."""
+    """An answer that reports an error; the process can take further requests."""
 
 
 def _start_process() -> Child:
-    """Return a process that will read one address; its first answer says that it is ready."""
+    """Start a process that will read one address; its first answer means that it is ready."""
     scratch = None
     try:
         scratch = tempfile.mkdtemp(prefix="drift-address-")
@@ -178,7 +182,7 @@ def _start_process() -> Child:
 
 
 def _check_header(header: dict[str, Any], address: str) -> None:
-    """Refuse a header that no real dataset can have."""
+    """Raise UserError for a header that no real dataset can have."""
     sizes: dict[str, int] = {}
     for name, variable in header["variables"].items():
         dims, shape = variable["dims"], variable["shape"]
@@ -186,7 +190,7 @@ def _check_header(header: dict[str, Any], address: str) -> None:
             size < 0 or sizes.setdefault(d, size) != size
             for d, size in zip(dims, shape, strict=False)
         ):
-            raise UserError(f'"{address}" contradicts itself on the dimensions of {name}')
+            raise UserError(f'"{address}" gives contradictory dimensions for {name}')
         if dims == [name] and shape[0] > LONGEST_AXIS:
             raise UserError(
                 f'"{address}" claims to hold {shape[0]:,} values along {name}: more than {LONGEST_AXIS:,}'
@@ -195,17 +199,17 @@ def _check_header(header: dict[str, Any], address: str) -> None:
         holder["attributes"] for holder in (header, *header["variables"].values())
     ):
         raise UserError(
-            f'"{address}" says nothing of what its values mean: no attributes, or some that cannot be read'
+            f'"{address}" does not describe its values: it has no attributes, or unreadable ones'
         )
 
 
 def _signature(header: dict[str, Any]) -> dict[str, Any]:
-    """Return names, dimensions, sizes and types of a header."""
+    """Return names, dimensions, sizes and types in a header, to compare two headers."""
     return {n: (v["dims"], v["shape"], v["dtype"]) for n, v in header["variables"].items()}
 
 
 class Store(AbstractDataStore):
-    """What xarray opens: the header of an address, its values on demand."""
+    """Data store for xarray: the header of an address, with values read on demand."""
 
     __slots__ = ("_line", "_timeout")
 
@@ -213,24 +217,24 @@ class Store(AbstractDataStore):
         self._line, self._timeout = line, timeout
 
     def get_variables(self) -> dict[str, xr.Variable]:
-        """Return the variables, not decoded yet."""
+        """Return the variables, not yet decoded."""
         variables = {}
         for name, entry in self._line.header(self._timeout)["variables"].items():
             array = Values(
                 self._line, self._timeout, name, tuple(entry["shape"]), np.dtype(entry["dtype"])
             )
-            attributes = {k: _native(v) for k, v in entry["attributes"].items()}
+            attributes = {k: _to_numpy(v) for k, v in entry["attributes"].items()}
             data = indexing.LazilyIndexedArray(array)
             variables[name] = xr.Variable(entry["dims"], data, attributes, {"dtype": array.dtype})
         return variables
 
     def get_attrs(self) -> dict[str, Any]:
         """Return the attributes of the dataset."""
-        return {k: _native(v) for k, v in self._line.header(self._timeout)["attributes"].items()}
+        return {k: _to_numpy(v) for k, v in self._line.header(self._timeout)["attributes"].items()}
 
 
-def _native(value: Any) -> Any:
-    """Return an attribute as NumPy knows it, from the form in which `address_server` wrote it."""
+def _to_numpy(value: Any) -> Any:
+    """Return an attribute as a NumPy value, from the form in which `address_server` sends it."""
     if isinstance(value, dict):
         values = np.array(value["values"], np.dtype(value["dtype"]))
         return values if values.ndim else values[()]
@@ -252,13 +256,13 @@ class Values(BackendArray):
         )
 
     def __getitem__(self, key: Any) -> Any:
-        """Return the part that an indexer of xarray's asks for."""
+        """Return the part that an xarray indexer selects."""
         return indexing.explicit_indexing_adapter(
             key, self.shape, indexing.IndexingSupport.BASIC, self._read
         )
 
     def _read(self, key: tuple[int | slice, ...]) -> np.ndarray[Any, Any]:
-        """Return a part, given by integers and slices, in as many questions as it needs."""
+        """Return a part, given by integers and slices, with as many requests as it needs."""
         spans = [
             range(*index.indices(size))
             if isinstance(index, slice)
@@ -273,15 +277,15 @@ class Values(BackendArray):
             raise UserError(f'"{self.line.address}": {self.name} is too large to read') from None
         for piece in pieces(result.shape, max(PIECE // max(self.dtype.itemsize, 1), 1)):
             wanted = tuple(span[part] for span, part in zip(spans, piece, strict=True))
-            asked = tuple(slice(w.start, w.stop, w.step) for w in wanted)
-            result[piece] = self.line.values(self.name, asked, self.dtype, self.timeout)
+            bounds = tuple(slice(w.start, w.stop, w.step) for w in wanted)
+            result[piece] = self.line.values(self.name, bounds, self.dtype, self.timeout)
         return result[tuple(slice(None) if isinstance(index, slice) else 0 for index in key)]
 
 
 def pieces(shape: tuple[int, ...], most: int) -> Iterator[tuple[slice, ...]]:
-    """Give slices that together cover an array once, each of at most `most` values.
+    """Yield slices that together cover an array once, with at most `most` values each.
 
-    There are no slices where it is empty.
+    An empty array yields none.
     """
     if 0 in shape:
         return

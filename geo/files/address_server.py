@@ -1,9 +1,8 @@
-"""The other end of `geo.files.address`: a process that serves the header and the values of one
-address.
+"""Server side of `geo.files.address`: a process that sends header and values of one address.
 
-It is another process because the answers of a server can crash or hang the C libraries that read
-them (see `geo.files.child`). Values are read by `geo.files.dap`, which counts them; all else by the
-netCDF library.
+It is a separate process because a server's answers can crash or hang the C libraries that read them
+(see `geo.files.child`). `geo.files.dap` reads values, because it checks their number of bytes; the
+netCDF library reads everything else.
 """
 
 import contextlib
@@ -21,22 +20,22 @@ from geo.errors import UserError
 from geo.files import dap, web, zarr_store
 from geo.files.child import limit, listen, send
 
-# [bytes] of memory at most, so that a nonsensical length does not exhaust the machine's
+# [bytes] limit of memory, so that a nonsensical length does not exhaust the machine's memory
 MEMORY = 4 * 2**30
-DISK = 2**30  # [bytes] of a temporary file at most, because an answer may have no end
-# where the netCDF library keeps cookies; by default it leaves a file in /tmp
+DISK = 2**30  # [bytes] limit of a temporary file, because an answer may be endless
+# setting for the netCDF library's file of cookies; by default the library leaves one in /tmp
 COOKIES = "HTTP.COOKIEJAR"
-# the file of names and passwords, which the library leaves alone unless it is told of it
+# setting for the file of names and passwords, which the library does not read by default
 NETRC = "HTTP.NETRC"
-GRACE = 30.0  # [s] after the time-out of a question this process ends by itself
+GRACE = 30.0  # [s] after the time-out of a request at which this process ends itself
 
 
 def main(scratch: str) -> None:
-    """Answer questions until the input ends, then remove the folder `scratch`."""
+    """Answer requests until the input ends, then remove the folder `scratch`."""
     questions, answers = listen(partial(shutil.rmtree, scratch, ignore_errors=True))
     limit(RLIMIT_DATA=MEMORY, RLIMIT_FSIZE=DISK)
     warnings.simplefilter("ignore")
-    # imported before the clock of the first question runs, because it takes a second
+    # imported before the first request's time-out starts, because it takes a second
     import netCDF4
     import xarray  # noqa: F401
 
@@ -63,7 +62,7 @@ def main(scratch: str) -> None:
                 assert dataset is not None
                 reply, values = dataset.values(question)
         except BaseException as raised:
-            # backends raise errors of all kinds; the other end makes one line of each
+            # backends raise errors of all kinds; the client makes one line of each
             error = raised
             # xarray hides the error of a library behind its own advice
             while error.__cause__ is not None:
@@ -78,31 +77,32 @@ def main(scratch: str) -> None:
 
 
 class Dataset:
-    """The dataset at an address: its header and texts as the netCDF library reads them, its numbers
-    by `geo.files.dap`.
+    """The dataset at an address.
+
+    The netCDF library reads its header and texts, `geo.files.dap` its numbers.
     """
 
     def __init__(self, address: str) -> None:
         self.data = _open(address)
         self._address = address.replace("dods://", "http://", 1)
-        # Only the library knows what it makes of an address with a constraint (?) or its own
-        # switches (#).
+        # Only the library can interpret an address with a constraint (?) or library switches (#).
         self._counted = self._address.startswith("http") and not re.search(r"[?#]", address)
         self._grids: frozenset[str] | None = None
 
     def values(self, question: dict[str, Any]) -> tuple[dict[str, Any], Any]:
-        """Return shape and type of a piece of a variable, and its bytes; texts stand in the first
-        of the two.
+        """Return shape and type of part of a variable as a document, and its bytes.
+
+        Texts are in the document.
         """
         import numpy as np
 
         name, key = question["name"], tuple(slice(*bounds) for bounds in question["key"])
         variable = self.data.variables[name]
         if self._speaks_dap(question["timeout"]) and variable.dtype.kind in "biuf":
-            asked = f"{name}.{name}" if name in (self._grids or ()) else name
-            piece = _patiently(
+            full_name = f"{name}.{name}" if name in (self._grids or ()) else name
+            piece = _retry(
                 lambda: dap.read_variable(
-                    self._address, asked, key, variable.dtype, question["timeout"]
+                    self._address, full_name, key, variable.dtype, question["timeout"]
                 ),
                 question["timeout"],
             )
@@ -122,9 +122,10 @@ class Dataset:
         return self._counted
 
 
-def _patiently(ask: Callable[[], Any], timeout: float) -> Any:
-    """Return an answer, asked for again while its failures may pass, for half the time that the
-    other end waits.
+def _retry(ask: Callable[[], Any], timeout: float) -> Any:
+    """Return an answer, repeating the request after temporary failures.
+
+    It gives up after half the time that the client waits.
     """
     until, pause = time.monotonic() + timeout / 2, 0.5
     while True:
@@ -138,37 +139,37 @@ def _patiently(ask: Callable[[], Any], timeout: float) -> Any:
 
 
 def _open(address: str) -> Any:
-    """Return the dataset at an address, its values as they are stored."""
+    """Return the dataset at an address with undecoded values."""
     import inspect
 
     import xarray as xr
 
     options: dict[str, Any] = {"decode_cf": False, "cache": False}
     if "create_default_indexes" in inspect.signature(xr.open_dataset).parameters:
-        # so that coordinates are only read when asked for, piece by piece
+        # so that coordinates are read only on request, piece by piece
         options["create_default_indexes"] = False
     with zarr_store.without_pickles():  # xarray takes some addresses for Zarr stores
         return xr.open_dataset(address, **options)
 
 
 def header(data: Any) -> dict[str, Any]:
-    """Return dimensions, types and attributes of a dataset in values that JSON can write."""
+    """Return dimensions, types and attributes of a dataset as values for JSON."""
     return {
-        "attributes": {str(k): _plain(v) for k, v in data.attrs.items()},
+        "attributes": {str(k): _to_json(v) for k, v in data.attrs.items()},
         "variables": {
             str(name): {
                 "dims": [str(d) for d in variable.dims],
                 "shape": [int(n) for n in variable.shape],
                 "dtype": variable.dtype.str,
-                "attributes": {str(k): _plain(v) for k, v in variable.attrs.items()},
+                "attributes": {str(k): _to_json(v) for k, v in variable.attrs.items()},
             }
             for name, variable in data.variables.items()
         },
     }
 
 
-def _plain(value: Any) -> Any:
-    """Return an attribute as JSON can write it.
+def _to_json(value: Any) -> Any:
+    """Return an attribute as a value for JSON.
 
     Numbers keep their type, because fill values must be exact.
     """
@@ -178,5 +179,5 @@ def _plain(value: Any) -> Any:
         array = np.asarray(value)
         return {"dtype": array.dtype.str, "values": array.tolist()}
     if isinstance(value, np.ndarray | list | tuple):
-        return [_plain(item) for item in list(value)]
+        return [_to_json(item) for item in list(value)]
     return value if isinstance(value, str | int | float | bool | None) else str(value)

@@ -1,11 +1,9 @@
-"""Child processes for libraries that bytes from outside may crash or hang.
+"""Child processes for libraries that data from outside may crash or hang.
 
-This module holds both ends: the one that asks and the one that answers.
-
-Such a process reads questions from its standard input and answers on what was its standard output.
-Each message is a length (8 bytes), a JSON document, and as many bytes as the document says. The
-process ends when its input does, even in the middle of a call that hangs, and so never outlives the
-one that asks.
+This module holds both sides, the client and the server. The server reads requests from its standard
+input and answers on its original standard output. Each message is a length (8 bytes), a JSON
+document, and as many bytes as the document states. The server process ends when its input ends,
+even during a call that hangs, and so never outlives the client.
 """
 
 import contextlib
@@ -24,26 +22,27 @@ from typing import Any
 
 from geo import waiting
 
-LENGTH = 8  # [bytes] of the number, big-endian, that stands before each JSON document
+LENGTH = 8  # [bytes] of the big-endian number before each JSON document
 LONGEST = 2**26  # [bytes] longest JSON document
-FAREWELL = 0.5  # [s] that a process has to close what it holds before it is ended by force
+FAREWELL = 0.5  # [s] that a process has to clean up before it is killed
 
 Message = tuple[dict[str, Any], memoryview]
 
 
 class Child:
-    """The end that asks: the process, a thread that writes its questions and one that takes in its
-    answers.
-    """
+    """Client side: the process, with one thread writing requests and one reading answers."""
 
     def __init__(self, code: str, *arguments: str, most: int, scratch: str | None = None) -> None:
-        """Start Python on `code`; raise OSError where the system refuses.
+        """Start Python with `code`; raise OSError if the system cannot.
 
-        most: how many bytes an answer may have beside its JSON document. scratch: a folder to
-        remove once the process has ended.
+        Args:
+            code: Python source to run.
+            arguments: command line arguments for it.
+            most: largest number of bytes of an answer besides its JSON document.
+            scratch: folder to remove after the process has ended.
         """
         options: dict[str, Any] = (
-            # Ctrl-C at a terminal then reaches this process only, which ends the child
+            # Ctrl-C at a terminal then interrupts only this process, which ends the child
             {"start_new_session": True}
             if os.name == "posix"
             else {"creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0)}
@@ -75,28 +74,29 @@ class Child:
         ).start()
         self._busy = threading.Event()
         self._busy.set()
-        # The finalizer runs at the latest when the program ends.
+        # The finalizer runs at program exit at the latest.
         self._end = weakref.finalize(
             self, _end, self.process, self._owner, self._questions, self._busy, scratch
         )
 
     def running(self) -> bool:
-        """Whether the process can be asked: it lives, and this process is no fork of the one that
-        started it.
+        """Return True if the process can take requests.
+
+        It must be alive and must have been started by this process, not by one it was forked from.
         """
         return self._owner == os.getpid() and self.process.poll() is None
 
     def ask(self, question: dict[str, Any], timeout: float, content: bytes = b"") -> Message:
-        """Put a question and return its answer, and the bytes that go with it; see `answer`."""
+        """Send a request; return its answer and the bytes that go with it, see `answer`."""
         self._busy.set()
         self._questions.put((question, content))
         return self.answer(timeout)
 
     def answer(self, timeout: float) -> Message:
-        """Wait for an answer; the wait can be given up (see `geo.waiting`).
+        """Wait for an answer; the wait can be interrupted (see `geo.waiting`).
 
-        Raises TimeoutError after `timeout` [s], EOFError where the process ends without an answer.
-        After any exception that ends the wait, the process must not be asked again.
+        Raises TimeoutError after `timeout` [s], EOFError if the process ends without an answer.
+        After any exception from this wait, send no further request to the process.
         """
         until = time.monotonic() + timeout
         while True:
@@ -114,7 +114,7 @@ class Child:
             return answer
 
     def end(self) -> None:
-        """End the process, whatever it is doing."""
+        """End the process, even if it is busy."""
         self._end()
 
     def fate(self) -> str:
@@ -134,9 +134,9 @@ class Child:
 def _write_questions(
     pipe: Any, questions: "queue.SimpleQueue[tuple[dict[str, Any], bytes] | None]"
 ) -> None:
-    """Write questions.
+    """Write requests to the process.
 
-    A thread does this, because a process that hangs takes in no more than the pipe holds.
+    This needs a thread, because a hanging process accepts no more bytes than the pipe holds.
     """
     with contextlib.suppress(OSError):
         while (question := questions.get()) is not None:
@@ -146,11 +146,11 @@ def _write_questions(
 
 
 def _read_answers(pipe: Any, answers: "queue.SimpleQueue[Message | None]", most: int) -> None:
-    """Pass answers on, and None when there can be no more."""
+    """Put answers into the queue, and None after the last one."""
     try:
         while True:
             answers.put(receive(pipe, most))
-    except Exception:  # the end of the pipe, or bytes that are no answer of ours
+    except Exception:  # the end of the pipe, or bytes that are no valid message
         answers.put(None)
     finally:
         pipe.close()
@@ -165,9 +165,9 @@ def _end(
 ) -> None:
     """End a process.
 
-    One that waits for a question ends when its input does, so that it closes what it holds.
+    An idle one ends by itself when its input ends, so that it can clean up.
     """
-    if owner != os.getpid():  # it serves the process from which this one was forked
+    if owner != os.getpid():  # the process belongs to the parent from which this one was forked
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
                 pipe.close()
@@ -185,10 +185,10 @@ def _end(
 
 
 def listen(leave: Callable[[], object] = lambda: None) -> tuple[Iterator[Message], Any]:
-    """Return, in the process that answers, its questions and the pipe for its answers.
+    """Return, on the server side, the requests and the pipe for answers.
 
-    What the process prints goes nowhere. leave: called before the process is ended by force, soon
-    after the end of its input.
+    Other output of the process is discarded. leave: called before the process exits, soon after its
+    input ends.
     """
     questions: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
     threading.Thread(target=_read_questions, args=(questions, leave), daemon=True).start()
@@ -200,7 +200,7 @@ def listen(leave: Callable[[], object] = lambda: None) -> tuple[Iterator[Message
 def _read_questions(
     questions: "queue.SimpleQueue[Message | None]", leave: Callable[[], object]
 ) -> None:
-    """Pass questions on, and end the process when there can be no more."""
+    """Put requests into the queue; end the process when the input ends."""
     with contextlib.suppress(Exception), open(0, "rb", buffering=0, closefd=False) as pipe:
         while True:
             questions.put(receive(pipe, sys.maxsize))
@@ -211,10 +211,7 @@ def _read_questions(
 
 
 def limit(**most: int) -> None:
-    """Bound what libraries may take, by the names of `resource` (RLIMIT_AS).
-
-    Crashes then leave no core dump.
-    """
+    """Set resource limits by the names in `resource` (RLIMIT_AS), and disable core dumps."""
     try:
         import resource
     except ImportError:  # Windows
@@ -230,9 +227,7 @@ def limit(**most: int) -> None:
 
 
 def send(pipe: Any, document: dict[str, Any], content: Any = b"") -> None:
-    """Write a message to an unbuffered pipe; content: contiguous bytes that go with the JSON
-    document.
-    """
+    """Write a message to an unbuffered pipe; content: contiguous bytes after the JSON document."""
     view = memoryview(content)
     text = json.dumps(document | {"bytes": view.nbytes}).encode()
     for part in (memoryview(len(text).to_bytes(LENGTH, "big") + text), view):
@@ -242,8 +237,9 @@ def send(pipe: Any, document: dict[str, Any], content: Any = b"") -> None:
 
 
 def receive(pipe: Any, most: int) -> Message:
-    """Read a message from an unbuffered pipe; raise EOFError at its end, ValueError where it is
-    malformed.
+    """Read a message from an unbuffered pipe.
+
+    Raises EOFError at its end, ValueError for a malformed message.
     """
     document = json.loads(
         bytes(_read(pipe, int.from_bytes(_read(pipe, LENGTH, LENGTH), "big"), LONGEST))
@@ -252,7 +248,7 @@ def receive(pipe: Any, most: int) -> Message:
 
 
 def _read(pipe: Any, count: int, most: int) -> memoryview:
-    """Read exactly `count` bytes; raise ValueError where that is more than `most`."""
+    """Read exactly `count` bytes; raise ValueError if that is more than `most`."""
     if not 0 <= count <= most:
         raise ValueError(count)
     content = memoryview(bytearray(count))

@@ -1,8 +1,7 @@
-"""Opening what a case names (netCDF, GRIB, globs, Zarr stores, OPeNDAP addresses) as xarray
-datasets.
+"""Open the paths of a case (netCDF, GRIB, globs, Zarr stores, OPeNDAP) as xarray datasets.
 
-Only headers are read. Every way in which a path can be wrong ends here in one line with the path
-and the key of the case that names it.
+Only headers are read. Every problem with a path becomes one message with the path and the key of
+the case that names it.
 """
 
 import glob
@@ -19,11 +18,10 @@ import xarray as xr
 from geo.errors import UserError
 from geo.files import address, digest, fence, grib, messages, zarr_store
 
-# [bytes] a file up to this size is hashed whole, a larger one in 256 samples from its start to its
-# end
+# [bytes] files up to this size are hashed whole, larger ones by 256 samples spread over the file
 WHOLE = 2**28
 SAMPLE = 2**16  # [bytes] size of a sample
-# what damaged files cause in any library
+# errors that damaged files cause in any library
 FAULTS = (OSError, RuntimeError, EOFError, MemoryError, UnicodeError)
 LIBRARIES = {"cftime", "dask", "fsspec", "netCDF4", "numcodecs", "xarray", "zarr"}
 
@@ -31,13 +29,19 @@ Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
 
 def remote(path: str) -> bool:
-    """Whether a path is an address (OPeNDAP) and not a file."""
+    """Return True if a path is an address (OPeNDAP) and not a file."""
     return path.startswith(("http://", "https://", "dods://", "s3://", "gs://"))
 
 
 def expand(paths: Paths, quantity: str) -> list[str]:
-    """Return every path that a case's list of paths and globs stands for; an empty glob is an
-    error.
+    """Return every path that a case's list of paths and globs stands for.
+
+    Args:
+        paths: paths, globs and addresses.
+        quantity: of the source, for messages.
+
+    Raises:
+        UserError: a file is missing or named twice, or a glob matches nothing.
     """
     listed = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     expanded: list[str] = []
@@ -60,14 +64,14 @@ def expand(paths: Paths, quantity: str) -> list[str]:
 
 
 def key(path: str, quantity: str) -> str:
-    """Return the key of a case with which a user can mend a wrong path."""
+    """Return the key of a case in which a user can correct a path."""
     if remote(path):
         return f"[[{quantity}]] files or timeout"
     return f"[[{quantity}]] {'dataset' if path.startswith('dataset ') else 'files'}"
 
 
 def title(paths: Sequence[str | os.PathLike[str]]) -> str:
-    """Return the name of files in messages: that of the first, and how many more there are."""
+    """Return a name for files in messages: that of the first, and the number of others."""
     first = os.path.basename(os.fspath(paths[0]).rstrip("/")) if paths else ""
     return first if len(paths) <= 1 else f"{first} and {len(paths) - 1} more"
 
@@ -75,11 +79,16 @@ def title(paths: Sequence[str | os.PathLike[str]]) -> str:
 def open_one(
     path: str, quantity: str, timeout: float = address.TIMEOUT, mend: str = ""
 ) -> xr.Dataset:
-    """Return one file's dataset, with fill values and packing resolved but times as they are
-    stored.
+    """Return one file's dataset, with fill values and packing resolved, times undecoded.
 
-    timeout: how long the server of an address may leave a question unanswered [s]; mend: what a
-    user does about a wrong path that no source of a quantity names.
+    Args:
+        path: of the file, Zarr store or address.
+        quantity: of the source, for messages.
+        timeout: longest wait for the answer of an address' server [s].
+        mend: what the user can do about a wrong path, if no source of a quantity names it.
+
+    Raises:
+        UserError: the path cannot be opened.
     """
     where = mend or f"set {key(path, quantity)}"
     if remote(path):
@@ -87,13 +96,13 @@ def open_one(
     else:
         fence.check_store(path)
     is_zarr = os.path.isdir(path)
-    if not remote(path) and not is_zarr and not os.path.isfile(path):  # a pipe would wait for ever
+    if not remote(path) and not is_zarr and not os.path.isfile(path):  # reading a pipe could hang
         raise UserError(f'"{path}" is neither a file nor a folder; {where}')
     if is_zarr and not zarr_store.is_store(path):
         raise UserError(f'"{path}" is a folder, not a netCDF file or a Zarr store; {where}')
     try:
         with warnings.catch_warnings():
-            # harmless: xarray's on several fill values, Zarr's on consolidation
+            # harmless warnings: of several fill values (xarray), of consolidation (Zarr)
             warnings.simplefilter("ignore")
             if remote(path):
                 return address.open_dataset(path, timeout)
@@ -111,18 +120,17 @@ def open_one(
                 f'cannot open the address "{path}" ({_one_line(error)}); {where}'
             ) from error
         raise UserError(
-            f'"{path}" is not a netCDF file that can be read ({_why(path, error)}); {where}'
+            f'"{path}" is not a netCDF file that can be read ({_reason(path, error)}); {where}'
         ) from error
     return data
 
 
 def open_local(path: str | os.PathLike[str], **options: Any) -> xr.Dataset:
-    """Return the dataset of a netCDF file or a folder that is a Zarr store, as xarray opens it with
-    options.
+    """Return the dataset of a netCDF file or Zarr folder, opened by xarray with options.
 
-    Without a named engine, xarray would offer the file to every backend that happens to be
-    installed. Raises UserError where a classic file is truncated, or a store is damaged or runs
-    code; else what the netCDF library raises.
+    The engine is named, because xarray would otherwise try every installed backend. Raises
+    UserError if a classic file is truncated, or a store is damaged or runs code; otherwise the
+    errors of the netCDF library.
     """
     fence.check_store(os.fspath(path))
     if os.path.isdir(path):
@@ -132,19 +140,18 @@ def open_local(path: str | os.PathLike[str], **options: Any) -> xr.Dataset:
 
 
 def _refuse_truncated(path: str) -> None:
-    """Raise where a classic netCDF file is shorter than its header says: the library would read
-    zeros.
+    """Raise UserError if a classic netCDF file is shorter than its header says.
+
+    The netCDF library would read zeros beyond its end.
     """
     with open(path, "rb") as file:
         magic = file.read(4)
     if magic in (b"CDF\x01", b"CDF\x02"):
-        # imported here because it takes a sixth of a second, for old files only
+        # imported late because it takes a sixth of a second, and only old files need it
         from scipy.io import netcdf_file
 
         class Header(netcdf_file):  # type: ignore[misc]
-            """A header whose reading may fail; an object that is only half made then has nothing to
-            close.
-            """
+            """A reader without `close` at deletion: if reading fails, there is nothing to close."""
 
             def __del__(self) -> None:
                 pass
@@ -154,7 +161,7 @@ def _refuse_truncated(path: str) -> None:
                 pass
         except Exception as error:
             raise UserError(f'"{path}" is a truncated or damaged netCDF file') from error
-    # scipy does not know this format, so test that the file has room for the values
+    # scipy does not read this format, so check that the file is large enough for the values
     if magic == b"CDF\x05":
         import netCDF4
 
@@ -164,8 +171,8 @@ def _refuse_truncated(path: str) -> None:
             raise UserError(f'"{path}" is a truncated or damaged netCDF file')
 
 
-def _why(path: str, error: Exception) -> str:
-    """Return in words why a file cannot be opened."""
+def _reason(path: str, error: Exception) -> str:
+    """Return the reason why a file cannot be opened, for a message."""
     try:
         with open(path, "rb") as file:
             magic = file.read(8)
@@ -186,18 +193,21 @@ def _why(path: str, error: Exception) -> str:
 
 @contextmanager
 def readable(paths: Paths, quantity: str, mend: str = "") -> Iterator[None]:
-    """Turn what libraries raise over a damaged file, when it is opened or later, into one line with
-    its path.
+    """Convert the errors that libraries raise for a damaged file into one UserError with its path.
 
-    Headers are read when a file is opened, attributes and coordinates when they are asked for;
-    either may be damaged. mend: see `open_one`.
+    Headers are read when a file is opened, attributes and coordinates later; each may be damaged.
+
+    Args:
+        paths: of the files.
+        quantity: of the source, for messages.
+        mend: see `open_one`.
     """
     try:
         yield
     except UserError:
         raise
     except Exception as error:
-        if not isinstance(error, FAULTS) and _raised_in(error) not in LIBRARIES:
+        if not isinstance(error, FAULTS) and _package_raising(error) not in LIBRARIES:
             raise
         listed = [paths] if isinstance(paths, str | os.PathLike) else paths
         if len(listed) == 1 and os.path.isdir(only := os.fspath(listed[0])):
@@ -211,7 +221,7 @@ def readable(paths: Paths, quantity: str, mend: str = "") -> Iterator[None]:
         ) from error
 
 
-def _raised_in(error: BaseException) -> str:
+def _package_raising(error: BaseException) -> str:
     """Return the package in which an error was raised."""
     trace, name = error.__traceback__, ""
     while trace is not None:
@@ -225,10 +235,10 @@ def _one_line(error: Exception) -> str:
 
 
 def fingerprint(paths: Sequence[str], datasets: Sequence[xr.Dataset], extra: str = "") -> str:
-    """Return a short hash of what the paths hold.
+    """Return a short hash of the contents of the paths.
 
-    Of files above 256 MiB, samples of 16 MiB in all are hashed; of addresses, the header and the
-    short axes.
+    Files above 256 MiB are hashed by samples, 16 MiB in total; addresses by their header and short
+    axes.
     """
     total = hashlib.sha256(extra.encode())
     for path, data in zip(paths, datasets, strict=True):

@@ -1,9 +1,9 @@
-"""ECMWF's eccodes in a process of its own: messages go in; keys, points and values come out.
+"""ECMWF's eccodes in a separate process: it takes messages, returns keys, points and values.
 
-On damaged bytes the library may write past its memory, call abort or never return: of 150 damaged
-files 7 ended the process. Here that ends a child process (see `geo.files.child`), and the file is
-refused in one line. The child starts with the first message, serves all files, and never opens one
-itself.
+On damaged bytes the library may write past its memory, call abort or never return: 7 of 150 damaged
+files ended the process. Here this ends a child process (see `geo.files.child`), and the file is
+rejected with one message. The child starts with the first message, serves all files, and never
+opens a file itself.
 """
 
 import os
@@ -17,9 +17,9 @@ from geo.array import Real
 from geo.files.child import Child, limit, listen, send
 
 LIMIT = 60.0  # [s] for one answer; a field of a million points takes 0.1 s
-MOST = 100_000_000  # most points of a field; a message with more is damaged
-MISSING = -1.0e100  # stands for a missing value; no field has this value
-MEMORY = 8 * 2**30  # [bytes] that the process may take
+MOST = 100_000_000  # largest number of points of a field; a message with more is damaged
+MISSING = -1.0e100  # marks missing values; no field has this value
+MEMORY = 8 * 2**30  # [bytes] memory limit of the process
 START = "from geo.files import decoder; decoder.serve()"
 
 NAMES = ("shortName", "name", "units")  # slow: each is looked up among thousands of definitions
@@ -76,24 +76,24 @@ GRID_KEYS = (
 
 
 class DecodeError(Exception):
-    """A message that the library cannot decode; the text says why in a few words."""
+    """A message that the library cannot decode; the text gives a short reason."""
 
 
 def keys(message: bytes) -> dict[str, Any]:
-    """Return the keys that say what a message holds, without those it lacks; its header is enough."""
+    """Return the keys that describe a message, without absent ones; a header is sufficient."""
     return _ask("keys", message)[0]
 
 
 def names(message: bytes) -> dict[str, Any]:
-    """Return names and units of a message's field: "unknown" where eccodes has none for it."""
+    """Return names and units of a message's field, "unknown" if eccodes has none."""
     return _ask("names", message)[0]
 
 
 def points(message: bytes) -> tuple[dict[str, Any], Real, Real]:
-    """Return the keys of a message's grid, and latitudes and longitudes [deg] in the order of its
-    values.
+    """Return the keys of a message's grid, and latitudes and longitudes [deg].
 
-    The keys of a reduced grid include "pl", the number of points of every row.
+    The points are in the order of the message's values. For a reduced grid the keys include "pl",
+    the number of points in every row.
     """
     grid_keys, data = _ask("points", message)
     coordinates = np.frombuffer(data, np.float64)
@@ -101,7 +101,7 @@ def points(message: bytes) -> tuple[dict[str, Any], Real, Real]:
 
 
 def values(message: bytes) -> Real:
-    """Return the values of a message in its order, NaN where missing."""
+    """Return the values of a message in its own order, NaN for missing."""
     return np.frombuffer(_ask("values", message)[1], np.float64)
 
 
@@ -110,12 +110,12 @@ _child: Child | None = None
 
 
 def _ask(what: str, message: bytes) -> tuple[dict[str, Any], memoryview]:
-    """Return the reply of the process about a message, and the bytes that go with it."""
+    """Return the process' answer about a message, and the bytes that go with it."""
     with waiting.turn(_lock):
         try:
             reply, data = _ask_child(what, message)
         except BaseException:
-            # Ctrl-C too, because an answer still under way must not reach the next question
+            # also after Ctrl-C: a pending answer must not be taken for the next request's
             _end()
             raise
     if "error" in reply:
@@ -124,7 +124,7 @@ def _ask(what: str, message: bytes) -> tuple[dict[str, Any], memoryview]:
 
 
 def _ask_child(what: str, message: bytes) -> tuple[dict[str, Any], memoryview]:
-    """Put a question to the process; raise DecodeError where it does not answer."""
+    """Send a request to the process; raise DecodeError if it does not answer."""
     child = _running()
     try:
         return child.ask({"ask": what}, LIMIT, message)
@@ -135,7 +135,7 @@ def _ask_child(what: str, message: bytes) -> tuple[dict[str, Any], memoryview]:
 
 
 def _running() -> Child:
-    """Return the process, started where it does not run."""
+    """Return the process; start it if it is not running."""
     global _child
     if _child is None or not _child.running():
         _end()
@@ -156,7 +156,7 @@ def _end() -> None:
 
 
 def serve() -> None:
-    """Answer questions until the input ends; this is what the process runs."""
+    """Answer requests until the input ends; the main function of the process."""
     questions, answers = listen()
     limit(RLIMIT_AS=MEMORY)
     for question, message in questions:
@@ -167,14 +167,14 @@ def serve() -> None:
             reply = {"error": "it asks for more memory than a field can take"}
         except ImportError as error:
             reply = {"error": f"GRIB needs ECMWF's eccodes ({error}): pip install eccodes"}
-        except Exception as error:  # eccodes raises a class for each of its hundred codes
+        except Exception as error:  # eccodes has about a hundred exception classes
             reply = {"error": " ".join(str(error).split())[:120] or type(error).__name__}
         send(answers, reply, data)
     os._exit(0)
 
 
 def _answer(what: str, message: bytes) -> tuple[dict[str, Any], bytes]:
-    """Return, in the process, what eccodes finds in a message."""
+    """Return, in the process, what eccodes reads from a message."""
     import eccodes
 
     handle = eccodes.codes_new_from_message(message)
@@ -202,9 +202,9 @@ def _answer(what: str, message: bytes) -> tuple[dict[str, Any], bytes]:
 
 
 def _present_keys(eccodes: Any, handle: Any, names: tuple[str, ...]) -> dict[str, Any]:
-    """Return those keys that a message has.
+    """Return the keys that a message has.
 
-    A name ends in :d or :i where the key is read as float or integer.
+    A name ends in :d or :i if the key is to be read as float or integer.
     """
     present = {}
     for name in names:

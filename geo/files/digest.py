@@ -1,7 +1,7 @@
-"""Digests of input files: they say what exactly went into a run, whatever the files were called.
+"""Digests of input files, which identify the inputs of a run whatever the files are called.
 
-A thread of their own makes them while the run goes on, once for each file in a process as long as
-it does not change.
+A separate thread computes them during the run, once per file and process as long as the file does
+not change.
 """
 
 import hashlib
@@ -15,46 +15,46 @@ from geo.files import fence
 
 CHUNK = 2**22  # [bytes]
 
-Key = tuple[tuple[str, int, int], ...]  # path, size and time of change of each file
+Key = tuple[tuple[str, int, int], ...]  # path, size and modification time of each file
 
 _digests: dict[Key, "Future[str]"] = {}
 _guard = threading.Lock()
 
 
 def start(paths: Iterable[str]) -> None:
-    """Begin to digest files, and folders such as Zarr stores, and return at once."""
+    """Start computing the digests of files and of folders such as Zarr stores; return at once."""
     new: list[tuple[str, Future[str]]] = []
     with _guard:
         for path in paths:
-            key = _key(path)
+            key = _state_key(path)
             if key is not None and key not in _digests:
                 _digests[key] = Future()
                 new.append((path, _digests[key]))
-    if new:  # a daemon, so that the end of the process does not wait for it
-        threading.Thread(target=_fulfil, args=(new,), name="digest", daemon=True).start()
+    if new:  # a daemon thread, so that the process can end before it
+        threading.Thread(target=_compute_digests, args=(new,), name="digest", daemon=True).start()
 
 
 def digest_of(path: str) -> str:
-    """Return "sha256:..." of the bytes of a file or a folder of files.
+    """Return "sha256:..." of the bytes of a file or a folder of files, when it is computed.
 
-    Raises OSError where it cannot be read.
+    Raises OSError if it cannot be read.
     """
     start([path])
-    key = _key(path)
+    key = _state_key(path)
     if key is None:
         raise FileNotFoundError(path)
     return _digests[key].result()
 
 
 def size(path: str) -> int:
-    """Return how many bytes a file or a folder of files holds."""
-    return sum(os.path.getsize(file) for file in _files(path))
+    """Return the size of a file or a folder of files [bytes]."""
+    return sum(os.path.getsize(file) for file in _files_below(path))
 
 
-def _key(path: str) -> Key | None:
-    """Return what identifies the present state of a file or folder; None where it cannot be read."""
+def _state_key(path: str) -> Key | None:
+    """Return a key for the present state of a file or folder; None if it cannot be read."""
     try:
-        stats = [(file, os.stat(file)) for file in _files(path)]
+        stats = [(file, os.stat(file)) for file in _files_below(path)]
     except (OSError, ValueError):
         return None
     return tuple(
@@ -62,8 +62,8 @@ def _key(path: str) -> Key | None:
     )
 
 
-def _fulfil(promised: list[tuple[str, "Future[str]"]]) -> None:
-    """Digest each path and hand its digest, or the error that it met, to its future."""
+def _compute_digests(promised: list[tuple[str, "Future[str]"]]) -> None:
+    """Compute the digest of each path and set it, or the error, as the result of its future."""
     for path, answer in promised:
         try:
             answer.set_result(_digest(path))
@@ -71,8 +71,8 @@ def _fulfil(promised: list[tuple[str, "Future[str]"]]) -> None:
             answer.set_exception(error)
 
 
-def _files(path: str) -> Iterator[str]:
-    """Give the path itself where it is a file, and all files below it where it is a folder."""
+def _files_below(path: str) -> Iterator[str]:
+    """Yield the path itself if it is a file, or all files below it if it is a folder."""
     if not os.path.isdir(path):
         yield path
         return
@@ -82,7 +82,7 @@ def _files(path: str) -> Iterator[str]:
 def _digest(path: str) -> str:
     fence.check_store(path)
     total = hashlib.sha256()
-    for file in _files(path):
+    for file in _files_below(path):
         if file != path:
             total.update(f"{os.path.relpath(file, path)}\n{os.path.getsize(file)}\n".encode())
         with open(file, "rb") as stream:

@@ -1,10 +1,9 @@
-"""GRIB 1 and 2 as datasets like any other: variables over time, level and a grid, decoded slice by
-slice.
+"""GRIB 1 and 2 as datasets: variables over time, level and a grid, decoded slice by slice.
 
-Fields of one name, type of level and grid become a variable. A level that has other times than the
-others becomes a variable of its own, so that nothing is missing inside a variable. Winds, currents
-and Stokes drift get CF's standard names: those of east and north or, where the message says that
-they count along the grid, those of x and y. Nothing is written to disk.
+Fields with the same name, type of level and grid become a variable. Levels with other times than
+the rest become a variable of their own, so that no variable has gaps. Winds, currents and Stokes
+drift get CF standard names: of eastward and northward components, or of x and y components if the
+message says that they follow the grid. Nothing is written to disk.
 """
 
 from collections.abc import Mapping
@@ -25,8 +24,7 @@ from geo.errors import UserError
 from geo.files import decoder, messages, reference_system
 from geo.files.messages import Message
 
-# Which component a field is: (quantity, side), by short name, and by number where eccodes has no
-# name.
+# Component of a field: (quantity, side), by short name; by number where eccodes has no name.
 NAMED = {
     **{f"{height}{'uv'[k]}": ("wind", k) for k in (0, 1) for height in ("", "10", "100", "200")},
     "u10n": ("wind", 0),
@@ -39,7 +37,7 @@ NAMED = {
     "ust": ("stokes", 0),
     "vst": ("stokes", 1),
 }
-# by (discipline, category, number) in GRIB 2, by (1, number in WMO's own tables) in GRIB 1
+# keys: (discipline, category, number) in GRIB 2, (1, number in WMO's tables) in GRIB 1
 NUMBERED = {
     (0, 2, 2): ("wind", 0),
     (0, 2, 3): ("wind", 1),
@@ -53,7 +51,7 @@ NUMBERED = {
     (1, 50): ("current", 1),
 }
 CALLED = {"wind": ("u", "v"), "current": ("uogrd", "vogrd"), "stokes": ("ust", "vst")}
-STANDARD = {  # CF's standard names along east and north, and along x and y
+STANDARD = {  # CF standard names for east and north, and for x and y
     "wind": (("eastward_wind", "northward_wind"), ("x_wind", "y_wind")),
     "current": (
         ("eastward_sea_water_velocity", "northward_sea_water_velocity"),
@@ -67,7 +65,7 @@ STANDARD = {  # CF's standard names along east and north, and along x and y
         ("sea_surface_wave_stokes_drift_x_velocity", "sea_surface_wave_stokes_drift_y_velocity"),
     ),
 }
-# 10u is at 10 m, whatever type of level GRIB 1 writes
+# 10u is at 10 m, whatever the type of level in GRIB 1
 HEIGHT_IN_NAME = {"10": 10.0, "100": 100.0, "200": 200.0}
 UNVALUED = {"surface", "meanSea", "oceanSurface"}
 UNITS = {
@@ -83,19 +81,19 @@ UNITS = {
 UNROWED = ("sh", "unstructured_grid", "healpix", "triangular_grid")
 # types of level whose value has no unit
 COUNTED = ("sigma", "hybrid", "oceanModel", "oceanModelLayer")
-# code table 4.4
+# code table 4.4: unit of the step [s]
 STEP_SECONDS = {0: 60, 1: 3600, 2: 86_400, 10: 10_800, 11: 21_600, 12: 43_200, 13: 1}
 POSITIVE_UP = ("height", "altitude")
 
 
 @dataclass(frozen=True)
 class Field:
-    """A message and what distinguishes it from the others of its file.
+    """A message, and what distinguishes it from the others of its file.
 
-    name: name of its variable, as far as parameter and type of level decide it; role: (quantity, 0
-    | 1), None for what does not drift anything; kind, level: type of level and its value in the
-    units of UNITS; time, run: valid time and start of the model's run [s since 1970]; begin: of the
-    interval of an average, which ends at `time`, else the same as `time`; grid: type of grid.
+    name: of its variable, as far as parameter and type of level determine it. role: (quantity, 0 |
+    1), None if it is no forcing. kind, level: type of level, and value in the units of UNITS. time,
+    run: valid time and start of the model run [s since 1970]. begin: start of an average's
+    interval, which ends at `time`; otherwise equal to `time`. grid: type of grid.
     """
 
     message: Message
@@ -115,12 +113,12 @@ class Field:
 
 @dataclass(frozen=True)
 class Points:
-    """Where a grid's points lie and how a message's values are brought to them.
+    """Positions of a grid's points, and how a message's values are ordered on them.
 
-    dims: names without suffix; coordinates: {name: (dims, values, attributes)}; mapping: attributes
-    of a projection, or None; shape: (ny, nx); rows: number of points of every row of a reduced
-    grid, empty for others; flags: whether rows alternate in direction, columns come first, and rows
-    run leftwards.
+    dims: names without suffix. coordinates: {name: (dims, values, attributes)}. mapping: attributes
+    of a projection, or None. shape: (ny, nx). rows: number of points in every row of a reduced
+    grid, empty for others. flags: whether rows alternate in direction, columns come first, and rows
+    run from right to left.
     """
 
     dims: tuple[str, str]
@@ -132,9 +130,9 @@ class Points:
 
 
 def open_file(path: str) -> xr.Dataset:
-    """Return the fields of a GRIB file as a dataset whose values are read on demand."""
+    """Return the fields of a GRIB file as a dataset; values are read on demand."""
     names: dict[bytes, dict[str, Any]] = {}
-    fields = [_field(message, names) for message in messages.split_messages(path)]
+    fields = [_build_field(message, names) for message in messages.split_messages(path)]
     if not fields:
         raise UserError(f'"{path}" holds no GRIB message')
     drifting = [f for f in fields if f.role is not None]
@@ -144,15 +142,15 @@ def open_file(path: str) -> xr.Dataset:
             f'"{path}" holds {drifting[0].name} on a grid of type "{drifting[0].grid}", which has no rows and columns: '
             f"convert it to a regular one (cdo remapbil, or grid = 0.25/0.25 where it was retrieved)"
         )
-    orders: dict[bytes, Points] = {}  # points by the bytes that define a grid
+    orders: dict[bytes, Points] = {}  # points for each grid definition (bytes)
     grids: list[Points] = []
-    # number of the grid by these bytes, which differ between the two editions
+    # number of the grid for each definition; the two editions define equal grids differently
     grid_of: dict[bytes, int] = {}
     for field in placed:
         shape = field.message.shape
         if shape not in orders:
-            orders[shape] = _points(field.message)
-            equal = [k for k, grid in enumerate(grids) if _alike(grid, orders[shape])]
+            orders[shape] = _build_points(field.message)
+            equal = [k for k, grid in enumerate(grids) if _same_points(grid, orders[shape])]
             grid_of[shape] = equal[0] if equal else len(grids)
             grids += [] if equal else [orders[shape]]
     variables: dict[str, xr.Variable] = {}
@@ -167,15 +165,15 @@ def open_file(path: str) -> xr.Dataset:
     for field in fields:
         groups.setdefault((field.name, grid_of.get(field.message.shape)), []).append(field)
     for (name, number), group in groups.items():
-        # no quantity of forcing: only its name is needed, to say what the file holds
+        # a grid without rows: only the name is needed, to report what the file holds
         if number is None:
             variables.setdefault(
                 name, xr.Variable(("message",), np.zeros(1), {"long_name": group[0].long_name})
             )
             continue
         several = len([1 for other, k in groups if other == name and k is not None]) > 1
-        # Along latitudes and longitudes both directions are the same: one name keeps another grid
-        # from being preferred.
+        # On latitudes and longitudes grid directions equal east and north. One name for both keeps
+        # this grid from losing to another one.
         if grids[number].dims[0] == "latitude":
             along = any(f.along_grid for f in placed if f.name == name)
             group = [replace(f, along_grid=along) for f in group]
@@ -185,8 +183,8 @@ def open_file(path: str) -> xr.Dataset:
             )
         own_name = f"{name}_grid{number + 1}" if several else name
         fields_at = _fields_at(path, own_name, group)
-        for full_name, block in _blocks(own_name, fields_at).items():
-            variables[full_name] = _variable(
+        for full_name, block in _split_blocks(own_name, fields_at).items():
+            variables[full_name] = _build_variable(
                 variables, group[0], block, orders, grids[number], _suffix(number)
             )
     return xr.Dataset(variables)
@@ -196,10 +194,10 @@ def _suffix(grid: int) -> str:
     return f"_{grid + 1}" if grid else ""
 
 
-def _alike(one: Points, other: Points) -> bool:
-    """Whether two grids have the same points to a hundredth of a cell.
+def _same_points(one: Points, other: Points) -> bool:
+    """Return True if two grids have the same points to a hundredth of a cell.
 
-    They are not compared exactly because edition 1 rounds to a thousandth of a degree.
+    Exact comparison fails, because edition 1 rounds to a thousandth of a degree.
     """
     if (
         one.dims != other.dims
@@ -226,27 +224,27 @@ def _alike(one: Points, other: Points) -> bool:
     return True
 
 
-def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
-    """Return a message with what its header says.
+def _build_field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
+    """Return a message with the contents of its header.
 
-    names: keys already looked up, by product, to which it adds.
+    names: keys already looked up, by product; new ones are added.
     """
     try:
         keys = decoder.keys(message.header)
         if message.product not in names:
             names[message.product] = decoder.names(message.header)
     except decoder.DecodeError as error:
-        raise _damaged(message, error) from error
+        raise _damaged_error(message, error) from error
     keys = keys | names[message.product]
     step = str(keys.get("stepType", "instant"))
     short = str(keys.get("shortName", "unknown"))
     short = short.removeprefix("avg_") if step == "avg" else short
     role = NAMED.get(short) or (
-        NUMBERED.get(_number(message, keys)) if short in ("unknown", "~") else None
+        NUMBERED.get(_parameter_number(message, keys)) if short in ("unknown", "~") else None
     )
     if role is not None and short not in NAMED:
         short = CALLED[role[0]][role[1]]
-    kind, level = _level(message, keys)
+    kind, level = _level_of(message, keys)
     above_ground = role is not None and role[0] == "wind" and short not in ("u", "v")
     if above_ground:
         height = next((h for n, h in HEIGHT_IN_NAME.items() if short in (f"{n}u", f"{n}v")), 10.0)
@@ -259,8 +257,8 @@ def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
     if derived is not None or str(keys.get("dataType", "")) in ("em", "es"):
         mean = derived in (0, 1) or keys.get("dataType") == "em"
         name, drift_role = f"{name}_{'mean' if mean else 'spread'}", drift_role if mean else None
-    run = _seconds(keys.get("dataDate"), keys.get("dataTime"), message)
-    time = _seconds(keys.get("validityDate"), keys.get("validityTime"), message)
+    run = _to_seconds(keys.get("dataDate"), keys.get("dataTime"), message)
+    time = _to_seconds(keys.get("validityDate"), keys.get("validityTime"), message)
     long_name = str(keys.get("name", short))
     return Field(
         message,
@@ -269,43 +267,43 @@ def _field(message: Message, names: dict[bytes, dict[str, Any]]) -> Field:
         kind,
         level,
         time,
-        time - _averaged(keys, step),
+        time - _average_length(keys, step),
         run,
         int(keys.get("perturbationNumber", keys.get("number", 0)) or 0),
-        _along(message, keys),
+        _follows_grid(message, keys),
         str(keys.get("gridType", "unknown")),
         long_name if long_name != "unknown" or role is None else f"{'uv'[role[1]]} of {role[0]}",
         str(keys.get("units", "unknown")),
     )
 
 
-def _averaged(keys: Mapping[str, Any], step: str) -> int:
-    """Return how long the interval of an average is [s]; 0 of what is none, or does not say so."""
+def _average_length(keys: Mapping[str, Any], step: str) -> int:
+    """Return the length of an average's interval [s]; 0 for other fields or if unknown."""
     begin, end, unit = (keys.get(key) for key in ("startStep", "endStep", "stepUnits"))
     if step != "avg" or not isinstance(begin, int) or not isinstance(end, int):
         return 0
     return max(end - begin, 0) * STEP_SECONDS.get(int(unit or 0), 0)
 
 
-def _along(message: Message, keys: Mapping[str, Any]) -> bool:
-    """Whether vectors count along the grid, by bit 5 of the flags.
+def _follows_grid(message: Message, keys: Mapping[str, Any]) -> bool:
+    """Return True if vectors follow the grid, by bit 5 of the flags.
 
-    The key uvRelativeToGrid of eccodes would say the same but does not exist for every grid.
+    eccodes' key uvRelativeToGrid is equivalent but does not exist for every grid.
     """
     if "resolutionAndComponentFlags" not in keys and str(keys.get("gridType")) not in (
         "sh",
         "unstructured_grid",
         "healpix",
     ):
-        raise _damaged(
+        raise _damaged_error(
             message,
             f"a grid of type {keys.get('gridType')} does not say along what its vectors count",
         )
     return bool(int(keys.get("resolutionAndComponentFlags", 0)) & 0x08)
 
 
-def _number(message: Message, keys: Mapping[str, Any]) -> tuple[int, ...]:
-    """Return the parameter's key in NUMBERED; an empty one where a centre's own table defines it."""
+def _parameter_number(message: Message, keys: Mapping[str, Any]) -> tuple[int, ...]:
+    """Return the parameter's key in NUMBERED; empty if a centre's own table defines it."""
     if message.edition == 2:
         return tuple(
             int(keys.get(k, -1)) for k in ("discipline", "parameterCategory", "parameterNumber")
@@ -315,8 +313,8 @@ def _number(message: Message, keys: Mapping[str, Any]) -> tuple[int, ...]:
     return (1, int(keys.get("indicatorOfParameter", -1))) if standard else ()
 
 
-def _level(message: Message, keys: Mapping[str, Any]) -> tuple[str, float]:
-    """Return the type of level and its value in the units that UNITS has for it."""
+def _level_of(message: Message, keys: Mapping[str, Any]) -> tuple[str, float]:
+    """Return the type of level and its value in the units of UNITS."""
     kind = str(keys.get("typeOfLevel", "unknown"))
     value = float(keys.get("level", 0.0))
     scaled, factor = (keys.get(f"scale{k}OfFirstFixedSurface") for k in ("dValue", "Factor"))
@@ -334,7 +332,7 @@ def _level(message: Message, keys: Mapping[str, Any]) -> tuple[str, float]:
     return kind, value
 
 
-def _seconds(date: Any, time: Any, message: Message) -> int:
+def _to_seconds(date: Any, time: Any, message: Message) -> int:
     """Return a date (20261121) and a time (1830) of a message as seconds since 1970."""
     try:
         day = np.datetime64(
@@ -342,10 +340,10 @@ def _seconds(date: Any, time: Any, message: Message) -> int:
         )
         return int(day.astype(np.int64)) + int(time) // 100 * 3600 + int(time) % 100 * 60
     except (TypeError, ValueError) as error:
-        raise _damaged(message, f"its date is {date} {time}") from error
+        raise _damaged_error(message, f"its date is {date} {time}") from error
 
 
-def _damaged(message: Message, why: object) -> UserError:
+def _damaged_error(message: Message, why: object) -> UserError:
     if "eccodes" in str(why) and "pip install" in str(why):
         return UserError(f'"{message.path}": {why}')
     return UserError(
@@ -353,34 +351,34 @@ def _damaged(message: Message, why: object) -> UserError:
     )
 
 
-def _points(message: Message) -> Points:
+def _build_points(message: Message) -> Points:
     """Return the points of a message's grid.
 
-    They are axes, a projection's plane, or longitudes and latitudes point by point.
+    They are axes of latitude and longitude, axes of a projection, or 2-D coordinates.
     """
     try:
         keys, lat, lon = decoder.points(messages.whole(message))
     except decoder.DecodeError as error:
-        raise _damaged(message, error) from error
+        raise _damaged_error(message, error) from error
     east, north = (
         {"standard_name": n, "units": f"degrees_{d}"}
         for n, d in (("longitude", "east"), ("latitude", "north"))
     )
     if "pl" in keys:
-        return _reduced(message, tuple(keys["pl"]), lon, lat, east, north)
+        return _extend_reduced(message, tuple(keys["pl"]), lon, lat, east, north)
     nx, ny = (int(keys.get(a, keys.get(b, 0)) or 0) for a, b in (("Ni", "Nx"), ("Nj", "Ny")))
     if nx < 1 or ny < 1 or nx * ny != lat.size:
-        raise _damaged(message, f"{lat.size} points on a grid of {nx} x {ny}")
+        raise _damaged_error(message, f"{lat.size} points on a grid of {nx} x {ny}")
     flags = tuple(
         bool(keys.get(k, 0))
         for k in ("alternativeRowScanning", "jPointsAreConsecutive", "iScansNegatively")
     )
     ordered = Points(("y", "x"), {}, None, (ny, nx), (), (flags[0], flags[1], flags[2]))
-    # The points come from eccodes in rows of one direction, also where rows of values alternate.
+    # eccodes returns points with all rows in one direction, even if rows of values alternate.
     placed = replace(ordered, flags=(False, flags[1], flags[2]))
-    lon, lat = _arranged(lon, placed), _arranged(lat, placed)
+    lon, lat = _arrange_rows(lon, placed), _arrange_rows(lat, placed)
     if not (np.isfinite(lon).all() and np.isfinite(lat).all()):
-        raise _damaged(message, "points without a longitude and latitude")
+        raise _damaged_error(message, "points without a longitude and latitude")
     turn = sphere.wrap_degrees(lon - lon[:1])
     if np.abs(turn).max() < 1e-6 and np.ptp(lat, axis=1).max() < 1e-6:
         coordinates = {
@@ -388,7 +386,7 @@ def _points(message: Message) -> Points:
             "longitude": (("longitude",), lon[0], east),
         }
         return Points(("latitude", "longitude"), coordinates, None, (ny, nx), (), ordered.flags)
-    plane = _plane(keys, lon, lat)
+    plane = _fit_projection(keys, lon, lat)
     if plane is None:
         points = {"latitude": (("y", "x"), lat, north), "longitude": (("y", "x"), lon, east)}
         return Points(("y", "x"), points, None, (ny, nx), (), ordered.flags)
@@ -407,14 +405,14 @@ def _points(message: Message) -> Points:
     return Points(("y", "x"), axes, mapping, (ny, nx), (), ordered.flags)
 
 
-def _plane(
+def _fit_projection(
     keys: Mapping[str, Any], lon: Real, lat: Real
 ) -> tuple[dict[str, Any], Real, Real] | None:
     """Return a projection's attributes and axes.
 
-    Returns None where they miss the points by over a thousandth of a cell.
+    None if they miss the points by more than a thousandth of a cell.
     """
-    mapping = _mapping(keys)
+    mapping = _projection_attributes(keys)
     if mapping is None or min(lon.shape) < 2:
         return None
     crs = reference_system.parse_reference_system(mapping)
@@ -437,10 +435,10 @@ def _plane(
     return mapping, axis_x, axis_y
 
 
-def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Return CF's attributes of a grid's projection;
+def _projection_attributes(keys: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return the CF attributes of a grid's projection.
 
-    None where the grid has none, or keys are missing.
+    None if the grid has none, or keys are missing.
     """
     kind, number = (
         str(keys.get("gridType", "")),
@@ -489,7 +487,7 @@ def _mapping(keys: Mapping[str, Any]) -> dict[str, Any] | None:
     return None if any(v is None for v in flat) else projection | earth
 
 
-def _reduced(
+def _extend_reduced(
     message: Message,
     rows: tuple[int, ...],
     lon: Real,
@@ -497,9 +495,9 @@ def _reduced(
     east: dict[str, str],
     north: dict[str, str],
 ) -> Points:
-    """Return the points of a reduced grid filled up to a rectangle.
+    """Return the points of a reduced grid, extended to a rectangle.
 
-    Every row then starts at longitude 0 and is as long as the longest.
+    Every row then starts at longitude 0 and has as many points as the longest.
     """
     starts = np.concatenate(([0], np.cumsum(rows)))
     complete = min(rows, default=0) > 1 and starts[-1] == lat.size
@@ -524,10 +522,8 @@ def _reduced(
     )
 
 
-def _arranged(values: Real, grid: Points) -> Real:
-    """Return values in a message's order as rows (ny, nx), in which columns grow along the grid's
-    own i.
-    """
+def _arrange_rows(values: Real, grid: Points) -> Real:
+    """Return values in a message's order as rows (ny, nx), with columns along the grid's i."""
     ny, nx = grid.shape
     if grid.rows:
         result, start = np.empty(grid.shape), 0
@@ -535,7 +531,7 @@ def _arranged(values: Real, grid: Points) -> Real:
             position = np.arange(nx) * (count / nx)
             ordered, i = values[start : start + count], np.floor(position + 1e-9).astype(int)
             share = np.clip(position - i, 0.0, 1.0)
-            # A missing neighbour whose weight is 0 must not make the value missing
+            # a missing neighbour with weight 0 must not make the value missing
             right = np.where(share > 0, ordered[(i + 1) % count], 0.0)
             result[row] = ordered[i % count] * (1 - share) + right * share
             start += count
@@ -548,21 +544,23 @@ def _arranged(values: Real, grid: Points) -> Real:
     return np.ascontiguousarray(result[:, ::-1] if leftwards else result)
 
 
-class Values(BackendArray):  # xarray demands a subclass of its own
-    """The values of a variable: each message is decoded when a part of it is asked for."""
+class Values(BackendArray):  # xarray accepts only subclasses of BackendArray
+    """The values of a variable; a message is decoded when a part of it is read."""
 
     def __init__(
         self, fields: "NDArray[np.object_]", orders: Mapping[bytes, Points], points: tuple[int, int]
     ) -> None:
-        """fields: messages over the dimensions before the horizontal ones; orders: points by each
-        message's shape.
+        """Set the messages and their points.
+
+        fields: messages over the leading dimensions; orders: points by grid definition; points:
+        shape (ny, nx) of the grid.
         """
         self.fields, self.orders, self.points = fields, orders, points
         self.shape = fields.shape + points
         self.dtype = np.dtype(np.float64)
 
     def __getitem__(self, key: Any) -> Any:
-        """Return the part that an indexer of xarray's asks for."""
+        """Return the part that an xarray indexer selects."""
         return indexing.explicit_indexing_adapter(
             key, self.shape, indexing.IndexingSupport.BASIC, self._part
         )
@@ -582,26 +580,25 @@ def _read(message: Message, orders: Mapping[bytes, Points]) -> Real:
     """Return the values of a message on its grid, shape (ny, nx)."""
     points = orders[message.shape]
     try:
-        values = _decoded(messages.whole(message))
+        values = _decode(messages.whole(message))
     except decoder.DecodeError as error:
-        raise _damaged(message, error) from error
+        raise _damaged_error(message, error) from error
     expected = sum(points.rows) if points.rows else points.shape[0] * points.shape[1]
     if values.size != expected:
-        raise _damaged(message, f"{values.size} values for {expected} points")
-    return _arranged(values, points)
+        raise _damaged_error(message, f"{values.size} values for {expected} points")
+    return _arrange_rows(values, points)
 
 
-@lru_cache(maxsize=4)  # a window across the seam is read in two parts, for each of two components
-def _decoded(message: bytes) -> Real:
+@lru_cache(maxsize=4)  # a window across the seam is read in two parts, for two components
+def _decode(message: bytes) -> Real:
     return decoder.values(message)
 
 
 @dataclass(frozen=True)
 class Block:
-    """Messages of one variable over members, times [s since 1970] and levels, shape (members,
-    times, levels).
+    """Messages of one variable, shape (members, times, levels); times in [s since 1970].
 
-    begins: of the intervals of averages [s since 1970], which end at `times`; else the same as
+    begins: starts of averages' intervals [s since 1970], which end at `times`; otherwise equal to
     `times`.
     """
 
@@ -613,9 +610,9 @@ class Block:
 
 
 def _fields_at(path: str, name: str, group: list[Field]) -> dict[tuple[int, float, int], Field]:
-    """Return fields of one name by (member, level, time).
+    """Return the fields of one name by (member, level, time).
 
-    Raises UserError where two with other values share a place.
+    Raises UserError if two different fields have the same key.
     """
     fields_at: dict[tuple[int, float, int], Field] = {}
     for field in group:
@@ -629,21 +626,18 @@ def _fields_at(path: str, name: str, group: list[Field]) -> dict[tuple[int, floa
             continue
         raise UserError(
             f'"{path}" gives {name} at {field.level:g} {UNITS.get(field.kind, "")} ({field.kind}) twice for '
-            f"{_time(field.time)} (messages {first.message.number} and {field.message.number}, of the runs of "
-            f"{_time(first.run)} and {_time(field.run)}): take one out (grib_copy -w dataDate=...,dataTime=...)"
+            f"{_format_time(field.time)} (messages {first.message.number} and {field.message.number}, of the runs of "
+            f"{_format_time(first.run)} and {_format_time(field.run)}): take one out (grib_copy -w dataDate=...,dataTime=...)"
         )
     return fields_at
 
 
-def _time(seconds: int) -> str:
+def _format_time(seconds: int) -> str:
     return str(np.datetime64(seconds, "s").astype("datetime64[m]")).replace("T", " ")
 
 
-def _blocks(name: str, fields_at: Mapping[tuple[int, float, int], Field]) -> dict[str, Block]:
-    """Return the blocks into which fields of one name, type of level and grid divide, by own name.
-
-    A block has no gaps.
-    """
+def _split_blocks(name: str, fields_at: Mapping[tuple[int, float, int], Field]) -> dict[str, Block]:
+    """Return the blocks without gaps into which a variable's fields divide, by variable name."""
     places_of: dict[float, set[tuple[int, int]]] = {}  # (member, time) by level
     for member, level, time in fields_at:
         places_of.setdefault(level, set()).add((member, time))
@@ -670,7 +664,7 @@ def _blocks(name: str, fields_at: Mapping[tuple[int, float, int], Field]) -> dic
     return blocks
 
 
-def _variable(
+def _build_variable(
     variables: dict[str, xr.Variable],
     field: Field,
     block: Block,
@@ -678,9 +672,9 @@ def _variable(
     grid: Points,
     suffix: str,
 ) -> xr.Variable:
-    """Return a block of messages as a variable; coordinates that it needs are added to `variables`.
+    """Return a block of messages as a variable; missing coordinates are added to `variables`.
 
-    field: any of the block's, for what they have in common; suffix: of the grid's names.
+    field: any field of the block, for common properties; suffix: of the grid's names.
     """
     attributes: dict[str, Any] = {"long_name": field.long_name, "GRIB_typeOfLevel": field.kind}
     if field.units not in ("unknown", "~"):
@@ -693,9 +687,9 @@ def _variable(
         }
     about_time = {"standard_name": "time", "units": "seconds since 1970-01-01"}
     if block.begins == block.times:
-        dims = [_coordinate(variables, "time", np.array(block.times, np.int64), about_time)]
+        dims = [_add_coordinate(variables, "time", np.array(block.times, np.int64), about_time)]
     else:
-        dims = [_time_of_means(variables, block, about_time)]
+        dims = [_add_time_of_means(variables, block, about_time)]
         attributes["cell_methods"] = f"{dims[0]}: mean"
     scalars: list[str] = []
     single_level = len(block.levels) == 1
@@ -705,7 +699,7 @@ def _variable(
         about_level["long_name"] = f"GRIB level {field.kind}"
         if field.kind == "sigma":
             about_level["standard_name"] = "atmosphere_sigma_coordinate"
-        level = _coordinate(
+        level = _add_coordinate(
             variables, field.kind, np.array(block.levels), about_level, single_level
         )
         (scalars if single_level else dims).append(level)
@@ -713,7 +707,7 @@ def _variable(
             attributes["GRIB_level"] = block.levels[0]
     if len(block.members) > 1:
         about_member = {"long_name": "member of an ensemble"}
-        dims.insert(0, _coordinate(variables, "member", np.array(block.members), about_member))
+        dims.insert(0, _add_coordinate(variables, "member", np.array(block.members), about_member))
     fields = block.messages[:, :, 0] if single_level else block.messages
     fields = fields if len(block.members) > 1 else fields[0]
     attributes["coordinates"] = " ".join(scalars)
@@ -724,8 +718,10 @@ def _variable(
     return xr.Variable(dims, values, attributes)
 
 
-def _time_of_means(variables: dict[str, xr.Variable], block: Block, about: dict[str, str]) -> str:
-    """Return the name of a time axis with bounds; it is added where there is none yet."""
+def _add_time_of_means(
+    variables: dict[str, xr.Variable], block: Block, about: dict[str, str]
+) -> str:
+    """Return the name of a time axis with the block's bounds; add it if it is absent."""
     ends, bounds = (
         np.array(block.times, np.int64),
         np.array([block.begins, block.times], np.int64).T,
@@ -742,14 +738,14 @@ def _time_of_means(variables: dict[str, xr.Variable], block: Block, about: dict[
         number += 1
 
 
-def _coordinate(
+def _add_coordinate(
     variables: dict[str, xr.Variable],
     name: str,
     values: NDArray[Any],
     attributes: dict[str, str],
     scalar: bool = False,
 ) -> str:
-    """Return the name of a coordinate with these values; it is added where there is none yet."""
+    """Return the name of a coordinate with these values; add it if it is absent."""
     number = 1
     while True:
         own_name = name if number == 1 else f"{name}_{number}"

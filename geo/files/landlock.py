@@ -1,9 +1,8 @@
-"""Files that this process and its children may read and write, held by the kernel: Linux' Landlock
-(5.19 or later).
+"""Kernel restriction of the files that this process and its children may open (Landlock).
 
-`geo.files.fence` looks at the names that a case gives. What a library opens by itself, such as the
-external links and external storage of a netCDF-4 file, it never sees: the kernel does. Names of
-files can still be listed and asked about.
+It needs Linux 5.19 or later. `geo.files.fence` checks the names in a case, but cannot see files
+that a library opens by itself, such as external links and external storage of netCDF-4 files; the
+kernel can. Files can still be listed, and their attributes read.
 """
 
 import contextlib
@@ -17,15 +16,15 @@ from pathlib import Path
 
 import platformdirs
 
-# numbers of the calls, on every architecture below
+# numbers of the system calls, on every architecture below
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446
 ARCHITECTURES = {"x86_64", "aarch64", "riscv64", "ppc64le", "s390x", "loongarch64"}
-VERSION = 1  # of CREATE_RULESET: asks which version the kernel has
-LEAST = 2  # version: the first could rename nothing from one folder into another
+VERSION = 1  # flag of CREATE_RULESET that asks for the kernel's version of Landlock
+LEAST = 2  # least useful version: the first one forbids renaming between folders
 # REFER, renaming into another folder, is forbidden unless a rule allows it
 READ_FILE, REFER = 1 << 2, 1 << 13
 WRITE_FILE, TRUNCATE = 1 << 1, 1 << 14  # TRUNCATE from version 3 on
-# files and folders; devices, folders, files, sockets, pipes and links
+# removing files and folders; making devices, folders, files, sockets, pipes and links
 REMOVE, MAKE = 0b11 << 4, 0b1111111 << 6
 DEVICES = 1 << 6 | 1 << 11
 PATH_BENEATH = 1  # kind of rule
@@ -70,8 +69,8 @@ SYSTEM = (
 )
 WRITABLE = ("/dev/null", "/dev/zero", "/dev/full")
 CACHES = ("casp-drift", "matplotlib", "taichi")
-CACHE_VARIABLES = ("DRIFT_CACHE", "MPLCONFIGDIR", "TI_OFFLINE_CACHE_FILE_PATH")  # that name caches
-VARIABLES = (  # that name files
+CACHE_VARIABLES = ("DRIFT_CACHE", "MPLCONFIGDIR", "TI_OFFLINE_CACHE_FILE_PATH")  # folders of caches
+VARIABLES = (  # variables that hold paths of files
     *CACHE_VARIABLES,
     "ECCODES_DEFINITION_PATH",
     "PROJ_DATA",
@@ -84,12 +83,12 @@ VARIABLES = (  # that name files
 
 
 def version() -> int:
-    """Return the version of Landlock here, 0 where there is none, or one of no use."""
+    """Return the version of Landlock, 0 if there is none or it is too old."""
     if sys.platform != "linux" or os.uname().machine not in ARCHITECTURES or sys.maxsize < 2**32:
         return 0
     try:
         found = _call(CREATE_RULESET, None, 0, VERSION)
-    except OSError:  # a kernel without, or a container that forbids it
+    except OSError:  # a kernel without Landlock, or a container that forbids it
         return 0
     return found if found >= LEAST else 0
 
@@ -97,25 +96,35 @@ def version() -> int:
 def enclose(
     folders: Iterable[Path], program: Iterable[Path] = (), writable: Iterable[Path] = ()
 ) -> bool:
-    """Let this thread, and what it starts from now on, open no other files than these.
+    """Restrict this thread and everything it starts from now on to certain files.
 
-    It reads files in folders, of a program and what Python needs; it makes, writes, renames and
-    removes files in writable folders and in the caches. Call it before other threads are started.
-    Files that are open already stay so. Returns whether the kernel holds it, False where it has no
-    Landlock; raises OSError where it has Landlock but fails.
+    It may read files in `folders`, of `program` and of Python; it may make, write, rename and
+    remove files in `writable` folders and in caches. Call it before other threads start. Files that
+    are already open stay accessible.
+
+    Args:
+        folders: with files of the case.
+        program: files and folders of a program.
+        writable: folders for output.
+
+    Returns:
+        True if the kernel enforces it, False if it has no Landlock.
+
+    Raises:
+        OSError: the kernel has Landlock, but the call failed.
     """
-    held = version()
-    if not held:
+    kernel_version = version()
+    if not kernel_version:
         return False
     folders = list(folders)
-    writing = WRITE_FILE | REMOVE | MAKE | (TRUNCATE if held >= 3 else 0)
+    writing = WRITE_FILE | REMOVE | MAKE | (TRUNCATE if kernel_version >= 3 else 0)
     rules = _call(CREATE_RULESET, struct.pack("=Q", READ_FILE | REFER | writing), 8, 0)
     try:
-        _allow(rules, Path("/"), REFER)
+        _add_rule(rules, Path("/"), REFER)
         for path in (*folders, *program, *_own(folders)):
-            _allow(rules, path, READ_FILE)
-        for path in (*writable, *_caches(), *map(Path, WRITABLE)):
-            _allow(rules, path, READ_FILE | writing & ~DEVICES)
+            _add_rule(rules, path, READ_FILE)
+        for path in (*writable, *_cache_folders(), *map(Path, WRITABLE)):
+            _add_rule(rules, path, READ_FILE | writing & ~DEVICES)
         if ctypes.CDLL(None).prctl(NO_NEW_PRIVILEGES, *map(ctypes.c_ulong, (1, 0, 0, 0))):
             raise OSError("no process may restrict itself here")
         _call(RESTRICT_SELF, rules, 0)
@@ -124,10 +133,8 @@ def enclose(
     return True
 
 
-def _caches() -> Iterable[Path]:
-    """Return the folders of caches, made where they can be: a folder that is not there can have no
-    rule.
-    """
+def _cache_folders() -> Iterable[Path]:
+    """Yield the cache folders, made if possible: a rule needs an existing folder."""
     named = [os.environ.get(name) for name in CACHE_VARIABLES]
     for path in (*filter(None, named), *(platformdirs.user_cache_dir(name) for name in CACHES)):
         with contextlib.suppress(OSError):
@@ -136,15 +143,15 @@ def _caches() -> Iterable[Path]:
 
 
 def _own(folders: list[Path]) -> Iterable[Path]:
-    """Return what Python, its libraries and their caches need.
+    """Yield the files and folders that Python, its libraries and their caches need.
 
-    A place where modules are looked for that holds the home folder or a folder of the fence is left
-    out: it is where somebody happened to start Python.
+    Module folders that contain the home folder or an allowed folder are left out: somebody merely
+    started Python there.
     """
     yield from map(Path, SYSTEM)
-    # where it is not there and cannot be made, Matplotlib
+    # If this folder does not exist and cannot be made, Matplotlib builds its cache in a temporary
+    # folder each time.
     settings = Path(platformdirs.user_config_dir("matplotlib"))
-    # puts its cache into a temporary folder, and makes it again each time
     with contextlib.suppress(OSError):
         settings.mkdir(parents=True, exist_ok=True)
     yield settings
@@ -162,15 +169,15 @@ def _own(folders: list[Path]) -> Iterable[Path]:
             yield real
 
 
-def _allow(rules: int, path: Path, access: int) -> None:
-    """Add a rule for a file, or for all in a folder; what is not there needs none."""
+def _add_rule(rules: int, path: Path, access: int) -> None:
+    """Add a rule for a file, or for everything in a folder; absent paths need none."""
     try:
         place = os.open(path, os.O_PATH | os.O_CLOEXEC)
     except OSError:
         return
     try:
         if not stat.S_ISDIR(os.fstat(place).st_mode):
-            # the kernel rejects rules of a file about others
+            # the kernel rejects folder rights in a rule for a file
             access &= READ_FILE | WRITE_FILE | TRUNCATE
         _call(ADD_RULE, rules, PATH_BENEATH, struct.pack("=Qi", access, place), 0)
     finally:

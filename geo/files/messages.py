@@ -1,9 +1,9 @@
-"""Cutting a GRIB file into messages of one field each, by the lengths of their sections alone.
+"""Split a GRIB file into messages of one field each, using only the lengths of sections.
 
-GRIB 2 may put several fields into a message (NCEP does with u and v): each is cut out with the
-sections that it shares. A header, which is a field without its values, is cut out as well, so that
-an index of a large file needs no values. A file whose lengths do not add up is damaged and is
-refused: a message that is passed over would be a hole in time.
+GRIB 2 may put several fields into one message (NCEP does so with u and v); each field is extracted
+with the sections that it shares. So is its header, a field without values, so that an index of a
+large file reads no values. A file whose lengths do not add up is damaged and is rejected: a skipped
+message would be a gap in time.
 """
 
 import mmap
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from geo.errors import UserError
 
-LOOK = 4096  # [bytes] at the start of a file within which its first message begins
-HEADING = 256  # [bytes] that may stand between two messages, such as the heading of a bulletin
+LOOK = 4096  # [bytes] at the start of a file within which the first message must begin
+HEADING = 256  # [bytes] allowed between two messages, for instance a bulletin heading
 END = b"7777"
 
 
@@ -20,10 +20,9 @@ END = b"7777"
 class Message:
     """One field of a file.
 
-    number: counted from 1; edition: 1 or 2; parts: (start, end) [bytes] of the pieces from which it
-    is joined; header: its bytes without the values; shape: bytes of the section that defines the
-    grid; product: bytes that say which field it is, the same at all times and on all pressure
-    levels.
+    number: counted from 1. edition: 1 or 2. parts: (start, end) [bytes] of the pieces that form it.
+    header: its bytes without values. shape: bytes of the section that defines the grid. product:
+    bytes that identify the field, equal at all times and on all pressure levels.
     """
 
     path: str
@@ -36,14 +35,14 @@ class Message:
 
 
 def is_grib(path: str) -> bool:
-    """Whether a file holds a GRIB message near its start."""
+    """Return True if a file has a GRIB message near its start."""
     with open(path, "rb") as file:
         start = file.read(LOOK)
     return b"GRIB" in start and not start.startswith((b"CDF", b"\x89HDF"))
 
 
 def split_messages(path: str) -> list[Message]:
-    """Return the messages of a file in the order in which they stand there."""
+    """Return the messages of a file in file order; raise UserError if the file is damaged."""
     messages: list[Message] = []
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         end, position = len(data), 0
@@ -57,9 +56,9 @@ def split_messages(path: str) -> list[Message]:
             try:
                 edition = data[start + 7]
                 if edition == 1:
-                    position, fields = _first_edition(data, start)
+                    position, fields = _split_edition_1(data, start)
                 elif edition == 2:
-                    position, fields = _second_edition(data, start)
+                    position, fields = _split_edition_2(data, start)
                 else:
                     raise ValueError(f"edition {edition}")
             except (ValueError, IndexError) as error:
@@ -83,11 +82,11 @@ def whole(message: Message) -> bytes:
         for start, end in message.parts:
             file.seek(start)
             pieces.append(file.read(end - start))
-    return pieces[0] if message.edition == 1 else _second_whole(pieces)
+    return pieces[0] if message.edition == 1 else _join_edition_2(pieces)
 
 
 def _check_gap(gap: bytes, size: int, path: str, position: int) -> None:
-    """Raise where bytes between two messages are more than a heading and other than blanks."""
+    """Raise UserError if the bytes between two messages are neither a short heading nor blank."""
     if size <= HEADING or not gap.strip(b"\0 \r\n\t"):
         return
     raise UserError(
@@ -95,36 +94,34 @@ def _check_gap(gap: bytes, size: int, path: str, position: int) -> None:
     )
 
 
-# parts, header, shape and product of a Message
+# `parts`, `header`, `shape` and `product` of a Message
 Field = tuple[tuple[tuple[int, int], ...], bytes, bytes, bytes]
 
 
-def _length(data: mmap.mmap, position: int, size: int, end: int) -> int:
-    """Return the number of `size` bytes at a position; raise ValueError where they lie beyond
-    `end`.
-    """
+def _read_number(data: mmap.mmap, position: int, size: int, end: int) -> int:
+    """Return the number of `size` bytes at a position; raise ValueError if they exceed `end`."""
     if position + size > end:
         raise ValueError("a section beyond its end")
     return int.from_bytes(data[position : position + size], "big")
 
 
-def _first_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
-    """Return where a message of GRIB 1 ends, and its one field."""
-    size, end = _length(data, start + 4, 3, len(data)), len(data)
+def _split_edition_1(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
+    """Return the end of a GRIB 1 message, and its only field."""
+    size, end = _read_number(data, start + 4, 3, len(data)), len(data)
     position = start + 8
-    product = _length(data, position, 3, end)
+    product = _read_number(data, position, 3, end)
     present = data[position + 7]
     position += product
     shape = b""
-    for bit in (0x80, 0x40):  # which say that there are a grid and a bitmap
+    for bit in (0x80, 0x40):  # flags of a grid section and a bitmap section
         if present & bit:
-            section = _length(data, position, 3, end)
+            section = _read_number(data, position, 3, end)
             if section < 6 or position + section > end:
                 raise ValueError(f"a section of {section} bytes")
             shape = data[position : position + section] if bit == 0x80 else shape
             position += section
-    values = _length(data, position, 3, end)
-    # above 8 MiB ECMWF counts in units of 120 bytes, less the number `values`
+    values = _read_number(data, position, 3, end)
+    # above 8 MiB ECMWF counts in units of 120 bytes, minus the number `values`
     if size & 0x800000 and values < 120:
         size = (size & 0x7FFFFF) * 120 - values + 4
     stop = start + size
@@ -152,9 +149,9 @@ def _first_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
     ]
 
 
-def _second_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
-    """Return where a message of GRIB 2 ends, and its fields."""
-    size = _length(data, start + 8, 8, len(data))
+def _split_edition_2(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
+    """Return the end of a GRIB 2 message, and its fields."""
+    size = _read_number(data, start + 8, 8, len(data))
     stop = start + size
     if stop > len(data) or size < 20 or data[stop - 4 : stop] != END:
         raise ValueError("its end is not where its length says")
@@ -162,14 +159,14 @@ def _second_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
     fields: list[Field] = []
     position, before = start + 16, 0
     while position < stop - 4:
-        section, kind = _length(data, position, 4, stop), data[position + 4]
+        section, kind = _read_number(data, position, 4, stop), data[position + 4]
         if section < 5 or position + section > stop - 4 or not 1 <= kind <= 7:
             raise ValueError(f"section {kind} of {section} bytes")
         if kind <= before and before != 7:
             raise ValueError(f"section {kind} after section {before}")
         bitmap = last.get(6)
         last[kind] = (position, position + section)
-        # 254: as in the field before
+        # 254: the previous field's bitmap applies
         if kind == 6 and data[position + 5] == 254 and bitmap is not None:
             last[6] = bitmap
         if kind == 7:
@@ -179,7 +176,7 @@ def _second_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
             sections = [last[k] for k in (1, 2, 3, 4, 5, 6, 7) if k in last]
             # the header gets an empty bitmap and no values
             pieces = [data[a:b] for a, b in sections[:-2]]
-            header = _second_whole(
+            header = _join_edition_2(
                 [data[start : start + 16], *pieces, b"\0\0\0\x06\x06\xff", b"\0\0\0\x05\x07"]
             )
             identity = bytearray(data[slice(*last[4])])
@@ -201,7 +198,7 @@ def _second_edition(data: mmap.mmap, start: int) -> tuple[int, list[Field]]:
     return stop, fields
 
 
-def _second_whole(pieces: list[bytes]) -> bytes:
-    """Return a message of GRIB 2 joined from its sections, with its own length."""
+def _join_edition_2(pieces: list[bytes]) -> bytes:
+    """Return a GRIB 2 message joined from its sections, with its length updated."""
     body = b"".join(pieces[1:]) + END
     return pieces[0][:8] + (16 + len(body)).to_bytes(8, "big") + body

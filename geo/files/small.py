@@ -1,6 +1,6 @@
-"""Reading small files that users write (cases, tracks, shorelines) whole.
+"""Read small files that users write (cases, tracks, shorelines) completely.
 
-A file is read only once it is sure that reading will end.
+A file is read only if reading is sure to end.
 """
 
 import errno
@@ -16,9 +16,14 @@ LARGEST = 64 * 2**20  # [bytes]
 def contents(path: Path, largest: int = LARGEST) -> bytes:
     """Return the bytes of a file.
 
-    Raises OSError, with a strerror in words for users, where the file cannot be read, is a pipe or
-    a device (which might wait or go on for ever), or has more than `largest` bytes; UserError where
-    it may not be read (`geo.files.fence`).
+    Args:
+        path: of the file.
+        largest: size limit [bytes].
+
+    Raises:
+        OSError: with a strerror for users; the file cannot be read, is too large, or is a pipe or
+            device, from which reading might never end.
+        UserError: the file may not be read (`geo.files.fence`).
     """
     fence.check(path)
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -38,6 +43,6 @@ def contents(path: Path, largest: int = LARGEST) -> bytes:
             data = file.read(largest + 1)
     finally:
         os.close(handle)
-    if len(data) > largest:  # it has grown since, as files of /proc may
+    if len(data) > largest:  # it has grown since, as files in /proc may
         raise OSError(errno.EFBIG, f"it has more than {largest // 2**20} MiB")
     return data

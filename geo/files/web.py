@@ -1,7 +1,7 @@
-"""Questions to web servers: bounded in time and size, each way in which they fail told in one line.
+"""Requests to web servers, limited in time and size, with a one-line message for every failure.
 
-Names and passwords come from ~/.netrc alone, go only to the machine that stands there, and are told
-to nobody.
+Names and passwords come only from ~/.netrc, are sent only to the machine named there, and appear in
+no message.
 """
 
 import functools
@@ -19,25 +19,32 @@ from urllib.parse import urlsplit
 from geo.errors import UserError
 from geo.files import fence
 
-# EAI_AGAIN may pass
+# EAI_AGAIN is not among them: it is a temporary failure
 NO_NAME = {socket.EAI_NONAME, getattr(socket, "EAI_NODATA", socket.EAI_NONAME)}
 BLOCK = 2**16  # [bytes] read at once
-SAFE = ("127.0.0.1", "localhost", "::1")  # machines to which a password may go unencrypted
+SAFE = ("127.0.0.1", "localhost", "::1")  # hosts to which a password may be sent unencrypted
 
 
 class Passing(Exception):
-    """A failure that may pass: the server is down, slow, or sent half an answer."""
+    """A temporary failure: the server is down, slow, or sent an incomplete answer."""
 
 
 def get(address: str, timeout: float, most: int) -> bytes:
-    """Return what an address answers, whole.
+    """Return the complete answer of an address.
 
-    timeout [s]: for each wait, and ten times that for all; most [bytes]. Raises UserError for what
-    stays as it is, Passing for what may pass.
+    Args:
+        address: to request.
+        timeout: longest wait for the server's next bytes [s]; the whole answer may take ten times
+            as long.
+        most: largest answer [bytes].
+
+    Raises:
+        UserError: a permanent failure.
+        Passing: a temporary failure.
     """
     until = time.monotonic() + 10 * timeout
-    asked, address = address, address.partition("?")[0]  # in messages
-    with _answer(asked, timeout) as answer:
+    full_address, address = address, address.partition("?")[0]  # in messages
+    with _open_answer(full_address, timeout) as answer:
         length = answer.headers.get("Content-Length")
         content = bytearray()
         while block := answer.read1(BLOCK):
@@ -51,7 +58,9 @@ def get(address: str, timeout: float, most: int) -> bytes:
                     f'"{address}" sends too slowly: {len(content):,} bytes in {10 * timeout:g} s'
                 )
     if length is not None and length.isdecimal() and len(content) != int(length):
-        raise Passing(f'"{address}" sent half: {len(content):,} of {int(length):,} bytes')
+        raise Passing(
+            f'"{address}" sent an incomplete answer: {len(content):,} of {int(length):,} bytes'
+        )
     if content[:512].lstrip().lower().startswith((b"<!doctype html", b"<html")):
         raise UserError(
             f'"{address}" sent a web page in place of data: it may ask for a login, or be under repair'
@@ -60,8 +69,8 @@ def get(address: str, timeout: float, most: int) -> bytes:
 
 
 @contextmanager
-def _answer(address: str, timeout: float) -> Iterator[Any]:
-    """Give the answer of a server, or raise in one line what it says in place of one."""
+def _open_answer(address: str, timeout: float) -> Iterator[Any]:
+    """Yield the answer of a server, or raise an error with a one-line message."""
     request = urllib.request.Request(address, headers={"User-Agent": "casp-drift"})
     address = address.partition("?")[0]
     _authorize(request)
@@ -70,7 +79,7 @@ def _answer(address: str, timeout: float) -> Iterator[Any]:
             yield answer
     except urllib.error.HTTPError as error:
         error.close()
-        raise _refusal(address, error.code, error.reason) from None
+        raise _status_error(address, error.code, error.reason) from None
     except TimeoutError:
         raise Passing(f'"{address}" did not answer for {timeout:g} s') from None
     except urllib.error.URLError as error:
@@ -79,23 +88,23 @@ def _answer(address: str, timeout: float) -> Iterator[Any]:
         if isinstance(error.reason, socket.gaierror) and error.reason.errno in NO_NAME:
             host = urlsplit(request.full_url).hostname
             raise UserError(
-                f'"{address}": no machine is called {host}, or this one is not connected'
+                f'"{address}": no host is named {host}, or this computer is offline'
             ) from None
         raise Passing(f'"{address}" cannot be reached ({error.reason})') from None
     except http.client.IncompleteRead as error:
         raise Passing(
-            f'"{address}" sent half: {len(error.partial):,} bytes, then no more'
+            f'"{address}" sent an incomplete answer: {len(error.partial):,} bytes, then no more'
         ) from None
     except (OSError, http.client.HTTPException, ValueError) as error:
         raise Passing(f'"{address}" broke off ({error or type(error).__name__})') from None
 
 
 class _Redirects(urllib.request.HTTPRedirectHandler):
-    """Goes where a server sends us, with the name and password of that machine, if it may be asked."""
+    """Follow redirects to hosts that may be asked, with the credentials of the new host."""
 
-    def redirect_request(self, *told: Any) -> urllib.request.Request | None:
-        """Return the request to the other address."""
-        request = super().redirect_request(*told)
+    def redirect_request(self, *arguments: Any) -> urllib.request.Request | None:
+        """Return the request to the new address."""
+        request = super().redirect_request(*arguments)
         if request is not None:
             fence.check_address(request.full_url)
             _authorize(request)
@@ -104,11 +113,11 @@ class _Redirects(urllib.request.HTTPRedirectHandler):
 
 @functools.cache
 def _opener() -> urllib.request.OpenerDirector:
-    """Return what opens addresses; cookies last as long as the process."""
+    """Return the opener of addresses; its cookies last as long as the process."""
     return urllib.request.build_opener(_Redirects, urllib.request.HTTPCookieProcessor)
 
 
-def _refusal(address: str, status: int, reason: str) -> Exception:
+def _status_error(address: str, status: int, reason: str) -> Exception:
     host = urlsplit(address).hostname
     if status in (401, 403):
         return UserError(
@@ -116,11 +125,11 @@ def _refusal(address: str, status: int, reason: str) -> Exception:
         )
     if status in (404, 410):
         return UserError(
-            f'"{address}" is not there ({status}): no such dataset, or none of that time any more'
+            f'"{address}" is not there ({status}): no such dataset, or its times are no longer offered'
         )
     if status == 413:
         return UserError(
-            f'"{address}" says that this is too much at once (413): ask for a smaller box or a shorter span'
+            f'"{address}" rejects the request as too large (413): ask for a smaller box or a shorter span'
         )
     if status == 429 or status >= 500:
         return Passing(f'"{address}" failed ({status} {reason})')
@@ -128,8 +137,9 @@ def _refusal(address: str, status: int, reason: str) -> Exception:
 
 
 def _authorize(request: urllib.request.Request) -> None:
-    """Add the name and password of ~/.netrc, if it has some for this machine; a redirect elsewhere
-    gets that machine's.
+    """Add the credentials that ~/.netrc has for the request's host, if any.
+
+    They are not sent on to the target of a redirect.
     """
     import base64
 

@@ -1,9 +1,7 @@
-"""Opening Zarr stores in folders: what their metadata ask for is checked before the library builds
-anything of it.
+"""Open Zarr stores in folders, after checking their metadata.
 
-Chunks of the codec "pickle", and some of arrays of Python objects, run code when they are decoded.
-Stores come from elsewhere, so neither is read, whatever the release of numcodecs and its settings
-allow.
+Chunks with the codec "pickle", and some arrays of Python objects, run code when they are decoded.
+Stores come from elsewhere, so both are rejected, whatever numcodecs and its settings allow.
 """
 
 import json
@@ -20,13 +18,13 @@ import xarray as xr
 from geo.errors import UserError
 
 CODEC = "pickle"
-UNSAFE = "NUMCODECS_ALLOW_UNSAFE_PICKLE_DECODE"  # has numcodecs 0.16.6 and later decode pickles
-GROUPS = (".zgroup", ".zmetadata", "zarr.json")  # a folder with one of them is a group
+UNSAFE = "NUMCODECS_ALLOW_UNSAFE_PICKLE_DECODE"  # lets numcodecs 0.16.6 and later decode pickles
+GROUPS = (".zgroup", ".zmetadata", "zarr.json")  # a folder with one of these files is a group
 DOCUMENTS = (*GROUPS, ".zarray", ".zattrs")
-FREE = ("attributes", ".zattrs")  # what users write, which builds nothing
-# the one filter by which an array of objects holds texts and nothing else
+FREE = ("attributes", ".zattrs")  # users' attributes, from which nothing is built
+# the only filter with which an array of objects holds nothing but texts
 TEXTS = ({"id": "vlen-utf8"},)
-# [bytes] arrays up to this size, such as coordinates, are read to find out which is damaged
+# [bytes] arrays up to this size, such as coordinates, are read to find out which one is damaged
 SMALL = 2**24
 TYPES = ("dtype", "astype", "encode_dtype", "decode_dtype", "data_type")  # keys that name a type
 
@@ -34,15 +32,14 @@ _building = threading.RLock()
 
 
 def is_store(folder: str) -> bool:
-    """Whether a folder is a Zarr group."""
+    """Return True if a folder is a Zarr group."""
     return any(os.path.exists(os.path.join(folder, name)) for name in GROUPS)
 
 
 def open_store(folder: str, **options: Any) -> xr.Dataset:
-    """Return the dataset of a store, as xarray opens it with options.
+    """Return the dataset of a store, opened by xarray with options.
 
-    Raises UserError, which names the file of the store or its array, where it would run code or is
-    damaged.
+    Raises UserError with the file or array concerned if the store would run code or is damaged.
     """
     if not is_store(folder):
         raise UserError(f'"{folder}": is a folder, not a netCDF file or a Zarr store')
@@ -57,22 +54,20 @@ def open_store(folder: str, **options: Any) -> xr.Dataset:
 
 
 def damage(folder: str, error: Exception) -> UserError:
-    """Return in words what is damaged in a store, over which a library raised an error."""
-    with suppress(Exception):  # what looks for damage may meet it
+    """Return a UserError that says which part of a store is damaged, given a library's error."""
+    with suppress(Exception):  # the search itself may fail on the damage
         if found := first_damaged(folder, SMALL):
             name, cause = found
             place = os.path.join(folder, name)
             return UserError(
-                f'"{place}": this array cannot be read, truncated or damaged ({_words(cause)})'
+                f'"{place}": this array cannot be read, truncated or damaged ({_one_line(cause)})'
             )
-    return UserError(f'"{folder}": cannot be read, truncated or damaged ({_words(error)})')
+    return UserError(f'"{folder}": cannot be read, truncated or damaged ({_one_line(error)})')
 
 
 def check(folder: str) -> None:
-    """Raise UserError where the metadata of a group and its arrays are no JSON, or ask for what may
-    run code.
-    """
-    known = list(_documents(folder))
+    """Raise UserError if metadata of a group or its arrays are no JSON or could run code."""
+    known = list(_metadata_files(folder))
     if known and not any(os.path.join(folder, name) in known for name in (".zgroup", "zarr.json")):
         raise UserError(
             f'"{os.path.join(folder, ".zgroup")}": is not there, but {known[0]} is; the store is damaged'
@@ -83,7 +78,7 @@ def check(folder: str) -> None:
                 document = json.load(file)
         except (ValueError, RecursionError) as error:
             raise UserError(
-                f'"{path}": is no JSON ({_words(error)}), truncated or damaged'
+                f'"{path}": is no JSON ({_one_line(error)}), truncated or damaged'
             ) from error
         except OSError as error:
             raise UserError(f'"{path}": cannot be read ({error.strerror})') from error
@@ -97,16 +92,14 @@ def check(folder: str) -> None:
 
 @contextmanager
 def without_pickles() -> Iterator[None]:
-    """Have numcodecs build no pickle codec in this process meanwhile, whatever its environment
-    allows.
-    """
-    # read when numcodecs is imported, here or in processes that this one starts
+    """Keep numcodecs from building a pickle codec here, whatever the environment says."""
+    # numcodecs reads this variable when it is imported, here or in child processes
     os.environ.pop(UNSAFE, None)
     from numcodecs import registry
     from numcodecs.abc import Codec
 
     class RejectedCodec(Codec):  # type: ignore[misc]
-        """Stands in for the codec, and fails when it is built."""
+        """Replacement for the codec that fails when it is built."""
 
         codec_id = CODEC
 
@@ -121,7 +114,7 @@ def without_pickles() -> Iterator[None]:
         def decode(self, buf: Any, out: Any = None) -> Any:
             raise NotImplementedError
 
-    with _building:  # another thread would put back what this one has set
+    with _building:  # another thread would restore what this one has replaced
         before = registry.codec_registry.get(CODEC)
         registry.register_codec(RejectedCodec, CODEC)
         try:
@@ -133,10 +126,8 @@ def without_pickles() -> Iterator[None]:
                 registry.register_codec(before, CODEC)
 
 
-def _documents(folder: str) -> Iterator[str]:
-    """Give the metadata of a group and of the arrays and groups just below it, of which xarray
-    opens the arrays.
-    """
+def _metadata_files(folder: str) -> Iterator[str]:
+    """Yield the metadata files of a group and of its direct children, which xarray opens."""
     inside = sorted(entry.name for entry in os.scandir(folder) if entry.is_dir())
     for place in ("", *inside):
         for name in DOCUMENTS:
@@ -146,9 +137,7 @@ def _documents(folder: str) -> Iterator[str]:
 
 
 def _refuse_code(value: Any, path: str) -> None:
-    """Raise UserError where metadata name a codec that runs code, or a type that holds objects
-    other than texts.
-    """
+    """Raise UserError for metadata with a codec that runs code or a type with non-text objects."""
     if isinstance(value, list):
         for part in value:
             _refuse_code(part, path)
@@ -171,13 +160,13 @@ def _refuse_code(value: Any, path: str) -> None:
 
 
 def _is_text(array: dict[str, Any]) -> bool:
-    """Whether an array of objects holds texts alone."""
+    """Return True if an array of objects holds only texts."""
     return array.get("dtype") == "|O" and array.get("filters") == list(TEXTS)
 
 
 def _holds_objects(written: Any) -> bool:
-    """Whether a type, as metadata write it, holds Python objects."""
-    if isinstance(written, list):  # of fields: name, type and perhaps shape
+    """Return True if a type, as written in metadata, contains Python objects."""
+    if isinstance(written, list):  # fields: name, type and possibly shape
         return any(
             isinstance(field, list) and any(map(_holds_objects, field[1:])) for field in written
         )
@@ -186,14 +175,13 @@ def _holds_objects(written: Any) -> bool:
     with suppress(Exception), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return isinstance(written, str) and bool(np.dtype(written).hasobject)
-    return False  # no type of NumPy: Zarr rejects it, or has a type of its own
+    return False  # no NumPy type: Zarr rejects it, or it is a type of Zarr's own
 
 
 def first_damaged(folder: str, largest: int = 0) -> tuple[str, Exception] | None:
-    """Return the name of the first array of a store that cannot be opened, and why; None where all
-    can.
+    """Return the name of the first array of a store that cannot be opened, and the error.
 
-    largest: of arrays up to this size the values are read too [bytes].
+    None if all can be opened. Values of arrays up to the size `largest` [bytes] are read as well.
     """
     import zarr
 
@@ -212,5 +200,5 @@ def first_damaged(folder: str, largest: int = 0) -> tuple[str, Exception] | None
     return None
 
 
-def _words(error: BaseException) -> str:
+def _one_line(error: BaseException) -> str:
     return " ".join(str(error).split())[:120] or type(error).__name__

@@ -1,1 +1,1 @@
-"""Winds, currents and Stokes drift: from what files say to slices on a regular grid."""
+"""Winds, currents and Stokes drift: from files to slices on a regular grid."""

@@ -1,9 +1,8 @@
-"""Built-in synthetic flows in closed form: for the shipped case, for tests, for a first try without
-a file.
+"""Synthetic flows in closed form, for the shipped example case, for tests and for trials.
 
-A flow is placed at points, flow(lon, lat) [deg], of shapes that broadcast, and then tells its
-velocity at any time there: velocity(seconds since 2000-01-01 UTC) -> (east, north) [m/s], of their
-common shape. Its clock is absolute, so that a flow is the same whenever a run starts.
+A `Flow` takes points, flow(lon, lat) [deg] with shapes that broadcast, and returns a `Velocity`: a
+function of time, velocity(seconds since 2000-01-01 UTC) -> (east, north) [m/s], each of the
+broadcast shape. The time is absolute, so a flow does not depend on when a run starts.
 """
 
 from collections.abc import Callable
@@ -28,17 +27,17 @@ METRES = sphere.RADIUS * np.pi / 180.0  # [m] in a degree of latitude
 
 
 def _east_of(lon: ArrayLike, reference: float) -> Array:
-    """Longitudes [deg] relative to a reference, in [-180, 180)."""
+    """Return longitudes [deg] relative to a reference longitude, in [-180, 180)."""
     return np.asarray(sphere.wrap_degrees(np.asarray(lon, float) - reference))
 
 
 def solid_rotation(
     box: Box, speed: float = 0.5, pole_lon: float = 40.0, pole_lat: float = 60.0
 ) -> Flow:
-    """Rotation of the whole sphere about an axis through (pole_lon, pole_lat) [deg].
+    """Return a rotation of the whole sphere about the axis through (pole_lon, pole_lat) [deg].
 
-    speed [m/s]: 90 degrees from the axis. velocity = omega x r: a particle goes round a small
-    circle, back at its start after 2 pi R / speed.
+    speed [m/s] is the speed 90 degrees from the axis. velocity = omega x r: a particle moves on a
+    small circle and is back at its start after 2 pi R / speed.
     """
     lam, phi = np.radians(pole_lon), np.radians(pole_lat)
 
@@ -52,16 +51,15 @@ def solid_rotation(
 
 
 def stommel_gyre(box: Box, speed: float = 1.0, boundary: float = 0.05) -> Flow:
-    """Stommel's (1948, doi:10.1029/TR029i002p00202) gyre filling the box: slow interior, fast
-    western edge.
+    """Return Stommel's (1948, doi:10.1029/TR029i002p00202) gyre over the box.
 
-    boundary: width of the western layer as a share of the box's; speed [m/s]: the largest northward
-    one. psi = pi sin(pi y) (1 - x - exp(-x / boundary)) on the unit square; the flow is along its
-    contours.
+    Its interior is slow and its western boundary current fast. boundary: width of that current as a
+    share of the box's width; speed [m/s]: the largest northward component. The streamfunction on
+    the unit square is psi = pi sin(pi y) (1 - x - exp(-x / boundary)).
     """
     width, height = box.east - box.west, box.north - box.south
-    # q, of the order of exp(-1 / boundary), makes psi vanish at the east wall, which would leak
-    # without it
+    # q is of the order of exp(-1 / boundary). It makes psi vanish at the east wall, which would
+    # leak otherwise.
     q = np.exp(-1.0 / boundary)
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
@@ -88,9 +86,9 @@ def inertial(
     mean_north: float = 0.0,
     lat: float = 45.0,
 ) -> Flow:
-    """Return an inertial oscillation [m/s] on a uniform mean flow.
+    """Return an inertial oscillation of amplitude speed [m/s] on a uniform mean flow [m/s].
 
-    It turns clockwise in the north, with the inertial period at `lat` [deg].
+    It turns clockwise in the northern hemisphere, with the inertial period at `lat` [deg].
     """
     f = 2 * ROTATION * np.sin(np.radians(lat))
 
@@ -108,8 +106,8 @@ def inertial(
     return flow
 
 
-# (lon, lat [deg], radius [km], swirl [m/s], positive counterclockwise, drift west and north
-# [km/day]) of the eddies
+# Eddies: (lon, lat [deg], radius [km], speed [m/s], positive counterclockwise, amplitude of the
+# drift west and north [km/day])
 EDDIES = (
     (-89.6, 25.6, 115.0, -0.75, 3.0, 0.3),  # a ring shed by the Loop Current
     (-88.2, 27.6, 45.0, 0.45, -1.0, -0.8),  # cyclones on its flank
@@ -117,7 +115,7 @@ EDDIES = (
     (-92.6, 26.6, 70.0, 0.35, 1.5, 0.0),
     (-94.3, 24.2, 95.0, -0.40, 2.0, 0.2),
 )
-# the Loop Current's axis [deg]: in through the Yucatan Channel, out through the Straits of Florida
+# axis of the Loop Current [deg]: in by the Yucatan Channel, out by the Straits of Florida
 LOOP = (
     (-85.6, 20.0),
     (-85.9, 21.8),
@@ -135,7 +133,7 @@ LOOP = (
     (-79.7, 28.0),
     (-79.4, 30.5),
 )
-# the edge of the shelf [deg], deep water on its right: Texas, Louisiana, Florida, the Keys,
+# edge of the shelf [deg], with deep water on its right: Texas, Louisiana, Florida, the Keys,
 # Florida's east coast
 SHELF = (
     (-98.0, 25.0),
@@ -158,22 +156,22 @@ TIDE = 86_164.1  # [s] period of K1, nearly inertial in the Gulf
 
 
 def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
-    """A Loop-Current-like jet with drifting eddies over the Gulf of Mexico, and a weak daily tide
-    [m/s].
+    """Return a jet like the Loop Current with drifting eddies and a weak daily tide [m/s].
 
-    Jet and eddies are the curl of one streamfunction, so they have no divergence: the jet is a tanh
-    of the distance from its axis (a smoothed polyline, whose corners leave kinks of a few degrees),
-    an eddy a Gaussian; the streamfunction goes to zero over the shelf. An invention that looks like
-    the Gulf; it forecasts nothing. Other waters have only its tide.
+    Jet and eddies derive from one streamfunction, so they have no divergence. The jet's
+    streamfunction is a tanh of the distance from its axis (a smoothed polyline with kinks of a few
+    degrees); an eddy's is a Gaussian; their sum goes to zero over the shelf. The flow resembles
+    the Gulf of Mexico but is invented: do not use it as a forecast. Far from the Gulf only the
+    tide is left.
     """
-    # all is computed in a plane about 26 N: x = lon * squeeze * METRES
+    # Distances are computed in a plane with scale 1 at 26 N: x = lon * squeeze * METRES.
     squeeze = np.cos(np.radians(26.0))
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
         a, b = -88.0 + _east_of(lon, -88.0), np.asarray(lat, float)
         x, y = np.broadcast_arrays(a, b)
-        side, side_x, side_y = _beside(_smooth(LOOP), squeeze, x, y)
-        edge, edge_x, edge_y = _beside(_smooth(SHELF), squeeze, x, y)
+        side, side_x, side_y = _signed_distance(_smooth_corners(LOOP), squeeze, x, y)
+        edge, edge_x, edge_y = _signed_distance(_smooth_corners(SHELF), squeeze, x, y)
         depth = np.tanh((edge - 20e3) / 40e3)
         off = np.hypot((x + 88.0) * 0.9, y - 25.0) / 14.0
         far = np.clip(off - 0.7, 0, None)
@@ -189,10 +187,10 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
             days = seconds / DAY
             # the loop grows and shrinks
             loop = np.tanh((side + 12e3 * np.sin(2 * np.pi * days / 27.0)) / HALF)
-            # [m2/s]; no transport to the left: the shelf lies there
+            # [m2/s]; zero on the left of the jet, where the shelf lies
             psi = speed * HALF * (1 + loop)
             psi_x, psi_y = (speed * (1 - loop * loop) * d for d in (side_x, side_y))
-            # eddies circle about their places, so that the flow is alike on any date
+            # eddies circle about fixed positions, so that the flow looks similar on any date
             phase = 2 * np.pi * days / 60.0
             for e_lon, e_lat, radius, swirl, west, north in EDDIES:
                 narrow = np.cos(np.radians(e_lat))
@@ -200,7 +198,7 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
                 c_lat = e_lat + north * 5e3 * np.cos(phase) / METRES
                 dx, dy = (a - c_lon) * METRES * narrow, (b - c_lat) * METRES
                 r = radius * 1e3  # [m] radius at which the swirl is fastest
-                # On a grid a Gaussian is one of its rows times one of its columns.
+                # On a grid a Gaussian is the outer product of one row and one column.
                 row, column = (
                     swirl * r * np.exp(0.5 - dx * dx / (2 * r * r)),
                     np.exp(-dy * dy / (2 * r * r)),
@@ -218,7 +216,7 @@ def gulf(box: Box, speed: float = 0.9, tide: float = 0.06) -> Flow:
     return flow
 
 
-def _smooth(line: tuple[tuple[float, float], ...]) -> Array:
+def _smooth_corners(line: tuple[tuple[float, float], ...]) -> Array:
     """Smooth a polyline by Chaikin's corner cutting, shape (n, 2) [deg]."""
     points = np.array(line)
     for _ in range(3):
@@ -227,10 +225,13 @@ def _smooth(line: tuple[tuple[float, float], ...]) -> Array:
     return points
 
 
-def _beside(line: Array, squeeze: float, lon: Array, lat: Array) -> tuple[Array, Array, Array]:
-    """Return the distance [m] to a polyline, and its derivatives by x and y.
+def _signed_distance(
+    line: Array, squeeze: float, lon: Array, lat: Array
+) -> tuple[Array, Array, Array]:
+    """Return the distance [m] to a polyline and its derivatives by x and y.
 
-    The ends of the polyline go on straight; the distance is positive to its right.
+    The distance is positive to the right of the polyline. The first and the last segment extend to
+    infinity.
     """
     plane = np.array([squeeze, 1.0]) * METRES
     ends, x, y = line * plane, lon * plane[0], lat * plane[1]
@@ -239,7 +240,7 @@ def _beside(line: Array, squeeze: float, lon: Array, lat: Array) -> tuple[Array,
     low[0], high[-1] = -np.inf, np.inf
 
     def off(k: Any) -> tuple[Array, Array]:
-        """Return what leads to the points from the nearest of segment k."""
+        """Return the vector [m] to each point from the nearest point of segment k."""
         dx, dy, ux, uy = x - ends[k, 0], y - ends[k, 1], way[k, 0], way[k, 1]
         t = np.clip((dx * ux + dy * uy) / (ux * ux + uy * uy), low[k], high[k])
         return dx - t * ux, dy - t * uy
@@ -267,13 +268,13 @@ def breeze(
     swing: float = 20.0,
     middle: float = -88.7,
 ) -> Flow:
-    """A trade wind [m/s] toward a direction [deg], with a daily sea breeze and a slow synoptic
-    swing [deg].
+    """Return a trade wind [m/s] with a daily sea breeze and a slow synoptic swing.
 
-    The sea breeze turns clockwise once a day (northern hemisphere), the swing takes five days, the
-    strength breathes by a tenth over four, and both vary a little over hundreds of kilometres.
-    middle: longitude [deg] whence the swing's wave, 25 degrees long, is counted; it breaks off
-    opposite.
+    toward: mean direction [deg] that it blows to; sea_breeze: speed [m/s] of a vector that turns
+    clockwise once a day; swing: amplitude [deg] of the direction, with a period of five days. The
+    speed varies by a tenth with a period of four days. Direction and speed also vary over hundreds
+    of kilometres: the swing's wave is 25 degrees of longitude long, counted from `middle` [deg],
+    and has a discontinuity on the opposite meridian.
     """
 
     def flow(lon: ArrayLike, lat: ArrayLike) -> Velocity:
@@ -283,7 +284,7 @@ def breeze(
             days = seconds / DAY
             direction = np.radians(toward + swing * np.sin(2 * np.pi * (days / 5.0 + x / 25.0)))
             strength = speed * (1 + 0.1 * np.sin(2 * np.pi * (days / 4.0 - y / 20.0)))
-            turn = 2 * np.pi * (days + (x + middle) / 360.0)  # by local solar time
+            turn = 2 * np.pi * (days + (x + middle) / 360.0)  # in local solar time
             east = strength * np.sin(direction) + sea_breeze * np.sin(turn)
             return east, strength * np.cos(direction) + sea_breeze * np.cos(turn)
 
@@ -292,7 +293,7 @@ def breeze(
     return flow
 
 
-# kind -> (builder, quantities, spacing of its tile [deg])
+# kind -> (builder, quantities that it may stand for, default grid spacing [deg])
 KINDS: dict[str, tuple[Callable[..., Flow], tuple[str, ...], float]] = {
     "gulf": (gulf, ("current",), 0.05),
     "solid_rotation": (solid_rotation, tuple(QUANTITIES), 0.25),
@@ -303,7 +304,17 @@ KINDS: dict[str, tuple[Callable[..., Flow], tuple[str, ...], float]] = {
 
 
 def build_flow(quantity: str, kind: str, box: Box, **parameters: float) -> tuple[Flow, float]:
-    """Return a built-in flow and the spacing [deg] that suits it; a UserError for an unknown one."""
+    """Return a built-in flow and its default grid spacing [deg].
+
+    Args:
+        quantity: one of QUANTITIES, for which the flow is to be used.
+        kind: a key of KINDS.
+        box: area of the case; only some flows depend on it.
+        parameters: keyword arguments of the flow's builder.
+
+    Raises:
+        UserError: the kind or a parameter is unknown, or the kind cannot be this quantity.
+    """
     allowed = [name for name, (_, quantities, _) in KINDS.items() if quantity in quantities]
     if kind not in allowed:
         raise UserError(

@@ -1,6 +1,4 @@
-"""Variables computed from others when they are read, slice by slice: nothing is held in memory
-before.
-"""
+"""Lazy variables: their values are computed from other variables when a part of them is read."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -12,12 +10,13 @@ from xarray.core import indexing
 
 from geo.array import Array
 
-Part = Mapping[str, Any]  # of each dimension the index, slice or indices that are read
+Part = Mapping[str, Any]  # dimension -> index, slice or indices to read
 
 
 class Derived(BackendArray):
-    """An array whose parts are computed when they are asked for; xarray demands a subclass of its
-    own.
+    """A lazy array whose `read` function computes the requested part.
+
+    xarray accepts only subclasses of `BackendArray` as lazy arrays.
     """
 
     def __init__(
@@ -41,10 +40,12 @@ class Derived(BackendArray):
 def derive(
     variable: xr.Variable, read: Callable[[Part], Array], without: str | None = None
 ) -> xr.Variable:
-    """Return a variable with the attributes and the packing of another, whose values `read` gives.
+    """Return a lazy variable with the attributes and the packing of another variable.
 
-    read: returns float64 values of a part, in the order of the dimensions; without: a dimension
-    that it does not have.
+    Args:
+        variable: gives attributes, encoding and dimensions.
+        read: returns the float64 values of a part, with axes in the order of the dimensions.
+        without: a dimension of `variable` that the new variable does not have.
     """
     sizes = {str(dim): size for dim, size in variable.sizes.items() if dim != without}
     lazy = indexing.LazilyIndexedArray(Derived(tuple(sizes), tuple(sizes.values()), read))
@@ -53,6 +54,6 @@ def derive(
 
 
 def values_of(variable: xr.Variable, part: Part) -> Array:
-    """Return part of a variable; dimensions that it does not have are ignored."""
+    """Return part of a variable as float64, ignoring dimensions that the variable does not have."""
     own = {dim: index for dim, index in part.items() if dim in variable.dims}
     return np.array(variable.isel(own).values, np.float64)

@@ -1,6 +1,4 @@
-"""What `drift info FILE` prints: how a file was understood, what is missing, and a map in
-characters.
-"""
+"""Report of `drift info FILE`: how a file was interpreted, what is missing, and a text map."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,38 +14,48 @@ from geo.forcing.quantity import QUANTITIES, any_of
 from geo.forcing.sources import Source
 
 ARROWS = "→↗↑↖←↙↓↘"  # from east, counterclockwise, 45 degrees each
-LOOKED_AT = 1000  # slices at most that are looked at for whether they hold anything
+LOOKED_AT = 1000  # sources with more slices than this are not searched for blank slices
 LAND, CALM = "·", "○"
 
 
 def understand(paths: dataset.Paths, only: str | None = None, **options: Any) -> list[Source]:
-    """Return a source for every quantity that files hold, each named by the files that hold it.
+    """Return one source for every quantity that the files hold.
 
-    only: the one quantity to read them as; options as in `forcing.open_source`. Where a quantity is
-    there but cannot be read (no units, say) its error is raised; where there is none at all, the
-    error says what the files hold.
+    Args:
+        paths: the files or addresses.
+        only: read the files as this quantity; by default every quantity is searched for.
+        options: as in `sources.open_source`.
+
+    Raises:
+        UserError: no quantity was found, or none of those found can be read (no units, say).
     """
     understood: list[Source] = []
     errors: dict[str, UserError] = {}
     patience = options.get("timeout", address.TIMEOUT)
     listed = dataset.expand(paths, only or "current")
-    # The process that reads an address ends with the last of its datasets; kept here, one serves
-    # all that follows.
-    _lines = [dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)]
+    # The process that reads an address ends with the last of its datasets. Keeping these references
+    # lets one process serve all reads below.
+    _open_addresses = [
+        dataset.open_one(p, "current", patience) for p in listed if dataset.remote(p)
+    ]
     with dataset.readable(listed, "current"):
-        held = {only: listed} if only else _held(listed, options.get("variables") or {}, patience)
+        files_of = (
+            {only: listed}
+            if only
+            else _files_by_quantity(listed, options.get("variables") or {}, patience)
+        )
     own = [str((options.get("variables") or {}).get(key, "")) for key in ("east", "north")]
-    if not held and any(own):
+    if not files_of and any(own):
         raise UserError(
             f"{dataset.title(listed)}: nothing says whether {' and '.join(filter(None, own))} are "
             f"{any_of('a ')}; say which: --as"
         )
     for quantity in QUANTITIES:
-        if held and quantity not in held:
+        if files_of and quantity not in files_of:
             continue
         try:
             found = sources.open_source(
-                quantity, held.get(quantity, listed), lenient=True, **options
+                quantity, files_of.get(quantity, listed), lenient=True, **options
             )
             if found.times.size <= LOOKED_AT and not any(dataset.remote(path) for path in listed):
                 found = (
@@ -58,7 +66,7 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
             understood.append(found)
         except UserError as error:
             errors[quantity] = error
-    if not held:
+    if not files_of:
         halves = [e for e in errors.values() if "one component" in str(e)]
         why = (halves or [errors["current"]])[0]
         raise UserError(f"no {any_of()} found: {why}") from why
@@ -67,8 +75,10 @@ def understand(paths: dataset.Paths, only: str | None = None, **options: Any) ->
     return understood
 
 
-def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict[str, list[str]]:
-    """Return the files that hold each quantity, and those that hold none, such as grids."""
+def _files_by_quantity(
+    listed: list[str], chosen: Mapping[str, Any], patience: float
+) -> dict[str, list[str]]:
+    """Return for each quantity the files that hold it and those that hold no quantity (grids)."""
     variables: dict[str, dict[str, Any]] = {}
     for path in listed:
         data = dataset.open_one(path, "current", patience)
@@ -82,7 +92,7 @@ def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict
             try:
                 pair = quantities.search(quantity, fields)
             except UserError:
-                # several pairs: the error that opening gives says which there are
+                # several pairs fit: let `open_source` raise the error that lists them
                 names[quantity] = set(everything)
                 break
             if pair is not None:
@@ -101,17 +111,15 @@ def _held(listed: list[str], chosen: Mapping[str, Any], patience: float) -> dict
 
 
 def describe(source: Source) -> list[str]:
-    """Return lines on a source: what, where, when, how much is missing, how fast, and how it was
-    understood.
-    """
+    """Return the lines of the report on a source: area, times, missing share, speeds and notes."""
     grid, box = source.grid, source.grid.box
     lines = [f"{QUANTITIES[source.quantity].spoken}: {source.name}"]
     around = " round the Earth" if grid.seamless else ""
     lines.append(
-        f"  where    {_degrees(box)}{around}; {grid.nlon} x {grid.nlat} nodes of {grid.dlon:.4g} x {grid.dlat:.4g} "
+        f"  where    {_format_box(box)}{around}; {grid.nlon} x {grid.nlat} nodes of {grid.dlon:.4g} x {grid.dlat:.4g} "
         "degrees"
     )
-    lines.append(f"  when     {_when(source)}")
+    lines.append(f"  when     {_describe_times(source)}")
     values = source.read(0)
     speed = np.hypot(values[..., 0], values[..., 1])
     missing = f"  missing  {notation.percent(source.missing)} of the nodes of the first slice"
@@ -128,9 +136,9 @@ def describe(source: Source) -> list[str]:
 
 
 def sketch(source: Source, width: int = 60, height: int = 22) -> list[str]:
-    """Return a map of the first slice in characters, north up.
+    """Return a text map of the first slice, north up, one string per row.
 
-    Arrows point where to, "·" is missing, "○" nearly calm.
+    An arrow points where the flow goes; "·" means missing, "○" nearly calm.
     """
     grid, values = source.grid, source.read(0)
     middle = np.cos(np.radians(grid.lat0 + grid.dlat * (grid.nlat - 1) / 2))
@@ -157,31 +165,31 @@ def sketch(source: Source, width: int = 60, height: int = 22) -> list[str]:
     return lines
 
 
-def _when(source: Source) -> str:
+def _describe_times(source: Source) -> str:
     times = source.times[1:-1] if source.edges else source.times
     if len(times) == 0:
         return "steady: at all times"
     if len(times) == 1:
         return f"{notation.group(times[0])} only"
     steps = np.unique(np.diff(times).astype("m8[m]").astype(int))
-    every = (
-        f"every {_span(steps[0])}"
+    spacing = (
+        f"every {_format_interval(steps[0])}"
         if len(steps) == 1
-        else f"{_span(steps[0])} to {_span(steps[-1])} apart"
+        else f"{_format_interval(steps[0])} to {_format_interval(steps[-1])} apart"
     )
-    held = (
+    hold_text = (
         f", held from {notation.group(source.times[0])} to {notation.group(source.times[-1])}"
         if source.edges
         else ""
     )
-    return f"{notation.group(times[0])} to {notation.group(times[-1])}, {len(times)} slices {every}{held}"
+    return f"{notation.group(times[0])} to {notation.group(times[-1])}, {len(times)} slices {spacing}{hold_text}"
 
 
-def _span(minutes: int) -> str:
+def _format_interval(minutes: int) -> str:
     return f"{minutes / 60:g} h" if minutes >= 60 else f"{minutes} min"
 
 
-def _degrees(box: Box) -> str:
+def _format_box(box: Box) -> str:
     west, east = (f"{abs(v):.2f} {'EW'[v < 0]}" for v in (box.west, sphere.wrap_degrees(box.east)))
     south, north = (f"{abs(v):.2f} {'NS'[v < 0]}" for v in (box.south, box.north))
     return f"{west} to {east}, {south} to {north}"

@@ -1,5 +1,6 @@
-"""Whether the members of an ensemble go together: each has both components, one grid and times in
-common.
+"""Checks that the members of an ensemble fit together.
+
+Each member must have both components, values, the same grid, and times that all members share.
 """
 
 from collections.abc import Sequence
@@ -14,37 +15,35 @@ from geo.forcing.times import clock
 from geo.grids import layout
 from geo.grids.layout import Layout
 
-LOOKED_AT = 2**16  # values of a member's slice that are looked at, at most
+LOOKED_AT = 2**16  # largest number of values per slice that is read to find a present one
 
 
 def check_sizes(name: str, quantity: str, pair: tuple[Component, Component]) -> None:
-    """Refuse components whose members do not pair: one variable without them, or with more than the
-    other.
-    """
-    told = [
-        f"{c.name} has {_size(c)} along {c.member}" if c.member else f"{c.name} has none"
+    """Raise UserError if the two components do not have the same number of members."""
+    counts = [
+        f"{c.name} has {_member_count(c)} along {c.member}" if c.member else f"{c.name} has none"
         for c in pair
     ]
-    if pair[0].member != pair[1].member or _size(pair[0]) != _size(pair[1]):
+    if pair[0].member != pair[1].member or _member_count(pair[0]) != _member_count(pair[1]):
         raise UserError(
-            f"{name}: of the members of the ensemble {' and '.join(told)}; both components must have the same; set "
+            f"{name}: number of ensemble members: {' and '.join(counts)}; both components must have the same; set "
             f"[[{quantity}]] files"
         )
 
 
-def _size(component: Component) -> int:
+def _member_count(component: Component) -> int:
     return int(component.segments[0][0].sizes[component.member]) if component.member else 1
 
 
 def check_held(component: Component) -> None:
-    """Refuse a member of which nothing is there, by a look at its first slice and its last."""
+    """Raise UserError if a member has no value in its first and its last slice."""
     sizes = [int(component.segments[0][0].sizes[dim]) for dim in component.dims]
     stride = max(1, int(np.ceil((np.prod(sizes) / LOOKED_AT) ** (1 / len(sizes)))))
     every = (slice(None, None, stride),) * len(sizes)
     for i in dict.fromkeys((0, len(component.segments) - 1)):
         if np.isfinite(slices.block(component, i, every)).any():
             return
-    mend = f"take it out of [[{component.quantity}]] files"
+    mend = f"remove it from [[{component.quantity}]] files"
     if component.member:
         mend += f", or set variables.{component.member} to the index of one that has values"
     raise UserError(
@@ -55,16 +54,16 @@ def check_held(component: Component) -> None:
 def check_grid(
     pair: tuple[Component, Component], first: tuple[Component, Component], quantity: str
 ) -> None:
-    """Refuse a member whose points are not those of the first."""
+    """Raise UserError if a member's grid points differ from those of the first member."""
     for own, other in zip(pair, first, strict=True):
-        if not _alike(own.layout, other.layout):
+        if not _same_points(own.layout, other.layout):
             raise UserError(
                 f'the points of "{own.name}" are not those of the first member: all members of an ensemble must have one '
-                f"grid; take it out of [[{quantity}]] files"
+                f"grid; remove it from [[{quantity}]] files"
             )
 
 
-def _alike(own: Layout, other: Layout) -> bool:
+def _same_points(own: Layout, other: Layout) -> bool:
     if type(own) is not type(other):
         return False
     pairs = zip(layout.points(own), layout.points(other), strict=True)
@@ -77,8 +76,17 @@ def _alike(own: Layout, other: Layout) -> bool:
 def common(
     times: Sequence[clock.Times], name: str, quantity: str
 ) -> tuple[clock.Times, list[Array]]:
-    """Return the times that all members have, and which slices of each they are; of steady fields
-    the one slice.
+    """Return the times that all members share, and for each member the indices of these slices.
+
+    Steady fields have no times; each index is then 0.
+
+    Args:
+        times: of each member.
+        name: of the source, for messages.
+        quantity: of the source, for messages.
+
+    Raises:
+        UserError: the members share fewer than two times.
     """
     if not times[0].size:
         return times[0], [np.zeros(1, int)] * len(times)

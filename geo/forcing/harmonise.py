@@ -1,9 +1,8 @@
-"""Files of one source that differ in names, units or order of points, converted to the conventions
-of one of them.
+"""Convert the files of one source to common variable names, units and order of grid points.
 
-Longitudes may run 0 to 360 in one and -180 to 180 in another, latitudes may decrease, a file may
-hold more columns and rows. Any other difference stays; the files are then rejected where they are
-joined.
+Longitudes may run 0 to 360 in one file and -180 to 180 in another, latitudes may decrease, and a
+file may hold more columns and rows than another. Other differences are left as they are; the files
+are rejected later, when they are joined.
 """
 
 import os
@@ -22,11 +21,10 @@ from geo.forcing.reading import component
 from geo.forcing.times import clock
 from geo.grids import naming
 
-NEAR = 0.01  # share of the step between columns or rows by which those of two files may differ
-# [deg] by which points of curved grids may differ: single precision at 360 degrees, and a little
-# more
+NEAR = 0.01  # tolerance for columns and rows of two files, as a share of the grid step
+# [deg] tolerance for points of curvilinear grids: about single precision at 360 degrees
 SAME = 5e-5
-FEW_NAMES = 8  # different names of the components in files of one source, at most
+FEW_NAMES = 8  # largest number of different component names among the files of a source
 
 File = tuple[str, xr.Dataset]
 
@@ -34,13 +32,19 @@ File = tuple[str, xr.Dataset]
 def rename_components(
     quantity: str, files: Sequence[File], chosen: Mapping[str, Any], notes: list[str]
 ) -> list[File]:
-    """Return files whose components have the names that the first ones have; notes is added to.
+    """Return the files with their components renamed as in the first files.
 
-    chosen: the case's variables, which name components themselves.
+    Args:
+        quantity: of the source.
+        files: paths and datasets.
+        chosen: `variables` of the case; if it names the components, nothing is renamed.
+        notes: list to which a note on each renaming is appended.
     """
     result = list(files)
     first = (
-        None if {"east", "north"} & set(chosen) else _found(quantity, [data for _, data in files])
+        None
+        if {"east", "north"} & set(chosen)
+        else _find_components(quantity, [data for _, data in files])
     )
     for _ in range(FEW_NAMES if first is not None else 0):
         assert first is not None
@@ -48,9 +52,9 @@ def rename_components(
         lacking = [
             k for k, (_, data) in enumerate(result) if not own & set(map(str, data.variables))
         ]
-        other = _found(quantity, [result[k][1] for k in lacking])
+        other = _find_components(quantity, [result[k][1] for k in lacking])
         if other is None or (
-            other.axes != first.axes and not _straight(result[lacking[0]][1], other)
+            other.axes != first.axes and not _has_lonlat_axes(result[lacking[0]][1], other)
         ):
             break
         new = {other.east: first.east, other.north: first.north}
@@ -69,10 +73,10 @@ def rename_components(
     return result
 
 
-def _found(quantity: str, datasets: Sequence[xr.Dataset]) -> Pair | None:
-    """Return the components in the first dataset that has both, or else in all together;
+def _find_components(quantity: str, datasets: Sequence[xr.Dataset]) -> Pair | None:
+    """Return the components in the first dataset that has both, otherwise those in all together.
 
-    None where there are none.
+    None if there are none.
     """
     fields = [
         {
@@ -82,9 +86,12 @@ def _found(quantity: str, datasets: Sequence[xr.Dataset]) -> Pair | None:
         }
         for data in datasets
     ]
-    for held in (*fields, {name: said for own in reversed(fields) for name, said in own.items()}):
+    for attributes_by_name in (
+        *fields,
+        {name: attributes for own in reversed(fields) for name, attributes in own.items()},
+    ):
         try:
-            pair = quantities.search(quantity, held)
+            pair = quantities.search(quantity, attributes_by_name)
         except UserError:
             continue
         if pair is not None:
@@ -92,10 +99,8 @@ def _found(quantity: str, datasets: Sequence[xr.Dataset]) -> Pair | None:
     return None
 
 
-def _straight(data: xr.Dataset, pair: Pair) -> bool:
-    """Whether components lie on axes of longitude and latitude, where the grid's own axes are east
-    and north.
-    """
+def _has_lonlat_axes(data: xr.Dataset, pair: Pair) -> bool:
+    """Return True if the grid's axes are longitude and latitude, so that "grid" axes are true."""
     name = pair.east if pair.east in data.variables else pair.north
     roles = {
         naming.role(str(n), v.attrs)
@@ -108,11 +113,13 @@ def _straight(data: xr.Dataset, pair: Pair) -> bool:
 def align_grids(
     files: Sequence[File], names: Sequence[str], units: str | None, notes: list[str]
 ) -> list[File]:
-    """Return files whose variables have the dimensions, the points in their order, and the units of
-    the first ones.
+    """Return the files with the dimensions, the units and the order of points of the first file.
 
-    names: of both components; units: that the case states, which holds for all files; notes is
-    added to.
+    Args:
+        files: paths and datasets.
+        names: of both components.
+        units: units that the case states for all files; None to convert between the files' units.
+        notes: list to which a note on each change is appended.
     """
     result = list(files)
     for name in dict.fromkeys(names):
@@ -122,19 +129,19 @@ def align_grids(
         first = result[holding[0]][1]
         for k in holding[1:]:
             path, data = result[k]
-            data = _with_dims(first, data, name)
+            data = _rename_dims(first, data, name)
             result[k] = (
                 path,
-                data if units is not None else _in_units(first, data, name, path, notes),
+                data if units is not None else _convert_units(first, data, name, path, notes),
             )
-        fewest = min((result[k][1] for k in holding), key=lambda data: _points(data, name))
+        fewest = min((result[k][1] for k in holding), key=lambda data: _count_points(data, name))
         for k in holding:
             path, data = result[k]
-            result[k] = (path, _in_order(fewest, data, name, path, notes))
+            result[k] = (path, _match_axes(fewest, data, name, path, notes))
     return result
 
 
-def _points(data: xr.Dataset, name: str) -> int:
+def _count_points(data: xr.Dataset, name: str) -> int:
     sizes = {
         str(d): n
         for d, n in data[name].sizes.items()
@@ -143,11 +150,12 @@ def _points(data: xr.Dataset, name: str) -> int:
     return int(np.prod(list(sizes.values()) or [0]))
 
 
-def _with_dims(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
-    """Return a dataset whose dimensions have the names that those of the same kind have in the
-    first.
-    """
-    wanted, own = ({str(d): _kind(held, str(d)) for d in held[name].dims} for held in (first, data))
+def _rename_dims(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
+    """Return a dataset with the dimension names that the first dataset has for the same kinds."""
+    wanted, own = (
+        {str(d): _kind_of_dim(dataset, str(d)) for d in dataset[name].dims}
+        for dataset in (first, data)
+    )
     new = {}
     for dim, kind in own.items():
         fitting = [other for other, its in wanted.items() if its == kind]
@@ -158,15 +166,15 @@ def _with_dims(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
     return data.rename(new) if new and free else data
 
 
-def _kind(data: xr.Dataset, dim: str) -> str | None:
-    """Return what lies along a dimension: "time", "level", "member", "x" or "y";
+def _kind_of_dim(data: xr.Dataset, dim: str) -> str | None:
+    """Return the kind of a dimension: "time", "level", "member", "x" or "y".
 
     None for anything else.
     """
-    held = data[dim].attrs if dim in data.variables else {}
+    attributes = data[dim].attrs if dim in data.variables else {}
     if (
-        " since " in str(held.get("units", ""))
-        or str(held.get("standard_name", "")) == "time"
+        " since " in str(attributes.get("units", ""))
+        or str(attributes.get("standard_name", "")) == "time"
         or dim in clock.NAMES
     ):
         return "time"
@@ -175,11 +183,11 @@ def _kind(data: xr.Dataset, dim: str) -> str | None:
     return "level" if level.is_vertical(data, dim) else component.axis_of(data, dim)
 
 
-def _in_units(
+def _convert_units(
     first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: list[str]
 ) -> xr.Dataset:
-    """Return a dataset with a variable in the units that it has in the first, where both are known."""
-    pair = [str(held[name].attrs.get("units", "")).strip() for held in (first, data)]
+    """Return a dataset with a variable converted to its units in the first, if both are known."""
+    pair = [str(dataset[name].attrs.get("units", "")).strip() for dataset in (first, data)]
     if pair[0].lower() == pair[1].lower():
         return data
     try:
@@ -188,7 +196,7 @@ def _in_units(
         return data
     ratio, variable = factors[1] / factors[0], data.variables[name]
     if not np.isclose(ratio, 1.0, rtol=1e-9):
-        variable = _scaled(variable, ratio)
+        variable = _scale_lazily(variable, ratio)
         notes.append(
             f'{os.path.basename(path)}: "{name}" converted from "{pair[1]}" to "{pair[0]}"'
         )
@@ -197,8 +205,8 @@ def _in_units(
     return data.assign({name: variable})
 
 
-def _scaled(variable: xr.Variable, ratio: float) -> xr.Variable:
-    """Return a variable times a number, read when it is needed; its packing keeps fitting."""
+def _scale_lazily(variable: xr.Variable, ratio: float) -> xr.Variable:
+    """Return a variable times a number, computed lazily; its packing is scaled as well."""
 
     def read(part: derived.Part) -> Array:
         return derived.values_of(variable, part) * ratio
@@ -213,38 +221,40 @@ def _scaled(variable: xr.Variable, ratio: float) -> xr.Variable:
     return result
 
 
-def _in_order(
+def _match_axes(
     first: xr.Dataset, data: xr.Dataset, name: str, path: str, notes: list[str]
 ) -> xr.Dataset:
-    """Return a dataset whose columns and rows are those of another, in its order, if it has them
-    all.
+    """Return a dataset restricted to the columns and rows of the first dataset, in its order.
+
+    Dimensions along which it lacks some of them are left unchanged.
     """
     if data is first:
         return data
     for dim in (str(d) for d in first[name].dims if d in data[name].dims):
-        pair = _along(first, dim), _along(data, dim)
+        pair = _coordinate_along(first, dim), _coordinate_along(data, dim)
         if pair[0] is None or pair[1] is None:
             continue
         (own, kind), (other, _) = pair[0], pair[1]
-        wanted, held = np.asarray(first[own].values, float), np.asarray(data[other].values, float)
-        index = _places(wanted, held, kind)
+        wanted, values = np.asarray(first[own].values, float), np.asarray(data[other].values, float)
+        index = _index_of_each(wanted, values, kind)
         if index is None:
             continue
-        if len(index) != len(held) or np.abs(held - wanted).max() > NEAR:
-            called = {"longitude": "longitudes", "latitude": "latitudes"}.get(
+        if len(index) != len(values) or np.abs(values - wanted).max() > NEAR:
+            label = {"longitude": "longitudes", "latitude": "latitudes"}.get(
                 kind, f'values of "{other}"'
             )
             notes.append(
-                f"{os.path.basename(path)}: its {called} reordered to match the other files"
+                f"{os.path.basename(path)}: its {label} reordered to match the other files"
             )
             data = data.isel({dim: index})
         data = data.assign({other: (data[other].dims, first[own].values, data[other].attrs)})
-    return _turned(first, data, name)
+    return _match_curved_grid(first, data, name)
 
 
-def _along(data: xr.Dataset, dim: str) -> tuple[str, str] | None:
-    """Return the coordinate along a dimension of a grid, and its role, "longitude", "latitude" or
-    "plane".
+def _coordinate_along(data: xr.Dataset, dim: str) -> tuple[str, str] | None:
+    """Return the coordinate along a dimension of a grid and its role.
+
+    The role is "longitude", "latitude" or "plane". None if there is no such coordinate.
     """
     along = [
         str(n)
@@ -259,46 +269,47 @@ def _along(data: xr.Dataset, dim: str) -> tuple[str, str] | None:
     return (dim, "plane") if planar else None
 
 
-def _places(wanted: Array, held: Array, kind: str) -> NDArray[np.int64] | None:
-    """Return where in `held` each of the wanted coordinates is;
+def _index_of_each(wanted: Array, present: Array, kind: str) -> NDArray[np.int64] | None:
+    """Return the index in `present` of each of the wanted coordinates.
 
-    None where some are not there, or are thinned out.
+    None if some are absent, or if `present` is a finer grid that only shares points with `wanted`.
     """
-    if min(wanted.size, held.size) < 2 or not (
-        np.isfinite(wanted).all() and np.isfinite(held).all()
+    if min(wanted.size, present.size) < 2 or not (
+        np.isfinite(wanted).all() and np.isfinite(present).all()
     ):
         return None
     step = float(np.median(np.abs(np.diff(wanted))))
     if kind == "longitude":
-        wanted, held = wanted % 360.0, held % 360.0
-    order = np.argsort(held, kind="stable")
-    after = np.searchsorted(held[order], wanted)
-    beside = np.stack([order[(after + k) % len(held)] for k in (-1, 0)])
-    apart = _apart(held[beside], wanted, kind)
+        wanted, present = wanted % 360.0, present % 360.0
+    order = np.argsort(present, kind="stable")
+    after = np.searchsorted(present[order], wanted)
+    beside = np.stack([order[(after + k) % len(present)] for k in (-1, 0)])
+    apart = _difference(present[beside], wanted, kind)
     index = beside[apart.argmin(axis=0), np.arange(len(wanted))]
     if (apart.min(axis=0) > NEAR * step).any():
         return None
-    jumps = np.diff(index) % len(held)  # two grids of other steps may share points
+    jumps = np.diff(index) % len(present)  # grids with different steps may share points
     return (
         np.asarray(index, np.int64)
-        if np.median(np.minimum(jumps, len(held) - jumps)) <= 1
+        if np.median(np.minimum(jumps, len(present) - jumps)) <= 1
         else None
     )
 
 
-def _apart(one: Array, other: Array, kind: str) -> Array:
+def _difference(one: Array, other: Array, kind: str) -> Array:
     apart = np.abs(one - other) % 360.0 if kind == "longitude" else np.abs(one - other)
     return np.asarray(np.minimum(apart, 360.0 - apart)) if kind == "longitude" else apart
 
 
-def _turned(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
-    """Return a dataset whose curved grid has its rows and columns in the order of another, and its
-    coordinates.
+def _match_curved_grid(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
+    """Return a dataset with the rows and columns of its curvilinear grid ordered as in the first.
+
+    The coordinates of the first dataset replace its own.
     """
     dims = [str(d) for d in first[name].dims if d in data[name].dims]
     pairs = []
     for role in ("longitude", "latitude"):
-        own, other = (_curved(held, dims, role) for held in (first, data))
+        own, other = (_curved_coordinate(dataset, dims, role) for dataset in (first, data))
         if (
             own is None
             or other is None
@@ -312,7 +323,7 @@ def _turned(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
             {d: slice(None, None, flip) for d, flip in zip(along, flips, strict=True)}
         )
         if all(
-            _same(first[own], turned[other].transpose(*first[own].dims), role)
+            _same_coordinates(first[own], turned[other].transpose(*first[own].dims), role)
             for own, other, role in pairs
         ):
             return turned.assign(
@@ -324,10 +335,10 @@ def _turned(first: xr.Dataset, data: xr.Dataset, name: str) -> xr.Dataset:
     return data
 
 
-def _curved(data: xr.Dataset, dims: Sequence[str], role: str) -> str | None:
-    """Return the coordinates of a role over two dimensions of a grid;
+def _curved_coordinate(data: xr.Dataset, dims: Sequence[str], role: str) -> str | None:
+    """Return the 2-D coordinate with a role over the dimensions of a grid.
 
-    None where there are none, or several.
+    None if there is none or more than one.
     """
     found = [
         str(n)
@@ -339,8 +350,8 @@ def _curved(data: xr.Dataset, dims: Sequence[str], role: str) -> str | None:
     return found[0] if len(found) == 1 else None
 
 
-def _same(own: xr.DataArray, other: xr.DataArray, role: str) -> bool:
-    wanted, held = np.asarray(own.values, float), np.asarray(other.values, float)
-    there = np.isfinite(wanted) & np.isfinite(held)
-    same = np.array_equal(np.isfinite(wanted), np.isfinite(held))
-    return same and bool((_apart(wanted, held, role)[there] <= SAME).all())
+def _same_coordinates(own: xr.DataArray, other: xr.DataArray, role: str) -> bool:
+    wanted, values = np.asarray(own.values, float), np.asarray(other.values, float)
+    finite = np.isfinite(wanted) & np.isfinite(values)
+    same = np.array_equal(np.isfinite(wanted), np.isfinite(values))
+    return same and bool((_difference(wanted, values, role)[finite] <= SAME).all())

@@ -1,10 +1,9 @@
-"""Which level of a variable is read, and whether what it holds there is what things at the surface
-feel.
+"""Choice of the vertical level of a variable, and checks that it represents the surface.
 
-A level stands along a dimension, beside the variable as a lone coordinate (its dimension dropped),
-only in its attributes, or only in its name. Wherever it stands it is read and judged: winds 2 to 20
-m above the sea, currents and Stokes drift at most 5 m deep, sigma close to the surface. Nothing
-else is taken unless the case names it.
+A level is given by a dimension, by a scalar coordinate (the dimension was dropped), only by
+attributes, or only by the variable's name. In every case it is checked. drift accepts winds 2 to
+20 m above the sea, currents and Stokes drift at most 5 m deep, and sigma levels close to the
+surface. Any other level has to be chosen in the case.
 """
 
 import re
@@ -29,7 +28,7 @@ DEPTHS = re.compile(r"^depth", re.IGNORECASE)
 HEIGHTS = re.compile(r"^(height|altitude)", re.IGNORECASE)
 PRESSURES = re.compile(r"^(isobaric|plev|pres)", re.IGNORECASE)
 SIGMAS = re.compile(r"^(siglay|siglev|sigma.*|s_rho|s_w)$", re.IGNORECASE)
-# ROMS and SCHISM count upwards
+# ROMS and SCHISM number levels upwards
 FROM_BOTTOM = re.compile(r"^(s_rho|s_w|nschism_vgrid_layers)$", re.IGNORECASE)
 FROM_TOP = re.compile(r"^(depth.*|siglay|siglev)$", re.IGNORECASE)
 
@@ -64,14 +63,14 @@ PASCALS = {
     "pascal": 1.0,
     "pascals": 1.0,
 }
-DECIBAR = 1e4  # [Pa]; of sea water it is a metre of depth to 1 %
+DECIBAR = 1e4  # [Pa]; 1 dbar of sea water is 1 m of depth to within 1 %
 
-WIND_HEIGHT = 10.0  # [m] the height that leeway is measured against
-# [m] a wind at these passes for that at 10 m: the logarithmic profile differs by 15 %
+WIND_HEIGHT = 10.0  # [m] reference height of leeway
+# [m] winds between these heights are accepted as 10 m winds: the log profile differs by 15 %
 HEIGHTS_OF_WIND = (2.0, 20.0)
-DEEPEST = 5.0  # [m] to which a current or Stokes drift passes for the surface's
-# Levels in names: UGRD_850mb, u10m, UGRD_0D995sigma; u850, 100u, which state no unit; u_ml, which
-# states no number
+DEEPEST = 5.0  # [m] currents and Stokes drift down to this depth are accepted as surface values
+# Levels in names: UGRD_850mb, u10m, UGRD_0D995sigma with a unit; u850, 100u without one; u_ml
+# without a number
 MEASURED = re.compile(
     r"(?<![\d.])(\d+(?:[.D]\d+)?)_?(hpa|mbar|mb|sigma|m)(?=$|[\W_\d]|above|agl|below)",
     re.IGNORECASE,
@@ -92,22 +91,22 @@ IN_WATER = re.compile(
     re.IGNORECASE,
 )
 LEAST_PRESSURE = (
-    # numbers without a unit from this on count hPa: winds are given to 200 m above ground, and at
-    # 250 hPa
+    # Numbers without a unit from this on are hPa, smaller ones metres: files hold winds up to
+    # 200 m above ground, and at 250 hPa.
     250.0
 )
-# types of level that have no value
+# types of level without a value
 SURFACES = {"surface", "meansea", "oceansurface", "sea", "sea surface", "mean sea level"}
 
 
 @dataclass(frozen=True)
 class Levels:
-    """The levels of a variable, under the name by which a case chooses among them.
+    """The levels of a variable, with the name by which a case chooses among them.
 
-    values (n,), units: as the file has them, for messages; away (n,): above the sea for a "height"
-    [m], below it for a "depth" [m], from the surface for "sigma" [1]; NaN for what has no known
-    place: a "pressure", a "number", "unknown". upwards: whether numbers grow upwards, None where
-    nothing says so; lone: no dimension of the variable.
+    values (n,), units: as in the file, for messages. away (n,): height above the sea for kind
+    "height" [m], depth for "depth" [m], distance from the surface for "sigma" [1]; NaN for kinds
+    without a known position: "pressure", "number", "unknown". upwards: whether values grow upwards,
+    None if unknown. lone: the level is no dimension of the variable.
     """
 
     name: str
@@ -120,7 +119,7 @@ class Levels:
 
 
 def is_vertical(data: xr.Dataset, dim: str) -> bool:
-    """Whether a dimension or coordinate is a vertical one, by its attributes or its name."""
+    """Return True if attributes or name mark a dimension or coordinate as vertical."""
     if NAMES.match(dim):
         return True
     if dim not in data.variables:
@@ -140,76 +139,90 @@ def is_vertical(data: xr.Dataset, dim: str) -> bool:
 def choose(
     data: xr.Dataset, name: str, dim: str, quantity: str, depth: float | None, where: str
 ) -> tuple[int, str]:
-    """Return the index to read along a vertical dimension of a variable, and a remark on which it
-    is.
+    """Return the index to read along a vertical dimension, and a note on the level ("" for none).
 
-    depth: the one the case wants [m], None for the surface; where: the file, for messages.
+    Args:
+        data: the file's dataset.
+        name: of the variable.
+        dim: the vertical dimension.
+        quantity: one of QUANTITIES.
+        depth: that the case asks for [m]; None for the surface.
+        where: the file, for messages.
+
+    Raises:
+        UserError: no level there represents the surface, or lies near `depth`.
     """
     count = int(data.sizes[dim])
     if not count:
         raise UserError(f'{where}: "{dim}" has no level; set [[{quantity}]] files')
-    levels = _along(data, dim, quantity)
+    levels = _levels_along(data, dim, quantity)
     if levels is None:
-        return _uncounted(dim, count, quantity, depth, where) if count > 1 else (0, "")
+        return _choose_by_name(dim, count, quantity, depth, where) if count > 1 else (0, "")
     if not np.isfinite(levels.values).all():
         raise UserError(
-            f'{where}: "{dim}" has missing values, so that nothing says which level lies at the surface; where you '
-            f"know it, name it by its index in [[{quantity}]] variables.{dim}"
+            f'{where}: "{dim}" has missing values, so the level at the surface is unknown; if you '
+            f"know it, give its index in [[{quantity}]] variables.{dim}"
         )
-    return _judge(levels, name, quantity, depth, where)
+    return _choose_level(levels, name, quantity, depth, where)
 
 
 def beside(data: xr.Dataset, name: str, quantity: str) -> list[Levels]:
-    """Return the levels that a variable has no dimension for: lone coordinates, or those of
-    attributes.
-    """
+    """Return the levels of a variable that are scalar coordinates or stated by its attributes."""
     variable = data[name]
     own = set(map(str, variable.dims))
-    listed = _listed(variable) | set(map(str, variable.coords))
-    others = set().union(*(_listed(data[n]) for n in map(str, data.variables) if n != name))
+    listed = _listed_coordinates(variable) | set(map(str, variable.coords))
+    others = set().union(
+        *(_listed_coordinates(data[n]) for n in map(str, data.variables) if n != name)
+    )
     levels = []
     for other in map(str, data.variables):
-        held = data[other]
-        dims = set(map(str, held.dims))
-        if other == name or held.size != 1 or dims & own or not is_vertical(data, other):
+        candidate = data[other]
+        dims = set(map(str, candidate.dims))
+        if other == name or candidate.size != 1 or dims & own or not is_vertical(data, other):
             continue
-        if not np.issubdtype(held.dtype, np.number) or not np.isfinite(held.values).all():
+        if not np.issubdtype(candidate.dtype, np.number) or not np.isfinite(candidate.values).all():
             continue
         lent = any(dims & set(map(str, v.dims)) for n, v in data.variables.items() if n != other)
         if other in listed or (other not in others and not lent):
             levels.append(
-                _read(other, held.attrs, np.ravel(held.values).astype(np.float64), quantity, True)
+                _build_levels(
+                    other,
+                    candidate.attrs,
+                    np.ravel(candidate.values).astype(np.float64),
+                    quantity,
+                    True,
+                )
             )
     if levels or any(is_vertical(data, d) for d in own):
         return levels
-    stated = _stated(name, variable.attrs, quantity)
+    stated = _stated_level(name, variable.attrs, quantity)
     return [stated] if stated is not None else []
 
 
 def accept(levels: Levels, name: str, quantity: str, depth: float | None, where: str) -> str:
-    """Return a remark on a lone level that passes, and refuse one that does not."""
-    return _judge(levels, name, quantity, depth, where)[1]
+    """Return a note on a scalar level; raise UserError if it does not represent the surface."""
+    return _choose_level(levels, name, quantity, depth, where)[1]
 
 
 def passes(name: str, attributes: Mapping[str, Any], quantity: str) -> bool | None:
-    """Whether a variable's attributes, or else its name, state a level that lies at the surface;
+    """Return whether a variable's attributes or name state a level at the surface.
 
-    None where none do.
+    None if they state no level.
     """
     if _at_surface(attributes):
         return True
-    levels = _stated(name, attributes, quantity)
-    return None if levels is None else _surface(levels, quantity) is not None
+    levels = _stated_level(name, attributes, quantity)
+    return None if levels is None else _surface_index(levels, quantity) is not None
 
 
 def _at_surface(attributes: Mapping[str, Any]) -> bool:
     return str(attributes.get("GRIB_typeOfLevel", "")).lower() in SURFACES
 
 
-def _stated(name: str, attributes: Mapping[str, Any], quantity: str) -> Levels | None:
-    """Return the level that a variable's attributes state, or else its name;
+def _stated_level(name: str, attributes: Mapping[str, Any], quantity: str) -> Levels | None:
+    """Return the level that a variable's attributes or name state.
 
-    None without one, or at the surface.
+    None if they state none or the surface.
     """
     if _at_surface(attributes):
         return None
@@ -217,7 +230,7 @@ def _stated(name: str, attributes: Mapping[str, Any], quantity: str) -> Levels |
 
 
 def same(data: xr.Dataset, other: xr.Dataset, dim: str, index: int) -> bool:
-    """Whether one index along a vertical dimension stands for the same level in two files."""
+    """Return True if an index along a vertical dimension is the same level in both files."""
     if dim not in data.variables or dim not in other.variables:
         return True
     pair = [np.asarray(d[dim].values) for d in (data, other)]
@@ -228,14 +241,15 @@ def same(data: xr.Dataset, other: xr.Dataset, dim: str, index: int) -> bool:
     )
 
 
-def _listed(variable: xr.DataArray) -> set[str]:
+def _listed_coordinates(variable: xr.DataArray) -> set[str]:
     return set(str(variable.attrs.get("coordinates", "")).split())
 
 
-def _along(data: xr.Dataset, dim: str, quantity: str) -> Levels | None:
+def _levels_along(data: xr.Dataset, dim: str, quantity: str) -> Levels | None:
     """Return the levels along a dimension.
 
-    They come from its own coordinate, or from the one vertical variable along it.
+    They come from its own coordinate or from the only vertical variable along the dimension. None
+    if neither gives numbers.
     """
     named = dim
     if dim not in data.variables:
@@ -251,13 +265,13 @@ def _along(data: xr.Dataset, dim: str, quantity: str) -> Levels | None:
     values = np.asarray(coordinate.transpose(dim, ...).values, np.float64)
     if values.ndim > 1:  # FVCOM: siglay(siglay, node)
         values = np.nanmean(values.reshape(len(values), -1), axis=1)
-    return _read(dim, coordinate.attrs, values, quantity, False)
+    return _build_levels(dim, coordinate.attrs, values, quantity, False)
 
 
-def _read(
+def _build_levels(
     name: str, attributes: Mapping[str, Any], values: Real, quantity: str, lone: bool
 ) -> Levels:
-    """Return levels with their kind and their place, as far as name, units and attributes tell it."""
+    """Return levels with their kind and position, as far as name, units and attributes say."""
     units = str(attributes.get("units", "")).strip()
     standard = str(attributes.get("standard_name", "")).strip().lower()
     positive = str(attributes.get("positive", "")).strip().lower()
@@ -281,8 +295,8 @@ def _read(
         "-",
         "sigma_level",
     )
-    share = _sigma(name, standard, units) and np.abs(values).max(initial=0.0) <= 1.0 + 1e-6
-    if none and values.size and _counts(values) and not share:
+    share = _is_sigma(name, standard, units) and np.abs(values).max(initial=0.0) <= 1.0 + 1e-6
+    if none and values.size and _are_level_numbers(values) and not share:
         kind = "number"
         if upwards is None:
             upwards = True if FROM_BOTTOM.match(name) else False if FROM_TOP.match(name) else None
@@ -297,7 +311,7 @@ def _read(
     elif length is not None:
         kind, away = "depth", np.abs(values) * length
     elif share:
-        kind, away = "sigma", _from_surface(values, quantity, upwards)
+        kind, away = "sigma", _sigma_from_surface(values, quantity, upwards)
     elif (
         none
         and (DEPTHS.match(name) or standard == "depth")
@@ -320,17 +334,15 @@ def _read(
     return Levels(name, kind, values, units, away, upwards, lone)
 
 
-def _counts(values: Real) -> bool:
-    """Whether values number levels instead of placing them: 3, 4, 5, ... or a lone whole number
-    other than 0.
-    """
-    whole = bool((values == np.round(values)).all()) if np.isfinite(values).all() else False
-    return whole and (
+def _are_level_numbers(values: Real) -> bool:
+    """Return True if values number levels (3, 4, 5, ... or one nonzero whole number)."""
+    integral = bool((values == np.round(values)).all()) if np.isfinite(values).all() else False
+    return integral and (
         bool(values[0]) if len(values) == 1 else bool((np.abs(np.diff(values)) == 1).all())
     )
 
 
-def _sigma(name: str, standard: str, units: str) -> bool:
+def _is_sigma(name: str, standard: str, units: str) -> bool:
     return bool(
         SIGMAS.match(name)
         or units.lower() == "sigma_level"
@@ -338,23 +350,23 @@ def _sigma(name: str, standard: str, units: str) -> bool:
     )
 
 
-def _from_surface(values: Real, quantity: str, upwards: bool | None) -> Real:
-    """Return how far sigma lies from the surface.
+def _sigma_from_surface(values: Real, quantity: str, upwards: bool | None) -> Real:
+    """Return the distance of sigma levels from the surface [1]; NaN if it cannot be known.
 
-    In the atmosphere sigma is 1 there; in an ocean it is 0, and -1 at the bottom.
+    At the surface sigma is 1 in the atmosphere and 0 in the ocean, where it is -1 at the bottom.
     """
     if QUANTITIES[quantity].in_air or (upwards and (values >= 0).all() and values.max() > 0):
         return 1.0 - values
     if upwards is None and (values > 0).any():
-        # it runs from 0 to 1, and nothing says at which end the surface is
+        # sigma runs from 0 to 1, and nothing says at which end the surface is
         return np.full(values.shape, np.nan)
     return np.abs(values)
 
 
 def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None:
-    """Return the level that a variable's attributes name where they do so plainly;
+    """Return the level that a variable's attributes state explicitly.
 
-    None at the surface.
+    None if they state none or the surface.
     """
     kind = str(attributes.get("GRIB_typeOfLevel", "")).strip()
     if kind and kind != "undef":
@@ -365,7 +377,7 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
             kind, "m" if re.match("height|depthBelowSea", kind) else ""
         )
         if value is not None and not kind.endswith("Layer"):
-            read = _read(kind, {"units": units}, np.array([float(value)]), quantity, True)
+            read = _build_levels(kind, {"units": units}, np.array([float(value)]), quantity, True)
             return Levels(
                 "level", read.kind, read.values, read.units or kind, read.away, None, True
             )
@@ -383,7 +395,9 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
         if QUANTITIES[quantity].in_air:
             hit = re.search(number + r"[\s-]*(hpa|mb|mbar|millibars?)\b", text)
             if hit:
-                return _read("level", {"units": hit[2]}, np.array([float(hit[1])]), quantity, True)
+                return _build_levels(
+                    "level", {"units": hit[2]}, np.array([float(hit[1])]), quantity, True
+                )
             of = r"\s*(?:above|height|wind|[uv]\b|[uv][- ]|eastward|northward|zonal|meridional)"
             hit = re.search(f"{at}{number}{metre}", text) or re.search(
                 rf"\b{number}{metre}(?={of})", text
@@ -393,25 +407,25 @@ def of_attributes(attributes: Mapping[str, Any], quantity: str) -> Levels | None
                 rf"\b{number}{metre}\s*(?:depth|below|deep)", text
             )
         if hit:
-            return _read("level", {"units": "m"}, np.array([float(hit[1])]), quantity, True)
+            return _build_levels("level", {"units": "m"}, np.array([float(hit[1])]), quantity, True)
     return None
 
 
 def of_name(name: str, quantity: str) -> Levels | None:
-    """Return the level that the name of a variable states; None where it states none."""
+    """Return the level that the name of a variable states; None if it states none."""
     in_air = QUANTITIES[quantity].in_air
     for hit in MEASURED.finditer(name):
         value, unit = float(hit[1].upper().replace("D", ".")), hit[2]
         if in_air or unit.lower() == "m":
             sigma = unit.lower() == "sigma"
-            called, units = ("sigma", "") if sigma else ("level", unit)
-            read = _read(called, {"units": units}, np.array([value]), quantity, True)
+            level_name, units = ("sigma", "") if sigma else ("level", unit)
+            read = _build_levels(level_name, {"units": units}, np.array([value]), quantity, True)
             return replace(read, name="level")
     counted = COUNTED.match(name) if in_air else None
     if counted:
         value = float(counted[1] or counted[2] or counted[3])
         unit = "hPa" if value >= LEAST_PRESSURE else "m"
-        return _read("level", {"units": unit}, np.array([value]), quantity, True)
+        return _build_levels("level", {"units": unit}, np.array([value]), quantity, True)
     word = (IN_AIR if in_air else IN_WATER).search(name)
     if word:
         return Levels(
@@ -420,10 +434,10 @@ def of_name(name: str, quantity: str) -> Levels | None:
     return None
 
 
-def _surface(levels: Levels, quantity: str) -> int | None:
-    """Return the index of the level that passes for the surface; None without one.
+def _surface_index(levels: Levels, quantity: str) -> int | None:
+    """Return the index of the level that represents the surface; None if no level does.
 
-    For winds it is the level nearest to 10 m.
+    For winds it is the accepted level nearest to 10 m.
     """
     values, away = levels.values, levels.away
     if levels.kind == "number" and not QUANTITIES[quantity].in_air and levels.upwards is not None:
@@ -434,7 +448,7 @@ def _surface(levels: Levels, quantity: str) -> int | None:
         return None
     if levels.kind == "height":
         low, high = HEIGHTS_OF_WIND
-        # some files give 0 for "at the surface"
+        # some files give the height 0 for "surface"
         fits = ((away >= low - 1e-3) & (away <= high + 1e-3)) | (away == 0)
         distance = np.where(fits, np.abs(away - WIND_HEIGHT), np.inf)
     elif levels.kind in ("depth", "sigma"):
@@ -446,7 +460,7 @@ def _surface(levels: Levels, quantity: str) -> int | None:
     return best if np.isfinite(distance[best]) else None
 
 
-def _judge(
+def _choose_level(
     levels: Levels, name: str, quantity: str, depth: float | None, where: str
 ) -> tuple[int, str]:
     count = len(levels.values)
@@ -454,7 +468,7 @@ def _judge(
         if levels.kind != "depth":
             raise UserError(
                 f'{where}: [[{quantity}]] depth = {depth:g} m, but "{levels.name}" of {name} has levels that are not '
-                f"in metres: {_spoken(levels)}; {_key(levels, quantity, False)}"
+                f"in metres: {_format_levels(levels)}; {_advice(levels, quantity, False)}"
             )
         chosen = int(np.argmin(np.abs(levels.away - abs(depth))))
         apart = abs(float(levels.away[chosen]) - abs(depth))
@@ -462,12 +476,12 @@ def _judge(
         if not inside and apart > max(DEEPEST, abs(depth) / 4):
             raise UserError(
                 f"{where}: {name} has no level near [[{quantity}]] depth = {depth:g} m: it is given at "
-                f"{_spoken(levels)}"
+                f"{_format_levels(levels)}"
             )
     else:
-        surface = _surface(levels, quantity)
+        surface = _surface_index(levels, quantity)
         if surface is None:
-            raise UserError(_refusal(levels, name, quantity, where))
+            raise UserError(_rejection(levels, name, quantity, where))
         chosen = surface
     if (
         count == 1
@@ -475,7 +489,7 @@ def _judge(
         and (levels.away[0] == 0 or (levels.kind == "height" and not levels.lone))
     ):
         return 0, ""
-    value = _number(levels.values[chosen])
+    value = _format_number(levels.values[chosen])
     if QUANTITIES[quantity].in_air and levels.kind == "height":
         return chosen, f"height {value} {levels.units or 'm'}" + (
             f" of {count} levels" if count > 1 else ""
@@ -489,28 +503,28 @@ def _judge(
     return chosen, f'level {value}{unit} of {count} along "{levels.name}"{guess}'
 
 
-def _refusal(levels: Levels, name: str, quantity: str, where: str) -> str:
+def _rejection(levels: Levels, name: str, quantity: str, where: str) -> str:
     only = "the only level" if len(levels.values) == 1 else "all levels"
     if not len(levels.values):
-        given = f'is given at a level of type "{levels.units}"'
+        description = f'is given at a level of type "{levels.units}"'
     elif np.isfinite(levels.away).all() or levels.kind == "pressure":
-        given = f'is given at {_spoken(levels)} ("{levels.name}", {only} of it)'
+        description = f'is given at {_format_levels(levels)} ("{levels.name}", {only} of it)'
     else:
-        given = f'has "{levels.name}" = {_spoken(levels)}, and nothing says how far from the surface that is'
-    key = _key(levels, quantity, levels.kind == "depth")
-    return f"{where}: {name} {given}; needed is {QUANTITIES[quantity].wanted}: {key}"
+        description = f'has "{levels.name}" = {_format_levels(levels)}, and nothing says how far from the surface that is'
+    key = _advice(levels, quantity, levels.kind == "depth")
+    return f"{where}: {name} {description}; needed is {QUANTITIES[quantity].wanted}: {key}"
 
 
-def _key(levels: Levels, quantity: str, by_depth: bool) -> str:
-    """Return how a level is named, without a value to copy: who names one must know what it holds."""
+def _advice(levels: Levels, quantity: str, by_depth: bool) -> str:
+    """Return how to choose a level. No value is proposed: the user must know what to choose."""
     place = f"its index there, counted from 0, in [[{quantity}]] variables.{levels.name}"
     if by_depth:
         place = f"[[{quantity}]] depth, or {place}"
-    return f"name a file that has it in [[{quantity}]] files, or, if you know a level here to be right, name it by {place}"
+    return f"name a file that has it in [[{quantity}]] files, or, if you know which level here is right, give {place}"
 
 
-def _spoken(levels: Levels) -> str:
-    values = [_number(v) for v in levels.values]
+def _format_levels(levels: Levels) -> str:
+    values = [_format_number(v) for v in levels.values]
     if len(values) > 12:
         values = [*values[:6], "...", *values[-3:]]
     text = ", ".join(values)
@@ -522,21 +536,21 @@ def _spoken(levels: Levels) -> str:
     return f"{text} {unit}"
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     return f"{value:.6g}"
 
 
-def _uncounted(
+def _choose_by_name(
     dim: str, count: int, quantity: str, depth: float | None, where: str
 ) -> tuple[int, str]:
-    """Return the index of the surface along a dimension without a coordinate; None without one.
+    """Return the index and a note for the surface along a vertical dimension without coordinate.
 
-    The name of the dimension alone says at which end the surface is.
+    Only the name of the dimension says at which end the surface is. Raise UserError if it does not.
     """
     if depth is not None and not QUANTITIES[quantity].in_air:
         raise UserError(
-            f'{where}: [[{quantity}]] depth = {depth:g} m, but the {count} levels of "{dim}" have no depths; where '
-            f"you know them, name one by its index, counted from 0, in [[{quantity}]] variables.{dim}"
+            f'{where}: [[{quantity}]] depth = {depth:g} m, but the {count} levels of "{dim}" have no depths; if '
+            f"you know them, give an index, counted from 0, in [[{quantity}]] variables.{dim}"
         )
     upwards = bool(FROM_BOTTOM.match(dim))
     if not QUANTITIES[quantity].in_air and (upwards or FROM_TOP.match(dim)):
@@ -546,7 +560,7 @@ def _uncounted(
             f'{"last" if upwards else "first"} of {count} levels along "{dim}", taken as the surface',
         )
     raise UserError(
-        f'{where}: "{dim}" has {count} levels and nothing says where they lie; needed is '
-        f"{QUANTITIES[quantity].wanted}: where you know "
-        f"which that is, name it by its index, counted from 0, in [[{quantity}]] variables.{dim}"
+        f'{where}: "{dim}" has {count} levels of unknown position; needed is '
+        f"{QUANTITIES[quantity].wanted}: if you know "
+        f"which that is, give its index, counted from 0, in [[{quantity}]] variables.{dim}"
     )

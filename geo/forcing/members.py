@@ -1,4 +1,4 @@
-"""Along which dimension of a file the members of an ensemble lie, and what they are called."""
+"""Dimensions along which a file holds the members of an ensemble, and the members' labels."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 NAMES = "realization, number, member, ensemble, ens, perturbationNumber"
-MOST = 4  # members that a note names
+MOST = 4  # largest number of members that a note names
 _NAMED = re.compile(
     r"^(reali[sz]ations?|number|members?|ensembles?|ens|ens_?(member|number)s?|ensemble_?(member|number|index)s?"
     r"|perturbation(_?number)?s?|mem)$",
@@ -16,17 +16,15 @@ _NAMED = re.compile(
 
 
 def named(data: xr.Dataset, dim: str) -> bool:
-    """Whether a dimension says by its name, or its coordinate's standard name, that members lie
-    along it.
-    """
-    said = data[dim].attrs.get("standard_name", "") if dim in data.variables else ""
-    return str(said) == "realization" or bool(_NAMED.match(dim))
+    """Return True if a dimension's name or standard name says that it numbers members."""
+    standard_name = data[dim].attrs.get("standard_name", "") if dim in data.variables else ""
+    return str(standard_name) == "realization" or bool(_NAMED.match(dim))
 
 
 def along(data: xr.Dataset, dims: Iterable[str], wanted: bool | str) -> str | None:
-    """Return which of some dimensions members lie along;
+    """Return the dimension along which members lie, among `dims`; None if there is none.
 
-    None: none. wanted: its name, or True to find it.
+    wanted: name of the dimension, or True to search for it.
     """
     if isinstance(wanted, str):
         return wanted if wanted in dims else None
@@ -34,7 +32,7 @@ def along(data: xr.Dataset, dims: Iterable[str], wanted: bool | str) -> str | No
 
 
 def lie_in(data: xr.Dataset) -> bool:
-    """Whether members lie along a dimension of any variable that may be a field."""
+    """Return True if any variable that may be a field has a dimension of members."""
     fields = (
         v for v in data.data_vars.values() if v.ndim > 2 and np.issubdtype(v.dtype, np.number)
     )
@@ -42,20 +40,18 @@ def lie_in(data: xr.Dataset) -> bool:
 
 
 def labels(data: xr.Dataset, dim: str) -> tuple[str, ...]:
-    """Return what the members along a dimension are called: the values of its coordinate, else
-    their numbers from 0.
-    """
+    """Return the labels of the members: values of the coordinate, or else numbers from 0."""
     size = int(data.sizes[dim])
     values = (
         data[dim].values if dim in data.variables and data[dim].dims == (dim,) else np.arange(size)
     )
-    called = tuple(
+    names = tuple(
         f"{value:g}" if np.issubdtype(values.dtype, np.number) else str(value)
         for value in values.tolist()
     )
-    return called if len(set(called)) == size else tuple(map(str, range(size)))
+    return names if len(set(names)) == size else tuple(map(str, range(size)))
 
 
-def some(called: Sequence[str]) -> str:
-    """Return what members are called, of many the first and the last."""
-    return ", ".join(called if len(called) <= MOST else [*called[: MOST - 1], "...", called[-1]])
+def some(names: Sequence[str]) -> str:
+    """Return a list of labels for a note; of many labels only the first ones and the last."""
+    return ", ".join(names if len(names) <= MOST else [*names[: MOST - 1], "...", names[-1]])

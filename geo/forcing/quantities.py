@@ -1,8 +1,6 @@
-"""How files name currents, winds and Stokes drift: CF standard names first, then names in common
-use.
+"""Find the variables of a current, wind or Stokes drift: by CF standard name, then by usual name.
 
-A name alone never wins against what a variable says of itself: a `u` whose standard_name or
-long_name is a wind's is not a current.
+Attributes win over a name: a `u` whose standard_name or long_name is a wind's is not a current.
 """
 
 import re
@@ -17,10 +15,10 @@ from geo.grids import naming
 
 Attributes = Mapping[str, Any]
 
-# 9.9 to 99999, which are often fill values
+# 9.9 to 99999: numbers of nines, which are often fill values
 NINES = tuple(k * 10.0**p for k in (99, 999, 9999, 99999) for p in (-2, -1, 0) if k * 10**p > 1)
 
-# (east or x, north or y, "true" for east and north | "grid" for the grid's own axes), best first
+# (east or x, north or y, axes: "true" for east and north or "grid" for the grid's own), best first
 STANDARD: dict[str, tuple[tuple[str, str, str], ...]] = {
     "current": (
         ("surface_eastward_sea_water_velocity", "surface_northward_sea_water_velocity", "true"),
@@ -57,8 +55,8 @@ STANDARD: dict[str, tuple[tuple[str, str, str], ...]] = {
     ),
 }
 
-# (east, north, axes): "?" is grid axes on a grid that is not aligned with north, which is how
-# models store them
+# (east, north, axes); axes "?": grid axes if the grid is not aligned with north, as models usually
+# store them
 COMMON: dict[str, tuple[tuple[str, str, str], ...]] = {
     "current": (
         ("u_eastward", "v_northward", "true"),
@@ -122,7 +120,7 @@ COMMON: dict[str, tuple[tuple[str, str, str], ...]] = {
         ("stokes_u", "stokes_v", "true"),
     ),
 }
-# CF's
+# suffixes of CF standard names of variables that describe another variable
 MODIFIERS = (
     "_standard_error",
     "_number_of_observations",
@@ -131,15 +129,15 @@ MODIFIERS = (
     "_detection_minimum",
 )
 GUST = re.compile(r"gust", re.IGNORECASE)  # in names
-# only a `plain` quantity may have such a name without an attribute that says what it is
+# such names without a descriptive attribute are accepted only for a quantity with `plain` = True
 PLAIN = {"u", "v"}
 
 
 @dataclass(frozen=True)
 class Pair:
-    """The two variables of a quantity, the axes that they count along, and how they were found.
+    """The two component variables of a quantity.
 
-    axes: "true", "grid" or "?".
+    axes: "true", "grid" or "?"; how: how they were found, for notes.
     """
 
     east: str
@@ -149,7 +147,7 @@ class Pair:
 
 
 def said(attributes: Attributes) -> str | None:
-    """Return what a variable says of itself: a quantity, "other", or None where it does not say."""
+    """Return what the attributes say a variable is: a quantity, "other", or None if nothing."""
     standard = _standard_name(attributes, "standard_name")
     standard = "" if standard in ("unknown", "none") else standard  # GRIB converters write this
     text = standard or str(attributes.get("long_name", "")).lower()
@@ -179,12 +177,12 @@ def _standard_name(attributes: Attributes, key: str) -> str:
     return re.sub(r"\s+", "_", text)
 
 
-def _best(
+def _prefer(
     names: list[str], attributes: Mapping[str, Attributes], quantity: str, east: bool
 ) -> list[str]:
-    """Return the best of several variables of one standard name.
+    """Return the best of several variables with the same standard name.
 
-    Those at the surface come first, winds at 10 m, then names in common use.
+    Variables at the surface are preferred, then winds at 10 m, then usual names.
     """
     if len(names) > 1:
         stated = {n: level.passes(n, attributes[n], quantity) for n in names}
@@ -203,8 +201,8 @@ def _best(
     return names
 
 
-def _named(variables: Mapping[str, Attributes], key: str, name: str) -> list[str]:
-    """Return the variables with a standard name, but for gusts, which some files call winds."""
+def _with_standard_name(variables: Mapping[str, Attributes], key: str, name: str) -> list[str]:
+    """Return the variables with a standard name, except gusts, which some files label as winds."""
     return [
         n for n, a in variables.items() if _standard_name(a, key) == name and not GUST.search(n)
     ]
@@ -213,20 +211,20 @@ def _named(variables: Mapping[str, Attributes], key: str, name: str) -> list[str
 def _by_standard_name(quantity: str, variables: Mapping[str, Attributes], key: str) -> Pair | None:
     halves: list[str] = []
     for east_name, north_name, axes in STANDARD[quantity]:
-        held = [
-            _best(_named(variables, key, name), variables, quantity, east)
+        candidates = [
+            _prefer(_with_standard_name(variables, key, name), variables, quantity, east)
             for name, east in ((east_name, True), (north_name, False))
         ]
-        if not held[0] or not held[1]:
-            halves += held[0] + held[1]
+        if not candidates[0] or not candidates[1]:
+            halves += candidates[0] + candidates[1]
             continue
-        for names in held:
+        for names in candidates:
             if len(names) > 1:
                 raise UserError(
                     f"several variables are the {QUANTITIES[quantity].spoken}: {', '.join(sorted(names))}; "
                     f"choose with [[{quantity}]] variables = {{ east = ..., north = ... }}"
                 )
-        return Pair(held[0][0], held[1][0], axes, f"{key} {east_name}")
+        return Pair(candidates[0][0], candidates[1][0], axes, f"{key} {east_name}")
     return None
 
 
@@ -246,10 +244,7 @@ def _by_common_name(quantity: str, variables: Mapping[str, Attributes]) -> Pair 
 
 
 def search(quantity: str, variables: Mapping[str, Attributes]) -> Pair | None:
-    """Return the variables of a quantity by standard name, then by common name;
-
-    None where there are none.
-    """
+    """Return the variables of a quantity by standard name, then by usual name; None if absent."""
     return (
         _by_standard_name(quantity, variables, "standard_name")
         or _by_standard_name(quantity, variables, "long_name")
@@ -257,7 +252,7 @@ def search(quantity: str, variables: Mapping[str, Attributes]) -> Pair | None:
     )
 
 
-# Keys of a case's variables.
+# keys of a source's `variables` in a case
 KEYS = (
     "east",
     "north",
@@ -277,11 +272,17 @@ KEYS = (
 def find(
     quantity: str, variables: Mapping[str, Attributes], chosen: Mapping[str, Any], name: str
 ) -> Pair:
-    """Return the variables of a quantity among all of `variables` {name: attributes}, or say what
-    is there.
+    """Return the two component variables of a quantity.
 
-    chosen: the case's own choice {"east": ..., "north": ..., "axes": "true" | "grid"}; it overrides
-    everything.
+    Args:
+        quantity: one of QUANTITIES.
+        variables: name -> attributes of all variables.
+        chosen: the case's choice, {"east": ..., "north": ..., "axes": "true" | "grid"}, which
+            overrides everything.
+        name: of the source, for messages.
+
+    Raises:
+        UserError: the quantity is absent or ambiguous; the message lists what the file holds.
     """
     axes = str(chosen.get("axes", ""))
     if axes not in ("", "true", "grid"):
@@ -294,7 +295,7 @@ def find(
                 raise UserError(f"[[{quantity}]] variables names one component; set {key} as well")
             if chosen[key] not in variables:
                 raise UserError(
-                    f'{name}: no variable "{chosen[key]}"; it holds {_list(variables)}; set [[{quantity}]] variables'
+                    f'{name}: no variable "{chosen[key]}"; it holds {_list_names(variables)}; set [[{quantity}]] variables'
                 )
         east, north = str(chosen["east"]), str(chosen["north"])
         standard = {e: a for e, _, a in STANDARD[quantity]} | {e: a for e, _, a in COMMON[quantity]}
@@ -306,30 +307,30 @@ def find(
         return Pair(east, north, axes or axes_named, "the case's own choice")
     pair = search(quantity, variables)
     if pair is None:
-        raise UserError(_absent(quantity, variables, name))
+        raise UserError(_absence_message(quantity, variables, name))
     return Pair(pair.east, pair.north, axes or pair.axes, pair.how)
 
 
-def _list(variables: Mapping[str, Attributes]) -> str:
+def _list_names(variables: Mapping[str, Attributes]) -> str:
     names = sorted(n for n in variables if not naming.of_grid(n))
     return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "no variable"
 
 
-def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> str:
+def _absence_message(quantity: str, variables: Mapping[str, Attributes], name: str) -> str:
     where = f"set [[{quantity}]] files to one that does, or [[{quantity}]] variables = {{ east = ..., north = ... }}"
     components = (
         {name for name, _, _ in STANDARD[quantity] + COMMON[quantity]},
         {north for _, north, _ in STANDARD[quantity] + COMMON[quantity]},
     )
-    for held, lacking, side in ((0, 1, "northward"), (1, 0, "eastward")):
+    for present, lacking, side in ((0, 1, "northward"), (1, 0, "eastward")):
         lone = [
             n
             for n, a in variables.items()
             if not GUST.search(n)
             and (
-                _standard_name(a, "standard_name") in components[held]
+                _standard_name(a, "standard_name") in components[present]
                 or (
-                    n in components[held]
+                    n in components[present]
                     and said(a) in (None, quantity)
                     and (n not in PLAIN or QUANTITIES[quantity].plain)
                 )
@@ -345,5 +346,5 @@ def _absent(quantity: str, variables: Mapping[str, Attributes], name: str) -> st
         pair = search(other, variables) if other != quantity else None
         if pair is not None:
             held_instead.append(f"{QUANTITIES[other].spoken} ({pair.east}, {pair.north})")
-    what = " and ".join(held_instead) if held_instead else _list(variables)
+    what = " and ".join(held_instead) if held_instead else _list_names(variables)
     return f"no {QUANTITIES[quantity].spoken} in the {QUANTITIES[quantity].spoken} file {name}: it holds {what}; {where}"

@@ -1,6 +1,4 @@
-"""The quantities of forcing: currents, winds and Stokes drift, each with what holds for it in any
-file.
-"""
+"""The forcing quantities (current, wind, Stokes drift) with their limits and properties."""
 
 import math
 from dataclasses import dataclass
@@ -11,31 +9,32 @@ class Quantity:
     """One quantity of forcing."""
 
     spoken: str  # its name in messages
-    key: str  # its key in a scenario, which names the sources that the scenario drifts in
-    fastest: float  # [m/s] that a speed is believed to
-    impossible: float  # [m/s] of a component, beyond which a value is a fill value
-    utmost: float  # [m/s] that no average over a whole run exceeds
-    sigma: float  # share of the column from the surface within which a level passes for it
-    wanted: str  # level, in messages
-    # In the air levels are heights, the direction is where it comes from, and it blows over land
-    # too. It moves an object by its leeway; what is in the water moves all that drifts alike.
+    key: str  # key in a scenario that lists the sources which the scenario uses
+    fastest: float  # [m/s] largest plausible speed
+    impossible: float  # [m/s] components beyond it are fill values
+    utmost: float  # [m/s] largest plausible average over a whole run
+    sigma: float  # distance from the surface, as a share of the column, up to which levels pass
+    wanted: str  # accepted level, for messages
+    # True for quantities of the air: levels are heights, the direction is where it comes from, it
+    # has values over land, and it moves an object by its leeway. Quantities in the water move all
+    # objects equally.
     in_air: bool = False
-    # [m/s] that the mean over all places and times of a file stays under. Where it is known a few
+    # [m/s] largest plausible mean over all points and times of a file. If it is finite, a few
     # points may exceed `fastest`; otherwise none may.
     strong_mean: float = math.inf
-    zeros_are_land: bool = False  # even beside missing values: it really is zero hardly anywhere
-    plain: bool = False  # variables "u" and "v" that do not say what they are may be it
-    has_errors: bool = False  # whether [uncertainty] states how wrong it may be
-    # cells that a source is filled from wet neighbours toward the coast, where its table says
-    # nothing
+    zeros_are_land: bool = False  # exact zeros mean land even in files with missing values
+    plain: bool = False  # undescribed variables "u" and "v" may be this quantity
+    has_errors: bool = False  # [uncertainty] states its error
+    # number of cells by which values are extrapolated from wet neighbours toward the coast, unless
+    # the source's table sets it
     fill: int = 3
-    # where its sources have no value nothing is known of the drift; else it adds nothing there
+    # True: without a value the drift is unknown; False: a missing value adds nothing to the drift
     needed: bool = True
 
 
-# The fastest of tidal races reach 8 to 10, the significant Stokes drift of hurricanes 1; the
-# strongest sustained wind was 96 (Patricia, 2015), which no model's grid resolves; the strongest
-# gust on record was 113. 0.005 of the atmosphere is 40 m.
+# The fastest tidal races reach 8 to 10 m/s, the significant Stokes drift of hurricanes 1 m/s. The
+# strongest sustained wind was 96 m/s (Patricia, 2015), which no model grid resolves; the strongest
+# recorded gust was 113 m/s. 0.005 of the atmosphere is 40 m.
 QUANTITIES = {
     "current": Quantity(
         spoken="current",
@@ -45,7 +44,7 @@ QUANTITIES = {
         utmost=5.0,
         sigma=0.1,
         wanted="the current at most 5 m deep, or within 0.1 of the surface in sigma",
-        strong_mean=2.5,  # western boundary currents fill no file
+        strong_mean=2.5,  # only western boundary currents are as strong, and none fills a file
         zeros_are_land=True,
         plain=True,
         has_errors=True,
@@ -74,11 +73,11 @@ QUANTITIES = {
 
 
 def needed() -> tuple[str, ...]:
-    """Return the quantities without a value of which nothing is known of the drift."""
+    """Return the quantities whose absence makes the drift unknown."""
     return tuple(name for name, quantity in QUANTITIES.items() if quantity.needed)
 
 
 def any_of(article: str = "") -> str:
-    """Return all quantities in words, each after an article: "a current, a wind or a Stokes drift"."""
+    """Return all quantities as text, each after an article: "a current, a wind or a ..."."""
     names = [f"{article}{quantity.spoken}" for quantity in QUANTITIES.values()]
     return f"{', '.join(names[:-1])} or {names[-1]}"

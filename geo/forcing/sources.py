@@ -1,10 +1,8 @@
-"""Currents, winds and Stokes drift as the engine sees them.
+"""Currents, winds and Stokes drift as the engine reads them.
 
-Each is a regular grid, times, and slices read on demand.
-
-Whatever the files hold (projected, curved, staggered or triangular grids, packed numbers, other
-units and calendars), a `Source` gives true east and north in m/s on a regular longitude-latitude
-grid, NaN where missing.
+A `Source` is a regular longitude-latitude grid, times, and slices that are read on demand. Whatever
+the files hold (projected, curvilinear, staggered or triangular grids, packed numbers, other units
+and calendars), slices are true east and north components in m/s, with NaN for missing.
 """
 
 import hashlib
@@ -28,31 +26,30 @@ from geo.forcing.reading import memory
 from geo.forcing.reading.kept import Finished, Shelf
 from geo.grids.grid import Grid
 
-# the globe in one cell, for fields that are the same everywhere
+# grid with the globe in one cell, for fields that are uniform
 EVERYWHERE = Grid(-180.0, -90.0, 360.0, 180.0, 2, 2)
-# between meridians a direction errs by (0.5 degrees)^2 / 8: 1e-5
+# with meridians 0.5 degrees apart, interpolated directions err by (0.5 degrees)^2 / 8 = 1e-5
 ABOUT_POLE = Grid(-180.0, -90.0, 0.5, 180.0, 721, 2)
-DOUBT = "WARNING: "  # with which a note begins that a user must heed
-MOST_NODES = 1_000_000  # most nodes of a built-in flow's tile
+DOUBT = "WARNING: "  # start of a note that the user must see
+MOST_NODES = 1_000_000  # largest number of grid nodes for a built-in flow
 
 
 @dataclass(frozen=True)
 class Source:
     """One source of one quantity.
 
-    quantity: one of QUANTITIES; name: for messages; grid: its nodes; times: datetime64[s] UTC,
-    strictly increasing, shape (nt,), empty for a steady field; read: slice index (0 when steady) ->
-    float32 C-contiguous (nlat, nlon, 2), true east and north [m/s], NaN missing; missing: share of
-    nodes missing in the first slice; notes: how it was understood, in plain words; fingerprint: a
-    hash of what is read, independent of where it lies; domain: (nlat, nlon) nodes inside the
-    source's own grid, None where all are: beyond it no value is missing for land; shelf: where
-    slices that are ready to be sampled stay for other forecasts, None: nowhere. edges: whether the
-    first and the last time are the edges of means, which hold there. blank: returns which of some
-    slices hold nothing, None where none can be asked. label: what it is called as a member of an
-    ensemble; others: the other members of an ensemble of which this is the first, on the same grid,
-    with the same times. gapless: interpolated however far apart its times are, as rows that a
-    person reported are; False: a gap of more than stream.LONGEST_GAP times the usual interval is a
-    hole in the data.
+    quantity: one of QUANTITIES. name: for messages. grid: of the nodes. times: datetime64[s] UTC,
+    strictly increasing, shape (nt,), empty for a steady field. read: slice index (0 when steady) ->
+    float32 C-contiguous (nlat, nlon, 2), true east and north [m/s], NaN for missing. missing: share
+    of nodes missing in the first slice. notes: how the files were interpreted. fingerprint: a hash
+    of the content, independent of where files are stored. domain: (nlat, nlon), True for nodes
+    inside the source's own grid, None if all are; outside it a missing value does not mean land.
+    shelf: cache of slices that are ready to be sampled, shared by forecasts; None for no cache.
+    label: of a member of an ensemble. others: the other members, if this is the first one, on the
+    same grid and with the same times. edges: the first and the last time are edges of means, which
+    hold there. blank: returns which of some slices have no value, None if there is no such test.
+    gapless: the source is interpolated in time over any gap, like a table of a person's reports;
+    False: a gap of more than stream.LONGEST_GAP times the usual interval is a hole in the data.
     """
 
     quantity: str
@@ -73,11 +70,11 @@ class Source:
 
     @property
     def members(self) -> tuple["Source", ...]:
-        """All members of the ensemble, this one first; this one alone where it is no ensemble."""
+        """All members of the ensemble, this one first; only this one if it is no ensemble."""
         return (self, *self.others)
 
     def shelved(self, part: Hashable, finished: Finished) -> "Source":
-        """Return it with a shelf for its slices, and one for those of each other member."""
+        """Return the source with a cache for its slices and for those of each other member."""
         others = tuple(
             replace(other, shelf=Shelf((part, number), finished))
             for number, other in enumerate(self.others, 1)
@@ -85,38 +82,39 @@ class Source:
         return replace(self, shelf=Shelf(part, finished), others=others)
 
     def without_blank(self, first: np.datetime64, last: np.datetime64) -> "Source":
-        """Return the source without the empty slices between two times, as if they were absent.
+        """Return the source without blank slices, so that time interpolation skips them.
 
-        It says which they are. Where all of them hold nothing it is returned as it is.
+        A note lists them. If all slices between the two times are blank, the source is returned
+        unchanged.
         """
         if self.blank is None or self.times.size < 3:
             return self
         low, high = (int(k) for k in np.searchsorted(self.times, (first, last)))
-        asked, size = range(max(low - 1, 0), min(high + 1, self.times.size)), self.times.size
-        empty = self.blank(asked)
-        # what is interpolated over them must hold something
-        while empty and len(empty) < len(asked):
+        examined, size = range(max(low - 1, 0), min(high + 1, self.times.size)), self.times.size
+        empty = self.blank(examined)
+        # widen the range until the slices on both sides of the removed ones have values
+        while empty and len(empty) < len(examined):
             wider = range(
-                max(asked[0] - (asked[0] in empty), 0),
-                min(asked[-1] + 1 + (asked[-1] in empty), size),
+                max(examined[0] - (examined[0] in empty), 0),
+                min(examined[-1] + 1 + (examined[-1] in empty), size),
             )
-            if wider == asked:
+            if wider == examined:
                 break
-            asked, empty = wider, self.blank(wider)
+            examined, empty = wider, self.blank(wider)
         kept = np.delete(np.arange(self.times.size), empty)
-        if not empty or len(empty) == len(asked) or kept.size < 2:
+        if not empty or len(empty) == len(examined) or kept.size < 2:
             return self
         when = [notation.group(self.times[i]) for i in empty]
-        told = f"{', '.join(when[:4])}{f' and {len(when) - 4} more' if len(when) > 4 else ''}"
-        note = f"{DOUBT}{'slices' if len(when) > 1 else 'the slice'} of {told} hold{'s' * (len(when) == 1)} no value here"
+        times_text = f"{', '.join(when[:4])}{f' and {len(when) - 4} more' if len(when) > 4 else ''}"
+        note = f"{DOUBT}{'slices' if len(when) > 1 else 'the slice'} of {times_text} hold{'s' * (len(when) == 1)} no value here"
         return replace(
-            self._only(kept, empty),
-            notes=(*self.notes, f"{note}: left out, and interpolated over as if absent"),
-            others=tuple(other._only(kept, empty) for other in self.others),
+            self._select_slices(kept, empty),
+            notes=(*self.notes, f"{note}: left out and interpolated over"),
+            others=tuple(other._select_slices(kept, empty) for other in self.others),
         )
 
-    def _only(self, kept: NDArray[np.int64], empty: Sequence[int]) -> "Source":
-        """Return it with some of its slices; empty: the others."""
+    def _select_slices(self, kept: NDArray[np.int64], empty: Sequence[int]) -> "Source":
+        """Return the source with some of its slices; empty: indices of the others."""
         read = self.read
         shelf = self.shelf and Shelf(
             (self.shelf.part, "without", tuple(empty)), self.shelf.finished
@@ -132,9 +130,9 @@ class Source:
 
 
 def ensemble(members: Sequence[Source]) -> Source:
-    """Return sources of one quantity, which have a label each, as the members of an ensemble.
+    """Return sources of one quantity, each with a label, combined into an ensemble.
 
-    Raises UserError where they do not have the same grid and the same times.
+    Raises UserError if their grids or times differ.
     """
     first = members[0]
     for number, other in enumerate(members[1:], 2):
@@ -147,8 +145,8 @@ def ensemble(members: Sequence[Source]) -> Source:
     digest = hashlib.sha256(
         " ".join(member.fingerprint for member in members).encode()
     ).hexdigest()[:16]
-    told = f"{len(members)} members of an ensemble: {called.some([member.label for member in members])}"
-    return replace(first, fingerprint=digest, notes=(*first.notes, told), others=tuple(members[1:]))
+    note = f"{len(members)} members of an ensemble: {called.some([member.label for member in members])}"
+    return replace(first, fingerprint=digest, notes=(*first.notes, note), others=tuple(members[1:]))
 
 
 def open_source(
@@ -170,20 +168,32 @@ def open_source(
 ) -> Source:
     """Open files, or a dataset in memory, as one source.
 
-    paths: a path, a glob, a list of them, a Zarr store, an OPeNDAP address, or the dataset.
-    variables: the case's own {"east", "north", "lon", "lat", "time", "angle", "mask": name},
-    {"axes": "true" | "grid"}, {"crs": any that pyproj knows}, {a dimension's name: index}; it
-    overrides what is found. units: of the values where the file is silent or wrong. times:
-    {"start": ..., "interval": ...} or one time a slice, where the file's are meaningless; {"zone":
-    "-06:00"}, hours that the file's are ahead of UTC; {"stamp": "start"
-    | "middle" | "end" | "instant"}, where in the interval of a mean its time stands. steady: the first slice holds at all times. box: what is needed; two
-    nodes more are read. depth: wanted level [m]. lenient: accept a lone slice, to describe it.
-    plausible: the user vouches for its values: no speed is refused, no value taken as an undeclared
-    fill value for standing apart. timeout: how long the server of an address may leave a question
-    unanswered [s]. members: whether what is opened is an ensemble, or the dimension along which its
-    members lie; entries: the files of each, where no dimension holds them.
+    Args:
+        quantity: one of QUANTITIES.
+        paths: a path, a glob, a list of them, a Zarr store, an OPeNDAP address, or a dataset in
+            memory.
+        variables: the case's choice, which overrides what is found: {"east", "north", "lon",
+            "lat", "time", "angle", "mask": name}, {"axes": "true" | "grid"}, {"crs": anything that
+            pyproj knows}, {name of a dimension: index}.
+        units: of the values, if the file has none or wrong ones.
+        times: {"start": ..., "interval": ...} or one time per slice, to replace the file's times;
+            {"zone": "-06:00"}, hours by which the file's times are ahead of UTC; {"stamp": "start"
+            | "middle" | "end" | "instant"}, where in its interval the time of a mean lies.
+        steady: use the first slice at all times.
+        box: area needed; two more nodes are read on each side. None for the whole source.
+        depth: wanted level [m].
+        name: for messages, instead of the files' names.
+        lenient: accept a single slice, which is enough to describe a file.
+        plausible: the user vouches for the values: no speed is rejected, and no value is taken as
+            an undeclared fill value.
+        timeout: longest wait for an answer of an address' server [s].
+        members: True for an ensemble, or the name of the dimension along which members lie.
+        entries: the files of each member, if no dimension holds members.
+
+    Raises:
+        UserError: the files cannot be read or interpreted.
     """
-    asked, listed = _request(
+    request, listed = _build_request(
         quantity,
         paths,
         variables,
@@ -198,9 +208,9 @@ def open_source(
         members,
         tuple(map(tuple, entries)),
     )
-    with dataset.readable(_titles(listed), quantity):
-        reading = reader.open_reader(asked, listed)
-    return _source(asked, name, reading)
+    with dataset.readable(_paths_or_title(listed), quantity):
+        reading = reader.open_reader(request, listed)
+    return _build_source(request, name, reading)
 
 
 def open_shared(
@@ -217,8 +227,11 @@ def open_shared(
     members: bool | str = False,
     entries: Sequence[Sequence[str]] = (),
 ) -> reader.Opened:
-    """Open files as `open_source` does, for several cases: `keep` and `cut` give each its part."""
-    asked, listed = _request(
+    """Open files for several cases; `keep` and `part_of_source` give each case its part.
+
+    The arguments are those of `open_source`.
+    """
+    request, listed = _build_request(
         quantity,
         paths,
         variables,
@@ -233,30 +246,31 @@ def open_shared(
         members,
         tuple(map(tuple, entries)),
     )
-    with dataset.readable(_titles(listed), quantity):
-        return reader.open_all(asked, listed)
+    with dataset.readable(_paths_or_title(listed), quantity):
+        return reader.open_all(request, listed)
 
 
 def keep(opened: reader.Opened, box: Box) -> reader.Opened:
-    """Return an opened source whose slices stay in memory over a box, once they are read."""
+    """Return an opened source that keeps slices in memory over a box, once they are read."""
     return reader.keep(opened, box)
 
 
 def part_of_source(opened: reader.Opened, box: Box, name: str | None = None) -> Source:
-    """Return the part of an opened source that `open_source` would give for a box; without a
-    fingerprint.
+    """Return the part of an opened source over a box, as `open_source` would return it.
+
+    Only its fingerprint is missing.
     """
-    with dataset.readable(_titles(opened.paths), opened.request.quantity):
-        return _source(opened.request, name, reader.cut_source(opened, box))
+    with dataset.readable(_paths_or_title(opened.paths), opened.request.quantity):
+        return _build_source(opened.request, name, reader.cut_source(opened, box))
 
 
-def _request(
+def _build_request(
     quantity: str,
     paths: dataset.Paths | memory.Held,
     variables: Mapping[str, Any] | None,
     *how: Any,
 ) -> tuple[reader.Request, Any]:
-    """Return a request, and what it is made of."""
+    """Return the reader's request, and the paths as a list or the dataset in memory."""
     if quantity not in QUANTITIES:
         raise UserError(f'quantity "{quantity}": allowed are {", ".join(QUANTITIES)}')
     if isinstance(paths, memory.Held):
@@ -265,15 +279,15 @@ def _request(
     return reader.Request(quantity, dataset.title(listed), variables or {}, *how), listed
 
 
-def _titles(paths: Any) -> Any:
-    """Return what messages call the files, or the dataset in memory."""
+def _paths_or_title(paths: Any) -> Any:
+    """Return the paths, or the title of the dataset in memory, for messages."""
     return [paths.title] if isinstance(paths, memory.Held) else paths
 
 
-def _source(asked: reader.Request, name: str | None, reading: reader.Reading) -> Source:
+def _build_source(request: reader.Request, name: str | None, reading: reader.Reading) -> Source:
     first = Source(
-        asked.quantity,
-        name or asked.name,
+        request.quantity,
+        name or request.name,
         reading.grid,
         reading.times,
         reading.read,
@@ -298,8 +312,8 @@ def constant(
     name: str = "as reported",
     about: tuple[float, float] | None = None,
 ) -> Source:
-    """Return a steady, uniform field [m/s] over the globe; about: see `table`."""
-    return _uniform(
+    """Return a steady, uniform field [m/s] over the globe; about: see `uniform_field`."""
+    return _build_uniform(
         quantity, np.empty(0, "datetime64[s]"), np.array([east]), np.array([north]), name, about
     )
 
@@ -315,17 +329,17 @@ def uniform_field(
     """Return a uniform field over the globe that changes in time.
 
     Args:
-        quantity: of the forcing.
+        quantity: one of QUANTITIES.
         times: UTC, ascending, shape (nt,).
         east: component [m/s], shape (nt,).
         north: component [m/s], shape (nt,).
-        name: of the source.
-        about: the place (lon, lat) [deg] for which the field is stated, where the domain holds a
-            pole: then the field has one direction in the plane of the pole, and not one to true
-            north, which there turns from place to place.
+        name: of the source, for messages.
+        about: the position (lon, lat) [deg] for which the field is stated, if the domain contains
+            a pole. The field then has one direction in the polar plane. A constant direction
+            relative to true north would turn from meridian to meridian there.
 
     Raises:
-        UserError: the table is too short, or its times do not increase.
+        UserError: there are fewer than two rows, or the times do not increase.
     """
     when = np.asarray(times).astype("datetime64[s]").reshape(-1)
     u, v = np.asarray(east, float).reshape(-1), np.asarray(north, float).reshape(-1)
@@ -335,10 +349,10 @@ def uniform_field(
         )
     if (np.diff(when) <= np.timedelta64(0, "s")).any():
         raise UserError(f"[[{quantity}]] table: times must increase")
-    return _uniform(quantity, when, u, v, name, about)
+    return _build_uniform(quantity, when, u, v, name, about)
 
 
-def _uniform(
+def _build_uniform(
     quantity: str,
     times: NDArray[np.datetime64],
     east: NDArray[Any],
@@ -362,12 +376,12 @@ def _uniform(
         row = np.stack(sphere.from_pole(np.radians(ABOUT_POLE.lon), about[1], *common), axis=-1)
         return np.ascontiguousarray(np.broadcast_to(row.astype(np.float32), (2, *row.shape)))
 
-    spoken = " then ".join(
+    description = " then ".join(
         as_said(quantity, *vector)
         for vector in zip(east[:3].tolist(), north[:3].tolist(), strict=True)
     )
     rest = f" and {len(values) - 3} more" if len(values) > 3 else ""
-    note = f"the same everywhere: {spoken}{rest}"
+    note = f"the same everywhere: {description}{rest}"
     if about is None:
         return Source(quantity, name, EVERYWHERE, times, read, 0.0, (note,), digest)
     note += f"; near the pole one direction, stated for {notation.position(*about)}"
@@ -375,7 +389,7 @@ def _uniform(
 
 
 def as_said(quantity: str, east: float, north: float) -> str:
-    """Return a vector as mariners say it: winds from, currents toward, knots."""
+    """Return a vector as mariners write it: in knots, winds from and currents toward a bearing."""
     speed = float(np.hypot(east, north))
     if speed == 0:
         return "0 kn"
@@ -393,11 +407,16 @@ def analytic(
     end: np.datetime64,
     **parameters: float,
 ) -> Source:
-    """Return a built-in synthetic flow over a box, hourly from before start to after end (either
-    order).
+    """Return a built-in synthetic flow over a box, with hourly slices.
 
-    parameters: those of the flow in `geo.forcing.analytic`; spacing [deg] overrides that of its
-    tile.
+    Args:
+        quantity: one of QUANTITIES.
+        kind: of the flow, a key of `geo.forcing.analytic.KINDS`.
+        box: area of the case.
+        start: first or last time of the case; the slices cover both.
+        end: the other one.
+        parameters: of the flow in `geo.forcing.analytic`, and `spacing` [deg], which overrides the
+            flow's grid spacing.
     """
     spacing = parameters.pop("spacing", None)
     flow, usual = flows.build_flow(quantity, kind, box, **parameters)
@@ -406,7 +425,7 @@ def analytic(
     step = max(step, float(np.sqrt(width * height / MOST_NODES)))
     if box.east - box.west >= 360.0:
         step = 360.0 / np.ceil(360.0 / step)
-    # Nodes stand at multiples of the step, so that their places do not depend on the box.
+    # Nodes lie at multiples of the step, so that their positions do not depend on the box.
     west = np.floor(box.west / step)
     east = min(np.ceil(box.east / step), west + np.ceil(360.0 / step))
     south, north = (
@@ -422,7 +441,7 @@ def analytic(
         int(max(north - south, 1)) + 1,
     )
     hour = np.timedelta64(3600, "s")
-    first, last = sorted((_second(start), _second(end)))
+    first, last = sorted((_to_seconds(start), _to_seconds(end)))
     first = first.astype("datetime64[h]").astype("datetime64[s]")
     times = first + hour * np.arange(int(np.ceil((last - first) / hour)) + 1)
     if len(times) < 2:
@@ -437,14 +456,14 @@ def analytic(
         result[np.abs(grid.lat) > 89.0] = np.nan
         return result
 
-    given = ", ".join(f"{k} = {v:g}" for k, v in sorted(parameters.items()))
-    digest = hashlib.sha256(f"{kind} {given} {grid} {first} {last}".encode()).hexdigest()[:16]
+    settings = ", ".join(f"{k} = {v:g}" for k, v in sorted(parameters.items()))
+    digest = hashlib.sha256(f"{kind} {settings} {grid} {first} {last}".encode()).hexdigest()[:16]
     notes = (
-        f'SYNTHETIC: built-in flow "{kind}"{" with " + given if given else ""}, no observation or model',
+        f'SYNTHETIC: built-in flow "{kind}"{" with " + settings if settings else ""}, no observation or model',
     )
     missing = float((np.abs(grid.lat) > 89.0).mean())
     return Source(quantity, f"synthetic {kind}", grid, times, read, missing, notes, digest)
 
 
-def _second(time: Any) -> np.datetime64:
+def _to_seconds(time: Any) -> np.datetime64:
     return np.datetime64(time, "s")

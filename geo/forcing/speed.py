@@ -1,7 +1,6 @@
-"""Units of speed, as files and users write them, to metres per second.
+"""Conversion of units of speed, as files and users write them, to metres per second.
 
-The spellings that nearly every file uses are looked up; pint (slow to import) is asked about the
-rest.
+Usual spellings are looked up in a table; pint, which is slow to import, parses all others.
 """
 
 import re
@@ -39,7 +38,7 @@ COMMON = {  # [m/s]
     "metre per second": 1.0,
     "meter per second": 1.0,
 }
-# As files write what pint knows otherwise: words, superscripts and dots
+# Rewrite what files write and pint does not read: words, superscripts and dots
 WORDS = (
     (
         re.compile(r"[\u2070\u00b9\u00b2\u00b3\u2074-\u2079\u207b]+"),
@@ -57,18 +56,19 @@ WORDS = (
 )
 
 
-# arithmetic that no unit needs and that may take for ever
+# powers of powers and long numbers, which no unit needs and which may take forever to evaluate
 TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")
 
 
 def factor(units: str) -> float:
-    """Return what a value in these units is multiplied by to be in m/s; a UserError where it is no
-    speed.
+    """Return the factor that converts values in these units to m/s.
+
+    Raises UserError if the units are not a speed.
     """
     text = units.strip()
     if text.lower() in COMMON:
         return COMMON[text.lower()]
-    import pint  # imported here: it takes a quarter of a second, which files in m/s need not pay
+    import pint  # imported late: it takes a quarter of a second, which files in m/s do not need
 
     spelled = text
     for pattern, word in WORDS:
@@ -84,14 +84,14 @@ def factor(units: str) -> float:
             return float(registry(spelled).to("m/s").magnitude)
         except pint.UndefinedUnitError:
             return float(registry(spelled.lower()).to("m/s").magnitude)  # Metres Per Second, KM/H
-    except Exception as error:  # pint raises its own, tokenizer's and arithmetic errors
+    except Exception as error:  # pint raises its own errors, and those of tokenizer and arithmetic
         raise UserError(
             f'units "{units}" are not a speed; allowed: m/s, cm/s, kn and the like'
         ) from error
 
 
 def inside_text(text: str) -> str | None:
-    """Return a unit of speed written in brackets in a long name, as RTOFS does: "velocity (m/s)"."""
+    """Return a unit of speed in brackets in a long name, as in RTOFS: "velocity (m/s)"."""
     for inside in re.findall(r"[(\[]([^()\[\]]+)[)\]]", text):
         if inside.strip().lower() in COMMON:
             return str(inside.strip())

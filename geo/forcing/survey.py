@@ -1,8 +1,8 @@
-"""What a source holds as a whole: its speeds, undeclared fill values, and whether its land is zero.
+"""Survey of a source's values: its speeds, undeclared fill values, and whether zeros mean land.
 
-Judged once a source, from fixed slices and evenly strided points of all that the files hold, never
-from the part that a case needs: so no answer depends on the case's domain. At most READ bytes of
-values are read.
+The survey is made once per source, from fixed slices and evenly strided points of everything that
+the files hold, never from the part that a case needs. So its results do not depend on the case's
+area. It reads at most READ bytes of values.
 """
 
 import math
@@ -21,30 +21,30 @@ from geo.forcing.quantity import QUANTITIES
 from geo.forcing.reading import slices
 from geo.forcing.reading.component import Component
 
-READ = 64 * 2**20  # [bytes] of values at most, both components and all slices together
-READ_REMOTE = 4 * 2**20  # [bytes] of values at most from an address
-LOOKED_AT = 8  # slices at most: the first, the last and some between
-DRY = 0.005  # share of exact zeros from which they are land
-RECURS = 3  # times that an extreme value must occur at least to be a fill value
-VARIED = 10  # different values that the rest must hold before one can stand apart from it
-# share of the range of all other values by which a number of nines stands apart from them
+READ = 64 * 2**20  # [bytes] largest amount read, both components and all slices together
+READ_REMOTE = 4 * 2**20  # [bytes] largest amount read from an address
+LOOKED_AT = 8  # largest number of slices: the first, the last and some in between
+DRY = 0.005  # share of exact zeros above which they mean land
+RECURS = 3  # a fill value occurs at least so often
+VARIED = 10  # least number of different other values for the gap to a fill value to be judged
+# gap between a number of nines and all other values, as a share of the others' range
 GAP = 0.25
 SLOW_WIND = 2.0  # [m/s]
 
 
-# percentile of a current's speeds that must stay under the fastest: points of a race may exceed it
+# percentile of a current's speeds that must be below `fastest`: a few points may exceed it
 PERCENTILE = 99.9
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What some slices of a source say of all of it."""
+    """What a sample of slices shows about the whole source."""
 
     looked_at: tuple[int, ...]  # indices of the slices
-    # of each component, in the file's units: numbers for "missing"
+    # for each component, in the file's units: values that mean missing
     fills: tuple[tuple[float, ...], tuple[float, ...]]
-    dry: bool  # whether points that are exactly zero in all those slices are land
-    notes: tuple[str, ...]  # all that in words
+    dry: bool  # points that are exactly zero in all these slices are land
+    notes: tuple[str, ...]  # the findings in words
 
 
 def survey_slices(
@@ -52,20 +52,28 @@ def survey_slices(
 ) -> Survey:
     """Survey the first `count` slices of a source.
 
-    plausible: the user vouches for its values, so that nothing is refused.
-    Raises UserError, with the figures, where the speeds can't be those of the quantity.
+    Args:
+        components: of the source.
+        count: number of slices.
+        plausible: the user vouches for the values, so nothing is rejected or taken as fill value.
+        name: of the source, for messages.
+
+    Raises:
+        UserError: the speeds cannot be those of the quantity; the message gives the figures.
     """
     looked_at = tuple(
         int(k) for k in np.unique(np.linspace(0, count - 1, min(count, LOOKED_AT)).round())
     )
-    samples = [_sample(component, looked_at) for component in components]
+    samples = [_sample_values(component, looked_at) for component in components]
     notes: list[str] = []
     fills: list[tuple[float, ...]] = []
     for component, values in zip(components, samples, strict=True):
         stray = (
             ()
             if plausible
-            else undeclared(values, component.factor, component.quantity, _packed(component))
+            else undeclared(
+                values, component.factor, component.quantity, _packed_fill_values(component)
+            )
         )
         fills.append(stray)
         for fill in stray:
@@ -73,32 +81,32 @@ def survey_slices(
             values[values == fill] = np.nan
             notes.append(
                 f'"{component.name}" holds {fill:g} at {notation.percent(share)} of its points, apart from all other values: taken '
-                "as a fill value that the file does not declare (plausible = true to take it as a value)"
+                "as a fill value that the file does not declare (plausible = true to use it as a value)"
             )
         with np.errstate(invalid="ignore", over="ignore"):
             values[
                 np.abs(values) * component.factor > QUANTITIES[component.quantity].impossible
             ] = np.nan
-    slow = () if plausible else _shared(samples)
+    slow = () if plausible else _shared_nines(samples)
     for fill in slow:
         share = float(np.mean(samples[0] == fill))
         samples = [np.where(values == fill, np.nan, values) for values in samples]
         notes.append(
             f"both components hold {fill:g} at {notation.percent(share)} of their points, apart from all other values: taken as a "
-            "fill value that the file does not declare (plausible = true to take it as a value)"
+            "fill value that the file does not declare (plausible = true to use it as a value)"
         )
-    shares = _still(components, samples, looked_at)
+    shares = _zero_shares(components, samples, looked_at)
     dry = min(shares) > DRY and max(shares) < 1 and _may_be_dry(components, samples)
     if dry:
         notes.append(
             f"{notation.percent(max(shares))} of the values are exactly zero at all {len(looked_at)} times looked at: taken as land "
             '(variables.mask = "none" to take them as still water)'
         )
-    notes += _judged(components, samples, looked_at, plausible, name)
+    notes += _check_speeds(components, samples, looked_at, plausible, name)
     return Survey(looked_at, (fills[0] + slow, fills[1] + slow), dry, tuple(notes))
 
 
-def _sample(component: Component, looked_at: tuple[int, ...]) -> Array:
+def _sample_values(component: Component, looked_at: tuple[int, ...]) -> Array:
     """Return strided values in the file's own units, shape (slices, ...).
 
     Missing, infinite or masked values are NaN.
@@ -110,17 +118,18 @@ def _sample(component: Component, looked_at: tuple[int, ...]) -> Array:
     ).itemsize
     most = (READ_REMOTE if remote(path) else READ) / (2 * len(looked_at) * itemsize)
     stride = max(1, int(np.ceil((np.prod(sizes) / most) ** (1 / len(sizes)))))
-    every = (slice(None, None, stride),) * len(sizes)
-    values = np.stack([slices.block(component, k, every) for k in looked_at])
+    strides = (slice(None, None, stride),) * len(sizes)
+    values = np.stack([slices.block(component, k, strides) for k in looked_at])
     if component.mask is not None:
-        values[:, ~component.mask[every]] = np.nan
+        values[:, ~component.mask[strides]] = np.nan
     values[np.isinf(values)] = np.nan
     return values
 
 
-def _packed(component: Component) -> tuple[float, ...]:
-    """Return what a packed variable decodes the numbers to that libraries fill with where nothing
-    is declared.
+def _packed_fill_values(component: Component) -> tuple[float, ...]:
+    """Return the values to which the usual fill values of packed integers decode.
+
+    Libraries write these if no fill value is declared.
     """
     packing = component.segments[0][0][component.name].encoding
     kind = np.dtype(packing.get("dtype") or np.float64)
@@ -137,12 +146,17 @@ def _packed(component: Component) -> tuple[float, ...]:
 def undeclared(
     values: Array, factor: float, quantity: str, packed: tuple[float, ...] = ()
 ) -> tuple[float, ...]:
-    """Return the values that must be fill values: extreme, recurring, and apart from all others by
-    a gap.
+    """Return values that must be undeclared fill values.
 
-    values: in the file's own units, NaN missing; factor: to m/s. A recurring extreme alone proves
-    nothing: packed fields saturate. One apart by a gap must also be faster than anything real, or
-    what a packed number is by default.
+    Such a value is an extreme, occurs repeatedly, and a gap separates it from all others. It must
+    also be faster than any real speed, or be a usual fill value of packed integers. A repeated
+    extreme alone proves nothing, because packed fields saturate.
+
+    Args:
+        values: in the file's own units, NaN for missing.
+        factor: from these units to m/s.
+        quantity: one of QUANTITIES.
+        packed: usual fill values of packed integers, decoded.
     """
     finite = values[np.isfinite(values)]
     fastest = QUANTITIES[quantity].fastest
@@ -171,11 +185,11 @@ def undeclared(
     return tuple(fills)
 
 
-def _shared(samples: list[Array]) -> tuple[float, ...]:
-    """Return a number of nines that both components hold at the same points, apart from all else.
+def _shared_nines(samples: list[Array]) -> tuple[float, ...]:
+    """Return numbers of nines that both components hold at the same points, apart from all others.
 
-    That is a slow fill value. 99 cm/s is a speed like others; that both components have exactly it,
-    in many places, and nothing near it, is not.
+    They are fill values of plausible size. 99 cm/s is a speed like others, but not if both
+    components have exactly this value at many points, and nothing near it elsewhere.
     """
     if samples[0].shape != samples[1].shape:
         return ()
@@ -195,12 +209,10 @@ def _shared(samples: list[Array]) -> tuple[float, ...]:
     return tuple(fills)
 
 
-def _still(
+def _zero_shares(
     components: tuple[Component, Component], samples: list[Array], looked_at: tuple[int, ...]
 ) -> tuple[float, float]:
-    """Return the shares of the present points of each component that are exactly zero in all
-    slices.
-    """
+    """Return for each component the share of its present points that are zero in all slices."""
     zero = []
     for component, values in zip(components, samples, strict=True):
         still = np.stack(
@@ -216,11 +228,10 @@ def _still(
 
 
 def _may_be_dry(components: tuple[Component, Component], samples: list[Array]) -> bool:
-    """Whether zeros can be land: not in a wind, nor where a mask or the case says which water is
-    still.
+    """Return True if zeros may mean land.
 
-    Stokes drift really is zero in the lee, once packed: there only a file that has no missing value
-    can mean land.
+    They cannot in a wind, nor if a mask or the case says which water is still. Stokes drift is
+    often zero in a lee, once packed; its zeros may mean land only in a file without missing values.
     """
     first = components[0]
     if (
@@ -234,14 +245,14 @@ def _may_be_dry(components: tuple[Component, Component], samples: list[Array]) -
     )
 
 
-def _judged(
+def _check_speeds(
     components: tuple[Component, Component],
     samples: list[Array],
     looked_at: tuple[int, ...],
     plausible: bool,
     name: str,
 ) -> list[str]:
-    """Refuse speeds that can't be the quantity's; return a warning of a wind that hardly blows."""
+    """Reject speeds that the quantity cannot have; return a warning for a very weak wind."""
     quantity = components[0].quantity
     speed = _speeds(components, samples)
     if not speed.size:
@@ -252,36 +263,39 @@ def _judged(
         float(speed.max()),
     )
     figures = f"mean {mean:.2g}, {PERCENTILE:g}th percentile {high:.3g}, largest {largest:.3g} m/s"
-    spoken, fastest = QUANTITIES[quantity].spoken, QUANTITIES[quantity].fastest
+    quantity_name, fastest = QUANTITIES[quantity].spoken, QUANTITIES[quantity].fastest
     strong = QUANTITIES[quantity].strong_mean
     if math.isfinite(strong):
         good = mean <= strong and high <= fastest
-        allowed = f"a {spoken}'s mean is at most {strong:g}, its {PERCENTILE:g}th percentile at most {fastest:g} m/s"
+        allowed = f"a {quantity_name}'s mean is at most {strong:g}, its {PERCENTILE:g}th percentile at most {fastest:g} m/s"
     else:
-        good, allowed = largest <= fastest, f"a {spoken} is at most {fastest:g} m/s"
+        good, allowed = largest <= fastest, f"a {quantity_name} is at most {fastest:g} m/s"
     if not good and plausible:
-        return [f"speeds that no {spoken} has ({figures}), as the case vouches"]
+        return [
+            f"speeds that no {quantity_name} has ({figures}), accepted because plausible = true"
+        ]
     if not good:
         raise UserError(
-            f"{name}: {components[0].name}, {components[1].name} can't be a {spoken}: {figures}; {allowed}. "
-            f"Is it another quantity, or in other units? Mend [[{quantity}]] files, variables or units, or set "
+            f"{name}: {components[0].name}, {components[1].name} can't be a {quantity_name}: {figures}; {allowed}. "
+            f"Is it another quantity, or in other units? Correct [[{quantity}]] files, variables or units, or set "
             "plausible = true"
         )
     if QUANTITIES[quantity].in_air and largest <= SLOW_WIND:
         return [
-            f"WARNING: this wind is nowhere over {largest:.2g} m/s at the {len(looked_at)} times looked at: is it a "
+            f"WARNING: this wind never exceeds {largest:.2g} m/s at the {len(looked_at)} times examined: is it a "
             "current?"
         ]
     return []
 
 
 def _speeds(components: tuple[Component, Component], samples: list[Array]) -> NDArray[Any]:
-    """Return the speeds [m/s] where both components are, raveled; of staggered ones those of one
-    index.
+    """Return the speeds [m/s] where both components have values, as a flat array.
+
+    Components of a staggered grid are combined index by index.
     """
     shape = tuple(min(a, b) for a, b in zip(samples[0].shape, samples[1].shape, strict=True))
     part = tuple(slice(0, n) for n in shape)
-    # damaged files hold signalling NaNs and numbers of any size
+    # damaged files hold signalling NaNs and arbitrarily large numbers
     with np.errstate(invalid="ignore", over="ignore"):
         x, y = (
             values[part] * component.factor

@@ -1,9 +1,10 @@
-"""Which values of a variable its file says are valid: its valid range, and its quality flags.
+"""Valid values of a variable, by its valid range and its quality flags.
 
-The range (`valid_range`, `valid_min`, `valid_max`) of packed values counts packed numbers, unless
-it is of a floating type and they are not (NetCDF Users' Guide, appendix A). Flags are those of the
-CF conventions, section 3.5: variables that `ancillary_variables` lists or whose standard name says
-that they are flags of the variable. Their meanings, in words, say which values are bad.
+For a packed variable, the range (`valid_range`, `valid_min`, `valid_max`) is in packed numbers,
+unless it is of a floating type and the packed numbers are not (NetCDF Users' Guide, appendix A).
+Flags follow section 3.5 of the CF conventions: flag variables are listed in `ancillary_variables`,
+or their standard names mark them as flags of the variable. The words of their meanings say which
+values are bad.
 """
 
 import re
@@ -33,9 +34,7 @@ FLAGS = ("quality_flag", "status_flag", "aggregate_quality_flag")
 
 @dataclass(frozen=True)
 class Flags:
-    """A flag variable: its name, a test of its numbers for bad ones, and the meanings of bad ones
-    and of the others.
-    """
+    """A flag variable, with a test for bad flags and the meanings of bad and of accepted flags."""
 
     name: str
     variable: xr.Variable
@@ -45,10 +44,10 @@ class Flags:
 
 
 def apply(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
-    """Return a variable with the values missing that its file calls invalid; notes are appended."""
+    """Return a variable with invalid values set to NaN; a note on each rule goes to `notes`."""
     variable = data.variables[name]
     limits = valid_limits(variable.attrs, variable.encoding)
-    flags = _flags(data, name)
+    flags = _find_flags(data, name)
     if limits is None and not flags:
         return variable
     if limits is not None:
@@ -67,14 +66,14 @@ def apply(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
         )
 
     low, high = limits or (-np.inf, np.inf)
-    grain = 0.0 if limits is None else _grain(limits, variable.encoding)
+    grain = 0.0 if limits is None else _rounding_tolerance(limits, variable.encoding)
 
     def read(part: Part) -> Array:
         values = values_of(variable, part)
         with np.errstate(invalid="ignore"):
             wrong = (values < low - grain) | (values > high + grain)
         for flag in flags:
-            wrong |= flag.is_bad(_along(flag.variable, variable, part))
+            wrong |= flag.is_bad(_broadcast_flags(flag.variable, variable, part))
         values[wrong] = np.nan
         return values
 
@@ -84,16 +83,16 @@ def apply(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
 def valid_limits(
     attributes: Mapping[str, Any], packing: Mapping[str, Any]
 ) -> tuple[float, float] | None:
-    """Return the (least, greatest) valid value of a variable once unpacked;
+    """Return the (least, greatest) valid value of a variable in unpacked units.
 
-    None where its attributes state none.
+    None if its attributes state no limit.
     """
     low, high = -np.inf, np.inf
-    whole, ends = _numbers(attributes.get("valid_range"), packing), []
-    if whole is not None and whole.size == 2:
-        low, high = float(whole.min()), float(whole.max())
+    valid_range, ends = _unpack_numbers(attributes.get("valid_range"), packing), []
+    if valid_range is not None and valid_range.size == 2:
+        low, high = float(valid_range.min()), float(valid_range.max())
     for key in ("valid_min", "valid_max"):
-        end = _numbers(attributes.get(key), packing)
+        end = _unpack_numbers(attributes.get(key), packing)
         ends.append(
             float(end[0]) if end is not None and end.size == 1 and np.isfinite(end[0]) else None
         )
@@ -104,10 +103,10 @@ def valid_limits(
     return (low, high) if low < high and (np.isfinite(low) or np.isfinite(high)) else None
 
 
-def _grain(limits: tuple[float, float], packing: Mapping[str, Any]) -> float:
-    """Return by how much rounding may move a value at its limit beyond it."""
+def _rounding_tolerance(limits: tuple[float, float], packing: Mapping[str, Any]) -> float:
+    """Return the tolerance by which rounding may move a valid value beyond a limit."""
     kind = np.dtype(packing.get("dtype") or np.float32)
-    if kind.kind in "iu" and _packed(packing):
+    if kind.kind in "iu" and _is_packed(packing):
         return abs(float(packing.get("scale_factor", 1.0))) / 2
     ends = [
         abs(end) for end in (*limits, float(packing.get("add_offset", 0.0))) if np.isfinite(end)
@@ -116,22 +115,20 @@ def _grain(limits: tuple[float, float], packing: Mapping[str, Any]) -> float:
 
 
 def unpacked(attributes: Mapping[Any, Any], packing: Mapping[str, Any]) -> dict[Any, Any]:
-    """Return attributes whose limits, of a variable that is unpacked already, count unpacked
-    values.
-    """
-    if not _packed(packing) or not any(key in attributes for key in LIMITS):
+    """Return attributes with limits in unpacked units, for a variable that is already unpacked."""
+    if not _is_packed(packing) or not any(key in attributes for key in LIMITS):
         return dict(attributes)
     limits = valid_limits(attributes, packing)
     rest = {key: value for key, value in attributes.items() if key not in LIMITS}
     return rest if limits is None else rest | {"valid_range": np.array(limits)}
 
 
-def _packed(packing: Mapping[str, Any]) -> bool:
+def _is_packed(packing: Mapping[str, Any]) -> bool:
     return "scale_factor" in packing or "add_offset" in packing
 
 
-def _numbers(stated: Any, packing: Mapping[str, Any]) -> Array | None:
-    """Return numbers of an attribute in the unit of unpacked values; None where it holds none."""
+def _unpack_numbers(stated: Any, packing: Mapping[str, Any]) -> Array | None:
+    """Return the numbers of an attribute in unpacked units; None if it holds no numbers."""
     if isinstance(stated, str):
         try:
             stated = [float(text) for text in stated.replace(",", " ").split()]
@@ -149,7 +146,7 @@ def _numbers(stated: Any, packing: Mapping[str, Any]) -> Array | None:
     if unsigned and numbers.dtype.kind == "i":
         numbers = numbers.astype(np.int64) % (1 << (8 * kind.itemsize))
     unpacked = numbers.dtype.kind == "f" and kind.kind in "iu"
-    if _packed(packing) and not unpacked:
+    if _is_packed(packing) and not unpacked:
         scale, offset = (
             float(packing.get("scale_factor", 1.0)),
             float(packing.get("add_offset", 0.0)),
@@ -158,8 +155,8 @@ def _numbers(stated: Any, packing: Mapping[str, Any]) -> Array | None:
     return numbers.astype(np.float64)
 
 
-def _flags(data: xr.Dataset, name: str) -> list[Flags]:
-    """Return the flags of a variable that call some of their numbers bad."""
+def _find_flags(data: xr.Dataset, name: str) -> list[Flags]:
+    """Return the flag variables of a variable that mark some flags as bad."""
     variable = data.variables[name]
     listed = str(variable.attrs.get("ancillary_variables", "")).replace(",", " ").split()
     others = {
@@ -171,21 +168,21 @@ def _flags(data: xr.Dataset, name: str) -> list[Flags]:
     own = {f"{standard} {flag}" for flag in FLAGS} if standard else set()
     found = []
     for other in map(str, data.variables):
-        held = data.variables[other]
-        said = re.sub(r"\s+", " ", str(held.attrs.get("standard_name", "")).strip())
-        of_all = said in FLAGS and other not in others
-        if other == name or not (other in listed or said in own or of_all):
+        candidate = data.variables[other]
+        flag_name = re.sub(r"\s+", " ", str(candidate.attrs.get("standard_name", "")).strip())
+        of_all = flag_name in FLAGS and other not in others
+        if other == name or not (other in listed or flag_name in own or of_all):
             continue
-        if "flag_meanings" in held.attrs and set(held.dims) <= set(variable.dims):
-            flags = _read(other, held)
+        if "flag_meanings" in candidate.attrs and set(candidate.dims) <= set(variable.dims):
+            flags = _read_flags(other, candidate)
             found += [flags] if flags is not None and flags.bad else []
     return found
 
 
-def _read(name: str, variable: xr.Variable) -> Flags | None:
-    """Return what a flag variable says; None where its attributes do not fit each other."""
+def _read_flags(name: str, variable: xr.Variable) -> Flags | None:
+    """Return the flags of a flag variable; None if its attributes contradict each other."""
     meanings = str(variable.attrs["flag_meanings"]).replace(",", " ").split()
-    values, masks = (_whole(variable, key) for key in ("flag_values", "flag_masks"))
+    values, masks = (_read_integers(variable, key) for key in ("flag_values", "flag_masks"))
     if values is None and masks is None:
         return None
     count = len(meanings)
@@ -194,28 +191,30 @@ def _read(name: str, variable: xr.Variable) -> Flags | None:
     wrong = [bool(BAD.search(word)) and not GOOD.search(word) for word in meanings]
     bad = tuple(word for word, is_bad in zip(meanings, wrong, strict=True) if is_bad)
     kept = tuple(word for word, is_bad in zip(meanings, wrong, strict=True) if not is_bad)
-    bits = _bits(variable)
+    bits = _all_bits(variable)
 
     def is_bad(numbers: Array) -> NDArray[np.bool_]:
-        there = np.isfinite(numbers)
-        held = np.where(there, numbers, 0).astype(np.int64) & bits
+        finite = np.isfinite(numbers)
+        flag_bits = np.where(finite, numbers, 0).astype(np.int64) & bits
         result = np.zeros(numbers.shape, bool)
         for k in np.flatnonzero(wrong):
             mask = bits if masks is None else int(masks[k])
-            hit = (held & mask) != 0 if values is None else (held & mask) == int(values[k])
+            hit = (
+                (flag_bits & mask) != 0 if values is None else (flag_bits & mask) == int(values[k])
+            )
             result |= hit
-        return result & there
+        return result & finite
 
     return Flags(name, variable, is_bad, bad, kept)
 
 
-def _bits(variable: xr.Variable) -> int:
-    """Return a number with all bits of a flag variable as it is stored."""
+def _all_bits(variable: xr.Variable) -> int:
+    """Return an integer with all bits set that the stored type of a flag variable has."""
     kind = np.dtype(variable.encoding.get("dtype") or variable.dtype)
     return (1 << min(8 * kind.itemsize, 62)) - 1 if kind.kind in "iu" else (1 << 62) - 1
 
 
-def _whole(variable: xr.Variable, key: str) -> NDArray[np.int64] | None:
+def _read_integers(variable: xr.Variable, key: str) -> NDArray[np.int64] | None:
     stated = variable.attrs.get(key)
     if isinstance(stated, str):
         stated = [float(number) for number in re.findall(r"-?\d+", stated)]
@@ -228,11 +227,11 @@ def _whole(variable: xr.Variable, key: str) -> NDArray[np.int64] | None:
         or not np.isfinite(numbers).all()
     ):
         return None
-    return numbers.astype(np.int64) & _bits(variable)
+    return numbers.astype(np.int64) & _all_bits(variable)
 
 
-def _along(flag: xr.Variable, variable: xr.Variable, part: Part) -> Array:
-    """Return part of a flag variable, shaped to fit the same part of the variable that it is of."""
+def _broadcast_flags(flag: xr.Variable, variable: xr.Variable, part: Part) -> Array:
+    """Return part of a flag variable, shaped to broadcast with the flagged variable's part."""
     dims = [dim for dim in variable.dims if not isinstance(part.get(str(dim)), int | np.integer)]
     own = [dim for dim in flag.dims if dim in dims]
     values = values_of(flag, part)

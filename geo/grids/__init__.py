@@ -1,1 +1,1 @@
-"""Grids: where the points of a variable lie, and the weights that carry values to a regular grid."""
+"""Grids: where the points of a variable lie, and weights that regrid values to a regular grid."""

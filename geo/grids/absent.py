@@ -1,10 +1,8 @@
-"""Points of a grid whose coordinates a file does not give.
+"""Grid points without coordinates: fill values, or blocks of land that a model leaves out.
 
-They are fill values, or blocks of land that a model leaves out.
-
-NEMO writes lon = lat = 0 (or -1) where it runs no process because all is land; other files leave
-coordinates out wherever there is land. Such points have no position: no cell has them as a corner,
-and no extent includes them.
+NEMO writes lon = lat = 0 (or -1) for subdomains without a process, which are all land; other files
+leave coordinates out wherever there is land. Such points have no position: they are corners of no
+cell, and no extent includes them.
 """
 
 from dataclasses import replace
@@ -16,17 +14,17 @@ from geo import notation
 from geo.array import Array
 from geo.grids.layout import Curved
 
-FARTHEST = (720.0, 90.001)  # [deg] largest longitude and latitude without their signs
+FARTHEST = (720.0, 90.001)  # [deg] largest absolute longitude and latitude
 POLE = 89.9  # [deg] beyond this latitude many points may share one longitude and latitude
 AROUND = [(dj, di) for dj in (-1, 0, 1) for di in (-1, 0, 1) if (dj, di) != (0, 0)]
 
 
 def without(lon: Array, lat: Array, notes: list[str]) -> tuple[Array, Array]:
-    """Return coordinates [deg] with NaN where they are a fill value: one number beyond all degrees,
-    or a block.
+    """Return coordinates [deg] with NaN at points without a position.
 
-    A block is one pair of numbers that the points of two neighbouring rows and columns share;
-    outside a block the same pair may be a point like any other.
+    These have a fill value (one number beyond all degrees) or lie in a block: points of two
+    neighbouring rows and columns with the same pair of numbers. Outside a block the same pair may
+    be a regular point. A note goes to `notes`.
     """
     coordinates = [np.array(lon), np.array(lat)]
     with np.errstate(invalid="ignore"):
@@ -39,19 +37,19 @@ def without(lon: Array, lat: Array, notes: list[str]) -> tuple[Array, Array]:
             ):
                 values[fill_value] = np.nan
         if lon.ndim == 2 and lon.shape == lat.shape:
-            block = _blocks(*coordinates)
+            block = _in_blocks(*coordinates)
             if block.any():
                 first = np.argmax(block)
                 where = f"{np.ravel(lon)[first]:g} E, {np.ravel(lat)[first]:g} N"
                 notes.append(
-                    f"{notation.percent(block.mean())} of the points have no place of their own ({where}): left out as land"
+                    f"{notation.percent(block.mean())} of the points have no position of their own ({where}): treated as land"
                 )
                 coordinates = [np.where(block, np.nan, values) for values in coordinates]
     return coordinates[0], coordinates[1]
 
 
-def _blocks(lon: Array, lat: Array) -> NDArray[np.bool_]:
-    """Return which points lie in a block of points that share one position."""
+def _in_blocks(lon: Array, lat: Array) -> NDArray[np.bool_]:
+    """Return the points in blocks of points that share one position."""
     same = np.abs(lat[:-1, :-1]) < POLE
     for values in (lon, lat):
         for other in (values[:-1, 1:], values[1:, :-1], values[1:, 1:]):
@@ -69,11 +67,11 @@ def _blocks(lon: Array, lat: Array) -> NDArray[np.bool_]:
 
 
 def extended(curved: Curved) -> Curved:
-    """Return a grid in which points next to points with coordinates have coordinates too.
+    """Return a grid with coordinates extrapolated to missing points next to known ones.
 
     A wet point next to land needs all four corners of its cells. A missing point becomes the mean
-    of what all straight lines and parallelograms through its known neighbours say, which is exact
-    to second order in the cell.
+    of all extrapolations along straight lines and parallelograms through its known neighbours,
+    which is exact to second order in the cell size.
     """
     present = np.isfinite(curved.lon) & np.isfinite(curved.lat)
     if present.all() or not present.any():

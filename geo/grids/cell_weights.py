@@ -1,9 +1,8 @@
-"""Weights of nodes in the cells of a curved grid or a mesh.
+"""Interpolation weights in the cells of a curvilinear grid or a mesh.
 
-They are found by running over cells, not by searching for nodes.
-
-A tile is finer than its source, so every cell holds a few of the tile's nodes: those in the cell's
-own box are tried.
+The target grid is finer than the source, so every source cell contains a few target nodes. So the
+code loops over cells and tests the nodes in each cell's bounding box, instead of searching the cell
+of each node.
 """
 
 from collections.abc import Iterator
@@ -17,24 +16,26 @@ from geo.grids import layout
 from geo.grids.grid import Grid
 from geo.grids.layout import Curved, Index, Triangles
 
-CHUNK = 2_000_000  # candidate pairs of cell and node handled at a time
-# cosine of the largest angle, 60 degrees, from a cell's middle to its corners; wider cells are left
-# out
+CHUNK = 2_000_000  # number of (cell, node) candidates handled at a time
+# cosine of 60 degrees, the largest angle between a cell's middle and its corners; larger cells are
+# left out
 NEAR = 0.5
-# share of a cell: a node so little outside a grid counts as on its rim; parallels bulge less
+# tolerance, as a share of a cell, for nodes outside the grid's rim, which bulges against parallels
 RIM = 0.01
-SLACK = 1e-6  # share of a cell: error of rounding
+SLACK = 1e-6  # tolerance for rounding errors, as a share of a cell
 
-# (node, points, weights of points, how far outside the cell the node is)
+# (nodes, points, weights of points, distance of the node outside the cell)
 Part = tuple[Index, Index, Array, Array]
 
 
 def of_curved(curved: Curved, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
-    """Return bilinear weights in the cells of a curved grid, shape (nodes, points).
+    """Return bilinear weights in the cells of a curvilinear grid, shape (nodes, points).
 
-    The cells include those across the seam and the fold of a grid that goes round the Earth.
-    mirrored: sign of weights on points beyond the fold: -1 for components along the grid's own
-    axes, which reverse there.
+    Args:
+        curved: the grid; cells across its seam and its fold are included.
+        grid: the target grid.
+        mirrored: sign of weights on points beyond the fold: -1 for components along the grid's own
+            axes, which reverse there.
     """
     ny, nx = curved.lon.shape
     lon, lat = np.ravel(curved.lon), np.ravel(curved.lat)
@@ -50,7 +51,7 @@ def of_curved(curved: Curved, grid: Grid, mirrored: float = 1.0) -> sp.csr_matri
 
 
 def _bilinear(lon: Array, lat: Array, corners: Index, grid: Grid, sign: Array) -> list[Part]:
-    """Return weights in cells whose corners are points (m, 4) in turn.
+    """Return weights in cells with corners (m, 4), given as point indices in cyclic order.
 
     sign: of the weight on each corner, (4,).
     """
@@ -58,7 +59,7 @@ def _bilinear(lon: Array, lat: Array, corners: Index, grid: Grid, sign: Array) -
     for cell, node, x, y, px, py in _candidates(lon[corners], lat[corners], grid):
         s, t = _inverse_bilinear(px, py, x, y)
         outside = np.maximum(np.maximum(-s, s - 1), np.maximum(-t, t - 1))
-        hit = outside <= RIM  # false where the inversion failed
+        hit = outside <= RIM  # False where Newton's method failed
         s, t = np.clip(s[hit], 0, 1), np.clip(t[hit], 0, 1)
         share = np.stack(((1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t), 1) * sign
         parts.append((node[hit], corners[cell[hit]], share, np.maximum(outside[hit], SLACK)))
@@ -68,10 +69,10 @@ def _bilinear(lon: Array, lat: Array, corners: Index, grid: Grid, sign: Array) -
 def of_triangles(mesh: Triangles, grid: Grid) -> sp.csr_matrix:
     """Return linear weights in triangles, shape (nodes of the grid, values).
 
-    Values at nodes of the mesh are interpolated inside its triangles. Values at centres are
-    interpolated inside the triangles of a centre and two neighbouring nodes, where a node's value
-    is the weighted mean of the elements round it, with Holmes and Connell's (1989,
-    doi:10.2514/6.1989-1932) pseudo-Laplacian weights (exact for linear fields).
+    Values at mesh nodes are interpolated inside the mesh's triangles. Values at centres are
+    interpolated inside triangles of a centre and two neighbouring nodes. A node's value is then
+    the weighted mean of the elements around it, with the pseudo-Laplacian weights of Holmes and
+    Connell (1989, doi:10.2514/6.1989-1932), which are exact for linear fields.
     """
     if mesh.lonc is None or mesh.latc is None:
         return _linear(mesh.lon, mesh.lat, mesh.cells, grid)
@@ -79,7 +80,7 @@ def of_triangles(mesh: Triangles, grid: Grid) -> sp.csr_matrix:
     lon, lat = np.concatenate((mesh.lonc, mesh.lon)), np.concatenate((mesh.latc, mesh.lat))
     centre = np.arange(count)
     fans = []
-    for k in range(mesh.cells.shape[1]):  # polygons of fewer corners end in -1
+    for k in range(mesh.cells.shape[1]):  # polygons with fewer corners are padded with -1
         a, b = mesh.cells[:, k], mesh.cells[:, (k + 1) % mesh.cells.shape[1]]
         b = np.where(b < 0, mesh.cells[:, 0], b)
         fans.append(np.stack((centre, count + a, count + b), 1)[a >= 0])
@@ -89,8 +90,9 @@ def of_triangles(mesh: Triangles, grid: Grid) -> sp.csr_matrix:
 
 
 def _pseudo_laplacian(mesh: Triangles) -> sp.csr_matrix:
-    """Return the matrix (nodes, elements) of means of the elements round each node, exact for
-    linear fields.
+    """Return the matrix (nodes, elements) that averages the elements around each node.
+
+    It is exact for linear fields.
     """
     assert mesh.lonc is not None
     assert mesh.latc is not None
@@ -110,7 +112,7 @@ def _pseudo_laplacian(mesh: Triangles) -> sp.csr_matrix:
         lx, ly = (xy * ry - yy * rx) / det, (xy * rx - xx * ry) / det
         usable = np.isfinite(lx) & np.isfinite(ly) & (det > 1e-6 * xx * yy)
     lx, ly = np.where(usable, lx, 0.0), np.where(usable, ly, 0.0)
-    # out of range where all elements are on one side
+    # out of range if all elements are on one side
     weight = np.clip(1 + lx[node] * dx + ly[node] * dy, 1e-3, 2.0)
     return sp.csr_matrix(
         (weight / total(weight)[node], (node, element)), shape=(n, len(mesh.cells))
@@ -135,13 +137,18 @@ Candidates = tuple[Index, Index, Array, Array, Array, Array]
 
 
 def _candidates(lon: Array, lat: Array, grid: Grid) -> Iterator[Candidates]:
-    """Yield every pair of a cell and a node inside the cell's own box, in chunks.
+    """Yield every pair of a cell and a node inside the cell's bounding box, in chunks.
 
-    lon, lat: corners (m, k) [deg]. Yields (cell, node, corner x, corner y, node x, node y). x and y
-    are gnomonic: they lie in the plane that touches the sphere at the cell's middle, seen from the
-    centre of the Earth. Great circles are straight there, so that cells meet without gaps
-    everywhere, also at the poles. Cells with missing corners are left out, and so are those with
-    corners farther than 60 degrees from their middle.
+    Args:
+        lon: of the corners [deg], shape (m, k).
+        lat: of the corners [deg], shape (m, k).
+        grid: the target grid.
+
+    Yields:
+        (cell, node, corner x, corner y, node x, node y). x and y are gnomonic about the cell's
+        middle. Great circles are straight there, so cells meet without gaps everywhere, also at the
+        poles. Cells with missing corners or with corners more than 60 degrees from their middle are
+        left out.
     """
     west, width, south, north = layout.extents(lon, lat)
     corner = _unit(np.radians(lon), np.radians(lat))
@@ -193,14 +200,14 @@ def _candidates(lon: Array, lat: Array, grid: Grid) -> Iterator[Candidates]:
 
 
 def _unit(lam: Array, phi: Array) -> Array:
-    """Return unit vectors (..., 3) of points [rad]."""
+    """Return points [rad] as unit vectors (..., 3)."""
     return np.stack((np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)), axis=-1)
 
 
 def _inverse_bilinear(px: Array, py: Array, x: Array, y: Array) -> tuple[Array, Array]:
     """Return (s, t) of points in quadrilaterals with corners (00, 10, 11, 01), by Newton's method."""
     s, t = np.full(len(px), 0.5), np.full(len(px), 0.5)
-    for _ in range(8):  # quadratic: convex cells settle in four
+    for _ in range(8):  # quadratic convergence: convex cells need four iterations
         fx = (
             (1 - s) * (1 - t) * x[:, 0]
             + s * (1 - t) * x[:, 1]
@@ -233,8 +240,8 @@ def _inverse_bilinear(px: Array, py: Array, x: Array, y: Array) -> tuple[Array, 
 def _assemble(parts: list[Part], grid: Grid, count: int) -> sp.csr_matrix:
     """Return the matrix (nodes, count) of all parts.
 
-    A node on an edge or a rim may be in several cells: the one that it is least outside of counts,
-    the first of equals.
+    A node on an edge or a rim may be in several cells. The cell that it is least outside of is
+    used, or the first one if several are equal.
     """
     size = grid.nlat * grid.columns
     if not parts:

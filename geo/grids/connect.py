@@ -1,7 +1,4 @@
-"""Triangles of unstructured grids: which nodes are connected.
-
-Follows the conventions of FVCOM, SCHISM and UGRID.
-"""
+"""Triangles of unstructured grids, from the connectivity conventions of FVCOM, SCHISM and UGRID."""
 
 import numpy as np
 import xarray as xr
@@ -13,7 +10,7 @@ from geo.grids import naming
 from geo.grids.layout import Index, Triangles
 from geo.grids.ugrid import Mesh
 
-# times the local shortest edge; without connectivity, longer edges are taken to bridge land
+# ratio to the local shortest edge; without connectivity, longer edges are assumed to cross land
 LONGEST = 4.0
 
 
@@ -26,15 +23,26 @@ def triangles(
     notes: list[str],
     mesh: Mesh | None = None,
 ) -> Triangles:
-    """Return the triangles on which a variable of one horizontal dimension stands, at nodes or at
-    centres.
+    """Return the triangles on which a variable with one horizontal dimension is defined.
 
-    lon, lat: its points [deg]; None at faces whose centres the file does not give: the means of
-    their nodes are taken.
+    Args:
+        data: the file's dataset.
+        name: of the variable.
+        dim: its horizontal dimension.
+        lon: of its points [deg]; None for values at faces whose centres the file lacks, which are
+            then computed as means of their nodes.
+        lat: like lon.
+        notes: list to which notes are appended.
+        mesh: UGRID mesh of the variable, if there is one.
+
+    Raises:
+        UserError: the points and the connectivity do not fit together.
     """
     size = int(data.sizes[dim])
     node_lon, node_lat = (
-        (None, None) if mesh is None or not mesh.nodes else (_values(data, n) for n in mesh.nodes)
+        (None, None)
+        if mesh is None or not mesh.nodes
+        else (_read_values(data, n) for n in mesh.nodes)
     )
     table = _connectivity(data, dim, mesh, None if node_lon is None else len(node_lon))
     if table is None:
@@ -50,7 +58,7 @@ def triangles(
         at_faces = mesh.place == "face"
     if count == size and (at_faces or size != nodes):
         if node_lon is None or node_lat is None:
-            node_lon, node_lat = _nodes(data, nodes, count)
+            node_lon, node_lat = _node_coordinates(data, nodes, count)
         if node_lon is not None and node_lat is not None and lon is None:
             lon, lat = _centres(node_lon, node_lat, cells)
             notes.append("centres of elements taken as the means of their nodes")
@@ -66,20 +74,18 @@ def triangles(
     if nodes > size or lon is None or lat is None:
         raise UserError(f'"{name}" has {size} points, but its triangles name {nodes} nodes')
     notes.append(f"triangles: {count} elements with values at their {size} nodes")
-    return Triangles(lon, lat, _split(cells), 0)
+    return Triangles(lon, lat, _to_triangles(cells), 0)
 
 
-def _values(data: xr.Dataset, name: str) -> Array:
+def _read_values(data: xr.Dataset, name: str) -> Array:
     return np.asarray(data[name].values, np.float64)
 
 
 def _centres(lon: Array, lat: Array, cells: Index) -> tuple[Array, Array]:
-    """Return the mean positions [deg] of the nodes of cells (m, k); those with fewer nodes end in
-    -1.
-    """
-    phi, lam, there = np.radians(lat)[cells], np.radians(lon)[cells], cells >= 0
+    """Return mean positions [deg] of the nodes of cells (m, k), padded with -1 for fewer nodes."""
+    phi, lam, present = np.radians(lat)[cells], np.radians(lon)[cells], cells >= 0
     x, y, z = (
-        np.where(there, v, 0.0).sum(axis=1)
+        np.where(present, v, 0.0).sum(axis=1)
         for v in (np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi))
     )
     return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
@@ -88,10 +94,10 @@ def _centres(lon: Array, lat: Array, cells: Index) -> tuple[Array, Array]:
 def _connectivity(
     data: xr.Dataset, dim: str, mesh: Mesh | None, nodes: int | None
 ) -> tuple[Index, bool] | None:
-    """Return cells (m, k) of node indices from 0, and whether `dim` counts the cells.
+    """Return cells (m, k) of node indices from 0, and whether `dim` is the dimension of cells.
 
-    Returns None without connectivity. Cells with fewer nodes end in -1. nodes: how many nodes there
-    are, where that is known: larger indices are fill values that the file does not declare.
+    None without connectivity. Cells with fewer nodes are padded with -1. nodes: number of nodes, if
+    known; larger indices are undeclared fill values.
     """
     names = [mesh.connectivity] if mesh is not None and mesh.connectivity else []
     names += [
@@ -125,8 +131,8 @@ def _connectivity(
     return None
 
 
-def _split(cells: Index) -> Index:
-    """Return polygons (m, k), whose short ones end in -1, cut into triangles."""
+def _to_triangles(cells: Index) -> Index:
+    """Return polygons (m, k), padded with -1, cut into triangles."""
     parts = [cells[:, :3]]
     for k in range(3, cells.shape[1]):
         longer = cells[:, k] >= 0
@@ -134,10 +140,12 @@ def _split(cells: Index) -> Index:
     return np.concatenate(parts)
 
 
-def _nodes(data: xr.Dataset, least: int, cells: int) -> tuple[Array | None, Array | None]:
-    """Return longitudes and latitudes of nodes.
+def _node_coordinates(
+    data: xr.Dataset, least: int, cells: int
+) -> tuple[Array | None, Array | None]:
+    """Return longitudes and latitudes of nodes, None if not found.
 
-    There are at least as many as the connectivity names, and not one for each cell.
+    There are at least `least` of them, and not as many as cells.
     """
     coordinates: list[Array | None] = []
     for standard, most in (("longitude", 720.0), ("latitude", 90.0)):
@@ -156,11 +164,11 @@ def _nodes(data: xr.Dataset, least: int, cells: int) -> tuple[Array | None, Arra
 
 
 def _delaunay(lon: Array, lat: Array) -> Index:
-    """Return a triangulation in a plane, without overlong triangles.
+    """Return a Delaunay triangulation without overlong triangles.
 
-    A triangle is left out if one of its edges is far longer than others at its points.
+    A triangle is left out if one of its edges is much longer than others at its points.
     """
-    # imported here because it takes 0.25 s and few files need it
+    # imported late because it takes 0.25 s and few files need it
     from scipy.spatial import Delaunay, QhullError
 
     present = np.flatnonzero(np.isfinite(lon) & np.isfinite(lat))

@@ -1,9 +1,7 @@
-"""How much accuracy it costs to carry a field to a regular grid.
+"""Interpolation error of a regridded field, sampled as particles will sample it.
 
-The result is sampled as particles will sample it.
-
-There are two errors: at the source's points, where interpolating twice is worst, and at one
-scattered place in every cell, where the source's own interpolation is the truth, which is what a
+Two errors are measured: at the source's points, where interpolating twice is worst; and at one
+scattered position in every cell, compared with the source's own interpolation, which is what a
 particle meets on average.
 """
 
@@ -27,31 +25,29 @@ def describe_cost(
     carried: tuple[Array, Array],
     source: tuple[Array, Array],
 ) -> str:
-    """Return in words what regridding cost: errors of the tile at the source's points and between
-    them.
-    """
-    source = _off_the_fold(layouts[0], source[0]), _off_the_fold(layouts[1], source[1])
-    at_points = _error(
+    """Return a note on the regridding error at the source's points and between them."""
+    source = _drop_fold(layouts[0], source[0]), _drop_fold(layouts[1], source[1])
+    at_points = _rms_error(
         grid, carried, [(layout.points(i), v) for i, v in zip(layouts, source, strict=True)]
     )
-    between = _error(grid, carried, [_between(i, v) for i, v in zip(layouts, source, strict=True)])
+    between = _rms_error(
+        grid, carried, [_probe_between(i, v) for i, v in zip(layouts, source, strict=True)]
+    )
     return (
         f"regridding cost: rms error {between[0]:.1%} of the rms speed between the points, {at_points[0]:.1%} at "
         f"them, {at_points[1]:.1%} of wet points lost (rim and coast)"
     )
 
 
-def _off_the_fold(item: Layout, values: Array) -> Array:
-    """Return values without those at the fold of a tripolar grid, where the axes that they refer to
-    reverse.
-    """
+def _drop_fold(item: Layout, values: Array) -> Array:
+    """Return values with NaN at the fold of a tripolar grid, where the grid's axes reverse."""
     if not isinstance(item, Curved) or item.mirror is None:
         return values
     return np.where(np.arange(len(values))[:, None] < len(values) - 2, values, np.nan)
 
 
-def _between(item: Layout, values: Array) -> Probe:
-    """Return one place in every cell, scattered evenly, and the source's own value there."""
+def _probe_between(item: Layout, values: Array) -> Probe:
+    """Return one scattered position in every cell, and the source's interpolated value there."""
     if isinstance(item, Triangles):
         if item.lonc is not None:
             return layout.points(item), values
@@ -96,10 +92,10 @@ def _scatter(count: int, axis: int) -> Array:
     )
 
 
-def _error(grid: Grid, carried: tuple[Array, Array], probes: list[Probe]) -> tuple[float, float]:
-    """Return the rms error of both components as a share of the rms speed, and the share of wet
-    probes lost.
-    """
+def _rms_error(
+    grid: Grid, carried: tuple[Array, Array], probes: list[Probe]
+) -> tuple[float, float]:
+    """Return the rms error as a share of the rms speed, and the share of wet probes lost."""
     square = error = 0.0
     wet = kept = 0
     for values, ((lon, lat), truth) in zip(carried, probes, strict=True):

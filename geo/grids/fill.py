@@ -1,8 +1,8 @@
-"""Missing values next to the coast, filled from their wet neighbours for sampling only.
+"""Fill missing values near the coast from wet neighbours, only for sampling.
 
 The few cells next to wet ones are filled ring by ring, which smooths them. Farther in, bays and
-channels narrower than the grid take the value of the nearest wet node, up to a stated distance:
-this costs one look-up at any distance, where each ring costs a pass over the grid.
+channels narrower than the grid take the value of the nearest wet node, up to a given distance. This
+costs one look-up whatever the distance, while each ring costs a pass over the grid.
 """
 
 import functools
@@ -14,13 +14,12 @@ from scipy import ndimage
 from geo import sphere
 from geo.grids.grid import Grid
 
-# [deg of latitude] In a band of this height a degree of longitude counts as one length, 4 % off at
-# its edges at 60 deg.
+# [deg of latitude] height of bands in which a degree of longitude has one length, 4 % off at their
+# edges at 60 deg
 BAND = 5.0
-# [m] A bay or channel that the source does not resolve gets a value as far as this from the nearest
-# wet node.
+# [m] bays and channels that the source does not resolve get the value of a wet node up to this far
 REACH = 30_000.0
-# masks whose fillings are kept; a source has one mask for all its slices unless it dries and floods
+# number of masks whose fillings are kept; a source has one mask, unless it dries and floods
 MASKS = 16
 
 Mask = NDArray[np.bool_]
@@ -37,25 +36,30 @@ def fill(
     bands: Bands | None = None,
     within: Mask | None = None,
 ) -> NDArray[np.float32]:
-    """Return values (nlat, nlon, k) with missing nodes filled: `cells` rings, then all up to
-    `reach`.
+    """Return values with missing nodes filled: `cells` rings, then everything up to `reach`.
 
-    A ring's node is the mean of those of its eight neighbours that are valid or were filled before;
-    what was valid keeps every bit. seamless: the last column is the first one, so that rings go on
-    across the seam. reach: a node no farther than this from a wet one, and in no ring, takes the
-    nearest wet node's value; in the unit of the bands' spacing: [m] with those of `bands`, else
-    cells. within: (nlat, nlon) nodes that the reach may fill, such as those inside a model's own
-    domain: outside it a missing value means that the water is unknown, not that there is land.
+    A node in a ring is the mean of those of its eight neighbours that are valid or already filled.
+    Valid values are not changed.
+
+    Args:
+        values: shape (nlat, nlon, k), NaN for missing.
+        cells: number of rings.
+        seamless: the last column repeats the first, so rings cross the seam.
+        reach: a node in no ring takes the value of the nearest wet node up to this distance: [m]
+            with `bands`, otherwise [cells].
+        bands: spacing of rows and columns, from `bands`.
+        within: (nlat, nlon) nodes that `reach` may fill, for instance those inside a model's own
+            domain. Outside it a missing value means unknown water, not land.
     """
     result = np.array(values, np.float32, order="C")
     if not seamless and np.isfinite(result).all():
         return result
-    wet = _wet(result) if reach > 0 else None
-    _rings(result, cells, seamless)
+    wet = _present(result) if reach > 0 else None
+    _fill_rings(result, cells, seamless)
     if wet is not None and wet.any() and not wet.all():
         allowed = None if within is None else np.packbits(within).tobytes()
         all_bands = bands or ((0, wet.shape[0], (1.0, 1.0)),)
-        node, source = _nearest(
+        node, source = _nearest_wet(
             np.packbits(wet).tobytes(), wet.shape, seamless, float(reach), all_bands, allowed
         )
         flat = result.reshape(-1, result.shape[2])
@@ -67,8 +71,8 @@ def fill(
 def bands(grid: Grid) -> Bands:
     """Return a grid's rows in bands of latitude, with the spacing [m] of rows and columns there.
 
-    Bands do not depend on where a grid begins, so that a node's filling does not depend on which
-    part a case needs.
+    Bands do not depend on where the grid begins, so a node's filled value does not depend on which
+    part of the source a case needs.
     """
     metres = np.deg2rad(1.0) * sphere.RADIUS
     number = np.floor(grid.lat / BAND).astype(int)
@@ -81,15 +85,15 @@ def bands(grid: Grid) -> Bands:
     return tuple(result)
 
 
-def _rings(result: NDArray[np.float32], cells: int, seamless: bool) -> None:
+def _fill_rings(result: NDArray[np.float32], cells: int, seamless: bool) -> None:
     """Fill `cells` rings in place."""
     body = result[:, :-1] if seamless else result
     ny, nx = body.shape[:2]
     for _ in range(cells):
-        wet = _wet(body)
+        wet = _present(body)
         if wet.all() or not wet.any():
             break
-        # a frame of one cell round everything: land, or the values across the seam
+        # one cell of padding on all sides: land, or the values across the seam
         padded = np.zeros((ny + 2, nx + 2, body.shape[2]), np.float32)
         count = np.zeros((ny + 2, nx + 2), np.float32)
         padded[1:-1, 1:-1], count[1:-1, 1:-1] = np.where(wet[..., None], body, 0), wet
@@ -107,8 +111,8 @@ def _rings(result: NDArray[np.float32], cells: int, seamless: bool) -> None:
         result[:, -1] = result[:, 0]
 
 
-def _wet(values: NDArray[np.float32]) -> Mask:
-    """Return the nodes (nlat, nlon) none of whose k values is missing;
+def _present(values: NDArray[np.float32]) -> Mask:
+    """Return the nodes (nlat, nlon) where none of the k values is missing.
 
     `all(axis=2)` of few values takes five times as long.
     """
@@ -118,7 +122,7 @@ def _wet(values: NDArray[np.float32]) -> Mask:
 
 
 @functools.lru_cache(MASKS)
-def _nearest(
+def _nearest_wet(
     bits: bytes,
     shape: tuple[int, int],
     seamless: bool,
@@ -126,17 +130,15 @@ def _nearest(
     bands: Bands,
     allowed: bytes | None,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return (node, source), flat indices: missing nodes within reach, and the wet node nearest to
-    each.
-    """
-    wet = _mask(bits, shape)
-    fillable = np.ones(shape, bool) if allowed is None else _mask(allowed, shape)
+    """Return flat indices (node, source): missing nodes within reach, and nearest wet nodes."""
+    wet = _unpack_mask(bits, shape)
+    fillable = np.ones(shape, bool) if allowed is None else _unpack_mask(allowed, shape)
     nodes, sources = [], []
     for first, last, spacing in bands:
-        # rows of other bands that may hold the nearest node
+        # rows of neighbouring bands may hold the nearest node
         margin = int(min(shape[0], np.ceil(reach / spacing[0])))
         low, high = max(first - margin, 0), min(last + margin, shape[0])
-        distance, row, column = _distances(wet[low:high], seamless, reach, spacing)
+        distance, row, column = _distances_to_wet(wet[low:high], seamless, reach, spacing)
         own = slice(first - low, last - low)
         chosen = (distance[own] > 0) & (distance[own] <= reach) & fillable[first:last]
         nodes.append(np.flatnonzero(chosen) + first * shape[1])
@@ -144,12 +146,12 @@ def _nearest(
     return np.concatenate(nodes).astype(np.int32), np.concatenate(sources).astype(np.int32)
 
 
-def _distances(
+def _distances_to_wet(
     wet: Mask, seamless: bool, reach: float, spacing: tuple[float, float]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
     """Return each node's distance from the nearest wet node, and that node's row and column.
 
-    The distance is inf where there is no wet node.
+    The distance is inf if there is no wet node.
     """
     if not wet.any():
         return (
@@ -160,7 +162,7 @@ def _distances(
     own = wet.shape[1] - seamless
     turns = np.arange(wet.shape[1])
     margin = 0
-    if seamless:  # add to each side as much of the other end as is within reach
+    if seamless:  # pad each side with the columns of the other end that are within reach
         margin = int(min(own // 2, np.ceil(reach / spacing[1])))
         turns = np.arange(-margin, own + 1 + margin) % own
     distance, (row, column) = ndimage.distance_transform_edt(
@@ -170,10 +172,8 @@ def _distances(
     return distance[:, middle], row[:, middle], turns[column[:, middle]]
 
 
-def _mask(bits: bytes, shape: tuple[int, int]) -> Mask:
-    """Return a mask from its packed bits, which are bytes because a cache needs a key that can be
-    hashed.
-    """
+def _unpack_mask(bits: bytes, shape: tuple[int, int]) -> Mask:
+    """Return a mask from its packed bits, which are bytes to serve as a key of a cache."""
     return (
         np.unpackbits(np.frombuffer(bits, np.uint8), count=shape[0] * shape[1])
         .view(bool)

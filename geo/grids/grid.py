@@ -1,8 +1,7 @@
-"""Regular longitude-latitude grids: the only kind that kernels sample, and the target of every
-regridding.
+"""Regular longitude-latitude grids: what kernels sample, and the target of every regridding.
 
-Nodes ascend in both directions. A grid that goes round the Earth repeats its first column at its
-end, so that no sampler needs to know about the seam.
+Nodes ascend in both directions. A grid that spans the globe repeats its first column at its end, so
+that samplers need no special case at the seam.
 """
 
 from dataclasses import dataclass
@@ -28,12 +27,12 @@ class Grid:
 
     @property
     def seamless(self) -> bool:
-        """Whether the grid goes round the Earth, so that its last column is its first."""
+        """True if the grid spans the globe, so that its last column repeats the first."""
         return bool(abs((self.nlon - 1) * self.dlon - 360.0) < 1e-9)
 
     @property
     def columns(self) -> int:
-        """Number of different columns: all but the one that a seamless grid repeats."""
+        """Number of distinct columns: all but the one that a seamless grid repeats."""
         return self.nlon - 1 if self.seamless else self.nlon
 
     @property
@@ -48,7 +47,7 @@ class Grid:
 
     @property
     def box(self) -> Box:
-        """The box that the nodes span, with its west edge in [-180, 180)."""
+        """Box that the nodes span, with its west edge in [-180, 180)."""
         west = sphere.wrap_degrees(self.lon0)
         return Box(
             west,
@@ -59,7 +58,7 @@ class Grid:
 
 
 def nodes(grid: Grid) -> tuple[Array, Array]:
-    """Return (lon, lat) [deg] of a grid's different nodes, shape (nlat, columns)."""
+    """Return (lon, lat) [deg] of a grid's distinct nodes, shape (nlat, columns)."""
     lon, lat = np.meshgrid(grid.lon[: grid.columns], grid.lat)
     return lon, lat
 
@@ -70,14 +69,22 @@ def widen(values: NDArray[np.float32], grid: Grid) -> NDArray[np.float32]:
 
 
 def sample(grid: Grid, values: NDArray[np.floating], lon: ArrayLike, lat: ArrayLike) -> Array:
-    """Return values (nlat, nlon, ...) interpolated bilinearly at points [deg], shape (n, ...).
+    """Return values interpolated bilinearly at points, without filling missing values.
 
-    A point outside the grid, or in a cell with a missing corner of non-zero weight, gives NaN. This
-    is what a particle sees before missing values are filled; it serves measurements of error and
-    tests.
+    It serves error measurements and tests.
+
+    Args:
+        grid: of the values.
+        values: shape (nlat, nlon, ...).
+        lon: of the points [deg], shape (n,).
+        lat: of the points [deg], shape (n,).
+
+    Returns:
+        Values, shape (n, ...); NaN outside the grid, and in cells with a missing corner of nonzero
+        weight.
     """
     x = (np.asarray(lon, float) - grid.lon0) % 360.0 / grid.dlon
-    # a rounding error west of the first node counts as on it
+    # a rounding error west of the first node counts as the first node
     x = np.where(x > 360.0 / grid.dlon - 1e-6, 0.0, x)
     y = (np.asarray(lat, float) - grid.lat0) / grid.dlat
     inside = (x <= grid.nlon - 1 + 1e-6) & (y >= -1e-6) & (y <= grid.nlat - 1 + 1e-6)

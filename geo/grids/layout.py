@@ -1,7 +1,8 @@
-"""Where the points of a variable lie: records of layouts, and their geometry.
+"""Layouts: where the points of a variable lie, and their geometry.
 
-Points lie on longitude and latitude axes, in a projection's plane, on a curved grid, or on
-triangles. `locate.py` finds these layouts in a file and `regrid.py` makes weights of them.
+Points lie on longitude and latitude axes, in a projection's plane, on a curvilinear grid, or on
+triangles. `locate.py` finds the layout of a variable in a file; `regrid.py` makes interpolation
+weights from it.
 
 Angles are degrees. Longitudes are unwrapped where neighbours matter, so they may leave [-180, 180).
 """
@@ -24,8 +25,8 @@ Index = NDArray[np.int64]
 class Axes:
     """A rectilinear grid: lon (nx,) and lat (ny,) [deg], both ascending.
 
-    columns, rows: their indices in the file. round: whether the columns go round the Earth; each
-    longitude then stands once.
+    columns, rows: their indices in the file. round: the columns span the globe, with no longitude
+    repeated.
     """
 
     lon: Array
@@ -37,11 +38,11 @@ class Axes:
 
 @dataclass(frozen=True)
 class Plane:
-    """A projection's plane.
+    """A grid in a projection's plane.
 
-    x (nx,), y (ny,): in the projection's unit (m or deg), monotonic, in the file's order; columns,
-    rows: their indices in the file; turn: period of x (360 for a rotated pole, whose x is an
-    angle), 0 for none.
+    x (nx,), y (ny,): in the projection's unit (m or deg), monotonic, in file order. columns, rows:
+    their indices in the file. turn: period of x (360 for a rotated pole, whose x is an angle), 0
+    for none.
     """
 
     x: Array
@@ -57,7 +58,7 @@ class Plane:
         return np.asarray(lon), np.asarray(lat)
 
     def to_plane(self, lon: Array, lat: Array) -> tuple[Array, Array]:
-        """Return (x, y) of points [deg]; inf where the projection has no image of them."""
+        """Return (x, y) of points [deg]; inf outside the projection's domain."""
         x, y = self.projection.transform(lon, lat, direction="INVERSE")
         if self.turn:
             middle = (self.x[0] + self.x[-1]) / 2
@@ -67,12 +68,12 @@ class Plane:
 
 @dataclass(frozen=True)
 class Curved:
-    """A curved grid: lon, lat (ny, nx) [deg]; columns, rows: their indices in the file.
+    """A curvilinear grid: lon, lat (ny, nx) [deg]; columns, rows: their indices in the file.
 
     angle: (ny, nx) [rad] of the grid's x axis from east, if the file has it. joined: (nx,) whether
-    each column's next one is its neighbour (that of the last is the first); None: this holds for
-    all but the last. mirror: (nx,) columns that the last row's points face across the fold of a
-    tripolar grid, -1 for none.
+    each column is a neighbour of the next one (the last one of the first); None: all but the last.
+    mirror: (nx,) columns that the last row's points face across the fold of a tripolar grid, -1 for
+    none.
     """
 
     lon: Array
@@ -88,9 +89,9 @@ class Curved:
 class Triangles:
     """Triangles: lon, lat (n,) [deg] of nodes, cells (m, 3) indices of nodes.
 
-    first: index in the file of point 0. With lonc, latc (m,) the values stand at the cells'
-    centres, and cells may have more corners, (m, k); those with fewer end in -1. projection: from
-    the plane along whose axes components count to (lon, lat); None where they count along none.
+    first: index in the file of point 0. With lonc, latc (m,), values are at the cells' centres, and
+    cells may have more corners, (m, k), padded with -1. projection: from the plane whose axes the
+    components follow to (lon, lat); None if they follow none.
     """
 
     lon: Array
@@ -110,13 +111,13 @@ class Triangles:
 
 Layout = Axes | Plane | Curved | Triangles
 
-FEW = 16  # columns; shorter gaps between needed columns are read as well
-WIDE = 20.0  # [deg of longitude] the extents of wider cells are computed in full
-UNIFORM = 0.01  # share of a cell: an axis whose coordinates jitter by no more counts as uniform
+FEW = 16  # [columns] shorter gaps between needed columns are read as well
+WIDE = 20.0  # [deg of longitude] extents of wider cells are computed exactly
+UNIFORM = 0.01  # share of a cell: an axis whose coordinates jitter by less counts as uniform
 
 
 def uniform(values: Array) -> bool:
-    """Whether an axis's steps are equal except for errors of rounding in its storage."""
+    """Return True if an axis' steps are equal except for rounding errors in its storage."""
     line = np.linspace(values[0], values[-1], len(values))
     return bool(
         np.abs(values - line).max() <= UNIFORM * (values[-1] - values[0]) / (len(values) - 1)
@@ -124,7 +125,7 @@ def uniform(values: Array) -> bool:
 
 
 def points(layout: Layout) -> tuple[Array, Array]:
-    """Return (lon, lat) [deg] of every point where a value stands, in the shape of the values."""
+    """Return (lon, lat) [deg] of every point with a value, in the shape of the values."""
     if isinstance(layout, Axes):
         lon, lat = np.meshgrid(layout.lon, layout.lat)
         return lon, lat
@@ -136,30 +137,29 @@ def points(layout: Layout) -> tuple[Array, Array]:
 
 
 def spacing(layout: Layout) -> float:
-    """Return how far apart neighbouring points are [deg of a great circle]: the median in the finer
-    direction.
+    """Return the distance between neighbouring points [deg of a great circle].
 
-    Raises UserError where no two neighbours have coordinates.
+    It is the median in the finer direction. Raises UserError if no two neighbours have coordinates.
     """
     if isinstance(layout, Triangles):
         pair = layout.cells[:, [0, 1]], layout.cells[:, [1, 2]], layout.cells[:, [2, 0]]
         a, b = np.concatenate(pair).T
-        edges = _apart(layout.lon[a], layout.lat[a], layout.lon[b], layout.lat[b])
-        return _quantile(10, edges)  # the fine elements near the coast matter, the slivers do not
+        edges = _angles_between(layout.lon[a], layout.lat[a], layout.lon[b], layout.lat[b])
+        return _quantile(10, edges)  # small elements near the coast matter, single slivers do not
     lon, lat = points(layout)
     # 250,000 points are enough for a median
     step = max(1, lon.shape[0] // 500), max(1, lon.shape[1] // 500)
-    across = _apart(
+    across = _angles_between(
         lon[:: step[0], :-1], lat[:: step[0], :-1], lon[:: step[0], 1:], lat[:: step[0], 1:]
     )
-    along = _apart(
+    along = _angles_between(
         lon[:-1, :: step[1]], lat[:-1, :: step[1]], lon[1:, :: step[1]], lat[1:, :: step[1]]
     )
     return min(_quantile(50, across), _quantile(50, along))
 
 
 def _quantile(percent: float, distances: Array) -> float:
-    """Return a quantile of finite distances; raise UserError where there is none."""
+    """Return a quantile of the finite distances; raise UserError if there are none."""
     finite = distances[np.isfinite(distances)]
     if not finite.size:
         raise UserError(
@@ -168,7 +168,7 @@ def _quantile(percent: float, distances: Array) -> float:
     return float(np.percentile(finite, percent))
 
 
-def _apart(lon1: Array, lat1: Array, lon2: Array, lat2: Array) -> Array:
+def _angles_between(lon1: Array, lat1: Array, lon2: Array, lat2: Array) -> Array:
     """Return distances between points [deg] in degrees of a great circle; NaN between equal points."""
     metres = sphere.distance(*(np.radians(v) for v in (lon1, lat1, lon2, lat2)))
     metres = np.where(metres > 0, metres, np.nan)
@@ -176,8 +176,9 @@ def _apart(lon1: Array, lat1: Array, lon2: Array, lat2: Array) -> Array:
 
 
 def joins(curved: Curved) -> NDArray[np.bool_]:
-    """Return which columns of a curved grid are neighbours of the next one (of the first for the
-    last), (nx,).
+    """Return which columns of a curvilinear grid are neighbours of the next one, shape (nx,).
+
+    The last column's next one is the first.
     """
     if curved.joined is not None:
         return curved.joined
@@ -185,8 +186,9 @@ def joins(curved: Curved) -> NDArray[np.bool_]:
 
 
 def cells(curved: Curved, rows: Index) -> Index:
-    """Return the corners, as raveled points, of the cells between rows and the next ones, (rows,
-    cells, 4).
+    """Return the corners of the cells between rows and the next ones, shape (rows, cells, 4).
+
+    Corners are indices of raveled points.
     """
     nx = curved.lon.shape[1]
     left = np.nonzero(joins(curved))[0]
@@ -195,8 +197,9 @@ def cells(curved: Curved, rows: Index) -> Index:
 
 
 def across(curved: Curved) -> Index:
-    """Return the corners, as raveled points, of the cells across the fold of a tripolar grid,
-    (cells, 4).
+    """Return the corners of the cells across the fold of a tripolar grid, shape (cells, 4).
+
+    Corners are indices of raveled points.
     """
     if curved.mirror is None:
         return np.empty((0, 4), np.int64)
@@ -210,11 +213,10 @@ def across(curved: Curved) -> Index:
 def extents(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array]:
     """Return (west, width, south, north) [deg] of cells whose edges are great circles.
 
-    Cells of which a corner is missing get NaN.
+    Cells with a missing corner get NaN. A cell that contains a pole is 360 wide. The poleward bulge
+    of edges is bounded by that of an edge at the cell's highest latitude, as wide as the cell.
 
-    lon, lat: corners in turn (m, k) [deg]. A cell that holds a pole is 360 wide. Edges bulge
-    poleward, and at most as much as an edge at the cell's highest latitude that is as wide as the
-    cell.
+    lon, lat: corners in cyclic order (m, k) [deg].
     """
     phi, lam = np.radians(lat), np.radians(lon)
     middle = np.degrees(
@@ -239,9 +241,7 @@ def extents(lon: Array, lat: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def within(lon: Array, lat: Array, box: Box, margin: float) -> NDArray[np.bool_]:
-    """Return which points [deg] lie in a box grown by a margin [deg of a great circle] on every
-    side.
-    """
+    """Return which points [deg] lie in a box grown by a margin [deg of a great circle]."""
     south, north = box.south - margin, box.north + margin
     cosine = np.cos(np.radians(min(89.0, max(abs(south), abs(north)))))
     grown = box.grown(margin / cosine, margin)
@@ -251,9 +251,9 @@ def within(lon: Array, lat: Array, box: Box, margin: float) -> NDArray[np.bool_]
 
 
 def crop(layout: Layout, box: Box | None) -> Layout | None:
-    """Return the part of a layout that covers a box and two more nodes around it.
+    """Return the part of a layout that covers a box, with two more nodes on every side.
 
-    Returns None where they do not meet.
+    None if they do not overlap.
     """
     if box is None:
         return layout
@@ -317,10 +317,9 @@ def _crop_axes(axes: Axes, box: Box) -> Axes | None:
 
 
 def _crop_curved(curved: Curved, box: Box) -> Curved | None:
-    """Return the cells that meet a box, and one more row and column on each side; None where no
-    cell does.
+    """Return the cells that overlap a box, and one more row and column on each side; None for none.
 
-    Of a grid that goes round the Earth the columns may be in up to three pieces.
+    For a grid that spans the globe, the columns may be in up to three pieces.
     """
     margin = 3 * spacing(curved)
     grown = box.grown(
@@ -328,7 +327,7 @@ def _crop_curved(curved: Curved, box: Box) -> Curved | None:
     )
     ny, nx = curved.lon.shape
     lowest, highest = np.fmin.reduce(curved.lat, axis=1), np.fmax.reduce(curved.lat, axis=1)
-    # Near the poles edges bulge far poleward.
+    # near the poles, edges bulge far poleward
     lowest, highest = (
         np.where(lowest < -75.0, -90.0, lowest),
         np.where(highest > 75.0, 90.0, highest),
@@ -343,10 +342,10 @@ def _crop_curved(curved: Curved, box: Box) -> Curved | None:
     # 64 rows at a time, to save memory
     for rows in [band[k : k + 64] for k in range(0, len(band), 64)]:
         corners = cells(curved, rows).reshape(-1, 4)
-        met = corners[_meet(lon[corners], lat[corners], grown)]
+        met = corners[_overlap_box(lon[corners], lat[corners], grown)]
         row_needed[met // nx] = column_needed[met % nx] = True
     corners = across(curved)
-    met = corners[_meet(lon[corners], lat[corners], grown)]
+    met = corners[_overlap_box(lon[corners], lat[corners], grown)]
     row_needed[met // nx] = column_needed[met % nx] = True
     if not row_needed.any():
         return None
@@ -371,11 +370,11 @@ def _crop_curved(curved: Curved, box: Box) -> Curved | None:
     )
 
 
-def _meet(lon: Array, lat: Array, box: Box) -> NDArray[np.bool_]:
-    """Return which cells with corners (m, k) [deg] meet a box.
+def _overlap_box(lon: Array, lat: Array, box: Box) -> NDArray[np.bool_]:
+    """Return which cells with corners (m, k) [deg] overlap a box.
 
     Edges of cells up to WIDE bulge poleward by at most width^2 / 16; a tenth is added for the next
-    order. The extents of wider cells are computed in full.
+    order. Extents of wider cells are computed exactly.
     """
     unwrapped = sphere.wrap_degrees(lon - lon[:, :1])
     low = unwrapped.min(axis=1)
@@ -396,10 +395,9 @@ def _meet(lon: Array, lat: Array, box: Box) -> NDArray[np.bool_]:
 
 
 def _pieces(needed: NDArray[np.bool_], around: bool) -> Index:
-    """Return the needed columns and one more on both sides, in turn, with all gaps filled but the
-    three widest.
+    """Return the needed columns and one more on both sides, in order, leaving out up to three gaps.
 
-    The first column follows the widest gap, so that what is needed on both sides of the seam stays
+    The first column follows the widest gap, so that columns on both sides of the seam stay
     together.
     """
     n = len(needed)
@@ -407,7 +405,7 @@ def _pieces(needed: NDArray[np.bool_], around: bool) -> Index:
     if not around:
         beside[0], beside[-1] = needed[1], needed[-2]
     chosen = np.nonzero(needed | beside)[0]
-    gap = (np.roll(chosen, -1) - chosen - 1) % n  # number of columns left out after each chosen one
+    gap = (np.roll(chosen, -1) - chosen - 1) % n  # number of columns left out after each column
     widest = np.argsort(gap, kind="stable")[::-1][:3]
     widest = widest[gap[widest] >= FEW]
     if len(widest) == 0:
@@ -423,16 +421,16 @@ def _pieces(needed: NDArray[np.bool_], around: bool) -> Index:
 def _crop_triangles(mesh: Triangles, box: Box) -> Triangles | None:
     margin = 3 * spacing(mesh)
     corners = np.where(mesh.cells < 0, mesh.cells[:, :1], mesh.cells)
-    # The cell's own box is tested, not its corners, because elements may be larger than the whole
-    # case.
+    # Cells are tested by their extents, not by their corners, because an element may be larger than
+    # the whole case.
     grown = box.grown(
         margin / max(0.02, np.cos(np.radians(max(abs(box.south), abs(box.north))))), margin
     )
-    meets = _meet(mesh.lon[corners], mesh.lat[corners], grown)
+    meets = _overlap_box(mesh.lon[corners], mesh.lat[corners], grown)
     kept = np.nonzero(meets)[0]
     if len(kept) == 0:
         return None
-    # values stand at centres, so nodes are kept as they are
+    # values are at centres, so all nodes are kept
     if mesh.lonc is not None and mesh.latc is not None:
         part = slice(int(kept[0]), int(kept[-1]) + 1)
         return replace(

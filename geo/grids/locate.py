@@ -1,6 +1,4 @@
-"""Finding where a variable's points lie, from what a file says: coordinates, grid mapping,
-connectivity.
-"""
+"""Find the layout of a variable in a file, from coordinates, grid mapping and connectivity."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,14 +14,14 @@ from geo.errors import UserError
 from geo.grids import absent, connect, naming, planar, projection, rotation, seam, stagger, ugrid
 from geo.grids.layout import Axes, Curved, Layout
 
-FINEST = 1e-5  # [deg] a metre; every grid as a whole is larger
+FINEST = 1e-5  # [deg] 1 m; no whole grid is smaller
 
 
 @dataclass(frozen=True)
 class Component:
-    """A variable whose points are sought.
+    """A variable whose layout is searched for.
 
-    dims: its horizontal dimensions; side: 0 for u, 1 for v; chosen: what the case says of
+    dims: its horizontal dimensions; side: 0 for u, 1 for v; chosen: the case's choice of
     coordinates, by key.
     """
 
@@ -37,16 +35,23 @@ class Component:
 def locate(
     data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], side: int = 0
 ) -> tuple[Layout, list[str]]:
-    """Return the layout of a variable, and remarks for the user.
+    """Return the layout of a variable, and notes for the user.
 
-    dims: its horizontal dimensions; side: 0 for u, 1 for v; chosen: what the case says of
-    coordinates, by key.
+    Args:
+        data: the file's dataset.
+        name: of the variable.
+        dims: its horizontal dimensions.
+        chosen: the case's choice of coordinates, by key.
+        side: 0 for u, 1 for v.
+
+    Raises:
+        UserError: the file does not say where the points lie, or contradicts itself.
     """
     notes: list[str] = []
     component = Component(data, name, dims, side, chosen)
     plane = projection.plane(data, name, dims, chosen, notes)
     mesh = ugrid.mesh_of(data, name, dims[0]) if len(dims) == 1 else None
-    lon_name, lat_name = _names(component, mesh)
+    lon_name, lat_name = _find_names(component, mesh)
     along: pyproj.Transformer | None = None
     if plane is None and not (lon_name and lat_name) and not (mesh and mesh.nodes):
         flat = planar.unprojected(data, name, dims, chosen, notes)
@@ -54,12 +59,12 @@ def locate(
             data, along = flat
             component = replace(component, data=data)
             mesh = ugrid.mesh_of(data, name, dims[0]) if len(dims) == 1 else None
-            lon_name, lat_name = _names(component, mesh)
+            lon_name, lat_name = _find_names(component, mesh)
     elif len(dims) == 1 and planar.pairs(data, chosen):
         along = planar.transformer(data, name, chosen, [])
     if len(dims) == 1 and (mesh.place == "edge" if mesh else "edge" in dims[0].lower()):
         raise UserError(
-            f'"{name}" stands on the edges of its mesh ({dims[0]}), where no vector is known; choose values at nodes '
+            f'"{name}" is defined on the edges of its mesh ({dims[0]}), where no vector is known; choose values at nodes '
             f"or faces with variables = {{ east = ..., north = ... }}"
         )
     if mesh and mesh.place == "face" and lon_name is None and mesh.nodes and mesh.connectivity:
@@ -68,7 +73,7 @@ def locate(
         ), notes
     if plane is not None:
         if lon_name and lat_name:
-            own_lon, own_lat = (_at_first(component, n) for n in (lon_name, lat_name))
+            own_lon, own_lat = (_first_values(component, n) for n in (lon_name, lat_name))
             trouble = projection.disagreement(plane, own_lon, own_lat)
             if trouble and not chosen.get("crs"):
                 notes.append(
@@ -82,14 +87,16 @@ def locate(
             f'no longitude and latitude for "{name}" ({", ".join(dims)}), and no grid mapping with x and y; '
             f"set variables = {{ lon = ..., lat = ... }} or variables.crs"
         )
-    lon, lat = absent.without(_at_first(component, lon_name), _at_first(component, lat_name), notes)
+    lon, lat = absent.without(
+        _first_values(component, lon_name), _first_values(component, lat_name), notes
+    )
     if (
         not np.isfinite(lon).any()
         or np.nanmax(np.abs(lat)) > 90.001
         or np.nanmax(np.abs(lon)) > 720
     ):
         raise UserError(
-            f'"{lon_name}" and "{lat_name}" are no degrees; set variables = {{ lon = ..., lat = ... }}'
+            f'"{lon_name}" and "{lat_name}" are not in degrees; set variables = {{ lon = ..., lat = ... }}'
         )
     if len(dims) == 1:
         return replace(
@@ -104,10 +111,10 @@ def locate(
                 f"({dims[1]} = {sizes[1]}, {dims[0]} = {sizes[0]}); set variables = {{ lon = ..., lat = ... }}"
             )
         return axes(lon, lat, lon_name, lat_name), notes
-    lon, lat = _at_points(component, lon_name, lon, lat, notes)
-    if _separable(lon, lat):
+    lon, lat = _component_points(component, lon_name, lon, lat, notes)
+    if _is_rectilinear(lon, lat):
         return axes(lon[0], lat[:, 0], lon_name, lat_name), notes
-    angle = _angle(data, chosen, lon, lat, notes)
+    angle = _file_angle(data, chosen, lon, lat, notes)
     grid = Curved(lon, lat, np.arange(lon.shape[1]), np.arange(lon.shape[0]), angle)
     return absent.extended(seam.close(grid, notes)), notes
 
@@ -115,19 +122,16 @@ def locate(
 def coordinates(
     data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], side: int
 ) -> tuple[str, str] | None:
-    """Return the names of a variable's longitudes and latitudes;
+    """Return the names of a variable's longitudes and latitudes, None if it has none.
 
-    None without. dims, chosen, side: as in `locate`.
+    dims, chosen, side: as in `locate`.
     """
-    lon, lat = _names(Component(data, name, dims, side, chosen), None)
+    lon, lat = _find_names(Component(data, name, dims, side, chosen), None)
     return (lon, lat) if lon is not None and lat is not None else None
 
 
-def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, str | None]:
-    """Return the names of the longitudes and latitudes that go with a variable;
-
-    None where it has none.
-    """
+def _find_names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, str | None]:
+    """Return the names of the longitudes and latitudes of a variable; None for each if absent."""
     data, chosen = component.data, component.chosen
     mesh_names = None if mesh is None else {"node": mesh.nodes, "face": mesh.faces}.get(mesh.place)
     if mesh_names and not {"lon", "lat"} & set(chosen):
@@ -142,7 +146,9 @@ def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, s
         scores = {}
         for other in map(str, data.variables):
             attributes = data[other].attrs
-            fit = _fit(component, other) if naming.role(other, attributes) == standard else None
+            fit = (
+                _fit_score(component, other) if naming.role(other, attributes) == standard else None
+            )
             if fit is not None:
                 scores[other] = naming.certainty(other, attributes, standard) + fit
         scores_of.append(scores)
@@ -150,7 +156,7 @@ def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, s
         (x + y, lon, lat)
         for lon, x in scores_of[0].items()
         for lat, y in scores_of[1].items()
-        if _go_together(component, lon, lat)
+        if _belong_together(component, lon, lat)
     ]
     if pairs:
         _, lon, lat = max(pairs)
@@ -177,42 +183,38 @@ def _names(component: Component, mesh: ugrid.Mesh | None) -> tuple[str | None, s
     )
 
 
-def _go_together(component: Component, lon: str, lat: str) -> bool:
-    """Whether longitudes and latitudes are those of the same points, or axes, or both named by the
-    case.
+def _belong_together(component: Component, lon: str, lat: str) -> bool:
+    """Return True if longitudes and latitudes belong together.
+
+    They have the same points, are both axes, or are both named by the case.
     """
-    own = [_lasting(component, component.data[name].variable) for name in (lon, lat)]
+    own = [_own_dims(component, component.data[name].variable) for name in (lon, lat)]
     return own[0] == own[1] or max(map(len, own)) == 1 or {"lon", "lat"} <= set(component.chosen)
 
 
-def _lasting(component: Component, variable: xr.Variable) -> tuple[str, ...]:
-    """Return the dimensions of coordinates without the one, such as time, along which a file
-    repeats them.
-    """
+def _own_dims(component: Component, variable: xr.Variable) -> tuple[str, ...]:
+    """Return the dimensions of coordinates, without a leading one (time) that repeats them."""
     own = tuple(map(str, variable.dims))
     stands = map(str, component.data[component.name].dims)
     repeated = len(own) > 1 and own[0] not in component.dims and own[0] in stands
     return own[1:] if repeated else own
 
 
-def _fit(component: Component, other: str) -> float | None:
-    """Return a score of how well coordinates of this name suit a component's points.
-
-    Returns None where they do not.
-    """
+def _fit_score(component: Component, other: str) -> float | None:
+    """Return a score of how well coordinates fit a component's points; None if they do not."""
     data, dims = component.data, component.dims
     variable = data[other]
     if not variable.ndim or not np.issubdtype(variable.dtype, np.number):
         return None
     own = (
-        set(_lasting(component, variable.variable)) <= set(dims)
+        set(_own_dims(component, variable.variable)) <= set(dims)
         or tuple(map(str, variable.dims[1:])) == dims
     )
     place = stagger.place_of(other) if len(dims) == 2 else None
-    beside = place in (None, "t") and _beside(data, variable, dims)
+    beside = place in (None, "t") and _half_cell_beside(data, variable, dims)
     if not own and not beside:
         return None
-    values = _at_first(component, other)
+    values = _first_values(component, other)
     finite = values[np.isfinite(values)]
     if values.size > 1 and (finite.size == 0 or finite.min() == finite.max()):
         # FVCOM in metres writes lon = lat = 0 everywhere, ROMS zeros or fill values at u and v
@@ -223,12 +225,10 @@ def _fit(component: Component, other: str) -> float | None:
     )
 
 
-def _beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> bool:
-    """Whether sizes and dimensions say that points lie half a cell beside those of a component over
-    `dims`.
-    """
+def _half_cell_beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> bool:
+    """Return True if points may lie half a cell beside those of a component over `dims`."""
     wanted = tuple(int(data.sizes[d]) for d in dims)
-    # WRF repeats them for every time
+    # WRF repeats coordinates for every time
     repeated = variable.ndim == 3 and "time" in str(variable.dims[0]).lower()
     if (
         variable.ndim != 2 + repeated
@@ -242,18 +242,19 @@ def _beside(data: xr.Dataset, variable: xr.DataArray, dims: tuple[str, ...]) -> 
     return same or (max(more) <= 1 and min(more) >= 0 and any(more)) or sorted(more) == [-1, 0]
 
 
-def _at_first(component: Component, name: str) -> Array:
-    """Return coordinates at the first of the times for which a file may repeat them, as WRF does."""
+def _first_values(component: Component, name: str) -> Array:
+    """Return coordinates at the first time, for files that repeat them as WRF does."""
     variable = component.data[name].variable
-    while variable.ndim > min(len(component.dims), len(_lasting(component, variable))):
+    while variable.ndim > min(len(component.dims), len(_own_dims(component, variable))):
         variable = variable.isel({variable.dims[0]: 0})
     values = np.asarray(variable.values, np.float64)
     return np.where(np.isfinite(values), values, np.nan)
 
 
 def _staggered_shape(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
-    """Whether points of this shape lie half a cell beside points of the wanted one (ROMS: rho
-    beside u).
+    """Return True if points of this shape lie half a cell beside points of the wanted shape.
+
+    In ROMS, rho points lie so beside u points.
     """
     if len(shape) != 2 or len(wanted) != 2:
         return False
@@ -261,8 +262,8 @@ def _staggered_shape(shape: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
     return more in ((0, 1), (1, 0), (1, 1))
 
 
-def _averaged(values: Array, wanted: tuple[int, ...]) -> Array:
-    """Return the means of neighbours along every axis that has one point more than wanted."""
+def _average_neighbours(values: Array, wanted: tuple[int, ...]) -> Array:
+    """Return the means of neighbours along every axis with one point more than wanted."""
     for axis in (0, 1):
         if values.shape[axis] == wanted[axis] + 1:
             low, high = (values[:-1], values[1:]) if axis == 0 else (values[:, :-1], values[:, 1:])
@@ -270,12 +271,12 @@ def _averaged(values: Array, wanted: tuple[int, ...]) -> Array:
     return values
 
 
-def _at_points(
+def _component_points(
     component: Component, lon_name: str, lon: Array, lat: Array, notes: list[str]
 ) -> tuple[Array, Array]:
     """Return (lon, lat) [deg] of a component's own points, (ny, nx).
 
-    The given coordinates may be those of points beside them.
+    The given coordinates may be those of points half a cell beside them.
     """
     data, name, dims, side, chosen = (
         component.data,
@@ -294,9 +295,9 @@ def _at_points(
     if along == (0.0, 0.0):
         return lon, lat
     notes.append(
-        f"{name} has no places of its own: taken midway between the points of {lon_name}{_direction(along)}"
+        f"{name} has no coordinates of its own: taken midway between the points of {lon_name}{_describe_offset(along)}"
     )
-    if _separable(lon, lat):
+    if _is_rectilinear(lon, lat):
         line = stagger.moved_line(np.unwrap(lon[0], period=360.0), wanted[1], along[1])
         x, y = np.meshgrid(line, stagger.moved_line(lat[:, 0], wanted[0], along[0]))
         return x, y
@@ -304,10 +305,8 @@ def _at_points(
     return stagger.midpoints(extended.lon, extended.lat, wanted, along, seam.follower(extended))
 
 
-def _direction(along: tuple[float | None, float | None]) -> str:
-    """Return in words on which side of the given points a component's points lie, where sizes do
-    not tell it.
-    """
+def _describe_offset(along: tuple[float | None, float | None]) -> str:
+    """Return text on which side of the given points a component lies, if sizes do not show it."""
     phrases = [
         f", half a cell {'after' if offset > 0 else 'before'} them along the {axis}"
         for offset, axis in zip(along, ("columns", "rows"), strict=True)
@@ -316,8 +315,8 @@ def _direction(along: tuple[float | None, float | None]) -> str:
     return "".join(phrases)
 
 
-def _separable(lon: Array, lat: Array) -> bool:
-    """Whether two-dimensional lon and lat are those of a rectilinear grid."""
+def _is_rectilinear(lon: Array, lat: Array) -> bool:
+    """Return True if two-dimensional lon and lat form a rectilinear grid."""
     if not (np.isfinite(lon).all() and np.isfinite(lat).all()) or min(lon.shape) < 2:
         return False
     turn = sphere.wrap_degrees(lon - lon[0])
@@ -331,8 +330,16 @@ def _separable(lon: Array, lat: Array) -> bool:
 
 
 def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
-    """Return rectilinear axes in ascending order, with longitudes unwrapped and without repeated
-    columns.
+    """Return rectilinear axes in ascending order, unwrapped and without repeated columns.
+
+    Args:
+        lon: of the columns [deg], shape (nx,).
+        lat: of the rows [deg], shape (ny,).
+        lon_name: of the variable, for messages.
+        lat_name: of the variable, for messages.
+
+    Raises:
+        UserError: the axes are too short, incomplete, or repeat a latitude.
     """
     for values, axis in ((lon, lon_name), (lat, lat_name)):
         if len(values) < 2:
@@ -353,7 +360,7 @@ def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
     ordered = turned[columns]
     step = float(np.median(np.diff(ordered)))
     kept = np.concatenate(([True], np.diff(ordered) > 0.01 * step))
-    # An axis 0..360 may hold both ends, in single precision.
+    # an axis from 0 to 360 may hold both ends, in single precision
     kept[-1] &= bool(ordered[0] + 360.0 - ordered[-1] > 0.01 * step)
     columns, ordered = columns[kept], ordered[kept]
     if len(ordered) < 2:
@@ -370,12 +377,12 @@ def axes(lon: Array, lat: Array, lon_name: str, lat_name: str) -> Axes:
     return Axes(ordered, lat[rows], columns, rows, goes_round)
 
 
-def _angle(
+def _file_angle(
     data: xr.Dataset, chosen: Mapping[str, Any], lon: Array, lat: Array, notes: list[str]
 ) -> Array | None:
     """Return the file's own angle of the x axis from east [rad], (ny, nx).
 
-    Returns None where none fits the points.
+    None if the file has none. An angle that contradicts the points is not used.
     """
     name = str(chosen.get("angle", "angle"))
     if name not in data.variables:
@@ -394,7 +401,10 @@ def _angle(
 
     def at_points(turn: Array) -> Array:
         return np.asarray(
-            np.arctan2(_averaged(np.sin(turn), lon.shape), _averaged(np.cos(turn), lon.shape))
+            np.arctan2(
+                _average_neighbours(np.sin(turn), lon.shape),
+                _average_neighbours(np.cos(turn), lon.shape),
+            )
         )
 
     for factor, remark in (

@@ -1,8 +1,8 @@
-"""Names and units by which longitudes, latitudes and the parts of a grid are recognised.
+"""Names and attributes that identify longitudes, latitudes and other variables of a grid.
 
-CF attributes are asked where they stand, one comparison each. cf_xarray (0.11.3) finds what has
-them: the pair of components in 11 of the 21 files of real models that our cases were made with,
-longitudes in 10. The others need names in common use all the same.
+CF attributes are compared directly. cf_xarray (0.11.3) relies on them alone: it finds the component
+pair in 11 of the 21 model files that our cases use, and longitudes in 10. The other files need
+usual names anyway.
 """
 
 import re
@@ -24,14 +24,14 @@ CONNECTIVITY = re.compile(
     r"^(nv|ele(ment)?s?|tri(angles)?|schism_hgrid_face_nodes|.*face_nodes?|face_node_connectivity|elem)$",
     re.I,
 )
-# Other variables for which a grid file is read.
+# other variables for which a grid file is read
 GRID = re.compile(r"^(angle|mask_[a-z]+|[utv]mask|x|y|x_rho|y_rho|crs|projection.*)$", re.I)
 
 
 def role(name: str, attributes: Mapping[str, Any]) -> str | None:
-    """Return "longitude" or "latitude" for coordinates, by units, else standard name, else name;
+    """Return "longitude" or "latitude" by units, otherwise by standard name, otherwise by name.
 
-    None for others.
+    None for other variables.
     """
     by_units, standard = (
         _by_units(attributes),
@@ -49,8 +49,9 @@ def role(name: str, attributes: Mapping[str, Any]) -> str | None:
 
 
 def certainty(name: str, attributes: Mapping[str, Any], wanted: str) -> int:
-    """Score the evidence that coordinates are longitudes, or latitudes: attributes count more than
-    names.
+    """Return a score of the evidence that a variable holds longitudes, or latitudes.
+
+    Attributes count more than names.
     """
     pattern = LON if wanted == "longitude" else LAT
     standard = str(attributes.get("standard_name", "")).strip().lower()
@@ -62,9 +63,7 @@ def certainty(name: str, attributes: Mapping[str, Any], wanted: str) -> int:
 
 
 def contradiction(name: str, attributes: Mapping[str, Any]) -> str:
-    """Return in words how units and standard name of coordinates contradict each other; "" where
-    they do not.
-    """
+    """Return a text on how units and standard name of coordinates contradict; "" if not."""
     by_units, standard = (
         _by_units(attributes),
         str(attributes.get("standard_name", "")).strip().lower(),
@@ -82,9 +81,9 @@ def _by_units(attributes: Mapping[str, Any]) -> str | None:
 
 
 def of_grid(name: str, attributes: Mapping[str, Any] | None = None) -> bool:
-    """Return whether a variable of this name or with these attributes describes a grid.
+    """Return True if a variable with this name or these attributes describes a grid.
 
-    Another file may then use it.
+    Variables of another file may then use it.
     """
     stated = attributes or {}
     if "cf_role" in stated or str(stated.get("standard_name", "")) in ("longitude", "latitude"):

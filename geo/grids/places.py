@@ -1,7 +1,6 @@
-"""Positions of a moving grid: files that give its coordinates for every time, or one file for each
-time.
+"""Positions of a moving grid, from files with coordinates for every time, or one file per time.
 
-WRF's moving nests are of the first kind, those of hurricane models that follow a storm often of the
+WRF's moving nests are of the first kind; hurricane models that follow a storm are often of the
 second.
 """
 
@@ -16,16 +15,16 @@ from numpy.typing import NDArray
 from geo.grids import locate, naming
 from geo.grids.layout import Layout
 
-# decimals of a degree, a metre, to which coordinates of two times must agree to be the same place
+# decimals of a degree (1 m) to which coordinates at two times must agree to be one position
 DIGITS = 5
 
 
 @dataclass(frozen=True)
 class Places:
-    """The places of a variable's grid.
+    """The positions of a variable's grid.
 
-    held: the file, the dimension of time and the index along it at which each place is first given;
-    number: the place of (id of the file, index).
+    held: for each position the file, time dimension and index at which it first occurs; number: the
+    position for (id of the file, index).
     """
 
     name: str
@@ -37,11 +36,11 @@ class Places:
 
     @property
     def count(self) -> int:
-        """How many places there are."""
+        """Number of positions."""
         return len(self.held)
 
     def layout(self, place: int) -> Layout:
-        """Return where the points lie at one of the places."""
+        """Return the layout of the points at a position."""
         data, along, k = self.held[place]
         if along is not None:
             data = data.isel({along: slice(k, k + 1)})
@@ -56,10 +55,17 @@ def moving_places(
     side: int,
     time_dim: str | None,
 ) -> Places | None:
-    """Return the places of a variable's grid in its files; None where it does not move.
+    """Return the positions of a variable's grid in its files; None if it does not move.
 
-    It moves where a file gives coordinates for every time, or where every file has one time. dims:
-    its horizontal dimensions; chosen, side: as in `locate.locate`.
+    It may move if files give coordinates for every time, or if every file has one time.
+
+    Args:
+        files: paths and datasets.
+        name: of the variable.
+        dims: its horizontal dimensions.
+        chosen: as in `locate.locate`.
+        side: as in `locate.locate`.
+        time_dim: time dimension of the variable.
     """
     if len(dims) != 2 or not _may_move(files, dims, chosen, time_dim):
         return None
@@ -73,7 +79,7 @@ def moving_places(
         along = time_dim if any(time_dim in data[other].dims for other in pair) else None
         if along is None and _count(data, name, time_dim) > 1:
             return None
-        for k, row in enumerate(np.round(_probe(data, pair, along), DIGITS) + 0.0):
+        for k, row in enumerate(np.round(_probe_coordinates(data, pair, along), DIGITS) + 0.0):
             place = known.setdefault(row.tobytes(), len(known))
             number[id(data), k] = place
             if place == len(held):
@@ -87,7 +93,7 @@ def _may_move(
     chosen: Mapping[str, Any],
     time_dim: str | None,
 ) -> bool:
-    """Whether there are several files, or coordinates along time."""
+    """Return True if there are several files, or coordinates along time."""
     return len(files) > 1 or any(
         time_dim in v.dims
         and set(v.dims) & set(dims)
@@ -100,9 +106,12 @@ def _count(data: xr.Dataset, name: str, time_dim: str | None) -> int:
     return int(data.sizes[time_dim]) if time_dim in data[name].dims else 1
 
 
-def _probe(data: xr.Dataset, pair: tuple[str, str], along: str | None) -> NDArray[np.float64]:
-    """Return coordinates of a few points at every index along a dimension, (n, points); without a
-    dimension n is 1.
+def _probe_coordinates(
+    data: xr.Dataset, pair: tuple[str, str], along: str | None
+) -> NDArray[np.float64]:
+    """Return coordinates of a few points at every index along a dimension, shape (n, points).
+
+    Without a dimension n is 1.
     """
     count = int(data.sizes[along]) if along is not None else 1
     found = []

@@ -1,6 +1,4 @@
-"""Grids in a projection's plane: x and y axes, and the grid mapping (CF, PROJ or WKT text) that
-defines it.
-"""
+"""Grids in a projection's plane, defined by x and y axes and a grid mapping (CF, PROJ or WKT)."""
 
 import re
 from collections.abc import Mapping
@@ -35,9 +33,9 @@ EPSG = re.compile(r"epsg", re.IGNORECASE)  # epsg, EPSG_code, horizontal_epsg
 def plane(
     data: xr.Dataset, name: str, dims: tuple[str, ...], chosen: Mapping[str, Any], notes: list[str]
 ) -> Plane | None:
-    """Return the plane of a variable that has x and y axes and a projection;
+    """Return the plane of a variable that has x and y axes and a projection.
 
-    None for other variables.
+    None for other variables. The arguments are those of `locate.locate`; notes are appended.
     """
     if len(dims) != 2:
         return None
@@ -83,10 +81,7 @@ def plane(
 def crs_of(
     data: xr.Dataset, name: str, chosen: Mapping[str, Any], notes: list[str]
 ) -> pyproj.CRS | None:
-    """Return the reference system that the case chooses or the file describes;
-
-    None where neither does.
-    """
+    """Return the reference system that the case chooses or the file describes; None without."""
     if chosen.get("crs"):
         fence.check_crs(chosen["crs"])
         try:
@@ -97,21 +92,21 @@ def crs_of(
             ) from error
     mapping = str(data[name].attrs.get("grid_mapping", "")).split(":")[0].strip()
     if mapping in data.variables:
-        return _described(data, mapping, notes)
-    described = [str(n) for n in data.variables if _describes(data[n].attrs)]
-    if len(described) > 1:  # Delft3D FM has one of degrees too
-        systems = {n: _described(data, n, []) for n in described}
+        return _system_of_mapping(data, mapping, notes)
+    described = [str(n) for n in data.variables if _has_system(data[n].attrs)]
+    if len(described) > 1:  # Delft3D FM also has one in degrees
+        systems = {n: _system_of_mapping(data, n, []) for n in described}
         described = [n for n, crs in systems.items() if crs is not None and crs.is_projected]
     if len(described) != 1:
         return None
     notes.append(f'grid mapping "{described[0]}" taken, the only one in the file')
-    return _described(data, described[0], notes)
+    return _system_of_mapping(data, described[0], notes)
 
 
-def _described(data: xr.Dataset, mapping: str, notes: list[str]) -> pyproj.CRS | None:
-    """Return the reference system that a grid mapping describes; None where it describes none."""
+def _system_of_mapping(data: xr.Dataset, mapping: str, notes: list[str]) -> pyproj.CRS | None:
+    """Return the reference system that a grid mapping describes; None if it describes none."""
     attributes = dict(data[mapping].attrs)
-    for key in _texts(attributes):
+    for key in _system_keys(attributes):
         if not WKT.match(str(attributes.get(key, ""))):
             fence.check_crs(attributes.get(key, ""))
     try:
@@ -120,24 +115,22 @@ def _described(data: xr.Dataset, mapping: str, notes: list[str]) -> pyproj.CRS |
         return of_attributes(attributes, notes, f'grid mapping "{mapping}"')
 
 
-def _describes(attributes: Mapping[str, Any]) -> bool:
-    return "grid_mapping_name" in attributes or bool(_texts(attributes))
+def _has_system(attributes: Mapping[str, Any]) -> bool:
+    return "grid_mapping_name" in attributes or bool(_system_keys(attributes))
 
 
-def _texts(attributes: Mapping[str, Any]) -> list[str]:
-    """Return the attributes that may define a reference system, those that files write most first."""
+def _system_keys(attributes: Mapping[str, Any]) -> list[str]:
+    """Return the attributes that may define a reference system, the most usual ones first."""
     return [key for key in MAPPINGS if key in attributes] + sorted(
         k for k in attributes if EPSG.search(k) and k not in MAPPINGS
     )
 
 
 def of_attributes(
-    attributes: Mapping[str, Any], notes: list[str] | None = None, called: str = "projection"
+    attributes: Mapping[str, Any], notes: list[str] | None = None, source_text: str = "projection"
 ) -> pyproj.CRS | None:
-    """Return the reference system that a PROJ or WKT text, or an EPSG code, among attributes
-    defines; None without.
-    """
-    for key in _texts(attributes):
+    """Return the reference system that attributes define (PROJ, WKT, EPSG); None without."""
+    for key in _system_keys(attributes):
         written = attributes[key]
         number = re.fullmatch(
             r"\s*(?:urn:ogc:def:crs:)?(?:EPSG:*)?\s*(\d{4,6})(?:\.0)?\s*",
@@ -155,13 +148,13 @@ def of_attributes(
         except pyproj.exceptions.CRSError:
             continue
         if notes is not None:
-            notes.append(f"{called} read from its {key}")
+            notes.append(f"{source_text} read from its {key}")
         return crs
     return None
 
 
 def disagreement(plane: Plane, lon: NDArray[Any], lat: NDArray[Any]) -> str:
-    """Return how far a file's own lon, lat lie from its projection, in words; '' up to half a cell."""
+    """Return the distance between a file's lon, lat and its projection; "" below half a cell."""
     shape = (len(plane.y), len(plane.x))
     if lon.shape != shape or lat.shape != shape:
         return ""

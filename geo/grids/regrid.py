@@ -1,9 +1,9 @@
-"""Sparse weights that carry values from any layout to a regular grid.
+"""Sparse weights that interpolate values from any layout to a regular grid.
 
 Interpolation is bilinear inside cells of structured grids and linear inside triangles. The weights
-are made once; each slice then costs one product with their matrix. A node whose weight on present
-values is at least one half takes their weighted mean and is missing otherwise, so that land keeps
-its outline to within half a source cell.
+are computed once; each slice then costs one product with the matrix. A node gets the weighted mean
+of present values if their weights add up to at least one half, otherwise it is missing. So land
+keeps its outline to within half a source cell.
 """
 
 import numpy as np
@@ -16,21 +16,24 @@ from geo.grids import grid as grids
 from geo.grids.grid import Grid
 from geo.grids.layout import Axes, Curved, Index, Layout, Plane
 
-WET = 0.5  # least weight on present values with which a node has a value
+WET = 0.5  # least total weight of present values for a node to have a value
 
 
 def weights(layout: Layout, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
-    """Return the matrix (nodes, points) that interpolates raveled values at points to raveled nodes
-    of a grid.
+    """Return the matrix (nodes, points) that interpolates raveled values to raveled grid nodes.
 
-    The last column of a seamless grid, which repeats the first, is not among the nodes. Rows of
-    nodes outside the layout are empty; other rows add up to 1, except that weights beyond the fold
-    of a tripolar grid have the sign `mirrored`.
+    The last column of a seamless grid, which repeats the first, is not included. Rows of nodes
+    outside the layout are empty; other rows add up to 1, except at the fold of a tripolar grid.
+
+    Args:
+        layout: of the source.
+        grid: the target.
+        mirrored: sign of weights on points beyond the fold.
     """
     if isinstance(layout, Axes):
-        matrix = _of_axes(layout, grid)
+        matrix = _axes_weights(layout, grid)
     elif isinstance(layout, Plane):
-        matrix = _of_plane(layout, grid)
+        matrix = _plane_weights(layout, grid)
     elif isinstance(layout, Curved):
         matrix = cell_weights.of_curved(layout, grid, mirrored)
     else:
@@ -39,9 +42,16 @@ def weights(layout: Layout, grid: Grid, mirrored: float = 1.0) -> sp.csr_matrix:
 
 
 def carry(matrix: sp.csr_matrix, values: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Return values at a layout's points carried to a grid's nodes.
+    """Return values at a layout's points interpolated to a grid's nodes.
 
-    They are missing where too few values are present.
+    A node is NaN if too few values are present.
+
+    Args:
+        matrix: from `weights`.
+        values: at the points, NaN for missing.
+
+    Returns:
+        Values at the nodes, shape (nodes,).
     """
     source = np.ravel(values).astype(np.float32)
     present = np.isfinite(source)
@@ -54,10 +64,8 @@ def carry(matrix: sp.csr_matrix, values: NDArray[np.floating]) -> NDArray[np.flo
         )
 
 
-def _line(nodes: Array, where: Array) -> tuple[Index, Array, NDArray[np.bool_]]:
-    """Return (i, fraction, inside) of points along monotonic nodes, where i is the lower index of
-    two nodes.
-    """
+def _locate_on_line(nodes: Array, where: Array) -> tuple[Index, Array, NDArray[np.bool_]]:
+    """Return (i, fraction, inside) of positions along monotonic nodes; i: lower index of a pair."""
     falling = nodes[0] > nodes[-1]
     up = nodes[::-1] if falling else nodes
     slack = 1e-5 * (up[-1] - up[0]) / (len(up) - 1)
@@ -70,12 +78,12 @@ def _line(nodes: Array, where: Array) -> tuple[Index, Array, NDArray[np.bool_]]:
     return i, fraction, inside
 
 
-def _band(nodes: Array, where: Array, count: int) -> sp.csr_matrix:
+def _linear_weights(nodes: Array, where: Array, count: int) -> sp.csr_matrix:
     """Return the matrix of linear interpolation along one axis.
 
-    Nodes beyond `count` wrap to the first ones.
+    Nodes beyond `count` wrap around to the first ones.
     """
-    i, fraction, inside = _line(nodes, where)
+    i, fraction, inside = _locate_on_line(nodes, where)
     k = np.arange(len(where))
     keep = np.nonzero(inside)[0]
     row = np.concatenate((k[keep], k[keep]))
@@ -84,22 +92,24 @@ def _band(nodes: Array, where: Array, count: int) -> sp.csr_matrix:
     return sp.csr_matrix((data, (row, column)), shape=(len(where), count))
 
 
-def _of_axes(axes: Axes, grid: Grid) -> sp.csr_matrix:
+def _axes_weights(axes: Axes, grid: Grid) -> sp.csr_matrix:
     """Return bilinear weights in a rectilinear grid, shape (nodes, points)."""
     lon = np.concatenate((axes.lon, axes.lon[:1] + 360.0)) if axes.round else axes.lon
     east = lon[0] + (grid.lon[: grid.columns] - lon[0] + 1e-7) % 360.0 - 1e-7
     matrix = sp.kron(
-        _band(axes.lat, grid.lat, len(axes.lat)), _band(lon, east, len(axes.lon)), format="csr"
+        _linear_weights(axes.lat, grid.lat, len(axes.lat)),
+        _linear_weights(lon, east, len(axes.lon)),
+        format="csr",
     )
     matrix.eliminate_zeros()
     return matrix
 
 
-def _of_plane(plane: Plane, grid: Grid) -> sp.csr_matrix:
+def _plane_weights(plane: Plane, grid: Grid) -> sp.csr_matrix:
     """Return bilinear weights in a projection's plane, shape (nodes, points)."""
     x, y = (np.ravel(v) for v in plane.to_plane(*grids.nodes(grid)))
-    i, fx, inside_x = _line(plane.x, x)
-    j, fy, inside_y = _line(plane.y, y)
+    i, fx, inside_x = _locate_on_line(plane.x, x)
+    j, fy, inside_y = _locate_on_line(plane.y, y)
     keep = np.nonzero(inside_x & inside_y)[0]
     i, fx, j, fy = i[keep], fx[keep], j[keep], fy[keep]
     corner = (

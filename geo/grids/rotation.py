@@ -1,6 +1,4 @@
-"""Directions of a grid's own axes on the Earth, and vectors turned from them to true east and
-north.
-"""
+"""Directions of a grid's axes on the Earth, and rotation of vectors to true east and north."""
 
 import numpy as np
 import scipy.sparse as sp
@@ -10,19 +8,21 @@ from geo import sphere
 from geo.array import Array
 from geo.grids.layout import Plane, Triangles
 
-# smallest area that two carried unit axes may span; it is smaller where axes meet, at a pole of the
-# grid
+# least area spanned by two interpolated unit axes; it is smaller where axes meet, at a grid pole
 LEAST = 0.1
-STEP = 1e-4  # [rad] of a finite difference on the Earth: 640 m; the direction's error is below 1e-8
+STEP = 1e-4  # [rad] finite difference on the Earth (640 m); the direction's error is below 1e-8
 
 
 def curved_angle(lon: Array, lat: Array, joined: NDArray[np.bool_] | None = None) -> Array:
-    """Return the angle [rad] of the x axis (growing column index) from east at points (ny, nx)
-    [deg].
+    """Return the angle [rad] of the x axis (growing column index) from east.
 
-    It is the mean of the great-circle directions to the next column and from the one before: second
-    order in the cell. joined: as in `layout.Curved`. The angle is NaN where neither neighbour is
-    present.
+    It is the mean of the great-circle directions to the next column and from the previous one,
+    which is second order in the cell size. NaN if neither neighbour is present.
+
+    Args:
+        lon: of the points [deg], shape (ny, nx).
+        lat: of the points [deg], shape (ny, nx).
+        joined: as in `layout.Curved`.
     """
     nx = lon.shape[1]
     lon, lat = np.radians(lon), np.radians(lat)
@@ -40,12 +40,21 @@ def curved_angle(lon: Array, lat: Array, joined: NDArray[np.bool_] | None = None
 def carried_axis(
     matrix: sp.csr_matrix, lon: Array, lat: Array, angle: Array, node_lon: Array, node_lat: Array
 ) -> NDArray[np.float32]:
-    """Return (east, north) at nodes [deg] of unit vectors that lie at an angle [rad] from east at
-    points [deg].
+    """Return unit vectors along an axis, interpolated from points to nodes as 3-D vectors.
 
-    They are carried as vectors in space, so that neither the pole nor the antimeridian is a special
-    place. The result, shape (..., 2), is a little shorter than 1 where the vectors turn, and 0
-    where there is no weight.
+    Neither the pole nor the antimeridian is a special case then. The result is a little shorter
+    than 1 where directions vary, and 0 at nodes without weights.
+
+    Args:
+        matrix: interpolation weights, (nodes, points).
+        lon: of the points [deg].
+        lat: of the points [deg].
+        angle: of the axis from east at the points [rad].
+        node_lon: of the nodes [deg], shape (...).
+        node_lat: of the nodes [deg], shape (...).
+
+    Returns:
+        (east, north), shape (..., 2).
     """
     phi, lam = np.radians(np.ravel(lat)), np.radians(np.ravel(lon))
     c, s = (np.nan_to_num(np.ravel(f(angle))) for f in (np.cos, np.sin))
@@ -59,12 +68,11 @@ def carried_axis(
 
 
 def undone(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the four numbers that `turn` takes for components along carried axes x and y, each
-    (east, north).
+    """Return the four numbers for `turn` from interpolated axes x and y, each (east, north).
 
-    A component is carried like its axis, so that a vector that is the same at all corners of a cell
-    comes back unchanged, however the axes turn inside: only the error of interpolating the vector
-    is left. Shape (..., 4), NaN where there are no axes.
+    A component is interpolated like its axis. So a vector that is equal at all corners of a cell is
+    reproduced exactly, however the axes turn inside; only the error of interpolating the vector
+    remains. Shape (..., 4), NaN where there are no axes.
     """
     det = x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -75,12 +83,10 @@ def undone(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32
 def plane_axes(plane: Plane | Triangles, lon: Array, lat: Array) -> NDArray[np.float32]:
     """Return the unit vectors of a projection's axes at points [deg], shape (..., 4).
 
-    The four numbers are (x's east, x's north, y's east, y's north), NaN where the projection has no
-    image.
-
-    They are found by steps on the Earth, where a metre east and a metre north are equal everywhere:
-    the inverse of the 2 x 2 matrix that maps a step to the plane needs no convention about the
-    convergence of meridians.
+    The four numbers are (x's east, x's north, y's east, y's north), NaN outside the projection's
+    domain. They come from finite differences on the Earth, where a metre east and a metre north are
+    equal everywhere: inverting the 2 x 2 matrix from steps to the plane needs no convention about
+    the convergence of meridians.
     """
     phi, lam = np.radians(lat), np.radians(lon)
     columns = []
@@ -103,7 +109,10 @@ def plane_axes(plane: Plane | Triangles, lon: Array, lat: Array) -> NDArray[np.f
 def turn(x: Array, y: Array, directions: NDArray[np.float32] | None) -> tuple[Array, Array]:
     """Return (east, north) of vectors from components along axes.
 
-    With directions None the axes are east and north.
+    Args:
+        x: component along the first axis.
+        y: component along the second axis.
+        directions: (..., 4) as from `plane_axes` or `undone`; None if the axes are east and north.
     """
     if directions is None:
         return x, y

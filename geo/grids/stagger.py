@@ -1,11 +1,9 @@
-"""Where u and v stand on a staggered (Arakawa C) grid.
+"""Positions of u and v on a staggered (Arakawa C) grid, from those of the points between them.
 
-The file gives only the positions of the points between them.
-
-u stands midway between two neighbouring rho (or T) points of a row, v between two of a column, on
-the great circle through them. Which two they are follows from the sizes where they differ (ROMS,
+u lies midway between two neighbouring rho (or T) points of a row, v between two of a column, on
+the great circle through them. Which two they are follows from the sizes if these differ (ROMS,
 WRF), otherwise from the model's convention: u lies after its T point in NEMO and before it in
-MITgcm. Where nothing tells, the case must say it.
+MITgcm. If nothing shows it, the case must state it.
 """
 
 import re
@@ -18,7 +16,7 @@ import xarray as xr
 from geo.array import Array
 from geo.errors import UserError
 
-# [cells] from rho points to u and v, by what a case may say
+# [cells] offset from rho points to u and v, by the case's `stagger`
 STATED = {"after": 0.5, "before": -0.5, "none": 0.0}
 PLACE = re.compile(
     r"(?:^(?:glam|gphi)|_)(rho|psi|[tuvfw])(?:_?grid)?$|^(?:ulon|ulat)()$|_grid_([tuvfw])(?:_|$)",
@@ -29,9 +27,7 @@ NEMO = ({"vozocrtx", "sozocrtx"}, {"vomecrty", "somecrty"})
 
 
 def place_of(name: str) -> str | None:
-    """Return the points to which a name says that it belongs: "t" (rho), "u", "v", "f" (psi) or
-    None.
-    """
+    """Return the points to which a name refers: "t" (rho), "u", "v", "f" (psi) or None."""
     if name in ("XC", "YC"):
         return "t"
     match = PLACE.search(name)
@@ -40,19 +36,19 @@ def place_of(name: str) -> str | None:
 
 
 def _at_own_points(data: xr.Dataset, name: str, dims: tuple[str, ...], side: int) -> bool:
-    """Whether the file says that a component stands at u or v points."""
+    """Return True if the file says that a component is at u or v points."""
     letter = "uv"[side]
     listed = str(data[name].attrs.get("coordinates", "")).split()
     return (
         AT_U.search(str(data[name].attrs.get("standard_name", ""))) is not None
         or name in NEMO[side]
         or any(place_of(other) == letter for other in (*dims, *listed))
-        or _nemo(data, dims, side)
+        or _has_nemo_mask(data, dims, side)
     )
 
 
-def _nemo(data: xr.Dataset, dims: tuple[str, ...], side: int) -> bool:
-    """Whether a file holds NEMO's mask of a component over the same dimensions."""
+def _has_nemo_mask(data: xr.Dataset, dims: tuple[str, ...], side: int) -> bool:
+    """Return True if a file holds NEMO's mask of a component over the same dimensions."""
     mask = ("umask", "vmask")[side]
     return mask in data.variables and tuple(map(str, data[mask].dims[-2:])) == dims
 
@@ -66,10 +62,22 @@ def offsets(
     chosen: Mapping[str, Any],
     shape: tuple[int, ...],
 ) -> tuple[float | None, float | None]:
-    """Return how far [cells] along (rows, columns) a component lies from points of the given shape.
+    """Return the offset [cells] along (rows, columns) of a component from given points.
 
-    None means midway between all neighbours along that axis, and beyond both ends where the
+    None means midway between all neighbours along that axis, and also beyond both ends if the
     component has one point more.
+
+    Args:
+        data: the file's dataset.
+        name: of the component.
+        dims: its horizontal dimensions.
+        side: 0 for u, 1 for v.
+        lon_name: longitudes of the given points.
+        chosen: the case's choice of coordinates, by key.
+        shape: of the given points.
+
+    Raises:
+        UserError: the offset is unknown and the case does not state it.
     """
     wanted = tuple(int(data.sizes[d]) for d in dims)
     if shape != wanted:
@@ -77,16 +85,16 @@ def offsets(
         return steps[0], steps[1]
     own = tuple(map(str, data[lon_name].dims))[-2:]
     along = [0.0, 0.0]
-    if "stagger" in chosen:  # it counts more than any name
+    if "stagger" in chosen:  # it takes precedence over names
         along[1 - side] = stated(name, lon_name, chosen)
         return along[0], along[1]
     if own != dims and set(own) != set(dims):
-        shifts = [_shift(data, d, o) for d, o in zip(dims, own, strict=True)]
+        shifts = [_axis_shift(data, d, o) for d, o in zip(dims, own, strict=True)]
         if all(shift is not None for shift in shifts):
             return shifts[0], shifts[1]
     elif place_of(lon_name) != "t" or not _at_own_points(data, name, dims, side):
         return 0.0, 0.0  # the coordinates are the component's own
-    elif name in NEMO[side] or _nemo(data, dims, side):
+    elif name in NEMO[side] or _has_nemo_mask(data, dims, side):
         along[1 - side] = STATED["after"]
         return along[0], along[1]
     along[1 - side] = stated(name, lon_name, chosen)
@@ -94,13 +102,10 @@ def offsets(
 
 
 def stated(name: str, lon_name: str, chosen: Mapping[str, Any]) -> float:
-    """Return the offset [cells] that the case states.
-
-    Raises UserError with the choices where it states none.
-    """
+    """Return the offset [cells] that the case states; raise UserError if it states none."""
     if "stagger" not in chosen:
         raise UserError(
-            f'"{name}" stands half a cell beside the points of "{lon_name}", and nothing says on which side; set '
+            f'"{name}" lies half a cell beside the points of "{lon_name}", and the file does not say on which side; set '
             f'variables.stagger = "after" (u east, v north of its point along the grid, as in NEMO), "before" (as in '
             f'MITgcm) or "none" (at the points)'
         )
@@ -111,10 +116,10 @@ def stated(name: str, lon_name: str, chosen: Mapping[str, Any]) -> float:
     return STATED[str(chosen["stagger"])]
 
 
-def _shift(data: xr.Dataset, dim: str, other: str) -> float | None:
-    """Return how far [cells] a dimension's points lie after another's.
+def _axis_shift(data: xr.Dataset, dim: str, other: str) -> float | None:
+    """Return the offset [cells] of a dimension's points from another's by c_grid_axis_shift.
 
-    Returns None where no c_grid_axis_shift tells it.
+    None if the file does not state it.
     """
     if dim == other:
         return 0.0
@@ -134,11 +139,16 @@ def midpoints(
     along: tuple[float | None, float | None],
     follower: int | None,
 ) -> tuple[Array, Array]:
-    """Return (lon, lat) [deg], of the wanted shape, midway on great circles between points (ny, nx)
-    [deg].
+    """Return (lon, lat) [deg] midway on great circles between points.
 
-    along: as `offsets` returns it. follower: the column that follows the last one on a grid that
-    goes round the Earth. At other ends a row is extrapolated in a straight line by half a cell.
+    Ends of rows that do not continue are extrapolated linearly by half a cell.
+
+    Args:
+        lon: of the points [deg], shape (ny, nx).
+        lat: of the points [deg], shape (ny, nx).
+        wanted: shape of the result.
+        along: from `offsets`.
+        follower: the column that follows the last one on a grid that spans the globe, else None.
     """
     phi, lam = np.radians(lat), np.radians(lon)
     place = np.stack((np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)))
@@ -166,7 +176,10 @@ def midpoints(
 def moved_line(values: Array, wanted: int, offset: float | None) -> Array:
     """Return coordinates midway along one axis of a rectilinear grid [deg, unwrapped].
 
-    The grid's rows are parallels.
+    Args:
+        values: coordinates of the given points [deg].
+        wanted: number of points in the result.
+        offset: along this axis, from `offsets`.
     """
     if offset == 0.0:
         return values

@@ -1,4 +1,4 @@
-"""The regular grid to which other grids are carried: its spacing and its extent."""
+"""The regular grid to which other grids are interpolated: its spacing and its extent."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,17 +12,18 @@ from geo.grids import layout as lay
 from geo.grids.grid import Grid
 from geo.grids.layout import Axes, Curved, Layout, Plane, Triangles, uniform
 
-# times the source's resolution (NorKyst-800: rms error of a component 0.7 %, at its own resolution
-# 1.9 %)
+# ratio of the source's spacing to the target's (NorKyst-800: rms error of a component 0.7 %, with
+# equal spacing 1.9 %)
 FINER = 2.0
-MOST_NODES = 4_000_000  # most nodes of a tile, which is 32 MB a slice
-POLAR = 75.0  # [deg] beyond this latitude cells may hold a pole
+MOST_NODES = 4_000_000  # largest number of nodes of a target grid, 32 MB per slice
+POLAR = 75.0  # [deg] latitude beyond which cells may contain a pole
 
 
 @dataclass
 class Extent:
-    """What layouts cover together: their longitudes to a hundredth of a degree, latitudes and
-    finest spacing [deg].
+    """Combined extent of layouts: longitudes, latitudes and finest spacing [deg].
+
+    Longitudes are rounded to a hundredth of a degree.
     """
 
     lon: Array = field(default_factory=lambda: np.empty(0))
@@ -31,24 +32,27 @@ class Extent:
     step: float = np.inf
 
     def add(self, item: Layout) -> None:
-        """Add a layout."""
+        """Extend it by a layout."""
         lon, lat = (np.ravel(v) for v in lay.points(item))
-        there = np.isfinite(lon) & np.isfinite(lat)
-        south, north = _latitudes(item, lat[there])
-        rounded = np.concatenate((np.floor(lon[there] * 100), np.ceil(lon[there] * 100))) / 100
+        finite = np.isfinite(lon) & np.isfinite(lat)
+        south, north = _latitude_range(item, lat[finite])
+        rounded = np.concatenate((np.floor(lon[finite] * 100), np.ceil(lon[finite] * 100))) / 100
         self.lon = np.unique(np.concatenate((self.lon, rounded)))
         self.south, self.north = min(self.south, south), max(self.north, north)
         self.step = min(self.step, lay.spacing(item))
 
 
 def over(extent: Extent, box: Box | None) -> tuple[Grid, bool]:
-    """Return the regular grid over an extent, and whether MOST_NODES made it coarser than wanted."""
-    return _at_most(_around(extent.lon, extent.south, extent.north, extent.step / FINER, box))
+    """Return the regular grid over an extent, and whether MOST_NODES made it coarser."""
+    return _limit_nodes(
+        _grid_over(extent.lon, extent.south, extent.north, extent.step / FINER, box)
+    )
 
 
 def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
-    """Return the regular grid to carry layouts to, and whether MOST_NODES made it coarser than
-    wanted.
+    """Return the regular grid for layouts, and whether MOST_NODES made it coarser than wanted.
+
+    box: needed area; None for the layouts' whole extent.
     """
     first = layouts[0]
     if all(isinstance(item, Axes) for item in layouts):
@@ -63,39 +67,42 @@ def choose(layouts: Sequence[Layout], box: Box | None) -> tuple[Grid, bool]:
             )
         finite = np.isfinite(lon) & np.isfinite(lat)
         lon, lat = lon[finite], lat[finite]
-        grid = _around(lon, *_latitudes(first, lat), step, box)
-    return _at_most(grid)
+        grid = _grid_over(lon, *_latitude_range(first, lat), step, box)
+    return _limit_nodes(grid)
 
 
-def _around(lon: Array, low: float, high: float, step: float, box: Box | None) -> Grid:
-    """Return the regular grid over longitudes and from one latitude to another, of a spacing [deg
-    of a great circle].
+def _grid_over(lon: Array, low: float, high: float, step: float, box: Box | None) -> Grid:
+    """Return the regular grid over longitudes and a range of latitudes.
+
+    step: spacing [deg of a great circle].
     """
     south, north = low, high
     if box is not None:
         south, north = max(south, box.south - 2 * step), min(north, box.north + 2 * step)
     nearest_equator = 0.0 if south < 0 < north else min(abs(south), abs(north))
-    # fine enough at the widest parallel
+    # at the widest parallel the spacing must be fine enough
     dlon = step / max(0.02, np.cos(np.radians(nearest_equator)))
-    west, width = _hull(lon, 4 * FINER * dlon)
+    west, width = _shortest_arc(lon, 4 * FINER * dlon)
     if box is not None and box.east - box.west < 350.0:
-        west, width = _shared(west, width, box.west - 2 * dlon, box.east - box.west + 4 * dlon)
-    return _grid(west, south, width, max(north - south, step), dlon, step)
+        west, width = _shared_arc(west, width, box.west - 2 * dlon, box.east - box.west + 4 * dlon)
+    return _build_grid(west, south, width, max(north - south, step), dlon, step)
 
 
-def _at_most(grid: Grid) -> tuple[Grid, bool]:
-    """Return a grid, coarser if it has more than MOST_NODES, and whether it had."""
+def _limit_nodes(grid: Grid) -> tuple[Grid, bool]:
+    """Return a grid with at most MOST_NODES nodes, and whether it had to be made coarser."""
     coarser = np.sqrt(grid.nlon * grid.nlat / MOST_NODES)
     if coarser > 1:
         width, height = (grid.nlon - 1) * grid.dlon, (grid.nlat - 1) * grid.dlat
-        grid = _grid(grid.lon0, grid.lat0, width, height, grid.dlon * coarser, grid.dlat * coarser)
+        grid = _build_grid(
+            grid.lon0, grid.lat0, width, height, grid.dlon * coarser, grid.dlat * coarser
+        )
     return grid, bool(coarser > 1)
 
 
-def _latitudes(item: Layout, lat: Array) -> tuple[float, float]:
+def _latitude_range(item: Layout, lat: Array) -> tuple[float, float]:
     """Return a layout's (south, north) [deg], given its points' latitudes.
 
-    Where a cell holds a pole, it counts.
+    A pole inside a cell is included.
     """
     south, north = float(lat.min()), float(lat.max())
     if isinstance(item, Plane) and max(-south, north) > POLAR:
@@ -113,10 +120,10 @@ def _latitudes(item: Layout, lat: Array) -> tuple[float, float]:
     return float(np.fmin.reduce(low, initial=south)), float(np.fmax.reduce(high, initial=north))
 
 
-def _shared(west: float, width: float, start: float, span: float) -> tuple[float, float]:
-    """Return (west, width) [deg] of the part that an arc of longitudes and a wanted one share.
+def _shared_arc(west: float, width: float, start: float, span: float) -> tuple[float, float]:
+    """Return (west, width) [deg] of the intersection of an arc of longitudes and a wanted one.
 
-    Where that part is in two pieces, the whole wanted arc is returned.
+    If it is in two pieces, the whole wanted arc is returned.
     """
     if width >= 360.0:
         return start, span
@@ -127,8 +134,10 @@ def _shared(west: float, width: float, start: float, span: float) -> tuple[float
     return (west, behind) if behind > ahead else (start, max(ahead, 0.0))
 
 
-def _grid(west: float, south: float, width: float, height: float, dlon: float, dlat: float) -> Grid:
-    """Return the grid of this extent [deg] whose spacing is at most (dlon, dlat) [deg]."""
+def _build_grid(
+    west: float, south: float, width: float, height: float, dlon: float, dlat: float
+) -> Grid:
+    """Return the grid with this extent [deg] and a spacing of at most (dlon, dlat) [deg]."""
     nlat = max(2, int(np.ceil(height / dlat - 1e-6)) + 1)
     if width >= 360.0 - 1e-9:
         n = int(np.ceil(360.0 / dlon - 1e-6))
@@ -145,10 +154,10 @@ def _grid(west: float, south: float, width: float, height: float, dlon: float, d
     )
 
 
-def _hull(lon: Array, gap: float) -> tuple[float, float]:
+def _shortest_arc(lon: Array, gap: float) -> tuple[float, float]:
     """Return (west, width) [deg] of the shortest arc with all longitudes.
 
-    It is 360 wide where no gap is wider than `gap`.
+    It is 360 wide if no gap is wider than `gap`.
     """
     turned = np.unique(np.round(lon % 360.0, 9))
     gaps = np.diff(np.concatenate((turned, turned[:1] + 360.0)))
@@ -162,7 +171,7 @@ def _hull(lon: Array, gap: float) -> tuple[float, float]:
 def _target_of_axes(several: Sequence[Axes]) -> Grid:
     """Return a grid with the axes that are uniform and shared.
 
-    Others get half of their lower-quartile step.
+    Other axes get half of their lower-quartile step.
     """
     first = several[0]
 
@@ -182,6 +191,6 @@ def _target_of_axes(several: Sequence[Axes]) -> Grid:
     south, north, dlat = line("lat")
     width = 360.0 if first.round else east - west
     if first.round:
-        grid = _grid(west, south, 360.0, north - south, dlon, dlat)
+        grid = _build_grid(west, south, 360.0, north - south, dlon, dlat)
         return Grid(west, south, grid.dlon, grid.dlat, grid.nlon, grid.nlat)
-    return _grid(west, south, width, north - south, dlon, dlat)
+    return _build_grid(west, south, width, north - south, dlon, dlat)

@@ -1,8 +1,7 @@
-"""What a UGRID mesh says of itself: where a variable stands on it, and which variables are its
-coordinates.
+"""UGRID meshes: where on its mesh a variable is defined, and which variables are its coordinates.
 
 A variable's attribute `mesh` names its topology; without it, the topology that has the variable's
-dimension counts. Only attributes of the UGRID conventions 1.0 count; names count only where
+dimension is used. Only attributes of the UGRID conventions 1.0 are used; names are used only if
 coordinates have neither standard name nor units.
 """
 
@@ -19,9 +18,9 @@ PLACES = ("node", "face", "edge")
 class Mesh:
     """The mesh of a variable.
 
-    place: "node", "face" or "edge", where the variable stands; dims: the dimension of each place;
-    nodes, faces: names of their (longitudes, latitudes), None where the file has none in degrees;
-    connectivity: name of the table of the nodes of every face, None where the file has none.
+    place: "node", "face" or "edge", where the variable is defined. dims: the dimension of each
+    place. nodes, faces: names of their (longitudes, latitudes), None if the file has none in
+    degrees. connectivity: name of the table of every face's nodes, None if the file has none.
     """
 
     name: str
@@ -33,9 +32,7 @@ class Mesh:
 
 
 def mesh_of(data: xr.Dataset, name: str, dim: str) -> Mesh | None:
-    """Return the mesh along whose dimension `dim` a variable stands, None where the file describes
-    none.
-    """
+    """Return the mesh of a variable with the horizontal dimension `dim`; None if undescribed."""
     topology_name = str(data[name].attrs.get("mesh", ""))
     roles = [
         str(n)
@@ -44,12 +41,12 @@ def mesh_of(data: xr.Dataset, name: str, dim: str) -> Mesh | None:
     ]
     for topology in [topology_name] if topology_name in data.variables else roles:
         attributes = {key: str(value) for key, value in data[topology].attrs.items()}
-        nodes = _degrees(data, attributes.get("node_coordinates", ""))
-        faces = _degrees(data, attributes.get("face_coordinates", ""))
+        nodes = _lonlat_names(data, attributes.get("node_coordinates", ""))
+        faces = _lonlat_names(data, attributes.get("face_coordinates", ""))
         connectivity = attributes.get("face_node_connectivity", "")
         dims = {}
         for place in PLACES:
-            dim_of_place = _dimension(data, attributes, place)
+            dim_of_place = _dim_of_place(data, attributes, place)
             if dim_of_place:
                 dims[place] = dim_of_place
         stated = str(data[name].attrs.get("location", ""))
@@ -63,7 +60,7 @@ def mesh_of(data: xr.Dataset, name: str, dim: str) -> Mesh | None:
     return None
 
 
-def _dimension(data: xr.Dataset, attributes: dict[str, str], place: str) -> str | None:
+def _dim_of_place(data: xr.Dataset, attributes: dict[str, str], place: str) -> str | None:
     """Return the dimension of a mesh's nodes, faces or edges.
 
     It is stated, or follows from coordinates or connectivity.
@@ -80,10 +77,8 @@ def _dimension(data: xr.Dataset, attributes: dict[str, str], place: str) -> str 
     return None
 
 
-def _degrees(data: xr.Dataset, listed: str) -> tuple[str, str] | None:
-    """Return the names of longitudes and latitudes among coordinates, which may hold a plane's x
-    and y as well.
-    """
+def _lonlat_names(data: xr.Dataset, listed: str) -> tuple[str, str] | None:
+    """Return the longitudes and latitudes among coordinates, which may include planar x and y."""
     candidates = [n for n in listed.split() if n in data.variables and data[n].ndim == 1]
     chosen = []
     for standard, units, pattern in (

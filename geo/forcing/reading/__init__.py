@@ -1,1 +1,1 @@
-"""Slices as they are read: of one component, of a moving nest, kept and read ahead."""
+"""Reading of slices: of one component or a moving nest, with caches and read-ahead."""

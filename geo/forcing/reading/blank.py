@@ -1,8 +1,8 @@
-"""Slices without any value in the wanted area, between slices that have values.
+"""Find blank slices: no value in the wanted area, between slices that have values.
 
-A model's output may have lost one. It is found by the series of one wet point, read at once, and
-believed once the whole slice is read; what is left out is interpolated over as a slice that is
-absent.
+Model output sometimes has such slices. Candidates come from the time series at one wet point, which
+is read at once; each is confirmed by reading the whole slice. Blank slices are removed, so that
+time interpolation skips them.
 """
 
 from collections.abc import Sequence
@@ -17,41 +17,40 @@ from geo.forcing.reading import slices, tile
 from geo.forcing.reading.component import Component
 from geo.forcing.reading.tile import Tile
 
-TRIED = 5  # slices that are looked at for a wet point
+TRIED = 5  # number of slices in which a wet point is searched for
 
 
-def find(held: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
-    """Return which of some slices of a tile hold nothing; none where no slice shows where a value
-    should be.
+def find(regridded: Tile, indices: Sequence[int], among: Sequence[int]) -> list[int]:
+    """Return which of some slices of a tile are blank; none if no slice shows a wet point.
 
-    among: slices of which some show that.
+    among: slices in which a wet point is searched for.
     """
     if not indices:
         return []
     places = None
     for k in np.unique(np.linspace(0, len(among) - 1, TRIED).round().astype(int)):
-        places = _wet(held, among[k])
+        places = _find_wet_points(regridded, among[k])
         if places is not None:
             break
     if places is None:
         return []
     silent = np.zeros(len(indices), bool)
-    for component, place in zip(held.components, places, strict=True):
-        silent |= ~_there(_series(component, indices, place), component)
+    for component, place in zip(regridded.components, places, strict=True):
+        silent |= ~_is_real(_read_series(component, indices, place), component)
     return [
         i
         for i, doubted in zip(indices, silent, strict=True)
-        if doubted and np.isnan(tile.read_tile(held, i)).all()
+        if doubted and np.isnan(tile.read_tile(regridded, i)).all()
     ]
 
 
-def _wet(held: Tile, i: int) -> list[tuple[int, ...]] | None:
-    """Return the file's indices of a point of each component that has a value in slice i;
+def _find_wet_points(regridded: Tile, i: int) -> list[tuple[int, ...]] | None:
+    """Return for each component the file indices of a point that has a value in slice i.
 
-    None without one.
+    None if a component has none.
     """
     found = []
-    for component, layout in zip(held.components, held.layouts, strict=True):
+    for component, layout in zip(regridded.components, regridded.layouts, strict=True):
         values, _ = slices.read_component_slice(component, layout, i)
         wet = np.argwhere(np.isfinite(values) & (values != 0))  # land may be stored as zero
         wet = wet if len(wet) else np.argwhere(np.isfinite(values))
@@ -64,10 +63,8 @@ def _wet(held: Tile, i: int) -> list[tuple[int, ...]] | None:
     return found
 
 
-def _series(component: Component, indices: Sequence[int], place: tuple[int, ...]) -> Array:
-    """Return a component at one point in some slices, in the file's own units; one read for each
-    file.
-    """
+def _read_series(component: Component, indices: Sequence[int], place: tuple[int, ...]) -> Array:
+    """Return a component at one point in some slices, in the file's units; one read per file."""
     parts = []
     for _, run in groupby(indices, lambda i: id(component.segments[i][0])):
         own = list(run)
@@ -85,8 +82,8 @@ def _series(component: Component, indices: Sequence[int], place: tuple[int, ...]
     return np.concatenate(parts)
 
 
-def _there(values: Array, component: Component) -> Array:
-    """Return whether values are real values, not ones that mean missing."""
+def _is_real(values: Array, component: Component) -> Array:
+    """Return True for values that are real, False for those that mean missing."""
     with np.errstate(invalid="ignore"):
         real = np.isfinite(values) & ~np.isin(values, component.fills)
         return real & (

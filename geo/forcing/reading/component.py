@@ -1,4 +1,4 @@
-"""One component of a vector quantity in one or several files: which slices, where, in what units."""
+"""One component of a vector quantity in one or several files: slices, levels, grid and units."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -29,29 +29,29 @@ Slice = tuple[xr.Dataset, str, str | None, int]
 
 @dataclass(frozen=True)
 class Wanted:
-    """A component as it is asked for: a variable, and what the case says of how it is read."""
+    """A component to be read: a variable, and what the case says about how to read it."""
 
     name: str
-    # 0 for the first component, 1 for the second, which matters where one variable holds both
+    # 0 for the first component, 1 for the second; used if one variable holds both
     side: int
     quantity: str
-    chosen: Mapping[str, Any]  # the case's variables
-    units: str | None  # units that the case states
+    chosen: Mapping[str, Any]  # `variables` of the case
+    units: str | None  # stated by the case
     depth: float | None  # [m]
-    needs_times: bool  # the file's times must be understood
-    # a dimension along which members of an ensemble lie may be there; or its name
+    needs_times: bool  # the file's times are used
+    # members may lie along a dimension; a string names it
     members: bool | str = False
-    times: Any = None  # what the case says of times
-    steady: bool = False  # the first slice stands for all times
+    times: Any = None  # `times` of the case
+    steady: bool = False  # the first slice is used at all times
 
 
 @dataclass(frozen=True)
 class Component:
-    """A variable over its files. dims: its horizontal dimensions; fixed: indices along all the
-    others but time.
+    """A variable over its files.
 
-    segments: every slice, in the order of time. factor: to m/s; mask: False where the file's own
-    mask says land, over all of `dims`; None without one.
+    dims: its horizontal dimensions. fixed: indices along all other dimensions except time.
+    segments: every slice, in the order of time. factor: from the file's units to m/s. mask: False
+    where the file's own mask says land, over all of `dims`; None if there is no mask.
     """
 
     name: str
@@ -63,18 +63,18 @@ class Component:
     quantity: str
     layout: Layout
     mask: NDArray[np.bool_] | None
-    unmasked: bool = False  # the case says that zeros are still water
-    # values in the file's own units that mean missing, though it does not say so
+    unmasked: bool = False  # the case says that zeros are still water, not land
+    # values in the file's own units that mean missing, though the file does not declare them
     fills: tuple[float, ...] = ()
-    # the case vouches for its values: none is taken as missing for being large
+    # the user vouches for the values: none is taken as missing because it is large
     vouched: bool = False
-    kept: Kept | None = None  # slices that stay in memory
-    # dimension along which members of an ensemble lie; `fixed` says which of them this is
+    kept: Kept | None = None  # slices kept in memory
+    # dimension along which members of an ensemble lie; `fixed` has the index of this member
     member: str | None = None
-    # where the grid stands at each slice, if it moves; `layout` is the first of them
+    # positions of a moving grid at each slice; `layout` is the first of them
     places: Places | None = None
     notes: tuple[str, ...] = field(default=())
-    # intervals (n, 2) over which slices are means; None: instants
+    # intervals (n, 2) of slices that are means; None for instants
     cells: NDArray[np.datetime64] | None = None
 
 
@@ -84,8 +84,14 @@ def describe_dims(data: xr.Dataset, name: str) -> str:
 
 
 def gather(wanted: Wanted, files: Sequence[File]) -> Component:
-    """Return a component from the files that hold it; raise UserError where they do not go
-    together.
+    """Return a component from the files that hold it.
+
+    Args:
+        wanted: the variable and how to read it.
+        files: paths and datasets.
+
+    Raises:
+        UserError: the files do not fit together, or the variable cannot be interpreted.
     """
     name, quantity, depth = wanted.name, wanted.quantity, wanted.depth
     files, chosen, notes = runs.unrolled(files, name, quantity, wanted.chosen, wanted.times)
@@ -106,7 +112,7 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
     layout, remarks = locate.locate(data, name, dims, chosen, wanted.side)
     notes += remarks
     for file in files:
-        notes += [n for n in _beside(wanted, file) if n not in notes]
+        notes += [n for n in _scalar_level_notes(wanted, file) if n not in notes]
     if depth is not None and not lone and not any(level.is_vertical(data, d) for d in fixed):
         notes.append(f"depth = {depth:g} m is not used: {name} has no levels")
     method = averages.method_of(data, name, time_name, path)
@@ -117,18 +123,18 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
             f"moving grid: {moving.count} positions; each slice is read at its own position"
         )
     slices: list[Slice] = []
-    stamped: list[_Stamped] = []
+    stamped: list[_FileTimes] = []
     for other_path, other in files:
-        _same_grid(wanted, files[0], (other_path, other), dims, moving is not None)
-        _same_units(wanted, files[0], (other_path, other))
-        _same_levels(wanted, files[0], (other_path, other), fixed)
+        _check_same_grid(wanted, files[0], (other_path, other), dims, moving is not None)
+        _check_same_units(wanted, files[0], (other_path, other))
+        _check_same_levels(wanted, files[0], (other_path, other), fixed)
         count = int(other.sizes[time_dim]) if time_dim and time_dim in other[name].dims else 1
         own = [
             (other, other_path, time_dim if time_dim in other[name].dims else None, k)
             for k in range(count)
         ]
         if wanted.needs_times:
-            one = _stamps(wanted, (other_path, other), time_name, own, method)
+            one = _read_times(wanted, (other_path, other), time_name, own, method)
             notes += [r for r in one.notes if r not in notes]
             stamped.append(one)
             own = [own[k] for k in one.chosen]
@@ -139,19 +145,19 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
         )
     times, cells = None, None
     if wanted.needs_times:
-        times, slices, cells = _placed(wanted, fixed, stamped, slices, method, notes)
+        times, slices, cells = _order_by_time(wanted, fixed, stamped, slices, method, notes)
     elif not wanted.steady:
-        slices = _in_stated_order(files, time_name, slices, notes)
+        slices = _order_by_file_times(files, time_name, slices, notes)
     return Component(
         name,
         dims,
         fixed,
         tuple(slices),
         times,
-        _factor(wanted, files[0], notes),
+        _factor_to_mps(wanted, files[0], notes),
         quantity,
         layout,
-        _mask(data, dims, chosen, notes),
+        _read_mask(data, dims, chosen, notes),
         chosen.get("mask") in ("none", False),
         member=member,
         places=moving,
@@ -161,9 +167,9 @@ def gather(wanted: Wanted, files: Sequence[File]) -> Component:
 
 
 def _check_keys(wanted: Wanted, data: xr.Dataset, lone: Sequence[str]) -> None:
-    """Refuse a key of variables that says nothing of this one.
+    """Raise UserError for a key of `variables` that does not apply to this variable.
 
-    lone: names of levels that stand beside the variable.
+    lone: names of its scalar levels.
     """
     allowed = {*quantities.KEYS, *data[wanted.name].dims, *lone}
     odd = [key for key in wanted.chosen if key not in allowed]
@@ -175,8 +181,8 @@ def _check_keys(wanted: Wanted, data: xr.Dataset, lone: Sequence[str]) -> None:
         )
 
 
-def _same_levels(wanted: Wanted, first: File, file: File, fixed: Mapping[str, int]) -> None:
-    """Refuse a file in which an index is another level than in the first."""
+def _check_same_levels(wanted: Wanted, first: File, file: File, fixed: Mapping[str, int]) -> None:
+    """Raise UserError if an index is another level in this file than in the first."""
     (path, data), (other_path, other) = first, file
     for dim, index in fixed.items():
         if level.is_vertical(data, dim) and not level.same(data, other, dim, index):
@@ -187,9 +193,11 @@ def _same_levels(wanted: Wanted, first: File, file: File, fixed: Mapping[str, in
 
 
 @dataclass(frozen=True)
-class _Stamped:
-    """The times of a file's slices, rising; their bounds (n, 2), NaT without; which slices they
-    are; and remarks.
+class _FileTimes:
+    """The slices of one file in order of time.
+
+    times: of the slices. cells: their bounds (n, 2), NaT for none. chosen: their indices in the
+    file.
     """
 
     times: NDArray[np.datetime64]
@@ -199,7 +207,7 @@ class _Stamped:
 
 
 def _check_method(wanted: Wanted, method: averages.Method, path: str) -> None:
-    """Reject what is no velocity at a time: greatest values, sums, climatologies."""
+    """Raise UserError for values that are no velocity at a time: maxima, sums, climatologies."""
     if (
         method.kind in ("", "mean", "point")
         or clock.stamp(wanted.times) == "instant"
@@ -223,15 +231,13 @@ def _check_method(wanted: Wanted, method: averages.Method, path: str) -> None:
     )
 
 
-def _stamps(
+def _read_times(
     wanted: Wanted, file: File, time_name: str | None, own: list[Slice], method: averages.Method
-) -> _Stamped:
-    """Return the times of a file's slices; of slices of one time that are the same only the first
-    stays.
-    """
+) -> _FileTimes:
+    """Return the times of a file's slices, sorted; identical slices at one time are left out."""
     quantity, (path, data) = wanted.quantity, file
     if time_name is None:
-        raise UserError(_no_time(path, quantity, len(own), "has no time"))
+        raise UserError(_no_time_message(path, quantity, len(own), "has no time"))
     zone, stamp = clock.zone(wanted.times), clock.stamp(wanted.times)
     try:
         when, remarks = clock.decode(data, time_name, zone, trim=True)
@@ -240,7 +246,7 @@ def _stamps(
             f'{path}: {error}; state its zone, hours ahead of UTC, with [[{quantity}]] times = {{ zone = "-06:00" }}'
         ) from error
     except UserError as error:
-        raise UserError(_no_time(path, quantity, len(own), str(error))) from error
+        raise UserError(_no_time_message(path, quantity, len(own), str(error))) from error
     bounds, more = None, list[str]()
     if not stamp and method.kind != "point":
         try:
@@ -262,14 +268,14 @@ def _stamps(
     for k in repeated:
         if not _same_values(wanted.name, own[chosen[k]], own[chosen[k + 1]]):
             raise UserError(
-                f"{path}: slices {chosen[k] + 1} and {chosen[k + 1] + 1} have one time, "
-                f"{notation.group(when[chosen[k]])}, and other values, so that times do not increase; where slices follow "
-                f"each other evenly state [[{quantity}]] times = {{ start = ..., every = ... }}"
+                f"{path}: slices {chosen[k] + 1} and {chosen[k + 1] + 1} have the same time, "
+                f"{notation.group(when[chosen[k]])}, but different values; if the slices are "
+                f"evenly spaced, state [[{quantity}]] times = {{ start = ..., every = ... }}"
             )
     if repeated:
-        remarks.append(f"{len(repeated)} slices have the time and the values of another: left out")
+        remarks.append(f"{len(repeated)} slices repeat the time and values of another: left out")
         chosen = np.delete(chosen, [k + 1 for k in repeated])
-    return _Stamped(when[chosen], cells[chosen], chosen.tolist(), remarks)
+    return _FileTimes(when[chosen], cells[chosen], chosen.tolist(), remarks)
 
 
 def _same_values(name: str, one: Slice, other: Slice) -> bool:
@@ -280,23 +286,22 @@ def _same_values(name: str, one: Slice, other: Slice) -> bool:
     return np.array_equal(a, b, equal_nan=True)
 
 
-def _placed(
+def _order_by_time(
     wanted: Wanted,
     fixed: Mapping[str, int],
-    stamped: Sequence[_Stamped],
+    stamped: Sequence[_FileTimes],
     slices: list[Slice],
     method: averages.Method,
     notes: list[str],
 ) -> tuple[NDArray[np.datetime64], list[Slice], NDArray[np.datetime64] | None]:
-    """Return the times of the slices of all files, the slices in their order, and the intervals of
-    means.
+    """Return the times of the slices of all files, the sorted slices, and the intervals of means.
 
-    notes: remarks on it are appended to this list.
+    Notes are appended to `notes`.
     """
     quantity, zone = wanted.quantity, clock.zone(wanted.times)
-    every = np.concatenate([one.cells for one in stamped])
-    bounds = {(id(s[0]), s[3]): cell for s, cell in zip(slices, every, strict=True)}
-    times, slices = _in_order(
+    all_bounds = np.concatenate([one.cells for one in stamped])
+    bounds = {(id(s[0]), s[3]): cell for s, cell in zip(slices, all_bounds, strict=True)}
+    times, slices = _resolve_overlaps(
         np.concatenate([one.times for one in stamped]), slices, wanted, fixed, notes
     )
     if zone is not None:
@@ -310,12 +315,10 @@ def _placed(
     return times, slices, placed
 
 
-def _in_stated_order(
+def _order_by_file_times(
     files: Sequence[File], time_name: str | None, slices: list[Slice], notes: list[str]
 ) -> list[Slice]:
-    """Return slices in the order in which their files count them, so that stated times never run
-    backward.
-    """
+    """Return slices in the order of the files' own times, for a case that states other times."""
     sizes = [sum(s[0] is data for s in slices) for _, data in files]
     counted = [
         clock.counts(data, time_name if time_name in data.variables else None) for _, data in files
@@ -327,34 +330,32 @@ def _in_stated_order(
     return [slices[k] for k in order]
 
 
-def _in_order(
+def _resolve_overlaps(
     times: NDArray[np.datetime64],
     slices: list[Slice],
     wanted: Wanted,
     fixed: Mapping[str, int],
     notes: list[str],
 ) -> tuple[NDArray[np.datetime64], list[Slice]]:
-    """Return times and slices of all files in order of time; notes: remarks on times that several
-    have are appended.
-    """
+    """Return times and slices of all files in order of time; notes on shared times are appended."""
     order = overlap.resolved(times, slices, wanted.name, fixed, notes)
     return times[order], [slices[k] for k in order]
 
 
-def _no_time(path: str, quantity: str, count: int, why: str) -> str:
+def _no_time_message(path: str, quantity: str, count: int, why: str) -> str:
     keys = f"[[{quantity}]] times = {{ start = ..., every = ... }}"
     if count == 1:
-        return f"{path}: {why}; state steady = true to hold it constant, or of several such files {keys}"
+        return f"{path}: {why}; state steady = true to hold it constant, or for several such files {keys}"
     return f"{path}: {why}; state {keys}, or steady = true to hold the first slice constant"
 
 
 def _sort_dims(
     wanted: Wanted, file: File, time_dim: str | None, notes: list[str]
 ) -> tuple[tuple[str, ...], dict[str, int], str | None]:
-    """Return a variable's horizontal dimensions, one index along each other but that of time, and
-    the one of members.
+    """Return a variable's horizontal dimensions, fixed indices of others, and that of members.
 
-    notes: remarks on it are appended to this list.
+    Every dimension other than time, members and the horizontal ones gets an index. Notes are
+    appended to `notes`.
     """
     name, quantity, chosen, (path, data) = wanted.name, wanted.quantity, wanted.chosen, file
     rest = [str(d) for d in data[name].dims if str(d) != time_dim]
@@ -375,7 +376,7 @@ def _sort_dims(
             fixed[dim], remark = level.choose(data, name, dim, quantity, wanted.depth, path)
             notes += [remark] if remark else []
     rest = [d for d in rest if d not in fixed]
-    single = _unstructured(data, name, rest, chosen)
+    single = _unstructured_dim(data, name, rest, chosen)
     horizontal = 1 if single else 2
     for dim in rest:
         if (
@@ -407,10 +408,8 @@ def _sort_dims(
     return tuple(rest), fixed, member
 
 
-def _beside(wanted: Wanted, file: File) -> list[str]:
-    """Return remarks on the levels that a variable has no dimension for; refuse any but the
-    surface.
-    """
+def _scalar_level_notes(wanted: Wanted, file: File) -> list[str]:
+    """Return notes on a variable's scalar levels; raise UserError for levels below the surface."""
     name, quantity, chosen, (path, data) = wanted.name, wanted.quantity, wanted.chosen, file
     remarks = []
     for levels in level.beside(data, name, quantity):
@@ -433,8 +432,9 @@ def _has_axis(data: xr.Dataset, dim: str) -> bool:
 def lat_last(
     data: xr.Dataset, dims: Sequence[str], chosen: Mapping[str, Any] | None = None
 ) -> bool:
-    """Whether a variable is stored (lon, lat) instead of (lat, lon); chosen: the case's names of
-    both.
+    """Return True if a variable is stored as (lon, lat) instead of (lat, lon).
+
+    chosen: the case's names of both coordinates.
     """
     own = chosen or {}
     return axis_of(data, dims[0], own) == "x" and axis_of(data, dims[1], own) == "y"
@@ -443,10 +443,10 @@ def lat_last(
 def axis_of(
     data: xr.Dataset, dim: str, chosen: Mapping[str, Any] = MappingProxyType({})
 ) -> str | None:
-    """Return the axis, "x" or "y", that a dimension is; None where nothing says so.
+    """Return the axis, "x" or "y", that a dimension is; None if unknown.
 
-    The case's own coordinates along it say so, else the file's longitudes or latitudes, else
-    projections' and names.
+    The case's coordinates decide first, then the file's longitudes and latitudes, then projection
+    coordinates and names.
     """
     along = {str(n): v.attrs for n, v in data.variables.items() if v.dims == (dim,)}
     for key, axis in (("lon", "x"), ("lat", "y"), ("x", "x"), ("y", "y")):
@@ -473,14 +473,13 @@ def axis_of(
     return None
 
 
-def _unstructured(
+def _unstructured_dim(
     data: xr.Dataset, name: str, dims: Sequence[str], chosen: Mapping[str, Any]
 ) -> str | None:
-    """Return the dimension that longitudes and latitudes share, which no axis is; None on any other
-    grid.
+    """Return the dimension of an unstructured grid; None for other grids.
 
-    That of the variable's UGRID mesh, that of the coordinates that the case names, or the last with
-    both along it.
+    It is the dimension of the variable's UGRID mesh, that of the coordinates which the case names,
+    or the last dimension if longitudes and latitudes both lie along it.
     """
     for dim in dims:
         if ugrid.mesh_of(data, name, dim) is not None:
@@ -491,19 +490,19 @@ def _unstructured(
         return own[0][0] if own[0] == own[1] and len(own[0]) == 1 and own[0][0] in dims else None
     if not dims:
         return None
-    held: list[bool] = []
+    found: list[bool] = []
     for standard in ("longitude", "latitude"):
         along = [(str(n), v) for n, v in data.variables.items() if v.dims == (dims[-1],)]
-        held.append(any(naming.role(n, v.attrs) == standard for n, v in along))
-    if not all(held) and any(data[x].dims == (dims[-1],) for x, _ in planar.pairs(data, chosen)):
+        found.append(any(naming.role(n, v.attrs) == standard for n, v in along))
+    if not all(found) and any(data[x].dims == (dims[-1],) for x, _ in planar.pairs(data, chosen)):
         return dims[-1]
-    return dims[-1] if all(held) else None
+    return dims[-1] if all(found) else None
 
 
-def _same_grid(wanted: Wanted, first: File, file: File, dims: tuple[str, ...], moves: bool) -> None:
-    """Reject a file whose points along a variable's horizontal dimensions are not those of the
-    first, unless they move.
-    """
+def _check_same_grid(
+    wanted: Wanted, first: File, file: File, dims: tuple[str, ...], moves: bool
+) -> None:
+    """Raise UserError if a file's grid points differ from those of the first; a grid may move."""
     (path, data), (other_path, other) = first, file
     if other is data:
         return
@@ -533,8 +532,8 @@ def _same_grid(wanted: Wanted, first: File, file: File, dims: tuple[str, ...], m
         )
 
 
-def _same_units(wanted: Wanted, first: File, file: File) -> None:
-    """Refuse files of one source in different units, unless the case states which they are in."""
+def _check_same_units(wanted: Wanted, first: File, file: File) -> None:
+    """Raise UserError for files in different units, unless the case states the units."""
     name, quantity = wanted.name, wanted.quantity
     (path, units), (other_path, others) = (
         (p, str(d[name].attrs.get("units", "")).strip()) for p, d in (first, file)
@@ -546,16 +545,16 @@ def _same_units(wanted: Wanted, first: File, file: File) -> None:
         )
 
 
-def _factor(wanted: Wanted, file: File, notes: list[str]) -> float:
-    """Return what makes m/s of a variable's numbers; notes is added to."""
+def _factor_to_mps(wanted: Wanted, file: File, notes: list[str]) -> float:
+    """Return the factor from a variable's units to m/s; notes are appended to `notes`."""
     name, units, quantity, (path, data) = wanted.name, wanted.units, wanted.quantity, file
     attributes = data[name].attrs
-    held = str(attributes.get("units", "")).strip()
+    file_units = str(attributes.get("units", "")).strip()
     if units is not None:
-        if held and held.lower() != units.lower():
-            notes.append(f'units {units} as the case says (the file says "{held}")')
+        if file_units and file_units.lower() != units.lower():
+            notes.append(f'units {units} as the case says (the file says "{file_units}")')
         return speed.factor(units)
-    if held in ("", "1", "unknown", "none"):
+    if file_units in ("", "1", "unknown", "none"):
         inside = speed.inside_text(str(attributes.get("long_name", "")))
         if inside is None:
             raise UserError(
@@ -564,20 +563,20 @@ def _factor(wanted: Wanted, file: File, notes: list[str]) -> float:
         notes.append(f'units "{inside}" read from the long name')
         return speed.factor(inside)
     try:
-        factor = speed.factor(held)
+        factor = speed.factor(file_units)
     except UserError as error:
         raise UserError(
             f'{path}: "{name}": {error}; or state them with [[{quantity}]] units'
         ) from error
     if factor != 1.0:
-        notes.append(f'converted from "{held}" to m/s')
+        notes.append(f'converted from "{file_units}" to m/s')
     return factor
 
 
-def _mask(
+def _read_mask(
     data: xr.Dataset, dims: tuple[str, ...], chosen: Mapping[str, Any], notes: list[str]
 ) -> NDArray[np.bool_] | None:
-    """Return where a file's mask (1 water, 0 land) over these dimensions says water."""
+    """Return True where a file's mask (1 water, 0 land) says water; None without a mask."""
     named = chosen.get("mask")
     if named in ("none", False):
         return None
@@ -593,17 +592,17 @@ def _mask(
             variable.dims == dims
             and np.isin(np.unique(np.nan_to_num(variable.values)), (0, 1)).all()
         ):
-            water = _water(variable.attrs)
+            water = _water_value(variable.attrs)
             wet = np.asarray(variable.values == water)
             if wet.all() and not named:
-                continue  # a mask without land says nothing of whether land is stored as zero
+                continue  # a mask without land does not tell whether land is stored as zero
             notes.append(f'land where "{name}" is {1 - water}')
             return wet
     return None
 
 
-def _water(attributes: Mapping[str, Any]) -> int:
-    """Return which of a mask's values, 0 or 1, is water: 1 unless its flags say otherwise."""
+def _water_value(attributes: Mapping[str, Any]) -> int:
+    """Return the value of a mask, 0 or 1, that means water: 1 unless its flags say otherwise."""
     meanings = str(attributes.get("flag_meanings", "")).lower().split()
     values = np.ravel(attributes.get("flag_values", range(len(meanings))))
     for meaning, value in zip(meanings, values, strict=False):

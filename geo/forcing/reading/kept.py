@@ -1,7 +1,6 @@
-"""Slices that stay in memory, for many forecasts from the same files and for the passes of one over
-its forcing.
+"""Slices kept in memory, for several forecasts from the same files or several passes of one.
 
-Of a variable they are kept as they are read, of a source as they are sampled.
+`Kept` holds a component's slices as they are read, `Finished` a source's slices ready for sampling.
 """
 
 import functools
@@ -16,32 +15,30 @@ from geo.array import Array
 from geo.forcing.reading.stored import Stored
 from geo.grids.layout import Index
 
-# [bytes] of one component, and of all finished slices.
+# [bytes] limit for one component, and for all finished slices
 MOST = 2**28
 
 
 class Kept:
-    """What has been read over a window: the file's indices along each horizontal dimension."""
+    """Slices of a component over a window, given by the file's indices along each dimension."""
 
     def __init__(self, index: tuple[Index, ...]) -> None:
         self.index = index
-        self._places = [_places(along) for along in index]
+        self._window_positions = [_window_positions(along) for along in index]
         self._slices: dict[int, tuple[Array, int]] = {}
         self._guard = threading.Lock()
 
     def part(self, index: tuple[Index, ...]) -> tuple[Index, ...] | None:
-        """Return where in the window indices stand; None where some of them are outside it."""
+        """Return the position of indices in the window; None if some are outside it."""
         inside = []
-        for wanted, places in zip(index, self._places, strict=True):
+        for wanted, places in zip(index, self._window_positions, strict=True):
             if wanted.max(initial=-1) >= len(places) or (places[wanted] < 0).any():
                 return None
             inside.append(places[wanted])
         return tuple(inside)
 
     def slice(self, i: int, read: Callable[[], tuple[Array, int]]) -> tuple[Array, int]:
-        """Return slice i over the window, and how many fill values it held, read now if it is not
-        there.
-        """
+        """Return slice i over the window and its number of fill values; read it if it is absent."""
         with self._guard:
             got = self._slices.pop(i, None) or read()
             self._slices[i] = got
@@ -54,13 +51,12 @@ class Kept:
 
 
 class Finished:
-    """Slices of parts of sources, ready to be sampled: true east and north, filled towards the
-    coast.
+    """Slices that are ready to be sampled: true east and north, filled toward the coast.
 
-    Only what is the same in every bit may share a key: slices of one part of one source, filled
-    equally deep. Once there is no room, what was used longest ago is dropped; or, with `first`,
-    what comes is not kept: a second pass from the same begin would find nothing of one that is
-    longer than the room.
+    Two slices may share a key only if they are bitwise equal: slices of the same part of the same
+    source, filled equally deep. If memory is used up, the least recently used slice is dropped.
+    With `first`, new slices are not kept instead: for a run that is longer than the memory, a
+    second pass from the beginning would otherwise find nothing.
     """
 
     def __init__(self, first: bool = False) -> None:
@@ -71,7 +67,7 @@ class Finished:
         self._guard = threading.Lock()
 
     def find(self, key: Hashable) -> Array | None:
-        """Return the slice of a key; None where it is not there."""
+        """Return the slice of a key; None if it is absent."""
         with self._guard:
             values = self._slices.pop(key, None)
             if values is not None:
@@ -79,23 +75,21 @@ class Finished:
             return values
 
     def made(self, key: Hashable, make: Callable[[], Array]) -> Array:
-        """Return a slice that is not there, made now, or read from where they are stored; it must
-        not be changed.
-        """
+        """Return a slice that `find` did not find, made now or read from disk; do not change it."""
         values = make() if self._stored is None else self._stored.get(key, make)
-        self._keep(key, values)
+        self._add(key, values)
         return values
 
     def store(self, folder: Path | None) -> None:
-        """Store slices in a folder from now on, those that are there too; None: no longer."""
+        """Store slices in a folder from now on, and those in memory too; None to stop storing."""
         if folder == (self._stored and self._stored.folder):
             return
-        self._stored, held = None if folder is None else Stored(folder), self._slices
+        self._stored, slices = None if folder is None else Stored(folder), self._slices
         self._slices, self._size = {}, 0
-        for key, values in held.items() if self._stored else ():
+        for key, values in slices.items() if self._stored else ():
             self.made(key, functools.partial(np.asarray, values))
 
-    def _keep(self, key: Hashable, values: Array) -> None:
+    def _add(self, key: Hashable, values: Array) -> None:
         with self._guard:
             if self._first and self._size + values.nbytes > MOST:
                 return
@@ -107,24 +101,22 @@ class Finished:
 
 @dataclass(frozen=True)
 class Shelf:
-    """Where the finished slices of one part of a source stand among those of others."""
+    """View of `Finished` for one part of a source."""
 
     part: Hashable
     finished: Finished = field(repr=False)
 
     def find(self, *key: Hashable) -> Array | None:
-        """Return a slice of this part; None where it is not there."""
+        """Return a slice of this part; None if it is absent."""
         return self.finished.find((self.part, *key))
 
     def made(self, make: Callable[[], Array], *key: Hashable) -> Array:
-        """Return a slice of this part that is not there, made now or read from where they are
-        stored.
-        """
+        """Return a slice of this part that `find` did not find, made now or read from disk."""
         return self.finished.made((self.part, *key), make)
 
 
-def _places(index: Index) -> Index:
-    """Return the place of each of the file's indices in a window, -1 where it has none."""
+def _window_positions(index: Index) -> Index:
+    """Return the position of each of the file's indices in a window, -1 if it is outside."""
     places = np.full(int(index.max(initial=0)) + 1, -1, np.int64)
     places[index] = np.arange(len(index))
     return places

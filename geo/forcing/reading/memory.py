@@ -1,9 +1,8 @@
-"""Datasets in memory as forcing: brought to what files would give, so that all that follows is the
-same.
+"""Datasets in memory as forcing, converted to what a file would give.
 
-They come as xarray opens them (times as dates, packing and fill values resolved, coordinates set
-apart) or raw (decode_cf = False). What is lazy stays lazy. The dataset itself is never changed, and
-nothing keeps it when the run is over.
+They come as xarray opens them (times as dates, packing and fill values resolved, coordinates
+separated) or raw (decode_cf = False). Lazy variables stay lazy. The caller's dataset is never
+changed, and nothing keeps a reference to it after the run.
 """
 
 import datetime
@@ -24,11 +23,11 @@ from geo.forcing import validity
 from geo.forcing.times import epoch
 from geo.grids import naming
 
-# [bytes] of a variable up to which all of it is hashed; of a larger one SLICES slices, thinned out
+# [bytes] variables up to this size are hashed whole, larger ones by SLICES thinned slices
 WHOLE = 2**28
 SLICES = 16
-PIECE = 2**24  # [bytes] hashed at once: a lazy variable is never in memory as a whole
-THINNED = 2**16  # values of a slice that are hashed, at most
+PIECE = 2**24  # [bytes] hashed at once, so that a lazy variable is never in memory as a whole
+THINNED = 2**16  # largest number of values hashed per slice
 EPOCH = "seconds since 1970-01-01"
 # attributes that xarray moves to the encoding when it decodes
 REFERENCES = ("coordinates", "grid_mapping")
@@ -36,21 +35,21 @@ REFERENCES = ("coordinates", "grid_mapping")
 
 @dataclass(frozen=True)
 class Held:
-    """A dataset in memory and the name that a case has for it."""
+    """A dataset in memory and its name in the case."""
 
     name: str
     data: xr.Dataset
 
     @property
     def title(self) -> str:
-        """What messages call it."""
+        """The dataset's name in messages."""
         return f'dataset "{self.name}"'
 
 
 def hold(datasets: Any) -> dict[str, Held]:
     """Return datasets by name as forcing; None gives an empty result.
 
-    Raises UserError for what is not a dataset.
+    Raises UserError for a value that is not a dataset.
     """
     if isinstance(datasets, xr.Dataset) or not isinstance(datasets, Mapping | None):
         raise UserError(
@@ -80,7 +79,7 @@ def as_stored(held: Held) -> xr.Dataset:
             # warnings of several fill values, which all count as missing
             warnings.simplefilter("ignore")
             return xr.decode_cf(
-                _encoded(held.data),
+                _encode(held.data),
                 concat_characters=False,
                 decode_times=False,
                 decode_coords=False,
@@ -88,30 +87,28 @@ def as_stored(held: Held) -> xr.Dataset:
             )
     except Exception as error:  # xarray and cftime raise many kinds
         raise UserError(
-            f"{held.title} cannot be decoded ({' '.join(str(error).split())[:120]}); mend its attributes, or decode "
+            f"{held.title} cannot be decoded ({' '.join(str(error).split())[:120]}); correct its attributes, or decode "
             "it first"
         ) from error
 
 
-def _encoded(data: xr.Dataset) -> xr.Dataset:
-    """Return a dataset with dates as numbers, and with what xarray sets apart of a file back in the
-    attributes.
-    """
+def _encode(data: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with dates as numbers, and attributes back where a file has them."""
     data = data.rename(
         {name: str(name) for name in {*data.variables, *data.dims} if not isinstance(name, str)}
     )
     stored = {}
     for name in map(str, data.variables):
         variable = data[name].variable.copy(deep=False)
-        kept = {
+        references = {
             k: variable.encoding[k] for k in REFERENCES if isinstance(variable.encoding.get(k), str)
         }
         aside = sorted(str(c) for c in data[name].coords if c not in data.dims and c != name)
         attributes = {"coordinates": " ".join(aside)} if aside and name in data.data_vars else {}
-        attributes |= kept | validity.unpacked(variable.attrs, variable.encoding)
-        # of bounds and of runs there are two dimensions
+        attributes |= references | validity.unpacked(variable.attrs, variable.encoding)
+        # time bounds and valid times of several runs have two dimensions
         if variable.ndim <= 2 and variable.dtype.kind in "MO":
-            variable, attributes = _numbers(variable, attributes)
+            variable, attributes = _dates_as_numbers(variable, attributes)
         elif variable.ndim <= 1 and variable.dtype.kind == "m":
             variable = xr.Variable(variable.dims, variable.values / np.timedelta64(1, "s"))
             attributes = {**attributes, "units": "seconds"}
@@ -120,47 +117,45 @@ def _encoded(data: xr.Dataset) -> xr.Dataset:
     return xr.Dataset(stored)
 
 
-def _numbers(
+def _dates_as_numbers(
     variable: xr.Variable, attributes: Mapping[Any, Any]
 ) -> tuple[xr.Variable, dict[Any, Any]]:
-    """Return dates as the numbers of a file, and the attributes that say so; other values as they
-    are.
-    """
+    """Return dates as numbers with their attributes, as a file has them; other values unchanged."""
     values, encoding = variable.values, variable.encoding
     if variable.dtype.kind == "M":
         dates = values.astype("datetime64[us]").astype(object)  # Python's, None where missing
         calendar = "proleptic_gregorian"
     else:
-        dates = np.array([_utc(date) for date in values.flat] + [None], object)[:-1]
+        dates = np.array([_to_utc(date) for date in values.flat] + [None], object)[:-1]
         calendar = next(
             (getattr(d, "calendar", "standard") for d in dates if d is not None), "standard"
         )
-    there = np.array(
+    valid = np.array(
         [isinstance(d, datetime.datetime | cftime.datetime) and d == d for d in dates.flat], bool
     )
-    if not there.any():
+    if not valid.any():
         return variable, dict(attributes)
-    stored = _stored(encoding)
+    stored = _stored_units(encoding)
     single = stored is not None and encoding.get("dtype") == np.float32
     if stored is None or not (single or stored.misread):
         units, origin, seconds = EPOCH, EPOCH, 1.0
     else:
-        # in single precision too the reader must meet the file's own numbers, to tell how they were
-        # rounded
+        # also in single precision the reader needs the file's own numbers, to find out how
+        # they were rounded
         units, origin, seconds = stored.units, stored.origin, stored.seconds
         calendar = encoding.get("calendar", calendar)
     numbers: NDArray[Any] = np.full(dates.size, np.nan, "f4" if single else "f8")
-    numbers[there] = cftime.date2num(dates.reshape(-1)[there], origin, calendar) / seconds
-    said = {**attributes, "units": units, "calendar": calendar}
-    return xr.Variable(variable.dims, numbers.reshape(values.shape)), said
+    numbers[valid] = cftime.date2num(dates.reshape(-1)[valid], origin, calendar) / seconds
+    new_attributes = {**attributes, "units": units, "calendar": calendar}
+    return xr.Variable(variable.dims, numbers.reshape(values.shape)), new_attributes
 
 
 @dataclass(frozen=True)
-class _Stored:
-    """In what units a file has the dates that xarray decoded.
+class _StoredUnits:
+    """The units in which a file has the dates that xarray decoded.
 
-    origin: what xarray took for their origin; seconds: of their unit; misread: xarray dropped a
-    zone, or took it for something else.
+    origin: xarray's interpretation of their origin; seconds: length of the unit; misread: xarray
+    ignored or misinterpreted a time zone.
     """
 
     units: str
@@ -169,8 +164,8 @@ class _Stored:
     misread: bool
 
 
-def _stored(encoding: Mapping[Any, Any]) -> _Stored | None:
-    """Return the units that dates were decoded from; None where nothing says so."""
+def _stored_units(encoding: Mapping[Any, Any]) -> _StoredUnits | None:
+    """Return the units from which dates were decoded; None if unknown."""
     units = str(encoding.get("units", ""))
     if not epoch.is_shifted(units):
         return None
@@ -190,21 +185,26 @@ def _stored(encoding: Mapping[Any, Any]) -> _Stored | None:
         right = np.datetime64(own.moment.replace(" ", "T"), "s") - np.timedelta64(own.zone, "s")
     except (ValueError, UserError):
         pass
-    return _Stored(units, f"seconds since {begin}", seconds, bool(right != begin))
+    return _StoredUnits(units, f"seconds since {begin}", seconds, bool(right != begin))
 
 
-def _utc(date: Any) -> Any:
-    """Return a date without its time zone, in UTC: cftime would take the clock of the zone for UTC."""
+def _to_utc(date: Any) -> Any:
+    """Return a date in UTC without time zone: cftime would take the zone's local time for UTC."""
     aware = isinstance(date, datetime.datetime) and date.tzinfo is not None
     return date.astimezone(datetime.UTC).replace(tzinfo=None) if aware else date
 
 
 def fingerprint(data: xr.Dataset, fields: Collection[str], time: str | None, extra: str) -> str:
-    """Return a short hash of what a dataset holds: two fields, and all that says where and when
-    they are.
+    """Return a short hash of two fields of a dataset and of all their coordinates.
 
-    data: from `as_stored`. time: the dimension of time; other variables along it are other
-    quantities. A field of more than 256 MiB counts by samples.
+    Args:
+        data: from `as_stored`.
+        fields: names of the fields.
+        time: the time dimension; other variables along it are other quantities and do not count.
+        extra: text to be hashed as well.
+
+    Returns:
+        16 hexadecimal digits. Fields of more than 256 MiB are sampled.
     """
     total = hashlib.sha256(extra.encode())
     for name in sorted(map(str, data.variables)):
@@ -224,19 +224,19 @@ def fingerprint(data: xr.Dataset, fields: Collection[str], time: str | None, ext
 
 def _hash_values(total: "hashlib._Hash", variable: xr.Variable) -> None:
     if variable.ndim == 0 or not variable.size:
-        total.update(_bytes(variable))
+        total.update(_value_bytes(variable))
         return
     first, rows = variable.dims[0], variable.shape[0]
     if variable.nbytes <= WHOLE:
         step = max(1, PIECE * rows // variable.nbytes)
         for k in range(0, rows, step):
-            total.update(_bytes(variable.isel({first: slice(k, k + step)})))
+            total.update(_value_bytes(variable.isel({first: slice(k, k + step)})))
         return
     others = max(variable.ndim - 1, 1)
     every = math.ceil((variable.size / rows / THINNED) ** (1 / others))
     for k in np.unique(np.linspace(0, rows - 1, SLICES).astype(int)):
         total.update(
-            _bytes(
+            _value_bytes(
                 variable.isel(
                     {first: k, **{d: slice(None, None, every) for d in variable.dims[1:]}}
                 )
@@ -244,7 +244,7 @@ def _hash_values(total: "hashlib._Hash", variable: xr.Variable) -> None:
         )
 
 
-def _bytes(variable: xr.Variable) -> bytes:
+def _value_bytes(variable: xr.Variable) -> bytes:
     values = np.asarray(variable.values)
     return (
         repr(values.tolist()).encode()

@@ -1,7 +1,7 @@
-"""Grids that move: coordinates that change with time, as those of WRF's moving nests.
+"""Moving grids, whose coordinates change with time, like WRF's moving nests.
 
-Each slice is carried from the points at which its grid stands to one regular grid, which covers all
-places. Where the grid is not, a slice has no value.
+Each slice is interpolated from its current grid position to one regular grid that covers all
+positions. Outside the current position a slice has no value.
 """
 
 import threading
@@ -19,16 +19,16 @@ from geo.grids import layout, target
 from geo.grids.grid import Grid
 from geo.grids.layout import Layout
 
-TILES = 4  # places whose weights are kept
+TILES = 4  # number of grid positions whose interpolation weights are kept
 
 
 @dataclass(frozen=True)
 class Nest:
-    """Two components on a moving grid, and the regular grid to which they are carried.
+    """Two components on a moving grid, and the regular grid to which they are interpolated.
 
-    numbers: the place at each slice; met: the places that have a part of what is needed; dry:
-    whether values that are exactly zero are land; domain: (nlat, nlon) nodes inside the grid at
-    every place that is met.
+    numbers: index of the position at each slice. met: positions that overlap the needed box. dry:
+    exact zeros are land. domain: (nlat, nlon), True for nodes inside the grid at every position in
+    `met`.
     """
 
     grid: Grid
@@ -40,29 +40,36 @@ class Nest:
     dry: bool
     domain: NDArray[np.bool_] | None
     notes: tuple[str, ...]
-    # of the places used last
+    # tiles of the positions used last
     tiles: dict[tuple[int, int], Tile] = field(default_factory=dict, repr=False)
     guard: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
 
 def moves(components: Sequence[Component]) -> bool:
-    """Whether the grid of a component moves."""
+    """Return True if the grid of a component moves."""
     return any(component.places is not None for component in components)
 
 
 def make(
     components: tuple[Component, Component], count: int, axes: str, box: Box | None, dry: bool
 ) -> Nest | None:
-    """Return a moving grid over the part of it that is needed; None where no slice has any.
+    """Return a moving grid over the needed part; None if no slice overlaps it.
 
-    count: of slices; axes, box: as in `tile.make`; dry: whether values that are exactly zero are
-    land.
+    Args:
+        components: on the moving grid.
+        count: number of slices.
+        axes: as in `tile.make`.
+        box: needed area; None for all.
+        dry: exact zeros are land.
     """
-    numbers = tuple((_place(components[0], i), _place(components[1], i)) for i in range(count))
+    numbers = tuple(
+        (_position_number(components[0], i), _position_number(components[1], i))
+        for i in range(count)
+    )
     met: list[tuple[int, int]] = []
     extent = target.Extent()
     for number in dict.fromkeys(numbers):
-        crops = _crops(components, number, box)
+        crops = _crop_at(components, number, box)
         if crops is not None:
             met.append(number)
             extent.add(crops[0])
@@ -70,50 +77,51 @@ def make(
         return None
     grid, coarser = target.over(extent, box)
     nest = Nest(grid, components, numbers, frozenset(met), axes, box, dry, None, ())
-    notes = _tile(nest, met[0]).notes
+    notes = _tile_at(nest, met[0]).notes
     if coarser:
         notes += (f"coarser than wanted to stay under {target.MOST_NODES:,} nodes",)
-    return replace(nest, domain=_always(nest, met), notes=notes)
+    return replace(nest, domain=_always_inside(nest, met), notes=notes)
 
 
-def _place(component: Component, i: int) -> int:
+def _position_number(component: Component, i: int) -> int:
     data, _, _, k = component.segments[i]
     return 0 if component.places is None else component.places.number[id(data), k]
 
 
-def _layout(component: Component, place: int) -> Layout:
+def _layout_at(component: Component, place: int) -> Layout:
     return component.layout if component.places is None else component.places.layout(place)
 
 
-def _crops(
+def _crop_at(
     components: tuple[Component, Component], number: tuple[int, int], box: Box | None
 ) -> tuple[Layout, Layout] | None:
-    """Return the points of both components at their places in a box; None where one has none there."""
-    first = layout.crop(_layout(components[0], number[0]), box)
-    second = layout.crop(_layout(components[1], number[1]), box)
+    """Return both layouts at a position, cropped to a box; None if one does not overlap it."""
+    first = layout.crop(_layout_at(components[0], number[0]), box)
+    second = layout.crop(_layout_at(components[1], number[1]), box)
     return None if first is None or second is None else (first, second)
 
 
-def _tile(nest: Nest, number: tuple[int, int]) -> Tile:
-    """Return the tile of a place that is met, made now if it is not among those used last."""
+def _tile_at(nest: Nest, number: tuple[int, int]) -> Tile:
+    """Return the tile of a position, from those used last or made now."""
     with nest.guard:
-        held = nest.tiles.pop(number, None)
-        if held is None:
-            crops = _crops(nest.components, number, nest.box)
+        found = nest.tiles.pop(number, None)
+        if found is None:
+            crops = _crop_at(nest.components, number, nest.box)
             assert crops is not None
-            held = tile.make(nest.components, crops, nest.axes, nest.box, nest.grid)
-        nest.tiles[number] = held
+            found = tile.make(nest.components, crops, nest.axes, nest.box, nest.grid)
+        nest.tiles[number] = found
         while len(nest.tiles) > TILES:
             del nest.tiles[next(iter(nest.tiles))]
-    return replace(held, components=nest.components)
+    return replace(found, components=nest.components)
 
 
-def _always(nest: Nest, met: Sequence[tuple[int, int]]) -> NDArray[np.bool_] | None:
-    """Return the nodes inside the grid at every place, of many at some: there a missing value may
-    be land.
+def _always_inside(nest: Nest, met: Sequence[tuple[int, int]]) -> NDArray[np.bool_] | None:
+    """Return the nodes inside the grid at every position, where a missing value may mean land.
+
+    Of many positions only TILES are used.
     """
     chosen = np.unique(np.linspace(0, len(met) - 1, TILES).astype(int))
-    inside = [tile.domain(_tile(nest, met[k])) for k in chosen]
+    inside = [tile.domain(_tile_at(nest, met[k])) for k in chosen]
     masks = [mask for mask in inside if mask is not None]
     if not masks:
         return None
@@ -122,20 +130,21 @@ def _always(nest: Nest, met: Sequence[tuple[int, int]]) -> NDArray[np.bool_] | N
 
 
 def read_nested_slice(nest: Nest, i: int) -> Values:
-    """Return slice i as `tile.read` does; missing where the grid is not at that time."""
+    """Return slice i like `tile.read_tile`; NaN outside the grid's position at that time."""
     if nest.numbers[i] not in nest.met:
         return np.full((nest.grid.nlat, nest.grid.nlon, 2), np.nan, np.float32)
-    held = _tile(nest, nest.numbers[i])
+    current = _tile_at(nest, nest.numbers[i])
     if nest.dry:
-        held = replace(held, dry=tile.still(held, i))
-    return tile.read_tile(held, i)
+        current = replace(current, dry=tile.still(current, i))
+    return tile.read_tile(current, i)
 
 
 def missing(nest: Nest) -> tuple[float, bool]:
-    """Return the share of nodes missing in the first slice that is met, and whether three slices
-    hold nothing.
+    """Return the share of nodes missing in the first overlapping slice, and whether all are blank.
+
+    The latter is judged from three slices.
     """
-    there = [i for i, number in enumerate(nest.numbers) if number in nest.met]
-    looked_at = {there[0], there[len(there) // 2], there[-1]}
-    first = float(np.isnan(read_nested_slice(nest, there[0])[..., 0]).mean())
+    overlapping = [i for i, number in enumerate(nest.numbers) if number in nest.met]
+    looked_at = {overlapping[0], overlapping[len(overlapping) // 2], overlapping[-1]}
+    first = float(np.isnan(read_nested_slice(nest, overlapping[0])[..., 0]).mean())
     return first, not any(np.isfinite(read_nested_slice(nest, i)).any() for i in looked_at)

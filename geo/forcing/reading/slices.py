@@ -1,6 +1,4 @@
-"""Reading one slice of a component: only the part of the file that is wanted, in m/s, NaN where
-missing.
-"""
+"""Read one slice of a component: only the wanted part of the file, in m/s, NaN for missing."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,13 +16,11 @@ from geo.forcing.reading.component import Component
 from geo.grids.layout import Index, Layout, Triangles
 
 SENTINELS = (*quantities.NINES, 32767.0, 32768.0)  # fill values that files forget to declare
-ROUNDING = 1e-9  # [m/s] what rounding leaves of a zero
+ROUNDING = 1e-9  # [m/s] tolerance for a zero that was rounded
 
 
 def window(layout: Layout) -> tuple[Index, ...]:
-    """Return the file's indices that a layout's points have, one array for each horizontal
-    dimension.
-    """
+    """Return the file indices of a layout's points, one array for each horizontal dimension."""
     if isinstance(layout, Triangles):
         count = len(layout.lon) if layout.lonc is None else len(layout.lonc)
         return (np.arange(layout.first, layout.first + count),)
@@ -32,31 +28,36 @@ def window(layout: Layout) -> tuple[Index, ...]:
 
 
 def read_component_slice(component: Component, layout: Layout, i: int) -> tuple[Array, int]:
-    """Return slice i [m/s] over a (cropped) layout, NaN missing, and how many undeclared fill
-    values it held.
+    """Return slice i over a (cropped) layout, and its number of undeclared fill values.
+
+    Args:
+        component: to read.
+        layout: the points wanted.
+        i: index of the slice.
+
+    Returns:
+        Values [m/s], NaN for missing, in the shape of the layout; and the number.
     """
     index, kept = window(layout), component.kept
     part = None if kept is None else kept.part(index)
     if kept is None or part is None:
-        return _read(component, index, i)
-    values, strange = kept.slice(i, lambda: _read(component, kept.index, i))
+        return _read_slice(component, index, i)
+    values, strange = kept.slice(i, lambda: _read_slice(component, kept.index, i))
     return values[np.ix_(*part)], strange
 
 
-def _read(component: Component, index: tuple[Index, ...], i: int) -> tuple[Array, int]:
-    """Return slice i [m/s] at the file's indices along its horizontal dimensions."""
-    with _reading(component, i) as variable:
-        values = _block(variable, component.dims, index)
+def _read_slice(component: Component, index: tuple[Index, ...], i: int) -> tuple[Array, int]:
+    """Return slice i [m/s] at file indices along its horizontal dimensions."""
+    with _opened_slice(component, i) as variable:
+        values = _read_block(variable, component.dims, index)
     if component.mask is not None:
         values[~component.mask[np.ix_(*index)]] = np.nan
-    return _clean(values, component)
+    return _convert(values, component)
 
 
 def block(component: Component, i: int, index: tuple[slice, ...]) -> Array:
-    """Return part of slice i as the file has it: in its own units, over its own indices along
-    `component.dims`.
-    """
-    with _reading(component, i) as variable:
+    """Return part of slice i in the file's own units; axes in the order of `component.dims`."""
+    with _opened_slice(component, i) as variable:
         cut = variable.isel(dict(zip(component.dims, index, strict=True))).transpose(
             *component.dims
         )
@@ -64,8 +65,8 @@ def block(component: Component, i: int, index: tuple[slice, ...]) -> Array:
 
 
 @contextmanager
-def _reading(component: Component, i: int) -> Iterator[xr.DataArray]:
-    """Give slice i, unread; a failure to read it becomes a line that names the file."""
+def _opened_slice(component: Component, i: int) -> Iterator[xr.DataArray]:
+    """Yield slice i, not yet read; an error while reading it becomes a UserError with the file."""
     data, path, time_dim, k = component.segments[i]
     fixed = {d: n for d, n in component.fixed.items() if d in data[component.name].dims}
     if time_dim is not None:
@@ -73,23 +74,21 @@ def _reading(component: Component, i: int) -> Iterator[xr.DataArray]:
     try:
         with np.errstate(all="ignore"):  # damaged values may overflow; they become missing
             yield data[component.name].isel(fixed)
-    except UserError as error:  # raised by a library that runs in a process of its own
+    except UserError as error:  # from a library that runs in a separate process
         raise UserError(f"{error}; set {dataset.key(path, component.quantity)}") from error
     except Exception as error:  # HDF5 raises OSError and RuntimeError, zlib its own
         raise UserError(
             f"{path}: cannot read slice {k} of {component.name} ({' '.join(str(error).split())[:80]}): "
-            f"truncated or damaged; mend {dataset.key(path, component.quantity)}"
+            f"truncated or damaged; check {dataset.key(path, component.quantity)}"
         ) from error
 
 
-def _block(variable: xr.DataArray, dims: tuple[str, ...], index: tuple[Index, ...]) -> Array:
-    """Read the smallest contiguous parts of a file that hold the wanted indices, and bring them
-    into order.
-    """
+def _read_block(variable: xr.DataArray, dims: tuple[str, ...], index: tuple[Index, ...]) -> Array:
+    """Read the smallest contiguous blocks that hold the wanted indices, and sort the values."""
     spans, orders = [], []
     for wanted in index:
         jump = np.nonzero(np.abs(np.diff(wanted)) != 1)[0] + 1
-        # the seam cuts an axis into two runs
+        # at the seam of a global grid the wanted indices split into two contiguous runs
         runs = np.split(wanted, jump) if len(jump) <= 2 else [wanted]
         spans.append([(int(r.min()), int(r.max()) + 1) for r in runs])
         orders.append([r - r.min() for r in runs])
@@ -108,10 +107,9 @@ def _block(variable: xr.DataArray, dims: tuple[str, ...], index: tuple[Index, ..
 
 
 def still(values: Array, component: Component, i: int) -> NDArray[np.bool_]:
-    """Return which values of slice i, in its file's own units, are zero as far as that file can
-    write zero.
+    """Return which values of slice i, in the file's units, are zero to the precision of the file.
 
-    A number packed with an offset need not hit it: the nearest one does.
+    For numbers packed with an offset, the packed number nearest to zero counts as zero.
     """
     packing = component.segments[i][0][component.name].encoding
     exact = not float(packing.get("add_offset", 0.0))
@@ -120,10 +118,8 @@ def still(values: Array, component: Component, i: int) -> NDArray[np.bool_]:
         return np.asarray(np.abs(values) <= max(slack, ROUNDING / component.factor))
 
 
-def _clean(values: Array, component: Component) -> tuple[Array, int]:
-    """Convert to m/s and drop what no speed can be: fill values that the file does not declare, in
-    any slice.
-    """
+def _convert(values: Array, component: Component) -> tuple[Array, int]:
+    """Convert to m/s; set impossible speeds and undeclared fill values to NaN, and count them."""
     values = np.where(np.isin(values, component.fills), np.nan, values)
     with np.errstate(invalid="ignore", over="ignore"):
         size = np.abs(values)

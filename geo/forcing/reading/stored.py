@@ -1,9 +1,8 @@
-"""Slices that stay on disk, made once for all processes that see a folder: sampled by many, read
-and regridded by one.
+"""Disk cache of slices, shared by all processes that see a folder: one makes a slice, all read it.
 
-Each is a file, moved to its name once it is whole, that ends with its size and a digest of its
-bytes: one that was cut short or altered is found when a process first opens it, and made again. A
-file is mapped into memory: what processes of one machine read of it they share.
+Each slice is a file, written under another name and renamed when it is complete. It ends with its
+shape and a digest of its bytes; a process that first opens a damaged file detects that and makes
+the slice again. Files are mapped into memory, so that the processes of one machine share the pages.
 """
 
 import contextlib
@@ -22,7 +21,7 @@ from geo.array import Array
 
 try:
     import fcntl
-except ImportError:  # Windows: two processes may make the same slice, of the same bits
+except ImportError:  # Windows: two processes may both make a slice, bitwise equal
     fcntl = None  # type: ignore[assignment]
 
 DIGEST = 16  # [bytes]
@@ -36,17 +35,15 @@ class Stored:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._sound: set[str] = set()  # what this process has held against its digest
+        self._valid: set[str] = set()  # slices whose digest this process has checked
 
     def get(self, key: Hashable, make: Callable[[], Array]) -> Array:
-        """Return the slice of a key, made now if no process has made it; of several that want it
-        one makes it.
-        """
+        """Return the slice of a key; if it is absent, only one process makes it."""
         name = hashlib.sha256(repr(key).encode()).hexdigest()[:32]
         found = self._read(name)
         if found is not None:
             return found
-        with _alone(self.folder / f"{name}.lock"):
+        with _exclusive(self.folder / f"{name}.lock"):
             found = self._read(name)
             if found is not None:
                 return found
@@ -55,21 +52,21 @@ class Stored:
         return values
 
     def _read(self, name: str) -> Array | None:
-        """Return a slice; None where it is not there, or not as it was written."""
+        """Return a slice; None if it is absent or damaged."""
         try:
-            # Writes stay in memory: a device may copy an argument back.
-            held = np.memmap(self.folder / f"{name}{SUFFIX}", np.uint8, "c")
-            body, shape, digest = np.split(held, (-DIGEST - SHAPE.size, -DIGEST))
-            if name not in self._sound and _digest(name, body, shape.tobytes()) != digest.tobytes():
+            # copy on write: a device may copy an argument back, which must not change the file
+            mapped = np.memmap(self.folder / f"{name}{SUFFIX}", np.uint8, "c")
+            body, shape, digest = np.split(mapped, (-DIGEST - SHAPE.size, -DIGEST))
+            if name not in self._valid and _digest(name, body, shape.tobytes()) != digest.tobytes():
                 return None
             values = np.asarray(body).view(np.float32).reshape(SHAPE.unpack(shape.tobytes()))
-        except (OSError, ValueError, struct.error):  # it is not there, it is empty, it is too short
+        except (OSError, ValueError, struct.error):  # the file is absent, empty or too short
             return None
-        self._sound.add(name)
+        self._valid.add(name)
         return values
 
     def _write(self, name: str, values: Array) -> None:
-        """Keep a slice, if the disk takes it."""
+        """Write a slice; a full or failing disk is ignored."""
         new = self.folder / f"{name}-{uuid.uuid4().hex}.new"
         body, shape = (
             np.ascontiguousarray(values, np.float32).reshape(-1).view(np.uint8),
@@ -93,15 +90,16 @@ def _digest(name: str, body: Array, shape: bytes) -> bytes:
 
 
 @contextlib.contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """Hold a file's lock, which goes with the process that holds it; where there are no locks, go
-    on without.
+def _exclusive(path: Path) -> Iterator[None]:
+    """Hold a lock file, which the system releases if the process ends.
+
+    On systems without locks, continue without.
     """
     lock = None
     try:
         with contextlib.suppress(OSError):
             lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        while lock is not None and not _locked(lock):
+        while lock is not None and not _try_lock(lock):
             waiting.heed()
             time.sleep(POLL)
         yield
@@ -110,8 +108,8 @@ def _alone(path: Path) -> Iterator[None]:
             os.close(lock)
 
 
-def _locked(lock: int) -> bool:
-    """Lock an open file at once; False where another process has it."""
+def _try_lock(lock: int) -> bool:
+    """Try to lock an open file; return False if another process has the lock."""
     try:
         if fcntl is not None:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,10 +1,9 @@
-"""Time slices of a source in step with a clock: read ahead by a thread, no more than a few in
-memory.
+"""Time slices of a source for each step of a run, read ahead by a thread, a few in memory.
 
-For a step [begin, end] two slices bracket the time. Where a node of the source's time axis falls
-inside the step, the values at begin and end are interpolated first, so that a step always sees one
-straight line in time. Where a step lies partly before the first or after the last node, that node's
-values hold for the rest of this one step.
+For a step [begin, end], two slices bracket the time. If a time of the source falls inside the step,
+the fields at begin and end are interpolated first, so that the field is always linear in time
+within a step. If a step begins before the first time or ends after the last, the first or last
+slice is used for the uncovered part of that step.
 """
 
 from bisect import bisect_left, bisect_right
@@ -20,20 +19,20 @@ from geo.array import Array
 from geo.forcing.sources import Source
 from geo.grids import fill as filling
 
-# times the usual interval: a longer one is a hole in the data, not something to interpolate over
+# in units of the usual interval: a longer gap is a hole in the data and is not interpolated over
 LONGEST_GAP = 3
 
 Times = npt.NDArray[np.datetime64]
-Key = int | float  # an index of a slice, or a time [s] between two
+Key = int | float  # index of a slice, or a time [s] between two slices
 
 
 def holes_of(source: Source) -> list[tuple[np.datetime64, np.datetime64]]:
-    """Return the (begin, end) of the holes in a source: between them it has nothing."""
+    """Return the (begin, end) of the holes in a source's data; none for a gapless source."""
     return [] if source.gapless else holes(source.times)
 
 
 def holes(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
-    """Return the (begin, end) of the holes in a source's times: between them it has nothing."""
+    """Return the (begin, end) of the gaps that are too long to be interpolated over."""
     if times.size < 2:
         return []
     steps = np.diff(times.astype("datetime64[s]"))
@@ -42,16 +41,14 @@ def holes(times: Times) -> list[tuple[np.datetime64, np.datetime64]]:
 
 
 def spans(source: Source) -> list[tuple[np.datetime64, np.datetime64]]:
-    """Return the (begin, end) of the spans in which a source that is not steady has something."""
+    """Return the (begin, end) of the time spans with data, for a source that is not steady."""
     inner = [end for hole in holes_of(source) for end in hole]
     ends = [source.times[0], *inner, source.times[-1]]
     return list(zip(ends[::2], ends[1::2], strict=True))
 
 
 class Bracket(NamedTuple):
-    """The slices on both sides of a step, and the weight of the later one at its lower and upper
-    time.
-    """
+    """The slices before and after a step, and the weight of the later one at its two ends."""
 
     earlier: Key
     later: Key
@@ -60,26 +57,24 @@ class Bracket(NamedTuple):
 
 
 class Slices:
-    """The slices of one source, read ahead in a pool and filled towards the coast.
+    """The slices of one source, read ahead in a thread pool and filled toward the coast.
 
-    Land nodes take the means of their neighbours, `cells` deep (0: nothing is filled), and beyond
-    that the value of the nearest wet node within REACH.
+    Land nodes take the mean of their neighbours, up to `cells` deep (0: no filling); beyond that,
+    the value of the nearest wet node within REACH.
     """
 
     def __init__(self, source: Source, cells: int, ahead: int, pool: ThreadPoolExecutor) -> None:
         self.source, self.cells, self.ahead, self._pool = source, cells, ahead, pool
         self.seconds = notation.epochs(source.times)
         steps = np.diff(self.seconds)
-        # a search of few in Python is faster than in NumPy
+        # for short lists, searching in Python is faster than in NumPy
         self._nodes: list[int] = self.seconds.tolist()
         self._steps: list[int] = steps.tolist()
-        self._usual = float(np.median(steps)) if steps.size else 0.0
-        self._reading: dict[int, Future[Array]] = {}
+        self._usual_step = float(np.median(steps)) if steps.size else 0.0
+        self._pending: dict[int, Future[Array]] = {}
 
     def bracket(self, low: int, high: int) -> Bracket | None:
-        """Return the bracket of the step [low, high] [s since 1970], or None where the source has
-        nothing.
-        """
+        """Return the bracket of the step [low, high] [s since 1970]; None if there is no data."""
         nodes = self._nodes
         if not nodes:
             return Bracket(0, 0, 0.0, 0.0)
@@ -89,7 +84,7 @@ class Slices:
             return Bracket(float(low), float(high), 0.0, 1.0)
         i = min(bisect_right(nodes, low) - 1, len(nodes) - 2)
         j = max(bisect_left(nodes, high), i + 1)
-        if not self.source.gapless and max(self._steps[i:j]) > LONGEST_GAP * self._usual:
+        if not self.source.gapless and max(self._steps[i:j]) > LONGEST_GAP * self._usual_step:
             return None
         if j > i + 1:
             return Bracket(float(low), float(high), 0.0, 1.0)
@@ -97,52 +92,50 @@ class Slices:
         return Bracket(i, j, (low - nodes[i]) / span, (high - nodes[i]) / span)
 
     def get(self, key: Key) -> Array:
-        """Return the slice of a key, shape (nlat, nlon, 2) [m/s], and have the next one read
-        meanwhile.
-        """
+        """Return the slice of a key, (nlat, nlon, 2) [m/s], and start reading the next one."""
         if isinstance(key, float):
             key = min(max(key, float(self.seconds[0])), float(self.seconds[-1]))
             i = min(int(np.searchsorted(self.seconds, key, "right")) - 1, self.seconds.size - 2)
             weight = np.float32((key - self.seconds[i]) / self._steps[i])
             return np.asarray((1 - weight) * self.get(i) + weight * self.get(i + 1))
-        values = self._ready(key)
+        values = self._find_shared(key)
         if values is None:
             values = self._request(key).result()
-        if self._ready(key + self.ahead) is None:
+        if self._find_shared(key + self.ahead) is None:
             self._request(key + self.ahead)
-        for old in [k for k in self._reading if abs(k - key) > 1]:
-            del self._reading[old]
+        for old in [k for k in self._pending if abs(k - key) > 1]:
+            del self._pending[old]
         return values
 
-    def _ready(self, index: int) -> Array | None:
-        """Return a slice that another forecast has left; None where there is none."""
+    def _find_shared(self, index: int) -> Array | None:
+        """Return a slice from the shared cache; None if it is absent."""
         shelf = self.source.shelf
-        return None if shelf is None else shelf.find(self.cells, self._inside(index))
+        return None if shelf is None else shelf.find(self.cells, self._clamp_index(index))
 
-    def _inside(self, index: int) -> int:
+    def _clamp_index(self, index: int) -> int:
         return min(max(index, 0), max(self.seconds.size, 1) - 1)
 
     def _request(self, index: int) -> Future[Array]:
-        index = self._inside(index)
-        if index not in self._reading:
-            self._reading[index] = self._pool.submit(self._read, index)
-        return self._reading[index]
+        index = self._clamp_index(index)
+        if index not in self._pending:
+            self._pending[index] = self._pool.submit(self._read, index)
+        return self._pending[index]
 
     def within(self, low: int, high: int) -> int:
-        """Return how many slices a run from one time to another [s since 1970] asks for at most."""
+        """Return the largest number of slices that a run between two times [s since 1970] reads."""
         first, last = np.searchsorted(self.seconds, (low, high))
-        # one before, at the end, and ahead
+        # one before the first time, one after the last, and one read ahead
         return max(min(int(last - first) + 3, self.seconds.size), 1)
 
     def _read(self, index: int) -> Array:
         shelf = self.source.shelf
         return (
-            self._made(index)
+            self._read_and_fill(index)
             if shelf is None
-            else shelf.made(partial(self._made, index), self.cells, index)
+            else shelf.made(partial(self._read_and_fill, index), self.cells, index)
         )
 
-    def _made(self, index: int) -> Array:
+    def _read_and_fill(self, index: int) -> Array:
         values, grid = self.source.read(index), self.source.grid
         if self.cells:
             bands, inside = filling.bands(grid), self.source.domain

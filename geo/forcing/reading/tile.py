@@ -1,9 +1,8 @@
-"""A tile: two components on their own points, turned into true east and north on one regular grid.
+"""A tile: two components on their own points, converted to true east and north on a regular grid.
 
-Where the points are a regular longitude-latitude grid already, values are taken as they are.
-Everything else is carried over by the weights of `regrid.py`, each component from its own points
-(so that a staggered grid needs no averaging first), and what that costs is measured on the first
-slice.
+If the points already form a regular longitude-latitude grid, values are used unchanged. Otherwise
+each component is interpolated from its own points with the weights of `regrid.py` (so a staggered
+grid needs no averaging first). The interpolation error is measured on the first slice.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -26,10 +25,9 @@ from geo.grids.layout import Axes, Curved, Layout, Plane, Triangles, uniform
 Values = NDArray[np.float32]
 
 
-# [deg] east and north of a grid that reaches beyond this latitude are carried as one frame
+# [deg] on grids that reach beyond this latitude, vectors are interpolated in one polar frame
 ABOUT_POLE = 85.0
-# share of the fastest column that the mean vector at a pole has where all columns are the same
-# vector
+# the row at a pole is consistent if its mean vector has at least this share of the largest speed
 AGREES = 0.9
 
 
@@ -37,11 +35,10 @@ AGREES = 0.9
 class Tile:
     """How the two components of a source become vectors on a regular grid.
 
-    components, layouts: the two components and their points; matrices: their weights, None where
-    taken as they are. directions: (nlat, columns, 4) unit vectors of the components' axes, None
-    where they are east and north; dry: points whose zeros are land, per component. about_pole: lon
-    and lat of each point [rad], where east and north are carried about a pole in one frame; None
-    elsewhere.
+    layouts: points of the two components. matrices: interpolation weights, None if values are used
+    unchanged. directions: (nlat, columns, 4) unit vectors of the components' axes, None if these
+    are east and north. dry: points whose zeros are land, per component. about_pole: lon and lat of
+    each point [rad] if vectors are interpolated in a polar frame, otherwise None.
     """
 
     grid: Grid
@@ -56,10 +53,10 @@ class Tile:
 
 @dataclass(frozen=True)
 class Examined:
-    """A tile after a look at its first slice.
+    """A tile and what its first slice shows.
 
-    missing: share of nodes missing there; empty: whether all slices looked at hold nothing;
-    strange: how many values there are no speed but fill values that the file does not declare.
+    missing: share of nodes without a value; empty: all slices looked at are blank; strange: number
+    of undeclared fill values.
     """
 
     tile: Tile
@@ -78,7 +75,12 @@ def make(
 ) -> Tile:
     """Return the tile for two components and their (cropped) points.
 
-    axes: "true", "grid" or "?"; onto: the grid to carry them to, None for the one that suits them.
+    Args:
+        components: of the source.
+        layouts: their points.
+        axes: "true", "grid" or "?".
+        box: needed area; None for all.
+        onto: the regular grid to interpolate to; None to choose one.
     """
     first, second = layouts
     notes: list[str] = []
@@ -86,12 +88,12 @@ def make(
     matrices = None
     if grid is None:
         grid, coarser = target.choose(layouts, box) if onto is None else (onto, False)
-        # a grid's own axes turn round at the fold of a tripolar grid
+        # a grid's own axes reverse direction at the fold of a tripolar grid
         sign = 1.0 if axes == "true" else -1.0
         weights = regrid.weights(first, grid, sign)
         matrices = (
             weights,
-            weights if _same(first, second) else regrid.weights(second, grid, sign),
+            weights if _identical(first, second) else regrid.weights(second, grid, sign),
         )
         kind = {
             Axes: "rectilinear",
@@ -100,7 +102,7 @@ def make(
             Triangles: "triangular",
         }[type(first)]
         notes.append(
-            f"{kind} grid carried to a regular one of {grid.nlon} x {grid.nlat} nodes, "
+            f"{kind} grid regridded to a regular one of {grid.nlon} x {grid.nlat} nodes, "
             f"{grid.dlon:.4g} x {grid.dlat:.4g} degrees"
             + (
                 f", coarser than wanted to stay under {target.MOST_NODES:,} nodes"
@@ -108,17 +110,17 @@ def make(
                 else ""
             )
         )
-        if not _together(first, second):
+        if not _same_points(first, second):
             notes.append(
-                "the components stand at different points (a staggered grid): each is carried from its own"
+                "the components have different points (a staggered grid): each is regridded from its own"
             )
-    directions = _directions(grid, layouts, matrices, axes, notes)
+    directions = _axis_directions(grid, layouts, matrices, axes, notes)
     about_pole = None
     if (
         matrices is not None
         and directions is None
         and np.abs(grid.lat).max() > ABOUT_POLE
-        and _together(first, second)
+        and _same_points(first, second)
     ):
         lon, lat = layout.points(first)
         about_pole = np.radians(lon), np.radians(lat)
@@ -126,20 +128,20 @@ def make(
 
 
 def domain(tile: Tile) -> NDArray[np.bool_] | None:
-    """Return the nodes (nlat, columns) inside the source's own domain; None where all are, or none
-    can be told.
+    """Return the nodes (nlat, columns) inside the source's own domain; None if all are.
 
-    A triangular mesh ends at the coast: what is outside it may be land.
+    For a triangular mesh it is None as well: the mesh ends at the coast, so a node outside it may
+    be land.
     """
     if tile.matrices is None or any(isinstance(layout, Triangles) for layout in tile.layouts):
         return None
-    held = [m.getnnz(axis=1) > 0 for m in tile.matrices]
-    inside = (held[0] & held[1]).reshape(tile.grid.nlat, -1)
+    has_weights = [m.getnnz(axis=1) > 0 for m in tile.matrices]
+    inside = (has_weights[0] & has_weights[1]).reshape(tile.grid.nlat, -1)
     return np.concatenate([inside, inside[:, :1]], axis=1) if tile.grid.seamless else inside
 
 
-def _same(first: Layout, second: Layout) -> bool:
-    """Whether two layouts are the same in every bit; a projection may be so and not be found to be."""
+def _identical(first: Layout, second: Layout) -> bool:
+    """Return True if two layouts are bitwise equal; equal projections may not be recognized."""
     if type(first) is not type(second):
         return False
     pairs = ((getattr(first, field.name), getattr(second, field.name)) for field in fields(first))
@@ -149,8 +151,8 @@ def _same(first: Layout, second: Layout) -> bool:
     )
 
 
-def _together(first: Layout, second: Layout) -> bool:
-    """Whether two components stand at the same points."""
+def _same_points(first: Layout, second: Layout) -> bool:
+    """Return True if two components have the same points."""
     pairs = list(zip(layout.points(first), layout.points(second), strict=True))
     return all(
         a.shape == b.shape and np.allclose(a, b, atol=1e-6, equal_nan=True) for a, b in pairs
@@ -158,7 +160,7 @@ def _together(first: Layout, second: Layout) -> bool:
 
 
 def regular(first: Layout, second: Layout) -> Grid | None:
-    """Return the regular grid that both layouts are already, None where they are not."""
+    """Return the regular grid that both layouts already form; None if they do not."""
     if not (isinstance(first, Axes) and isinstance(second, Axes)):
         return None
     if first.lon.shape != second.lon.shape or first.lat.shape != second.lat.shape:
@@ -182,7 +184,7 @@ def regular(first: Layout, second: Layout) -> Grid | None:
     )
 
 
-def _directions(
+def _axis_directions(
     grid: Grid,
     layouts: tuple[Layout, Layout],
     matrices: tuple[sp.csr_matrix, sp.csr_matrix] | None,
@@ -195,7 +197,7 @@ def _directions(
         or isinstance(first, Axes)
         or (isinstance(first, Triangles) and first.projection is None)
     ):
-        return None  # the axes are east and north here, or the components have none
+        return None  # the axes are east and north, or the mesh has none
     if axes == "true":
         notes.append("components are true east and north as they stand")
         return None
@@ -206,10 +208,12 @@ def _directions(
     if isinstance(first, Plane | Triangles):
         result = rotation.plane_axes(first, lon, lat)
         how = "the projection's axes"
-    else:  # each component has its own axis: at a fold they may come from different sides
+    else:  # each component has its own axis: at a fold the two may come from different sides
         second = layouts[1] if isinstance(layouts[1], Curved) else first
         x, y = (
-            rotation.carried_axis(matrix, item.lon, item.lat, _x_axis(item) + quarter, lon, lat)
+            rotation.carried_axis(
+                matrix, item.lon, item.lat, _x_axis_angle(item) + quarter, lon, lat
+            )
             for matrix, item, quarter in (
                 (matrices[0], first, 0.0),
                 (matrices[1], second, np.pi / 2),
@@ -226,8 +230,8 @@ def _directions(
     return result
 
 
-def _x_axis(item: Curved) -> Array:
-    """Return the angle [rad] of a curved grid's x axis from east at its points."""
+def _x_axis_angle(item: Curved) -> Array:
+    """Return the angle [rad] of a curvilinear grid's x axis from east at its points."""
     return (
         item.angle
         if item.angle is not None
@@ -235,10 +239,8 @@ def _x_axis(item: Curved) -> Array:
     )
 
 
-def _components(tile: Tile, i: int) -> tuple[Array, Array, int]:
-    """Return both components of slice i at their own points, and how many undeclared fill values
-    they held.
-    """
+def _read_components(tile: Tile, i: int) -> tuple[Array, Array, int]:
+    """Return both components of slice i at their own points, and the number of undeclared fills."""
     values, strange = [], 0
     for k in (0, 1):
         value, count = slices.read_component_slice(tile.components[k], tile.layouts[k], i)
@@ -249,8 +251,8 @@ def _components(tile: Tile, i: int) -> tuple[Array, Array, int]:
     return values[0], values[1], strange
 
 
-def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return components (nlat, columns) on the grid, still along their own axes."""
+def _interpolate(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return components (nlat, columns) interpolated to the grid, still along their own axes."""
     if tile.matrices is None:
         return np.asarray(x, np.float32), np.asarray(y, np.float32)
     shape = (tile.grid.nlat, tile.grid.columns)
@@ -266,8 +268,8 @@ def _carried(tile: Tile, x: Array, y: Array) -> tuple[NDArray[np.float32], NDArr
     return a, b
 
 
-def _finished(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Values:
-    """Turn carried components to east and north; missing where either is."""
+def _to_vectors(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Values:
+    """Rotate interpolated components to east and north; NaN where either is missing."""
     result = np.empty((tile.grid.nlat, tile.grid.nlon, 2), np.float32)
     own = tile.grid.columns
     result[:, :own, 0], result[:, :own, 1] = rotation.turn(x, y, tile.directions)
@@ -277,19 +279,21 @@ def _finished(tile: Tile, x: NDArray[np.float32], y: NDArray[np.float32]) -> Val
     if tile.grid.seamless:
         for row, inner in ((0, 1), (-1, -2)):
             if abs(tile.grid.lat[row]) > 90.0 - 1e-6:
-                result[row] = _at_pole(
+                result[row] = _pole_row(
                     result[row], result[inner], tile.grid.lon, float(tile.grid.lat[row])
                 )
     return result
 
 
-def _at_pole(own: Values, inner: Values, lon: Array, lat: float) -> Values:
-    """Return the row of a pole, where all columns are one place: one vector, as east and north at
-    each meridian.
+def _pole_row(own: Values, inner: Values, lon: Array, lat: float) -> Values:
+    """Return the row at a pole, where all columns are one point: one vector for all meridians.
 
-    Files write it in several ways. Where a file's own columns do not agree it is the mean of the
-    row before the pole.
+    Files store it in several ways. If the columns of a file disagree, the vector is the mean of
+    the adjacent row.
 
+    Args:
+        own: east and north [m/s] in the row at the pole, shape (nlon, 2).
+        inner: those in the adjacent row, shape (nlon, 2).
     Args:
         own: east and north [m/s] of the row of the pole, shape (nlon, 2).
         inner: those of the row before it, shape (nlon, 2).
@@ -298,7 +302,7 @@ def _at_pole(own: Values, inner: Values, lon: Array, lat: float) -> Values:
     """
 
     def mean(row: Values) -> Array:
-        """Return the mean vector [m/s] as it is at the meridian of 0."""
+        """Return the mean vector [m/s], in the frame of the prime meridian."""
         each = np.stack(sphere.to_pole(np.radians(lon), lat, *row.astype(float).T), axis=-1)[:-1]
         known = np.isfinite(each).all(axis=1)
         return np.asarray(each[known].mean(axis=0) if known.any() else np.full(2, np.nan))
@@ -312,26 +316,30 @@ def _at_pole(own: Values, inner: Values, lon: Array, lat: float) -> Values:
 def read_tile(tile: Tile, i: int) -> Values:
     """Return slice i: float32 (nlat, nlon, 2), true east and north [m/s], NaN missing.
 
-    Any thread may call it.
+    It is safe to call from any thread.
     """
-    x, y, _ = _components(tile, i)
-    return _finished(tile, *_carried(tile, x, y))
+    x, y, _ = _read_components(tile, i)
+    return _to_vectors(tile, *_interpolate(tile, x, y))
 
 
 def examine(tile: Tile, count: int, seen: Survey) -> Examined:
-    """Return what the first slice shows: what is missing, what regridding costs, and which nodes
-    are land.
+    """Examine the first slice: missing share, land nodes, and the cost of regridding.
+
+    Args:
+        tile: to examine; its `dry` is set in the result.
+        count: number of slices of the source.
+        seen: the survey of the source.
     """
     notes: list[str] = []
     if seen.dry:
-        tile = replace(tile, dry=_dry(tile, seen.looked_at))
-    x, y, strange = _components(tile, 0)
+        tile = replace(tile, dry=_dry_points(tile, seen.looked_at))
+    x, y, strange = _read_components(tile, 0)
     if strange:
         notes.append(
             f"{strange} values of the first slice are fill values that the file does not declare: missing"
         )
-    a, b = _carried(tile, x, y)
-    first = _finished(tile, a, b)
+    a, b = _interpolate(tile, x, y)
+    first = _to_vectors(tile, a, b)
     missing = float(np.isnan(first[..., 0]).mean())
     empty = missing == 1.0 and not any(
         np.isfinite(read_tile(tile, i)).any() for i in {count // 2, count - 1} - {0}
@@ -341,7 +349,9 @@ def examine(tile: Tile, count: int, seen: Survey) -> Examined:
     return Examined(tile, missing, empty, strange, tuple(notes))
 
 
-def _dry(tile: Tile, looked_at: tuple[int, ...]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _dry_points(
+    tile: Tile, looked_at: tuple[int, ...]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the points of each component that are exactly zero, or missing, in all these slices."""
     zero = [still(tile, i) for i in looked_at]
     return np.logical_and.reduce([u for u, _ in zero]), np.logical_and.reduce([v for _, v in zero])
@@ -349,7 +359,7 @@ def _dry(tile: Tile, looked_at: tuple[int, ...]) -> tuple[NDArray[np.bool_], NDA
 
 def still(tile: Tile, i: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the points of each component that are exactly zero, or missing, in slice i."""
-    values = _components(tile, i)[:2]
+    values = _read_components(tile, i)[:2]
     u, v = (
         slices.still(value / c.factor, c, i) | np.isnan(value)
         for value, c in zip(values, tile.components, strict=True)

@@ -1,1 +1,1 @@
-"""When the slices of a file are: clocks, means, forecasts in several runs."""
+"""Times of slices: units and calendars, means over intervals, overlapping forecast runs."""

@@ -1,11 +1,10 @@
-"""The time of a slice that is a mean over an interval.
+"""Times of slices that are means over an interval.
 
-A mean is nearest to what it is made of at the middle of its interval, and files stamp it at the
-start, the middle or the end. Time bounds say where the interval lies; without them its length
-follows from the spacing of the slices, and its place from the product, where that is known, or from
-the case. A linear interpolation of means placed so is of second order: of a sinusoid of period P,
-means over T that follow each other keep (sin(x) / x)^3 with x = pi T / P, slices at an instant
-(sin(x) / x)^2.
+A mean is the best estimate for the middle of its interval, but files stamp it at the start, the
+middle or the end. Time bounds give the interval. Without bounds its length is the spacing of the
+slices, and its position follows from the product, if that is known, or from the case. Linear
+interpolation of means placed this way is of second order: with x = pi T / P, means over consecutive
+intervals T keep (sin(x) / x)^3 of the amplitude of a sinusoid of period P, instants (sin(x) / x)^2.
 """
 
 import re
@@ -24,17 +23,17 @@ from geo.forcing.times.clock import Times
 
 STAMPS = ("start", "middle", "end", "instant")
 CELLS = "datetime64[s]"
-# times the usual interval between two stamps, from which a slice between them is absent
+# in units of the usual interval: a longer one means that a slice is absent
 APART = 1.5
 MONTH = (28 * 86400, 31 * 86400)  # [s]
-SLACK = 0.02  # share of an interval by which a stamp may lie outside it: bounds in single precision
+SLACK = 0.02  # tolerance for stamps outside their bounds, as a share of the interval
 
-# Names of data sets of the Copernicus Marine Service end in what a slice is: a mean (m) or an
+# Names of Copernicus Marine Service data sets end with the type of their slices: mean (m) or
 # instant (i).
 COPERNICUS = re.compile(r"cmems_(?:mod|obs)[\w.\-]*_PT?\d+[HDMYS]-(m|i)(?![A-Za-z])")
-# Methods whose value is near that at the middle of an interval, and those of an instant.
+# cell methods whose value is a good estimate for the middle of the interval
 MEANS = ("mean", "average", "avg", "median", "mid_range")
-# Methods of CF, GRIB and XIOS that give no velocity; any other word is ignored.
+# methods of CF, GRIB and XIOS that give no velocity; other words are ignored
 OTHERS = (
     "sum",
     "maximum",
@@ -69,11 +68,9 @@ _WORDS = re.compile(
 
 @dataclass(frozen=True)
 class Method:
-    """What a variable is over time: "mean", "point", another of CF's cell methods, or "" where
-    nothing says so.
+    """Cell method of a variable over time: "mean", "point", another CF method, or "" if unknown.
 
-    stamp: where in their interval its means are stamped, "" where nothing says so; why: what says
-    it.
+    stamp: where in its interval a mean is stamped, "" if unknown; why: the evidence, for messages.
     """
 
     kind: str
@@ -82,7 +79,7 @@ class Method:
 
 
 def method_of(data: xr.Dataset, name: str, time_name: str | None, path: str) -> Method:
-    """Return what a variable is over time, by its attributes and the name of its product."""
+    """Return the cell method over time, from the attributes and the name of the product."""
     attributes = data[name].attrs
     axis = {
         "time",
@@ -90,20 +87,20 @@ def method_of(data: xr.Dataset, name: str, time_name: str | None, path: str) -> 
         *clock.NAMES,
         *([time_name, *map(str, data[time_name].dims)] if time_name else []),
     }
-    product = _product(data, path)
+    product = _product_method(data, path)
     text = str(attributes.get("cell_methods", ""))
     for names, kind, rest in _METHODS.findall(re.sub(r"\([^)]*\)", " ", text)):
         if axis & {one.strip() for one in names.split(":")}:
             if re.search(r"\b(within|over)\b", rest):
                 return Method("climatology", "", f'cell_methods "{text}"')
             return Method(
-                _kind(kind),
-                product.stamp if _kind(kind) == "mean" else "",
+                _method_kind(kind),
+                product.stamp if _method_kind(kind) == "mean" else "",
                 f'cell_methods "{text}"',
             )
     for key in ("GRIB_stepType", "online_operation"):
-        kind = _kind(str(attributes.get(key, "")).strip())
-        if kind:  # GRIB gives the time of an average's end
+        kind = _method_kind(str(attributes.get(key, "")).strip())
+        if kind:  # GRIB stamps an average at its end
             return Method(
                 kind,
                 "end" if kind == "mean" and key == "GRIB_stepType" else "",
@@ -119,13 +116,13 @@ def method_of(data: xr.Dataset, name: str, time_name: str | None, path: str) -> 
     )
 
 
-def _kind(method: str) -> str:
+def _method_kind(method: str) -> str:
     low = method.lower()
     return "mean" if low in MEANS else "point" if low in POINTS else low if low in OTHERS else ""
 
 
-def _product(data: xr.Dataset, path: str) -> Method:
-    """Return what the name of a product says, in a file's path or its own attributes."""
+def _product_method(data: xr.Dataset, path: str) -> Method:
+    """Return the method that a Copernicus product name states, in the path or in attributes."""
     for text in (path, *(str(value) for value in data.attrs.values())):
         match = COPERNICUS.search(text)
         if match:
@@ -139,10 +136,19 @@ def _product(data: xr.Dataset, path: str) -> Method:
 def bounds_of(
     data: xr.Dataset, time_name: str, times: Times, zone: int | None
 ) -> tuple[Times | None, list[str]]:
-    """Return the interval of each of a file's times, (n, 2) [UTC], None without bounds, and
-    remarks.
+    """Return the interval of each time of a file, and notes.
 
-    Raises UserError where bounds contradict their times.
+    Args:
+        data: the file's dataset.
+        time_name: the time variable.
+        times: decoded, UTC, shape (n,).
+        zone: [s] ahead of UTC that the case states; None for none.
+
+    Returns:
+        Intervals [UTC], shape (n, 2), or None without bounds; and notes.
+
+    Raises:
+        UserError: bounds contradict their times.
     """
     variable = data[time_name]
     name = str(variable.attrs.get("bounds", ""))
@@ -150,15 +156,15 @@ def bounds_of(
         return None, []
     if name not in data.variables:
         return None, [f'"{time_name}" names bounds "{name}" that the file lacks']
-    held = data[name]
-    values = np.asarray(held.values)
+    bounds = data[name]
+    values = np.asarray(bounds.values)
     if values.ndim == 1 and variable.ndim == 0:
         values = values[None, :]
     elif (
         variable.ndim == 1
-        and held.ndim == 2
-        and held.dims[1] == variable.dims[0]
-        and held.dims[0] != held.dims[1]
+        and bounds.ndim == 2
+        and bounds.dims[1] == variable.dims[0]
+        and bounds.dims[0] != bounds.dims[1]
     ):
         values = values.T
     if values.shape[-1:] != (2,) or values.ndim != 2 or len(values) < len(times):
@@ -170,17 +176,17 @@ def bounds_of(
             f'"{name}" has missing values: not used'
         ]
     units, calendar = (str(variable.attrs.get(key, "")) for key in ("units", "calendar"))
-    own = str(held.attrs.get("units", ""))
+    own = str(bounds.attrs.get("units", ""))
     if own and own.strip() != units.strip() and epoch.is_shifted(own):
         units = own
-    calendar = str(held.attrs.get("calendar", calendar)) or "standard"
+    calendar = str(bounds.attrs.get("calendar", calendar)) or "standard"
     cells = np.sort(clock.dates(numbers, units, calendar.lower(), name, zone), axis=1)
-    _check(cells, times, name)
+    _check_bounds(cells, times, name)
     return cells, []
 
 
-def _check(cells: Times, times: Times, name: str) -> None:
-    """Reject bounds that do not hold their times, or whose middles are no times of their own."""
+def _check_bounds(cells: Times, times: Times, name: str) -> None:
+    """Raise UserError for bounds that do not contain their times, or that are out of order."""
     slack = (cells[:, 1] - cells[:, 0]) * SLACK + np.timedelta64(1, "s")
     outside = np.flatnonzero((times < cells[:, 0] - slack) | (times > cells[:, 1] + slack))
     if outside.size:
@@ -194,28 +200,32 @@ def _check(cells: Times, times: Times, name: str) -> None:
         len(times) > 1
         and (np.sign(np.diff(middles.astype(int))) != np.sign(np.diff(times.astype(int)))).any()
     ):
-        raise UserError(
-            f'"{name}" gives slices of different times intervals that do not follow each other'
-        )
+        raise UserError(f'"{name}" gives intervals that are not in the order of their times')
 
 
 def slice_times(
     times: Times, cells: Times, method: Method, stated: str, key: str
 ) -> tuple[Times, Times | None, list[str]]:
-    """Return the times of slices, their intervals (n, 2) or None for instants, and remarks.
+    """Return the times of slices, their intervals (n, 2) or None for instants, and notes.
 
-    times: as the files have them, rising; cells (n, 2): by bounds, NaT without; stated: where in
-    their interval the case says that they are stamped, "" where it does not; key: of the case that
-    states it.
+    Args:
+        times: as in the files, increasing, shape (n,).
+        cells: intervals by bounds, NaT for none, shape (n, 2).
+        method: cell method over time.
+        stated: where the case says that times lie in their intervals, "" if it does not.
+        key: of the case that states it, for messages.
+
+    Raises:
+        UserError: only some of the slices have bounds.
     """
     if stated == "instant":
         return times, None, ["times are taken as instants, as the case states"]
     if stated:
-        return _by_spacing(times, stated, "as the case says")
+        return _place_by_spacing(times, stated, "as the case says")
     known = ~np.isnat(cells[:, 0])
     if known.all() and method.kind != "point":
         moved = _middles(cells)
-        return moved, cells, [_told(cells, times, moved, "by their time bounds")]
+        return moved, cells, [_describe_means(cells, times, moved, "by their time bounds")]
     if known.any() and method.kind != "point":
         raise UserError(
             f'some files have time bounds and some have none; state {key} = "start", "middle" or "end"'
@@ -228,46 +238,47 @@ def slice_times(
         method = Method("mean", "", "slices a month apart")
     if method.kind != "mean" or len(times) < 2:
         return times, None, []
-    if _at_middle(times):
-        return _by_spacing(times, "middle", f"{method.why}, and stamps at half their spacing")
+    if _are_midpoints(times):
+        return _place_by_spacing(times, "middle", f"{method.why}, and stamps at half their spacing")
     if method.stamp:
-        return _by_spacing(times, method.stamp, method.why)
+        return _place_by_spacing(times, method.stamp, method.why)
     usual = np.median(np.diff(times))
     return (
         times,
         None,
         [
-            f"WARNING: means over {_hours(usual)} ({method.why}), and nothing says whether they are stamped at the start, the "
-            f'middle or the end: taken for the middle, which may be {_hours(usual / 2)} off; state {key} = "start", '
+            f"WARNING: means over {_format_hours(usual)} ({method.why}), and nothing says whether they are stamped at the start, the "
+            f'middle or the end: taken for the middle, which may be {_format_hours(usual / 2)} off; state {key} = "start", '
             '"middle" or "end"'
         ],
     )
 
 
 def held(times: Times, cells: Times) -> tuple[Times, NDArray[np.int64]]:
-    """Return times with the begin of the first interval and the end of the last, and the slice that
-    each has.
+    """Return times with the outer edges of the first and the last interval added.
 
-    There the outermost means hold.
+    The outermost means hold up to these edges. The second value is the index of the slice for each
+    time.
     """
     every = np.arange(len(times))
     index = np.concatenate(([0], every, [len(times) - 1]))
     return np.concatenate((cells[:1, 0], times, cells[-1:, 1])), index
 
 
-def _by_spacing(times: Times, stamp: str, why: str) -> tuple[Times, Times | None, list[str]]:
-    """Place means by their stamps alone: an interval is as long as to the next stamp, or the usual
-    one at a gap.
+def _place_by_spacing(times: Times, stamp: str, why: str) -> tuple[Times, Times | None, list[str]]:
+    """Place means by their stamps alone: an interval lasts until the next stamp.
+
+    At a gap it has the usual length.
     """
     if len(times) < 2:
         return times, None, []
     steps, usual = np.diff(times), np.median(np.diff(times)).astype("timedelta64[s]")
     steps = np.where(steps > APART * usual, usual, steps)
     if stamp == "start":
-        last = _months(times[-1:], 1) - times[-1:] if _monthly(times) else steps[-1:]
+        last = _add_months(times[-1:], 1) - times[-1:] if _are_month_starts(times) else steps[-1:]
         begin, end = times, times + np.concatenate((steps, last))
     elif stamp == "end":
-        first = times[:1] - _months(times[:1], -1) if _monthly(times) else steps[:1]
+        first = times[:1] - _add_months(times[:1], -1) if _are_month_starts(times) else steps[:1]
         begin, end = times - np.concatenate((first, steps)), times
     else:
         begin = times - np.concatenate((steps[:1], steps)) // 2
@@ -277,31 +288,33 @@ def _by_spacing(times: Times, stamp: str, why: str) -> tuple[Times, Times | None
     where = {"start": "stamped at their start", "end": "stamped at their end"}.get(
         stamp, "stamped at their middle"
     )
-    return moved, cells, [_told(cells, times, moved, f"{where}: {why}")]
+    return moved, cells, [_describe_means(cells, times, moved, f"{where}: {why}")]
 
 
-def _told(cells: Times, times: Times, moved: Times, why: str) -> str:
+def _describe_means(cells: Times, times: Times, moved: Times, why: str) -> str:
     lengths = np.unique(cells[:, 1] - cells[:, 0])
     over = (
-        _hours(lengths[0])
+        _format_hours(lengths[0])
         if len(lengths) == 1
-        else f"{_hours(lengths[0])} to {_hours(lengths[-1])}"
+        else f"{_format_hours(lengths[0])} to {_format_hours(lengths[-1])}"
     )
     shift = (
         ""
         if (moved == times).all()
         else f"; the slice stamped {notation.group(times[0])} is given {notation.group(moved[0])}"
     )
-    return f"means over {over}, each placed at the middle of its interval ({why}){shift}; the first and last hold to the edges of theirs"
+    return f"means over {over}, each placed at the middle of its interval ({why}){shift}; the first and last are held to the ends of their intervals"
 
 
 def _middles(cells: Times) -> Times:
     return np.asarray(cells[:, 0] + (cells[:, 1] - cells[:, 0]) // 2)
 
 
-def _at_middle(times: Times) -> bool:
-    """Whether all stamps lie half their spacing after midnight's multiples of it: 12:00 of days,
-    00:30 of hours.
+def _are_midpoints(times: Times) -> bool:
+    """Return True if all stamps lie half their spacing after its multiples.
+
+    Examples are 12:00 for daily means and 00:30 for hourly ones; for monthly means, the middle of
+    the month.
     """
     usual = int(np.median(np.diff(times)).astype(int))
     if _monthly_spacing(usual):
@@ -316,23 +329,23 @@ def _monthly_spacing(usual: int) -> bool:
     return MONTH[0] <= usual <= MONTH[1]
 
 
-def _monthly(times: Times) -> bool:
-    """Whether all stamps are the first moment of a month, and follow each other by the month."""
+def _are_month_starts(times: Times) -> bool:
+    """Return True if all stamps are the first moment of a month, with monthly spacing."""
     firsts = times == times.astype("datetime64[M]").astype(CELLS)
     return bool(firsts.all()) and _monthly_spacing(int(np.median(np.diff(times)).astype(int)))
 
 
-def _months(times: Times, by: int) -> Times:
+def _add_months(times: Times, by: int) -> Times:
     return np.asarray((times.astype("datetime64[M]") + np.timedelta64(by, "M")).astype(CELLS))
 
 
-def _hours(span: Any) -> str:
+def _format_hours(span: Any) -> str:
     hours = float(span / np.timedelta64(3600, "s"))
     return f"{hours:g} h" if hours >= 1 else f"{hours * 60:g} min"
 
 
 def join_intervals(cells: Iterable[Times | None], counts: Iterable[int]) -> Times:
-    """Return the intervals of the slices of several files, NaT for those without bounds."""
+    """Return the intervals of the slices of several files, NaT for files without bounds."""
     none = np.datetime64("NaT", "s")
     parts = [
         np.full((n, 2), none) if own is None else own for own, n in zip(cells, counts, strict=True)

@@ -1,9 +1,9 @@
-"""The times of a file's slices as UTC datetime64[s].
+"""Times of a file's slices as UTC datetime64[s].
 
-Non-standard calendars are read date by date: 360_day's 30 February has no counterpart and is
-refused. What has no meaning as a time (climatologies, "day as %Y%m%d", a zone such as MDT, a lone
-time stamp) is rejected with the key that lets the user state it. Slices at the end of a file whose
-times are missing are left out.
+Dates of non-standard calendars are kept as they are written; a date that does not exist, like 30
+February of 360_day, is rejected. Times without a definite meaning (climatologies, "day as %Y%m%d",
+zones like MDT) are rejected, and the message names the key by which the user can state the times.
+Slices at the end of a file without a time are left out.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,24 +21,30 @@ Times = NDArray[np.datetime64]
 
 NAMES = ("time", "ocean_time", "time_counter", "valid_time", "Time", "TIME", "MT", "t")
 OWN = {"standard", "gregorian", "proleptic_gregorian"}
-# earlier dates are those of climatologies and ideal runs, not of forecasts
+# earlier dates belong to climatologies and idealized runs, not to forecasts
 EARLIEST = np.datetime64("1800-01-01", "s")
-# what a variable's coordinates may name beside its axis
+# time variables that the attribute `coordinates` may name besides the axis
 CENTRED = ("time_centered", "time_instant", "valid_time")
-# netCDF's own, where no attribute declares them
+# netCDF's default fill values
 FILLS = (9.969209968386869e36, -2147483647.0, -9223372036854775806.0)
-# [s] what times in single precision are rounded to
+# [s] times in single precision are rounded to the coarsest of these that fits
 STEPS = (3600, 1800, 1200, 900, 600, 300, 60, 10)
 
 
 def variable_of(
     data: xr.Dataset, dims: Sequence[str], chosen: Mapping[str, Any], coordinates: str = ""
 ) -> str | None:
-    """Return the name of the time variable that goes with a variable of these dimensions, None
-    without one.
+    """Return the name of the time variable for a variable with these dimensions.
 
-    coordinates: the variable's attribute. Where it names a time, it is that: NEMO's axis may count
-    the ends of what `time_centered` is the middle of.
+    Args:
+        data: the file's dataset.
+        dims: of the variable.
+        chosen: `variables` of the case.
+        coordinates: attribute of the variable. A time that it names is preferred: NEMO's axis may
+            hold the ends of intervals whose middles are `time_centered`.
+
+    Returns:
+        The name, or None if there is no time.
     """
     listed = set(coordinates.split())
     if "time" in chosen:
@@ -80,31 +86,37 @@ def variable_of(
 def decode(
     data: xr.Dataset, name: str, zone: int | None = None, trim: bool = False
 ) -> tuple[Times, list[str]]:
-    """Return the times [UTC] of a time variable and remarks on how they were understood.
+    """Return the times [UTC] of a time variable, and notes on how they were interpreted.
 
-    zone: [s] ahead of UTC, as a case states it; trim: times that are missing at the end are left
-    out, else rejected.
+    Args:
+        data: the file's dataset.
+        name: of the time variable.
+        zone: [s] ahead of UTC that the case states; None for none.
+        trim: leave out missing times at the end instead of rejecting them.
+
+    Raises:
+        UserError: the times cannot be interpreted.
     """
     variable = data[name]
     values = np.atleast_1d(np.asarray(variable.values))
     units, notes = str(variable.attrs.get("units", "")), list[str]()
     if "climatology" in variable.attrs:
         raise UserError(f'"{name}" is a climatology\'s time')
-    if {"Itime", "Itime2"} <= set(data.variables):  # FVCOM: whole days and milliseconds, exact
+    if {"Itime", "Itime2"} <= set(data.variables):  # FVCOM: exact, in days and milliseconds
         start = np.datetime64("1858-11-17", "ms") - np.timedelta64(zone or 0, "s")
         days = np.atleast_1d(data["Itime"].values).astype("timedelta64[D]")
-        return _seconds(
+        return _round_to_seconds(
             start + days + np.atleast_1d(data["Itime2"].values).astype("timedelta64[ms]")
         ), notes
     if np.issubdtype(values.dtype, np.datetime64):
-        return _seconds(values), notes
+        return _round_to_seconds(values), notes
     if not epoch.is_shifted(units):
         raise UserError(f'"{name}" has units "{units}", which give no date')
     if not np.issubdtype(values.dtype, np.number):
         raise UserError(f'"{name}" holds no numbers')
     numbers = np.where(np.isin(values, FILLS), np.nan, values.astype(np.float64))
-    there = np.flatnonzero(np.isfinite(numbers))
-    kept = numbers[: there[-1] + 1] if trim and there.size else numbers
+    finite = np.flatnonzero(np.isfinite(numbers))
+    kept = numbers[: finite[-1] + 1] if trim and finite.size else numbers
     if not np.isfinite(kept).all():
         raise UserError(f'"{name}" has missing values')
     if len(kept) < len(numbers):
@@ -122,7 +134,7 @@ def decode(
             float(np.spacing(np.abs(values[: len(kept)]).max())) * epoch.parse(units, zone).seconds
         )
         if grain > 0.5:
-            times, step = _snapped(times, grain)
+            times, step = _snap_times(times, grain)
             notes.append(
                 f"times stored in single precision (to {grain:.0f} s): rounded to {step} s"
             )
@@ -132,7 +144,7 @@ def decode(
 def dates(
     numbers: NDArray[np.float64], units: str, calendar: str, name: str, zone: int | None = None
 ) -> Times:
-    """Return the times [UTC] of numbers in units of time; name: of their variable, for messages."""
+    """Return the times [UTC] of numbers in units of time; name: of the variable, for messages."""
     try:
         since = epoch.parse(units, zone)
     except UserError as error:
@@ -146,7 +158,7 @@ def dates(
             f'"{name}" has units "{units}" in calendar "{calendar}", not understood'
         ) from error
     try:
-        times = _seconds(
+        times = _round_to_seconds(
             np.array([np.datetime64(date.isoformat(), "us") for date in np.ravel(found)])
         )
     except ValueError as error:
@@ -157,9 +169,7 @@ def dates(
 
 
 def counts(data: xr.Dataset, name: str | None) -> tuple[Any, str] | None:
-    """Return what a file counts its slices by, where only their order is wanted: numbers, and their
-    units.
-    """
+    """Return numbers that give the order of a file's slices, and their units; None if unusable."""
     if name is None:
         return None
     values = np.atleast_1d(np.asarray(data[name].values))
@@ -175,23 +185,26 @@ def counts(data: xr.Dataset, name: str | None) -> tuple[Any, str] | None:
 def order(
     counted: Sequence[tuple[Any, str] | None], sizes: Sequence[int]
 ) -> NDArray[np.int64] | None:
-    """Return the order in time of the slices of all files, that a case may state their times; None:
-    as they stand.
+    """Return the order in time of the slices of all files; None to keep their order.
 
-    counted: see `counts`, of each file; sizes: of their slices. If all files count from one date,
-    all numbers are compared, else those of each file by themselves. Repeated numbers do not count.
+    It is used if a case states the times. If all files count from the same date, their numbers are
+    compared; otherwise each file is only sorted by itself.
+
+    Args:
+        counted: from `counts`, for each file.
+        sizes: number of slices of each file.
     """
-    whole = [own for own in counted if own is not None and len(np.unique(own[0])) == len(own[0])]
-    if len(whole) < len(counted) or any(
-        len(own[0]) != size for own, size in zip(whole, sizes, strict=True)
+    usable = [own for own in counted if own is not None and len(np.unique(own[0])) == len(own[0])]
+    if len(usable) < len(counted) or any(
+        len(own[0]) != size for own, size in zip(usable, sizes, strict=True)
     ):
         return None
-    if len({units for _, units in whole}) == 1 and epoch.is_shifted(whole[0][1]):
-        every = np.concatenate([numbers for numbers, _ in whole])
-        if len(np.unique(every)) == len(every):
-            return np.argsort(every, kind="stable")
+    if len({units for _, units in usable}) == 1 and epoch.is_shifted(usable[0][1]):
+        all_numbers = np.concatenate([numbers for numbers, _ in usable])
+        if len(np.unique(all_numbers)) == len(all_numbers):
+            return np.argsort(all_numbers, kind="stable")
     begins = np.cumsum([0, *sizes[:-1]])
-    falling = [bool((np.diff(numbers) < 0).all()) for numbers, _ in whole]
+    falling = [bool((np.diff(numbers) < 0).all()) for numbers, _ in usable]
     parts = [
         begin + (np.arange(size)[::-1] if turned else np.arange(size))
         for begin, size, turned in zip(begins, sizes, falling, strict=True)
@@ -199,13 +212,13 @@ def order(
     return np.concatenate(parts)
 
 
-def _seconds(times: NDArray[np.datetime64]) -> Times:
+def _round_to_seconds(times: NDArray[np.datetime64]) -> Times:
     rounded = times.astype("datetime64[us]") + np.timedelta64(500_000, "us")
     return rounded.astype("datetime64[s]")
 
 
-def _snapped(times: Times, grain: float) -> tuple[Times, int]:
-    """Round to the coarsest step that moves no time by more than the precision it was stored with."""
+def _snap_times(times: Times, grain: float) -> tuple[Times, int]:
+    """Round to the coarsest step that moves no time by more than its stored precision."""
     seconds = times.astype(np.int64)
     for step in STEPS:
         rounded = (seconds + step // 2) // step * step
@@ -215,28 +228,25 @@ def _snapped(times: Times, grain: float) -> tuple[Times, int]:
 
 
 def replaces(times: Any) -> bool:
-    """Whether the times in a case replace the file's own."""
+    """Return True if the times in a case replace the file's own."""
     return times is not None and not (isinstance(times, Mapping) and "start" not in times)
 
 
 def zone(times: Any) -> int | None:
-    """Return the zone that a case states for a file's times [s] ahead of UTC, None where it states
-    none.
-    """
-    said = times.get("zone") if isinstance(times, Mapping) else None
-    return None if said is None else epoch.zone_of(str(said))
+    """Return the zone that a case states for a file's times [s ahead of UTC]; None if none."""
+    stated_zone = times.get("zone") if isinstance(times, Mapping) else None
+    return None if stated_zone is None else epoch.zone_of(str(stated_zone))
 
 
 def stamp(times: Any) -> str:
-    """Return where in their interval slices are stamped according to the case, "" where it does not
-    state it.
-    """
+    """Return where the case says that times lie in their intervals; "" if it does not."""
     return str(times.get("stamp") or "") if isinstance(times, Mapping) else ""
 
 
 def stated(times: Any, count: int, quantity: str) -> Times:
-    """Return the times a user states: {"start", "interval", ...}, or one time for each of `count`
-    slices.
+    """Return the times that a user states for `count` slices.
+
+    times: {"start", "interval", ...} or one time per slice.
     """
     if isinstance(times, Mapping):
         start, interval = (

@@ -1,9 +1,9 @@
 """Units of time as files write them: "hours since 2024-03-10 00:00:00 -6:00".
 
-The grammar is that of UDUNITS, which CF names: a unit with a factor, a shift ("since", "after",
-"from", "ref", "@"), a date, a time of day and a zone, which is ahead of UTC where it is positive.
-Beyond UDUNITS a date may be written with slashes or blanks, year first. What has no meaning there
-(MDT, local, UTC+8) is rejected: dropped, it would move all times.
+The grammar is that of UDUNITS, as CF requires: a unit with a factor, a shift ("since", "after",
+"from", "ref", "@"), a date, a time of day, and a zone, positive if ahead of UTC. In addition, a
+date may be written with slashes or blanks, year first. Zones without a meaning in UDUNITS (MDT,
+local, UTC+8) are rejected: ignoring them would shift all times.
 """
 
 import re
@@ -39,8 +39,8 @@ SHORT = {
     "hr": "hour",
     "d": "day",
 }
-UNEVEN = ("month", "mon", "year", "yr", "common_year")  # units that no number of seconds stands for
-FARTHEST = 18 * 3600  # [s] no zone is farther from UTC
+UNEVEN = ("month", "mon", "year", "yr", "common_year")  # units without a fixed length
+FARTHEST = 18 * 3600  # [s] largest difference of a zone from UTC
 
 _SHIFT = re.compile(r"^\s*(.*?)\s*(?:\b(?:since|after|from|ref)\b|@)\s*(\S.*?)\s*$", re.IGNORECASE)
 _UNIT = re.compile(r"^(?:(\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)\s*\*?\s*)?([A-Za-z]+)$")
@@ -63,15 +63,15 @@ _ZONE = re.compile(r"^([+-])(\d{1,2}):?(\d{2})?$")
 
 
 class ZoneError(UserError):
-    """A zone that has no meaning: the case can state it."""
+    """A zone without a definite meaning; the case can state it instead."""
 
 
 @dataclass(frozen=True)
 class Epoch:
-    """Units of time: numbers times `scale` are `unit`s, as cftime calls them, since a date and time
-    in a zone.
+    """Units of time: number * scale `unit`s since a date and time of day in a zone.
 
-    seconds: of a number; moment: "2024-03-10 00:00:00"; zone: [s] ahead of UTC.
+    unit: name for cftime; seconds: length of 1 in the file's units; moment: "2024-03-10 00:00:00";
+    zone: [s] ahead of UTC.
     """
 
     unit: str
@@ -82,30 +82,35 @@ class Epoch:
 
     @property
     def units(self) -> str:
-        """What cftime reads, without the zone."""
+        """The units as cftime reads them, without the zone."""
         return f"{self.unit}s since {self.moment}"
 
 
 def is_shifted(units: str) -> bool:
-    """Whether units count from a date, whatever the date looks like."""
+    """Return True if units count from a date, in whatever format."""
     match = _SHIFT.match(units)
     unit = _UNIT.match(match[1]) if match else None
     if match is None or unit is None or not any(letter.isdigit() for letter in match[2]):
         return False
-    return _name(unit[2]) is not None or unit[2].lower().rstrip("s") in UNEVEN
+    return _unit_name(unit[2]) is not None or unit[2].lower().rstrip("s") in UNEVEN
 
 
 def parse(units: str, zone: int | None = None) -> Epoch:
-    """Return units of time, read as UDUNITS reads them.
+    """Return units of time, parsed as UDUNITS does.
 
-    zone: [s] ahead of UTC, as a case states it in place of what follows the time of day.
-    Raises UserError where a part of them has no meaning.
+    Args:
+        units: as the file writes them.
+        zone: [s] ahead of UTC that the case states, which replaces the file's zone.
+
+    Raises:
+        ZoneError: the zone has no meaning.
+        UserError: another part has no meaning.
     """
     match = _SHIFT.match(units)
     unit = _UNIT.match(match[1]) if match else None
     if match is None or unit is None:
         raise UserError(f'units "{units}" give no date')
-    name = _name(unit[2])
+    name = _unit_name(unit[2])
     if name is None:
         raise UserError(f'units "{units}": "{unit[2]}" is no unit of time with a fixed length')
     scale = float(unit[1] or 1.0)
@@ -114,32 +119,32 @@ def parse(units: str, zone: int | None = None) -> Epoch:
         name, scale = "day", seconds / SECONDS["day"]
     elif name == "nanosecond":
         name, scale = "microsecond", scale / 1000.0
-    whole = _MOMENT.fullmatch(match[2])
+    complete = _MOMENT.fullmatch(match[2])
     begin = _BEGIN.match(match[2])
-    if begin is not None and whole is None:
+    if begin is not None and complete is None:
         rest = match[2][begin.end() :].strip()
         timed = begin["hour"] is None and begin["hour_p"] is None and re.match(r"[^+-]*\d", rest)
         if timed or re.fullmatch(r"[ap]\.?m\.?", rest, re.IGNORECASE):
             raise UserError(
                 f'units "{units}": "{rest}" after the date is no time of day, as 06:00:00 on a 24 hour clock is'
             )
-    if begin is None or (whole is None and zone is None):
+    if begin is None or (complete is None and zone is None):
         rest = "" if begin is None else match[2][begin.end() :].strip()
         if rest:
             raise ZoneError(f'units "{units}": "{rest}" after the time has no meaning as a zone')
         raise UserError(f'units "{units}": "{match[2]}" is no date and time')
-    part = (whole or begin).groupdict()
-    own = 0 if whole is None or zone is not None else _offset(part)
+    part = (complete or begin).groupdict()
+    own = 0 if complete is None or zone is not None else _zone_offset(part)
     if zone is None and part["hour"] is None and part["hour_p"] is None and own:
         raise ZoneError(f'units "{units}": "{match[2]}" may end in a zone or in a time of day')
     if abs(own) > FARTHEST and zone is None:
         raise ZoneError(f'units "{units}": no zone is that far from UTC')
-    epoch = Epoch(name, scale, seconds, _moment(part), own)
+    epoch = Epoch(name, scale, seconds, _format_moment(part), own)
     return epoch if zone is None else replace(epoch, zone=zone)
 
 
 def zone_of(text: str) -> int:
-    """Return a zone that a case states, "-06:00", "+5:30", "UTC" or "Z", as seconds ahead of UTC."""
+    """Return a zone of a case ("-06:00", "+5:30", "UTC" or "Z") in seconds ahead of UTC."""
     if text.strip().upper() in ("UTC", "GMT", "Z"):
         return 0
     match = _ZONE.match(text.strip())
@@ -151,8 +156,8 @@ def zone_of(text: str) -> int:
     return -seconds if match[1] == "-" else seconds
 
 
-def _name(word: str) -> str | None:
-    """Return the unit that a word stands for, in the singular; None for any other."""
+def _unit_name(word: str) -> str | None:
+    """Return the singular name of a unit of time; None if the word is no such unit."""
     folded = word.lower()
     for text in (folded, folded.removesuffix("s")):
         if text in SECONDS:
@@ -162,7 +167,7 @@ def _name(word: str) -> str | None:
     return None
 
 
-def _moment(part: dict[str, str | None]) -> str:
+def _format_moment(part: dict[str, str | None]) -> str:
     """Return a date and time of day as cftime reads them."""
 
     def first(name: str, otherwise: str) -> str:
@@ -179,14 +184,14 @@ def _moment(part: dict[str, str | None]) -> str:
     )
     if hour > 23 or minute > 59 or second > 60.0:
         raise UserError(f"{hour:02d}:{minute:02d}:{second:g} is no time of day")
-    # cftime knows no 60th second; times are rounded to whole seconds.
+    # cftime has no 60th second; times are rounded to whole seconds later.
     return (
         f"{year:04d}-{month:02d}-{day:02d} {hour:02d}:{minute:02d}:{min(second, 59.999999):09.6f}"
     )
 
 
-def _offset(part: dict[str, str | None]) -> int:
-    """Return how far a written zone is ahead of UTC [s]: 6, -6, -3:30, -0600."""
+def _zone_offset(part: dict[str, str | None]) -> int:
+    """Return the offset of a written zone from UTC [s], from 6, -6, -3:30 or -0600."""
     digits = part.get("off") or part.get("plain")
     if digits is None:
         return 0
@@ -203,7 +208,7 @@ def _offset(part: dict[str, str | None]) -> int:
 
 
 def seconds_of(unit: str) -> float | None:
-    """Return the seconds of a unit of time that counts from no date: "hours"; None for any other."""
+    """Return the length [s] of a unit of time without a date, like "hours"; None otherwise."""
     match = _UNIT.match(unit.strip())
-    name = _name(match[2]) if match else None
+    name = _unit_name(match[2]) if match else None
     return None if match is None or name is None else float(match[1] or 1.0) * SECONDS[name]

@@ -1,8 +1,8 @@
-"""Times that several files of a source share: common boundaries, and forecasts that overlap.
+"""Times that several files of a source share: at file boundaries and in overlapping forecasts.
 
-Where the values are the same, one of them is taken. Where they differ, the file whose run is later
-counts from its first time to its last, so that slices of two runs never alternate. ERA5's final
-values count before its preliminary ones.
+If the values are equal, one of them is used. If they differ, the file of the later run is used from
+its first time to its last, so that slices of two runs never alternate. Final values of ERA5 are
+preferred to preliminary ones.
 """
 
 import os
@@ -20,9 +20,9 @@ from geo.errors import UserError
 from geo.files import dataset
 from geo.forcing.times import clock, versions
 
-COMPARED = 64  # pairs of files whose values are compared; of others it is assumed that they differ
-COMPARED_REMOTE = 4  # pairs of addresses
-LOOKED_AT = 2**16  # values of a slice that are compared, at most
+COMPARED = 64  # number of pairs of files whose values are compared; others are assumed to differ
+COMPARED_REMOTE = 4  # number of pairs of addresses
+LOOKED_AT = 2**16  # largest number of values compared per slice
 ROUNDING = 4.0 * float(np.finfo(np.float32).eps)
 
 Slice = tuple[xr.Dataset, str, str | None, int]
@@ -30,13 +30,13 @@ Slice = tuple[xr.Dataset, str, str | None, int]
 
 @dataclass(frozen=True)
 class _Run:
-    """The slices of one file: their indices among all, their times [s], and when the run began [s]."""
+    """The slices of one file: indices among all slices, times [s], and start of its run [s]."""
 
     path: str
     index: NDArray[np.int64]
     times: NDArray[np.int64]
     began: int
-    version: NDArray[np.int64]  # ERA5's, 0 without
+    version: NDArray[np.int64]  # ERA5's `expver`, 0 without
 
 
 def resolved(
@@ -46,15 +46,19 @@ def resolved(
     fixed: Mapping[str, int],
     notes: list[str],
 ) -> NDArray[np.int64]:
-    """Return which slices count, in order of time, each time once.
+    """Return the indices of the slices to use, in order of time, each time once.
 
-    times: of the slices; name, fixed: the variable, and its indices along all dimensions but the
-    horizontal ones and time; notes: remarks are appended to this list.
+    Args:
+        times: of all slices.
+        slices: of all files.
+        name: of the variable.
+        fixed: its indices along all dimensions except time and the horizontal ones.
+        notes: list to which notes are appended.
     """
     seconds = times.astype("datetime64[s]").astype(np.int64)
     kept = np.ones(len(seconds), bool)
     if len(np.unique(seconds)) < len(seconds):
-        runs = _runs(seconds, slices)
+        runs = _list_runs(seconds, slices)
         same, later, unseen = list[str](), list[str](), list[str]()
         for k, earlier in enumerate(runs):
             for run in runs[k + 1 :]:
@@ -62,19 +66,17 @@ def resolved(
                 if shared.size:
                     most = COMPARED_REMOTE if dataset.remote(run.path) else COMPARED
                     seen = len(same) + len(later) < most
-                    equal = seen and _equal(earlier, run, shared, slices, name, fixed)
+                    equal = seen and _equal_values(earlier, run, shared, slices, name, fixed)
                     (same if equal else later if seen else unseen).append(
-                        _settle(earlier, run, shared, equal, kept)
+                        _drop_overlap(earlier, run, shared, equal, kept)
                     )
-        notes += _told(same, later, unseen)
+        notes += _overlap_notes(same, later, unseen)
     chosen = np.flatnonzero(kept)
     return np.asarray(chosen[np.argsort(seconds[chosen], kind="stable")], np.int64)
 
 
-def _runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run]:
-    """Return the runs, the earliest first; of those that began together the one that is named last
-    counts as later.
-    """
+def _list_runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run]:
+    """Return the runs in order of their start; of equal starts the last named is later."""
     files: dict[int, list[int]] = {}
     for k, (data, *_) in enumerate(slices):
         files.setdefault(id(data), []).append(k)
@@ -82,18 +84,20 @@ def _runs(seconds: NDArray[np.int64], slices: Sequence[Slice]) -> list[_Run]:
     for own in files.values():
         data, path, along, _ = slices[own[0]]
         index = np.array(own)
-        began = _reference(data)
-        held = versions.along(data, along)
+        began = _run_start(data)
+        own_versions = versions.along(data, along)
         version = (
-            np.zeros(len(own), np.int64) if held is None else held[[slices[k][3] for k in own]]
+            np.zeros(len(own), np.int64)
+            if own_versions is None
+            else own_versions[[slices[k][3] for k in own]]
         )
         first = int(seconds[index].min())
         runs.append(_Run(path, index, seconds[index], first if began is None else began, version))
     return sorted(runs, key=lambda run: (run.began, int(run.times.min())))
 
 
-def _reference(data: xr.Dataset) -> int | None:
-    """Return when a file says that its run began [s since 1970]; None where it does not."""
+def _run_start(data: xr.Dataset) -> int | None:
+    """Return the start of a file's run [s since 1970]; None if the file does not state it."""
     for name, variable in data.variables.items():
         if (
             str(variable.attrs.get("standard_name", "")) == "forecast_reference_time"
@@ -111,12 +115,10 @@ def _reference(data: xr.Dataset) -> int | None:
     return None
 
 
-def _settle(
+def _drop_overlap(
     earlier: _Run, later: _Run, shared: NDArray[np.int64], equal: bool, kept: NDArray[np.bool_]
 ) -> str:
-    """Take the slices of two runs that do not count out of `kept`; return the run and the times
-    that are meant.
-    """
+    """Clear `kept` for slices of two runs that are not used; return a text for a note."""
     a, b = (run.version[np.isin(run.times, shared)] for run in (earlier, later))
     if not np.array_equal(np.sort(a), np.sort(b)):  # ERA5: final values before preliminary ones
         for run, other in ((earlier, later), (later, earlier)):
@@ -150,7 +152,7 @@ def _version_at(run: _Run, time: int) -> int:
     return int(run.version[np.flatnonzero(run.times == time)[0]])
 
 
-def _equal(
+def _equal_values(
     earlier: _Run,
     later: _Run,
     shared: NDArray[np.int64],
@@ -158,9 +160,7 @@ def _equal(
     name: str,
     fixed: Mapping[str, int],
 ) -> bool:
-    """Whether the values of two runs at the first, the middle and the last time that they share are
-    the same.
-    """
+    """Return True if two runs have equal values at the first, middle and last time they share."""
     far = dataset.remote(later.path)
     for time in (
         {int(shared[0])}
@@ -170,7 +170,7 @@ def _equal(
         pair = []
         for run in (earlier, later):
             k = int(run.index[np.flatnonzero(run.times == time)[0]])
-            pair.append(_sample(slices[k], name, fixed))
+            pair.append(_sample_slice(slices[k], name, fixed))
         (a, near), (b, other) = pair
         if a.shape != b.shape or (np.isnan(a) != np.isnan(b)).any():
             return False
@@ -181,8 +181,8 @@ def _equal(
     return True
 
 
-def _sample(one: Slice, name: str, fixed: Mapping[str, int]) -> tuple[Array, float]:
-    """Return values of a slice, thinned out, and how far packing puts them off."""
+def _sample_slice(one: Slice, name: str, fixed: Mapping[str, int]) -> tuple[Array, float]:
+    """Return thinned values of a slice and the rounding error of their packing."""
     data, _, along, k = one
     variable = data[name]
     index: dict[str, Any] = {dim: n for dim, n in fixed.items() if dim in variable.dims}
@@ -197,19 +197,23 @@ def _sample(one: Slice, name: str, fixed: Mapping[str, int]) -> tuple[Array, flo
     return np.asarray(thinned.values, np.float64), 0.501 * step
 
 
-def _told(same: list[str], later: list[str], unseen: list[str]) -> list[str]:
-    """Return remarks on pairs of files that have the same values, other ones, or were not compared."""
+def _overlap_notes(same: list[str], later: list[str], unseen: list[str]) -> list[str]:
+    """Return notes on pairs of files with equal values, with other values, or not compared."""
     remarks = []
     if same:
-        remarks.append(f"times that files share, with the same values, count once: {_some(same)}")
+        remarks.append(
+            f"times that files share, with equal values, are used once: {_list_some(same)}"
+        )
     if later:
-        remarks.append(f"times that files share, with other values: taken is {_some(later)}")
+        remarks.append(
+            f"times that files share, with different values: used is {_list_some(later)}"
+        )
     if unseen:
         remarks.append(
-            f"times that many files share, whose values were not compared: taken is {_some(unseen)}"
+            f"times that many files share, whose values were not compared: used is {_list_some(unseen)}"
         )
     return remarks
 
 
-def _some(listed: list[str]) -> str:
+def _list_some(listed: list[str]) -> str:
     return "; ".join(listed[:3]) + (f"; and {len(listed) - 3} more" if len(listed) > 3 else "")

@@ -1,8 +1,6 @@
-"""Forecasts that lie along two dimensions, the start of a run and the time since: converted to one
-time axis.
+"""Forecasts along two dimensions, start of the run and lead time, converted to one time axis.
 
-Each run becomes a file of its own, whose slices have valid times. Where runs overlap, the later one
-wins.
+Each run becomes a file with valid times. Where runs overlap, the later one is used.
 """
 
 import re
@@ -18,7 +16,7 @@ from geo.forcing.times import clock, epoch
 
 File = tuple[str, xr.Dataset]
 
-VALID = "valid time of a run"  # the name that valid times get; no file has one with blanks
+VALID = "valid time of a run"  # name of the new time variable; no file has a name with blanks
 SECONDS = "seconds since 1970-01-01"
 LEADS = re.compile(
     r"^(step|leads?|lead_?times?|forecast_?(hour|time|period)s?|fhour|fcst_?hour|prediction_timedelta|tau|leadhour)$",
@@ -34,39 +32,50 @@ REFERENCES = re.compile(
 def unrolled(
     files: Sequence[File], name: str, quantity: str, chosen: Mapping[str, Any], times: Any
 ) -> tuple[Sequence[File], Mapping[str, Any], list[str]]:
-    """Return files in which a variable has one axis of time, the keys that are left, and remarks.
+    """Return files in which a variable has a single time axis, the remaining keys, and notes.
 
-    Files without runs stay as they are. chosen: the case's variables, which may choose a run by its
-    index; times: what the case says of times.
+    Files without runs are returned unchanged.
+
+    Args:
+        files: paths and datasets.
+        name: of the variable.
+        quantity: for messages.
+        chosen: `variables` of the case, which may choose a run by its index.
+        times: `times` of the case.
     """
     result: list[File] = []
     notes: list[str] = []
     left = dict(chosen)
     for path, data in files:
-        found = _axes(data, name, chosen) if name in data.variables else None
+        found = _run_dims(data, name, chosen) if name in data.variables else None
         if found is None:
             result.append((path, data))
             continue
         reference, lead = found
         if reference is not None and reference in chosen:
-            data = data.isel({reference: [_index(data, reference, chosen[reference], quantity)]})
+            data = data.isel(
+                {reference: [_run_index(data, reference, chosen[reference], quantity)]}
+            )
             left.pop(reference, None)
-        own, remarks = _runs(path, data, reference, lead, quantity=quantity, times=times)
+        own, remarks = _split_runs(path, data, reference, lead, quantity=quantity, times=times)
         result += own
         notes += [r for r in remarks if r not in notes]
     return result, left, notes
 
 
-def _index(data: xr.Dataset, dim: str, given: Any, quantity: str) -> int:
-    text, size = str(given).strip(), int(data.sizes[dim])
+def _run_index(data: xr.Dataset, dim: str, value: Any, quantity: str) -> int:
+    text, size = str(value).strip(), int(data.sizes[dim])
     if not text.isdigit() or int(text) >= size:
         raise UserError(f"[[{quantity}]] variables.{dim} = {text}: it is an index, 0 to {size - 1}")
     return int(text)
 
 
-def _axes(data: xr.Dataset, name: str, chosen: Mapping[str, Any]) -> tuple[str | None, str] | None:
-    """Return the dimension of runs, None where there is one run, and that of the time since its
-    start; None without.
+def _run_dims(
+    data: xr.Dataset, name: str, chosen: Mapping[str, Any]
+) -> tuple[str | None, str] | None:
+    """Return the dimension of runs (None for a single run) and that of lead times.
+
+    None if the variable has no lead times.
     """
     dims = [str(d) for d in data[name].dims]
     leads = [d for d in dims if d not in chosen and _is_lead(data, d)]
@@ -80,7 +89,7 @@ def _axes(data: xr.Dataset, name: str, chosen: Mapping[str, Any]) -> tuple[str |
         data[n].dims == (lead,) and _is_valid(data, str(n)) for n in data.variables
     ):
         return None  # valid times lie along the lead already
-    return (None, lead) if _alone(data) is not None else None
+    return (None, lead) if _single_run_start(data) is not None else None
 
 
 def _is_lead(data: xr.Dataset, dim: str) -> bool:
@@ -107,8 +116,8 @@ def _is_valid(data: xr.Dataset, name: str) -> bool:
     return timely and epoch.is_shifted(str(attributes.get("units", "")))
 
 
-def _alone(data: xr.Dataset) -> str | None:
-    """Return the lone start of a run that a file has; None without one."""
+def _single_run_start(data: xr.Dataset) -> str | None:
+    """Return the variable with the start of a file's only run; None if there is none."""
     found = [
         str(n)
         for n, v in data.variables.items()
@@ -118,12 +127,12 @@ def _alone(data: xr.Dataset) -> str | None:
     return found[0] if len(found) == 1 else None
 
 
-def _runs(
+def _split_runs(
     path: str, data: xr.Dataset, reference: str | None, lead: str, *, quantity: str, times: Any
 ) -> tuple[list[File], list[str]]:
-    """Return a file for each run, with the slices that no later run has."""
+    """Return one file for each run, without the slices that a later run has."""
     count = int(data.sizes[reference]) if reference else 1
-    if clock.replaces(times):  # they are the case's
+    if clock.replaces(times):  # the case states the times
         if count > 1:
             raise UserError(
                 f"{path}: times are stated for one run, and it holds {count} along {reference}; choose one by its index, "
@@ -135,7 +144,7 @@ def _runs(
         stamps = xr.Variable(
             (lead,), np.asarray(since, np.float64), {"units": SECONDS, "standard_name": "time"}
         )
-        return [(path, part.drop_vars(_times_of(part)).assign({VALID: stamps}))], []
+        return [(path, part.drop_vars(_time_variables(part)).assign({VALID: stamps}))], []
     try:
         valid = _valid_times(data, reference, lead, clock.zone(times))
     except UserError as error:
@@ -156,16 +165,16 @@ def _runs(
         stamps = xr.Variable(
             (lead,), own[steps].astype(np.float64), {"units": SECONDS, "standard_name": "time"}
         )
-        files.append((path, part.drop_vars(_times_of(part)).assign({VALID: stamps})))
-    spoken = f"valid times from {reference or _alone(data)} and {lead}"
+        files.append((path, part.drop_vars(_time_variables(part)).assign({VALID: stamps})))
+    note = f"valid times from {reference or _single_run_start(data)} and {lead}"
     if count > 1:
-        spoken += f", {count} runs from {notation.group(valid[starts[-1], 0])} to {notation.group(valid[starts[0], 0])}: "
-        spoken += "where they overlap the later run is taken"
-    return files[::-1], [spoken]
+        note += f", {count} runs from {notation.group(valid[starts[-1], 0])} to {notation.group(valid[starts[0], 0])}: "
+        note += "where they overlap the later run is taken"
+    return files[::-1], [note]
 
 
-def _times_of(data: xr.Dataset) -> list[str]:
-    """Return the variables that would be taken for times in place of the valid ones."""
+def _time_variables(data: xr.Dataset) -> list[str]:
+    """Return the variables that could be mistaken for the valid times."""
     return [
         str(n)
         for n, v in data.variables.items()
@@ -176,8 +185,9 @@ def _times_of(data: xr.Dataset) -> list[str]:
 def _valid_times(
     data: xr.Dataset, reference: str | None, lead: str, zone: int | None
 ) -> clock.Times:
-    """Return the valid times of all runs, (runs, steps) [UTC]: those that the file has, else start
-    and time since.
+    """Return the valid times of all runs [UTC], shape (runs, steps).
+
+    They come from the file, otherwise from the start of the run and the lead time.
     """
     if reference:
         for name in map(str, data.variables):
@@ -187,7 +197,7 @@ def _valid_times(
                 if np.isfinite(numbers).all():
                     calendar = str(held.attrs.get("calendar", "standard")).lower()
                     return clock.dates(numbers, str(held.attrs["units"]), calendar, name, zone)
-    start = reference if reference in data.variables else _alone(data)
+    start = reference if reference in data.variables else _single_run_start(data)
     if start is None or lead not in data.variables:
         raise UserError(f"nothing says when along {reference or lead} its runs begin")
     starts, _ = clock.decode(data, start, zone)

@@ -1,7 +1,6 @@
-"""ERA5 and its preliminary values: files whose dimension `expver` holds 1 (final) and 5
-(preliminary, ERA5T).
+"""Final and preliminary values of ERA5 in one file, along the dimension `expver`.
 
-Each time is in one of the two, and missing in the other.
+1 is final, 5 is preliminary (ERA5T). Each time has values in only one of them.
 """
 
 import re
@@ -17,14 +16,15 @@ NAME = "expver"
 
 
 def merge_versions(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable:
-    """Return a variable without its dimension of versions, the least of those that have a value;
-    notes is added to.
+    """Return a variable without the dimension `expver`: at each point the lowest version present.
+
+    A note is appended to `notes`.
     """
     variable = data.variables[name]
     if variable.sizes.get(NAME, 1) < 2:
         return variable
-    order, called = _order(data, variable.sizes[NAME])
-    note = f"{NAME} {' and '.join(called[k] for k in order)} joined: each value is of the first that has it"
+    order, labels = _version_order(data, variable.sizes[NAME])
+    note = f"{NAME} {' and '.join(labels[k] for k in order)} merged: each value is from the first that has it"
     if note not in notes:
         notes.append(note)
 
@@ -41,13 +41,14 @@ def merge_versions(data: xr.Dataset, name: str, notes: list[str]) -> xr.Variable
 
 
 def along(data: xr.Dataset, dim: str | None) -> NDArray[np.int64] | None:
-    """Return the version at each time, where a file of the new format gives one, "0001" or "0005";
-    else None.
+    """Return the version at each time, "0001" or "0005" in files of the new format.
+
+    None if the file has none.
     """
     if NAME not in data.variables or dim is None or data.variables[NAME].dims != (dim,):
         return None
     return np.array(
-        [_number(_text(value)) for value in data.variables[NAME].values.tolist()], np.int64
+        [_version_number(_text(value)) for value in data.variables[NAME].values.tolist()], np.int64
     )
 
 
@@ -55,14 +56,14 @@ def _text(value: object) -> str:
     return value.decode() if isinstance(value, bytes) else str(value)
 
 
-def _number(text: str) -> int:
+def _version_number(text: str) -> int:
     hit = re.search(r"\d+", text)
     return int(hit[0]) if hit else 10**6
 
 
-def _order(data: xr.Dataset, count: int) -> tuple[list[int], list[str]]:
-    """Return the indices of versions, final ones first, and what they are called."""
+def _version_order(data: xr.Dataset, count: int) -> tuple[list[int], list[str]]:
+    """Return the indices of versions, final ones first, and their labels."""
     if NAME not in data.variables or data.variables[NAME].dims != (NAME,):
         return list(range(count)), [str(k) for k in range(count)]
-    called = [_text(value) for value in data.variables[NAME].values.tolist()]
-    return sorted(range(count), key=lambda k: _number(called[k])), called
+    labels = [_text(value) for value in data.variables[NAME].values.tolist()]
+    return sorted(range(count), key=lambda k: _version_number(labels[k])), labels

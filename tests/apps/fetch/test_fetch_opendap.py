@@ -463,7 +463,11 @@ REFUSALS = {
         ".dds",
         "sent a web page",
     ),
-    "half": (hostile.always(hostile.http(b"Dataset {" + b" " * 999)[:-500]), ".dds", "sent half"),
+    "half": (
+        hostile.always(hostile.http(b"Dataset {" + b" " * 999)[:-500]),
+        ".dds",
+        "sent an incomplete answer",
+    ),
     "no HTTP": (hostile.always(b"\x00\x01 hello"), ".dds", "broke off"),
     "silent": (hostile.silent, ".dds", "did not answer for 0.7 s"),
     "another server": (
@@ -536,7 +540,7 @@ def test_nobody_there(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("trouble", "times", "said"),
     [
-        (socket.EAI_NONAME, 1, "no machine is called sea.invalid"),
+        (socket.EAI_NONAME, 1, "no host is named sea.invalid"),
         (socket.EAI_AGAIN, 5, "stopped after"),
     ],
 )

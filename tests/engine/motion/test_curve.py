@@ -612,7 +612,7 @@ def test_the_step_is_chosen_for_what_slides_too(tmp_path: Path) -> None:
     often = ('every = "7 h"', 'every = "15 min"')
     with pytest.raises(
         drift.UserError,
-        match=r"3600 s is longer than what sliding allows .*, 600 s: .*give at most that",
+        match=r"3600 s is longer than the limit for sliding .*, 600 s: .*give at most that",
     ):
         slid(tmp_path, "1 h", often)
     fine = slid(tmp_path, "3 min", often)

@@ -370,6 +370,6 @@ def test_no_program_of_a_case_is_run_behind_a_fence(
     monkeypatch.setenv(fence.NAME, fence.fence_text(fence.Fence((tmp_path,))))
     with pytest.raises(
         UserError,
-        match=r'"own\.py" is a program, and none of a case is run here; run the case with drift run$',
+        match=r'"own\.py" is a program, and programs in a case are not run here; run the case with drift run$',
     ):
         loaded(tmp_path, iceberg(), BERG.format(at="46-45N 047-30W"))

@@ -61,7 +61,7 @@ def land(tmp_path, monkeypatch):
     monkeypatch.setenv("DRIFT_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(gshhg, "LARGE", 8)
     polygons, reads = some_land(), []
-    monkeypatch.setattr(gshhg, "_unpacked", lambda: reads.append(1) or polygons)
+    monkeypatch.setattr(gshhg, "_read_package", lambda: reads.append(1) or polygons)
     return polygons, reads
 
 
@@ -108,7 +108,7 @@ def test_what_the_file_cannot_give_back_is_not_kept(land, monkeypatch, kind):
         "finer": np.array([shapely.box(0.25, 0.3, 0.7000001, 0.5)]),
         "lake": np.array([shapely.difference(shapely.box(0, 0, 3, 3), shapely.box(1, 1, 2, 2))]),
     }[kind]
-    monkeypatch.setattr(gshhg, "_unpacked", lambda: other)
+    monkeypatch.setattr(gshhg, "_read_package", lambda: other)
     for _ in range(2):
         assert same(gshhg.near(Box(0, 0, 1, 1)), other)
     assert not gshhg.cache_folder().exists() or not list(gshhg.cache_folder().iterdir())

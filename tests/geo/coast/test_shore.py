@@ -119,7 +119,7 @@ def test_a_file_of_lakes_is_cut_out(tmp_path):
 def test_lakes_are_cut_out_of_gshhg_after_its_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("DRIFT_CACHE", str(tmp_path / "cache"))
     island = shapely.box(0, 0, 4, 3)
-    monkeypatch.setattr(gshhg, "_unpacked", lambda: np.array([island]))
+    monkeypatch.setattr(gshhg, "_read_package", lambda: np.array([island]))
     lakes = write(tmp_path / "lakes.geojson", LAKE)
     for _ in range(2):
         assert same_land(shore.land("gshhg", BOX, lakes=lakes), shapely.difference(island, LAKE))

@@ -57,7 +57,7 @@ def test_an_answer_may_be_so_large_and_no_larger() -> None:
     ("status", "passing", "words"),
     [
         (400, False, "rejects the request"), (401, False, "asks for credentials"), (403, False, "asks for credentials"),
-        (404, False, "is not there"), (410, False, "is not there"), (413, False, "too much at once"),
+        (404, False, "is not there"), (410, False, "is not there"), (413, False, "request as too large"),
         (429, True, "failed"), (500, True, "failed"), (503, True, "failed"),
     ],
 )  # fmt: skip

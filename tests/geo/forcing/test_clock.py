@@ -175,14 +175,14 @@ def test_slices_of_one_time(tmp_path: Path) -> None:
     same = written(tmp_path, [0.0, 1.0, 1.0, 2.0, 3.0, 4.0, 5.0])
     source = sources.open_source("current", same)
     check(source)
-    assert any("1 slices have the time and the values of another" in note for note in source.notes)
+    assert any("1 slices repeat the time and values of another" in note for note in source.notes)
     with xr.open_dataset(same, decode_times=False) as data:
         data.load()
     data.uo[:] = 0.01 * np.arange(7.0)[:, None, None]
     data.to_netcdf(tmp_path / "other.nc")
     with pytest.raises(
         UserError,
-        match=r"slices 2 and 3 have one time, 100100ZMAR24, and other values.*times = \{ start",
+        match=r"slices 2 and 3 have the same time, 100100ZMAR24, but different values.*times = \{ start",
     ):
         sources.open_source("current", tmp_path / "other.nc")
     told = {"start": EPOCH, "interval": np.timedelta64(3600, "s")}

@@ -558,7 +558,7 @@ def test_joined_times_must_increase(tmp_path: Path) -> None:
     assert (np.diff(source.times) == np.timedelta64(3, "h")).all()
     # c3 began later: it counts
     np.testing.assert_allclose(source.read(3)[..., 0], ramp(*AXES)[0], atol=1e-6)
-    with pytest.raises(UserError, match="do not increase"):
+    with pytest.raises(UserError, match="have the same time"):
         forcing.open_source("current", timed(tmp_path / "d.nc", [0.0, 3.0, 3.0]))
     with pytest.raises(UserError, match="named twice"):
         forcing.open_source("current", [a, a])

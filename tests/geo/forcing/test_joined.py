@@ -245,7 +245,7 @@ def test_packed_by_other_scales(tmp_path: Path) -> None:
     source = opened(*paths)
     assert len(source.times) == 25
     assert linear.worst(source) < 0.00011
-    assert any("same values" in note for note in source.notes)
+    assert any("equal values" in note for note in source.notes)
 
 
 def test_grids_of_other_points_are_refused_still(tmp_path: Path) -> None:

@@ -154,7 +154,7 @@ CASES: dict[str, tuple[Files, str, list[dict[str, Any]]]] = {
     ),
     "files of one slice without dates": (
         lambda: [about(base([k]), "time", units="h") for k in range(4)],
-        r"of several such files \[\[current\]\] times = \{ start", [{"times": HOURLY}],
+        r"for several such files \[\[current\]\] times = \{ start", [{"times": HOURLY}],
     ),
     "files in other units": (
         lambda: [base([0, 1]), about(base([2, 3]), "uo vo", units="M/S.")], r"state \[\[current\]\] units", [{"units": "m/s"}]

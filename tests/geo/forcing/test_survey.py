@@ -279,11 +279,11 @@ def test_a_wind_is_no_current_and_a_current_hardly_a_wind(tmp_path: Path) -> Non
         speed.mean(), rel=0.02
     )
     vouched = sources.open_source("current", path, plausible=True)
-    assert any("as the case vouches" in note for note in vouched.notes)
+    assert any("accepted because plausible = true" in note for note in vouched.notes)
     np.testing.assert_allclose(vouched.read(4)[..., 0], WIND[0][4], rtol=1e-6)
     chosen = {"east": "uo", "north": "vo"}
     slow = sources.open_source("wind", saved(tmp_path / "b.nc", *fields()), variables=chosen)
-    assert any("WARNING: this wind is nowhere over 0.66" in note for note in slow.notes)
+    assert any("WARNING: this wind never exceeds 0.66" in note for note in slow.notes)
     gale = sources.open_source("wind", path, variables=chosen)
     assert not any("WARNING" in note for note in gale.notes)
 

@@ -133,7 +133,8 @@ def test_edges_are_refused(tmp_path: Path) -> None:
     for says in (True, False):
         path = ugrid(tmp_path / f"{says}.nc", "edge", says=says, coordinates="node face edge")
         with pytest.raises(
-            UserError, match=r'"u" stands on the edges of its mesh \(side\).*variables = \{ east'
+            UserError,
+            match=r'"u" is defined on the edges of its mesh \(side\).*variables = \{ east',
         ):
             sources.open_source("current", path)
 

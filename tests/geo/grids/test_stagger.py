@@ -73,7 +73,7 @@ def test_roms_without_usable_points(spoil: Any, tmp_path: Path) -> None:
         assert apart(places(path, name, side), true) < bound
     source = sources.open_source("current", path, box=AREA)
     assert any(
-        "u has no places of its own: taken midway between the points of lon_rho" in n
+        "u has no coordinates of its own: taken midway between the points of lon_rho" in n
         for n in source.notes
     )
     rng = np.random.default_rng(3)
@@ -175,7 +175,7 @@ def test_side_that_nothing_tells_is_asked_for(tmp_path: Path) -> None:
     points = {n: data[n].rename(x="xi_rho", y="eta_rho") for n in ("lon_rho", "lat_rho")}
     xr.Dataset(held | points).to_netcdf(tmp_path / "b.nc")
     with pytest.raises(
-        UserError, match=r'"u" stands half a cell beside.*variables\.stagger = "after"'
+        UserError, match=r'"u" lies half a cell beside.*variables\.stagger = "after"'
     ) as caught:
         sources.open_source("current", tmp_path / "b.nc")
     assert "\n" not in str(caught.value)
