@@ -380,7 +380,7 @@ REFUSED: list[tuple[dict[str, str], str]] = [
     ({"current.0.constant": "{ speed = 1 }"}, "found speed"),
     ({"current.0.constant": "'1 kn'"}, r'current "set".constant: \'1 kn\' has no direction; write \{ speed = "15 kn", from = 240 \}'),
     ({"current.0.constant": "[{ speed = 1, toward = 3 }]"}, "constant: must be one vector, constant in time; given a list"),
-    ({"wind.0": "{ table = { speed = 5, from = 3 } }"}, "wind 1.table: is rows by time, .*; given one vector"),
+    ({"wind.0": "{ table = { speed = 5, from = 3 } }"}, "wind 1.table: must be rows by time, .*; given one vector"),
     ({"wind": "{ constant = { speed = 5, from = 3 } }"}, r"wind: must be a list of tables, \[\[wind\]\] in place of \[wind\]"),
     ({"current.0.table": "[]"}, r"found constant and table; leave one out \(--set replaces a whole source: current.0='\{ constant"),
     ({"wind.0": "{ table = [{ time = '+0 h', speed = 5, from = 3 }] }"}, "at least two rows"),

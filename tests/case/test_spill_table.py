@@ -263,11 +263,11 @@ FINDS = {
     "after the end": (AT + 'time = "+13 h"\n', "after the run's end, 211200ZNOV26"),
     "unknown class": (
         AT + TEN + 'class = "boks"\n',
-        'class "boks" is none of the spill\'s with a share: drum',
+        'class "boks" is not a class of the spill with a share: drum',
     ),
     "unknown patrol": (
         AT + TEN + 'by = "walk"\n',
-        'by "walk" is no patrol; patrols: none is given',
+        'by "walk" is not a patrol; patrols: none is given',
     ),
     "surely false": (AT + TEN + "false = 1\n", "leave it out"),
     "falser than can be": (AT + TEN + "false = 1.5\n", "1.5 must be a share, 0 to 1"),
@@ -445,7 +445,7 @@ CLASSES = {
     ),
     "a share of nothing left": (
         DRUM + BOX + "share = 1\n",
-        "they must add up to 1, and leave something for a class",
+        "they must add up to 1, and leave a remainder for classes",
     ),
     "negative share": (DRUM + "share = -1\n", "at least 0"),
     "share nan": (DRUM + "share = nan\n", "not finite"),
@@ -505,7 +505,7 @@ def test_all_destroyed_and_yet_one_found(tmp_path: Path) -> None:
 
 def test_a_class_without_a_share_is_left_out(tmp_path: Path) -> None:
     classes = DRUM + BOX + "share = 0\n"
-    assert 'class "box" is none' in refusal(
+    assert 'class "box" is not a class' in refusal(
         tmp_path, FIND + AT + TEN + 'class = "box"\n', classes=classes
     )
     loaded = case_file.load(written(tmp_path, classes=classes))

@@ -1,6 +1,4 @@
-"""Processing that is scarce, as a case file gives it: which arrays have beams to be processed, by
-whom, in what slots.
-"""
+"""The [plan.processing] table: arrays, beams and time slots for a limited number of processors."""
 
 import itertools
 import math
@@ -24,29 +22,29 @@ from geo.errors import UserError
 LEAST_SLOT = 60.0  # [s]
 MOST_SLOTS = 1000
 MOST_PROCESSORS = 200
-FINE = 200.0  # [m] by which a track may be smoothed
+FINE = 200.0  # [m] tolerance with which a track is simplified
 HERE = "plan.processing"
 
 
 class TowedTable(fields.Table):
-    """An array that is towed on a way that is known."""
+    """A towed array with a known track."""
 
     sensor: fields.Label
-    """The sonar, a [[sensor]] without a place."""
+    """The sonar: a [[sensor]] without a position."""
     name: fields.Label | None = None
-    """What the plan calls it; the sensor's name without it."""
+    """Name of the array in the plan; by default the sensor's name."""
     waypoints: Waypoints | None = None
-    """Where it is towed, rows of time and position."""
+    """Track of the array: rows of time and position."""
     track: Annotated[str, Field(min_length=1)] | None = None
-    """Or a GPX file."""
+    """In place of `waypoints`: a GPX file."""
     speed: fields.ShipSpeed | None = None
-    """At which waypoints or a track without times are passed, from `start` on."""
+    """Speed along waypoints or a track without times, from `start`."""
     start: fields.Time | None = None
-    """When it begins, where they have no times."""
+    """Time of the first position, for waypoints or a track without times."""
 
     @model_validator(mode="after")
     def one_way(self) -> "TowedTable":
-        """Refuse none or two ways, and one without times."""
+        """Reject no track or two, and waypoints without times, speed or start."""
         fields.one_of(self, ("waypoints", "track"))
         untimed = self.waypoints is not None and self.waypoints[0][0] is None
         if untimed and (self.speed is None or self.start is None):
@@ -56,15 +54,15 @@ class TowedTable(fields.Table):
             and self.waypoints is not None
             and (self.speed is not None or self.start is not None)
         ):
-            raise ValueError("speed and start are of waypoints without times; leave them out")
+            raise ValueError("speed and start belong to waypoints without times; leave them out")
         return self
 
     def listener(self, run: Run) -> Listener:
-        """Return the record; raise ValueError for what does not fit the run."""
+        """Return the record of the array; raise ValueError if it does not fit the run."""
         sensor = sonar_table.named(self.sensor, run)
         if sensor.place is not None:
             raise ValueError(
-                f'sensor "{sensor.name}" stands where its table says (at); give its name alone'
+                f'sensor "{sensor.name}" has a fixed position (at in its table); give only its name'
             )
         since = (
             None
@@ -86,22 +84,27 @@ class TowedTable(fields.Table):
 
 
 class ProcessorTable(fields.Table):
-    """One who can work on one beam at a time."""
+    """A processor, which can process one beam at a time."""
 
     name: fields.Label
-    """What the plan calls it."""
+    """Name of the processor in the plan."""
     sensors: list[fields.Label] | None = None
-    """The arrays that it can serve, by their names in `plan.processing.sensors`; without it all."""
+    """Arrays that it can serve, by their names in `plan.processing.sensors`; by default all."""
     manned: list[list[fields.Time]] = Field(default_factory=list)
-    """When it works, rows of from and to; without it always.
+    """When it works: rows [from, to]; by default always.
 
-    A slot counts that is manned all through.
+    It works only in slots that are manned from begin to end.
     """
 
     def serves(self, listeners: Sequence[Listener], asked: Sequence[str]) -> list[bool]:
-        """Return which arrays it can serve; raise ValueError for one that is not there.
+        """Return for each array whether the processor can serve it.
 
-        asked: of each listener the name under which the case asked for it.
+        Args:
+            listeners: the arrays.
+            asked: for each array its name in `plan.processing.sensors`.
+
+        Raises:
+            ValueError: an array is unknown, or there is none.
         """
         every = dict.fromkeys([*asked, *(listener.name for listener in listeners)])
         for name in self.sensors or ():
@@ -120,7 +123,15 @@ class ProcessorTable(fields.Table):
         return found
 
     def works(self, edges: Any, run: Run) -> list[bool]:
-        """Return in which slots it works; raise ValueError for hours that are none."""
+        """Return for each slot whether the processor works.
+
+        Args:
+            edges: begin and end times of the slots.
+            run: the run.
+
+        Raises:
+            ValueError: hours are invalid, or contain no slot.
+        """
         if not self.manned:
             return [True] * (len(edges) - 1)
         spans = []
@@ -133,7 +144,7 @@ class ProcessorTable(fields.Table):
                     f"manned: {notation.group(end)} is not after {notation.group(begin)}"
                 )
             spans.append((begin, end))
-        joined = _joined(spans)
+        joined = _merge_spans(spans)
         found = [
             any(a <= begin and end <= b for a, b in joined)
             for begin, end in itertools.pairwise(edges)
@@ -167,7 +178,7 @@ def _sensors(value: object) -> Any:
 def _name(value: object) -> str:
     if not isinstance(value, str):
         raise ValueError(
-            f'{value!r} is no name of a sensor, nor a table like {{ sensor = "tail", waypoints = [..] }}'
+            f'{value!r} is neither the name of a sensor nor a table like {{ sensor = "tail", waypoints = [..] }}'
         )
     return value
 
@@ -176,24 +187,25 @@ class ProcessingTable(fields.Table):
     """The [plan.processing] table as written."""
 
     slot: fields.Duration
-    """How long a processor works on a beam before it may take another."""
+    """Length of a time slot; a processor works on one beam per slot."""
     processors: Annotated[int | list[ProcessorTable], BeforeValidator(_processors)]
-    """How many there are, each for any array; or a table for each, `{ name = "P1", sensors =
+    """Number of processors, each for any array; or a table for each, `{ name = "P1", sensors =
     ["west"], manned = [["+0 h", "+8 h"]] }`.
     """
     sensors: Annotated[list[str | TowedTable], BeforeValidator(_sensors)]
-    """Arrays whose beams may be processed: `[[sensor]]`s that stand, or that a `[[tow]]` tows, by
-    their names or that of the tow; or `{ sensor = "tail", waypoints = [["+0 h", "36N 170W"], ["+9
+    """Arrays whose beams may be processed: names of `[[sensor]]`s with a position, of towed
+    `[[sensor]]`s or of a `[[tow]]`; or `{ sensor = "tail", waypoints = [["+0 h", "36N 170W"], ["+9
     h", "36N 169W"]] }`."""
     cost: fields.Share = 0.0
-    """The chance of being heard that a beam must add to be worth a processor's slot."""
+    """Least detection probability that a beam must add to be worth a slot."""
     today: dict[str, list[fields.Count]] | None = None
-    """Beams by number from 1 that are processed all the time today, `{ west = [3, 4] }`: its value
-    is shown beside the plan.
+    """Beams, numbered from 1, that are processed all the time at present, `{ west = [3, 4] }`;
+    drift
+    compares the plan with these.
     """
 
     def processing(self, run: Run, plan: PlanSpec, tows: Sequence[Tow]) -> Processing:
-        """Return the record; raise one UserError for all that is wrong."""
+        """Return the record of the processing; raise UserError with all mistakes."""
         wrong = Mistakes()
         edges = np.array([plan.begin, plan.until])
         with wrong.gathered():
@@ -201,14 +213,14 @@ class ProcessingTable(fields.Table):
         found: list[tuple[str, Listener]] = []
         for number, asked in enumerate(self.sensors, 1):
             with wrong.gathered(f"{HERE}.sensors"):
-                found += _listeners(asked, number, run, tows)
+                found += _arrays_of_entry(asked, number, run, tows)
         wrong.refuse()
         listeners = tuple(listener for _, listener in found)
         names = [listener.name for listener in listeners]
         for name in dict.fromkeys(names):
             if names.count(name) > 1:
                 wrong.lines.append(
-                    f'{HERE}.sensors: two are called "{name}"; name each once, a towed one by a name of its own'
+                    f'{HERE}.sensors: two arrays have the name "{name}"; name each once, and give a towed one its own name'
                 )
         tables: Sequence[ProcessorTable] = self._each()
         serves, manned = [], []
@@ -235,7 +247,7 @@ class ProcessingTable(fields.Table):
         return made
 
     def _edges(self, plan: PlanSpec) -> Any:
-        """Return when slots begin and end; the last may be shorter."""
+        """Return the begin of each slot and the end of the last, which may be shorter."""
         span = float((plan.until - plan.begin) / np.timedelta64(1, "s"))
         if self.slot < LEAST_SLOT:
             raise ValueError(f"{HERE}.slot: {self.slot:g} s; at least {LEAST_SLOT:g} s")
@@ -253,7 +265,7 @@ class ProcessingTable(fields.Table):
         return plan.begin + seconds.astype("timedelta64[s]")
 
     def _each(self) -> Sequence[ProcessorTable]:
-        """Return a table for each processor."""
+        """Return one table for each processor."""
         if isinstance(self.processors, int):
             return [ProcessorTable(name=f"P{k + 1}") for k in range(self.processors)]
         tables: Sequence[ProcessorTable] = self.processors
@@ -276,12 +288,10 @@ class ProcessingTable(fields.Table):
         )
 
 
-def _listeners(
+def _arrays_of_entry(
     asked: Any, number: int, run: Run, tows: Sequence[Tow]
 ) -> list[tuple[str, Listener]]:
-    """Return the arrays that a row of sensors asks for, each with the name by which it was asked
-    for.
-    """
+    """Return the arrays of an entry of `sensors`, each with the name used in the entry."""
     if isinstance(asked, TowedTable):
         try:
             found = [asked.listener(run)]
@@ -292,7 +302,7 @@ def _listeners(
     else:
         found = _by_sensor(sonar_table.named(asked, run), tows)
     for listener in found:
-        _check(listener.sensor)
+        _check_beams(listener.sensor)
     return [
         (asked.name or asked.sensor if isinstance(asked, TowedTable) else asked, listener)
         for listener in found
@@ -300,13 +310,13 @@ def _listeners(
 
 
 def _by_sensor(sensor: Sensor, tows: Sequence[Tow]) -> list[Listener]:
-    """Return the arrays that are a sensor: one that stands, or as many as ships tow it."""
+    """Return the arrays of a sensor: itself if it has a position, else one for each ship."""
     if sensor.place is not None or not isinstance(sensor.sees, Sonar):
         return [Listener(sensor.name, sensor)]
     own = [tow for tow in tows if tow.sensor.name == sensor.name]
     if not own:
         raise ValueError(
-            f'where is sensor "{sensor.name}"? It has no place (at): give a [[tow]] that tows it, or '
+            f'where is sensor "{sensor.name}"? It has no position (at): give a [[tow]] that tows it, or '
             f'{{ sensor = "{sensor.name}", waypoints = [["+0 h", "36N 170W"], ..] }}'
         )
     return [
@@ -314,9 +324,11 @@ def _by_sensor(sensor: Sensor, tows: Sequence[Tow]) -> list[Listener]:
     ]
 
 
-def _check(sensor: Sensor) -> None:
+def _check_beams(sensor: Sensor) -> None:
     if not isinstance(sensor.sees, Sonar):
-        raise ValueError(f'sensor "{sensor.name}" is no sonar: beams of sonars are processed')
+        raise ValueError(
+            f'sensor "{sensor.name}" is not a sonar: only beams of sonars are processed'
+        )
     if len(sensor.sees.gain.beams) < 2:
         raise ValueError(
             f'sensor "{sensor.name}" has no beams to choose among; give its sonar gain = {{ line = {{ elements, spacing, frequency }} }}, '
@@ -324,10 +336,10 @@ def _check(sensor: Sensor) -> None:
         )
 
 
-def _joined(
+def _merge_spans(
     spans: Sequence[tuple[np.datetime64, np.datetime64]],
 ) -> list[tuple[np.datetime64, np.datetime64]]:
-    """Return spans of time in order, those that meet as one."""
+    """Return spans of time in order, with adjacent and overlapping spans merged."""
     found: list[tuple[np.datetime64, np.datetime64]] = []
     for begin, end in sorted(spans):
         if found and begin <= found[-1][1]:

@@ -1,8 +1,7 @@
-"""Sensors that know the water, as a case file gives them: [[sensor]] tables, to which watches,
-looks and contacts refer.
+"""The [[sensor]] table: sensors to which watches, looks and contacts refer by name.
 
-A sensor is a passive sonar, by the terms of its equation, or a table of POD by place or by bearing
-and range.
+A sensor is a passive sonar, given by the terms of the sonar equation, or a table of POD by position
+or by bearing and range.
 """
 
 import difflib
@@ -20,36 +19,43 @@ from drift.case.forcing import sources
 from drift.case.values import fields, units
 from drift.engine.motion.scenario import Scenario
 
-# the others as they are wanted: they import SciPy and xarray
+# other modules of this package import SciPy and xarray, and are imported where needed
 from drift.evidence.sensors import unknown
 from drift.evidence.sensors.records import Gain, Levels, Losses, Noise, PodGrid, Sensor, Sonar
 from geo import sphere
 from geo.errors import UserError
 
-SHOWN = 3  # scenarios that a message names
+SHOWN = 3  # most scenarios named in a message
 
 
 def decibels(what: str, low: float, high: float, above: bool = False) -> Callable[[object], float]:
-    """Return what reads decibels in [low, high], or (low, high]: a number, or a text with its unit."""
+    """Return a validator of decibels in [low, high], given as a number or text with its unit.
+
+    Args:
+        what: kind of quantity, for messages.
+        low: least value [dB].
+        high: largest value [dB].
+        above: whether `low` itself is excluded.
+    """
 
     def check(value: object) -> float:
-        number = _decibels(value, what, _like(low, high))
+        number = _decibels(value, what, _example(low, high))
         if not low <= number <= high or (above and number == low):
             least = f"above {low:g}" if above else f"{low:g}"
             raise ValueError(
-                f'{what} {value!r} must be {least} to {high:g} dB; write its unit, like "{_like(low, high)}"'
+                f'{what} {value!r} must be {least} to {high:g} dB; write its unit, like "{_example(low, high)}"'
             )
         return number
 
     return check
 
 
-def _like(low: float, high: float) -> str:
+def _example(low: float, high: float) -> str:
     return f"{(low + high) / 2:g} dB"
 
 
 def _decibels(value: object, what: str, example: str = "6 dB") -> float:
-    """Return decibels, of a number or a text "140 dB"; pint takes a logarithmic unit for a ratio."""
+    """Return decibels from a number or text "140 dB"; pint would convert the unit to a ratio."""
     text = value
     if isinstance(value, str):
         text = value.strip().removesuffix("dB").strip() if value.strip().endswith("dB") else value
@@ -59,7 +65,7 @@ def _decibels(value: object, what: str, example: str = "6 dB") -> float:
         number = float(text)
     except ValueError:
         raise ValueError(
-            f'{what} {value!r} is no number of decibels; write it like "{example}"'
+            f'{what} {value!r} is not a number of decibels; write it like "{example}"'
         ) from None
     if not math.isfinite(number):
         raise ValueError(f"{what} {value!r} must be finite")
@@ -88,7 +94,7 @@ def source_level(value: object) -> Level:
 
 
 def _source_levels(value: object) -> Any:
-    """Return one for all scenarios, or a dict of them by scenario."""
+    """Return one source level for all scenarios, or source levels by scenario."""
     if isinstance(value, dict):
         if not value:
             raise ValueError("source_level is empty; give a level, or one for each scenario")
@@ -105,14 +111,14 @@ class FileTable(fields.Table):
     file: str
     """The netCDF file."""
     variable: fields.Label | None = None
-    """The variable, where the file leaves it open."""
+    """Name of the variable, if the file has several."""
     select: dict[str, Any] | None = None
-    """The value of each further dimension that has several: `{ depth = 100 }`."""
+    """Coordinate value of each further dimension with more than one: `{ depth = 100 }`."""
     units: dict[str, str] | None = None
-    """Units of variables whose attribute is absent or wrong."""
+    """Units of variables whose units attribute is missing or wrong."""
 
     def asked(self) -> dict[str, Any]:
-        """Return what readers take besides the path."""
+        """Return the keyword arguments of the readers, except the path."""
         return {"variable": self.variable, "select": self.select, "units": self.units}
 
 
@@ -163,32 +169,33 @@ SoundSpeed = Annotated[float, BeforeValidator(_sound_speed)]
 
 
 class LossTable(FileTable):
-    """Transmission loss: of a file by bearing and range, at one place or several; or by a formula."""
+    """Transmission loss: from a file by bearing and range, at one position or more; or a
+    formula."""
 
     file: str | None = None  # type: ignore[assignment]
-    """A netCDF file; without it a formula holds."""
+    """A netCDF file; by default drift uses a formula."""
     spreading: float = 20.0
-    """Of the formula, decibels for ten times the range, up to the transition."""
+    """Formula: spreading loss in decibels per tenfold range, up to the transition."""
     transition: Annotated[fields.Length | None, Field(gt=0)] = None
-    """From which range on the loss spreads as in a duct, 10 dB for ten times the range; without it
+    """Formula: range beyond which spreading is cylindrical, 10 dB per tenfold range; by default
     nowhere.
     """
     absorption: Annotated[float | None, BeforeValidator(_rate_of_loss)] = None
-    """Absorption, like `"0.02 dB/km"`; without it that of Francois and Garrison (1982) at
+    """Absorption, like `"0.02 dB/km"`; by default that of Francois and Garrison (1982) at
     `frequency`, or none.
     """
     frequency: Frequency | None = None
-    """Of the formula, for its absorption."""
+    """Formula: frequency from which the absorption is computed."""
     zones: list[Annotated[Any, BeforeValidator(_zone)]] = Field(default_factory=list)
-    """Convergence zones, `["28 nmi", "33 nmi", "10 dB"]`: inner and outer range, and by how much
-    the loss is less there.
+    """Convergence zones, `["28 nmi", "33 nmi", "10 dB"]`: inner range, outer range, and reduction
+    of the loss.
     """
     to: Annotated[fields.Length | None, Field(gt=0)] = None
-    """Of the formula, the range beyond which nothing is heard; 500 nmi without it."""
+    """Formula: range beyond which nothing is detected; by default 500 nmi."""
 
     @model_validator(mode="after")
     def one_way(self) -> "LossTable":
-        """Refuse a file and a formula at once, and two absorptions."""
+        """Reject a file together with a formula, and two absorptions."""
         given = [
             key
             for key in ("spreading", "transition", "absorption", "frequency", "zones", "to")
@@ -196,18 +203,18 @@ class LossTable(FileTable):
         ]
         if self.file is not None and given:
             raise ValueError(
-                f"file and {given[0]}: the loss is that of a file, or of a formula; give one of them"
+                f"file and {given[0]}: the loss comes from a file or from a formula; give one of them"
             )
         if self.file is None and (self.variable or self.select or self.units):
             raise ValueError(
-                "variable, select and units are of a file; give file, or leave them out"
+                "variable, select and units belong to a file; give file, or leave them out"
             )
         if self.absorption is not None and self.frequency is not None:
-            raise ValueError("give absorption, or frequency from which it follows, not both")
+            raise ValueError("give absorption, or frequency to compute it from, not both")
         return self
 
     def losses(self, folder: Path) -> Losses:
-        """Return the record; raise UserError for what is wrong with the file or the numbers."""
+        """Return the record of the losses; raise UserError for an invalid file or numbers."""
         from drift.evidence.sensors import losses, spreading
 
         if self.file is not None:
@@ -231,20 +238,21 @@ class LineTable(fields.Table):
     """A line array of equal elements."""
 
     elements: fields.Count
-    """How many."""
+    """Number of elements."""
     spacing: Annotated[fields.Length, Field(gt=0)]
-    """From one to the next."""
+    """Distance between neighbouring elements."""
     frequency: Frequency
-    """At which it listens."""
+    """Frequency at which the array listens."""
     sound_speed: SoundSpeed = 1500.0
-    """Of the water."""
+    """Sound speed in the water."""
     beams: fields.Count | None = None
-    """How many beams, from dead ahead to dead astern; without it as many as cross at -3 dB."""
+    """Number of beams, from dead ahead to dead astern; by default neighbouring beams cross at -3
+    dB."""
     steered: list[fields.Direction] | None = None
-    """Or their relative bearings, 0 to 180 degrees."""
+    """In place of `beams`: relative bearings of the beams, 0 to 180 degrees."""
 
     def gain(self) -> Gain:
-        """Return the record."""
+        """Return the record of the gain."""
         from drift.evidence.sensors import line_array
 
         turned = None if self.steered is None else [math.radians(angle) for angle in self.steered]
@@ -260,25 +268,25 @@ class LineTable(fields.Table):
 
 
 class GainTable(fields.Table):
-    """Array gain by relative bearing, or of a line of elements."""
+    """Array gain by relative bearing, or of a line array."""
 
     table: list[list[Any]] | None = None
     """Rows of relative bearing and gain, `[30, "12 dB"]`."""
     symmetric: bool = False
-    """Whether the rows go from 0 to 180 degrees and hold on either side."""
+    """`true`: the rows go from 0 to 180 degrees and apply to both sides."""
     mirrored: bool = False
-    """Whether it cannot distinguish port from starboard."""
+    """`true`: the array cannot distinguish port from starboard."""
     line: LineTable | None = None
     """A line array of equal elements."""
 
     @model_validator(mode="after")
     def one_kind(self) -> "GainTable":
-        """Refuse none or two kinds."""
+        """Reject no kind of gain, or two."""
         fields.one_of(self, ("table", "line"))
         return self
 
     def gain(self) -> Gain:
-        """Return the record; raise UserError for a pattern with gaps."""
+        """Return the record of the gain; raise UserError for a pattern with gaps."""
         from drift.evidence.sensors import line_array
 
         if self.line is not None:
@@ -290,7 +298,7 @@ class GainTable(fields.Table):
 
 
 def _rows(table: Sequence[Any], what: str) -> list[list[float]]:
-    """Return rows of a bearing [deg] and decibels."""
+    """Return rows (bearing [deg], level [dB])."""
     rows = []
     for row in table:
         if not isinstance(row, list) or len(row) != 2:
@@ -321,14 +329,16 @@ class SonarTable(fields.Table):
     """A passive sonar: signal excess = source level - loss - (noise - gain) - threshold."""
 
     source_level: Annotated[Any, BeforeValidator(_source_levels)] = None
-    """Of the target [dB re 1 uPa at 1 m], rows of speed and level, or a table of either by
-    scenario; without it the scenarios have their own.
+    """Source level of the target [dB re 1 uPa at 1 m], rows of speed and level, or a table of
+    either
+    by scenario; by default the scenarios give it.
     """
     loss: LossTable = LossTable()
     """Transmission loss."""
     noise: Annotated[Any, BeforeValidator(_noise)]
-    """Ambient noise: a level, rows of true bearing and level (four quarters will do), or `{ file =
-    .. }` by bearing and time.
+    """Ambient noise: a level, rows of true bearing and level (four rows suffice), or `{ file = ..
+    }`
+    by bearing and time.
     """
     gain: Annotated[Any, BeforeValidator(_gain)] = 0.0
     """Array gain: a number, rows of relative bearing and gain, or a table with `line`, `symmetric`
@@ -339,13 +349,14 @@ class SonarTable(fields.Table):
     fluctuation: Annotated[float, BeforeValidator(decibels("fluctuation", 0, 30, above=True))] = 6.0
     """Standard deviation of the signal excess."""
     jump_rate: Annotated[float, BeforeValidator(fields.rate)] = 1 / 3600
-    """How often it jumps to another value, like `"2 /h"`; once an hour without it."""
+    """Rate at which the fluctuation jumps to a new value, like `"2 /h"`; by default once an
+    hour."""
     unknown: Annotated[float, BeforeValidator(decibels("unknown", 0, 45))] = 0.0
-    """Standard deviation of what all looks and watches of its group have in common."""
+    """Standard deviation of the constant error that all looks and watches of its group share."""
 
     @model_validator(mode="after")
     def held(self) -> "SonarTable":
-        """Refuse an unknown that so few values do not stand for."""
+        """Reject an `unknown` too large for the quadrature that represents it."""
         if self.unknown > unknown.MOST * self.fluctuation:
             raise ValueError(
                 f"unknown {self.unknown:g} dB must be at most {unknown.MOST:g} times the fluctuation, "
@@ -354,17 +365,26 @@ class SonarTable(fields.Table):
         return self
 
     def sonar(self, folder: Path, scenarios: Sequence[Scenario]) -> Sonar:
-        """Return the record; raise UserError or ValueError for what is wrong."""
+        """Return the record of the sonar.
+
+        Args:
+            folder: folder from which relative paths start.
+            scenarios: the scenarios of the case.
+
+        Raises:
+            UserError: a file is invalid.
+            ValueError: a scenario has no source level.
+        """
         from drift.evidence.sensors import line_array, noise
 
-        heard: Noise
+        noise_record: Noise
         if isinstance(self.noise, FileTable):
             path = sources.one_file(self.noise.file, folder, "noise.file")
-            heard = noise.read_noise(path, name="noise", **self.noise.asked())
+            noise_record = noise.read_noise(path, name="noise", **self.noise.asked())
         elif isinstance(self.noise, list):
-            heard = noise.of_table(self.noise, name="noise")
+            noise_record = noise.of_table(self.noise, name="noise")
         else:
-            heard = noise.constant(self.noise, name="noise")
+            noise_record = noise.constant(self.noise, name="noise")
         gain = (
             self.gain.gain()
             if isinstance(self.gain, GainTable)
@@ -373,7 +393,7 @@ class SonarTable(fields.Table):
         return Sonar(
             self.levels(scenarios),
             self.loss.losses(folder),
-            heard,
+            noise_record,
             gain,
             self.threshold,
             self.fluctuation,
@@ -382,7 +402,7 @@ class SonarTable(fields.Table):
         )
 
     def levels(self, scenarios: Sequence[Scenario]) -> Levels:
-        """Return the source levels of scenarios; raise ValueError where one has none."""
+        """Return the source levels of the scenarios; raise ValueError if one has none."""
         given = self.source_level
         every: list[Level | None]
         if isinstance(given, dict):
@@ -417,19 +437,17 @@ class SonarTable(fields.Table):
 
 
 class PodTable(FileTable):
-    """POD of any sensor by place and time, or by bearing and range round it."""
+    """POD of any sensor by position and time, or by bearing and range from the sensor."""
 
     per: fields.Duration | None = None
-    """How long what is detected with this probability is there; without it, for as long as the
-    watch.
-    """
+    """Exposure time to which the POD refers; by default the duration of the watch."""
     gaps: Literal["refuse", "blind"] = "refuse"
-    """`"blind"`: nothing is detected where the file has no value; else such a file is rejected."""
+    """`"blind"`: the POD is 0 where the file has no value; by default such a file is rejected."""
     coordinates: dict[str, str] | None = None
-    """Names of `lon`, `lat` or `crs`, where the file leaves them open."""
+    """Names of the variables `lon`, `lat` or `crs`, if drift cannot find these in the file."""
 
     def grid(self, folder: Path) -> PodGrid:
-        """Return the record; raise UserError for what is wrong with the file."""
+        """Return the record of the POD table; raise UserError for an invalid file."""
         from drift.evidence.sensors import pod_grid
 
         path = sources.one_file(self.file, folder, "pod.file")
@@ -447,21 +465,21 @@ class NamedSensorTable(fields.Table):
     """A [[sensor]] table as written."""
 
     name: fields.Label
-    """What watches, looks, contacts and units call it."""
+    """Name of the sensor, to which watches, looks, contacts and units refer."""
     at: fields.Position | None = None
-    """Where it stands; without it, on what carries it."""
+    """Fixed position of the sensor; without it, the sensor moves with its platform."""
     heading: fields.Direction | None = None
-    """Of the array of a sensor that stands; of one that is towed it is the course."""
+    """Heading of the array of a fixed sensor; a towed array has the course of its ship."""
     group: fields.Label | None = None
     """Sensors of one group share their `unknown`; by default each has its own."""
     sonar: SonarTable | None = None
     """A passive sonar."""
     pod: PodTable | None = None
-    """POD by place, or by bearing and range."""
+    """POD by position, or by bearing and range."""
 
     @model_validator(mode="after")
     def one_kind(self) -> "NamedSensorTable":
-        """Refuse none or two kinds, and a heading of what is towed."""
+        """Reject no kind of sensor or two, and a heading of a towed array."""
         wrong = []
         try:
             fields.one_of(self, ("sonar", "pod"))
@@ -469,13 +487,13 @@ class NamedSensorTable(fields.Table):
             wrong.append(str(error))
         if self.heading is not None and self.at is None:
             wrong.append(
-                "heading is of a sensor that stands; give at, or leave heading out: a towed array lies along its course"
+                "heading belongs to a sensor with a fixed position; give at, or leave heading out: a towed array lies along its course"
             )
         fields.refuse(self, wrong)
         return self
 
     def sensor(self, name: str, run: Run) -> Sensor:
-        """Return the record; raise ValueError or UserError for what is wrong."""
+        """Return the record of the sensor; raise ValueError or UserError for its mistakes."""
         sees: Sonar | PodGrid
         if self.sonar is not None:
             sees = self.sonar.sonar(run.folder, run.scenarios)
@@ -489,7 +507,7 @@ class NamedSensorTable(fields.Table):
             and self.heading is None
         ):
             raise ValueError(
-                "heading is missing: it stands and has an array, whose gains are relative to its heading"
+                "heading is missing: the gains of a fixed array are relative to its heading"
             )
         place = self.at
         if (
@@ -498,7 +516,8 @@ class NamedSensorTable(fields.Table):
             and sees.lon is not None
             and sees.lat is not None
         ):
-            # It sees where its table says, wherever it is: it is drawn in the middle.
+            # Its POD depends on the target's position alone: draw the sensor in the middle of the
+            # table.
             place = (
                 float(sphere.wrap_degrees(np.degrees(0.5 * (sees.lon[0] + sees.lon[-1])))),
                 float(np.degrees(0.5 * (sees.lat[0] + sees.lat[-1]))),
@@ -507,16 +526,17 @@ class NamedSensorTable(fields.Table):
 
 
 def build_sensors(tables: Sequence[NamedSensorTable], run: Run) -> dict[str, Sensor]:
-    """Return the sensors by name; raise UserError for all that is wrong with them."""
+    """Return the sensors by name; raise UserError with all their mistakes."""
     every = build_each(
         [table.sensor for table in tables], [table.name for table in tables], "sensor", run
     )
-    return {sensor.name: sensor for sensor in _in_groups(every)}
+    return {sensor.name: sensor for sensor in _with_steadiest(every)}
 
 
-def _in_groups(every: Sequence[Sensor]) -> list[Sensor]:
-    """Return sensors that know of their group how steady its steadiest is; raise UserError where
-    unknowns differ.
+def _with_steadiest(every: Sequence[Sensor]) -> list[Sensor]:
+    """Set each sensor's `steadiest`: the smallest fluctuation in its group.
+
+    Raises UserError if sensors of a group have different `unknown`.
     """
     first: dict[str, tuple[str, Sonar]] = {}
     steadiest: dict[str, float] = {}
@@ -535,7 +555,12 @@ def _in_groups(every: Sequence[Sensor]) -> list[Sensor]:
 
 
 def named(name: str, run: Run) -> Sensor:
-    """Return the sensor of a name; raise ValueError where there is none."""
+    """Return the [[sensor]] with a name; raise ValueError if there is none.
+
+    Args:
+        name: its name.
+        run: the run, with its sensors.
+    """
     if name not in run.sensors:
         near = difflib.get_close_matches(name, list(run.sensors), n=1, cutoff=0.5)
         hint = f'did you mean "{near[0]}"? ' if near else ""
@@ -545,13 +570,19 @@ def named(name: str, run: Run) -> Sensor:
 
 
 def beams(given: Sequence[int] | None, sensor: Sensor) -> tuple[int, ...]:
-    """Return numbers of beams, from 0, given from 1; raise ValueError for those that the sensor
-    does not have.
+    """Return the indices of beams, counted from 0.
+
+    Args:
+        given: numbers of the beams, counted from 1; None: all, which gives ().
+        sensor: the sensor, which must be a sonar.
+
+    Raises:
+        ValueError: the sensor does not have these beams.
     """
     if given is None:
         return ()
     if not isinstance(sensor.sees, Sonar):
-        raise ValueError(f'beams: sensor "{sensor.name}" is no sonar; leave beams out')
+        raise ValueError(f'beams: sensor "{sensor.name}" is not a sonar; leave beams out')
     many = len(sensor.sees.gain.beams)
     if not given or min(given) < 1 or max(given) > many or len(set(given)) < len(given):
         raise ValueError(

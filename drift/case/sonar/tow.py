@@ -1,4 +1,4 @@
-"""Ships that tow arrays, as a case file gives them: where a plan may place them."""
+"""The [[tow]] table: ships that tow arrays, and where a plan may place them."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -15,13 +15,13 @@ from drift.evidence.filter.records import PlanSpec
 from drift.evidence.sensors.records import Sonar, Tow
 from geo import notation
 
-LEAST_SPEED = 0.25  # [m/s] of a ship that tows
+LEAST_SPEED = 0.25  # [m/s] lowest towing speed
 
 
 def _courses(value: object) -> Any:
     if not isinstance(value, list) or len(value) != 2:
         raise ValueError(
-            f"{value!r} must be [from, to], the courses that it steers, clockwise, like [250, 40]"
+            f"{value!r} must be [from, to], the allowed courses, clockwise, like [250, 40]"
         )
     low, high = (units.quantity(x, "deg", "course", "250") for x in value)
     if not (0 <= low <= 360 and 0 <= high <= 360):
@@ -33,31 +33,31 @@ class TowTable(fields.Table):
     """A [[tow]] table as written."""
 
     name: fields.Label
-    """What the plan calls the ship."""
+    """Name of the ship in the plan."""
     sensor: fields.Label
-    """The sonar that it tows, a [[sensor]] without a place."""
+    """The sonar that it tows: a [[sensor]] without a position."""
     begin: RegionTable
-    """Where it may begin to listen: a polygon, or a rectangle as of a sortie's area."""
+    """Area in which it may begin to listen: a polygon, or a rectangle as in a sortie's area."""
     speed: fields.ShipSpeed
-    """At which it tows and listens."""
+    """Towing speed, at which it listens."""
     base: fields.Position | None = None
-    """Where it is when it is ready; without it, wherever it is to begin."""
+    """Position of the ship at the time `ready`; by default it begins without a transit."""
     transit_speed: fields.ShipSpeed | None = None
-    """From its base to where it begins; without it as fast as it tows."""
+    """Speed from its base to its first position; by default the towing speed."""
     ready: fields.Time | None = None
-    """From when on it can be sent; without it from the plan's begin on."""
+    """Earliest departure; by default the begin of the plan."""
     endurance: Annotated[fields.Duration | None, Field(gt=0)] = None
-    """How long it listens at most; without it until the plan's end."""
+    """Longest time of listening; by default until the end of the plan."""
     allowed: RegionTable | None = None
-    """The area that it does not leave while it listens."""
+    """Area that it must not leave while it listens."""
     courses: Annotated[Any, BeforeValidator(_courses)] = None
-    """Courses that it may steer, `[from, to]` clockwise; without it any."""
+    """Allowed courses, `[from, to]` clockwise; by default all."""
     legs: Annotated[fields.Count, Field(ge=1, le=2)] = 2
-    """Most legs, 1 or 2."""
+    """Largest number of legs, 1 or 2."""
 
     @model_validator(mode="after")
     def moves(self) -> "TowTable":
-        """Refuse a ship that does not move, and a transit from nowhere."""
+        """Reject a ship that is too slow, and a transit speed without a base."""
         wrong = []
         if self.speed < LEAST_SPEED:
             wrong.append(
@@ -65,19 +65,19 @@ class TowTable(fields.Table):
             )
         if self.transit_speed is not None and self.base is None:
             wrong.append(
-                "transit_speed is of the way from its base: give base, or leave transit_speed out"
+                "transit_speed is the speed from its base: give base, or leave transit_speed out"
             )
         fields.refuse(self, wrong)
         return self
 
     def tow(self, name: str, run: Run, plan: PlanSpec) -> Tow:
-        """Return the record; raise ValueError for what does not fit the plan."""
+        """Return the record of the ship; raise ValueError if it does not fit the plan."""
         sensor = sonar_table.named(self.sensor, run)
         if not isinstance(sensor.sees, Sonar):
-            raise ValueError(f'sensor "{sensor.name}" is no sonar; a [[tow]] tows a sonar')
+            raise ValueError(f'sensor "{sensor.name}" is not a sonar; a [[tow]] tows a sonar')
         if sensor.place is not None:
             raise ValueError(
-                f'sensor "{sensor.name}" stands in one place (at); one that is towed has none: leave at out there'
+                f'sensor "{sensor.name}" has a fixed position (at), a towed sensor has none: leave at out there'
             )
         ready = plan.begin if self.ready is None else units.resolve(self.ready, run.start)
         if ready >= plan.until:
@@ -101,7 +101,7 @@ class TowTable(fields.Table):
 
 
 def build_ships(tables: Sequence[TowTable], run: Run, plan: PlanSpec) -> tuple[Tow, ...]:
-    """Return the ships; raise UserError for what is wrong with one."""
+    """Return the ships; raise UserError with all their mistakes."""
 
     def maker(table: TowTable) -> Callable[[str, Run], Tow]:
         return lambda name, run: table.tow(name, run, plan)

@@ -1,1 +1,1 @@
-"""Files of `drift track`, of tracking experiments and of `drift bridge`."""
+"""Input files of `drift track`, of tracking experiments and of `drift bridge`."""

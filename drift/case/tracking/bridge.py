@@ -1,8 +1,7 @@
-"""The file of `drift bridge`: way points, how far it strays between them, lines, and what is asked,
-as TOML.
+"""Read the input file of `drift bridge`: way points, spread rate, lines and outputs, as TOML.
 
-It is a small file of its own, not a case: no forcing, no particles. Its words are those of cases.
-Every mistake is found here, all of them at once, a line each.
+The file is not a case: it has no forcing and no particles. Values are written as in cases. All
+mistakes are reported at once, one per line.
 """
 
 import os
@@ -26,15 +25,13 @@ from geo.array import Array
 from geo.errors import UserError
 from geo.files import small
 
-LARGEST = 2**20  # [bytes] of such a file
-INNER = 5  # times between departure and arrival that are told by default
-MOST = 1000  # times that may be asked for
+LARGEST = 2**20  # [bytes] of a file
+INNER = 5  # output times between departure and arrival by default
+MOST = 1000  # most output times
 
 
 def _correlation(value: object) -> Array:
-    """Return the correlation of two places' errors, (2, 2): rows east and north of the first,
-    columns of the second.
-    """
+    """Return the correlation (2, 2) of two positions' errors: rows east and north of the first."""
     single = isinstance(value, int | float) and not isinstance(value, bool)
     try:
         matrix = np.asarray(np.eye(2) * float(str(value)) if single else value, np.float64)
@@ -48,33 +45,33 @@ def _correlation(value: object) -> Array:
 
 
 class PointTable(fields.Table):
-    """A way point: where, when, and how well that is known."""
+    """A way point: position with its error, and time."""
 
     at: fields.Position
-    """Where."""
+    """Position of the way point."""
     time: fields.Time
-    """When; relative times count from the first point's."""
+    """Time at the way point; relative times count from the first point's."""
     name: fields.Label | None = None
-    """What it is called."""
+    """Name of the way point."""
     error: fields.Length | None = None
-    """Radius that holds half of the probability; known exactly without any error."""
+    """Radius that contains half of the probability; without any error the position is exact."""
     std: fields.LengthPair | None = None
-    """Standard deviation; of two, along `orientation` and across it."""
+    """Standard deviation, or two: along `orientation` and across it."""
     orientation: fields.Direction | None = None
-    """Of two standard deviations."""
+    """Direction of the first of two standard deviations."""
     ellipse: EllipseTable | None = None
-    """An ellipse that holds a probability."""
+    """Error ellipse that contains a given probability."""
     correlation: Annotated[Any, BeforeValidator(_correlation)] = None
-    """Of its error with that of the point before; a number, or a matrix of two rows."""
+    """Correlation of its error with that of the point before; a number, or a 2 x 2 matrix."""
 
     @model_validator(mode="after")
     def proper(self) -> "PointTable":
-        """Refuse two ways of giving the error."""
+        """Reject two errors of a position."""
         self.covariance()
         return self
 
     def covariance(self) -> Array:
-        """Return the covariance of the place's error, east and north [m2], (2, 2)."""
+        """Return the covariance of the position's error, east and north [m2], shape (2, 2)."""
         given = {name: getattr(self, name) for name in ("error", "std", "orientation", "ellipse")}
         given = {name: value for name, value in given.items() if value is not None}
         if not given:
@@ -83,7 +80,7 @@ class PointTable(fields.Table):
         if len(wrong) != 1:
             found = " and ".join(wrong) or "orientation alone"
             raise ValueError(
-                f"one of error, std and ellipse says how well the place is known; found {found}"
+                f"give one of error, std and ellipse as the error of the position; found {found}"
             )
         if "orientation" in given and "std" not in given:
             raise ValueError("orientation belongs to std; an ellipse has its own inside its table")
@@ -100,62 +97,68 @@ class LineTable(fields.Table):
     """A line: the great circle through two positions."""
 
     name: fields.Label
-    """What it is called."""
+    """Name of the line."""
     through: Annotated[list[fields.Position], Field(min_length=2, max_length=2)]
-    """Two positions; the great circle through them, all the way round."""
+    """Two positions that define the great circle; the line is the whole circle."""
 
     def line(self) -> crossing.Line:
-        """Return the line."""
+        """Return the record of the line."""
         return crossing.through(self.name, *np.array(self.through).T)
 
     @model_validator(mode="after")
     def proper(self) -> "LineTable":
-        """Refuse two positions that tell no great circle."""
+        """Reject two positions that do not define a great circle."""
         self.line()
         return self
 
 
 class OutputTable(fields.Table):
-    """What is asked for."""
+    """Requested outputs."""
 
     times: list[fields.Time] | None = None
-    """Times that are reported."""
+    """Output times."""
     every: fields.Duration | None = None
-    """Or one every so often; by default five in between."""
+    """In place of `times`: their interval. By default there are five output times between departure
+    and arrival."""
     areas: fields.Percents = (0.5, 0.9)
-    """Per cent whose ellipses are reported."""
+    """Probabilities of the reported ellipses, in per cent."""
     percentiles: fields.Percents = (0.05, 0.5, 0.95)
-    """Per cent of the time of the first touch."""
+    """Reported percentiles of the time of the first crossing of a line."""
     coast: str = "gshhg"
     """Shoreline on the picture: `"gshhg"`, `"none"` or a file."""
 
     @model_validator(mode="after")
     def one_kind(self) -> "OutputTable":
-        """Refuse two ways of giving times."""
+        """Reject output times given twice."""
         if self.times is not None and self.every is not None:
             raise ValueError("give times or every, not both")
         return self
 
 
 class BridgeTable(fields.Table):
-    """The whole file."""
+    """The input file of `drift bridge`."""
 
     title: fields.Label
-    """What it is called."""
+    """Title of the results."""
     k: fields.SpreadRate
     """The spread rate K, like `"12 nmi/sqrt(h)"`."""
     point: Annotated[list[PointTable], Field(min_length=2)]
-    """Two or more, in order of time."""
+    """Two or more way points, in order of time."""
     line: list[LineTable] = Field(default_factory=list)
-    """Of which the first touch is asked."""
+    """Lines whose first crossing is reported."""
     output: OutputTable = OutputTable()
-    """What is reported, and when."""
+    """Requested outputs and their times."""
 
 
 def load(path: str | os.PathLike[str], spread_rate: str | None = None) -> Study:
-    """Return what a file asks of its bridge; spread_rate: another K than the file's, as text.
+    """Read an input file of `drift bridge`.
 
-    Raises one UserError for whatever is wrong with it, a line for each mistake.
+    Args:
+        path: the file.
+        spread_rate: a spread rate K as text, in place of the file's.
+
+    Raises:
+        UserError: all mistakes of the file, one line for each.
     """
     path = Path(path)
     try:
@@ -173,25 +176,30 @@ def load(path: str | os.PathLike[str], spread_rate: str | None = None) -> Study:
             BridgeTable.model_validate(data, context={"whole": BridgeTable}), path.absolute().parent
         )
     except ValidationError as error:
-        raise _refusal(path, messages.lines(error, data)) from None
+        raise _error_of_file(path, messages.lines(error, data)) from None
     except (UserError, ValueError) as error:
-        raise _refusal(
+        raise _error_of_file(
             path, error.lines if isinstance(error, UserError) else (str(error),)
         ) from None
     except OverflowError:  # integers beyond the largest float
         raise UserError(f"{path.name}: one of its whole numbers is too large") from None
 
 
-def _refusal(path: Path, lines: Sequence[str]) -> UserError:
+def _error_of_file(path: Path, lines: Sequence[str]) -> UserError:
     return UserError(
         *(f"{path.name}: {' '.join(line.split())}" for line in mistakes.shortened(tuple(lines)))
     )
 
 
 def study(table: BridgeTable, folder: Path) -> Study:
-    """Return what a file's tables ask for; folder: where a shoreline file is looked for.
+    """Build the study of a bridge from the tables of its file.
 
-    Raises UserError.
+    Args:
+        table: the validated tables.
+        folder: folder of the file, from which the path of a shoreline starts.
+
+    Raises:
+        UserError: tables do not fit together, one line for each mistake.
     """
     start = table.point[0].time
     if isinstance(start, np.timedelta64):
@@ -202,7 +210,7 @@ def study(table: BridgeTable, folder: Path) -> Study:
     with wrong.gathered():
         bridge = bridges.between(lon, lat, moments, table.k, _covariance(table.point))
     wrong.refuse()
-    seconds = _times(table.output, start, bridge.time, wrong)
+    seconds = _output_times(table.output, start, bridge.time, wrong)
     coast = table.output.coast
     if coast.lower() not in ("gshhg", "none") and not (folder / coast).is_file():
         wrong.lines.append(
@@ -223,14 +231,14 @@ def study(table: BridgeTable, folder: Path) -> Study:
 
 
 def _covariance(points: Sequence[PointTable]) -> Array:
-    """Return the covariance of all way points' errors, (2 n, 2 n) [m2]."""
+    """Return the covariance of all way points' errors [m2], shape (2 n, 2 n)."""
     blocks = [point.covariance() for point in points]
     whole = np.zeros((2 * len(points),) * 2)
     for k, block in enumerate(blocks):
         whole[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = block
     if points[0].correlation is not None:
         raise UserError(
-            "point 1.correlation: is with the point before, and there is none; give it at the later point"
+            "point 1.correlation: the first point has no point before it; give correlation at the later point"
         )
     for k, (before, after) in enumerate(pairwise(range(len(points)))):
         if points[after].correlation is not None:
@@ -241,15 +249,13 @@ def _covariance(points: Sequence[PointTable]) -> Array:
     return whole
 
 
-def _times(output: OutputTable, start: np.datetime64, time: Array, wrong: Mistakes) -> Array:
-    """Return the times that are asked for [s since 1970]; time: of the way points."""
+def _output_times(output: OutputTable, start: np.datetime64, time: Array, wrong: Mistakes) -> Array:
+    """Return the output times [s since 1970]; `time` holds those of the way points."""
     begin, end = float(time[0]), float(time[-1])
     if output.every is not None:
         count = int((end - begin) / output.every) + 1
         if count > MOST:
-            wrong.lines.append(
-                f"output.every: asks for {count:,} times; at most {MOST:,} are allowed"
-            )
+            wrong.lines.append(f"output.every: gives {count:,} times; at most {MOST:,} are allowed")
             return time
         return begin + output.every * np.arange(count)
     if output.times is None:

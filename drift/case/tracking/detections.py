@@ -1,6 +1,4 @@
-"""What was detected of a target that is rarely seen, from a CSV file, and where its tracker was,
-from it or a GPX file.
-"""
+"""Detections of a target from a CSV file or from tables, and positions of its tracker in them."""
 
 import re
 from collections.abc import Sequence
@@ -33,9 +31,7 @@ def _range(value: object) -> float:
 
 
 def _with_unit(value: object) -> float:
-    """Return a range [m] that has its unit: a bare number is nautical miles in a CSV file, and
-    would be metres here.
-    """
+    """Return a range [m]; a unit is required, as bare numbers are nautical miles in CSV files."""
     if isinstance(value, int | float) or (
         isinstance(value, str) and re.fullmatch(r"[\d.\s]*", value)
     ):
@@ -44,12 +40,12 @@ def _with_unit(value: object) -> float:
 
 
 def _plotted(value: object) -> float:
-    """Return a range [m]; a bare number is nautical miles, as a plot has them."""
+    """Return a range [m]; a bare number is in nautical miles, as on a plot."""
     return _range(f"{value!r} nmi" if isinstance(value, float) else value)
 
 
 def _cell(text: str) -> str | float:
-    """Return a cell of the file, as a number where it is one."""
+    """Return a cell of the file, converted to a number if possible."""
     try:
         return float(text)
     except ValueError:
@@ -57,30 +53,30 @@ def _cell(text: str) -> str | float:
 
 
 class DetectionTable(fields.Table):
-    """What a sensor detected, or where no sensor stands the tracker's place alone."""
+    """A detection by a sensor; without a sensor, only a position of the tracker."""
 
     time: fields.Time
     """Date and time, or the time after the start."""
     sensor: str = ""
-    """The sensor."""
+    """Name of the sensor; without it, the table gives only the tracker's position."""
     bearing: fields.Direction | None = None
-    """True; unknown by default."""
+    """True bearing; by default unknown."""
     range: Annotated[float, BeforeValidator(_with_unit)] | None = None
-    """With its unit; unknown by default."""
+    """Range with its unit; by default unknown."""
     lat: fields.Latitude | None = None
-    """Of the tracker."""
+    """Latitude of the tracker."""
     lon: fields.Longitude | None = None
-    """Of the tracker."""
+    """Longitude of the tracker."""
 
 
 class RowTable(DetectionTable):
-    """The same as a line of a CSV file, where a bare range is in nautical miles."""
+    """A line of a CSV file, in which a range without unit is in nautical miles."""
 
     range: Annotated[float, BeforeValidator(_plotted)] | None = None
 
 
 class _Log:
-    """What was detected and where the tracker was, in order of time."""
+    """Detections and positions of the tracker, in order of time."""
 
     def __init__(self, start: np.datetime64, end: float, sensors: tuple[Sensor, ...]) -> None:
         """Begin a log of a case, from its start to an end [s after it]."""
@@ -91,7 +87,7 @@ class _Log:
         self._before = -np.inf
 
     def add(self, row: DetectionTable) -> None:
-        """Take a line; raise ValueError for what is wrong with it."""
+        """Add a detection or position; raise ValueError for its mistakes."""
         time = _after(row.time, self._start)
         if not 0 <= time <= self._end:
             raise ValueError(
@@ -100,13 +96,13 @@ class _Log:
         before, self._before = self._before, time
         if time < before:
             raise ValueError(
-                f"time {self._told(time)} is before that of the one above; put them in order of time"
+                f"time {self._told(time)} is before that of the line above; order the lines by time"
             )
         if row.sensor:
             _check(row, self._names, self._sensors)
         elif row.bearing is not None or row.range is not None:
             raise ValueError(
-                f"a bearing or a range, and no sensor; there are {', '.join(self._names)}"
+                f"a bearing or a range without a sensor; there are {', '.join(self._names)}"
             )
         elif row.lat is None:
             raise ValueError("neither a sensor nor lat and lon")
@@ -116,14 +112,15 @@ class _Log:
             own = (time, row.lon, row.lat)
             if self._place is not None and self._place[0] == time and self._place != own:
                 raise ValueError(
-                    f"the tracker is at two places at {self._told(time)}; the other stands above"
+                    f"the tracker has two positions at {self._told(time)}; the other is above"
                 )
             self._place = own
         self._rows.append((time, row))
 
     def found(self, label: str) -> tuple[Detections, path.Path | None]:
-        """Return what was detected, and where the tracker was if that is told; raise UserError
-        where it is not enough.
+        """Return the detections, and the track of the tracker (None: no positions).
+
+        Raises UserError without a detection, or without a position at the first detection.
         """
         seen = [(time, row) for time, row in self._rows if row.sensor]
         if not seen:
@@ -160,9 +157,20 @@ class _Log:
 def read_detections(
     file: str, folder: Path, start: np.datetime64, end: float, sensors: tuple[Sensor, ...]
 ) -> tuple[Detections, path.Path | None]:
-    """Return what was detected, and where the tracker was if a file says so.
+    """Read detections from a CSV file.
 
-    start, end [s after it]: of the case. Raises UserError with a line for each mistake.
+    Args:
+        file: path of the file as in the case.
+        folder: folder from which relative paths start.
+        start: start of the case.
+        end: end of the case [s after its start].
+        sensors: the sensors of the case.
+
+    Returns:
+        The detections, and the track of the tracker; None: the file gives no positions.
+
+    Raises:
+        UserError: one line for each mistake.
     """
     name = sources.one_file(file, folder, "detections")
     label = f"detections: {Path(name).name}"
@@ -201,7 +209,7 @@ def read_detections(
 def told(
     tables: Sequence[DetectionTable], start: np.datetime64, end: float, sensors: tuple[Sensor, ...]
 ) -> tuple[Detections, path.Path | None]:
-    """Return the same of tables in the case itself."""
+    """Return the same as `read_detections` from [[detection]] tables of the case."""
     wrong, log = Mistakes(), _Log(start, end, sensors)
     for number, row in enumerate(tables, 1):
         with wrong.gathered(f"detection {number}"):
@@ -215,7 +223,7 @@ def _check(row: DetectionTable, names: list[str], sensors: tuple[Sensor, ...]) -
         raise ValueError(f'no [[sensor]] "{row.sensor}"; there are {", ".join(names)}')
     if row.bearing is None and row.range is None:
         raise ValueError(
-            "neither a bearing nor a range: a line with a sensor is a detection; for the tracker's place alone leave the sensor out"
+            "neither a bearing nor a range: a line with a sensor is a detection; to give only the tracker's position leave the sensor out"
         )
     sensor = sensors[names.index(row.sensor)]
     if row.range is not None and not 0 <= row.range * (1 - sensor.range_share) <= sensor.reach:
@@ -233,6 +241,6 @@ def _reach(sensor: Sensor) -> str:
 
 
 def _after(time: units.Instant, start: np.datetime64) -> float:
-    """Return the seconds from the start to a time."""
+    """Return the time after the start [s]."""
     gap = time if isinstance(time, np.timedelta64) else time - start
     return float(gap / np.timedelta64(1, "ms")) / 1000

@@ -1,7 +1,7 @@
-"""The file of a tracking case: a target that is rarely seen, who follows it and how, as TOML.
+"""Read tracking cases: a target or its detections, a tracker with sensors, and filters, as TOML.
 
-It is a small file of its own, without forcing. Its words are those of cases. Every mistake is found
-here, all of them at once, a line each.
+A tracking case has no forcing. Values are written as in cases. All mistakes are reported at once,
+one per line.
 """
 
 import math
@@ -35,12 +35,12 @@ from geo.array import Array
 from geo.errors import UserError
 from geo.files import small
 
-LARGEST = 2**20  # [bytes] of such a file
-MOST_SWEEPS = 2_000_000  # of one sensor in a run
-MOST = 100_000  # runs, and particles of a cloud
-SHORTEST = 0.1  # [s] between sweeps
-MOST_FIGURES = {"experiment": 100_000, "track": 5_000}  # times at which figures are taken
-MOST_SHOWN = 50  # times at which a cloud is drawn
+LARGEST = 2**20  # [bytes] of a file
+MOST_SWEEPS = 2_000_000  # most sweeps of a sensor in a run
+MOST = 100_000  # most runs, and most particles of a cloud
+SHORTEST = 0.1  # [s] shortest interval between sweeps
+MOST_FIGURES = {"experiment": 100_000, "track": 5_000}  # most times at which figures are computed
+MOST_SHOWN = 50  # most times at which a cloud is drawn
 
 
 def _ambiguity(value: object) -> float:
@@ -55,22 +55,22 @@ Ambiguity = Annotated[float, BeforeValidator(_ambiguity)]
 
 
 class PlanTable(fields.Table):
-    """When a radar is on."""
+    """The times at which a radar is on."""
 
     every: fields.Duration
-    """From one begin to the next."""
+    """Interval between the begins of two periods."""
     lasting: fields.Duration
-    """How long each time."""
+    """Duration of a period."""
     begin: Elapsed = 0.0
-    """When first, after the start."""
+    """Begin of the first period, after the start."""
 
     def plan(self) -> Plan:
-        """Return the record."""
+        """Return the record of the plan."""
         return Plan(self.begin, self.every, self.lasting)
 
     @model_validator(mode="after")
     def proper(self) -> "PlanTable":
-        """Refuse times that run into one another, and more of them than any radar has."""
+        """Reject overlapping periods, and intervals that are too short."""
         if self.every < SHORTEST:
             raise ValueError(f"every {self.every:g} s must be {SHORTEST:g} s or more")
         if self.lasting > self.every:
@@ -81,9 +81,8 @@ class PlanTable(fields.Table):
 
 
 def _on(value: object) -> object:
-    """Return a plan or whether it is on at all; of a table that is wrong what is wrong with it, and
-    nothing of the other kind.
-    """
+    """Return a plan, or whether the sensor is on; report the mistakes of a table only as a
+    plan's."""
     if isinstance(value, dict):
         try:
             return PlanTable.model_validate(value)
@@ -97,43 +96,43 @@ def _on(value: object) -> object:
 
 
 class TargetTable(WayTable):
-    """Who is followed."""
+    """The target of an experiment."""
 
     radiates: PlanTable | None = None
-    """When its radar is on; never by default."""
+    """When its radar is on; by default never."""
     sweep: fields.Duration = 1.2
-    """Of its radar."""
+    """Sweep interval of its radar."""
     behaviour: BehaviourTable | None = None
-    """What it does on its own from its first act on, another in each run; by default it keeps to
-    its legs.
+    """Random behaviour from its first act on, different in each run; by default it follows its
+    legs.
     """
 
 
 class SensorTable(fields.Table):
-    """A sensor of the tracker, which detects whatever is within its reach."""
+    """A sensor of the tracker, which detects every target within its reach."""
 
     name: fields.Label
-    """What it is called."""
+    """Name of the sensor."""
     reach: fields.Reach
-    """How far."""
+    """Largest range of detection."""
     range_ambiguity: Ambiguity
-    """0: ranges are exact; 1: they are unknown."""
+    """Error of ranges, as a share: 0 exact, 1 unknown."""
     bearing_ambiguity: BearingError
-    """On either side, in degrees."""
+    """Largest error of bearings to either side, in degrees."""
     sweep: fields.Duration = 1.2
-    """Time between its looks all round."""
+    """Interval between its sweeps."""
     on: Annotated[PlanTable | bool, BeforeValidator(_on)] = True
     """When it is on."""
     hears: bool = False
-    """It detects a target's radar while that is on; its silence is no evidence."""
+    """`true`: it detects the target's radar while that is on; its silence is no evidence."""
     grace: Elapsed = 300.0
-    """Of `detections`: its silence counts no nearer to a detection, by any sensor, of what is
-    within its reach, for not every plot is written down.
+    """For cases with detections: silence within this time of a detection by any sensor is no
+    evidence, if the detected position is within its reach, because not every plot is logged.
     """
 
     @model_validator(mode="after")
     def proper(self) -> "SensorTable":
-        """Refuse sweeps that no sensor makes."""
+        """Reject sweeps that are too short, and a plan of a sensor that hears."""
         if self.sweep < SHORTEST:
             raise ValueError(f"sweep {self.sweep:g} s must be {SHORTEST:g} s or more")
         if self.hears and "on" in self.model_fields_set:
@@ -143,7 +142,7 @@ class SensorTable(fields.Table):
         return self
 
     def sensor(self, emissions: float) -> Sensor:
-        """Return the record; emissions: [s] between those of the target."""
+        """Return the record of the sensor; `emissions` is the target's sweep interval [s]."""
         plan = Plan() if self.on is True else Plan(math.inf) if self.on is False else self.on.plan()
         interval = emissions if self.hears else self.sweep
         return Sensor(
@@ -159,85 +158,85 @@ class SensorTable(fields.Table):
 
 
 class MethodTable(BehaviourTable):
-    """A way of following: what particles do, and how their cloud is filled again."""
+    """A tracking filter: behaviour of its particles, and repopulation of its cloud."""
 
     name: fields.Label
-    """What it is called."""
+    """Name of the filter."""
     fill: Literal["position", "course", "combined"] = "combined"
     """How particles are repopulated from a detection: weighted by the speed they need from the last
     estimate, on the course from it, or both.
     """
     partial: fields.Share = 0.75
-    """Share of the particles below which what is left is duplicated."""
+    """Share of surviving particles below which the survivors are duplicated."""
     bulk: fields.Share = 0.1
-    """Share below which they are repopulated from a detection; after silence the track is lost."""
+    """Share of survivors below which a detection repopulates; after silence the track is lost."""
 
     def tracker(self) -> Tracker:
-        """Return the record."""
+        """Return the record of the filter."""
         return Tracker(self.name, self.behaviour(), Filling(self.fill, self.partial, self.bulk))
 
     @model_validator(mode="after")
     def thresholds(self) -> "MethodTable":
-        """Refuse thresholds the wrong way round."""
+        """Reject thresholds in the wrong order."""
         if self.bulk > self.partial:
             raise ValueError(f"bulk {self.bulk:g} must not be above partial {self.partial:g}")
         return self
 
 
 class CriteriaTable(fields.Table):
-    """How near an estimate must be."""
+    """Largest errors with which an estimate meets the criteria."""
 
     position: fields.Reach
-    """Distance."""
+    """Largest distance of the estimated position."""
     course: BearingError
-    """Degrees."""
+    """Largest error of the course, in degrees."""
     speed: fields.ShipSpeed
-    """Difference of speeds."""
+    """Largest error of the speed."""
 
 
 class ExperimentTable(fields.Table):
-    """Many runs."""
+    """An experiment of many runs."""
 
     runs: fields.Count = 100
-    """How many."""
+    """Number of runs."""
     window: fields.DurationRange | None = None
-    """Times after the start between which figures are averaged; all by default."""
+    """Times after the start between which figures are averaged; by default the whole case."""
     areas: fields.Percents = ()
-    """Per cent whose areas are asked how often they hold the target, like [50, 90]; none by
-    default.
-    """
+    """Containment areas, in per cent, whose hit rate is reported, like [50, 90]; by default
+    none."""
     criteria: CriteriaTable | None = None
-    """Of the time to criteria."""
+    """Criteria of the figure "time to criteria"."""
     published: dict[str, dict[str, float]] = Field(default_factory=dict)
-    """Figures to set beside, by way of following and figure."""
+    """Published figures for comparison, by method and figure."""
 
 
 class PursuitTable(fields.Table):
-    """A path through the cloud, for the tracker or another vessel."""
+    """A planned path through the cloud, for the tracker or another vessel."""
 
     aim: Literal["meet", "avoid"] = "meet"
-    """To meet the target, or to keep out of its way."""
+    """Whether the vessel meets the target or avoids it."""
     speed: fields.ShipSpeed
-    """Of the vessel."""
+    """Speed of the vessel."""
     reach: fields.Reach
-    """Within which it sees the target, or is seen."""
+    """Range within which it sees the target, or is seen."""
     begin: fields.Moment | None = None
-    """After the start, or a date and time; by default the last detection, or until when a log or a
-    track says where the tracker was if that is later. The path is planned on what was seen, and not
-    seen, until then; from then on the vessel's own looks count."""
+    """Begin of the path: time after the start, or date and time. By default the last detection, or
+    the end of the tracker's log or track if that is later. The plan uses all detections and silence
+    until then; afterwards the vessel's own sweeps."""
     lasting: fields.Duration | None = None
-    """How long; until the end of the case by default."""
+    """Duration of the path; by default until the end of the case."""
     step: fields.Duration = 600.0
-    """Between its looks all round."""
+    """Interval between its sweeps."""
     at: fields.Position | None = None
-    """Where it begins; where the tracker then is by default."""
+    """Initial position; by default that of the tracker."""
     to: fields.Position | None = None
-    """Where one goes that avoids."""
+    """Destination of a vessel that avoids the target."""
     worth: fields.Duration = 3600.0
-    """Of one that avoids: how much longer it would go to meet the target once less, as expected."""
+    """For a vessel that avoids: additional time that it accepts to reduce the expected number of
+    meetings by one."""
     replan: fields.Share = 0.8
-    """It is planned again when seeing nothing since the last plan was less likely than this (Klaas'
-    trigger).
+    """The path is planned again when the probability of the silence since the last plan falls below
+    this (Klaas' trigger).
     """
 
     def pursuit(
@@ -249,12 +248,18 @@ class PursuitTable(fields.Table):
         end: float,
         told: Callable[[float], str],
     ) -> Pursuit:
-        """Return the record.
+        """Return the record of the path.
 
-        seen: times of detections [s after the start of the case]; known: until when the log knows
-        the tracker [s]; start, end [s after it]: of the case; told: puts a time in words.
+        Args:
+            seen: times of detections [s after the start of the case], shape (n,).
+            tracker: track of the tracker.
+            known: end of the tracker's log [s after the start of the case].
+            start: start of the case.
+            end: end of the case [s after its start].
+            told: formats a time [s after the start of the case] for messages.
 
-        Raises ValueError for what does not fit.
+        Raises:
+            ValueError: the path does not fit the case.
         """
         begin = (
             max(float(seen[-1]), min(known, end))
@@ -270,7 +275,7 @@ class PursuitTable(fields.Table):
             )
         if begin + self.step > end + 1e-6:
             raise ValueError(
-                f"begins {told(begin)}, and the case ends {told(end)}: there is no step of {notation.lasting(self.step)} between"
+                f"begins {told(begin)}, and the case ends {told(end)}: no step of {notation.lasting(self.step)} fits between"
                 + ("; give begin" if self.begin is None else "")
             )
         if self.at is None and not tracker.time[0] <= begin <= tracker.time[-1]:
@@ -305,59 +310,59 @@ class PursuitTable(fields.Table):
 
 
 class TrackingTable(fields.Table):
-    """The whole file."""
+    """A tracking case."""
 
     title: fields.Label
-    """What it is called."""
+    """Title of the results."""
     start: fields.Time
-    """Date and time."""
+    """Date and time of the start."""
     duration: fields.Duration
-    """How long it is followed."""
+    """Duration of the case."""
     every: fields.Duration = 300.0
-    """Time between figures."""
+    """Interval between figures."""
     particles: fields.Count = 2500
-    """Of each cloud."""
+    """Number of particles of each cloud."""
     seed: fields.Count = 1
-    """Of all random numbers."""
+    """Seed of all random numbers."""
     target: TargetTable | None = None
     """The target of an experiment."""
     detections: str | None = None
-    """In place of it, a CSV file of what was detected:
+    """In place of `target`, a CSV file of detections:
 
-    `time`, `sensor`, `bearing` (true, degrees), `range` (nmi), and where the tracker was, `lat` and
-    `lon`.
+    `time`, `sensor`, `bearing` (true, degrees), `range` (nmi), and positions of the tracker, `lat`
+    and `lon`.
     """
     detection: list[DetectionTable] = Field(default_factory=list)
-    """The same in this file, in order of time; ranges with their unit."""
+    """In place of a CSV file: detections in order of time; ranges need a unit."""
     show: list[fields.Moment] = Field(default_factory=list)
-    """Of detections: times, after the start or of date and time, at which the cloud is drawn and
-    its areas are reported; by default the last detection, the end, and between.
+    """For cases with detections: times at which the cloud is drawn and its areas are reported,
+    after
+    the start or as date and time. By default the last detection, the end, and times between.
     """
     tracker: TrackerTable = TrackerTable()
-    """The vessel that follows."""
+    """The vessel that tracks the target."""
     land: Literal["turn", "ignore"] = "turn"
-    """What the shore means to particles, and to a target that acts: they turn there to any other
-    course, or pass over.
+    """Particles, and a target that acts, turn to a random course at the shore (`turn`), or cross
+    land (`ignore`).
     """
     sensor: Annotated[list[SensorTable], Field(min_length=1)]
-    """Its sensors."""
+    """Sensors of the tracker."""
     method: Annotated[list[MethodTable], Field(min_length=1)]
-    """Ways of following, the first of which is the case's own."""
+    """Tracking filters; the first one is that of the case."""
     pursuit: PursuitTable | None = None
-    """Of detections: a path on which to meet the target, or to avoid it."""
+    """For cases with detections: a path to meet the target, or to avoid it."""
     experiment: ExperimentTable = ExperimentTable()
-    """Many runs."""
+    """An experiment of many runs."""
 
 
 def shipped() -> list[str]:
-    """Return the names of the tracking cases that ship with the project."""
+    """Return the names of the shipped tracking cases."""
     return [name for name, _ in case_file.shipped("tracking")]
 
 
 def is_one(name: str | os.PathLike[str]) -> bool:
-    """Return whether a name is that of a shipped tracking case, or a file with what such a case
-    has.
-    """
+    """Return whether a name is that of a shipped tracking case, or of a file with a tracking
+    case."""
     if str(name) in shipped():
         return True
     try:
@@ -368,11 +373,14 @@ def is_one(name: str | os.PathLike[str]) -> bool:
 
 
 def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = None) -> Study:
-    """Return what a tracking case asks, of a TOML file or a shipped case's name.
+    """Read a tracking case.
 
-    overrides: as of drift.load.
+    Args:
+        name: a path, or the name of a shipped tracking case.
+        overrides: changed keys and their TOML values as text, as in `drift.load`.
 
-    Raises one UserError for whatever is wrong with it, a line for each mistake.
+    Raises:
+        UserError: all mistakes of the case, one line for each.
     """
     own = str(name) in shipped()
     place = Path(str(resources.files("cases") / "tracking" / f"{name}.toml")) if own else Path(name)
@@ -383,7 +391,7 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
         other = str(name) in (case for case, _ in case_file.shipped())
         what = "is a case of drift run" if other else f"cannot be read: {error.strerror}"
         raise UserError(
-            f'case "{str(name)[:300]}": {what}; tracking cases that ship: {", ".join(shipped())}'
+            f'case "{str(name)[:300]}": {what}; shipped tracking cases: {", ".join(shipped())}'
         ) from None
     except UnicodeDecodeError:
         raise UserError(f'case "{name}": is not text in UTF-8') from None
@@ -409,23 +417,30 @@ def load(name: str | os.PathLike[str], overrides: Mapping[str, str] | None = Non
             place.parent,
         )
     except ValidationError as error:
-        raise _refusal(place, messages.lines(error, data)) from None
+        raise _error_of_case(place, messages.lines(error, data)) from None
     except (UserError, ValueError) as error:
-        raise _refusal(
+        raise _error_of_case(
             place, error.lines if isinstance(error, UserError) else (str(error),)
         ) from None
 
 
-def _refusal(place: Path, lines: Sequence[str]) -> UserError:
+def _error_of_case(place: Path, lines: Sequence[str]) -> UserError:
     return UserError(
         *(f"{place.name}: {' '.join(line.split())}" for line in mistakes.shortened(tuple(lines)))
     )
 
 
 def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
-    """Return what the tables ask for; name, text, folder: of their file.
+    """Build the study of a tracking case from its tables.
 
-    Raises UserError with a line for each mistake.
+    Args:
+        table: the validated tables.
+        name: name of the case.
+        text: text of its file.
+        folder: folder of its file.
+
+    Raises:
+        UserError: tables do not fit together, one line for each mistake.
     """
     wrong = Mistakes()
     start = table.start
@@ -444,7 +459,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     most = MOST_FIGURES["experiment" if table.target is not None else "track"]
     if table.duration / table.every > most:
         wrong.lines.append(
-            f"every: asks for more than {most:,} figures; the case lasts {notation.lasting(table.duration)}"
+            f"every: gives more than {most:,} figures; the case lasts {notation.lasting(table.duration)}"
         )
     if len(table.show) > MOST_SHOWN:
         wrong.lines.append(f"show: {len(table.show)} times; at most {MOST_SHOWN}")
@@ -469,12 +484,12 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     for kind in ("sensor", "method"):
         names = [one.name for one in getattr(table, kind)]
         twice = {n for n in names if names.count(n) > 1}
-        wrong.lines += [f'{kind} "{name}": there are two of this name' for name in twice]
+        wrong.lines += [f'{kind} "{name}": two have this name' for name in twice]
     target = table.target
     for sensor in table.sensor:
         if table.duration / sensor.sweep > MOST_SWEEPS:
             wrong.lines.append(
-                f'sensor "{sensor.name}".sweep: asks for more than {MOST_SWEEPS:,} sweeps'
+                f'sensor "{sensor.name}".sweep: gives more than {MOST_SWEEPS:,} sweeps'
             )
         if sensor.hears and target is not None and target.radiates is None:
             wrong.lines.append(
@@ -485,23 +500,23 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
                 f'sensor "{sensor.name}".grace: only applies to cases with detections; with a [target] every sweep is simulated'
             )
     if target is not None and table.show:
-        wrong.lines.append("show: is of detections; a [target] is followed in experiments")
+        wrong.lines.append("show: needs detections; this case has a [target], for experiments")
     if (
         target is None
         and "experiment" in table.model_fields_set
         and (table.detections or table.detection)
     ):
         wrong.lines.append(
-            "experiment: is of a [target]; detections are followed by drift track, once"
+            "experiment: needs a [target]; this case has detections, for drift track"
         )
     strange = sorted(set(table.experiment.published) - {method.name for method in table.method})
     wrong.lines += [f'experiment.published: no method "{name}"' for name in strange]
     figures = study_figures(table.experiment.areas, table.experiment.criteria is not None)
-    for way, told_figures in table.experiment.published.items():
+    for method_name, published_figures in table.experiment.published.items():
         wrong.lines += [
-            f'experiment.published "{way}": no figure "{figure}"; there are {", ".join(figures)}, and median before each'
-            for figure in told_figures
-            if way not in strange and figure.removeprefix("median ") not in figures
+            f'experiment.published "{method_name}": no figure "{figure}"; there are {", ".join(figures)}, and median before each'
+            for figure in published_figures
+            if method_name not in strange and figure.removeprefix("median ") not in figures
         ]
     given = [
         name
@@ -559,7 +574,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
     if table.pursuit is not None:
         with wrong.gathered("pursuit"):
             if not isinstance(followed, Detections):
-                raise ValueError("is of detections; a [target] is followed in experiments")
+                raise ValueError("needs detections; this case has a [target], for experiments")
             chase = table.pursuit.pursuit(
                 followed.time,
                 tracker,

@@ -108,7 +108,7 @@ def test_tables_that_are_commented_out_are_accepted_too(story: str, tmp_path: Pa
 @pytest.mark.parametrize(
     ("words", "refusal"),
     [
-        (("search",), "search.toml: is there already, and is not replaced"),
+        (("search",), "search.toml: exists already and is not replaced"),
         (("flight",), 'no template "flight"; there are: position ('),
         (("spill", "nowhere/spill.toml"), "cannot be written (No such file or directory)"),
         (("spill", "spill.txt"), "a case file ends in .toml"),

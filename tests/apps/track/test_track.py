@@ -513,7 +513,7 @@ def test_the_command_writes_the_same_bits_with_one_thread_and_two(
 def test_a_case_of_another_command_is_named() -> None:
     with pytest.raises(
         UserError,
-        match='case "overdue_boat": is a case of drift run; tracking cases that ship: closing,',
+        match='case "overdue_boat": is a case of drift run; shipped tracking cases: closing,',
     ):
         drift.track("overdue_boat")
 
@@ -597,7 +597,7 @@ def test_what_has_no_detections_is_refused_and_nothing_is_written(tmp_path: Path
     assert "lost_contact" in tracking.shipped()
     with pytest.raises(
         UserError,
-        match=r"^lost_contact.toml: experiment: is of a \[target\]; detections are followed by",
+        match=r"^lost_contact.toml: experiment: needs a \[target\]; this case has detections, for",
     ):
         drift.track("lost_contact", tmp_path / "out", changes={"experiment.runs": "3"})
 

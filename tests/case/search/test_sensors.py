@@ -240,7 +240,7 @@ def test_all_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
 def test_a_spill_and_a_backward_run_have_none(tmp_path: Path) -> None:
     backward = HEAD.replace('duration = "24 h"', 'duration = "24 h"\ndirection = "backward"')
     assert refusal(tmp_path, LINE, head=backward) == [
-        "[[line]] belongs to a forward run: a search and its plan go with the time"
+        "[[line]] belongs to a forward run; leave it out, or remove direction"
     ]
 
 

@@ -472,7 +472,7 @@ SORTIES = {
     "legs faster than the unit": (WIDTH + TIMED + 'speed = "12 kn"\n', "is made at 15 kn; its speed is 12 kn"),
     "legs faster than any": (WIDTH + TIMED.replace("27 45N", "37 45N"), "is made at 615 kn; at most 292 kn is allowed"),
     "no track": (WHEN + WIDTH + 'track = "none.gpx"\n', 'track: no file "none.gpx"'),
-    "a watch without zones": (WHEN + 'watch = { at = "27 30N 088 00W" }\n', "watch: zones or sensor"),
+    "a watch without zones": (WHEN + 'watch = { at = "27 30N 088 00W" }\n', "watch: give exactly one of zones and sensor"),
     "a watch in two places": (WHEN + WATCH + TIMED, "exactly one place"),
     "a watch nowhere": (WHEN + WATCH.replace('at = "27 30N 088 00W", ', ""), "exactly one place"),
     "a watch with a law": (WHEN + WATCH + 'law = "random"\n', "law does not belong to a watch"),
@@ -568,7 +568,7 @@ def test_one_group_has_one_uncertainty(tmp_path: Path) -> None:
 
 def test_tracks_that_do_not_fit(tmp_path: Path) -> None:
     early = gpx(tmp_path, (-88, 27.5, 1), (-88, 27.6, 2))
-    assert "is of 210100ZNOV26 to 210200ZNOV26" in refusal(
+    assert "covers 210100ZNOV26 to 210200ZNOV26" in refusal(
         tmp_path, SORTIE, WHEN, WIDTH, f"track = {early}\n"
     )
     plain = gpx(tmp_path, (-88, 27.5, None), (-88, 27.6, None), name="plain.gpx")
@@ -805,7 +805,7 @@ UNITS = {
     ),
     "a bulk of duplicates": (
         '[resampling]\nmethod = "duplicates"\nbulk = 0.1\n',
-        "bulk: of method",
+        "bulk: only for method",
     ),
     "slots that never change hands": (
         "[resampling]\nacross_scenarios = true\n",

@@ -101,7 +101,7 @@ def test_a_plan_is_worth_what_its_watches_hear(tmp_path, planned):
 
 WRONG = {
     "an unknown sensor": (('sensor = "line"\nbegin = { centre', 'sensor = "lime"\nbegin = { centre'), 'tow "one": no sensor "lime"; did you mean "line"?'),
-    "a sensor that stands": (('name = "line"', 'name = "line"\nat = "36N 170W"\nheading = 0'), "stands in one place"),
+    "a sensor that stands": (('name = "line"', 'name = "line"\nat = "36N 170W"\nheading = 0'), "has a fixed position"),
     "courses of one": (("courses = [300, 120]", "courses = [300]"), "must be [from, to]"),
     "a course beyond": (("courses = [300, 120]", "courses = [300, 420]"), "0 to 360 degrees"),
     "three legs": (("legs = 1", "legs = 3"), "legs"),

@@ -134,7 +134,7 @@ def test_defaults_and_every(tmp_path: Path) -> None:
         (
             'name = "creek"',
             "correlation = 0.5",
-            "point 1.correlation: is with the point before, and there is none",
+            "point 1.correlation: the first point has no point before it",
         ),
         ('"14 30N 066 00W"]', '"14 30N 075 00W"]', 'line "halfway".*are one place'),
         (', "14 30N 066 00W"]', "]", 'line "halfway".through: .*at least 2 items'),
