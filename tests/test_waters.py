@@ -160,7 +160,7 @@ def test_the_smallest_box_about_two(seed: int) -> None:
         west, south = random.uniform(-180, 180), random.uniform(-70, 60)
         pair.append(Box(west, south, west + random.uniform(1, 60), south + random.uniform(1, 9)))
     a, b = pair
-    joined = shared_forcing._joined(a, b)
+    joined = shared_forcing._smallest_common_box(a, b)
     widths = [max(a.east, b.east + turn) - min(a.west, b.west + turn) for turn in (-360, 0, 360)]
     assert -180 <= joined.west < 180
     assert joined.south == min(a.south, b.south)
@@ -171,7 +171,7 @@ def test_the_smallest_box_about_two(seed: int) -> None:
     # what rounding leaves
     joined = replace(joined, west=joined.west - 1e-9, east=joined.east + 1e-9)
     for one in pair:
-        assert shared_forcing._within(one, joined)
+        assert shared_forcing._lies_inside(one, joined)
         for side, change in (("west", 0.5), ("east", -0.5), ("south", 0.5), ("north", -0.5)):
             less = replace(joined, **{side: getattr(joined, side) + change})
             edge = getattr(one, side)
@@ -180,7 +180,7 @@ def test_the_smallest_box_about_two(seed: int) -> None:
                 if side in ("west", "east")
                 else edge - getattr(joined, side)
             )
-            assert shared_forcing._within(one, less) == (abs(apart) > 0.5)
+            assert shared_forcing._lies_inside(one, less) == (abs(apart) > 0.5)
 
 
 def test_near_cases_share_their_waters_and_far_ones_do_not(tmp_path: Path) -> None:
