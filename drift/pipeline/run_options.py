@@ -163,7 +163,7 @@ def _silent(phase: str, share: float) -> None:
 
 
 def in_turn(function: Callable[P, R]) -> Callable[P, R]:
-    """Return the function, serialized: a call waits until no other thread runs a case.
+    """Return the function with serialized calls: a call waits until no other thread runs a case.
 
     Signals interrupt the wait. A nested call from inside a run, for instance by its `report`, does
     not wait. If a graphics card runs out of memory, the call raises UserError. The new function's
@@ -171,12 +171,12 @@ def in_turn(function: Callable[P, R]) -> Callable[P, R]:
     """
 
     @functools.wraps(function)
-    def serialized(*args: P.args, **kwargs: P.kwargs) -> R:
+    def serialized_call(*args: P.args, **kwargs: P.kwargs) -> R:
         with runtime.alone(), runtime.telling_full():
             return function(*args, **kwargs)
 
-    _spell_out_options(function, serialized)
-    return serialized
+    _spell_out_options(function, serialized_call)
+    return serialized_call
 
 
 def _spell_out_options(function: Callable[..., Any], wrapper: Any) -> None:

@@ -145,7 +145,7 @@ def test_defaults_and_every(tmp_path: Path) -> None:
         ),
         ("[90, 50]", "[90, 100]", "100 must be a percentage above 0 and below 100"),
         ("[90, 50]", "[]", "must be a list of percentages"),
-        ('times = ["+6 h", "+40 h"]', 'every = "10 s"', "asks for 19,441 times"),
+        ('times = ["+6 h", "+40 h"]', 'every = "10 s"', "gives 19,441 times"),
         ("[output]", '[output]\nevery = "6 h"', "give times or every, not both"),
         ('coast = "none"', 'coast = "shore.bna"', 'output.coast: no file "shore.bna"'),
         ("title = ", "titel = ", 'unknown key "titel"; did you mean "title"'),
