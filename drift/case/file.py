@@ -157,16 +157,16 @@ def _validate(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> C
         inputs = tuple(dict.fromkeys(_input_files(family.expanded(data), path.absolute().parent)))
         return replace(case, inputs=inputs, tables=data)
     except ValidationError as error:
-        told = (
+        messages_of_case = (
             *messages.lines(error, _with_families(data)),
             *rest.mistakes(data, error, path, text, CaseTable),
         )
         raise _error_of_case(
-            path, (*_merge_family_mistakes(told, data), *_source_mistakes(data, path))
+            path, (*_merge_family_mistakes(messages_of_case, data), *_source_mistakes(data, path))
         ) from None
     except UserError as error:
-        told = (*error.lines, *rest.mistakes(data, error, path, text, CaseTable))
-        raise _error_of_case(path, _merge_family_mistakes(told, data)) from None
+        messages_of_case = (*error.lines, *rest.mistakes(data, error, path, text, CaseTable))
+        raise _error_of_case(path, _merge_family_mistakes(messages_of_case, data)) from None
     except OverflowError:  # integers beyond the largest float
         raise UserError(f"{path.name}: one of its whole numbers is too large") from None
 

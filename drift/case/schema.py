@@ -110,7 +110,10 @@ class ClockTable(fields.Table):
 
 
 class DomainTable(fields.Table):
-    """The [domain] table as written; a box beyond 89 degrees of latitude includes the pole."""
+    """The [domain] table as written.
+
+    A box that reaches beyond 89 degrees of latitude includes the pole and all longitudes.
+    """
 
     west: fields.Edge
     """Western edge."""
@@ -325,7 +328,7 @@ class CaseTable(fields.Table):
         """Return messages about families whose names are not unique among families and
         scenarios."""
         names = Counter([table.name for table in self.family])
-        stories = {table.name for table in self.scenario} if names else set()
+        scenario_names = {table.name for table in self.scenario} if names else set()
         wrong = [
             f'family "{name}": two families have this name; give each its own'
             for name in names
@@ -334,7 +337,7 @@ class CaseTable(fields.Table):
         return wrong + [
             f'family "{name}": a scenario has this name too; give each its own'
             for name in names
-            if name in stories
+            if name in scenario_names
         ]
 
     def _backward(self) -> list[str]:

@@ -237,11 +237,11 @@ def _simulate_in_shards(
         if job.client is not None:
             stack.callback(cluster.release, job.client)
         deal = None if job.client is None else partial(cluster.begun, job.client, job.case, mark)
-        whole = divide.prepare(job.case, job.where, many, deal)
-    stack.enter_context(contextlib.closing(whole.setup.scene.forcing))
+        joined = divide.prepare(job.case, job.where, many, deal)
+    stack.enter_context(contextlib.closing(joined.setup.scene.forcing))
     with job.clock.phase("drift"):
-        done = stack.enter_context(shards_run.move_shards(job, whole, mark, noted))
-    return Ended(whole.setup, done.snapshots, done.updates, done.posteriors, begun=done.begun)
+        done = stack.enter_context(shards_run.move_shards(job, joined, mark, noted))
+    return Ended(joined.setup, done.snapshots, done.updates, done.posteriors, begun=done.begun)
 
 
 def _simulate_spill_in_shards(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
@@ -578,15 +578,15 @@ def publish(
     from drift.products.maps import page  # imported late: Matplotlib takes a second
     from drift.products.report import page as report_page
 
-    whole = join_contents(chapters)
-    pictures = {name: page.kept(draw) for name, draw in whole.pictures.items()}
+    joined = join_contents(chapters)
+    pictures = {name: page.kept(draw) for name, draw in joined.pictures.items()}
 
-    def told(path: Path) -> None:
+    def write_report(path: Path) -> None:
         report_page.write(
-            path, [leaf for leaves in whole.leaves for leaf in leaves()], on, whole.warnings
+            path, [leaf for leaves in joined.leaves for leaf in leaves()], on, joined.warnings
         )
 
-    drawn = replace(whole, pictures=pictures, digests={REPORT: page.kept(told)})
+    drawn = replace(joined, pictures=pictures, digests={REPORT: page.kept(write_report)})
     writer.write(out, [drawn], overwrite=overwrite, processes=runtime.threads(), tell=tell)
 
 

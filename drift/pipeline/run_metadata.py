@@ -60,8 +60,8 @@ def chapter(case: Case, facts: Mapping[str, str], numbers: Mapping[str, Any]) ->
         facts: attributes of its files.
         numbers: contents of its summary.json.
     """
-    told = (partial(_report_items, case, numbers),)
-    return Chapter(numbers, leaves=told, facts=facts, warnings=tuple(numbers["warnings"]))
+    items = (partial(_report_items, case, numbers),)
+    return Chapter(numbers, leaves=items, facts=facts, warnings=tuple(numbers["warnings"]))
 
 
 def _report_items(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
@@ -211,8 +211,8 @@ def caution(case: Case) -> str:
     return forcing_error.switched_off(case.current_error, case.wind_error if felt else None)
 
 
-def _errors_sentence(told: str) -> str:
-    return f"Errors: {told}. " if told else ""
+def _errors_sentence(description: str) -> str:
+    return f"Errors: {description}. " if description else ""
 
 
 def drifts(case: Case) -> bool:
@@ -237,7 +237,7 @@ def errors(case: Case) -> str:
     ):
         return ""
     wind = case.wind_error if adrift and case.forcing["wind"] else None
-    told = forcing_error.errors_in_words(
+    description = forcing_error.errors_in_words(
         case.current_error, wind, case.diffusivity, case.diffusivity_by
     )
     both = [
@@ -248,9 +248,9 @@ def errors(case: Case) -> str:
         and any(spec.members for spec in case.forcing[quantity])
     ]
     return (
-        f"{told}; added to the spread of the members of the {' and of the '.join(both)}"
+        f"{description}; added to the spread of the members of the {' and of the '.join(both)}"
         if both
-        else told
+        else description
     )
 
 

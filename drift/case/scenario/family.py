@@ -308,12 +308,12 @@ def expanded(data: Any) -> Any:
     own = data.get("scenario", []) if isinstance(data, dict) else None
     if not isinstance(own, list) or not isinstance(data.get("family"), list):
         return data
-    stories = [scenario_table for table in _families(data) for scenario_table in table.stories()]
-    if len(own) + len(stories) > MOST:
+    added = [scenario_table for table in _families(data) for scenario_table in table.stories()]
+    if len(own) + len(added) > MOST:
         raise ValueError(
-            f"{len(own) + len(stories):,} scenarios of families and others; at most {MOST:,}"
+            f"{len(own) + len(added):,} scenarios of families and others; at most {MOST:,}"
         )
-    return {**data, "scenario": [*own, *stories]} if stories else data
+    return {**data, "scenario": [*own, *added]} if added else data
 
 
 def places(data: Any) -> dict[str, InFamily]:

@@ -184,7 +184,7 @@ def shared(data: Any) -> Any:
         return data
     wrong: list[str] = []
 
-    def named(kind: str, name: Any, where: str) -> dict[str, Any]:
+    def find_shared_table(kind: str, name: Any, where: str) -> dict[str, Any]:
         tables = data.get(kind)
         known = tables if isinstance(tables, dict) else {}
         if isinstance(name, str) and isinstance(known.get(name), dict):
@@ -193,34 +193,40 @@ def shared(data: Any) -> Any:
         wrong.append(f"{where}: no {kind} {name!r}; there are: {there}")
         return {}
 
-    def whole(phase: Any, where: str) -> Any:
+    def insert_in_phase(phase: Any, where: str) -> Any:
         if not isinstance(phase, dict):
             return phase
         voyage, behaviour = phase.get("voyage"), phase.get("behaviour")
         if isinstance(voyage, str):
-            return {**phase, "voyage": named("voyage", voyage, f"{where}.voyage")}
+            return {**phase, "voyage": find_shared_table("voyage", voyage, f"{where}.voyage")}
         if isinstance(voyage, dict) and voyage.get("like") is not None:
             rest = {key: value for key, value in voyage.items() if key != "like"}
             return {
                 **phase,
-                "voyage": {**named("voyage", voyage["like"], f"{where}.voyage"), **rest},
+                "voyage": {
+                    **find_shared_table("voyage", voyage["like"], f"{where}.voyage"),
+                    **rest,
+                },
             }
         if isinstance(behaviour, dict) and isinstance(behaviour.get("tracker"), str):
-            who = named("tracker", behaviour["tracker"], f"{where}.behaviour.tracker")
+            who = find_shared_table("tracker", behaviour["tracker"], f"{where}.behaviour.tracker")
             return {**phase, "behaviour": {**behaviour, "tracker": who}}
         return phase
 
-    def told(story: Any) -> Any:
-        phases = story.get("phase") if isinstance(story, dict) else None
+    def insert_in_scenario(scenario: Any) -> Any:
+        phases = scenario.get("phase") if isinstance(scenario, dict) else None
         if not isinstance(phases, list):
-            return story
-        where = f'scenario "{story.get("name")}".phase'
+            return scenario
+        where = f'scenario "{scenario.get("name")}".phase'
         return {
-            **story,
-            "phase": [whole(phase, f"{where} {number}") for number, phase in enumerate(phases, 1)],
+            **scenario,
+            "phase": [
+                insert_in_phase(phase, f"{where} {number}")
+                for number, phase in enumerate(phases, 1)
+            ],
         }
 
-    made = {**data, "scenario": [told(story) for story in data["scenario"]]}
+    made = {**data, "scenario": [insert_in_scenario(scenario) for scenario in data["scenario"]]}
     if wrong:
         raise ValidationError.from_exception_data(
             "scenarios", [fields.complaint(line) for line in wrong]

@@ -123,10 +123,10 @@ class PatternTable(fields.Table):
         has = f"a {self.kind} pattern has {', '.join(needed + more)}"
         for name, field in type(self).model_fields.items():
             key = field.alias or name
-            given = getattr(self, name) is not None
-            if name != "kind" and given and key not in needed + more:
+            arguments = getattr(self, name) is not None
+            if name != "kind" and arguments and key not in needed + more:
                 raise ValueError(f"{key} does not belong here; {has}")
-            if key in needed and not given:
+            if key in needed and not arguments:
                 raise ValueError(f"{key} is missing; {has}")
         if self.length is not None and self.width is not None and self.spacing is not None:
             along = self.length if self.kind == "parallel" else self.width
@@ -187,7 +187,7 @@ class PatternTable(fields.Table):
             assert self.width is not None
             assert self.spacing is not None
             flown = patterns.parallel if self.kind == "parallel" else patterns.creeping
-            given = (
+            arguments = (
                 self.centre,
                 self.length,
                 self.width,
@@ -197,7 +197,7 @@ class PatternTable(fields.Table):
                 speed,
                 self.corner_signs(),
             )
-            return flown(*given)
+            return flown(*arguments)
         if self.kind == "trackline":
             assert self.waypoints is not None
             return patterns.trackline(

@@ -91,12 +91,12 @@ class _Log:
         time = _after(row.time, self._start)
         if not 0 <= time <= self._end:
             raise ValueError(
-                f"time {self._told(time)} is not within the case, {self._told(0)} to {self._told(self._end)}: change start or duration"
+                f"time {self._format_time(time)} is not within the case, {self._format_time(0)} to {self._format_time(self._end)}: change start or duration"
             )
         before, self._before = self._before, time
         if time < before:
             raise ValueError(
-                f"time {self._told(time)} is before that of the line above; order the lines by time"
+                f"time {self._format_time(time)} is before that of the line above; order the lines by time"
             )
         if row.sensor:
             _check(row, self._names, self._sensors)
@@ -112,7 +112,7 @@ class _Log:
             own = (time, row.lon, row.lat)
             if self._place is not None and self._place[0] == time and self._place != own:
                 raise ValueError(
-                    f"the tracker has two positions at {self._told(time)}; the other is above"
+                    f"the tracker has two positions at {self._format_time(time)}; the other is above"
                 )
             self._place = own
         self._rows.append((time, row))
@@ -150,7 +150,7 @@ class _Log:
             )
         return found, tracker.through(placed[:, 0], placed[:, 1], placed[:, 2], self._start, label)
 
-    def _told(self, time: float) -> str:
+    def _format_time(self, time: float) -> str:
         return notation.iso(self._start + np.timedelta64(round(time), "s"))
 
 

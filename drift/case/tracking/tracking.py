@@ -246,7 +246,7 @@ class PursuitTable(fields.Table):
         known: float,
         start: np.datetime64,
         end: float,
-        told: Callable[[float], str],
+        format_time: Callable[[float], str],
     ) -> Pursuit:
         """Return the record of the path.
 
@@ -256,7 +256,7 @@ class PursuitTable(fields.Table):
             known: end of the tracker's log [s after the start of the case].
             start: start of the case.
             end: end of the case [s after its start].
-            told: formats a time [s after the start of the case] for messages.
+            format_time: formats a time [s after the start of the case] for messages.
 
         Raises:
             ValueError: the path does not fit the case.
@@ -268,19 +268,21 @@ class PursuitTable(fields.Table):
         )
         lasting = end - begin if self.lasting is None else self.lasting
         if begin < seen[-1]:
-            raise ValueError(f"begin {told(begin)} is before the last detection, {told(seen[-1])}")
+            raise ValueError(
+                f"begin {format_time(begin)} is before the last detection, {format_time(seen[-1])}"
+            )
         if begin + lasting > end + 1e-6:
             raise ValueError(
-                f"it would last until {told(begin + lasting)}, the case until {told(end)}"
+                f"it would last until {format_time(begin + lasting)}, the case until {format_time(end)}"
             )
         if begin + self.step > end + 1e-6:
             raise ValueError(
-                f"begins {told(begin)}, and the case ends {told(end)}: no step of {notation.lasting(self.step)} fits between"
+                f"begins {format_time(begin)}, and the case ends {format_time(end)}: no step of {notation.lasting(self.step)} fits between"
                 + ("; give begin" if self.begin is None else "")
             )
         if self.at is None and not tracker.time[0] <= begin <= tracker.time[-1]:
             raise ValueError(
-                f"the tracker has no position at {told(begin)}; give at, or another begin"
+                f"the tracker has no position at {format_time(begin)}; give at, or another begin"
             )
         place = (
             np.radians(self.at)
@@ -448,7 +450,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         wrong.lines.append("start: must be a date and time")
         start = np.datetime64(0, "s")
 
-    def told(seconds: float) -> str:
+    def format_time(seconds: float) -> str:
         return notation.group(np.datetime64(notation.epoch(start) + round(float(seconds)), "s"))
 
     for what, value in (("particles", table.particles), ("experiment.runs", table.experiment.runs)):
@@ -469,7 +471,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         )
     shown = sorted(fields.seconds(moment, start) for moment in table.show)
     wrong.lines += [
-        f"show: {told(after)} is not within the case, {told(0)} to {told(table.duration)}"
+        f"show: {format_time(after)} is not within the case, {format_time(0)} to {format_time(table.duration)}"
         for after in shown
         if not 0 <= after <= table.duration
     ]
@@ -567,7 +569,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
         )
         for time in followed.time[~known]:
             wrong.lines.append(
-                f"detections: the tracker has no position at the detection of {told(time)}; give lat and lon there, or a track until then"
+                f"detections: the tracker has no position at the detection of {format_time(time)}; give lat and lon there, or a track until then"
             )
         wrong.refuse()
     chase: Pursuit | None = None
@@ -581,7 +583,7 @@ def study(table: TrackingTable, name: str, text: str, folder: Path) -> Study:
                 0.0 if table.tracker.at is not None else float(tracker.time[-1]),
                 start,
                 table.duration,
-                told,
+                format_time,
             )
     wrong.refuse()
     criteria = table.experiment.criteria

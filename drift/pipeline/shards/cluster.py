@@ -109,23 +109,23 @@ def workers_of(client: Any) -> Workers:
         if not client.nthreads():
             LOG.warning("the cluster has no workers yet; drift waits for the first")
         until = time.monotonic() + WAIT
-        told: dict[str, tuple[str, float, float]] = {}
-        while not told:  # the only worker may be lost during the call
+        rooms: dict[str, tuple[str, float, float]] = {}
+        while not rooms:  # the only worker may be lost during the call
             if time.monotonic() > until:
                 raise UserError(
                     f"the cluster loses its workers one after another (waited {WAIT / 60:g} min)"
                 )
             _wait_for_worker(client, "the cluster has no workers; start some")
-            told = _call_on_workers(client, worker.room)
-    hosts = Counter(host for host, _, _ in told.values()) + Counter([worker.host()])
-    together = max(hosts[host] for host, _, _ in told.values())
-    free = min(free / hosts[host] for host, free, _ in told.values())
-    return Workers(len(told), together, free, min(limit for _, _, limit in told.values()))
+            rooms = _call_on_workers(client, worker.room)
+    hosts = Counter(host for host, _, _ in rooms.values()) + Counter([worker.host()])
+    together = max(hosts[host] for host, _, _ in rooms.values())
+    free = min(free / hosts[host] for host, free, _ in rooms.values())
+    return Workers(len(rooms), together, free, min(limit for _, _, limit in rooms.values()))
 
 
 def _call_on_workers(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, Any]:
     """Call a function on all workers; return the results by address, without lost workers."""
-    told, lost = {}, (_dask().comm.CommClosedError, ConnectionError, TimeoutError)
+    results, lost = {}, (_dask().comm.CommClosedError, ConnectionError, TimeoutError)
     # client.run would wait forever for a machine that hangs.
     answers = client.sync(client._run, function, *given, on_error="return", callback_timeout=WAIT)
     for address, answer in answers.items():
@@ -135,8 +135,8 @@ def _call_on_workers(client: Any, function: Callable[..., Any], *given: Any) -> 
             raise UserError(
                 f"worker {address}: {_first_line(answer)}; install the same versions everywhere"
             ) from answer
-        told[address] = answer
-    return told
+        results[address] = answer
+    return results
 
 
 def check(client: Any, folder: Path | None = None) -> None:
@@ -194,15 +194,15 @@ def move_shards_on_cluster(
     """
     if not units:
         return
-    told = lambda: f"{kept.folder}: {kept.kept}"  # noqa: E731
-    with _lost_cluster_as_error(told):
+    stored = lambda: f"{kept.folder}: {kept.kept}"  # noqa: E731
+    with _lost_cluster_as_error(stored):
         check(client, kept.folder)
         # passed to each task: scattered data would be lost with its worker
         folder, given = str(kept.folder.absolute()), dict(mark)
         tasks = [
             client.submit(worker.move, folder, given, unit, pure=False, retries=0) for unit in units
         ]
-        for done, (_, sound) in enumerate(_finished_tasks(client, tasks, told), 1):
+        for done, (_, sound) in enumerate(_finished_tasks(client, tasks, stored), 1):
             kept.sound.add(sound)  # the worker has just computed the file's digest
             tell(done)
 
@@ -219,14 +219,14 @@ def begun(
         clock: the steps of the run.
         layouts: the particles of each shard.
     """
-    told = lambda: "nothing is kept yet"  # noqa: E731
-    with _lost_cluster_as_error(told):
+    stored = lambda: "nothing is kept yet"  # noqa: E731
+    with _lost_cluster_as_error(stored):
         check(client)
         tasks = [
             client.submit(worker.begun, case, dict(mark), clock, part, pure=False, retries=0)
             for part in layouts
         ]
-        found = dict(_finished_tasks(client, tasks, told))
+        found = dict(_finished_tasks(client, tasks, stored))
     return [found[task.key] for task in tasks]
 
 

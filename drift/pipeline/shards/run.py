@@ -78,11 +78,11 @@ def move_shards(
         shelf.stored(job.where, kept),
     ):
         try:
-            progress, told = _simulate_stretches(job, run, kept, mark, noted)
+            progress, records = _simulate_stretches(job, run, kept, mark, noted)
         except Gone as gone:
             LOG.warning("%s of the previous run is missing: it starts again", gone)
             kept.begin_anew()
-            progress, told = _simulate_stretches(job, run, kept, mark, noted)
+            progress, records = _simulate_stretches(job, run, kept, mark, noted)
         last = progress.stretches[-1]
         with SnapshotStore(progress.stretches) as spool:
             blocks = progress.layout.blocks
@@ -91,27 +91,27 @@ def move_shards(
             )
             with _delete_store_if_rejected(kept):
                 run_setup.check_end(case, job.where, run.setup, spool, unsearched)
-            posteriors = told.beliefs.posteriors if told.beliefs else None
-            yield Moved(spool, told.updates(last, progress.layout), posteriors, told.begun)
+            posteriors = records.beliefs.posteriors if records.beliefs else None
+            yield Moved(spool, records.updates(last, progress.layout), posteriors, records.begun)
 
 
 def _simulate_stretches(
     job: Job, run: Divided, kept: Work, mark: Mapping[str, str], noted: Noted | None
 ) -> tuple[_RunProgress, Told]:
     """Simulate all stretches of all shards."""
-    progress, told = _RunProgress(run.layout), None
+    progress, records = _RunProgress(run.layout), None
     while True:
         units = _units(job, run, kept, progress)
         reels = _simulate_stretch(job, run, kept, mark, units)
         progress.stretches.append(reels)
-        if told is None:
-            told = Told(job.case, run.setup, reels, progress.layout, noted)
+        if records is None:
+            records = Told(job.case, run.setup, reels, progress.layout, noted)
         with _delete_store_if_rejected(kept):
-            told.take(reels, progress.layout)
+            records.take(reels, progress.layout)
         result = stretch.result(reels[0])
         if result.over:
-            return progress, told
-        _prepare_next_stretch(job, run, kept, progress, units, told)
+            return progress, records
+        _prepare_next_stretch(job, run, kept, progress, units, records)
 
 
 @contextlib.contextmanager
@@ -185,12 +185,12 @@ def _never_decreasing(tell: Report) -> Report:
     """Return a progress callback that never goes back, although steps may be repeated."""
     most = 0.0
 
-    def told(phase: str, share: float) -> None:
+    def report(phase: str, share: float) -> None:
         nonlocal most
         most = max(most, share)
         tell(phase, most)
 
-    return told
+    return report
 
 
 def _time_span(job: Job, run: Divided, unit: Unit) -> tuple[float, float]:
@@ -214,7 +214,7 @@ def _time_span(job: Job, run: Divided, unit: Unit) -> tuple[float, float]:
 
 
 def _prepare_next_stretch(
-    job: Job, run: Divided, kept: Work, progress: _RunProgress, units: Sequence[Unit], told: Told
+    job: Job, run: Divided, kept: Work, progress: _RunProgress, units: Sequence[Unit], records: Told
 ) -> None:
     """Reduce over all shards at the end of a stretch, and prepare the next stretch.
 
@@ -241,10 +241,10 @@ def _prepare_next_stretch(
             **progress.known,
             result.contact: meeting.log_mean(weighed["before"], weighed["after"]),
         }
-    elif len(told.account.updates) > progress.events:
-        progress.events = len(told.account.updates)
+    elif len(records.account.updates) > progress.events:
+        progress.events = len(records.account.updates)
         assert progress.since is not None
-        progress.since = _resample_if_needed(job, run, kept, progress, told, progress.since)
+        progress.since = _resample_if_needed(job, run, kept, progress, records, progress.since)
     if before is not None and before is not progress.since:
         for name, _, _ in before.states:
             kept.remove(name)
@@ -252,7 +252,7 @@ def _prepare_next_stretch(
 
 
 def _resample_if_needed(
-    job: Job, run: Divided, kept: Work, progress: _RunProgress, told: Told, since: From
+    job: Job, run: Divided, kept: Work, progress: _RunProgress, records: Told, since: From
 ) -> From:
     """Resample at the end of a stretch if the effective sample is too small.
 
@@ -284,7 +284,7 @@ def _resample_if_needed(
     progress.layout = (
         layout if bounds == layout.bounds else Layout(bounds, bounds[:-1], layout.block)
     )
-    told.account.drawn_anew(
+    records.account.drawn_anew(
         reel.noted("log_weight"), reel.noted("lineage"), progress.layout, sum(target)
     )
     return replace(since, drawn=name)

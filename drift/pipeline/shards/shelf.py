@@ -195,7 +195,7 @@ def shelf_beside(out: Path) -> Path:
 def _path_of_shelf(out: Path) -> Path:
     """Return the path of the shards' folder: beside the output folder, or in it.
 
-    It is in the output folder if its parent is not writable or on another file system (a mount).
+    It is in the output folder if that is a mount point, or if its parent is not writable.
     """
     real = Path(os.path.realpath(out))
     inside = real.is_dir() and (

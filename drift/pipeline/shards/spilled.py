@@ -150,7 +150,7 @@ class Rounds:
             release.check(_spill(job.case), np.sum([dry for _, dry in spool.noted(DRY)], axis=0))
             run_setup.check_end(job.case, job.where, setup, spool, None)
         except UserError:
-            kept.drop()  # the same command would only be refused again
+            kept.drop()  # the same command would be rejected again
             raise
         return Drifted(seed, spool, drawn)
 

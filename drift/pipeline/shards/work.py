@@ -32,7 +32,7 @@ NUMBER, BACKEND = "the number of shards", "the backend"  # in the fingerprint
 INDICES = "shard-*.json"
 # outputs of stretches, states at their ends, resampled particles
 KINDS_OF_FILES = ("shard", "state", "drawn")
-FORCING = "forcing"  # folder of regridded slices, made by the first shard, sampled by all
+FORCING = "forcing"  # folder of regridded slices, made once, sampled by all shards
 CHUNK = 2**24
 # warnings go to standard error unless the calling program configures logging
 LOG = logging.getLogger("drift")
@@ -210,8 +210,8 @@ class Work:
 
     def _seal(self, name: str, index: Mapping[str, Any]) -> str:
         """Return the digest that binds an index to its run, its file name and its contents."""
-        told = json.dumps([self.run, name, index], sort_keys=True)
-        return hashlib.blake2b(told.encode(), digest_size=16).hexdigest()
+        contents = json.dumps([self.run, name, index], sort_keys=True)
+        return hashlib.blake2b(contents.encode(), digest_size=16).hexdigest()
 
     @property
     def forcing(self) -> Path | None:
@@ -226,17 +226,17 @@ class Gone(Exception):
 
 def run_of(fingerprint: Mapping[str, str]) -> str:
     """Return the digest of a run's fingerprint."""
-    told = json.dumps(dict(fingerprint), sort_keys=True)
-    return hashlib.blake2b(told.encode(), digest_size=16).hexdigest()
+    contents = json.dumps(dict(fingerprint), sort_keys=True)
+    return hashlib.blake2b(contents.encode(), digest_size=16).hexdigest()
 
 
 def mark_of(folder: Path) -> dict[str, Any] | None:
     """Return the fingerprint of the run whose shards a folder holds; None if there is none."""
     try:
-        told = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
+        contents = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return told if isinstance(told, dict) else None
+    return contents if isinstance(contents, dict) else None
 
 
 def run_in(folder: Path) -> str:

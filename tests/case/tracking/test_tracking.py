@@ -63,7 +63,7 @@ def test_a_good_case_is_read(tmp_path: Path) -> None:
         ('fastest = "32 kn"', "fastest = 1e-300", "fastest 1e-300 m/s must be 0.01 m/s or more"),
         ('reach = "10 nmi"', 'reach = "10 nmi"\non = { every = 1e-300, lasting = 1 }', "duration 1e-300 must be at least 0.001 s"),
         ('reach = "10 nmi"', 'reach = "10 kn"', '"10 kn" is not a distance'),
-        ('duration = "1 h"', 'duration = "1 h"\nevery = "1 ms"', "every: asks for more than 100,000 figures; the case lasts 60 min"),
+        ('duration = "1 h"', 'duration = "1 h"\nevery = "1 ms"', "every: gives more than 100,000 figures; the case lasts 60 min"),
         ('at = "34 00N 120 30W"', 'at = "90 00N 120 30W"', "target: legs: at a pole a course has no meaning; begin beside it"),
         ("change = 0.5", "change = 0.5\n[experiment]\nareas = [0.5, 90]", "areas: 0.5 is less than 1 per cent; write 50 for a share of 0.5"),
         ("range_ambiguity = 0.3", "range_ambiguity = 1.2", "range_ambiguity: 1.2 must be a share of the range, 0 (exact) to 1"),
@@ -112,7 +112,7 @@ def test_other_files_are_refused_by_what_they_are(tmp_path: Path) -> None:
         load(tmp_path, "title =")
     with pytest.raises(
         UserError,
-        match="tracking cases that ship: closing, fast_boat, lost_contact, run_to_the_south",
+        match="shipped tracking cases: closing, fast_boat, lost_contact, run_to_the_south",
     ):
         tracking.load("closin")
     with pytest.raises(UserError, match='unknown key "x"'):
