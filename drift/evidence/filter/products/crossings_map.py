@@ -1,4 +1,4 @@
-"""The picture of lines: how likely each has been crossed by any time, by scenario."""
+"""The picture of lines: the probability of having crossed each by time, by scenario."""
 
 from pathlib import Path
 
@@ -18,24 +18,22 @@ from drift.products.maps.imprint import Setting
 from drift.products.maps.sheet import Badge, Row, Sheet
 from geo import notation
 
-MOST = 6  # lines; of more the likeliest are drawn
-CURVES = 7  # scenarios with a curve of their own, the likeliest to cross
+MOST = 6  # most lines; if there are more, those likeliest to be crossed
+CURVES = 7  # most scenarios with their own curve: those likeliest to cross
 ACROSS = 3  # panels in a row
-# [in] of the page; of a panel, and what is between them
+# [in] width of the page, height of a panel, gap between panels, left margin
 WIDTH, HIGH, GAP, MARGIN = 14.0, 2.6, 0.85, 0.75
 
 
 def plot_crossings(updates: Updates, path: Path, setting: Setting) -> None:
-    """Draw the probability of having crossed each line by time, with 5, 50 and 95 % of the first
-    crossings.
-    """
+    """Draw the probability of having crossed each line by time, with quantiles of the time."""
     crossings = updates.crossings
     assert crossings is not None
     few = bool(updates.all) and particles_left.lowest(updates, setting.particles).few
     every = sorted(crossings.all, key=lambda crossing: -float(crossing.probability[-1]))
     shown, stories = every[:MOST], _stories(crossings)
     rows = -(-len(shown) // ACROSS)
-    below = 0.32 * few  # [in] that a warning takes
+    below = 0.32 * few  # [in] height of a warning
     width, height = WIDTH, 1.55 + below + rows * (HIGH + 0.75)
     columns = min(len(shown), ACROSS)
     wide = (WIDTH - MARGIN - 0.3 - (columns - 1) * GAP) / columns
@@ -82,7 +80,7 @@ def plot_crossings(updates: Updates, path: Path, setting: Setting) -> None:
 
 
 def _stories(crossings: Crossings) -> list[int]:
-    """Return the scenarios that have curves of their own; of one scenario none is needed."""
+    """Return the scenarios with their own curve; none if there is only one scenario."""
     if len(crossings.scenarios) < 2:
         return []
     most = np.max([crossing.probability[:-1] for crossing in crossings.all], axis=0)
@@ -95,7 +93,7 @@ def _stroke(j: int) -> Line2D:
 
 
 def _account(every: list[Crossing], shown: int) -> str:
-    """Return in a line what is drawn."""
+    """Return the line of text under the title: what is drawn."""
     parts = [
         "Probability that a line has been crossed, by time, given all that was seen in the run"
     ]
@@ -105,7 +103,7 @@ def _account(every: list[Crossing], shown: int) -> str:
 
 
 def _panel(ax: Axes, crossings: Crossings, crossing: Crossing, stories: list[int]) -> None:
-    """Draw one line's curves."""
+    """Draw the curves of one line."""
     x = notation.epochs(crossings.edges).astype(float)
     name = page.fit(crossing.line.name, 30)
     share, error = (

@@ -1,8 +1,8 @@
-"""The picture of what a search has shown: each scenario's probability and POS after each update.
+"""The picture of a search's evidence: probability and POS of each scenario after each update.
 
-On the left, downward in time, stands each update with the probability of each scenario after it,
-and with the Bayes factor of the scenario that it moved most. On the right stands the cumulative POS
-by scenario, on which a decision to suspend rests.
+The left chart lists the updates, downward in time, with the probability of each scenario after each
+and the Bayes factor of the scenario that changed most. The right chart is the cumulative POS by
+scenario, the basis of a decision to suspend.
 """
 
 import math
@@ -30,12 +30,12 @@ from geo import notation
 from geo.array import Array
 
 A_LINE = 4  # scenarios on a line of the legend
-HUGE = 1e6  # Bayes factor beyond which its exact value adds nothing
-MOST = 22  # rows; of more updates the last are shown
+HUGE = 1e6  # largest Bayes factor that is written exactly
+MOST = 22  # most rows; if there are more updates, the last ones
 THIN = 0.006  # share of a scenario below which its bar has no edge
 DIGIT = 0.072  # [in] width of a small digit
 OVERHANG = 0.12  # [in] how far numbers over a chart may reach beyond its right edge
-# Any two differ by hatch, or by a lightness that is seen in grey print too.
+# Any two differ by hatch, or by lightness that is visible in greyscale.
 FILLS: tuple[dict[str, Any], ...] = (
     {"facecolor": "#cfe0ee", "hatch": ""},
     {"facecolor": "#0b4f8a", "hatch": ""},
@@ -74,14 +74,14 @@ STRENGTH = (
 
 
 def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
-    """Draw the evidence of a search; of many scenarios the likeliest, and the others together."""
+    """Draw the evidence of a search; scenarios beyond the likeliest are merged into one."""
     every, updates = updates, together(updates)
     steps = search_tables.steps(updates)
     shown = list(enumerate(steps, 1))[-MOST:]
     stories = len(updates.scenarios) > 1
     lines = -(-len(updates.scenarios) // A_LINE) if stories else 0  # lines of the legend
     least = particles_left.lowest(updates, setting.particles)
-    below = 0.32 * least.few  # [in] that a warning takes
+    below = 0.32 * least.few  # [in] height of a warning
     over = 1.45 + 0.24 * lines + below
     height = max(4.6, over + 1.0 + 0.47 * (len(shown) + 1))
     on = sheet.begin(
@@ -121,18 +121,23 @@ def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
 
 
 def _flown(updates: Updates) -> bool:
-    """Whether there is a cumulative POS: where only sensors and contacts told something, the chart
-    on the left has all the room.
+    """Whether there is a cumulative POS.
+
+    Without it, the chart on the left takes the full width.
     """
     return any(update.cumulative is not None for update in updates.all)
 
 
 def evidence_in_words(update: Update, before: Array, scenarios: tuple[str, ...]) -> tuple[str, str]:
-    """Return in plain words what an update says about the scenarios, and its Bayes factor and
-    strength.
+    """Return the effect of an update on the scenarios in words, and its Bayes factor and strength.
 
-    It names the scenario whose odds against the others it moved most; both are empty where there is
-    but one.
+    It names the scenario whose odds against the others changed most. Both are empty if there is
+    only one scenario.
+
+    Args:
+        update: the update.
+        before: probability of each scenario before it, shape (scenarios,).
+        scenarios: their names.
     """
     factors = search_tables.bayes_factors(update, before)
     defined = [j for j in range(len(factors)) if not np.isnan(factors[j])]
@@ -166,7 +171,7 @@ def _quoted(names: list[str]) -> str:
 
 
 def _account(updates: Updates, hidden: int) -> str:
-    """Return in a line what was done, and how the search stands."""
+    """Return the line of text under the title: what was done, and the status of the search."""
     sorties = [u for u in updates.all if u.kind == "sortie"]
     contacts = sum(u.kind == "contact" for u in updates.all)
     overdue = sum(u.kind == "overdue" for u in updates.all)
@@ -212,7 +217,7 @@ def _explained(updates: Updates) -> str:
 
 
 def _legend(figure: Figure, updates: Updates, top: float) -> None:
-    """Name the scenarios with their bar and their line, in columns, the first line first."""
+    """Draw the legend of scenarios: bar and line of each, row by row."""
     rows: list[tuple[Any, str]] = []
     for j, name in enumerate(page.names(updates.scenarios, 34)):
         colour, dashes, marker = STROKES[j % len(STROKES)]
@@ -244,13 +249,13 @@ def _legend(figure: Figure, updates: Updates, top: float) -> None:
     )
 
 
-# updates with their numbers, and the scenarios before each
+# numbers of the updates, each update, and the probability of the scenarios before it
 Shown = list[tuple[int, tuple[Update, Array]]]
 Said = list[tuple[str, str]]  # two lines
 
 
 def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, float]) -> None:
-    """Draw bars of the scenarios' probabilities, one a row, with what each update says right of it."""
+    """Draw the probabilities of scenarios as bars, one row an update, with its effect in words."""
     first = shown[0][1][1] if shown else np.asarray(updates.prior, float)
     rows = [first, *(np.asarray(update.posterior, float) for _, (update, _) in shown)]
     begin = (
@@ -266,7 +271,7 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
     for j in range(len(updates.scenarios)):
         share = np.array([row[j] for row in rows])
         fill = FILLS[j % len(FILLS)]
-        # bars of many that are unlikely would be nothing but edges
+        # edges would hide the thin bars of many unlikely scenarios
         edges = np.where(share >= THIN, 0.6, 0.0)
         ax.barh(y, share, 0.62, left, edgecolor=INK, linewidth=edges.tolist(), zorder=3, **fill)
         for k in y[share >= 0.09]:
@@ -277,8 +282,9 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
 
 
 def _worth(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, float]) -> None:
-    """Draw as bars, where there is only one scenario, POC and POS of each sortie, or how likely
-    what each sensor said was.
+    """Draw POC and POS of each sortie for a single scenario.
+
+    Without sorties, draw the probability of each sensor report.
     """
     said = [("", "")]
     for _, (update, _) in shown:
@@ -311,10 +317,10 @@ def _rows(
     heads: tuple[str, str],
     wide: bool,
 ) -> Axes:
-    """Return axes for a bar in each row, from 0 to 1.
+    """Return axes for one bar a row, from 0 to 1.
 
-    A row has its update's name on the left and two lines on the right. wide: no other chart stands
-    beside it.
+    A row has the name of its update on the left and two lines on the right. wide: no other chart
+    stands beside it.
     """
     width = 0.5 if wide else 0.21
     ax = figure.add_axes((0.185, room[0], width, room[1] - room[0]))
@@ -375,9 +381,7 @@ def _figure(ax: Axes, x: float, y: int, text: str, fill: dict[str, Any]) -> None
 
 
 def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> None:
-    """Draw the cumulative POS by scenario over time, with its last value and name at the end of
-    each line.
-    """
+    """Draw the cumulative POS by scenario over time, with value and name at each line's end."""
     ax = figure.add_axes((0.665, room[0], 0.185, room[1] - room[0]))
     high = figure.get_figheight()
     figure.text(
@@ -424,12 +428,13 @@ def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> 
 
 
 def _numbers(ax: Axes, numbers: list[int], times: Array) -> None:
-    """Write the numbers of sorties over the chart at their times, as one text where they would
-    touch: 4-6, 8.
+    """Write the numbers of sorties over the chart at their times.
+
+    Numbers that would overlap become one text, such as 4-6, 8.
     """
     begin, end = ax.get_xlim()
     per = (end - begin) / (ax.get_window_extent().width / ax.get_figure(root=True).dpi)  # type: ignore[union-attr]
-    # numbers, and from when to when [s] their text reaches
+    # numbers, and begin and end [s] of their text on the time axis
     groups: list[tuple[list[int], float, float]] = []
 
     def spread(some: list[int]) -> tuple[list[int], float, float]:
@@ -457,7 +462,7 @@ def _numbers(ax: Axes, numbers: list[int], times: Array) -> None:
 
 
 def _runs(numbers: list[int]) -> str:
-    """Return ascending numbers in short: 1, 3-5."""
+    """Return ascending numbers as ranges, such as 1, 3-5."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:
@@ -468,7 +473,7 @@ def _runs(numbers: list[int]) -> str:
 
 
 def _ends(ax: Axes, texts: list[tuple[float, str, str, bool]]) -> None:
-    """Write each line's last value and name right of the chart, moved apart where they would touch."""
+    """Write the last value and name of each line right of the chart, without overlaps."""
     texts = sorted(texts)
     inches = ax.get_window_extent().height / ax.get_figure(root=True).dpi  # type: ignore[union-attr]
     least = 0.19 / inches
