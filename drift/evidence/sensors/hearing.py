@@ -115,7 +115,7 @@ class Ear:
         return round_circle(np.arange(rays) * TURN / rays, self.sonar.losses.bearing, by_range)
 
     def noise(self, time: np.datetime64) -> Array:
-        """Return the noise [dB] by bearing at a time (b,), interpolated linearly between its times."""
+        """Return the noise [dB] by bearing at a time (b,), interpolated between its times."""
         own = self.sonar.noise
         if not own.times.size:
             return np.asarray(own.level[0])

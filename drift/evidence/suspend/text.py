@@ -1,4 +1,4 @@
-"""What a decision to suspend rests on, as ASCII text of WIDE columns; it recommends nothing."""
+"""The basis of a decision to suspend as ASCII text of WIDE columns, without a recommendation."""
 
 import textwrap
 
@@ -16,10 +16,14 @@ FIRST = (0.5, 0.1, 0.01)  # probabilities of being alive whose times are stated
 def suspension_text(
     suspension: Suspension, case_title: str, run: str, *, synthetic: bool = False, lost: float = 0.0
 ) -> str:
-    """Return what a decision to suspend rests on, as text.
+    """Return the basis of a decision to suspend as text.
 
-    run: its run_id. synthetic: whether winds or currents are made up. lost: probability that is on
-    no map.
+    Args:
+        suspension: the basis.
+        case_title: title of the case.
+        run: the run_id.
+        synthetic: whether winds or currents are synthetic.
+        lost: probability of particles on no map.
     """
     what = (
         "the last sortie or contact"
@@ -52,7 +56,7 @@ def suspension_text(
 
 
 def warnings(suspension: Suspension, synthetic: bool) -> list[str]:
-    """Return warnings of what is not reliable in it."""
+    """Return warnings about figures that are not reliable."""
     lines = ["SYNTHETIC wind or current. NOT FOR OPERATIONS."] if synthetic else []
     if suspension.count.few:
         lines.append(
@@ -81,7 +85,10 @@ def give_or_take(value: float, error: float) -> str:
 
 
 def reached(suspension: Suspension) -> list[tuple[float, np.datetime64]]:
-    """Return when the probability of being alive falls to each of FIRST, within the curve."""
+    """Return the times when the probability of being alive falls to each of FIRST.
+
+    Times outside the curve are left out.
+    """
     alive, times = suspension.alive[:, -1], notation.epochs(suspension.times)
     crossings = []
     for level in FIRST:
