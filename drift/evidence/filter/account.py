@@ -57,8 +57,8 @@ class Account:
         self.updates: list[Update] = []
         self._spec, self._noted = spec, noted
         self._prior = np.zeros(len(spec.scenarios))
-        self._missed = np.ones(len(spec.scenarios) + 1)  # product of 1 - POS so far
-        self._least = np.inf  # effective particles after any update
+        self._failure_probability = np.ones(len(spec.scenarios) + 1)  # product of 1 - POS so far
+        self._lowest_ess = np.inf  # effective particles after any update
 
     def begin(self, columns: Columns) -> None:
         """Store the prior probability of each scenario, from the `log_weight` of the particles."""
@@ -88,12 +88,12 @@ class Account:
             UserError: no particle has any weight after it.
         """
         columns = event.columns
-        if not event.certain and not _says_anything(columns):
+        if not event.certain and not _rules_out_particles(columns):
             return
         then, now = (_weighed(columns, name) for name in ("before", "after"))
         evidence = self._evidence(then, now, event)
         ess = _effective(columns, "after", now)
-        self._least = min(self._least, ess)
+        self._lowest_ess = min(self._lowest_ess, ess)
         update = Update(
             event.name,
             event.kind,
@@ -105,13 +105,13 @@ class Account:
             standing=standing(
                 event.time,
                 columns.named("after", "log_weight"),
-                self._least,
+                self._lowest_ess,
                 self._spec.period.duration,
             ),
             distinct=self.updates[-1].distinct if self.updates else 1.0,
         )
         if event.kind == "sortie":
-            update = self._found(update, event, then.largest)
+            update = self._with_sortie_results(update, event, then.largest)
         self.updates.append(update)
         if self._noted is not None:
             self._noted(update, columns)
@@ -141,11 +141,11 @@ class Account:
         """Record that the last update left too few particles, so that the track is lost."""
         self.updates[-1] = replace(self.updates[-1], filled="lost")
 
-    def _found(self, update: Update, event: Event, top: float) -> Update:
+    def _with_sortie_results(self, update: Update, event: Event, top: float) -> Update:
         """Return a sortie's update with POC, POS and its parts; top: largest log weight before."""
         # POS of a scenario without weight is 0
         pos = np.nan_to_num(-np.expm1(update.log_evidence))
-        self._missed = self._missed * (1 - pos)
+        self._failure_probability = self._failure_probability * (1 - pos)
         survival, sums = any(scenario.survival for scenario in self._spec.scenarios), []
         names = ("before", "after", "searched", "there", "release")
         for blocks, before, after, searched, there, release in event.columns.parts(*names):
@@ -166,7 +166,7 @@ class Account:
             pos=pos,
             ashore=ashore,
             alive=alive[0] if alive else None,
-            cumulative=1 - self._missed,
+            cumulative=1 - self._failure_probability,
         )
 
     def _evidence(self, then: Weighed, now: Weighed, event: Event) -> Array:
@@ -174,17 +174,17 @@ class Account:
 
         Raise UserError if the update contradicts every scenario.
         """
-        whole = now.log_sum - then.log_sum
+        log_ratio = now.log_sum - then.log_sum
         with np.errstate(invalid="ignore"):  # NaN for a scenario that had no weight before
-            sums = now.log_sums - then.log_sums
-        if not np.isfinite(whole):
+            log_ratios = now.log_sums - then.log_sums
+        if not np.isfinite(log_ratio):
             names = ", ".join(f'"{s.name}"' for s in self._spec.scenarios)
             raise UserError(
                 f'{event.kind} "{event.name}" contradicts every scenario ({names}): after it no particle has any weight, '
                 "and nothing can be said. Check its place, time and error, or allow for doubt: a POD or detection below 1, "
                 "a belief below 1, false alarms, or a wider prior"
             )
-        return np.array([*sums, whole]) + event.unit
+        return np.array([*log_ratios, log_ratio]) + event.unit
 
     def _alive(self, blocks: Blocks, release: Array, middle: float) -> Array:
         """Return the probability of being alive at the middle of a sortie, of each particle.
@@ -206,7 +206,7 @@ def _weighed(columns: Columns, name: str) -> Weighed:
     )
 
 
-def _says_anything(columns: Columns) -> bool:
+def _rules_out_particles(columns: Columns) -> bool:
     """Return whether an update takes all of its weight from any particle."""
     parts = columns.parts("before", "after")
     return any(((before > -np.inf) & (after == -np.inf)).any() for _, before, after in parts)

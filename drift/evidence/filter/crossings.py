@@ -101,27 +101,27 @@ def build_crossings(spec: EnsembleSpec, lines: Sequence[Line], columns: Columns)
 def _crossing(
     spec: EnsembleSpec, line: Line, number: int, columns: Columns, unit: Unit
 ) -> Crossing:
-    told, drawn = [], []
+    moments, times_drawn = [], []
     names = (column_of(number, name) for name in ("stayed", "when"))
     for blocks, log_weight, *seen in columns.parts("log_weight", *names):
         stayed, when = (column.astype(np.float64) for column in seen)
         # 0.0 - ... avoids -0 for particles that never cross
         weight, chance = unit.shares(log_weight), 0.0 - np.expm1(stayed)
         square = weight**2
-        told.append(
+        moments.append(
             blocks.partial(weight, weight * chance, square, square * chance, square * chance**2)
         )
         # Crossing times are sampled. They give the distribution over time; its total is the
         # probability, which is computed without sampling.
         share = np.minimum(when / spec.period.duration * PARTS * BINS, PARTS * BINS - 1)
         bins = np.where(when < 0, PARTS * BINS, share).astype(np.int64)
-        drawn.append(blocks.partial(weight, code=bins, many=PARTS * BINS + 1))
-    sums = partials.merged(told)
+        times_drawn.append(blocks.partial(weight, code=bins, many=PARTS * BINS + 1))
+    sums = partials.merged(moments)
     total, hit, squares, cross, both = np.concatenate([sums.by_scenario[:, 0], sums.total]).T
     probability = _ratio(hit, total)
     spread = both - 2 * probability * cross + probability**2 * squares
     error = _ratio(np.sqrt(np.maximum(spread, 0.0)), total)
-    first_times = partials.merged(drawn)
+    first_times = partials.merged(times_drawn)
     spread_out = np.concatenate(
         [first_times.by_scenario[:, :-1, 0], first_times.total[None, :-1, 0]]
     )

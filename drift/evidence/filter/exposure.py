@@ -60,7 +60,7 @@ class Exposed:
 
 
 @dataclass(frozen=True)
-class _Way:
+class _SharedPath:
     """Scenarios and ensemble members in which the sensor has the same track, and its marker.
 
     The marker is None if the sensor does not drift.
@@ -103,12 +103,14 @@ class SortieExposure:
             self._place = sensor_path.standing(lon, lat, self.begin, self.end)
         every = tuple(sorted(scenario for sea in seas for scenario in sea))
         self._scenarios = len(every)
-        self._ways = [_Way(every, None)]
-        self._shown = self._ways  # the tracks that are reported; for an ensemble, that of the mean
+        self._paths_by_current = [_SharedPath(every, None)]
+        self._reported_paths = (
+            self._paths_by_current
+        )  # the tracks that are reported; for an ensemble, that of the mean
         self._datum = (0.0, 0.0)
         if sortie.frame == "datum":
             self._drifts(start, seas, members or [1] * len(seas))
-        self._seen = self.begin  # the time [s] to which its columns are complete
+        self._exposed_until = self.begin  # the time [s] to which its columns are complete
         self.exposed: Exposed | None = None  # exposure so far; None: not started
 
     def _drifts(self, start: int, seas: Sequence[tuple[int, ...]], members: Sequence[int]) -> None:
@@ -117,15 +119,17 @@ class SortieExposure:
         assert path is not None
         datum = self._datum = self.sortie.datum or (float(path.lon[0]), float(path.lat[0]))
         if self.sortie.marker is not None:
-            self._ways = self._shown = [
-                _Way(self._ways[0].scenarios, markers.tracked(self.sortie.marker, start))
+            self._paths_by_current = self._reported_paths = [
+                _SharedPath(
+                    self._paths_by_current[0].scenarios, markers.tracked(self.sortie.marker, start)
+                )
             ]
             return
-        self._ways, self._shown = [], []
+        self._paths_by_current, self._reported_paths = [], []
         for sea, many in zip(seas, members, strict=True):
-            self._shown.append(_Way(sea, Marker(*datum, self.begin, sea[0])))
-            own = [_Way(sea, Marker(*datum, self.begin, sea[0], k), k) for k in range(many)]
-            self._ways += own if many > 1 else self._shown[-1:]
+            self._reported_paths.append(_SharedPath(sea, Marker(*datum, self.begin, sea[0])))
+            own = [_SharedPath(sea, Marker(*datum, self.begin, sea[0], k), k) for k in range(many)]
+            self._paths_by_current += own if many > 1 else self._reported_paths[-1:]
 
     @property
     def key(self) -> tuple[str, float]:
@@ -150,7 +154,7 @@ class SortieExposure:
             scenario: number of the scenario.
             start: of the run [s since 1970].
         """
-        marker = next(way.marker for way in self._shown if scenario in way.scenarios)
+        marker = next(way.marker for way in self._reported_paths if scenario in way.scenarios)
         return (
             replace(self.sortie, marker=marker.legs(start))
             if isinstance(marker, Marker)
@@ -160,7 +164,9 @@ class SortieExposure:
     @property
     def markers(self) -> list[Marker]:
         """Its markers without known tracks."""
-        every = {id(way.marker): way.marker for way in (*self._ways, *self._shown)}.values()
+        every = {
+            id(way.marker): way.marker for way in (*self._paths_by_current, *self._reported_paths)
+        }.values()
         return [marker for marker in every if isinstance(marker, Marker)]
 
     def drift(self, forcing: Forcing, elapsed: int, duration: int) -> None:
@@ -190,18 +196,18 @@ class SortieExposure:
         """
         self.ready(ensemble, helm is not None)
         assert self.exposed is not None
-        first, last = max(self._seen, step.elapsed, self.begin), min(until, self.end)
+        first, last = max(self._exposed_until, step.elapsed, self.begin), min(until, self.end)
         if first >= last:
             return self.exposed
         exposed = self.exposed if keep else self.exposed.copy()
         if keep:
-            self._seen = last
+            self._exposed_until = last
         member = (
             dealt.member_of_particles(ensemble)
-            if any(way.member is not None for way in self._ways)
+            if any(way.member is not None for way in self._paths_by_current)
             else None
         )
-        for way in self._ways:
+        for way in self._paths_by_current:
             chosen = None  # bool (n,): slots of one ensemble member; None: all of these scenarios
             if member is not None and way.member is not None:
                 chosen = member == way.member
@@ -216,7 +222,7 @@ class SortieExposure:
         ensemble: Ensemble,
         paths: Paths,
         span: tuple[float, float],
-        way: _Way,
+        way: _SharedPath,
         exposed: Exposed,
     ) -> None:
         """Add the exposure of particles along their paths, between two times of the step."""
@@ -239,7 +245,7 @@ class SortieExposure:
             )
 
     def _tracks(
-        self, span: tuple[float, float], paths: Paths, way: _Way
+        self, span: tuple[float, float], paths: Paths, way: _SharedPath
     ) -> Iterator[tuple[int, Track, tuple[Array, Array]]]:
         """Yield the kind of exposure, the track between two times and the kernel's tables.
 
@@ -247,7 +253,7 @@ class SortieExposure:
         """
         (first, last), begin, polar = paths.cut(*span), paths.elapsed, paths.polar
         moved = way.marker.where if way.marker else None
-        if self._path is not None and self._looks:
+        if self._path is not None and self._detects:
             track = self._path.between(first, last, begin, moved, self._datum, polar)
             if track is not None:
                 yield self._kind, track, self._tables_under_way if paths.steers else self._tables
@@ -281,7 +287,7 @@ class SortieExposure:
         return self.exposed
 
     @property
-    def _looks(self) -> bool:
+    def _detects(self) -> bool:
         """Whether it can detect anything along its legs."""
         return (
             bool(self.sortie.watch) or max((*self.sortie.sweep_width, *self._width_under_way)) > 0

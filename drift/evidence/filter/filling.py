@@ -152,18 +152,18 @@ class Filling:
             left[first:last] &= resample.survivors(share[first:last])
         placed = None
         if left.sum() < self._rule.bulk * len(left):
-            placed = self._placed(contact, number, time, cloud, left, scenarios)
+            placed = self._draw_replacements(contact, number, time, cloud, left, scenarios)
         if placed is None or placed.slots.size:
             self._last = estimate(cloud if placed is None else changed(cloud, placed), time)
         return placed
 
-    def _placed(
+    def _draw_replacements(
         self,
         contact: Contact,
         number: int,
         time: int,
         cloud: Cloud,
-        left: Array,
+        survivors: Array,
         scenarios: list[tuple[int, int]],
     ) -> Placed:
         log_weight, parts = np.array(cloud.log_weight, np.float64), []
@@ -172,23 +172,23 @@ class Filling:
                 cloud.log_weight[first:last],
                 noise.generator(self._seed, Purpose.FILLING, number, (scenario, 0)),
             )
-            out = np.flatnonzero(~left[first:last])
-            lon, lat, wet = self._in_water(contact, out.size, rng)
-            course, speed, need = self._motion(contact, time, lon, lat, rng)
+            out = np.flatnonzero(~survivors[first:last])
+            lon, lat, wet = self._positions_in_water(contact, out.size, rng)
+            course, speed, need = self._draw_motion(contact, time, lon, lat, rng)
             law = self._changes[scenario]
-            change = time + _waits(law, out.size, rng)
+            change = time + _draw_waits(law, out.size, rng)
             fresh = np.full(out.size, isinstance(law, tuple))
             out, moving = (
                 out[wet],
                 [values[wet] for values in (lon, lat, course, speed, change, fresh)],
             )
-            weight = np.where(left[first:last], weights.relative(own), 0.0)
-            mean = weight.sum() / max(left[first:last].sum(), 1) or 1.0
+            weight = np.where(survivors[first:last], weights.relative(own), 0.0)
+            mean = weight.sum() / max(survivors[first:last].sum(), 1) or 1.0
             weight[out] = mean
             if need is not None and self._last is not None and self._rule.method != "course":
                 high, pace = self._rule.fastest, self._last.speed
                 least = high * LEAST
-                weight[left[first:last]] = max(high - pace, least)
+                weight[survivors[first:last]] = max(high - pace, least)
                 window = np.where(need < pace, need - (2 * pace - high), high - need)
                 weight[out] = np.maximum(window[wet], least)
             if weight.sum() > 0:
@@ -201,7 +201,7 @@ class Filling:
         )
         return Placed(slots, lon, lat, course, speed, change, fresh, log_weight)
 
-    def _motion(
+    def _draw_motion(
         self, contact: Contact, time: int, lon: Array, lat: Array, rng: np.random.Generator
     ) -> tuple[Array, Array, Array | None]:
         """Return courses [rad] and speeds [m/s], and the speeds needed from the last estimate.
@@ -226,7 +226,7 @@ class Filling:
             speed = np.where(straight, np.minimum(need, high), speed)
         return course % (2 * np.pi), speed, need
 
-    def _in_water(
+    def _positions_in_water(
         self, contact: Contact, n: int, rng: np.random.Generator
     ) -> tuple[Array, Array, Array]:
         """Return n possible positions (lon, lat) [rad] of a contact, and which are in water."""
@@ -244,7 +244,7 @@ class Filling:
         return lon, lat, wet
 
 
-def _waits(law: float | tuple[float, float], n: int, rng: np.random.Generator) -> Array:
+def _draw_waits(law: float | tuple[float, float], n: int, rng: np.random.Generator) -> Array:
     """Return times to the next change of course [s], int64 (n,).
 
     They are exponential with a mean (0: never), or uniform between two times.
@@ -284,7 +284,7 @@ def refused(
         contacts: of the case.
         start: of the run.
     """
-    what = f'resampling: method "{rule.method}" places what keeps a course where a contact may have been'
+    what = f'resampling: method "{rule.method}" repopulates targets that keep a course, at possible positions of a contact'
     for scenario in scenarios:
         own = scenario.itinerary
         if own is None or own.distress is not None or not _keeps_course(own):
@@ -297,7 +297,7 @@ def refused(
             return f'{what}, and contact "{contact.name}" is at the start of the run: give it as the scenarios\' position, or start earlier'
     if not any(bounded(contact) for contact in contacts):
         return (
-            f"{what}, and there is none that could: give a [[contact]] without belief and false_density (a bearing with far), or method = "
+            f"{what}, and no contact of the case allows it: give a [[contact]] without belief and false_density (a bearing with far), or method = "
             '"duplicates"'
         )
     return ""
@@ -338,18 +338,18 @@ def places(contact: Contact, n: int, rng: np.random.Generator) -> tuple[Array, A
         c, s = math.cos(contact.orientation), math.sin(contact.orientation)
         return sphere.destination(lon, lat, along * s + across * c, along * c - across * s)
     if contact.kind == "area":
-        return _within(contact, n, rng)
+        return _positions_in_area(contact, n, rng)
     assert contact.sensor is not None
     if contact.kind == "range":
         bearing = rng.uniform(0, 2 * np.pi, n)
         far = np.abs(contact.range + contact.range_std * rng.standard_normal(n))
     else:
-        bearing, far = _bearings(contact, n, rng), rng.uniform(contact.near, contact.far, n)
+        bearing, far = _draw_bearings(contact, n, rng), rng.uniform(contact.near, contact.far, n)
     lon, lat = np.radians(contact.sensor)
     return sphere.destination(lon, lat, far * np.sin(bearing), far * np.cos(bearing))
 
 
-def _bearings(contact: Contact, n: int, rng: np.random.Generator) -> Array:
+def _draw_bearings(contact: Contact, n: int, rng: np.random.Generator) -> Array:
     """Return n possible bearings [rad] of a contact.
 
     If the array cannot tell port from starboard, about half are mirrored.
@@ -364,7 +364,7 @@ def _bearings(contact: Contact, n: int, rng: np.random.Generator) -> Array:
     return np.asarray(bearing + contact_laws.bearing_std(contact, bearing) * rng.standard_normal(n))
 
 
-def _within(contact: Contact, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def _positions_in_area(contact: Contact, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Return n positions (lon, lat) [rad], uniform in the area of a contact."""
     assert contact.area is not None
     lon, lat, inside = np.zeros(n), np.zeros(n), np.zeros(n, bool)

@@ -114,7 +114,7 @@ class Observers:
         self._step: Step | None = None
         self._begin: Begin | None = None
         # the last time in the step with known positions, and these positions
-        self._known: tuple[int, Places] | None = None
+        self._last_positions: tuple[int, Places] | None = None
         self._cuts = 0  # number of parts of the step so far
 
     @property
@@ -166,47 +166,53 @@ class Observers:
 
     def before(self, step: Step) -> None:
         """Store the positions at the start of a step, if a sensor is active in it."""
-        self._step, self._known, self._cuts = step, None, 0
+        self._step, self._last_positions, self._cuts = step, None, 0
         end = step.elapsed + step.duration
         if self.looking(end):
             # Nothing moves before the run begins, though its first step may.
-            self._known = max(step.elapsed, 0), self._now()
+            self._last_positions = max(step.elapsed, 0), self._now()
 
     def _now(self) -> Places:
         return runtime.copy(self._ensemble.lon), runtime.copy(self._ensemble.lat)
 
     def cut(self, time: int, place: PositionsAt) -> None:
         """Observe until a time at which positions are computed, and continue from there."""
-        if self._known is None or time <= self._known[0]:
+        if self._last_positions is None or time <= self._last_positions[0]:
             return
         lon, lat = place(self._ensemble, self._scene, None, time)
         places = runtime.upload(lon.astype(np.int32)), runtime.upload(lat.astype(np.int32))
-        self._see(time, places, [(seen, seen.ready(self._ensemble.n)) for seen in self._open(time)])
-        self._known, self._cuts = (time, places), self._cuts + 1
+        self._observe(
+            time, places, [(seen, seen.ready(self._ensemble.n)) for seen in self._active(time)]
+        )
+        self._last_positions, self._cuts = (time, places), self._cuts + 1
 
     def watch(self, until: int) -> None:
         """Observe until the end of the step just made."""
-        if self._known is not None and until > self._known[0]:
+        if self._last_positions is not None and until > self._last_positions[0]:
             places = self._ensemble.lon, self._ensemble.lat
-            self._see(
-                until, places, [(seen, seen.ready(self._ensemble.n)) for seen in self._open(until)]
+            self._observe(
+                until,
+                places,
+                [(seen, seen.ready(self._ensemble.n)) for seen in self._active(until)],
             )
-        self._known = None
+        self._last_positions = None
 
-    def _open(self, until: int) -> list[Observer]:
+    def _active(self, until: int) -> list[Observer]:
         """Return the sensors that are active from the last known positions until a time."""
-        assert self._known is not None
+        assert self._last_positions is not None
         return [
             seen
             for seen in (*self._waiting, *self.lines)
-            if seen.begin <= self._known[0] and until <= seen.end
+            if seen.begin <= self._last_positions[0] and until <= seen.end
         ]
 
-    def _see(self, until: int, places: Places, every: list[tuple[Observer, list[Device]]]) -> None:
+    def _observe(
+        self, until: int, places: Places, every: list[tuple[Observer, list[Device]]]
+    ) -> None:
         """Update columns of sensors from the last known positions until a time."""
         assert self._step is not None
-        assert self._known is not None
-        since, before = self._known
+        assert self._last_positions is not None
+        since, before = self._last_positions
         window = Window(self._step.number, self._cuts, since, until - since)
         # drifting particles diffuse about their track
         k = math.sqrt(2 * self._spec.errors.diffusivity)
@@ -278,12 +284,12 @@ class Observers:
             columns = seen.columns
             if (
                 at_end
-                and self._known is not None
-                and time > self._known[0]
-                and seen in self._open(time)
+                and self._last_positions is not None
+                and time > self._last_positions[0]
+                and seen in self._active(time)
             ):
                 columns = [runtime.copy(column) for column in seen.ready(self._ensemble.n)]
-                self._see(time, (self._ensemble.lon, self._ensemble.lat), [(seen, columns)])
+                self._observe(time, (self._ensemble.lon, self._ensemble.lat), [(seen, columns)])
             likelihood = seen.likelihood(columns, over=False) if columns else None
             if likelihood is not None:
                 total = likelihood if total is None else total + likelihood

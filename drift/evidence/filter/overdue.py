@@ -64,11 +64,11 @@ def in_port(spec: EnsembleSpec, ensemble: Ensemble, status: Array, when: np.date
         if own is None or own.overdue is None or own.overdue > when:
             continue
         mine = np.flatnonzero((status == Status.ARRIVED) & (ensemble.scenario.to_numpy() == k))
-        there[mine] = _off(own, ensemble, mine) <= own.arrival_radius
+        there[mine] = _distance_from_end(own, ensemble, mine) <= own.arrival_radius
     return there
 
 
-def _off(own: Itinerary, ensemble: Ensemble, index: Array) -> Array:
+def _distance_from_end(own: Itinerary, ensemble: Ensemble, index: Array) -> Array:
     """Return the distance [m] of arrived particles from their last way point.
 
     The way point is the one that each particle has drawn. On a voyage it is the middle of the

@@ -55,7 +55,7 @@ class Beliefs:
         if not self._told:
             return
         own = marginal.weighted(columns)
-        told = tuple(self._marginal(told, own) for told in self._told)
+        told = tuple(self._marginal_of(told, own) for told in self._told)
         scenarios = own.total[:-1] / own.total[-1]
         self._stages.append(
             Stage(len(self._stages), name, kind, time, float(own.ess[-1]), scenarios, told)
@@ -72,7 +72,7 @@ class Beliefs:
             names, self._spec.period, tuple(self._told), tuple(self._stages), families
         )
 
-    def _marginal(self, told: Told, own: marginal.Weighted) -> Marginal:
+    def _marginal_of(self, told: Told, own: marginal.Weighted) -> Marginal:
         if told.quantity.by_scenario:
             return marginal.of_scenarios(own, self._own[told.quantity.name], len(told.labels))
         found = self.source.columns(told.quantity)

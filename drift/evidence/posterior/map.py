@@ -65,7 +65,7 @@ def plot_posteriors(posteriors: Posteriors, path: Path, setting: Setting) -> Non
     many = -(-len(panels) // A_BAND)
     across = -(-len(panels) // many)
     bands = [panels[k : k + across] for k in range(0, len(panels), across)]
-    under = [max(_under(own) for own in band) for band in bands]
+    under = [max(_height_below(own) for own in band) for band in bands]
     least = effective.Count(min(stage.ess for stage in posteriors.stages), setting.particles)
     head = HEAD + 0.32 * least.few
     width = max(LEFT + across * (PANEL + BESIDE + GAP), 10.5)
@@ -85,7 +85,7 @@ def plot_posteriors(posteriors: Posteriors, path: Path, setting: Setting) -> Non
             footer=sheet.small(0.09 / height, 7, letters),
         )
     )
-    sheet.head(on, setting.imprint, _account(posteriors, stages))
+    sheet.head(on, setting.imprint, _subtitle(posteriors, stages))
     _key(on.figure, 1 - 0.82 / height, 0.28 / width)
     if least.few:
         sheet.rough(on, effective.banner(least, "shares and quantiles are rough"))
@@ -176,18 +176,22 @@ def _of_category(told: Told, table: Array) -> Panel:
     return Panel(told, np.arange(len(names) + 1) - 0.5, table, tuple(names))
 
 
-def _under(own: Panel) -> float:
+def _height_below(own: Panel) -> float:
     """Return the height [in] of the numbers or names under a chart."""
     if not own.names:
         return UNDER
     return (
         0.2
-        + (0.115 * 3 if _level(own) else LETTER * max(map(len, page.names(own.names, NAME))))
+        + (
+            0.115 * 3
+            if _names_are_horizontal(own)
+            else LETTER * max(map(len, page.names(own.names, NAME)))
+        )
         + 0.12
     )
 
 
-def _level(own: Panel) -> bool:
+def _names_are_horizontal(own: Panel) -> bool:
     """Whether the names of values are few enough to be horizontal."""
     return len(own.names) <= 3
 
@@ -230,7 +234,7 @@ def _chart(ax: Axes, own: Panel, many: int) -> None:
                     base - first, own.edges, baseline=base, color=INK, linewidth=0.7, zorder=4
                 )
             for j in np.flatnonzero(lone & (now > tall)):
-                _lone(ax, own, k, int(j), (base - now[j], base - TALL))
+                _cut_bar(ax, own, k, int(j), (base - now[j], base - TALL))
     for spine in ax.spines.values():
         spine.set(color=INK, linewidth=0.8, visible=False)
     ax.spines["bottom"].set_visible(True)
@@ -247,7 +251,7 @@ def _stand_out(rows: Array) -> Array:
     )
 
 
-def _lone(ax: Axes, own: Panel, row: int, bar: int, y: tuple[float, float]) -> None:
+def _cut_bar(ax: Axes, own: Panel, row: int, bar: int, y: tuple[float, float]) -> None:
     """Cut a bar that stands out of its row, and write its share beside it.
 
     y: top of the bar and position of the text.
@@ -290,7 +294,7 @@ def _ticks(ax: Axes, own: Panel) -> None:
     if own.names:
         ax.set_xticks(np.arange(len(own.names)))
         ax.tick_params(axis="x", length=0)
-        if _level(own):
+        if _names_are_horizontal(own):
             ax.set_xticklabels(
                 ["\n".join(textwrap.wrap(page.fit(name, NAME), 16)[:3]) for name in own.names],
                 fontsize=7.5,
@@ -354,7 +358,7 @@ def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: Told) 
                     zorder=5,
                 )
             ax.plot(q[2], k + 0.9, "o", color="white", markeredgecolor=INK, markersize=4, zorder=6)
-            said = [_said(posteriors, told, x) for x in found.quantiles[-1][[2, 0, 4]]]
+            said = [_value_text(posteriors, told, x) for x in found.quantiles[-1][[2, 0, 4]]]
             ax.text(1.04, k + 0.42, said[0], transform=beside, fontsize=9, color=INK, va="center")
             ax.text(
                 1.04,
@@ -377,7 +381,7 @@ def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: Told) 
             )
 
 
-def _said(posteriors: Posteriors, told: Told, value: float) -> str:
+def _value_text(posteriors: Posteriors, told: Told, value: float) -> str:
     """Return a value of a quantity in its unit, as text."""
     if told.quantity.kind == "time":
         return notation.day_time(tables.moment(posteriors, value))
@@ -452,7 +456,7 @@ def _key(figure: Figure, top: float, left: float) -> None:
     )
 
 
-def _account(posteriors: Posteriors, stages: list[Stage]) -> str:
+def _subtitle(posteriors: Posteriors, stages: list[Stage]) -> str:
     """Return the line of text under the title: what is shown."""
     many = len(posteriors.stages) - 1
     text = f"Posteriors besides position, before the first and after each of {many} update{'s' * (many != 1)}"

@@ -104,7 +104,7 @@ def weighted(columns: Columns, top: float | None = None) -> Weighted:
             runs.append(
                 weights.runs_of_families(scenario, blocks.scenarios, weight, lineage, blocks)
             )
-    total, squares = _summed(sums)[:, 0].T
+    total, squares = _sums_by_scenario(sums)[:, 0].T
     if runs:
         many = columns.blocks.scenarios
         of, mass = weights.families(many, runs)
@@ -121,12 +121,12 @@ def of_category(own: Weighted, values: Columns, many: int) -> Marginal:
         values: number of each particle's value, 0 to many - 1 where it `holds`.
         many: number of values.
     """
-    held = _held(own, values)
+    held = _having_quantity(own, values)
     coded = [
         blocks.partial(weight, code=np.where(holds, number, 0), many=many)
         for blocks, weight, number, holds in held.parts("values", "holds")
     ]
-    sums, total = _summed(coded)[:, :, 0], own.total[:, None]
+    sums, total = _sums_by_scenario(coded)[:, :, 0], own.total[:, None]
     table = np.divide(sums, total, out=np.full(sums.shape, np.nan), where=total > 0)
     return Marginal(table.sum(axis=1), held.ess, table)
 
@@ -146,7 +146,7 @@ def of_scenarios(own: Weighted, number: npt.NDArray[np.int64], many: int) -> Mar
     held, squares = np.append(total * holds, sums.sum()), own.squares[:-1] * holds
     squares = np.append(squares, squares.sum())
     ess = np.divide(held**2, squares, out=np.zeros(len(held)), where=squares > 0)
-    return Marginal(_over(held, own.total), ess, _over(sums, own.total[-1])[None])
+    return Marginal(_ratio(held, own.total), ess, _ratio(sums, own.total[-1])[None])
 
 
 def of_number(own: Weighted, values: Columns, low: float, high: float) -> Marginal:
@@ -159,7 +159,7 @@ def of_number(own: Weighted, values: Columns, low: float, high: float) -> Margin
         high: end of the histogram; larger values are in its last bin.
     """
     # moments about the middle lose less precision
-    held, middle = _held(own, values), (low + high) / 2
+    held, middle = _having_quantity(own, values), (low + high) / 2
     moments, coded = [], []
     for blocks, weight, number in held.parts("values"):
         off = np.subtract(number, middle, dtype=np.float64)
@@ -167,8 +167,8 @@ def of_number(own: Weighted, values: Columns, low: float, high: float) -> Margin
         coded.append(
             blocks.partial(weight, code=_bins(number.astype(np.float64), low, high), many=BINS)
         )
-    sums, table = _summed(moments)[:, 0], _summed(coded)[:, :, 0]
-    mean, square = _over(sums[:, 0], held.total), _over(sums[:, 1], held.total)
+    sums, table = _sums_by_scenario(moments)[:, 0], _sums_by_scenario(coded)[:, :, 0]
+    mean, square = _ratio(sums[:, 0], held.total), _ratio(sums[:, 1], held.total)
     variance = np.where(square - mean**2 > ROUNDING * square, square - mean**2, 0.0 * square)
 
     def members(row: int) -> Iterator[tuple[Array, Array]]:
@@ -178,10 +178,10 @@ def of_number(own: Weighted, values: Columns, low: float, high: float) -> Margin
     quantiles = [
         _quantiles(partial(members, row), levels, low, high) for row, levels in enumerate(table)
     ]
-    shares = _over(held.total, own.total), held.ess
+    shares = _ratio(held.total, own.total), held.ess
     return Marginal(
         *shares,
-        _over(table[-1], own.total[-1])[None],
+        _ratio(table[-1], own.total[-1])[None],
         mean + middle,
         np.sqrt(variance),
         np.array(quantiles),
@@ -193,24 +193,24 @@ def of_angle(own: Weighted, values: Columns) -> Marginal:
 
     The histogram covers [0, 2 pi).
     """
-    held, turned, coded = _held(own, values), [], []
+    held, turned, coded = _having_quantity(own, values), [], []
     for blocks, weight, angle in held.parts("values"):
         within = angle.astype(np.float64) % TURN
         turned.append(blocks.partial(weight * np.sin(within), weight * np.cos(within)))
         coded.append(blocks.partial(weight, code=_bins(within, 0.0, TURN), many=BINS))
-    sums, table = _summed(turned)[:, 0], _summed(coded)[:, :, 0]
+    sums, table = _sums_by_scenario(turned)[:, 0], _sums_by_scenario(coded)[:, :, 0]
     mean = np.where(held.total > 0, np.arctan2(sums[:, 0], sums[:, 1]) % TURN, np.nan)
-    length = np.minimum(_over(np.hypot(sums[:, 0], sums[:, 1]), held.total), 1.0)
+    length = np.minimum(_ratio(np.hypot(sums[:, 0], sums[:, 1]), held.total), 1.0)
     with np.errstate(divide="ignore"):
         std = np.sqrt(-2 * np.log(length))
     quantiles = np.array(
-        [_about(held.row(row), middle) for row, middle in enumerate(np.nan_to_num(mean))]
+        [_quantiles_about(held.row(row), middle) for row, middle in enumerate(np.nan_to_num(mean))]
     )
-    shares = _over(held.total, own.total), held.ess
-    return Marginal(*shares, _over(table[-1], own.total[-1])[None], mean, std, quantiles)
+    shares = _ratio(held.total, own.total), held.ess
+    return Marginal(*shares, _ratio(table[-1], own.total[-1])[None], mean, std, quantiles)
 
 
-def _about(held: Weighted, centre: float) -> Array:
+def _quantiles_about(held: Weighted, centre: float) -> Array:
     """Return the quantiles (LEVELS,) of angles, ordered by their difference from a centre."""
 
     def members() -> Iterator[tuple[Array, Array]]:
@@ -224,7 +224,7 @@ def _about(held: Weighted, centre: float) -> Array:
     return np.asarray((_quantiles(members, table, -np.pi, np.pi) + centre) % TURN)
 
 
-def _held(own: Weighted, values: Columns) -> Weighted:
+def _having_quantity(own: Weighted, values: Columns) -> Weighted:
     """Return the particles that have a quantity, with their values."""
     return weighted(own.columns | values, own.top)
 
@@ -235,14 +235,14 @@ def _span(blocks: Blocks, scenario: int) -> tuple[int, int]:
     return int(begin), int(end)
 
 
-def _summed(parts: list[Partial]) -> Array:
+def _sums_by_scenario(parts: list[Partial]) -> Array:
     """Return sums of all parts by scenario and, last, of all, (scenarios + 1, codes, values)."""
     by_scenario = partials.merged(parts).by_scenario
     # added in the order of Partial.total, for the same bits
     return np.concatenate([by_scenario, np.add.accumulate(by_scenario, axis=0)[-1:]])
 
 
-def _over(part: Array, whole: Array) -> Array:
+def _ratio(part: Array, whole: Array) -> Array:
     """Return part / whole; NaN where the whole is 0."""
     return np.asarray(np.divide(part, whole, out=np.full(np.shape(part), np.nan), where=whole > 0))
 

@@ -42,7 +42,7 @@ def plot_scenario_ranking(ranking: Ranking, path: Path, setting: Setting) -> Non
     columns = min(ACROSS, len(axes))
     lines = -(-len(axes) // ACROSS)
     rows = ranking.shown.size
-    under = max((_under(along) for along in axes), default=0.0)
+    under = max((_height_below(along) for along in axes), default=0.0)
     tall = max(rows * ROW + BASE, lines * (TALL + under + OVER))
     width = max(0.3 + NAMES + BARS + FIGURES + columns * (AXIS + BESIDE) + 0.2, 9.5)
     height = HEAD + tall + FOOT
@@ -177,7 +177,9 @@ def _axis(ax: Axes, along: Along, ranking: Ranking) -> None:
             )
     told, step = page.names(list(along.axis.labels), WORD), -(-len(now) // NAMED)
     aslant: dict[str, Any] = (
-        {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if _aslant(along) else {}
+        {"rotation": 45, "ha": "right", "rotation_mode": "anchor"}
+        if _names_are_slanted(along)
+        else {}
     )
     ax.set_xticks(x[::step], told[::step], fontsize=7, color=INK, **aslant)
     ax.set_title(
@@ -194,15 +196,17 @@ def _axis(ax: Axes, along: Along, ranking: Ranking) -> None:
     _plain(ax, "y")
 
 
-def _aslant(along: Along) -> bool:
+def _names_are_slanted(along: Along) -> bool:
     """Whether the names of values are too long to be horizontal."""
     names = [label[:WORD] for label in along.axis.labels]
     return len(names) > 6 or sum(map(len, names)) > 30
 
 
-def _under(along: Along) -> float:
+def _height_below(along: Along) -> float:
     """Return the height [in] of the names of values under a chart."""
-    return 0.2 + (LETTER * min(max(map(len, along.axis.labels)), WORD) if _aslant(along) else 0.0)
+    return 0.2 + (
+        LETTER * min(max(map(len, along.axis.labels)), WORD) if _names_are_slanted(along) else 0.0
+    )
 
 
 def _plain(ax: Axes, values: str) -> None:

@@ -95,7 +95,7 @@ def build_decision(
     searched = [update for update in past if update.kind == "sortie"]
     cumulative = searched[-1].cumulative if searched else None
     now = seconds(standing.time, start)
-    hours = _ahead(scenarios, standing, now)
+    hours = _hours_ahead(scenarios, standing, now)
     times, alive, alive_error = _curve(scenarios, standing, start, hours[-1])
     if plan:
         further, how = searching_on.by_plan(standing, plan, every, scenarios, start)
@@ -126,10 +126,10 @@ def build_decision(
         how=how,
         planned=plan is not None,
     )
-    return _together(suspension, updates)
+    return _merge_unlikely(suspension, updates)
 
 
-def _together(suspension: Suspension, updates: Updates | None) -> Suspension:
+def _merge_unlikely(suspension: Suspension, updates: Updates | None) -> Suspension:
     """Return the basis with the likeliest scenarios alone and all others merged into one.
 
     With few scenarios, it is unchanged.
@@ -177,10 +177,10 @@ def _basis(bases: Sequence[str | None]) -> str | None:
     if not told:
         return None
     words = told.pop() if len(told) == 1 else f"{len(told)} different survival times"
-    return f"{words}; {without} of them have none and count as alive for ever" if without else words
+    return f"{words}; {without} of them have none and count as alive forever" if without else words
 
 
-def _ahead(scenarios: Sequence[Scenario], standing: Standing, now: float) -> list[int]:
+def _hours_ahead(scenarios: Sequence[Scenario], standing: Standing, now: float) -> list[int]:
     """Return the hours of AHEAD at which the probability of being alive still falls noticeably.
 
     now: [s after start].

@@ -205,7 +205,7 @@ def like_the_last(
     total = np.sum(efforts, axis=0) if efforts else np.zeros(len(scenarios))
     if not total.any():
         return (), (
-            "no sortie with a coverage was flown in the last 24 h: nothing says how much another day could search"
+            "no sortie with a coverage was flown in the last 24 h: no effort of a further day can be estimated"
         )
     times = data["time"].values.astype("datetime64[s]")
     later = np.flatnonzero(times >= standing.time)
@@ -218,7 +218,7 @@ def like_the_last(
         data["probability_by_scenario"].values[k].astype(float), data["cell_area"].values
     )
     if not (mass.sum(axis=1) * _mapped(total, standing, data)).any():
-        return (), "nothing is on the map that the sorties of the last 24 h could see"
+        return (), "the map holds nothing that the sorties of the last 24 h could detect"
     now = seconds(standing.time, start)
     parts = np.append((np.arange(STEPS) + 0.5) / STEPS, 1.0)  # of a day
     alive, until = [], []

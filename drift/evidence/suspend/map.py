@@ -44,7 +44,7 @@ def plot_suspension(suspension: Suspension, path: Path, imprint: Imprint) -> Non
     sheet.head(
         on,
         imprint,
-        f"What a decision to suspend rests on, as of {now}, given that nothing has been found",
+        f"Basis of a decision to suspend, as of {now}, given that nothing has been found",
     )
     if suspension.count.few:
         sheet.rough(on, effective.banner(suspension.count, "every figure here is rough"))
@@ -76,7 +76,7 @@ def _note(suspension: Suspension) -> str:
             if suspension.planned
             else "Days have no error bars; drift is ignored, so later days look better than they are."
         )
-    return " ".join([*notes, "Nothing here recommends: see suspend.txt."])
+    return " ".join([*notes, "This is not a recommendation: see suspend.txt."])
 
 
 def _prepare(ax: Axes, head: str) -> None:
@@ -162,7 +162,7 @@ def _left(ax: Axes, suspension: Suspension) -> None:
     parts = (
         (pos, ALIVE, "", "cumulative POS: would have been found"),
         (missed, "#f3d9a4", "////", "searched and missed"),
-        ((1 - pos) * never, "#ffffff", "....", "never where a sortie searched"),
+        ((1 - pos) * never, "#ffffff", "....", "never in a searched area"),
     )
     left = np.zeros(len(rows))
     for width, colour, hatch, word in parts:

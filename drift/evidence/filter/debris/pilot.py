@@ -61,12 +61,12 @@ def fit(trial: Trial, contacts: Sequence[Contact]) -> Guide | None:
     )
     blind = Guide(finds, answers, (tuple(plain if can else None for can in guidable),))
     if not any(
-        _anything(blind, scenario)
+        _has_shared_uncertainty(blind, scenario)
         for scenario, can in zip(spec.scenarios, guidable, strict=True)
         if can
     ):
         return None
-    return _fitted(blind, trial)
+    return _fit_response(blind, trial)
 
 
 def _is_guidable(scenario: Scenario) -> bool:
@@ -74,13 +74,13 @@ def _is_guidable(scenario: Scenario) -> bool:
     return scenario.itinerary is None and scenario.prior is not None
 
 
-def _anything(blind: Guide, scenario: Scenario) -> bool:
+def _has_shared_uncertainty(blind: Guide, scenario: Scenario) -> bool:
     """Return whether any unknown that a scenario shares with debris is uncertain."""
     place = guides.place_covariance(scenario)
     return bool(blind.responses.covariance(0, place).any())
 
 
-def _fitted(blind: Guide, trial: Trial) -> Guide | None:
+def _fit_response(blind: Guide, trial: Trial) -> Guide | None:
     """Return a guide with the fitted response of debris.
 
     Return None if finds leave enough effective particles without guiding.
@@ -97,19 +97,23 @@ def _fitted(blind: Guide, trial: Trial) -> Guide | None:
     if _effective(blind, drawn, way) >= WORTHWHILE:
         return None
     spans = [slice(a, b) for a, b in itertools.pairwise(layout.bounds)]
-    fits = tuple(_lost(fit, way, span) for fit, span in zip(blind.passes[0], spans, strict=True))
+    fits = tuple(
+        _with_unknown_debris(fit, way, span)
+        for fit, span in zip(blind.passes[0], spans, strict=True)
+    )
     led = guides.with_columns(blind, drawn)
     passes: list[Fits] = []
     strays = np.inf
     while len(passes) < MOST:
         guides.pull_particles(blind, fits, trial.spec, led, way, number=len(passes), last=False)
         after = guides.debris_way(blind, open_sea, led, moved=True)
-        told = [
-            _answers(blind, fit, (way, after), span) for fit, span in zip(fits, spans, strict=True)
+        fitted = [
+            _with_response(blind, fit, (way, after), span)
+            for fit, span in zip(fits, spans, strict=True)
         ]
-        fits, way = tuple(fit for fit, _ in told), after
+        fits, way = tuple(fit for fit, _ in fitted), after
         passes.append(fits)
-        before, strays = strays, max(stray for _, stray in told)
+        before, strays = strays, max(stray for _, stray in fitted)
         if strays < CLOSE or strays > HARDLY * before:
             break
     return replace(blind, passes=tuple(passes))
@@ -120,24 +124,24 @@ def _effective(guide: Guide, drawn: Ensemble, way: Way) -> float:
     total = drawn.log_weight.to_numpy().astype(np.float64)
     before = weights.effective(weights.relative(total))
     for k, find in enumerate(guide.finds):
-        said = contact_laws.log_likelihood(find.contact, way.lon[k], way.lat[k])
-        said = np.where(way.known[k], said, -np.inf)
+        log_likelihood = contact_laws.log_likelihood(find.contact, way.lon[k], way.lat[k])
+        log_likelihood = np.where(way.known[k], log_likelihood, -np.inf)
         if find.contact.false_density > 0:
-            said = np.logaddexp(said, np.log(find.contact.false_density))
+            log_likelihood = np.logaddexp(log_likelihood, np.log(find.contact.false_density))
         elif find.contact.belief < 1:
-            mean = np.logaddexp.reduce(total + said) - np.logaddexp.reduce(total)
+            mean = np.logaddexp.reduce(total + log_likelihood) - np.logaddexp.reduce(total)
             if mean == -np.inf:
                 return 0.0
-            said = np.logaddexp(
-                np.log(find.contact.belief) + said, np.log1p(-find.contact.belief) + mean
+            log_likelihood = np.logaddexp(
+                np.log(find.contact.belief) + log_likelihood, np.log1p(-find.contact.belief) + mean
             )
-        total = total + said
+        total = total + log_likelihood
     if total.max() == -np.inf:
         return 0.0
     return weights.effective(weights.relative(total)) / before
 
 
-def _lost(fit: Fit | None, way: Way, span: slice) -> Fit | None:
+def _with_unknown_debris(fit: Fit | None, way: Way, span: slice) -> Fit | None:
     """Return a fit that predicts debris of unknown position from the debris of known position."""
     finds = len(way.known)
     known = way.known[:, span].all(axis=0)
@@ -148,7 +152,7 @@ def _lost(fit: Fit | None, way: Way, span: slice) -> Fit | None:
     return fit._replace(mean=rest.mean(axis=0), spread=np.stack(spread))
 
 
-def _answers(
+def _with_response(
     guide: Guide, fit: Fit | None, ways: tuple[Way, Way], span: slice
 ) -> tuple[Fit | None, float]:
     """Return a fit with estimated M, and the largest ratio of misses to find errors (variances)."""
@@ -170,14 +174,14 @@ def _answers(
         if not 0.05 < np.linalg.det(answer) < 20:
             answer = np.eye(2)
         inverse[k] = np.linalg.inv(answer)
-        strays = _typical(to - by @ answer.T)
+        strays = _robust_covariance(to - by @ answer.T)
         close[k] = inverse[k] @ (WIDER * find.covariance) @ inverse[k].T
         error[k] = inverse[k] @ (WIDER * find.covariance + strays) @ inverse[k].T
         most = max(most, float(np.trace(strays) / np.trace(find.covariance)))
     return fit._replace(inverse=inverse, close=close, error=error), most
 
 
-def _typical(rest: Array) -> Array:
+def _robust_covariance(rest: Array) -> Array:
     """Return the covariance of residuals (n, 2) [m], scaled by their median size.
 
     A few large outliers then have no effect.

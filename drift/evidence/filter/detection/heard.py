@@ -77,12 +77,15 @@ def log_likelihood(contact: Contact, targets: Targets, sent: Sent | None = None)
         arrives, gain = hearing.terms(tables, *way)
         arrives = arrives + hearing.level(sees, targets.scenario, targets.speed)
         detected = np.stack(
-            [_heard(own, sees, arrives + offset, gain) for offset in unknown.values(own.sensor)[0]]
+            [
+                _log_detection(own, sees, arrives + offset, gain)
+                for offset in unknown.values(own.sensor)[0]
+            ]
         )
     return np.where(there, common + detected, -np.inf)
 
 
-def _heard(own: Heard, sonar: Sonar, arrives: Array, gain: Array) -> Array:
+def _log_detection(own: Heard, sonar: Sonar, arrives: Array, gain: Array) -> Array:
     """Return the log density of a detection, and of the measured level, given arriving levels.
 
     Args:

@@ -75,7 +75,7 @@ class Listening:
         self._sees = Ear(sees, sortie.beams) if isinstance(sees, Sonar) else sees
         self.factors, self.chances = unknown.values(sortie.sensor)
         self._path = sensor_path.of_legs(sortie.legs, start)
-        self._seen = self.begin  # the time [s] to which its columns are complete
+        self._exposed_until = self.begin  # the time [s] to which its columns are complete
         self.exposed: Silent | None = None  # state so far; None: not started
 
     @property
@@ -127,11 +127,11 @@ class Listening:
             keep: whether to update its own columns.
         """
         exposed = self.ready(ensemble, helm is not None)
-        first, last = max(self._seen, step.elapsed, self.begin), min(until, self.end)
+        first, last = max(self._exposed_until, step.elapsed, self.begin), min(until, self.end)
         if first >= last:
             return exposed
         if keep:
-            self._seen = last
+            self._exposed_until = last
         else:
             exposed = exposed.copy()
         kept = tuple(exposed.columns.values())
@@ -160,7 +160,7 @@ class Listening:
             if isinstance(self._sees, PodGrid):
                 if seeks:
                     yield (
-                        grid_pod.tables(self._sees, self._middle(whole, elapsed), self._lasting),
+                        grid_pod.tables(self._sees, self._middle(whole, elapsed), self._duration),
                         None,
                         whole,
                     )
@@ -193,7 +193,7 @@ class Listening:
             yield Stretch(seconds[k], seconds[k + 1], (x, y), (to_x, to_y)), (k + 0.5) / many
 
     @property
-    def _lasting(self) -> float:
+    def _duration(self) -> float:
         """The duration of the watch [s]."""
         return float(self.end - self.begin)
 

@@ -94,7 +94,7 @@ def lookup(name: str, kind: str, altitude: float, visibility: float) -> float:
             f"{what} {altitude / FOOT:.0f} ft: the sweep width tables of {kind} are for {low / FOOT:.0f} to "
             f"{high / FOOT:.0f} ft; give the sweep width itself"
         )
-    widths = [_held(rows[height], visibility) for height in heights]
+    widths = [_width_at_visibility(rows[height], visibility) for height in heights]
     return float(np.interp(altitude, heights, widths))
 
 
@@ -242,7 +242,7 @@ def _plain(name: str) -> str:
     return "".join(letter for letter in text if letter.isalnum())
 
 
-def _held(rows: list[tuple[float, float]], visibility: float) -> float:
+def _width_at_visibility(rows: list[tuple[float, float]], visibility: float) -> float:
     """Return the sweep width [m] of the last row whose visibility is not above the given one."""
     return [width for least, width in rows if least <= visibility * (1 + 1e-9)][-1]
 

@@ -100,10 +100,10 @@ def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
     )
     figure = on.figure
     room = (0.85 / height, 1 - over / height)  # bottom and top of both charts
-    (_posterior if stories else _worth)(figure, updates, shown, room)
+    (_posterior if stories else _sortie_bars)(figure, updates, shown, room)
     if _flown(updates):
         _cumulative(figure, updates, room)
-    sheet.head(on, setting.imprint, _account(every, len(steps) - len(shown)))
+    sheet.head(on, setting.imprint, _subtitle(every, len(steps) - len(shown)))
     if stories:
         _legend(figure, updates, 1 - (0.86 + below) / height)
     if least.few:
@@ -145,11 +145,11 @@ def evidence_in_words(update: Update, before: Array, scenarios: tuple[str, ...])
         return "", ""
     gone = [scenarios[j] for j in defined if factors[j] == 0]
     if gone:
-        return f"rules out {_quoted(gone)}", "it could not have been seen there"
+        return f"rules out {_quoted(gone)}", "impossible in that scenario"
     most = max(defined, key=lambda j: abs(math.log(factors[j])))
     factor = float(factors[most])
     if factor == math.inf:
-        return f"leaves only {_quoted([scenarios[most]])}", "the others rule out what was seen"
+        return f"leaves only {_quoted([scenarios[most]])}", "impossible in the others"
     size = max(factor, 1 / factor)
     strength = next(word for limit, word in STRENGTH if size < limit or limit == math.inf)
     if not strength:
@@ -170,7 +170,7 @@ def _quoted(names: list[str]) -> str:
     return " and ".join(quoted) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
 
 
-def _account(updates: Updates, hidden: int) -> str:
+def _subtitle(updates: Updates, hidden: int) -> str:
     """Return the line of text under the title: what was done, and the status of the search."""
     sorties = [u for u in updates.all if u.kind == "sortie"]
     contacts = sum(u.kind == "contact" for u in updates.all)
@@ -186,7 +186,7 @@ def _account(updates: Updates, hidden: int) -> str:
     if sensors:
         parts.append(f"{sensors} report{'s' * (sensors != 1)} of sensors")
     if overdue:
-        parts.append(f"{overdue} arrival{'s' * (overdue != 1)} that did not come")
+        parts.append(f"{overdue} overdue arrival{'s' * (overdue != 1)}")
     done = [u.cumulative[-1] for u in sorties if u.cumulative is not None]
     if done:
         parts.append(f"cumulative POS {notation.percent(done[-1])}")
@@ -202,10 +202,10 @@ def _account(updates: Updates, hidden: int) -> str:
 def _explained(updates: Updates) -> str:
     if len(updates.scenarios) == 1:
         if not _flown(updates):
-            return "Of reports in a row that were hardly to be expected, one may be false, or the scenario is."
+            return "After several unlikely reports in a row, one of them may be false, or the scenario wrong."
         return "Cumulative POS: probability that the sorties so far would have found the object."
     factor = (
-        "Bayes factor: what was seen is that many times as probable under the scenario as under the others together; "
+        "Bayes factor: the observation is that many times as probable under the scenario as under the others together; "
         "to 3 weak, to 20 positive, to 150 strong."
     )
     if not _flown(updates):
@@ -265,7 +265,7 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
     )
     short = tuple(page.names(updates.scenarios, 34))
     said = [("", ""), *(evidence_in_words(update, before, short) for _, (update, before) in shown)]
-    heads = ("Probability of each scenario [%]", "What moved it")
+    heads = ("Probability of each scenario [%]", "Effect of the update")
     ax = _rows(figure, room, shown, begin, said, heads, wide=not _flown(updates))
     left, y = np.zeros(len(rows)), np.arange(len(rows))
     for j in range(len(updates.scenarios)):
@@ -281,7 +281,7 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
         left += share
 
 
-def _worth(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, float]) -> None:
+def _sortie_bars(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, float]) -> None:
     """Draw POC and POS of each sortie for a single scenario.
 
     Without sorties, draw the probability of each sensor report.
@@ -293,9 +293,9 @@ def _worth(figure: Figure, updates: Updates, shown: Shown, room: tuple[float, fl
             figures = f"POC {notation.percent(float(update.poc[-1]))} × POD {notation.percent(float(pod[-1]))}"
         said.append((figures, f"effective particles {update.ess_after:,.0f}"))
     if flown := _flown(updates):
-        heads = ("POC (light), POS (dark) [%]", "What each was worth")
+        heads = ("POC (light), POS (dark) [%]", "Factors of the POS")
     else:
-        heads = ("How likely what it said was beforehand [%]", "What is left")
+        heads = ("Probability of the report beforehand [%]", "Particles left")
     ax = _rows(figure, room, shown, "", said, heads, wide=not flown)
     for k, (_, (update, _)) in enumerate(shown, 1):
         likely = (

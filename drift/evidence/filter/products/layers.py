@@ -141,10 +141,10 @@ def begun_sensors(sensors: Sensors, time: Any) -> list[Sensor]:
 
 def sensor(ax: Axes, frame: Frame, what: Sensor, scale: float = 1.0) -> None:
     """Draw the field of a look or a presence, a barrier, or a line."""
-    _line(ax, frame, search_shapes.sensor(what), SENSORS[_sort(what)], scale, zorder=6)
+    _line(ax, frame, search_shapes.sensor(what), SENSORS[_style_of(what)], scale, zorder=6)
 
 
-def _sort(what: Sensor) -> str:
+def _style_of(what: Sensor) -> str:
     """Return the entry of SENSORS with which a sensor is drawn."""
     if isinstance(what, Line):
         return "Line asked about"
@@ -168,7 +168,7 @@ def sensor_places(sensors: Sequence[Sensor]) -> dict[str, list[Array]]:
 
 def sensor_key(sensors: Sequence[Sensor], scale: float = 1.0) -> list[tuple[Any, str]]:
     """Return the symbols and texts of sensors for the legend."""
-    sorts = {_sort(what) for what in sensors}
+    sorts = {_style_of(what) for what in sensors}
     styles = {
         words: {**style, "linewidth": scale * style["linewidth"]}
         for words, style in SENSORS.items()
@@ -216,7 +216,7 @@ def extent(sorties: Sequence[Sortie]) -> list[marks.Line]:
     return lines
 
 
-def _stands(sortie: Sortie) -> bool:
+def _is_stationary(sortie: Sortie) -> bool:
     """Whether a sortie is a watch at one position."""
     return (
         sortie.watches
@@ -260,7 +260,7 @@ def key(
     if any(sortie.area is not None for sortie in sorties):
         rows.append((symbol(AREA), "Searched area"))
     if any(
-        sortie.legs is not None and any(sortie.legs.searching) and not _stands(sortie)
+        sortie.legs is not None and any(sortie.legs.searching) and not _is_stationary(sortie)
         for sortie in sorties
     ):
         rows.append(

@@ -77,7 +77,7 @@ def plot_searches(
         [c for c in contacts if sortie.start - RECENT <= c.time <= sortie.end] for sortie in on_page
     ]
     every_seen = list(chain(*seen))
-    heard = [_heard(sensors, sortie) for sortie in on_page]
+    heard = [_sensors_of(sensors, sortie) for sortie in on_page]
     places = search_layers.places([*dict.fromkeys(every_seen)])
     frame = layers.extent(
         part, times, setting.marks, search_layers.extent(on_page), WIDE / HIGH, places.values()
@@ -97,7 +97,7 @@ def plot_searches(
     head = HEAD + 0.3 * (least.few + bool(out))
     size = (LEFT + 3 * WIDE + 2 * GAP + RIGHT, head + len(on_page) * (HIGH + OVER) + FOOT)
     on = sheet.begin(_sheet(*size))
-    corner = chart.free_corner(frame, *_busy(frame, part, on_page, times))
+    corner = chart.free_corner(frame, *_points_to_keep_clear(frame, part, on_page, times))
     for row, sortie in enumerate(on_page):
         bottom = size[1] - head - (row + 1) * (HIGH + OVER)
         number, update = numbered.get(sortie.name, (0, None))
@@ -146,7 +146,7 @@ def plot_searches(
     sheet.end(on, path, setting.imprint)
 
 
-def _heard(sensors: Sensors, sortie: Sortie) -> list[search_layers.Sensor]:
+def _sensors_of(sensors: Sensors, sortie: Sortie) -> list[search_layers.Sensor]:
     """Return the sensors drawn with a sortie: those active about its time, and all lines."""
     told: list[search_layers.Sensor] = list(sensors.lines)
     for what in sensors.telling:
@@ -213,7 +213,7 @@ def _index(forecast: Forecast, time: Any) -> int:
     return int(np.flatnonzero(apart == apart.min())[-1])
 
 
-def _busy(
+def _points_to_keep_clear(
     frame: Frame, part: Forecast, some: Sequence[Sortie], times: Sequence[Any]
 ) -> tuple[Any, Any]:
     """Return the points [m] that the scale bar should not cover."""
@@ -265,7 +265,7 @@ def _heading(
     if sortie.completed < 1:
         parts.append(f"{notation.hundredths(sortie.completed)} % completed")
     if update is not None and update.pos is not None:
-        parts.append(_worth(update))
+        parts.append(_pos_text(update))
     words = "   ·   ".join(parts)
     # Letters of 9 points are 0.07 in wide, bold ones of 10.5 points 0.1 in.
     room = size[0] - LEFT - RIGHT - 0.071 * len(words)  # [in]
@@ -274,7 +274,7 @@ def _heading(
     figure.text((size[0] - RIGHT) / size[0], y / size[1], words, fontsize=9, color=INK, ha="right")
 
 
-def _worth(update: Update) -> str:
+def _pos_text(update: Update) -> str:
     """Return POC x POD = POS in percent; POS alone without a POC."""
     assert update.pos is not None
     pos = f"POS {notation.short_percent(update.pos[-1])}"

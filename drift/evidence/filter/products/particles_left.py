@@ -24,9 +24,13 @@ def of_run(
         updates: of the run, if it has any.
         contacts: of the case; a warning names the error of the contact that is the cause.
     """
-    lost = [_lost(update) for update in updates.all if update.filled == "lost"] if updates else []
+    lost = (
+        [_lost_track_warning(update) for update in updates.all if update.filled == "lost"]
+        if updates
+        else []
+    )
     placed = [update for update in updates.all if update.filled == "contact"] if updates else []
-    lost += [_placed(placed[0])] if placed else []
+    lost += [_repopulated_warning(placed[0])] if placed else []
     update = first_low(updates) if updates else None
     if update is None:
         return lost + effective.of_run(data, particles)
@@ -34,11 +38,11 @@ def of_run(
     resampling = "" if update.resampled else ", or [resampling] below = 0.05"
     when = f"{after(update)} ({Count(update.ess_before).number:,.0f} before it)"
     words = effective.sentence(low, when, "areas and shares after it are rough")
-    warning = f"{words}. {_cause(update, contacts)}; otherwise use {enough(low):,} particles or more{resampling}"
+    warning = f"{words}. {_what_to_check(update, contacts)}; otherwise use {enough(low):,} particles or more{resampling}"
     return [*lost, warning, *effective.of_run(data, particles, update.time, update.left)]
 
 
-def _cause(update: Update, contacts: Sequence[Contact]) -> str:
+def _what_to_check(update: Update, contacts: Sequence[Contact]) -> str:
     """Return what to check first; for a contact, this includes its error."""
     seen = next(
         (one for one in contacts if update.kind == "contact" and one.name == update.name), None
@@ -57,7 +61,7 @@ def _cause(update: Update, contacts: Sequence[Contact]) -> str:
     return check
 
 
-def _placed(update: Update) -> str:
+def _repopulated_warning(update: Update) -> str:
     """Return a warning about the first update that repopulated particles."""
     return (
         f"Particles were repopulated {after(update)}, as [resampling] asks: a heuristic, no posterior. Areas and shares from then on are "
@@ -65,7 +69,7 @@ def _placed(update: Update) -> str:
     )
 
 
-def _lost(update: Update) -> str:
+def _lost_track_warning(update: Update) -> str:
     """Return a warning about an update after which the track is lost."""
     return (
         f"The track is lost {after(update)}: it leaves fewer particles than [resampling] bulk. Maps after it show what little is "
