@@ -103,8 +103,8 @@ class Marker:
         several = forcing.members(self.scenario, "current") if self.member is None else 1
         every = np.arange(several, dtype=np.int32) + (self.member or 0)
         at = (sphere.to_binary(np.degrees(np.full(every.size, angle))) for angle in (lon, lat))
-        told = forcing.tiles.at(*tiles, *at, float(share), every)
-        known = told[told[:, 2] > 0.5, :2]
+        sampled = forcing.tiles.at(*tiles, *at, float(share), every)
+        known = sampled[sampled[:, 2] > 0.5, :2]
         if not known.size:
             return np.zeros(3)
         east, north = known.mean(axis=0).astype(np.float64) / sphere.RADIUS

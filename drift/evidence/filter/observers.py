@@ -51,10 +51,10 @@ class Observer:
     def ready(self, n: int) -> list[Device]:
         """Return its columns for n particles; create them on the first call."""
         if not self.columns:
-            told = np.full(
+            initial = np.full(
                 n if self.besides else 1, -1.0 if self.besides == observe.WHEN else 0.0, np.float32
             )
-            self.columns = [runtime.empty(n), runtime.upload(told)]
+            self.columns = [runtime.empty(n), runtime.upload(initial)]
         return self.columns
 
     def likelihood(self, columns: list[Device], over: bool) -> Array | None:
@@ -141,8 +141,8 @@ class Observers:
         found = []
         for seen in self.lines:
             assert isinstance(seen.what, Line)
-            stayed, told = seen.ready(self._ensemble.n)
-            found.append(Watched(seen.what, stayed.to_numpy(), told.to_numpy()))
+            stayed, when = seen.ready(self._ensemble.n)
+            found.append(Watched(seen.what, stayed.to_numpy(), when.to_numpy()))
         return found
 
     def stops(self, after: int, until: int, step: Step | None = None) -> set[int]:

@@ -92,13 +92,13 @@ def _leaves(posteriors: Posteriors, ranked: Ranking | None) -> list[Any]:
         ("q95", "95 %", "words"),
     ]
     note = "All scenarios together; posteriors.csv has those of each."
-    told = [one.quantity.name for one in posteriors.told]
+    quantities = [one.quantity.name for one in posteriors.told]
     shown: list[Any] = []
     if ranked is not None and many(ranked):
         shown += _ranked(ranked)
-        told.remove("scenario")
-    if told:
-        where: dict[str, str | list[str]] = {"scenario": "all", "quantity": told}
+        quantities.remove("scenario")
+    if quantities:
+        where: dict[str, str | list[str]] = {"scenario": "all", "quantity": quantities}
         shown.append(
             leaves.table_leaf(
                 "Posteriors besides position",

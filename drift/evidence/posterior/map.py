@@ -358,12 +358,12 @@ def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: Told) 
                     zorder=5,
                 )
             ax.plot(q[2], k + 0.9, "o", color="white", markeredgecolor=INK, markersize=4, zorder=6)
-            said = [_value_text(posteriors, told, x) for x in found.quantiles[-1][[2, 0, 4]]]
-            ax.text(1.04, k + 0.42, said[0], transform=beside, fontsize=9, color=INK, va="center")
+            texts = [_value_text(posteriors, told, x) for x in found.quantiles[-1][[2, 0, 4]]]
+            ax.text(1.04, k + 0.42, texts[0], transform=beside, fontsize=9, color=INK, va="center")
             ax.text(
                 1.04,
                 k + 0.66,
-                f"{said[1]}-{said[2]}",
+                f"{texts[1]}-{texts[2]}",
                 transform=beside,
                 fontsize=7,
                 color=GREY,

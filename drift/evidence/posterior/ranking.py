@@ -90,13 +90,13 @@ def csv(ranking: Ranking, run: str) -> str:
         place = families[k]
         figures = (ranking.prior[k], ranking.posterior[k], factor[k], total)
         values = [axis.axis.labels[axis.number[k]] if axis.number[k] >= 0 else "" for axis in axes]
-        told = [_text(value) for value in figures]
+        cells = [_text(value) for value in figures]
         rows.append(
             [
                 rank,
                 ranking.posteriors.scenarios[k],
                 place.family.name if place else "",
-                *told,
+                *cells,
                 *values,
                 run,
             ]

@@ -103,11 +103,11 @@ def _ranks(ax: Axes, ranking: Ranking) -> None:
     prior, now = (
         [*(float(values[k]) for k in alone)] for values in (ranking.prior, ranking.posterior)
     )
-    told = page.names([names[k] for k in alone], LETTERS)
+    bar_names = page.names([names[k] for k in alone], LETTERS)
     if rest:
         prior.append(float(ranking.prior[rest].sum()))
         now.append(float(ranking.posterior[rest].sum()))
-        told.append(f"{len(rest):,} others together")
+        bar_names.append(f"{len(rest):,} others together")
     top = max([*prior[: len(alone)], *now[: len(alone)]]) * 1.02  # the bar of others may be cut
     y = np.arange(len(now))
     ax.barh(
@@ -131,7 +131,7 @@ def _ranks(ax: Axes, ranking: Ranking) -> None:
         )
     ax.set_xlim(0, top)
     ax.set_ylim(len(now) - 0.5, -0.5)
-    ax.set_yticks(y, told, fontsize=8.5, color=INK)
+    ax.set_yticks(y, bar_names, fontsize=8.5, color=INK)
     ax.set_title(
         "Likeliest scenarios [%]", fontsize=10, weight="bold", color=INK, loc="left", pad=7
     )
@@ -175,13 +175,13 @@ def _axis(ax: Axes, along: Along, ranking: Ranking) -> None:
                 ha="center",
                 va="bottom",
             )
-    told, step = page.names(list(along.axis.labels), WORD), -(-len(now) // NAMED)
+    value_names, step = page.names(list(along.axis.labels), WORD), -(-len(now) // NAMED)
     aslant: dict[str, Any] = (
         {"rotation": 45, "ha": "right", "rotation_mode": "anchor"}
         if _names_are_slanted(along)
         else {}
     )
-    ax.set_xticks(x[::step], told[::step], fontsize=7, color=INK, **aslant)
+    ax.set_xticks(x[::step], value_names[::step], fontsize=7, color=INK, **aslant)
     ax.set_title(
         page.fit(f"By {along.axis.name} [%]", 28),
         fontsize=9,

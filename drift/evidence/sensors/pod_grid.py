@@ -132,12 +132,12 @@ def _over_places(
     try:
         layout = locate.locate(data, variable, dims, coordinates)[0]
     except UserError as error:
-        said = (
+        message = (
             str(error)
             .replace("set variables = {", "set coordinates = {")
             .replace("variables.", "coordinates.")
         )
-        raise UserError(f"{name}: {said}") from error
+        raise UserError(f"{name}: {message}") from error
     table = table_file.values(found, [*kinds.values(), *dims])
     table = table.reshape(-1, *table.shape[len(kinds) :])
     for k, index in enumerate(slices.window(layout), start=1):

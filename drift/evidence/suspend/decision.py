@@ -172,11 +172,11 @@ def _merge_unlikely(suspension: Suspension, updates: Updates | None) -> Suspensi
 
 def _basis(bases: Sequence[str | None]) -> str | None:
     """Return the survival times of several scenarios in words, None if none has any."""
-    told = {words for words in bases if words is not None}
+    known = {words for words in bases if words is not None}
     without = sum(words is None for words in bases)
-    if not told:
+    if not known:
         return None
-    words = told.pop() if len(told) == 1 else f"{len(told)} different survival times"
+    words = known.pop() if len(known) == 1 else f"{len(known)} different survival times"
     return f"{words}; {without} of them have none and count as alive forever" if without else words
 
 

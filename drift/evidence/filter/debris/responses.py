@@ -60,8 +60,8 @@ class Responses:
             Covariance [m2], shape (2 finds, 2 finds); both components of a find are adjacent.
         """
         state, last = self.state[:, row], self.bias * self.lasting[:, row]
-        alike = self.noise[row] + state @ state.T + np.outer(last, last)
-        return np.kron(alike, np.eye(2)) + np.kron(np.ones_like(alike), place)
+        per_component = self.noise[row] + state @ state.T + np.outer(last, last)
+        return np.kron(per_component, np.eye(2)) + np.kron(np.ones_like(per_component), place)
 
 
 def forcing_responses(

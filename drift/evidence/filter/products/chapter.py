@@ -88,8 +88,8 @@ def chapter(matter: SearchOutputs, *, mapped: bool) -> Chapter:
         matter: the data.
         mapped: whether the forecast has outputs at the times of the sorties.
     """
-    told = bool(matter.updates.all or matter.updates.sorties)
-    files, pictures = (bound(FILES, matter), bound(PICTURES, matter)) if told else ({}, {})
+    has_updates = bool(matter.updates.all or matter.updates.sorties)
+    files, pictures = (bound(FILES, matter), bound(PICTURES, matter)) if has_updates else ({}, {})
     if matter.updates.crossings is not None:
         files, pictures = files | bound(LINE_FILES, matter), pictures | bound(LINE_PICTURES, matter)
     if mapped and matter.updates.sorties:
@@ -103,7 +103,7 @@ def chapter(matter: SearchOutputs, *, mapped: bool) -> Chapter:
     sorties = [sortie for sortie in matter.updates.sorties if not sortie.planned]
     leaves = (
         (partial(report.search_leaves, matter.updates, sorties, matter.contacts, matter.sensors),)
-        if told
+        if has_updates
         else ()
     )
     return Chapter(

@@ -264,9 +264,12 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
         else f"after update {shown[0][0] - 1}"
     )
     short = tuple(page.names(updates.scenarios, 34))
-    said = [("", ""), *(evidence_in_words(update, before, short) for _, (update, before) in shown)]
+    effects = [
+        ("", ""),
+        *(evidence_in_words(update, before, short) for _, (update, before) in shown),
+    ]
     heads = ("Probability of each scenario [%]", "Effect of the update")
-    ax = _rows(figure, room, shown, begin, said, heads, wide=not _flown(updates))
+    ax = _rows(figure, room, shown, begin, effects, heads, wide=not _flown(updates))
     left, y = np.zeros(len(rows)), np.arange(len(rows))
     for j in range(len(updates.scenarios)):
         share = np.array([row[j] for row in rows])
@@ -286,17 +289,17 @@ def _sortie_bars(figure: Figure, updates: Updates, shown: Shown, room: tuple[flo
 
     Without sorties, draw the probability of each sensor report.
     """
-    said = [("", "")]
+    texts = [("", "")]
     for _, (update, _) in shown:
         pod, figures = update.pod, ""
         if pod is not None and update.poc is not None and update.poc[-1] > 0:
             figures = f"POC {notation.percent(float(update.poc[-1]))} × POD {notation.percent(float(pod[-1]))}"
-        said.append((figures, f"effective particles {update.ess_after:,.0f}"))
+        texts.append((figures, f"effective particles {update.ess_after:,.0f}"))
     if flown := _flown(updates):
         heads = ("POC (light), POS (dark) [%]", "Factors of the POS")
     else:
         heads = ("Probability of the report beforehand [%]", "Particles left")
-    ax = _rows(figure, room, shown, "", said, heads, wide=not flown)
+    ax = _rows(figure, room, shown, "", texts, heads, wide=not flown)
     for k, (_, (update, _)) in enumerate(shown, 1):
         likely = (
             np.exp(update.log_evidence)

@@ -159,10 +159,10 @@ def sensor_places(sensors: Sequence[Sensor]) -> dict[str, list[Array]]:
 
     Lines are left out, since they may lie anywhere.
     """
-    told = [what for what in sensors if not isinstance(what, Line)]
+    shown = [what for what in sensors if not isinstance(what, Line)]
     return {
         f'{type(what).__name__.lower()} "{what.name}"': [search_shapes.sensor(what)]
-        for what in told
+        for what in shown
     }
 
 

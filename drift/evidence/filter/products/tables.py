@@ -285,9 +285,9 @@ def _sensor(what: Look | Presence | Barrier | Line, updates: Updates) -> dict[st
     if isinstance(what, Barrier):
         properties["reported"] = None if what.reported is None else notation.iso(what.reported)
     if isinstance(what, Line):
-        told = updates.crossings.all if updates.crossings else ()
+        crossed = updates.crossings.all if updates.crossings else ()
         properties["probability"] = next(
-            (float(c.probability[-1]) for c in told if c.line == what), None
+            (float(c.probability[-1]) for c in crossed if c.line == what), None
         )
     else:
         update = next((u for u in updates.all if (u.kind, u.name) == (kind, what.name)), None)
