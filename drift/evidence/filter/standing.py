@@ -1,7 +1,7 @@
-"""How a search stands after an update: when the object went adrift, and what was never searched.
+"""The status of a search after an update: release time of the object, and unsearched share.
 
-The weights say when the object went adrift. A few numbers, made from millions of particles, are
-enough to say how likely somebody is alive at any time.
+Release times are binned by weight. A few numbers, computed from millions of particles, are enough
+for the probability of survival at any time.
 """
 
 from dataclasses import dataclass
@@ -12,30 +12,34 @@ from drift.engine.particles import partials, weights
 from drift.engine.particles.columns import Columns
 from geo.array import Array
 
-# Bins of release times, each with its own mean: those within the run (of a window of 40 h each has
-# 6 minutes), those in the month after it, of which what lies ahead is told, and what is later still
-# or never goes adrift.
+# Bins of release times, each with its own mean: WITHIN bins in the run (6 minutes each for a window
+# of 40 h), AFTER bins in the month after it, for reports about the future, and one bin for later
+# releases or none.
 WITHIN, AFTER, MONTH = 400, 99, 30 * 86_400.0
 
 
 @dataclass(frozen=True)
 class Standing:
-    """Particles by scenario and time of release, given all that was seen; S scenarios, B bins."""
+    """Probability by scenario and time of release, given all evidence; S scenarios, B bins."""
 
     time: np.datetime64
     release: Array  # [s after start] mean of each bin, (S, B)
     mass: Array  # probability, (S, B); adds up to 1
-    # probability of having been where no sortie searched, given each scenario, then of all; (S +
+    # probability of never having been in a searched area, given each scenario, then of all; (S +
     # 1,)
     never: Array
-    effective: float  # number of particles that count for all this
+    effective: float  # number of effective particles
 
 
 def standing(time: np.datetime64, columns: Columns, effective: float, duration: float) -> Standing:
-    """Return how a search stands by its particles' `release` times, `log_weight`, and shares
-    `never` searched, if any was.
+    """Return the status of a search.
 
-    duration: of the run [s].
+    Args:
+        time: of the status.
+        columns: `release` [s after start], `log_weight`, and after any sortie `never`, the share of
+            each particle never searched.
+        effective: number of effective particles.
+        duration: of the run [s].
     """
     unit = weights.unit(columns, "log_weight")
     ends = [

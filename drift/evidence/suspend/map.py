@@ -1,4 +1,4 @@
-"""The picture beside suspend.txt: who may be alive, what was searched, what searching on would add."""
+"""The picture of suspend.txt: survival, areas searched, and the value of searching on."""
 
 import textwrap
 from pathlib import Path
@@ -37,14 +37,14 @@ FOUND, ALIVE = "#cfe0ee", "#0b4f8a"
 
 
 def plot_suspension(suspension: Suspension, path: Path, imprint: Imprint) -> None:
-    """Draw what a decision to suspend rests on."""
+    """Draw the basis of a decision to suspend."""
     on = sheet.begin(SHEET)
     figure = on.figure
     now = notation.group(suspension.now)
     sheet.head(
         on,
         imprint,
-        f"What a decision to suspend rests on, as of {now}, given that nothing has been found",
+        f"Basis of a decision to suspend, as of {now}, given that nothing has been found",
     )
     if suspension.count.few:
         sheet.rough(on, effective.banner(suspension.count, "every figure here is rough"))
@@ -64,7 +64,7 @@ def plot_suspension(suspension: Suspension, path: Path, imprint: Imprint) -> Non
 
 
 def _note(suspension: Suspension) -> str:
-    """Return which errors the panels show, and which they do not and why."""
+    """Return the note on errors: which the panels show, and which they omit and why."""
     notes = []
     if suspension.mortal:
         notes.append("The band is the sampling error only: survival times are far less certain.")
@@ -76,7 +76,7 @@ def _note(suspension: Suspension) -> str:
             if suspension.planned
             else "Days have no error bars; drift is ignored, so later days look better than they are."
         )
-    return " ".join([*notes, "Nothing here recommends: see suspend.txt."])
+    return " ".join([*notes, "This is not a recommendation: see suspend.txt."])
 
 
 def _prepare(ax: Axes, head: str) -> None:
@@ -94,9 +94,7 @@ def _percents(ax: Axes) -> None:
 
 
 def _alive(ax: Axes, suspension: Suspension) -> None:
-    """Draw the probability of being alive by time, by scenario and of all, with two standard
-    errors.
-    """
+    """Draw the probability of being alive by time and scenario, with two standard errors."""
     _prepare(ax, "Probability of being alive")
     x = notation.epochs(suspension.times).astype(float)
     for s in range(len(suspension.scenarios) if len(suspension.scenarios) > 1 else 0):
@@ -154,7 +152,7 @@ def _alive(ax: Axes, suspension: Suspension) -> None:
 
 
 def _left(ax: Axes, suspension: Suspension) -> None:
-    """Draw by scenario what would have been found, what was missed, and what no sortie searched."""
+    """Draw by scenario the probability found, the probability missed and that never searched."""
     _prepare(ax, "Searched so far")
     rows = [*suspension.scenarios, "all"] if len(suspension.scenarios) > 1 else ["all"]
     which = range(len(suspension.scenarios) + 1) if len(rows) > 1 else [len(suspension.scenarios)]
@@ -164,7 +162,7 @@ def _left(ax: Axes, suspension: Suspension) -> None:
     parts = (
         (pos, ALIVE, "", "cumulative POS: would have been found"),
         (missed, "#f3d9a4", "////", "searched and missed"),
-        ((1 - pos) * never, "#ffffff", "....", "never where a sortie searched"),
+        ((1 - pos) * never, "#ffffff", "....", "never in a searched area"),
     )
     left = np.zeros(len(rows))
     for width, colour, hatch, word in parts:
@@ -199,10 +197,10 @@ def _left(ax: Axes, suspension: Suspension) -> None:
 
 
 def _further(ax: Axes, suspension: Suspension) -> None:
-    """Draw the probability that searching on finds, and finds alive, by its end.
+    """Draw the probability of finding the object, and of finding it alive, by searching on.
 
-    A plan has whiskers of two standard errors. Days on a map that is held err by more than their
-    particles do, and by how much is not known, so whiskers would mislead.
+    A plan has whiskers of two standard errors. Days on a fixed map have an unknown error beyond the
+    sampling error, so whiskers would mislead.
     """
     _prepare(ax, "Searching on from now")
     if not suspension.further:
@@ -288,7 +286,7 @@ def _further(ax: Axes, suspension: Suspension) -> None:
 
 
 def _legend(figure: Figure, suspension: Suspension) -> None:
-    """Write which line stands for which scenario."""
+    """Draw the legend of scenarios."""
     if not suspension.mortal or len(suspension.scenarios) == 1:
         return
     from matplotlib.lines import Line2D

@@ -203,7 +203,7 @@ radius = "6 nmi"
             'scenario "boat" drifts, follows',
         ),
         ('time = "+20 min"', 'time = "+0 min"', "at the start of the run"),
-        ("time = ", "belief = 0.5\ntime = ", "there is none that could"),
+        ("time = ", "belief = 0.5\ntime = ", "no contact of the case allows it"),
         ("[resampling]", '[plan]\nbegin = "+50 min"\n[resampling]', "a plan is made on particles"),
         (
             "[resampling]",

@@ -1,6 +1,4 @@
-"""What a look with a sensor of the case says: whether a sonar heard, or anything detected, a target
-at one time.
-"""
+"""Likelihood of a look with a sensor of the case: whether it detected a target at one time."""
 
 import math
 from typing import Any, NamedTuple
@@ -25,27 +23,25 @@ class Targets(NamedTuple):
     lon: Array  # binary angle
     lat: Array
     scenario: Array
-    east: Array  # velocity over ground [m/s], where it is asked for
+    east: Array  # velocity over ground [m/s]; 0 if no likelihood needs it
     north: Array
     status: Array
 
     @property
     def speed(self) -> Array:
-        """Its speed over ground [m/s]."""
+        """Speed over ground [m/s], (n,)."""
         return np.hypot(self.east, self.north)
 
 
 def by_speed(sensor: Sensor | None) -> bool:
-    """Whether it hears what is faster better, or less well."""
+    """Whether the source level of the targets depends on their speed."""
     return (
         sensor is not None and isinstance(sensor.sees, Sonar) and len(sensor.sees.levels.speed) > 1
     )
 
 
 def log_likelihood(look: Look, targets: Targets) -> Array:
-    """Return the log probability of what a look said, by value of the unknown, float64 (factors,
-    n).
-    """
+    """Return the log probability of a look's result by value of the unknown, (factors, n)."""
     assert look.sensor is not None
     assert look.place is not None
     at = math.radians(look.place[0]), math.radians(look.place[1])
@@ -66,12 +62,15 @@ def log_likelihood(look: Look, targets: Targets) -> Array:
 
 
 def together(said: Array, shared: Device, weights: Array) -> Array:
-    """Return the log likelihood (n,) of what was said, given all that the group has said before;
-    write it down.
+    """Return the log likelihood (n,) of a report, given all earlier reports of the group.
 
-    said: logs by value of the unknown (factors, n); shared: logs of all that was said so far,
-    device (factors * n,); weights: of the values. It is the ratio of two means over the unknown, of
-    the product of all after and before.
+    The likelihood is the ratio of two means over the unknown: of the product of all reports with
+    this one and without it. The report is added to `shared`.
+
+    Args:
+        said: logs by value of the unknown, shape (factors, n).
+        shared: logs of all earlier reports, on the device, shape (factors * n,).
+        weights: of the values, shape (factors,).
     """
     before = shared.to_numpy().reshape(said.shape).astype(np.float64)
     shared.from_numpy((before + said).astype(np.float32).reshape(-1))
@@ -79,8 +78,12 @@ def together(said: Array, shared: Device, weights: Array) -> Array:
 
 
 def averaged(said: Array, before: Array, weights: Array) -> Array:
-    """Return the log likelihood (n,) of what was said, given all that was said before; both
-    (factors, n).
+    """Return the log likelihood (n,) of a report, averaged over the unknown.
+
+    Args:
+        said: logs by value of the unknown, shape (factors, n).
+        before: logs of all earlier reports, shape (factors, n).
+        weights: of the values, shape (factors,).
     """
     after = before + said
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,6 +1,4 @@
-"""What report.html shows of a search: sorties, contacts, sensors and lines on the map, and what
-each has done.
-"""
+"""The section of report.html on a search: layers of the map, and tables of updates."""
 
 from collections.abc import Sequence
 
@@ -30,7 +28,7 @@ SEEN = [
 def search_leaves(
     updates: Updates, sorties: Sequence[Sortie], contacts: Sequence[Contact], sensors: Sensors
 ) -> list[Leaf]:
-    """Return the leaves of a search; sorties: those that have been flown."""
+    """Return the report items of a search; sorties: those that have been flown."""
     shown: list[Leaf] = []
     if sorties:
         of_sortie = {"kind": "sortie", "name": [sortie.name for sortie in sorties]}
@@ -103,9 +101,7 @@ def search_leaves(
 
 
 def _found_so_far(updates: Updates) -> list[Leaf]:
-    """Return a sentence on what the searches would have found by now; none where nothing was
-    searched.
-    """
+    """Return a sentence with the cumulative POS; none without sorties."""
     done = [update.cumulative[-1] for update in updates.all if update.cumulative is not None]
     if not done:
         return []
@@ -116,7 +112,7 @@ def _found_so_far(updates: Updates) -> list[Leaf]:
 
 
 def _updates(planned: bool) -> Leaf:
-    """Return what each has done; planned: whether some sorties are still to be flown."""
+    """Return the table of updates; planned: whether some sorties are not yet flown."""
     columns = [
         ("time", "Time", "time"),
         ("name", "What", "words"),
@@ -143,7 +139,7 @@ def _updates(planned: bool) -> Leaf:
 
 
 def _scenarios(updates: Updates) -> Leaf:
-    """Return the probability of each scenario before and after each update."""
+    """Return the table of scenarios: the probability of each before and after each update."""
     of_shown = together(updates)
     columns = [("", "Scenario", "words"), ("", "Before", "share")]
     columns += [
