@@ -48,8 +48,15 @@ def page() -> str:
     )
     survivors = [row for row in rows if row["verdict"] != "killed"]
     parts.append(f"## Survivors\n\n{len(survivors)} faults that no listed test notices:")
-    parts.append("\n".join(f"- `{row['file']}`: {row['what']}" for row in survivors) or "None.")
+    reasons = {(fault["file"], fault["what"]): fault.get("why", "") for fault in listed}
+    parts.append("\n".join(_line(row, reasons) for row in survivors) or "None.")
     return "\n\n".join(parts) + "\n"
+
+
+def _line(row: dict[str, Any], reasons: dict[tuple[str, str], str]) -> str:
+    """Return a survivor, and why it may survive where the list says so."""
+    why = reasons.get((row["file"], row["what"]), "")
+    return f"- `{row['file']}`: {row['what']}{f' ({why})' if why else ''}"
 
 
 def _package(file: str) -> str:

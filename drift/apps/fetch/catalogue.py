@@ -193,7 +193,13 @@ def choose(
             raise UserError(
                 f"--provider {name}: no such provider. Known: {', '.join(catalogue)}. See: drift fetch --list"
             )
-        chosen[catalogue[name].quantity] = catalogue[name]
+        provider = catalogue[name]
+        other = chosen.setdefault(provider.quantity, provider)
+        if other.name != name:
+            raise UserError(
+                f"--provider {name}: {other.name} is named for the {provider.quantity} already; "
+                "name one provider for each quantity"
+            )
     errors = [
         f"{one.name} has no {' or '.join(quantities)}"
         for one in chosen.values()

@@ -55,6 +55,9 @@ def test_those_that_suit_are_chosen() -> None:
     past = np.datetime64("2020-05-01", "s")
     assert names(Box(4, 59, 7, 61), past, past + DAY) == ["hycom_gofs", "pacioos_gfs"]
     assert names(Box(4, 59, 7, 61), NOW, NOW + DAY, "meps", "norkyst") == ["norkyst", "meps"]
+    assert names(Box(4, 59, 7, 61), NOW, NOW + DAY, "meps", "meps")[1] == "meps"
+    with pytest.raises(UserError, match=r"meps: noaa_gfs is named for the wind already; name one"):
+        names(Box(4, 59, 7, 61), NOW, NOW + DAY, "noaa_gfs", "meps")
     with pytest.raises(UserError, match="current: no provider without credentials covers this box"):
         names(Box(4, 59, 7, 61), np.datetime64("1950-01-01", "s"), np.datetime64("1950-01-02", "s"))
 
