@@ -107,7 +107,6 @@ def drawn(
         kernel.draw_objects(
             True,
             *slots,
-            slots.number,
             count,
             ensemble.lon,
             ensemble.lat,
