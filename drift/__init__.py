@@ -9,23 +9,27 @@
 
 | function | what |
 |---|---|
-| `load`, `vary`, `check` | read a case, change keys of it, report how it was understood |
-| `run`, `run_many`, `progress` | a forecast, many forecasts that share their forcing, a progress bar |
-| `plan`, `patrol`, `place`, `allocate` | the next search by units, patrols of a coast, towed arrays, beams |
-| `origin` | where a spill may have come from, backward from its finds |
-| `compare` | two cases on common random numbers: differences with standard errors |
-| `verify`, `fit_errors` | forecasts of real drifters against their tracks, and errors that fit them |
-| `sensor_reach` | where a sensor of a case would detect a target |
-| `track`, `experiment` | a contact that was lost, followed; many runs, and how their figures scatter |
-| `fetch`, `results`, `export`, `serve` | forcing from providers, files of a run, other formats, browser |
+| `load`, `vary`, `check` | read a case, change its keys, report how drift interprets it |
+| `run`, `run_many`, `progress` | make one forecast, make many with shared forcing, show a progress
+bar |
+| `plan`, `patrol` | plan the next search by units, plan patrols of a coast |
+| `place`, `allocate` | place towed arrays, allocate beams to processors |
+| `origin` | backtrack a spill from its finds to its release |
+| `compare` | compare two cases on common random numbers: differences with standard errors |
+| `verify`, `fit_errors` | verify forecasts against tracks of real drifters, fit the error model to
+them |
+| `sensor_reach` | map where a sensor of a case would detect a target |
+| `track`, `experiment` | reacquire a lost contact, run an experiment of many runs |
+| `fetch`, `results`, `export`, `serve` | download forcing, list and convert results, open the
+browser app |
 """
 
 import lazy_loader as _lazy
 
 from geo.errors import UserError
 
-# Where public names live. Each is imported at its first use (Scientific Python's SPEC 1), so that
-# `drift --help` does not wait for Taichi; their types stand in __init__.pyi.
+# The module of each public name. A name is imported at its first use (Scientific Python's SPEC 1),
+# so that `drift --help` does not wait for Taichi. Type checkers read __init__.pyi.
 _HOMES = {
     "planning.arrays.planner": ["place"],
     "planning.arrays.processing_plan": ["allocate"],

@@ -143,7 +143,7 @@ def test_the_map_is_map_png(ran: tuple[drift.Result, Path]) -> None:
     assert early.getvalue() != drawn.getvalue()
     with pytest.raises(
         drift.UserError,
-        match="is no output of this run; they are 5, the first and last 2015-11-16T06:00:00Z, 2015-11-16T15",
+        match="is not an output time of this run; it has 5, the first and last are 2015-11-16T06:00:00Z, 2015-11-16T15",
     ):
         result.plot("2015-11-16T10:00:00Z")
     with pytest.raises(drift.UserError, match="is no output"):

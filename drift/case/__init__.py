@@ -1,4 +1,4 @@
-"""The case file: what is written becomes frozen records in SI units.
+"""Read case files: validate the TOML tables and build frozen records in SI units.
 
-Every mistake of a user is refused.
+Every user error is rejected, with all errors of a case in one message.
 """

@@ -1,9 +1,8 @@
-"""Case files: who is adrift, since when and where, in which wind and current, and what is asked
-for.
+"""Load case files: TOML files that describe the object, its last known position and the forcing.
 
-`load` turns a TOML file into a Case, a frozen record in SI and UTC. Every error that can be found
-without opening the forcing is found here, all of them at once, a line each. Cases that ship with
-the project are found by name.
+`load` turns a file into a `Case`, a frozen record in SI units and UTC. It reports every error that
+can be found without opening the forcing, all at once, one per line. Shipped cases are found by
+name.
 """
 
 import os
@@ -35,16 +34,14 @@ from geo.forcing.quantity import QUANTITIES
 
 # keys that name input files
 FILES = ("files", "source", "lakes", "file", "network", "track", "actual")
-# of what was given: shortened, so that what is wrong with it can be read
+# a long word of the input is shortened in messages
 LONG_WORD = re.compile(r"\S{301,}")
-ALONG = "along the tracks"  # name of a source that stands for columns of a drifters' file
-LARGEST = 16 * 2**20  # [bytes] of a case file: a thousand times those that ship
+ALONG = "along the tracks"  # name of the source that stands for columns of a drifter file
+LARGEST = 16 * 2**20  # [bytes] of a case file: a thousand times the shipped ones
 
 
 def shipped(folder: str = "") -> list[tuple[str, str]]:
-    """Return (name, title) of the cases that ship with the project; folder: "tracking" for those of
-    drift experiment.
-    """
+    """Return (name, title) of the shipped cases; folder "tracking": those of drift experiment."""
     place = resources.files("cases").joinpath(folder)
     files = sorted(
         (file for file in place.iterdir() if file.name.endswith(".toml")), key=lambda f: f.name
@@ -64,26 +61,26 @@ def load(
     *,
     along: Collection[str] = (),
 ) -> Case:
-    """Return the case of a TOML file, or of a shipped case's name.
+    """Load and validate a case file, or a shipped case.
 
     Args:
         name: a path, or a name that `drift cases` lists.
-        overrides: {"clock.step": "10 min", "scenario.0.weight": "0.3"}: places in the file and TOML
-            values, as text.
-        along: quantities, "current", "wind", "stokes", that columns of a drifters' file give
-            (`drift.verify`, `drift.fit_errors`), so that the case needs no source of them.
+        overrides: changed keys and their TOML values as text: {"clock.step": "10 min",
+            "scenario.0.weight": "0.3"}.
+        along: quantities ("current", "wind", "stokes") given by columns of a drifter file
+            (`drift.verify`, `drift.fit_errors`); the case needs no source for these.
 
     Returns:
-        The case, validated; times in UTC, places in radians, SI units.
+        The validated case: times in UTC, positions in radians, SI units.
 
     Raises:
-        UserError: one for all that is wrong with it, a line for each mistake (`error.lines`).
+        UserError: all mistakes of the case, one line for each (`error.lines`).
     """
     path, text = _read(name)
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        # also for numbers of 5,000 digits, and 1,000 brackets deep
+        # tomllib raises these also for numbers of 5,000 digits and for 1,000 nested brackets
         raise UserError(_one_line(path, f"not valid TOML: {error}")) from None
     if is_of_tracking(data):
         raise UserError(
@@ -98,12 +95,12 @@ def load(
         if not data.get(quantity):
             data[quantity] = [{"name": ALONG, "constant": {"east": 0.0, "north": 0.0}}]
             text += f"\n# {quantity}: from columns along the tracks of drifters"
-    return _validated(data, path, text, wrong)
+    return _validate(data, path, text, wrong)
 
 
 def is_of_tracking(data: Mapping[str, Any]) -> bool:
-    """Return whether tables are of a tracking case (drift.case.tracking.tracking), whatever is
-    wrong with them.
+    """Return whether tables are those of a tracking case (drift.case.tracking.tracking), valid or
+    not.
     """
     other, own = (
         {"scenario", "family", "spill"},
@@ -113,35 +110,33 @@ def is_of_tracking(data: Mapping[str, Any]) -> bool:
 
 
 def vary(case: Case, changes: Mapping[str, Any]) -> Case:
-    """Return a case with some places of its file changed, validated as a file is.
+    """Return a copy of a case with changed keys, validated like a file.
 
-    What the case states in relation to its start, such as a release "+2 h", goes along with it.
+    Times relative to the start, such as a release at "+2 h", move with a changed start.
 
     Args:
-        case: of `drift.load` or `drift.vary`; it stays as it is.
-        changes: {"start": np.datetime64("2026-11-21T18:30"), "scenario.0.position.at": [4.33,
-            60.17], "seed": 7}: places as in `load`, with the values that TOML would have there,
-            lists, tables and times of NumPy among them; None takes a key away.
+        case: made by `drift.load` or `drift.vary`; it is not modified.
+        changes: keys as in `load`, with Python values in place of TOML: {"start":
+            np.datetime64("2026-11-21T18:30"), "scenario.0.position.at": [4.33, 60.17], "seed": 7}.
+            Lists, dicts and NumPy values are allowed; None removes a key.
 
     Returns:
         The changed case.
 
     Raises:
-        UserError: one for all that is wrong with it, a line for each mistake (`error.lines`).
+        UserError: all mistakes of the changed case, one line for each (`error.lines`).
     """
     data, text, wrong = deepcopy(dict(case.tables)), case.text, Mistakes()
     for key, value in changes.items():
         with wrong.gathered():
-            _put(data, key, _plain(value))
+            _set_key(data, key, _plain(value))
         text += f"\n# --set {key}={_plain(value)}"
-    return _validated(data, case.path, text, wrong)
+    return _validate(data, case.path, text, wrong)
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as TOML would give it:
-
-    NumPy's times as text, its numbers and arrays as Python's own.
-    """
+    """Convert a value to the types of TOML: NumPy times to text, its numbers and arrays to
+    Python's."""
     if isinstance(value, np.datetime64):
         return f"{value.astype('datetime64[s]')}Z"
     if isinstance(value, np.generic | np.ndarray):
@@ -151,55 +146,61 @@ def _plain(value: Any) -> Any:
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def _validated(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> Case:
-    """Return the case of a file's tables; raise all that is wrong with it, `wrong` included."""
+def _validate(data: dict[str, Any], path: Path, text: str, wrong: Mistakes) -> Case:
+    """Build the case of a file's tables; raise UserError with all mistakes, those in `wrong`
+    too."""
     try:
         wrong.refuse()
         case = build.build_case(
             CaseTable.model_validate(data, context={"whole": CaseTable}), path, text
         )
-        inputs = tuple(dict.fromkeys(_inputs(family.expanded(data), path.absolute().parent)))
+        inputs = tuple(dict.fromkeys(_input_files(family.expanded(data), path.absolute().parent)))
         return replace(case, inputs=inputs, tables=data)
     except ValidationError as error:
         told = (
-            *messages.lines(error, _named(data)),
+            *messages.lines(error, _with_families(data)),
             *rest.mistakes(data, error, path, text, CaseTable),
         )
-        raise _refusal(path, (*_by_family(told, data), *_sources_without(data, path))) from None
+        raise _error_of_case(
+            path, (*_merge_family_mistakes(told, data), *_source_mistakes(data, path))
+        ) from None
     except UserError as error:
         told = (*error.lines, *rest.mistakes(data, error, path, text, CaseTable))
-        raise _refusal(path, _by_family(told, data)) from None
+        raise _error_of_case(path, _merge_family_mistakes(told, data)) from None
     except OverflowError:  # integers beyond the largest float
         raise UserError(f"{path.name}: one of its whole numbers is too large") from None
 
 
-def _named(data: dict[str, Any]) -> Any:
-    """Return the tables of a case with the scenarios of its families, so that mistakes in these can
-    be told by name.
-    """
+def _with_families(data: dict[str, Any]) -> Any:
+    """Return the tables with the scenarios of families added, so that messages can name these."""
     try:
         return family.expanded(data)
-    except ValueError:  # which is among the mistakes already
+    except ValueError:  # already among the mistakes
         return data
 
 
-def _by_family(lines: Sequence[str], data: dict[str, Any]) -> tuple[str, ...]:
-    """Return lines of mistakes with those that scenarios of a family share made one."""
+def _merge_family_mistakes(lines: Sequence[str], data: dict[str, Any]) -> tuple[str, ...]:
+    """Merge lines of mistakes that scenarios of one family share."""
     return tuple(gathered(lines, family.places(data)))
 
 
 def source(quantity: str, files: Sequence[str], overrides: Mapping[str, str]) -> ForcingSpec:
-    """Return files as the source that a case with these keys would make of them.
+    """Return the forcing source that a case would make of files.
 
-    overrides: {"variables.east": "ue"}.
-    Raises UserError, a line for each mistake.
+    Args:
+        quantity: "current", "wind" and so on.
+        files: paths or patterns.
+        overrides: further keys of the source as TOML text: {"variables.east": "ue"}.
+
+    Raises:
+        UserError: one line for each mistake.
     """
     data: dict[str, Any] = {"files": list(files)}
     wrong = Mistakes()
     for key, value in overrides.items():
         with wrong.gathered():
             if key.partition(".")[0] in ("files", "name", "fill", "add"):
-                raise UserError(f"--set {key}: this key says nothing of how a file is read")
+                raise UserError(f"--set {key}: this key does not affect how a file is read")
             override(data, key, value)
     wrong.refuse()
     try:
@@ -212,18 +213,16 @@ def source(quantity: str, files: Sequence[str], overrides: Mapping[str, str]) ->
         raise UserError(str(error)) from None
 
 
-def _inputs(node: Any, folder: Path, key: str = "") -> Iterator[str]:
-    """Give the paths of the files that a case's tables, which are known to be in order, name
-    anywhere.
-    """
+def _input_files(node: Any, folder: Path, key: str = "") -> Iterator[str]:
+    """Yield the paths of all input files that the valid tables of a case name."""
     if isinstance(node, Mapping):
         for name, value in node.items():
-            if key != "frequency" or name != "source":  # of a sound, which is no file
-                yield from _inputs(value, folder, name)
+            if key != "frequency" or name != "source":  # the source of a sound is not a file
+                yield from _input_files(value, folder, name)
     elif isinstance(node, list):
         for value in node:
-            # a track in a list is positions
-            yield from _inputs(value, folder, key if key == "files" else "")
+            # in a list, `track` holds positions, not a file
+            yield from _input_files(value, folder, key if key == "files" else "")
     elif isinstance(node, str) and (
         (key in FILES and node not in {"gshhg", "none"})
         or (key == "motion" and node.endswith(".py"))
@@ -233,23 +232,23 @@ def _inputs(node: Any, folder: Path, key: str = "") -> Iterator[str]:
         )
 
 
-def _refusal(path: Path, lines: tuple[str, ...]) -> UserError:
-    """Return a refusal of a case: its mistakes, each a line that begins with the file's name."""
+def _error_of_case(path: Path, lines: tuple[str, ...]) -> UserError:
+    """Return the error of a case: its mistakes, one per line, each beginning with the file's
+    name."""
     return UserError(*(_one_line(path, line) for line in mistakes.shortened(lines)))
 
 
 def _one_line(path: Path, message: str) -> str:
-    """Return a mistake with its file's name; what was given may hold line breaks of its own."""
+    """Return a mistake as one line after its file's name; line breaks in the input become
+    spaces."""
     line = LONG_WORD.sub(
         lambda word: f"{word[0][:60]}... ({len(word[0]):,} letters)", " ".join(message.split())
     )
     return f"{path.name}: {line}"
 
 
-def _sources_without(data: dict[str, Any], path: Path) -> list[str]:
-    """Return what is wrong with the sources that can be understood in a case that as a whole can't
-    be.
-    """
+def _source_mistakes(data: dict[str, Any], path: Path) -> list[str]:
+    """Return the mistakes in the forcing sources of a case whose other tables are invalid."""
     try:
         start = units.time(data.get("start"))
     except ValueError:
@@ -260,7 +259,7 @@ def _sources_without(data: dict[str, Any], path: Path) -> list[str]:
         for number, written in enumerate(tables if isinstance(tables, list) else (), 1):
             try:
                 table = SourceTable.model_validate(written)
-            except ValidationError:  # which is among the mistakes already
+            except ValidationError:  # already among the mistakes
                 continue
             if isinstance(start, np.datetime64):
                 with wrong.gathered(sources.source_label(quantity, number, table.name)):
@@ -270,11 +269,11 @@ def _sources_without(data: dict[str, Any], path: Path) -> list[str]:
 
 def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
     path = Path(name)
-    plain = path.name == str(name) and path.suffix != ".toml"  # as shipped cases are called
+    plain = path.name == str(name) and path.suffix != ".toml"  # the form of a shipped case's name
     if plain and name and (os.path.isdir(path) or not os.path.lexists(path)):
         path = Path(str(resources.files("cases").joinpath(f"{name}.toml")))
     try:
-        # editors of Windows put a byte order mark first
+        # Windows editors write a byte order mark
         return path, small.contents(path, LARGEST).decode("utf-8-sig")
     except (FileNotFoundError, NotADirectoryError):
         if str(name) in {known for known, _ in shipped("tracking")}:
@@ -294,9 +293,15 @@ def _read(name: str | os.PathLike[str]) -> tuple[Path, str]:
 
 
 def override(data: dict[str, Any], key: str, value: str) -> None:
-    """Set one place of the tables as read, like clock.step, to a TOML value.
+    """Set one key of a case's tables, in place.
 
-    Raises UserError where there is no such place.
+    Args:
+        data: the tables as read.
+        key: its path, such as "clock.step"; numbers count list items from 0.
+        value: a TOML value as text.
+
+    Raises:
+        UserError: there is no such place.
     """
     if not f"{key}{value}".isascii() and any(
         "\ud800" <= letter <= "\udfff" for letter in f"{key}{value}"
@@ -306,12 +311,12 @@ def override(data: dict[str, Any], key: str, value: str) -> None:
         parsed = tomllib.loads(f"value = {value}")
         new = parsed["value"] if len(parsed) == 1 else value
     except (ValueError, RecursionError):
-        new = value  # so that --set clock.step="10 min" needs no second pair of quotes
-    _put(data, key, new)
+        new = value  # --set clock.step="10 min" then needs no second pair of quotes
+    _set_key(data, key, new)
 
 
-def _put(data: dict[str, Any], key: str, new: Any) -> None:
-    """Set one place of the tables as read, or take it away where the new value is None.
+def _set_key(data: dict[str, Any], key: str, new: Any) -> None:
+    """Set one key of the tables, or remove it if the new value is None.
 
     Numbers in the key count the items of a list from 0.
     """

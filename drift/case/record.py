@@ -1,4 +1,4 @@
-"""The case as the rest of the program knows it: a frozen record, validated, in SI and UTC."""
+"""The case as a frozen, validated record in SI units and UTC, used by the rest of the program."""
 
 import itertools
 from collections.abc import Mapping
@@ -25,11 +25,11 @@ from geo.cells import Cells
 
 @dataclass(frozen=True)
 class Depth:
-    """Where the depths come from that tell where boats have too little water."""
+    """The bathymetry file that shows where the water is too shallow for boats."""
 
     file: str  # absolute path
-    variable: str | None = None  # None: the only one on latitude and longitude
-    positive: Literal["up", "down"] | None = None  # None: as the file says
+    variable: str | None = None  # None: the only variable on latitude and longitude
+    positive: Literal["up", "down"] | None = None  # None: from the file's metadata
 
 
 @dataclass(frozen=True, repr=False)
@@ -50,8 +50,8 @@ class Case:
     max_lost: float
     outputs: NDArray[np.datetime64]  # in order of the run, start and end included
     trajectories: int
-    areas: tuple[float, ...]  # shares of the probability whose areas are made, ascending
-    grid: Cells | None  # of all outputs; None: cells follow the particles
+    areas: tuple[float, ...]  # probabilities of the containment areas, ascending
+    grid: Cells | None  # of all outputs; None: the grid follows the particles
     step: int | None  # [s], positive also in a backward run; None: choose it
     scheme: Literal["rk2", "rk4"]
     tolerance: float  # [m] a day
@@ -61,8 +61,8 @@ class Case:
     current_error: ForcingError
     wind_error: ForcingError
     diffusivity: float  # [m2/s]
-    diffusivity_by: str  # whether the case says so, or a default: drift.case.forcing.uncertainty
-    scenarios: tuple[Scenario, ...]  # of a spill: one a class of objects, all with its prior
+    diffusivity_by: str  # source of the value, the case or a default (case.forcing.uncertainty)
+    scenarios: tuple[Scenario, ...]  # of a spill: one per class of objects, all with its prior
     spill: Spill | None
     sorties: tuple[Sortie, ...]  # by start
     contacts: tuple[Contact, ...]  # by time
@@ -71,23 +71,23 @@ class Case:
     resampling: Resampling
     expect: Expect
     sensors: Sensors = field(default_factory=Sensors)  # looks, fields, barriers, lines
-    # all of [[sensor]] by name, in use or not
+    # all [[sensor]] tables by name, used or not
     named_sensors: Mapping[str, Sensor] = field(default_factory=dict)
-    about: Mapping[str, str] = field(default_factory=dict)  # attributes that every file is to carry
+    about: Mapping[str, str] = field(default_factory=dict)  # attributes for every output file
     tows: tuple[Tow, ...] = ()  # ships that tow arrays, which a plan may place
     processing: Processing | None = None  # beams of arrays that a plan allocates to processors
-    depth: Depth | None = None  # where boats have too little water
-    # absolute paths of all files, and folders of files, that it names besides addresses
+    depth: Depth | None = None  # bathymetry, for boats
+    # absolute paths of all input files and folders; no addresses
     inputs: tuple[str, ...] = ()
     counts: tuple[int, ...] | None = None  # particles of each scenario; None: by their weights
-    # the output that map.png and the report show first; None: the last
+    # time of map.png and of the report's first map; None: the last output
     opens: np.datetime64 | None = None
-    # as read, overrides included
+    # the case file's tables as read, with overrides
     tables: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     def __repr__(self) -> str:
-        """Return what it is, in three lines; help(drift.Case) lists all of it."""
-        stories = ", ".join(one.name for one in self.scenarios[:4]) + ", .." * (
+        """Return the title, period, size and scenarios; help(drift.Case) lists all attributes."""
+        names = ", ".join(one.name for one in self.scenarios[:4]) + ", .." * (
             len(self.scenarios) > 4
         )
         seen = ", ".join(
@@ -104,13 +104,13 @@ class Case:
                 f'<drift.Case "{self.title}" of {self.path.name}',
                 f"  {notation.iso(self.start)} to {notation.iso(self.end)}, {len(self.outputs)} outputs, "
                 f"{self.particles:,} particles, seed {self.seed}",
-                f"  {len(self.scenarios)} scenario{'s' * (len(self.scenarios) > 1)}: {stories}{seen and f'; {seen}'}>",
+                f"  {len(self.scenarios)} scenario{'s' * (len(self.scenarios) > 1)}: {names}{seen and f'; {seen}'}>",
             )
         )
 
     @property
     def sources(self) -> tuple[ForcingSpec, ...]:
-        """All sources of forcing, and in place of an ensemble's the sources of its members."""
+        """All forcing sources; an ensemble is replaced by the sources of its members."""
         return tuple(
             part
             for spec in itertools.chain.from_iterable(self.forcing.values())
@@ -119,10 +119,10 @@ class Case:
 
     @property
     def period(self) -> Period:
-        """When the run begins and ends."""
+        """The start, end and direction of the run."""
         return Period(self.start, self.end, self.direction)
 
     @property
     def errors(self) -> Errors:
-        """How wrong the forcing may be."""
+        """The errors of the forcing."""
         return Errors(self.current_error, self.wind_error, self.diffusivity)

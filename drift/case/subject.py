@@ -1,6 +1,6 @@
-"""What a case is about: the scenarios of one object, or the classes of a spill.
+"""Build the scenarios of a case, or the classes of objects of a spill, and check them.
 
-They are built from their tables and checked against the run.
+The records are checked against each other and against the period of the run.
 """
 
 import math
@@ -29,12 +29,22 @@ from geo.forcing.quantity import QUANTITIES
 
 
 def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Path) -> Spill:
-    """Return the spill of a case; raise UserError where it does not fit the run."""
+    """Build the spill of a case.
+
+    Args:
+        table: the case file's tables.
+        start: start of the run.
+        end: end of the run.
+        folder: folder from which relative paths start.
+
+    Raises:
+        UserError: the spill is inconsistent with the run, one line for each mistake.
+    """
     assert table.spill is not None
     wrong = Mistakes()
     if end < start:
         wrong.lines.append(
-            "a [spill] runs forward; where it came from follows from its finds: see drift origin"
+            "a [spill] runs forward: give an end after the start; to backtrack it from its finds, use drift origin"
         )
     if table.coast.source == "none":
         wrong.lines.append(
@@ -64,7 +74,7 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
         if team.times[0] < last:
             wrong.lines.append(
                 f'patrol_unit "{team.name}": first {notation.group(team.times[0])} is before the last find or patrol, '
-                f"{notation.group(last)}: a plan begins when all is known; give a later first"
+                f"{notation.group(last)}: a plan uses all finds and patrols; give a later first"
             )
         if team.times[-1] > end:
             wrong.lines.append(
@@ -84,7 +94,17 @@ def spill(table: CaseTable, start: np.datetime64, end: np.datetime64, folder: Pa
 def classes(
     spill: Spill, start: np.datetime64, end: np.datetime64, forcing: Forcing
 ) -> tuple[Scenario, ...]:
-    """Return a spill's classes of objects as scenarios: what the engine moves."""
+    """Return a spill's classes of objects as the scenarios that the engine moves.
+
+    Args:
+        spill: the spill.
+        start: start of the run.
+        end: end of the run.
+        forcing: the sources of winds and currents.
+
+    Raises:
+        UserError: the release lies outside the run, or a class needs wind or current and has none.
+    """
     named = {quantity: tuple(spec.name for spec in specs) for quantity, specs in forcing.items()}
     records = []
     for kind in spill.kinds:
@@ -103,8 +123,17 @@ def scenarios(
     forcing: Forcing,
     folder: Path,
 ) -> tuple[Scenario, ...]:
-    """Return the scenarios of a case, weights adding up to 1; raise UserError where they don't fit
-    the run.
+    """Build the scenarios of a case, with weights that add up to 1.
+
+    Args:
+        case: the case file's tables.
+        start: start of the run.
+        end: end of the run.
+        forcing: the sources of winds and currents.
+        folder: folder from which relative paths start.
+
+    Raises:
+        UserError: scenarios are inconsistent with the run, one line for each mistake.
     """
     wrong, tables = Mistakes(), case.scenario
     families = {name: place for family in case.family for name, place in family.places().items()}
@@ -115,7 +144,7 @@ def scenarios(
     for name in sorted(name for name, times in Counter(names).items() if times > 1):
         wrong.lines.append(f'scenario "{name}": two scenarios have this name; give each its own')
     wrong.lines += [
-        f'scenario "{name}": tables call all scenarios together by this word; give it another name'
+        f'scenario "{name}": this name is reserved for all scenarios together; give another name'
         for name in names
         if name.strip().casefold() == "all"
     ]
@@ -156,9 +185,9 @@ def _scenario(
     for quantity, specs in forcing.items():
         key = QUANTITIES[quantity].key
         with wrong.gathered():
-            chosen[quantity] = _chosen(getattr(table, key), specs, f"{place}.{key}")
+            chosen[quantity] = _names_of_sources(getattr(table, key), specs, f"{place}.{key}")
     adrift = not table.phase or table.distress is not None
-    if len(chosen) == len(forcing) and adrift and _forced(table.motion):
+    if len(chosen) == len(forcing) and adrift and _needs_forcing(table.motion):
         with wrong.gathered():
             _check_sources(place, drifter, chosen, own)
         if own is not None and "waves" in own.uses and not chosen["stokes"]:
@@ -188,10 +217,10 @@ def _scenario(
     )
 
 
-def _forced(model: str) -> bool:
+def _needs_forcing(model: str) -> bool:
     """Return whether a model of motion needs currents and winds."""
     if model == "drift" or model.endswith(PYTHON):
-        return True  # without the models, which load the compiler: a case is read without it
+        return True  # answered here, because importing the models loads the Taichi compiler
     from drift.engine.motion.models import MODELS
 
     return MODELS[model].forced
@@ -209,10 +238,10 @@ def _check_release(place: str, prior: Any, start: np.datetime64, end: np.datetim
 def _check_itinerary(
     place: str, itinerary: Itinerary, start: np.datetime64, end: np.datetime64
 ) -> None:
-    """Refuse a target that steers in a backward run, or may be under way before the run."""
+    """Reject a target that steers in a backward run, or may get under way outside the run."""
     if end < start:
         raise UserError(
-            f"{place}: what steers runs forward; give an end after the start, or leave phases out"
+            f"{place}: a target that steers needs a forward run; give an end after the start, or leave phases out"
         )
     span = f"outside the run, {notation.group(start)} to {notation.group(end)}; change its times or the case's start and end"
     for time in _departures(itinerary.phases[0]):
@@ -223,9 +252,7 @@ def _check_itinerary(
 
 
 def _departures(first: Phase) -> list[np.datetime64]:
-    """Return the earliest and the latest time at which a target gets under way on a way; of a
-    normal law, the mean.
-    """
+    """Return the earliest and latest departure of a target; for a normal law, its mean."""
     if not isinstance(first, Ways):
         return []
     time = first.points[0].time
@@ -264,7 +291,7 @@ def _check_sources(
     wrong.refuse()
 
 
-def _chosen(
+def _names_of_sources(
     wanted: list[str] | None, specs: tuple[ForcingSpec, ...], place: str
 ) -> tuple[str, ...]:
     names = tuple(spec.name for spec in specs)

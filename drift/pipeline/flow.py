@@ -1,5 +1,7 @@
-"""The whole flow on one page: case -> environment -> prior -> forecast and filter -> products ->
-files.
+"""Run a case from input to output files: environment, prior, simulation with filter, products.
+
+`run` is the entry point of a forward forecast, `origin` that of a backward run of a spill. A run
+is simulated in one piece here, or in shards by `drift.pipeline.shards`.
 """
 
 import contextlib
@@ -72,8 +74,8 @@ from geo.errors import UserError
 from kernels.runtime import runtime
 
 REPORT = "report.html"
-COMMAND = "command"  # in the summary: by which the results were made
-# warnings come to standard error unless a program sends them elsewhere
+COMMAND = "command"  # key of the summary: the command that made the results
+# warnings go to standard error unless the calling program configures logging
 LOG = logging.getLogger("drift")
 
 
@@ -106,23 +108,23 @@ def run(
     """Forecast a case; with `out`, write the results there, complete or not at all.
 
     Args:
-        case: of `drift.load` or `drift.vary`.
+        case: made by `drift.load` or `drift.vary`.
         out: a folder for the results, written completely or not at all; None: nothing is written.
-        resume: where `out` holds the results of exactly this run, do nothing and return None; where
-            it holds another run's, log what changed and replace them; where a run in shards was
-            stopped, go on with the missing shards.
+        resume: if `out` holds the results of exactly this run, do nothing and return None. If it
+            holds results of another run, log what changed and replace them. If a run in shards was
+            stopped there, compute only the missing shards.
         **options: see `drift.pipeline.run_options.RunOptions`.
 
     Returns:
-        The forecast: `probability` (time, lat, lon) adds up to 1 over the cells of each time, less
-            what is off the grid;
+        The forecast: `probability` (time, lat, lon) adds up to 1 over the cells of each time, minus
+            the probability outside the grid;
         `tables` (pandas), `areas` (geopandas), `particles`, `summary`, `plot()`, `save()`. None
         only with `resume`.
 
     Raises:
-        UserError: what a user can change, one line for each mistake (`error.lines`): `out` holds
-            something else, the backend or the number of threads cannot be had, forcing does not
-            cover the run, too many particles are lost.
+        UserError: a mistake in the input, one line for each (`error.lines`): `out` holds something
+            else, the backend or number of threads is not available, the forcing does not cover the
+            run, too many particles are lost.
     """
     if resume and out is None:
         raise UserError(
@@ -131,12 +133,12 @@ def run(
     if resume:
         options["overwrite"] = True
     job = open_run(case, out, options)
-    if resume and _stands(job):
+    if resume and _holds_this_run(job):
         assert job.out is not None
-        if shelf.unfinished(job.out):  # it was killed after its results stood, or another run was
+        if shelf.unfinished(job.out):  # a run was killed between writing results and cleaning up
             shelf.clear(job.out, fingerprint.fingerprint_of(case, job.where, 1))
         return None
-    with kept(job) as made:  # no other run may begin on the folder before the results stand
+    with kept(job) as made:  # the shards stay locked against other runs until results are written
         result = replace(made, saved=_save)
         write(result, job)
     if job.out is not None:
@@ -145,17 +147,14 @@ def run(
 
 
 def open_run(case: Case, out: str | os.PathLike[str] | None, options: RunOptions) -> Job:
-    """Return the job of a run, on the backend of an unfinished one to the same folder where any
-    would do.
-    """
+    """Return the job of a run: backend "auto" becomes that of an unfinished run to the same
+    folder."""
     asked = Options(out, **options)
     return open_job(case, replace(asked, backend=shelf.settled(asked.backend, out, asked.client)))
 
 
-def _stands(job: Job) -> bool:
-    """Whether the folder holds the results of exactly this run; where it holds another's, say what
-    changed.
-    """
+def _holds_this_run(job: Job) -> bool:
+    """Return whether the output folder holds results of exactly this run; log what differs."""
     assert job.out is not None
     before = publication.summary(job.out, writer.SUMMARY)
     if before is None:
@@ -174,9 +173,7 @@ def _stands(job: Job) -> bool:
 
 @dataclass(frozen=True)
 class Ended:
-    """A run whose particles have been moved, before anything is made of them; they are read from
-    its snapshots.
-    """
+    """A simulated run before its products are made; particles are read from its snapshots."""
 
     setup: Setup
     snapshots: SnapshotStore
@@ -188,30 +185,28 @@ class Ended:
 
 @dataclass(frozen=True)
 class Moved(Ended):
-    """The same of a run in one piece, with what its particles were at its begin and are at its end."""
+    """A simulated run in one piece, with the ensemble at its start and at its end."""
 
     begin: Start = field(kw_only=True)
     done: Drifted = field(kw_only=True)
 
 
 def forecasted(job: Job, noted: Noted | None = None) -> Result:
-    """Return the forecast of a job's case; noted: as `moved` takes it."""
+    """Return the forecast of a job's case; `noted` is the update callback of `simulate_run`."""
     with kept(job, noted) as result:
         return result
 
 
 @contextlib.contextmanager
 def kept(job: Job, noted: Noted | None = None) -> Iterator[Result]:
-    """Give the forecast of a job's case, as `forecasted` does, with its particles, which can be
-    read inside.
-    """
-    many = _shards(job)
+    """Yield the forecast of a job's case; its particles can be read until the context closes."""
+    many = _number_of_shards(job)
     with contextlib.ExitStack() as stack:
         if many > 1 or job.client is not None:
             ended = (
-                _spilled(job, many, stack)
+                _simulate_spill_in_shards(job, many, stack)
                 if job.case.spill
-                else _in_shards(job, many, stack, noted)
+                else _simulate_in_shards(job, many, stack, noted)
             )
         else:
             with job.clock.phase("start"):
@@ -220,10 +215,9 @@ def kept(job: Job, noted: Noted | None = None) -> Iterator[Result]:
         yield build_result(job, ended)
 
 
-def _shards(job: Job) -> int:
-    """Return into how many shards a job's run is cut: as the one before was, if it goes on from
-    there and that fits.
-    """
+def _number_of_shards(job: Job) -> int:
+    """Return the number of shards of a run: that of the unfinished run it resumes, if memory
+    allows."""
     workers = None if job.client is None else cluster.workers_of(job.client)
     many = divide.number(job.case, job.memory, job.shards, workers)
     if many > 1:
@@ -234,8 +228,10 @@ def _shards(job: Job) -> int:
     return before if job.memory is None else max(before, many)
 
 
-def _in_shards(job: Job, many: int, stack: contextlib.ExitStack, noted: Noted | None) -> Ended:
-    """Return a job's run, moved in shards; its particles can be read as long as the stack is open."""
+def _simulate_in_shards(
+    job: Job, many: int, stack: contextlib.ExitStack, noted: Noted | None
+) -> Ended:
+    """Simulate a run in shards; its particles can be read until the stack closes."""
     with job.clock.phase("start"):
         mark = fingerprint.fingerprint_of(job.case, job.where, many)
         if job.client is not None:
@@ -248,8 +244,8 @@ def _in_shards(job: Job, many: int, stack: contextlib.ExitStack, noted: Noted | 
     return Ended(whole.setup, done.snapshots, done.updates, done.posteriors, begun=done.begun)
 
 
-def _spilled(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
-    """Return the run of a spill, moved in shards and weighed by the finds, as `_in_shards` does."""
+def _simulate_spill_in_shards(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
+    """Simulate a spill in shards and weight its worlds by the finds."""
     case, where = job.case, job.where
     with job.clock.phase("start"):
         run = spilled.prepare(case, where, many)
@@ -268,18 +264,19 @@ def _spilled(job: Job, many: int, stack: contextlib.ExitStack) -> Ended:
     def renewed(proposal: Proposal, number: int) -> Drifted:
         return moved(*run_setup.renewed(case, where, proposal, number), number)
 
-    done, after = _settled(job, stretches, moved(run.worlds, case.seed, 0), renewed)
+    done, after = _weight_by_finds(job, stretches, moved(run.worlds, case.seed, 0), renewed)
     return Ended(run.setup, done.snapshots, after=after)
 
 
-def _settled(
+def _weight_by_finds(
     job: Job,
     stretches: Segments | None,
     first: Drifted,
     renewed: Callable[[Proposal, int], Drifted],
 ) -> tuple[Drifted, Aftermath]:
-    """Return the run of a spill that finds leave, and its aftermath; renewed: see
-    drift.spills.worlds.renewal.settle.
+    """Return the run and posterior of a spill after iterated importance sampling by its finds.
+
+    `renewed` simulates a new set of worlds; see `drift.spills.worlds.renewal.settle`.
     """
     case, coast = job.case, job.where.coast
     assert case.spill is not None
@@ -292,28 +289,34 @@ def _settled(
 def simulate_run(
     job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None
 ) -> Moved:
-    """Return a job's run, moved from its start; its particles can be read as long as the stack is
-    open.
+    """Simulate a run in one piece.
 
-    noted: is called for each sortie, contact and sensor, as drift.evidence.filter.filter does.
+    Args:
+        job: the case, its environment and its options.
+        begin: the initial ensemble, scene and clock.
+        stack: particles can be read until it closes.
+        noted: called after each update by a sortie, contact or sensor.
     """
     case, where = job.case, job.where
     with job.clock.phase("start"):
         stretches = run_setup.stretches(case, where, begin.worlds)
-    begun = _begun(case, begin.ensemble)
-    (done, updates, posteriors), after = _drifted(job, begin, stack, noted), None
+    begun = _initial_status(case, begin.ensemble)
+    (done, updates, posteriors), after = _simulate_ensemble(job, begin, stack, noted), None
     if case.spill:
 
         def renewed(proposal: Proposal, number: int) -> Drifted:
-            """Draw new worlds of a spill, and move their objects through the run."""
-            return _drifted(job, run_setup.renew(case, where, begin, proposal, number), stack)[0]
+            """Draw new worlds of a spill from a proposal and simulate their objects."""
+            return _simulate_ensemble(
+                job, run_setup.renew(case, where, begin, proposal, number), stack
+            )[0]
 
-        done, after = _settled(job, stretches, done, renewed)
+        done, after = _weight_by_finds(job, stretches, done, renewed)
     return Moved(begin, done.snapshots, updates, posteriors, after, begun, begin=begin, done=done)
 
 
 def build_result(job: Job, run: Ended) -> Result:
-    """Return what is made of a run that has been moved, whose particles can still be read."""
+    """Return the forecast, tracks and summary of a simulated run while its particles are
+    readable."""
     case, where, setup, snapshots = job.case, job.where, run.setup, run.snapshots
     after, updates, posteriors = run.after, run.updates, run.posteriors
     names = [scenario.name for scenario in case.scenarios]
@@ -329,9 +332,9 @@ def build_result(job: Job, run: Ended) -> Result:
             grid=case.grid,
             tell=partial(job.tell, "map"),
         )
-        tracks = _trajectories(case, snapshots)
+        tracks = _sample_tracks(case, snapshots)
     summary = run_metadata.summary_of_run(case, where, end, setup, job.clock.seconds)
-    member_told = _members(setup.spec.members, run)
+    member_told = _results_by_member(setup.spec.members, run)
     if member_told is not None:
         summary |= {"members": by_member.summary_of_members(member_told)}
     off_map = off_grid.warnings(forecast.data)
@@ -341,7 +344,7 @@ def build_result(job: Job, run: Ended) -> Result:
     summary["warnings"] += off_map
     if after is not None:
         summary |= renewal.summary_of_spill(after)
-        # Maps are of the same worlds: where these are few, one warning is enough.
+        # The map's effective sample is the same worlds: if they are few, one warning is enough.
         few = effective.Count(after.posterior.effective, what="worlds").few
         summary["warnings"] = [*renewal.warnings(after), *([] if few else summary["warnings"])]
     summary["warnings"] += environment.warnings(where)
@@ -351,13 +354,13 @@ def build_result(job: Job, run: Ended) -> Result:
         summary |= posterior_tables.summary(posteriors)
     on = run_metadata.with_coast(run_metadata.setting(case, where, dataset.shown(forecast.data)))
     flown = updates.sorties if updates else ()
-    # Keep the sampled field, not the dataset it came from: one that was handed in is let go.
+    # Keep the sampled field, not the dataset: a dataset passed in by the caller can be freed.
     flows = ambient.over(
-        _of_likeliest(case, where), mapped.box(forecast.data), forecast.data["time"].values
+        _forcing_of_likeliest(case, where), mapped.box(forecast.data), forecast.data["time"].values
     )
     over = (
         partial(search_chapter.overlay, flown, case.contacts, sensors=case.sensors),
-        partial(_flows, flows),
+        partial(_overlay_flows, flows),
     )
     return Result(
         case,
@@ -375,8 +378,8 @@ def build_result(job: Job, run: Ended) -> Result:
     )
 
 
-def _members(names: Sequence[str], run: Ended) -> Members | None:
-    """Return what is told of the members of an ensemble of winds and currents; None without one."""
+def _results_by_member(names: Sequence[str], run: Ended) -> Members | None:
+    """Return the results by member of a forcing ensemble; None without an ensemble."""
     if not names:
         return None
     by_world = None
@@ -385,37 +388,35 @@ def _members(names: Sequence[str], run: Ended) -> Members | None:
     return by_member.told(names, run.snapshots.outputs[-1], by_world)
 
 
-def _of_likeliest(case: Case, where: Environment) -> Sources:
-    """Return the winds and currents of the scenario that was likeliest at first."""
+def _forcing_of_likeliest(case: Case, where: Environment) -> Sources:
+    """Return the winds and currents of the scenario with the highest prior probability."""
     return where.scenarios[
         max(range(len(case.scenarios)), key=lambda number: case.scenarios[number].weight)
     ]
 
 
-def _flows(found: Mapping[str, Flow], time: Any) -> Any:
-    """Return what a map shows of winds and currents at a time, a
-    drift.products.maps.overlay.Overlay.
-    """
-    from drift.engine.environment import layers  # here: Matplotlib takes a second to import
+def _overlay_flows(found: Mapping[str, Flow], time: Any) -> Any:
+    """Return the map overlay (`drift.products.maps.overlay.Overlay`) of winds and currents."""
+    from drift.engine.environment import layers  # imported late: Matplotlib takes a second
 
     return layers.flows(found, time)
 
 
-def _begun(case: Case, ensemble: Ensemble) -> Standing | None:
-    """Return how a search stood before any sortie or contact; None where that is not told."""
+def _initial_status(case: Case, ensemble: Ensemble) -> Standing | None:
+    """Return the search status before any sortie or contact; None if the case does not report
+    it."""
     if not run_setup.is_standing(case):
         return None
     columns = {"log_weight": ensemble.log_weight.to_numpy(), "release": ensemble.release.to_numpy()}
     return account.begun(run_setup.ensemble_spec(case), Columns.held(ensemble.blocks, columns))
 
 
-def _drifted(
+def _simulate_ensemble(
     job: Job, begin: Start, stack: contextlib.ExitStack, noted: Noted | None = None
 ) -> tuple[Drifted, Updates | None, Posteriors | None]:
-    """Return an ensemble moved through the run, what sorties and contacts did, and what they tell;
-    close the forcing.
+    """Simulate an ensemble; return the run, its search updates and its posteriors.
 
-    What it was like at every output can be read as long as the stack is open.
+    Closes the forcing. Snapshots of the outputs can be read until the stack closes.
     """
     case = job.case
     outputs = case.period.seconds(case.outputs)
@@ -454,11 +455,13 @@ def _drifted(
 def write(
     result: Result, job: Job, *, more: Sequence[Chapter] = (), planned: Planned | None = None
 ) -> None:
-    """Write all that a forecast hands out to the job's folder, if it has one, complete or not at
-    all.
+    """Write all output files of a forecast to the job's folder, if it has one: all files or none.
 
-    more: chapters of what was made from the forecast. planned: sorties that are still to be flown,
-    where it is the forecast of their failure.
+    Args:
+        result: the forecast.
+        job: its job.
+        more: bundles of outputs derived from the forecast, such as a plan.
+        planned: sorties still to be flown, if this forecast assumes that they find nothing.
     """
     if job.out is not None:
         with job.clock.phase("write"):
@@ -473,7 +476,7 @@ def write(
 
 
 def _save(result: Result, out: Path, overwrite: bool) -> None:
-    """Write a run's results later, as `run` would have written them to its `out`."""
+    """Write a finished run's results as `run` would have written them to its `out`."""
     writer.check_folder(out, overwrite, (*forecast_chapter.FILES, *forecast_chapter.PICTURES))
     _write(result, out, overwrite=overwrite, report=lambda phase, share: None)
 
@@ -494,13 +497,13 @@ def _write(
         failed = replace(
             on, imprint=replace(on.imprint, title=f"If this plan finds nothing: {case.title}")
         )
-    # A plan's folder holds a forecast too, which is that of its failure.
-    # the writer adds it
+    # A plan's folder also holds a forecast: that of the plan finding nothing.
+    # The writer adds run_id itself.
     facts = {name: words for name, words in on.imprint.attributes.items() if name != "run_id"}
     chapters = [
         run_metadata.chapter(case, facts, {COMMAND: "plan" if more else "run", **result.summary})
     ]
-    chapters.append(Chapter(leaves=(partial(_surroundings, result, on),)))
+    chapters.append(Chapter(leaves=(partial(_environment_items, result, on),)))
     if after is not None:
         chapters.append(spill_chapter.chapter(spill_chapter.SpillOutputs(after, on)))
     if updates is not None:
@@ -522,13 +525,13 @@ def _write(
             basis, on.imprint, run_metadata.synthetic(case), lost
         )
         chapters.append(suspend_chapter.chapter(suspend_matter))
-    # Legs and contacts would hide small maps; fields and barriers are few lines.
+    # Small maps omit legs and contacts, which would hide the map; sensor lines are few.
     sensors = (
         [partial(search_chapter.overlay, (), (), sensors=case.sensors)]
         if case.sensors.telling
         else []
     )
-    # its map is of the time after the plan
+    # the forecast of a plan's failure shows the time after the plan
     mapped_at = failed if planned is None else replace(failed, opens=None)
     forecast_matter = forecast_chapter.ForecastOutputs(
         result.forecast, result.trajectories, mapped_at, result.overlays, sensors
@@ -537,9 +540,9 @@ def _write(
     publish(out, chapters, failed, overwrite=overwrite, tell=partial(report, "write"))
 
 
-def _surroundings(result: Result, on: Setting) -> list[Any]:
-    """Return what the report shows of where the run began, of ways, winds and currents."""
-    # here: Matplotlib takes a second to import
+def _environment_items(result: Result, on: Setting) -> list[Any]:
+    """Return the report's items on starting positions, itineraries, winds and currents."""
+    # imported late: Matplotlib takes a second
     from drift.engine.environment import report as environment_report
     from drift.products.report import leaves
 
@@ -563,12 +566,16 @@ def publish(
     overwrite: bool,
     tell: Callable[[float], None],
 ) -> None:
-    """Write chapters and the report of them; a picture that cannot be drawn is left out, with a
-    warning.
+    """Write output bundles and their report; a picture that fails is left out with a warning.
 
-    tell: takes the share that is written.
+    Args:
+        out: the folder of the results.
+        chapters: the output bundles.
+        on: title, attribution and marks of every map.
+        overwrite: whether existing results are replaced.
+        tell: called with the share of the files written, 0 to 1.
     """
-    from drift.products.maps import page  # here: Matplotlib takes a second to import
+    from drift.products.maps import page  # imported late: Matplotlib takes a second
     from drift.products.report import page as report_page
 
     whole = join_contents(chapters)
@@ -584,9 +591,9 @@ def publish(
 
 
 def suspension(result: Result, planned: Planned | None = None) -> decision.Suspension | None:
-    """Return what a decision to suspend rests on; planned: sorties not yet flown.
+    """Return the basis for a decision to suspend the search; `planned` are sorties not yet flown.
 
-    None where there are neither sorties nor survival times, and in a backward run.
+    None without sorties and survival times, and for a backward run.
     """
     case, begun = result.case, result.begun
     if begun is None or case.direction < 0:
@@ -604,7 +611,7 @@ def origin(
 ) -> backward.Origin:
     """Run a spill backward from its finds to where and when it may have been released.
 
-    It proposes where to look: the answer is a forward run weighted by the finds.
+    The result is a rough backtrack: confirm it with a forward run weighted by the finds.
 
     Args:
         case: with a `[spill]` and at least one `[[find]]`.
@@ -612,12 +619,12 @@ def origin(
         **options: as in `drift.run`.
 
     Returns:
-        The distribution of the release: its map, time and mean place, and how much the finds say of
-            it [bit].
+        The distribution of the release: its map, time and mean position, and the information that
+            the finds give on it [bit].
 
     Raises:
-        UserError: what a user can change, one line for each mistake (`error.lines`): the case is no
-            spill, or no find can have come from the water of the run.
+        UserError: a mistake in the input, one line for each (`error.lines`): the case has no spill,
+            or no find can have come from the domain of the run.
     """
     if case.spill is None:
         raise UserError(
@@ -658,13 +665,13 @@ def origin(
 trace = origin  # its former name
 
 
-def _trajectories(case: Case, snapshots: SnapshotStore) -> Trajectories:
-    """Return the tracks of slots spread evenly over the particles.
+def _sample_tracks(case: Case, snapshots: SnapshotStore) -> Trajectories:
+    """Return the tracks of a subsample of particles, evenly spaced by index.
 
-    A resampled particle has the track of its ancestors before that.
+    Before it was resampled, a particle has the track of its ancestors.
     """
     living: Array | None = None
-    if case.resampling.below > 0:  # slots that are held to spare have no weight
+    if case.resampling.below > 0:  # spare slots have no weight and no track
         living = np.concatenate(
             [part.blocks.places[part.probability > 0] for part in snapshots.outputs[-1].parts()]
         )

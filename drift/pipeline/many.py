@@ -1,10 +1,9 @@
 """Many forecasts in one process, one after another.
 
-They may differ in starts, places, seeds, errors or objects. What the cases have in common is made
-once: their files are opened, surveyed and decoded once, their coast is built once. A forecast of
-many is the forecast that `drift.run` makes of its case alone, bit for bit, whoever else is among
-them and in whatever order. Forecasts come one by one, so that ten thousand need no more memory than
-one (with maps: three); one that is refused says why, and the next goes on.
+The cases may differ in everything. Files are opened, surveyed and decoded once, the coast is built
+once. Each forecast equals that of `drift.run` for its case to the bit, whatever the other cases and
+their order. The generator yields one forecast at a time, so ten thousand need no more memory than
+one (with maps: three). A rejected case yields its error, and the next case follows.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,16 +30,16 @@ from kernels.runtime import runtime
 
 Maps = bool | Literal["last"]
 
-AHEAD = 2  # forecasts at most that drift before the maps of one are done
+AHEAD = 2  # forecasts simulated at most before the maps of the first are complete
 NOTHING = np.empty((0, 0))
 
 
 @dataclass(frozen=True, repr=False)
 class Brief:
-    """A forecast in brief: its particles at each output, and its maps where they were asked for.
+    """A short forecast: its particles at each output, and its maps if requested.
 
-    Arrays are of shape (outputs, particles). Of one that was refused they are empty, and `error`
-    says why.
+    Arrays have the shape (outputs, particles). For a rejected case the arrays are empty, and
+    `error` holds the reason.
     """
 
     case: Case
@@ -49,20 +48,20 @@ class Brief:
     lat: Array
     status: Array  # uint8, drift.engine.particles.status.Status: 0 is adrift, 1 ashore
     probability: Array  # adds up to 1 over the particles, of all statuses
-    # (outputs, 2) lon, lat [deg] of the mean of those adrift or ashore; NaN where there are none
+    # (outputs, 2) lon, lat [deg] of the mean position, adrift or ashore; NaN without particles
     mean: Array
     step: int = 0  # [s]
     forecast: Forecast | None = None  # maps: of all outputs, or of the last
     error: UserError | None = None
 
     def __repr__(self) -> str:
-        """Return what it is, in a line."""
-        told = (
+        """Return the title and size of the forecast, or the reason of its rejection."""
+        description = (
             f"rejected: {self.error}"
             if self.error
             else f"{len(self.times)} outputs, {self.lon.shape[-1]:,} particles"
         )
-        return f'<drift.Brief "{self.case.title}": {told}>'
+        return f'<drift.Brief "{self.case.title}": {description}>'
 
 
 def run_many(
@@ -74,88 +73,91 @@ def run_many(
     maps: Maps = False,
     report: Report | None = None,
 ) -> Iterator[Brief]:
-    """Give the forecasts of cases, in their order, each as soon as it is made.
+    """Yield the forecasts of cases in their order, each as soon as it is made.
 
-    Each is the forecast that `drift.run` makes of its case alone, bit for bit. Files and coast are
-    opened once, kernels are compiled once. It is a generator: what is not kept is freed.
+    Each forecast equals that of `drift.run` for its case to the bit. Files and coast are opened
+    once, kernels are compiled once. The generator keeps no forecast that it has yielded.
 
     Args:
-        cases: of `drift.load` and `drift.vary`; they need have nothing in common. Spills have no
-            forecast in brief: theirs is an error.
-        datasets: the xarray.Datasets that sources of any of them with `dataset = "name"` name, by
-            that name; they are only read, and not kept.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a
-            bit of the results.
-        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics
-            card where one is worth it. A process keeps the backend and the threads that it began
-            with.
+        cases: made by `drift.load` or `drift.vary`; they need have nothing in common. A spill has
+            no short forecast: it yields an error.
+        datasets: xarray.Datasets by name, for sources of any case with `dataset = "name"`; drift
+            reads them and keeps no reference.
+        threads: CPU threads; None, or more than there are: all. The results are the same to the bit
+            for any number.
+        backend: device that moves particles: "cpu", "cuda", "vulkan", "metal", or "auto": a
+            graphics card if the run is large enough. A process keeps the backend and the threads of
+            its first run.
         maps: False for particles alone, "last" for the map of each forecast's last output, True for
-            all its maps, as `drift.run` makes them. Maps are made while the next forecasts drift: a
-            forecast comes when AHEAD more have drifted.
-        report: is called with "forecasts" and the share of the forecasts that is done, 0 to 1.
+            all maps of `drift.run`. Maps are made while the next forecasts are simulated: a
+            forecast
+            is yielded after up to AHEAD more have been simulated.
+        report: called with "forecasts" and the share of the forecasts done, 0 to 1.
 
     Returns:
-        An iterator of a `drift.Brief` for each case: `lon`, `lat` [degrees], `status` and
+        An iterator over one `drift.Brief` per case: `lon`, `lat` [degrees], `status` and
         `probability` of all particles, each of shape (outputs, particles), and `times` (outputs,).
-        Of a case that cannot be forecast it has an `error`, a UserError, in place of particles, and
-        the others go on.
+        For a rejected case, `error` is a UserError and the arrays are empty; the other cases
+        continue.
 
     Raises:
-        UserError: no case can run: `maps` is none of the three, the backend or the number of
-            threads cannot be had.
+        UserError: no case can run: `maps` has another value, or the backend or number of threads is
+            not available.
     """
     if maps not in (False, True, "last"):
         raise UserError(f'maps = {maps!r}: give False, "last" or True')
     with runtime.alone():
         runtime.start(backend, threads, max((case.particles for case in cases), default=0))
-    return _each(tuple(cases), datasets or {}, maps, report or (lambda phase, share: None))
+    return _yield_forecasts(
+        tuple(cases), datasets or {}, maps, report or (lambda phase, share: None)
+    )
 
 
-def _each(
+def _yield_forecasts(
     cases: Sequence[Case], datasets: Mapping[str, Any], maps: Maps, tell: Report
 ) -> Iterator[Brief]:
-    # reversed, to pop: waters are freed with their last case
+    # reversed for pop(): a region is freed after its last case
     shared = divide(cases, datasets)[::-1]
     # forecasts whose maps are being made while the next one drifts
     before: list[Future[Brief]] = []
     with ThreadPoolExecutor(AHEAD, "maps") as pool:
         for number, case in enumerate(cases):
-            with runtime.alone():  # one case at a time, and none while the caller runs one
+            with runtime.alone():  # one case at a time, and none while the caller runs another
                 try:
                     with runtime.telling_full():
-                        brief, rest = _forecast(case, _named(case, datasets), shared.pop(), maps)
+                        brief, make_maps = _forecast(
+                            case, _datasets_of(case, datasets), shared.pop(), maps
+                        )
                 except UserError as error:
-                    brief, rest = _refused(case, error), None
-            before.append(pool.submit(_mapped, brief, rest))
+                    brief, make_maps = _rejected(case, error), None
+            before.append(pool.submit(_with_maps, brief, make_maps))
             while len(before) > (AHEAD if maps and number + 1 < len(cases) else 0):
                 done = before.pop(0).result()
                 tell("forecasts", (number + 1 - len(before)) / len(cases))
                 yield done
 
 
-def _mapped(brief: Brief, rest: Callable[[], Forecast] | None) -> Brief:
+def _with_maps(brief: Brief, make_maps: Callable[[], Forecast] | None) -> Brief:
     try:
-        return brief if rest is None else replace(brief, forecast=rest())
+        return brief if make_maps is None else replace(brief, forecast=make_maps())
     except UserError as error:
-        return _refused(brief.case, error)
+        return _rejected(brief.case, error)
 
 
-def _named(case: Case, datasets: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the datasets that a case names."""
+def _datasets_of(case: Case, datasets: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the datasets that the sources of a case name."""
     names = {spec.dataset for spec in case.sources}
     return {name: data for name, data in datasets.items() if name in names}
 
 
-def _refused(case: Case, error: UserError) -> Brief:
+def _rejected(case: Case, error: UserError) -> Brief:
     return Brief(case, case.outputs[:0], *(NOTHING,) * 4, np.empty((0, 2)), error=error)
 
 
 def _forecast(
     case: Case, datasets: Mapping[str, Any], waters: Waters, maps: Maps
 ) -> tuple[Brief, Callable[[], Forecast] | None]:
-    """Return the forecast of one case in its waters, without maps, and what makes these in any
-    thread.
-    """
+    """Return the forecast of one case without maps, and a function that makes its maps."""
     if case.spill:
         raise UserError(
             f"{case.path.name}: has a [spill], which drift.run forecasts; run_many is for [[scenario]] tables"
@@ -172,12 +174,12 @@ def _forecast(
             seen = list(snapshots)
     finally:
         begin.scene.forcing.close()
-    rest = None
+    make_maps = None
     if maps:
         is_land = scene.land_of(begin.scene)
         names = [scenario.name for scenario in case.scenarios]
         wanted = seen if maps is True else seen[-1:]
-        rest = forecast_build.begin(
+        make_maps = forecast_build.begin(
             wanted, scenarios=names, is_land=is_land, shares=case.areas, grid=case.grid
         )
     brief = Brief(
@@ -190,4 +192,4 @@ def _forecast(
         np.array([snapshot.means(snapshot.vectors(output)).all for output in seen]),
         begin.clock.step,
     )
-    return brief, rest
+    return brief, make_maps

@@ -1,4 +1,4 @@
-"""The result of a run, as Python and a notebook have it: arrays, tables, a map."""
+"""The result of a run for Python and notebooks: arrays, tables and a map."""
 
 import base64
 import html
@@ -56,30 +56,30 @@ ISO = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")  # as geo.notation.iso writ
 
 @dataclass(frozen=True, repr=False)
 class Result:
-    """A forecast, the numbers about it, and its subsample's tracks."""
+    """A forecast, its summary, and the tracks of a subsample of its particles."""
 
     case: Case
     forecast: Forecast
     trajectories: Trajectories
     summary: dict[str, Any]
-    setting: Setting  # what stands on every map of it
-    # what else stands on its own map: drift.products.maps.overlay.AtTime
+    setting: Setting  # title, attribution, land and marks of all its maps
+    # overlays of the forecast map: drift.products.maps.overlay.AtTime
     overlays: tuple[Callable[[Any], Any], ...]
-    aftermath: Aftermath | None = None  # of a spill: its washup, finds and unknowns
-    updates: Updates | None = None  # what sorties and contacts did
-    # how a search stood before any of them; None: no sorties, no survival times
+    aftermath: Aftermath | None = None  # posterior of a spill: washup, finds, parameters
+    updates: Updates | None = None  # effect of each sortie and contact
+    # search status before the first update; None: no sorties, no survival times
     begun: Standing | None = None
-    # of what is not position; None: nothing steers and nothing was seen
+    # of the non-position variables; None: no itineraries and no observations
     posteriors: Posteriors | None = None
     # winds and currents of the likeliest scenario, for arrows
     flows: Mapping[str, Flow] = field(default_factory=dict)
-    members: Members | None = None  # of an ensemble of winds and currents; None: there is none
+    members: Members | None = None  # results by member of a forcing ensemble; None: no ensemble
     saved: Callable[["Result", Path, bool], None] | None = (
-        None  # writes it to a folder; None: of a plan or a comparison
+        None  # writes the result to a folder; None: part of a plan or a comparison
     )
 
     def __repr__(self) -> str:
-        """Return what it is, in a few lines."""
+        """Return the title, the forecast's key figures and the available attributes."""
         rows = "\n".join(f"  {name}: {words}" for name, words in self._told())
         offers = [one for one in OFFERS if one != "save()" or self.saved]
         return f'<drift.Result "{self.case.title}"\n{rows}\n  has: {", ".join(offers)}>'
@@ -91,24 +91,23 @@ class Result:
 
     @property
     def washup(self) -> xr.Dataset | None:
-        """What comes ashore where and when (see drift.spills.worlds.washup); None without a spill."""
+        """Objects ashore by stretch and time (drift.spills.worlds.washup); None without a spill."""
         return self.aftermath.washup if self.aftermath else None
 
     @property
     def particles(self) -> xr.Dataset:
-        """The tracks of a subsample (trajectory, time), as in particles.nc;
+        """The tracks of a subsample (trajectory, time), as in particles.nc.
 
-        `.to_dataframe()` makes pandas' of them.
+        `.to_dataframe()` converts the tracks to pandas.
         """
         return xr.decode_cf(forecast_tracks.dataset(self.trajectories, self.forecast))
 
     @property
     def tables(self) -> dict[str, pandas.DataFrame]:
-        """The tables of the run by name, those of its CSV files; times as in `probability`: UTC,
-        datetime64[ns].
+        """The tables of the run by name, as in its CSV files.
 
-        `attrs["units"]` of each has the units of its columns by name, as pint reads them: "nmi**2",
-        "degrees_east".
+        Times are UTC, datetime64[ns], as in `probability`. `attrs["units"]` of a table maps column
+        names to units in pint's notation: "nmi**2", "degrees_east".
         """
         run = formats.run_id(self.setting.imprint.attributes)
         texts = {
@@ -128,20 +127,19 @@ class Result:
         if self.washup is not None:
             texts["washup"] = washup_tables.stretches(self.washup, run)
             texts["totals"] = washup_tables.totals(self.washup, run)
-        return {name: _frame(text) for name, text in texts.items()}
+        return {name: _parse_csv(text) for name, text in texts.items()}
 
     @property
     def areas(self) -> Any:
-        """The areas that hold shares of the probability as a geopandas.GeoDataFrame: time, share,
-        area_nmi2, geometry.
+        """The containment areas as a geopandas.GeoDataFrame: time, share, area_nmi2, geometry.
 
-        Longitudes run on across 180 degrees. Raises UserError without geopandas.
+        Longitudes continue beyond 180 degrees. Raises UserError without geopandas.
         """
         try:
             import geopandas
         except ImportError:
             raise UserError(
-                "geopandas is not installed: pip install -e '.[notebook]' where drift lies"
+                "geopandas is not installed: pip install -e '.[notebook]' in drift's source folder"
             ) from None
         rows = [(c.time, c.share, c.area / NMI**2, c.polygon) for c in self.forecast.contours]
         columns = ["time", "share", "area_nmi2", "geometry"]
@@ -154,43 +152,48 @@ class Result:
 
         Args:
             out: the folder.
-            overwrite: whether results that it holds are replaced.
+            overwrite: whether existing results in it are replaced.
 
         Returns:
-            The result itself, so that `drift.run(case).save("results")` can be read on.
+            The result itself, so that calls can be chained: `drift.run(case).save("results")`.
 
         Raises:
-            UserError: the folder cannot be written, or holds something; or the result is part of a
-                plan, which `drift.plan(case, out)` writes whole.
+            UserError: the folder cannot be written or is not empty; or the result is part of a
+            plan,
+                which `drift.plan(case, out)` writes as a whole.
         """
         if self.saved is None:
             raise UserError(
-                "a forecast that is part of a plan is written with it: give the function that plans its out"
+                "this forecast is part of a plan and cannot be saved alone: call the planning function with `out`"
             )
         self.saved(self, Path(out), overwrite)
         return self
 
     def to_netcdf(self, path: str | os.PathLike[str] = "forecast.nc") -> None:
-        """Write the forecast's maps to one netCDF file, as forecast.nc of the run; a file that is
-        there is replaced.
+        """Write the forecast's maps to one netCDF file like forecast.nc; an existing file is
+        replaced.
 
         Args:
             path: the file. `xarray.open_dataset(path)` reads it.
 
         Raises:
-            UserError: it cannot be written.
+            UserError: the file cannot be written.
         """
         facts, warnings = self.setting.imprint.attributes, self.summary["warnings"]
         writer.write_netcdf(Path(path), self.forecast.data, "forecast", facts, warnings)
 
     def plot(self, time: Any = None) -> Any:
-        """Return the map of an output time as a matplotlib.figure.Figure; time: np.datetime64 or
-        text, by default that of map.png.
+        """Return the map of an output time as a matplotlib.figure.Figure.
 
-        A notebook shows it, whether pyplot has been imported or not. Raises UserError for a time
-        that is no output's.
+        A notebook shows the figure even if pyplot has not been imported.
+
+        Args:
+            time: np.datetime64 or text; None: the time of map.png.
+
+        Raises:
+            UserError: the run has no output at this time.
         """
-        # here: Matplotlib takes a second to import
+        # imported late: Matplotlib takes a second
         from drift.forecast.products import map as forecast_map
         from drift.products.maps import page
 
@@ -202,7 +205,7 @@ class Result:
         return figure
 
     def _output(self, time: Any) -> int:
-        """Return the number of an output time."""
+        """Return the index of an output time; None: the time of map.png."""
         times = self.forecast.data["time"].values
         if time is None:
             return mapped.opening(self.forecast.data, self.setting.opens)
@@ -213,12 +216,12 @@ class Result:
         if not found.size:
             listed = ", ".join(notation.iso(one) for one in times[[0, -1]])
             raise UserError(
-                f"time {time!r} is no output of this run; they are {len(times)}, the first and last {listed}"
+                f"time {time!r} is not an output time of this run; it has {len(times)}, the first and last are {listed}"
             )
         return int(found[0])
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows: how the run ended, its warnings and its map."""
+        """Return the HTML for notebooks: key figures of the last output, warnings and map."""
         cells = "".join(
             f"<tr><th style='text-align:left'>{name}</th><td>{html.escape(words)}</td></tr>"
             for name, words in self._told()
@@ -239,7 +242,7 @@ class Result:
         )
 
     def _told(self) -> list[tuple[str, str]]:
-        """Return how the run ended, by name."""
+        """Return the key figures of the last output: names and texts."""
         data, last = self.forecast.data, self.forecast.data.isel(time=-1)
         count = effective.effective_at(data, -1, self.case.particles)
         return [
@@ -266,32 +269,31 @@ class Result:
 
 
 def _png(figure: Any) -> bytes:
-    """Return a figure as a notebook shows it."""
+    """Return a figure as PNG bytes at a notebook's resolution."""
     picture = io.BytesIO()
     figure.savefig(picture, format="png", dpi=80)
     return picture.getvalue()
 
 
-def _frame(text: str) -> pandas.DataFrame:
-    """Return a CSV text as a pandas.DataFrame, its times in UTC without a zone, as xarray has them:
-    they join.
-    """
+def _parse_csv(text: str) -> pandas.DataFrame:
+    """Return a CSV text as a DataFrame; times are UTC without a zone, so that they join
+    xarray's."""
     frame = pandas.read_csv(io.StringIO(text))
     times = [name for name in frame.columns if _is_time(name, frame[name].dropna())]
     parsed = {
         name: pandas.to_datetime(frame[name], utc=True).dt.tz_localize(None) for name in times
     }
-    whole = frame.assign(
+    table = frame.assign(
         **{name: column.astype("datetime64[ns]") for name, column in parsed.items()}
     )
-    whole.attrs["units"] = units.units_of(whole.select_dtypes("number").columns)
-    return whole
+    table.attrs["units"] = units.units_of(table.select_dtypes("number").columns)
+    return table
 
 
-def _is_time(name: str, given: Any) -> bool:
-    """Whether a column is of times: by its name, or as all that is given in it is ISO 8601."""
+def _is_time(name: str, values: Any) -> bool:
+    """Return whether a column holds times: by its name, or because all its values are ISO 8601."""
     return (
         name == "time"
         or name.endswith("_time")
-        or (len(given) > 0 and all(map(ISO.fullmatch, map(str, given))))
+        or (len(values) > 0 and all(map(ISO.fullmatch, map(str, values))))
     )

@@ -1,6 +1,4 @@
-"""What a run says about itself besides its forecast: numbers, attributes of files, words on
-pictures.
-"""
+"""Metadata of a run: file attributes, numbers of the summary, titles and footers of maps."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -30,15 +28,15 @@ from geo import notation
 from geo.files import digest
 from kernels.runtime import runtime
 
-LAND = {  # what land means to a target under way, in words
+LAND = {  # effect of land on a target under way, by the case's key
     "refuse": "lanes, voyages and areas that touch land are rejected",
-    "stop": "what meets the shore under way runs aground there",
-    "ignore": "ways lead over land",
+    "stop": "a target that meets the shore runs aground there",
+    "ignore": "paths cross land",
 }
 
 
 def attributes(case: Case, where: Environment) -> dict[str, str]:
-    """Return what every file carries: the case, the seed, versions, and what the forcing was."""
+    """Return the attributes of every output file: case, seed, versions and forcing fingerprints."""
     return {
         "title": case.title,
         "source": f"casp-drift {version.__version__}",
@@ -55,13 +53,19 @@ def attributes(case: Case, where: Environment) -> dict[str, str]:
 
 
 def chapter(case: Case, facts: Mapping[str, str], numbers: Mapping[str, Any]) -> Chapter:
-    """Return the chapter of a run itself; facts: its attributes; numbers: of its summary."""
-    told = (partial(_leaves, case, numbers),)
+    """Return the output bundle of a run's metadata.
+
+    Args:
+        case: the case of the run.
+        facts: attributes of its files.
+        numbers: contents of its summary.json.
+    """
+    told = (partial(_report_items, case, numbers),)
     return Chapter(numbers, leaves=told, facts=facts, warnings=tuple(numbers["warnings"]))
 
 
-def _leaves(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
-    """Return what the report shows of how a case was understood."""
+def _report_items(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
+    """Return the report's table of how the case was interpreted, and the text of the case."""
     run = numbers["run"]
     rows = [
         [
@@ -70,7 +74,7 @@ def _leaves(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
             f"{run['backend']}{f': {device}' if (device := run.get('device')) else ''}",
         ],
         ["Step", f"{run['scheme']}, {run['step_s']} s"],
-        ["Errors", numbers["uncertainty"]["told"] or "none that anything feels"],
+        ["Errors", numbers["uncertainty"]["told"] or "none: no target feels wind or current"],
         ["Coast", f"{numbers['coast']['source']}; {run['coast_behaviour']}"],
         *(["Coast", note] for note in numbers["coast"]["notes"]),
         *(
@@ -88,59 +92,62 @@ def _leaves(case: Case, numbers: Mapping[str, Any]) -> list[Any]:
 
 
 def written(case: Case) -> Leaf:
-    """Return the case as the report shows it."""
+    """Return the report's item with the text of the case."""
     return leaves.text_leaf("The case as it was written", words=case.text)
 
 
 def setting(case: Case, where: Environment, shown: Shown | None = None) -> Setting:
-    """Return what every chart of a run shows, and what stands on it.
+    """Return the title, attribution, land, marks and lines of every map of a run.
 
-    shown: scenarios whose beginnings are drawn and named, by default the likeliest beforehand.
+    Args:
+        case: the case of the run.
+        where: its environment.
+        shown: scenarios whose starts are drawn; None: those with the highest prior probability.
     """
     source = attributes(case, where)
     known_as, short = (
         ("Position at start", "start") if case.direction < 0 else ("Last known position", "LKP")
     )
-    stories = case.scenarios
-    if case.spill:  # its classes of objects were released together
-        known_as, short, stories = (
+    released = case.scenarios
+    if case.spill:  # all classes of objects share one release
+        known_as, short, released = (
             "Release",
             "release",
             (replace(case.scenarios[0], name="release"),),
         )
     if shown is None or case.spill:
-        shown = likeliest.likeliest_scenarios([scenario.weight for scenario in stories])
-    marks, lines = starts(stories, known_as, short, shown)
+        shown = likeliest.likeliest_scenarios([scenario.weight for scenario in released])
+    marks, lines = starts(released, known_as, short, shown)
     return Setting(
         Imprint(
             case.title,
             # The errors come first: without them an area means nothing.
-            f"{_errors_first(source['uncertainty'])}{source['source']}, seed {source['seed']}",
+            f"{_errors_sentence(source['uncertainty'])}{source['source']}, seed {source['seed']}",
             {**source, "run_id": formats.run_id(source)},
             caution(case),
         ),
         coastline.lands(where.coast, case.coast),
         marks,
         lines,
-        others(stories, shown),
+        others(released, shown),
         known_as,
         case.particles,
         case.opens,
-        [partial(_itineraries, stories)] if any(scenario.itinerary for scenario in stories) else (),
+        [partial(_itineraries, released)]
+        if any(scenario.itinerary for scenario in released)
+        else (),
     )
 
 
 def _itineraries(scenarios: Sequence[Scenario], now: Any) -> Any:
-    """Return what is drawn of itineraries on a map, of any time: a
-    drift.products.maps.overlay.Overlay.
-    """
-    from drift.engine.environment import layers  # imported here, for Matplotlib takes a second
+    """Return the map overlay (`drift.products.maps.overlay.Overlay`) of itineraries."""
+    from drift.engine.environment import layers  # imported late: Matplotlib takes a second
 
     return layers.itineraries(scenarios)
 
 
 def with_coast(on: Setting) -> Setting:
-    """Return it with the source of the coast in the line at the foot."""
+    """Return a map setting whose footer names the source of the coast."""
     imprint = on.imprint
     return replace(
         on,
@@ -149,8 +156,15 @@ def with_coast(on: Setting) -> Setting:
 
 
 def changed(case: Case, where: Environment, before: Mapping[str, Any]) -> list[str]:
-    """Return what of a run is not as in the summary of one before, in words; empty where that is of
-    exactly this run.
+    """Return the inputs of a run that differ from the summary of an earlier one.
+
+    Args:
+        case: the case of the run.
+        where: its environment.
+        before: contents of the earlier run's summary.json.
+
+    Returns:
+        Descriptions such as "the seed"; empty if `before` is the summary of exactly this run.
     """
     of = attributes(case, where)
     now: dict[str, Any] = {
@@ -159,7 +173,7 @@ def changed(case: Case, where: Environment, before: Mapping[str, Any]) -> list[s
     now["forcing"] = [
         [source.quantity, source.name, source.fingerprint] for source in where.sources
     ]
-    # changed in Python it may have the text of another
+    # a case changed in Python keeps the text of its file, so the digest is compared too
     now["case"] = [of["case"], case_digest.digest(case)]
     now["files"] = [input_file(path)["digest"] for path in case.inputs]
     coast, forcing, files = (before.get(name) for name in ("coast", "forcing", "inputs"))
@@ -184,27 +198,28 @@ def _rows(value: Any) -> list[dict[str, Any]]:
 
 
 def synthetic(case: Case) -> bool:
-    """Whether winds or currents are made up."""
+    """Return whether any wind or current of the case is an analytic field."""
     return any(spec.analytic is not None for spec in case.sources)
 
 
 def caution(case: Case) -> str:
-    """Return the banner of every picture: made-up winds or currents, else errors that were switched
-    off.
-    """
+    """Return the warning banner of every picture: synthetic forcing, or forcing errors set to
+    zero."""
     if synthetic(case):
         return "SYNTHETIC wind or current: not for operations"
     felt = any(scenario.object.uses_wind for scenario in case.scenarios)
     return forcing_error.switched_off(case.current_error, case.wind_error if felt else None)
 
 
-def _errors_first(told: str) -> str:
+def _errors_sentence(told: str) -> str:
     return f"Errors: {told}. " if told else ""
 
 
 def drifts(case: Case) -> bool:
-    """Whether anything drifts: what steers and never goes adrift feels no wind, and a current only
-    if it is told to.
+    """Return whether anything drifts.
+
+    A target that steers and never goes adrift feels no wind, and currents only if `currents` says
+    so.
     """
     return any(contact.drifter is not None for contact in case.contacts) or any(
         scenario.itinerary is None or scenario.itinerary.distress is not None
@@ -213,9 +228,8 @@ def drifts(case: Case) -> bool:
 
 
 def errors(case: Case) -> str:
-    """Return which errors of current and wind a run has, in a line, and who says so; "" where
-    nothing feels them.
-    """
+    """Return a line on the current and wind errors of a run and their source; "" if none is
+    felt."""
     adrift = drifts(case)
     if not (
         adrift
@@ -241,7 +255,7 @@ def errors(case: Case) -> str:
 
 
 def behaviour(case: Case) -> str:
-    """Return what the coast does, in words."""
+    """Return a description of what happens to particles and targets at the coast."""
     coast = case.coast
     if coast.source == "none":
         return "none: particles pass over land"
@@ -251,22 +265,23 @@ def behaviour(case: Case) -> str:
         ways |= dict.fromkeys([LAND["stop"]])
     if not drifts(case):
         return "; ".join(ways)
-    return "; ".join([_strands(coast), *(f"under way: {words}" for words in ways)])
+    return "; ".join([_stranding(coast), *(f"under way: {words}" for words in ways)])
 
 
-def _strands(coast: Coast) -> str:
+def _stranding(coast: Coast) -> str:
     if coast.behaviour == "slide":
         return "slide: particles that reach the shore move on along it"
     if coast.behaviour == "refloat":
         return (
-            f"refloat: stranded particles are afloat again with a half-life of {notation.number(coast.half_life / 3600)} h, once its drift "
-            f"leads off the beach, {notation.number(coast.offing)} m off it"
+            f"refloat: stranded particles refloat with a half-life of {notation.number(coast.half_life / 3600)} h, once their drift "
+            f"leads away from the beach, {notation.number(coast.offing)} m off it"
         )
     return "strand: particles that reach the shore stay there"
 
 
 def input_file(path: str) -> dict[str, Any]:
-    """Return the path, size and digest of an input file, so that a damaged or exchanged one shows."""
+    """Return the path, size and digest of an input file, so that a changed file can be
+    recognised."""
     try:
         return {"path": path, "bytes": digest.size(path), "digest": digest.digest_of(path)}
     except OSError as error:
@@ -284,8 +299,16 @@ def summary_of_run(
     setup: Setup,
     seconds: dict[str, float],
 ) -> dict[str, Any]:
-    """Return the numbers of a run that are not in its forecast; end: its particles at its end."""
-    # Sums of as many weights are 1 to rounding; readers are spared that.
+    """Return the numbers of summary.json that do not come from the forecast's maps.
+
+    Args:
+        case: the case of the run.
+        where: its environment.
+        end: survey of the particles at the end of the run.
+        setup: the scene, clock and priors of the run.
+        seconds: wall time by phase [s].
+    """
+    # Sums of many float weights are 1 only to rounding: normalize them for the reader.
     by_status, by_scenario = end.status / end.status.sum(), end.scenario / end.scenario.sum()
     return {
         "run": {

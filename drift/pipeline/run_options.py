@@ -1,8 +1,7 @@
 """A job: a case plus the opened forcing, output folder and run options.
 
-Every job begins in the same way: what can be refused at once is refused, then Taichi is started and
-the environment opened. Jobs of several threads of one program are done one after another, for
-Taichi compiles and launches for one thread at a time.
+`open_job` checks the options first, then starts Taichi and opens the environment. Jobs of several
+threads of one program run one after another, because Taichi serves one thread at a time.
 """
 
 import contextlib
@@ -27,7 +26,7 @@ from kernels.runtime import runtime
 
 P = ParamSpec("P")
 R = TypeVar("R")
-Report = Callable[[str, float], None]  # takes what is being done, and what share of it is done
+Report = Callable[[str, float], None]  # called with the phase of the run and its share done, 0 to 1
 
 
 @dataclass
@@ -45,20 +44,19 @@ class Stopwatch:
 
 
 class JobOptions(TypedDict, total=False):
-    """Options of whatever reads forcing and moves particles.
+    """Options of every function that reads forcing and moves particles.
 
     Attributes:
-        datasets: the xarray.Datasets that sources of the case with `dataset = "name"` name, by that
-            name; they are only read, and not kept.
-        threads: threads of the CPU; None, or more than there are: all. No number of them changes a
-            bit of the results.
-        backend: where particles move: "cpu", "cuda", "vulkan", "metal", or "auto" for a graphics
-            card where one is worth it. A process keeps the backend and the threads that it began
-            with.
-        overwrite: whether results that `out` holds are replaced, once the new ones are complete.
-        report: is called with what is being done ("read", "drift", "map", "write" ..) and the share
-            of it that is done, 0 to 1; `drift.progress` makes one. An exception that it raises ends
-            the run.
+        datasets: xarray.Datasets by name, for sources of the case with `dataset = "name"`; drift
+            reads them and keeps no reference.
+        threads: CPU threads; None, or more than there are: all. The results are the same to the bit
+            for any number.
+        backend: device that moves particles: "cpu", "cuda", "vulkan", "metal", or "auto": a
+            graphics card if the run is large enough. A process keeps the backend and the threads of
+            its first run.
+        overwrite: whether existing results in `out` are replaced, once the new ones are complete.
+        report: called with the phase ("read", "drift", "map", "write" ..) and its share done, 0 to
+            1; `drift.progress` makes one. An exception that it raises ends the run.
     """
 
     datasets: Mapping[str, Any] | None
@@ -69,16 +67,15 @@ class JobOptions(TypedDict, total=False):
 
 
 class RunOptions(JobOptions, total=False):
-    """Options of `drift.run`, `plan`, `patrol`, `place` and `allocate`: those of JobOptions, and
-    these.
+    """Options of `drift.run`, `plan`, `patrol`, `place` and `allocate`, besides JobOptions.
 
     Attributes:
-        memory: memory that the run may take [GiB]; None: half of what is free. A run that needs
-            more is moved in shards.
-        shards: into how many parts the particles are cut, moved one after another; None: as the
-            memory asks. No number of them changes a bit of the results.
-        client: a dask.distributed.Client whose workers move the shards; `out` is to lie where all
-            of them see it.
+        memory: memory limit of the run [GiB]; None: half of the free memory. A run that needs more
+            is moved in shards.
+        shards: number of parts of the particles, moved one after another; None: as many as the
+            memory limit requires. The results are the same to the bit for any number.
+        client: a dask.distributed.Client whose workers move the shards; `out` must be a folder that
+            all of them see.
     """
 
     memory: float | None
@@ -88,9 +85,7 @@ class RunOptions(JobOptions, total=False):
 
 @dataclass(frozen=True)
 class Options:
-    """How a job is to be done, whatever its case is: a folder for the results, and RunOptions with
-    their defaults.
-    """
+    """Options of a job: an output folder, and RunOptions with their defaults."""
 
     out: str | os.PathLike[str] | None = None  # None: results are returned, and not written
     datasets: Mapping[str, Any] | None = None
@@ -105,7 +100,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Job:
-    """A case, the environment that was opened for it, the time that passes, and where results go."""
+    """A case, its opened environment, a stopwatch, a progress callback and an output folder."""
 
     case: Case
     where: Environment
@@ -119,7 +114,16 @@ class Job:
 
 
 def open_job(case: Case, options: Options = Options()) -> Job:
-    """Return the job of a case, once it is sure that results can be written and Taichi runs."""
+    """Return the job of a case: check the output folder, start Taichi and open the environment.
+
+    Args:
+        case: the case.
+        options: its output folder and run options.
+
+    Raises:
+        UserError: options exclude each other, the output folder cannot be written or holds
+            something, the backend is not available, or the forcing cannot be read.
+    """
     if options.client is not None and options.datasets:
         raise UserError(
             "datasets: workers read files; write these to files and name them in the case"
@@ -155,53 +159,56 @@ def open_job(case: Case, options: Options = Options()) -> Job:
 
 
 def _silent(phase: str, share: float) -> None:
-    """Tell nobody."""
+    """Ignore the progress of a run."""
 
 
 def in_turn(function: Callable[P, R]) -> Callable[P, R]:
-    """Return a function that waits until no other thread of the program runs a case, then does its
-    work.
+    """Return the function, serialized: a call waits until no other thread runs a case.
 
-    A graphics card that is full on the way becomes a UserError. The wait heeds signals. A call from
-    within a run, by its `report` say, does not wait. `**options` of the function are spelled out in
-    the signature and the docstring of the new one.
+    Signals interrupt the wait. A nested call from inside a run, for instance by its `report`, does
+    not wait. If a graphics card runs out of memory, the call raises UserError. The new function's
+    signature and docstring list each of the `**options`.
     """
 
     @functools.wraps(function)
-    def waiting(*args: P.args, **kwargs: P.kwargs) -> R:
+    def serialized(*args: P.args, **kwargs: P.kwargs) -> R:
         with runtime.alone(), runtime.telling_full():
             return function(*args, **kwargs)
 
-    _spell_out_options(function, waiting)
-    return waiting
+    _spell_out_options(function, serialized)
+    return serialized
 
 
-def _spell_out_options(function: Callable[..., Any], shown: Any) -> None:
-    """Have a function's `**options` stand in the signature and the docstring of the one that is
-    shown for it.
-    """
+def _spell_out_options(function: Callable[..., Any], wrapper: Any) -> None:
+    """Write a function's `**options` into the signature and docstring of its wrapper."""
     parameters = dict(inspect.signature(function).parameters)
     last = parameters.pop("options", None)
     if last is None:
         return
-    (given,) = get_args(last.annotation)  # of Unpack
+    (options_class,) = get_args(last.annotation)  # of Unpack
     defaults = Options()
-    for name, kind in get_type_hints(given).items():
+    for name, kind in get_type_hints(options_class).items():
         parameters[name] = last.replace(
             name=name,
             kind=inspect.Parameter.KEYWORD_ONLY,
             default=getattr(defaults, name),
             annotation=kind,
         )
-    shown.__signature__ = inspect.signature(function).replace(parameters=list(parameters.values()))
-    told = "".join(
-        _told(one) for one in ((JobOptions,) if given is JobOptions else (JobOptions, RunOptions))
+    wrapper.__signature__ = inspect.signature(function).replace(
+        parameters=list(parameters.values())
     )
-    shown.__doc__ = re.sub(
-        r"^ +\*\*options: .*\n", lambda _: told, inspect.getdoc(function) or "", flags=re.MULTILINE
+    descriptions = "".join(
+        _describe_options(one)
+        for one in ((JobOptions,) if options_class is JobOptions else (JobOptions, RunOptions))
+    )
+    wrapper.__doc__ = re.sub(
+        r"^ +\*\*options: .*\n",
+        lambda _: descriptions,
+        inspect.getdoc(function) or "",
+        flags=re.MULTILINE,
     )
 
 
-def _told(options: type) -> str:
-    """Return what the docstring of a class of options says of each."""
+def _describe_options(options: type) -> str:
+    """Return the Attributes section of the docstring of an options class."""
     return (inspect.getdoc(options) or "").partition("Attributes:\n")[2].rstrip() + "\n"

@@ -1,6 +1,6 @@
-"""The start of a run: what is asked of the engine, the environment, ensemble, scene and clock.
+"""Set up a run: translate a case into the engine's records, and open environment and scene.
 
-Here a case becomes the records that the engine takes; below nothing knows of it.
+The engine's packages take the records made here and never see a `Case`.
 """
 
 import contextlib
@@ -53,38 +53,38 @@ from kernels.runtime import devices, memory, runtime
 from kernels.step import advance
 from kernels.step import coast as device_coast
 
-# at the peak of a run in one piece of what drifts: 96 on the device, the rest on the host
+# at the peak of a run in one piece of drifting objects: 96 on the device, the rest on the host
 BYTES_PER_PARTICLE = 250
 ON_CARD, ASIDE = (
     200,
     80,
-)  # [bytes] on a graphics card, where about 130 were seen; more where there is a coast: two lists
-# [bytes] more; 510 in all were seen in a search of six sorties
+)  # [bytes] on a graphics card (about 130 measured), and for the two lists that a coast needs
+# [bytes] in addition; a search of six sorties was measured at 510 in total
 SEARCHED, SORTIE, STEERING, DEBRIS = 250, 12, 200, 150
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """What a run goes through, whoever its particles are."""
+    """The scene, clock and priors of a run, without its particles."""
 
-    spec: EnsembleSpec  # what the particles are drawn from
+    spec: EnsembleSpec  # the prior from which the particles are drawn
     dry: tuple[float, ...]  # share of each scenario's prior that is on land
     scene: Scene
     clock: Clock
-    trial: Trial | None  # why "auto" chose its step
-    guide: Guide | None = None  # how finds of debris guide the particles; None: none does
+    trial: Trial | None  # errors by step length, from which step = "auto" chose
+    guide: Guide | None = None  # proposal toward the finds of debris; None: no such finds
 
 
 @dataclass(frozen=True, kw_only=True)
 class Start(Setup):
-    """All that the first step of a run needs."""
+    """The setup of a run with its initial ensemble."""
 
     ensemble: Ensemble
     worlds: Worlds | None = None  # of a spill
 
 
 def ensemble_spec(case: Case) -> EnsembleSpec:
-    """Return what the ensemble of a case is drawn from."""
+    """Return the prior from which the ensemble of a case is drawn."""
     return EnsembleSpec(
         period=case.period,
         scenarios=case.scenarios,
@@ -99,17 +99,17 @@ def ensemble_spec(case: Case) -> EnsembleSpec:
 
 
 def spec_of(case: Case, where: Environment) -> EnsembleSpec:
-    """Return what the ensemble of a case is drawn from, once its environment is known."""
+    """Return the prior of a case, with the members of its forcing ensemble."""
     return replace(ensemble_spec(case), members=where.members)
 
 
 def environment_spec(case: Case) -> EnvironmentSpec:
-    """Return what is to be opened for a case."""
+    """Return the specification of the environment of a case: forcing, coast and domain."""
     return EnvironmentSpec(case.forcing, case.coast, case.domain, case.max_lost)
 
 
 def clock_spec(case: Case) -> ClockSpec:
-    """Return how the time of a case is to be cut into steps."""
+    """Return the step, integration scheme and tolerance of a case."""
     return ClockSpec(case.step, case.scheme, case.tolerance)
 
 
@@ -119,11 +119,16 @@ def open_for(
     seen: Callable[[Shore], Shore] | None = None,
     common: Common | None = None,
 ) -> Environment:
-    """Return the environment of a case.
+    """Open the environment of a case: forcing, land and coast.
 
-    datasets: the xarray.Datasets that its sources name; seen: what of the land's detail is wanted,
-    all unless a function says; common: what is shared with other cases. Raises UserError as
-    `environment.open_for` does.
+    Args:
+        case: the case.
+        datasets: the xarray.Datasets that its sources name, by name.
+        seen: simplifies the land's polygons; None: full detail.
+        common: sources and coast shared with other cases; None: nothing is shared.
+
+    Raises:
+        UserError: as `drift.engine.environment.environment.open_for`.
     """
     asked = environment_spec(case)
     held = environment.hold(asked, datasets, case.path.name)
@@ -134,10 +139,16 @@ def open_for(
 
 
 def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | None = None) -> Start:
-    """Return the start of a case's run; close `scene.forcing` after it.
+    """Set up a case's run in one piece; the caller closes `scene.forcing`.
 
-    shore: the coast, where it lies on the device already. Raises UserError when a prior lies on
-    land or where there is no forcing, when the step is too long, or memory too short.
+    Args:
+        case: the case.
+        where: its environment.
+        shore: its coast, if already uploaded to the device.
+
+    Raises:
+        UserError: a prior lies on land or outside the forcing, the step is too long, or memory does
+            not suffice.
     """
     _check_memory(case)
     spec = spec_of(case, where)
@@ -161,21 +172,21 @@ def prepare(case: Case, where: Environment, shore: device_coast.DeviceCoast | No
 
 
 def lead_of(case: Case, where: Environment, setup: Setup) -> Lead:
-    """Return what the pilot run for guiding particles needs."""
+    """Return the input of the pilot run that fits the guide."""
     return Lead(
         setup.spec, setup.scene, setup.clock, lambda: Forcing(list(where.scenarios), case.direction)
     )
 
 
 def guide_of(case: Case, where: Environment, setup: Setup) -> Guide | None:
-    """Return how finds of debris guide the particles of a case; None where none does."""
+    """Fit the guide of particles toward finds of debris; None if the case has none that guide."""
     if case.spill or case.resampling.fills or not any(contact.drifter for contact in case.contacts):
         return None
     return pilot.fit(lead_of(case, where, setup), case.contacts)
 
 
 def guided(case: Case, where: Environment, begin: Start) -> Start:
-    """Return a start whose particles are guided toward finds of debris, where they are."""
+    """Return a start whose particles are guided toward the finds of debris, if there is a guide."""
     if begin.guide is None:
         return begin
     ensemble = guides.guide_particles(begin.guide, lead_of(case, where, begin), begin.ensemble)
@@ -188,9 +199,7 @@ def guided(case: Case, where: Environment, begin: Start) -> Start:
 
 
 def more_bytes(case: Case) -> int:
-    """Return how many bytes a particle takes besides what it takes to drift: of a search, of what
-    steers, of debris.
-    """
+    """Return the bytes per particle for search, steering and debris, in addition to drifting."""
     debris = len({contact.drifter for contact in case.contacts} - {None})
     steers = any(scenario.itinerary for scenario in case.scenarios)
     searched = SEARCHED + SORTIE * len(case.sorties) if is_searched(case) else 0
@@ -198,9 +207,8 @@ def more_bytes(case: Case) -> int:
 
 
 def _listening(case: Case) -> int:
-    """Return how many bytes a particle takes while most sonars listen at once, one of them copied
-    for an output.
-    """
+    """Return the bytes per particle while most sonars listen at once, with one copy for an
+    output."""
     watches = [
         (s, 4 * (1 + 2 * jumps.STAIRS) * len(unknown.values(s.sensor)[0]))
         for s in case.sorties
@@ -220,33 +228,35 @@ def _check_memory(case: Case) -> None:
             f"{case.path.name}: {case.particles:,} particles in one piece take {notation.size(need)}, and {notation.size(free)} "
             f"of memory are free; {remedy}"
         )
-    # to ask takes as long as a small forecast
+    # querying the card takes as long as a small forecast, so only large runs do
     card = runtime.room() if need > devices.LEAST else None
     refuse_beyond(card, case, case.particles, case.path.name, remedy)
 
 
 def bytes_on_card(case: Case) -> int:
-    """Return how many bytes of a graphics card a particle takes that is being moved."""
-    # the object's, and classes of debris
+    """Return the bytes on a graphics card per particle of the piece being moved."""
+    # the search object and the classes of debris
     kinds = 1 + len({contact.drifter for contact in case.contacts} - {None})
     return ON_CARD + more_bytes(case) + ASIDE * kinds * (case.coast.source != "none")
 
 
 def refuse_beyond(card: int | None, case: Case, particles: int, what: str, remedy: str) -> None:
-    """Raise UserError where one array cannot count the particles of one piece, or a graphics card
-    not hold them.
+    """Reject a piece with more particles than one array can index or the graphics card can hold.
 
     Args:
-        card: [bytes] that it has left; None: particles are on the processor.
-        case: whose particles they are.
-        particles: at once.
-        what: the message begins with this.
-        remedy: it ends with this.
+        card: free memory of the graphics card [bytes]; None: particles are on the processor.
+        case: the case of the run.
+        particles: number of particles in one piece.
+        what: beginning of the message.
+        remedy: end of the message.
+
+    Raises:
+        UserError: the piece is too large.
     """
     rows = (
         advance.ASIDE if card is not None and case.coast.source != "none" else len(advance.LEEWAY)
     )
-    # an array of 2^31 numbers cannot be made, nor its numbers be counted in int32
+    # Taichi cannot allocate an array of 2^31 numbers, and int32 cannot index it
     most = (2**31 - 2) // rows
     if particles > most:
         raise UserError(
@@ -276,9 +286,8 @@ def staged(
     some: Ensemble,
     dry: tuple[float, ...],
 ) -> Setup:
-    """Return what a run goes through; some: its particles, or as many as tell how long steps may
-    be.
-    """
+    """Return the scene and clock of a run; `some` is the ensemble, or a sample, that sets the
+    step."""
     scene = scene_of(case, where, shore)
     try:
         anew = [contact.time for contact in case.contacts] if case.resampling.fills else []
@@ -318,7 +327,7 @@ def scene_of(case: Case, where: Environment, shore: device_coast.DeviceCoast | N
 
 @contextlib.contextmanager
 def closed_on_failure(setup: Setup) -> Iterator[None]:
-    """Close the forcing of a run where something goes wrong inside."""
+    """Close the forcing of a run if an exception leaves the context."""
     try:
         yield
     except BaseException:
@@ -327,9 +336,15 @@ def closed_on_failure(setup: Setup) -> Iterator[None]:
 
 
 def stretches(case: Case, where: Environment, drawn: Worlds | None) -> Segments | None:
-    """Return the stretches of coast by which a spill is reported; None without a spill.
+    """Return the stretches of coast by which a spill's washup is reported; None without a spill.
 
-    drawn: its worlds. Raises UserError for finds and patrols that cannot be.
+    Args:
+        case: the case of the run.
+        where: its environment.
+        drawn: the worlds of the spill.
+
+    Raises:
+        UserError: finds or patrols are inconsistent with the coast or the period.
     """
     if not (case.spill and where.coast and drawn):
         return None
@@ -337,8 +352,14 @@ def stretches(case: Case, where: Environment, drawn: Worlds | None) -> Segments 
 
 
 def renew(case: Case, where: Environment, before: Start, proposal: Proposal, number: int) -> Start:
-    """Return the start of the same spill in new worlds, drawn from a proposal; number: of the
-    renewal, from 1.
+    """Return the start of a spill in new worlds drawn from a proposal.
+
+    Args:
+        case: the case of the spill.
+        where: its environment.
+        before: the start of the first round.
+        proposal: the distribution of the new worlds.
+        number: number of the renewal, from 1.
     """
     assert case.spill is not None
     drawn, seed = renewed(case, where, proposal, number)
@@ -350,8 +371,13 @@ def renew(case: Case, where: Environment, before: Start, proposal: Proposal, num
 
 
 def renewed(case: Case, where: Environment, proposal: Proposal, number: int) -> tuple[Worlds, int]:
-    """Return new worlds of a spill, drawn from a proposal, and the seed of their objects; number:
-    of the renewal, from 1.
+    """Return new worlds drawn from a proposal, and the seed of their objects.
+
+    Args:
+        case: the case of the spill.
+        where: its environment.
+        proposal: the distribution of the new worlds.
+        number: number of the renewal, from 1.
     """
     assert case.spill is not None
     assert where.coast is not None
@@ -362,9 +388,9 @@ def renewed(case: Case, where: Environment, proposal: Proposal, number: int) -> 
 
 
 def beliefs(case: Case, begin: Start) -> Beliefs | None:
-    """Return what takes down the posteriors of what is not position;
+    """Return the recorder of the posteriors of non-position variables.
 
-    None where nothing steers and nothing was seen.
+    None without itineraries and observations.
     """
     if not is_believed(case):
         return None
@@ -383,11 +409,15 @@ def search(
     *,
     resumed: bool = False,
 ) -> SearchFilter | None:
-    """Return the filter by what a case says was searched and seen, or is to be told; None where
-    that is nothing.
+    """Return the search filter of a case; None if it has no search, observation or sensor line.
 
-    beliefs: takes down what is believed after each update. noted: is told of each too. meeting:
-    with the other shards of the run; None: this is all of it. resumed: see Search.
+    Args:
+        case: the case of the run.
+        begin: its initial ensemble, scene and clock.
+        beliefs: records the posteriors after each update.
+        noted: called after each update.
+        meeting: the reduction across the shards of the run; None: the run is in one piece.
+        resumed: whether the filter goes on from a stored state, see `SearchFilter`.
     """
     if not (is_searched(case) or case.sensors.lines):
         return None
@@ -407,7 +437,7 @@ def search(
 
 
 def noting(beliefs: Beliefs | None, noted: Noted | None) -> Noted | None:
-    """Return what tells beliefs of each update, and then another."""
+    """Return the update callback that records posteriors, then calls `noted`."""
     if beliefs is None:
         return noted
 
@@ -420,13 +450,13 @@ def noting(beliefs: Beliefs | None, noted: Noted | None) -> Noted | None:
 
 
 def is_believed(case: Case) -> bool:
-    """Whether posteriors of what is not position are told of a case."""
+    """Return whether posteriors of non-position variables are reported for a case."""
     steers = any(scenario.itinerary for scenario in case.scenarios)
     return not case.spill and (steers or is_searched(case))
 
 
 def is_searched(case: Case) -> bool:
-    """Whether anything that was searched, seen or not seen weighs the particles of a case."""
+    """Return whether any search or observation, negative ones included, weights the particles."""
     overdue = any(s.itinerary and s.itinerary.overdue is not None for s in case.scenarios)
     return bool(overdue or case.sorties or case.contacts or case.sensors.telling)
 
@@ -450,12 +480,21 @@ def check_end(
     snapshots: SnapshotStore,
     unsearched: Columns | None,
 ) -> None:
-    """Refuse a run that lost more than the case allows.
-
-    unsearched: log weights of that name, as if no sortie had been flown; None: those of the run.
+    """Reject a run that lost more probability than the case allows.
 
     A thorough unsuccessful search shifts weight to the unsearched area; that must not count as lost
-    probability, so only the motion is judged.
+    probability, so weights without the sorties are used.
+
+    Args:
+        case: the case of the run.
+        where: its environment.
+        begin: its scene and clock.
+        snapshots: its particles at the output times.
+        unsearched: the column `unsearched`, log weights as if no sortie had been flown; None: the
+            weights of the run.
+
+    Raises:
+        UserError: more than `max_lost` left the domain or its forcing.
     """
     unit = weights.unit(unsearched, "unsearched") if unsearched else None
 
@@ -479,5 +518,5 @@ def check_end(
 
 
 def _beach(coast: Coast) -> advance.Beach:
-    """Return what a coast does to a particle."""
+    """Return the beaching parameters of a coast; the mean residence time is half-life / ln 2."""
     return advance.Beach(coast.half_life / math.log(2), coast.offing, coast.behaviour == "slide")

@@ -1,10 +1,10 @@
-"""Waters that many cases share: sources opened once, slices kept in memory, one coast for all.
+"""Forcing and coast shared by many cases: sources opened once, slices cached, one coast per region.
 
-Each case still sees the box, the crop and the grid that it would have alone: what is shared is what
-does not depend on them. Cases near each other have the same crop (environment.part): its slices are
-turned, regridded and filled once for all. A coast is exact wherever its grid begins, as long as its
-cells are of the finest size; a case whose prior reaches beyond the coast that it would have alone,
-or whose waters are too wide for the finest cells, gets its own.
+Every case keeps the box, crop and grid that it would have alone, so its results do not change.
+Cases near each other have the same crop (environment.part); its slices are rotated, regridded and
+filled once. A coast does not depend on the origin of its grid as long as its cells have the finest
+size. A case gets its own coast if its prior reaches beyond the coast that it would have alone, or
+if the shared region is too wide for the finest cells.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,14 +33,14 @@ from geo.forcing.reading.kept import Finished
 from geo.forcing.sources import Source
 from kernels.step import coast as device_coast
 
-WIDEST = 400.0  # [deg2] of a box of waters, whose coast still fits the finest cells
-CUTS = 64  # parts of sources that are kept, because cases from one place share theirs
+WIDEST = 400.0  # [deg2] largest region whose coast still fits the finest cells
+CUTS = 64  # cached crops of sources: cases in one place share a crop
 
 
 class Files:
-    """Sources of files and datasets, each opened when it is first asked for.
+    """Forcing sources from files and datasets, each opened at its first use.
 
-    What cannot be opened is refused every time.
+    A source that cannot be opened raises the same UserError every time.
     """
 
     def __init__(self, held: Mapping[str, memory.Held]) -> None:
@@ -48,7 +48,7 @@ class Files:
         self._opened: dict[str, reader.Opened | UserError] = {}
 
     def open(self, spec: ForcingSpec) -> reader.Opened:
-        """Return a source, whatever it is called in a case."""
+        """Return an opened source; equal sources with different names are opened once."""
         key = repr(replace(spec, name="", fill=0, add=False))
         if key not in self._opened:
             try:
@@ -65,7 +65,7 @@ class Files:
 
 
 class Waters:
-    """A stretch of water with all that its cases have in common."""
+    """A region with the sources, slices, land and coast that its cases share."""
 
     def __init__(self, box: Box, files: Files) -> None:
         self.box = box
@@ -77,11 +77,11 @@ class Waters:
         self._shores: dict[int, tuple[shoreline.Coast, device_coast.DeviceCoast]] = {}
 
     def open_for(self, case: Case, datasets: Mapping[str, Any]) -> Environment:
-        """Return the environment that a case would have alone."""
+        """Return the environment of a case, equal to the one that it would have alone."""
         return run_setup.open_for(case, datasets, common=self)
 
     def source(self, spec: ForcingSpec, box: Box) -> Source:
-        """Return a source's part for a box."""
+        """Return a source cropped to a box."""
         opened = self._files.open(spec)
         if id(opened) not in self._kept:
             self._kept[id(opened)] = sources.keep(opened, self.box)
@@ -95,10 +95,8 @@ class Waters:
     def coast(
         self, spec: EnsembleSpec, asked: EnvironmentSpec, box: Box
     ) -> tuple[Shore, shoreline.Coast | None] | None:
-        """Return the land and coast of these waters, where a case would have the same in its box;
-        else None.
-        """
-        if not _within(domain.around(spec, 0.0, domain.FARTHEST), box) or not _within(
+        """Return the shared land and coast if they equal those of a case in its box, else None."""
+        if not _lies_inside(domain.around(spec, 0.0, domain.FARTHEST), box) or not _lies_inside(
             box, self._coastal
         ):
             return None
@@ -113,7 +111,7 @@ class Waters:
         return None if coast is not None and coast.shift != shoreline.FINEST else (land, coast)
 
     def shore(self, coast: shoreline.Coast | None) -> device_coast.DeviceCoast | None:
-        """Return a coast on the device, where it is these waters' own; None for another."""
+        """Return a shared coast uploaded to the device; None for a coast of another region."""
         if coast is None or all(coast is not own for _, own in self._lands.values()):
             return None
         if id(coast) not in self._shores:
@@ -122,23 +120,21 @@ class Waters:
 
     @property
     def _coastal(self) -> Box:
-        """The box of the coast: all that any of its cases asks for."""
+        """The box of the shared coast: the region plus the largest margin of its cases."""
         margin = coastline.MARGIN
         highest = min(max(abs(self.box.south), abs(self.box.north)), 80)
         return self.box.grown(float(margin / np.cos(np.radians(highest))), margin)
 
 
 def divide(cases: Sequence[Case], datasets: Mapping[str, Any]) -> list[Waters]:
-    """Return the waters of each case: near ones share theirs, as long as these do not become too
-    wide.
-    """
+    """Return the region of each case: neighbouring cases share one that is at most WIDEST."""
     files = Files(memory.hold(datasets))
     boxes: list[Box] = []
     number = []
     for case in cases:
         own = domain.bounds(run_setup.ensemble_spec(case), run_setup.environment_spec(case))
         for k, box in enumerate(boxes):
-            joined = _joined(box, own)
+            joined = _smallest_common_box(box, own)
             if (joined.east - joined.west) * (joined.north - joined.south) <= WIDEST:
                 boxes[k] = joined
                 break
@@ -150,18 +146,18 @@ def divide(cases: Sequence[Case], datasets: Mapping[str, Any]) -> list[Waters]:
     return [shared[k] for k in number]
 
 
-def _joined(box: Box, other: Box) -> Box:
-    """Return the smallest box that holds two."""
+def _smallest_common_box(box: Box, other: Box) -> Box:
+    """Return the smallest box that contains both boxes."""
     turn = 360 * round((box.west + box.east - other.west - other.east) / 720)
     west, east = min(box.west, other.west + turn), max(box.east, other.east + turn)
-    run_setup = sphere.wrap_degrees(west)
+    wrapped = sphere.wrap_degrees(west)
     return Box(
-        run_setup, min(box.south, other.south), run_setup + east - west, max(box.north, other.north)
+        wrapped, min(box.south, other.south), wrapped + east - west, max(box.north, other.north)
     )
 
 
-def _within(box: Box, other: Box) -> bool:
-    """Whether a box lies in another."""
+def _lies_inside(box: Box, other: Box) -> bool:
+    """Return whether a box lies inside another."""
     offset = (box.west - other.west) % 360
     return (
         offset + box.east - box.west <= other.east - other.west

@@ -1,1 +1,1 @@
-"""Winds and currents in a case file, and how wrong they may be."""
+"""Winds and currents in a case file, and their errors."""

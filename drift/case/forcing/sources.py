@@ -1,9 +1,8 @@
-"""Where a case takes its winds and currents from.
+"""Tables of forcing sources: files, a dataset in memory, a constant, a table, or a built-in flow.
 
-Files, a dataset in memory, a constant, a table, or a built-in flow. Nothing is opened here;
-geo.forcing.sources does that. A constant or a table is what was reported on scene, so that the
-first hour of a case needs no file. Currents go toward, winds come from; the case file says which
-with the key it uses.
+Nothing is opened here; geo.forcing.sources does that. A constant or a table holds on-scene reports,
+so that the first hour of a case needs no file. Directions are given by the key `from` (winds) or
+`toward` (currents).
 """
 
 import glob
@@ -35,24 +34,22 @@ ADDRESS = re.compile(r"[a-z][a-z0-9+]*://", re.IGNORECASE)
 
 
 class Vector(fields.Table):
-    """A reported wind or current: speed with the direction it comes from or goes toward, or east
-    and north.
-    """
+    """A reported wind or current: speed and direction, or components east and north."""
 
     speed: fields.Speed | None = None
-    """With `from` or `toward`."""
+    """Speed; needs `from` or `toward`."""
     from_: fields.Direction | None = Field(None, alias="from")
-    """Where it comes from, as winds are named."""
+    """Direction from which it comes, the convention for winds."""
     toward: fields.Direction | None = None
-    """Where it goes, as currents are named."""
+    """Direction toward which it flows, the convention for currents."""
     east: fields.SignedSpeed | None = None
-    """Component toward the east; with `north`."""
+    """Component toward the east; needs `north`."""
     north: fields.SignedSpeed | None = None
-    """Component toward the north."""
+    """Component toward the north; needs `east`."""
 
     @model_validator(mode="after")
     def complete(self) -> "Vector":
-        """Refuse what leaves the vector open or says it twice."""
+        """Reject a vector that is incomplete or given twice."""
         given = {
             name
             for name in ("speed", "from_", "toward", "east", "north")
@@ -66,7 +63,7 @@ class Vector(fields.Table):
         return self
 
     def components(self) -> tuple[float, float]:
-        """Return true (east, north) [m/s]."""
+        """Return the components (east, north) [m/s], relative to true north."""
         if self.speed is None:
             return self.east or 0.0, self.north or 0.0
         toward = math.radians(
@@ -79,25 +76,25 @@ class TimedVector(Vector):
     """A row of a table by time."""
 
     time: fields.Time
-    """When the row holds; in between, straight lines, however far apart rows are."""
+    """Time of the row; between rows the vector is interpolated linearly, however far apart."""
 
 
 class StatedTimes(fields.Table):
-    """Times in place of a file's own, or how these are meant."""
+    """Times that replace those of a file, or say how to read those."""
 
     start: fields.Time | None = None
-    """Time of the first slice; with `every`."""
+    """Time of the first slice; needs `every`."""
     every: fields.Duration | None = None
-    """Time from slice to slice."""
+    """Interval between slices."""
     zone: str | None = None
-    """Zone of the file's times, hours ahead of UTC: "-06:00"."""
+    """Time zone of the file's times, hours ahead of UTC: "-06:00"."""
     stamp: Literal["start", "middle", "end", "instant"] | None = None
-    """Where in the interval of a mean its time stands; `instant`: a slice is no mean."""
+    """Which part of the averaging interval a time stamp marks; `instant`: slices are not means."""
 
     @field_validator("zone")
     @classmethod
     def known(cls, value: str | None) -> str | None:
-        """Reject a zone that has no meaning."""
+        """Reject an invalid time zone."""
         if value is not None:
             try:
                 epoch.zone_of(value)
@@ -107,7 +104,7 @@ class StatedTimes(fields.Table):
 
     @model_validator(mode="after")
     def complete(self) -> "StatedTimes":
-        """Reject a start without an interval, and a zone of times that are not used."""
+        """Reject a start without an interval, and a zone of times that are replaced."""
         if (self.start is None) != (self.every is None):
             raise ValueError(
                 "start and every go together: the first slice's time, and the time from one to the next"
@@ -121,7 +118,7 @@ class StatedTimes(fields.Table):
         return self
 
     def stated(self, start: np.datetime64) -> Slices:
-        """Return the record, for a case that starts at `start`."""
+        """Return the record of the times, for a case that starts at `start`."""
         return Slices(
             None if self.start is None else units.resolve(self.start, start),
             None if self.every is None else np.timedelta64(round(self.every), "s"),
@@ -130,15 +127,15 @@ class StatedTimes(fields.Table):
         )
 
 
-def _paths(value: Any) -> Any:
+def _as_tuple(value: Any) -> Any:
     return (value,) if isinstance(value, str) else value
 
 
-def _one_vector(value: Any) -> Any:
-    """Refuse what is not one vector, and say what it would be."""
+def _reject_list(value: Any) -> Any:
+    """Reject a value that is not one vector, with the form to use instead."""
     if isinstance(value, list):
         raise ValueError(
-            "is one vector, the same all the time; given a list: what changes is table = [{ time = .., .. }, ..]"
+            "must be one vector, constant in time; given a list: for a changing vector write table = [{ time = .., .. }, ..]"
         )
     if not isinstance(value, dict | Vector | None):
         raise ValueError(
@@ -147,17 +144,17 @@ def _one_vector(value: Any) -> Any:
     return value
 
 
-def _rows(value: Any) -> Any:
-    """Refuse one vector in place of rows."""
+def _reject_single_vector(value: Any) -> Any:
+    """Reject one vector in place of rows."""
     if isinstance(value, dict):
         raise ValueError(
-            "is rows by time, [{ time = .., speed = .., from = .. }, ..]; given one vector: what is the same all the time is constant = { .. }"
+            "must be rows by time, [{ time = .., speed = .., from = .. }, ..]; given one vector: for a constant vector write constant = { .. }"
         )
     return value
 
 
-def _indices(value: Any) -> Any:
-    """Return a table of names with its whole numbers, indices along a dimension, as text."""
+def _indices_as_text(value: Any) -> Any:
+    """Convert whole numbers in a table of names, which are indices along a dimension, to text."""
     if not isinstance(value, dict):
         return value
     return {
@@ -168,11 +165,11 @@ def _indices(value: Any) -> Any:
 def _parameters(value: Any) -> dict[str, float]:
     if not isinstance(value, dict):
         raise ValueError(f"must be a table, not {value!r}")
-    return {key: _base(number) for key, number in value.items()}
+    return {key: _to_base_units(number) for key, number in value.items()}
 
 
-def _base(value: object) -> float:
-    """Return a parameter of a built-in flow in SI base units, whatever its kind."""
+def _to_base_units(value: object) -> float:
+    """Return a parameter of a built-in flow in SI base units, whatever its dimension."""
     units.short(value, "number", "0.5 m/s")
     if isinstance(value, str) and (match := units.NUMBER.fullmatch(value)) and match[2]:
         try:
@@ -185,13 +182,13 @@ def _base(value: object) -> float:
 
 
 def _members(value: Any) -> Any:
-    """Refuse what says nothing of members."""
+    """Reject a value that does not describe ensemble members."""
     if isinstance(value, bool) or (isinstance(value, str) and value.strip()):
         return value
     if not isinstance(value, list) or not all(isinstance(member, dict) for member in value):
         raise ValueError(
-            f"{value!r} says nothing of members; write true, the name of their dimension, or a list of tables, a member "
-            "each: [{ constant = { .. } }, { constant = { .. } }]"
+            f"{value!r} does not describe members; write true, the name of their dimension, or a list of tables, one per "
+            "member: [{ constant = { .. } }, { constant = { .. } }]"
         )
     if not 2 <= len(value) <= MOST_MEMBERS:
         raise ValueError(
@@ -207,27 +204,28 @@ def _members(value: Any) -> Any:
 
 
 class SourceTable(fields.Table):
-    """A table of a quantity's source as written: [[current]], [[wind]] and so on."""
+    """A forcing source as written in the case file: [[current]], [[wind]] and so on."""
 
     name: fields.Label | None = None
     files: (
-        Annotated[tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(_paths)] | None
+        Annotated[tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(_as_tuple)]
+        | None
     ) = None
     dataset: fields.Label | None = None
-    constant: Annotated[Vector | None, BeforeValidator(_one_vector)] = None
-    table: Annotated[list[TimedVector] | None, BeforeValidator(_rows)] = None
+    constant: Annotated[Vector | None, BeforeValidator(_reject_list)] = None
+    table: Annotated[list[TimedVector] | None, BeforeValidator(_reject_single_vector)] = None
     analytic: str | None = None
-    """Name of a built-in flow: synthetic, and the maps say so."""
+    """Name of a built-in synthetic flow; every map carries a warning."""
     parameters: Annotated[dict[str, float], BeforeValidator(_parameters)] = Field(
         default_factory=dict
     )
-    """Parameters of the built-in flow, in SI or with a unit."""
-    variables: Annotated[dict[str, str] | None, BeforeValidator(_indices)] = None
+    """Parameters of the built-in flow, in SI units or with a unit."""
+    variables: Annotated[dict[str, str] | None, BeforeValidator(_indices_as_text)] = None
     units: str | None = None
     depth: fields.Depth | None = None
     steady: bool = False
     times: StatedTimes | None = None
-    fill: fields.Count | None = None  # None: as the quantity has it
+    fill: fields.Count | None = None  # None: the default of the quantity
     plausible: bool = False
     timeout: fields.Timeout = 60.0
     add: bool = False
@@ -236,14 +234,14 @@ class SourceTable(fields.Table):
     @field_validator("fill")
     @classmethod
     def few(cls, value: int | None) -> int | None:
-        """Refuse a fill that would invent a current far inland."""
+        """Reject a fill that would extrapolate a current far inland."""
         if value is not None and not 0 <= value <= 20:
             raise ValueError(f"{value} cells; must be 0 to 20")
         return value
 
     @model_validator(mode="after")
     def one_kind(self) -> "SourceTable":
-        """Refuse two kinds of source in one table, and keys that belong to another kind."""
+        """Reject two kinds of source in one table, and keys that belong to another kind."""
         if isinstance(self.members, list):
             for number, member in enumerate(self.members, 1):
                 try:
@@ -258,7 +256,7 @@ class SourceTable(fields.Table):
         except ValueError as error:
             several = " and " in str(error).partition("found")[2]
             how = (
-                "; leave one out (--set gives a whole source so: current.0='{ constant = { .. } }')"
+                "; leave one out (--set replaces a whole source: current.0='{ constant = { .. } }')"
             )
             raise ValueError(f"{error}{how if several else ''}") from None
         if kind not in ("files", "dataset"):
@@ -283,10 +281,16 @@ class SourceTable(fields.Table):
         return self
 
     def spec(self, quantity: str, number: int, start: np.datetime64, folder: Path) -> ForcingSpec:
-        """Return the source with paths made absolute and times resolved.
+        """Return the record of the source, with absolute paths and times in UTC.
 
-        number: its place among the sources of its quantity, from 1. folder: what relative paths
-        start from. Raises ValueError where a stated speed is more than any such quantity has.
+        Args:
+            quantity: "current", "wind" and so on.
+            number: number of the source among those of its quantity, from 1.
+            start: start of the case.
+            folder: folder from which relative paths start.
+
+        Raises:
+            ValueError: a file is missing, or a stated speed is implausibly high for the quantity.
         """
         if QUANTITIES[quantity].in_air and self.depth is not None:
             in_water = " and ".join(
@@ -337,9 +341,7 @@ class SourceTable(fields.Table):
         )
 
     def _member(self, member: dict[str, Any]) -> "SourceTable":
-        """Return the source that a member is: what stands beside members, and what its own table
-        says in place of it.
-        """
+        """Return a member as a source table: its own keys, else those given beside `members`."""
         shared = {
             key: getattr(self, key)
             for key in self.model_fields_set - {"name", "fill", "add", "members"}
@@ -352,14 +354,14 @@ class SourceTable(fields.Table):
     def _of(
         self, number: int, member: "SourceTable", quantity: str, start: np.datetime64, folder: Path
     ) -> ForcingSpec:
-        """Return a member as a source of its own."""
+        """Return the source record of a member."""
         try:
             return member.spec(quantity, number, start, folder)
         except ValueError as error:
             raise ValueError(f"member {number}: {error}") from None
 
     def _speeds(self) -> Iterator[tuple[str, float]]:
-        """Give the speeds [m/s] that the table itself states, and where."""
+        """Yield the speeds [m/s] written in the table, each with its key."""
         if self.constant:
             yield "constant", math.hypot(*self.constant.components())
         for row, vector in enumerate(self.table or (), 1):
@@ -369,7 +371,13 @@ class SourceTable(fields.Table):
 
 
 def source_label(quantity: str, number: int, name: str | None) -> str:
-    """Return what messages call a source: by its name, or its number among those of its quantity."""
+    """Return the name of a source in messages: its name, or its number within its quantity.
+
+    Args:
+        quantity: "current", "wind" and so on.
+        number: number of the source among those of its quantity, from 1.
+        name: its name in the case file; None: it has none.
+    """
     return f'{quantity} "{name}"' if name else f"{quantity} {number}"
 
 
@@ -387,11 +395,20 @@ def _report(rows: list[TimedVector], start: np.datetime64) -> Report:
 
 
 def matching(written: str, folder: Path) -> list[str]:
-    """Return the files that a path or pattern names, absolute and sorted; addresses pass as they
-    are.
+    """Return the files that a path or pattern matches, absolute and sorted.
+
+    Args:
+        written: path or pattern as in the case file, with ~ and environment variables; an address
+            (http://..) is returned unchanged.
+        folder: folder from which relative paths start.
+
+    Raises:
+        ValueError: no file matches, or the path is outside the folders that may be read.
     """
     text = re.sub(
-        r"\$\{(\w+)\}|\$(\w+)", lambda match: _variable(match[1] or match[2], written), written
+        r"\$\{(\w+)\}|\$(\w+)",
+        lambda match: _environment_variable(match[1] or match[2], written),
+        written,
     )
     try:
         if ADDRESS.match(text):
@@ -406,23 +423,23 @@ def matching(written: str, folder: Path) -> list[str]:
         if matches:
             for match in matches:
                 fence.check(match)
-            # a link may lead nowhere
+            # strict: a broken link raises
             return [str(Path(match).resolve(strict=True)) for match in matches]
     except UserError as error:
         raise ValueError(str(error)) from None
     except (OSError, RuntimeError, ValueError) as error:  # too long a name, a loop of links
         reason = error.strerror if isinstance(error, OSError) else None
         raise ValueError(
-            f'no file "{_short(written)}" ({reason or "a loop of links"}); name another'
+            f'no file "{_shorten(written)}" ({reason or "a loop of links"}); name another'
         ) from None
-    raise ValueError(f'no file "{_short(written)}"; looked for {_short(str(path))}')
+    raise ValueError(f'no file "{_shorten(written)}"; looked for {_shorten(str(path))}')
 
 
-def _short(text: str) -> str:
+def _shorten(text: str) -> str:
     return text if len(text) <= 300 else f"{text[:300]}..."
 
 
-def _variable(name: str, written: str) -> str:
+def _environment_variable(name: str, written: str) -> str:
     try:
         fence.check_variable(name)
     except UserError as error:
@@ -435,8 +452,16 @@ def _variable(name: str, written: str) -> str:
 
 
 def one_file(name: str, folder: Path, place: str, allowed: str = "") -> str:
-    """Return the absolute path of one file; raise UserError, with `allowed`, where there is none,
-    or several.
+    """Return the absolute path of exactly one file.
+
+    Args:
+        name: path as in the case file.
+        folder: folder from which relative paths start.
+        place: key of the case file, for the message.
+        allowed: end of the message.
+
+    Raises:
+        UserError: no file or several files match.
     """
     try:
         files = matching(name, folder)

@@ -1,9 +1,7 @@
-"""How wrong winds and currents may be: the [uncertainty] table, and what holds where a case is
-silent.
+"""Errors of winds and currents: the [uncertainty] table, and the defaults.
 
-A default holds for a quantity that is read from gridded files of a model, and for no other: whoever
-types a constant, or a table, knows how sure it is. Where each number comes from, and what to do
-instead, is in docs/errors.md.
+A default error applies only to a quantity read from gridded model files. For a constant or a table
+the user must state the error. docs/errors.md gives the source of each number and the alternatives.
 """
 
 from collections.abc import Sequence
@@ -26,16 +24,16 @@ from drift.engine.motion.forcing_error import (
 from geo.errors import UserError
 
 # Residuals of two regional ocean models against 218 drifters (248 tracks) of MEOPAR-TREX 2020, one
-# estuary, three weeks: 0.30 to 0.34 m/s a component, e-folding after 10 to 14 h, correlated by 0.07
-# to 0.19 after 24 to 48 h. These have 0.32 m/s, 12 h, and 0.17 (24 h), 0.07 (48 h).
+# estuary, three weeks: 0.30 to 0.34 m/s per component, e-folding time 10 to 14 h, correlation 0.07
+# to 0.19 after 24 to 48 h. These values give 0.32 m/s, 12 h, and 0.17 (24 h), 0.07 (48 h).
 CURRENT = ForcingError(0.31, 11 * HOUR, 0.08, (DEFAULT, DEFAULT, DEFAULT))
-# Between the random error of short forecasts and what searches have used (docs/errors.md).
+# Between the random error of short forecasts and values used in searches (docs/errors.md).
 WIND = ForcingError(2.0, 12 * HOUR, 0.0, (DEFAULT, DEFAULT, DEFAULT))
-DIFFUSIVITY = 0.0  # [m2/s] none, as the residuals hold the motion of all scales already
+DIFFUSIVITY = 0.0  # [m2/s] none, because the residuals already include motion of all scales
 
 
 class CurrentErrorTable(fields.Table):
-    """The error of a current as written: what changes with a time, and what lasts."""
+    """The error of a current as written: a time-correlated part and a constant bias."""
 
     std: fields.CurrentError | None = None
     time: fields.Duration | None = None
@@ -50,7 +48,7 @@ class WindErrorTable(fields.Table):
 
 
 def _table(value: Any, none: dict[str, Any]) -> Any:
-    """Return a table as it is, and the word "none" as the table that says so."""
+    """Replace the word "none" by the table of zero errors; return a table unchanged."""
     if not isinstance(value, str):
         return value
     if value == "none":
@@ -59,7 +57,7 @@ def _table(value: Any, none: dict[str, Any]) -> Any:
 
 
 class UncertaintyTable(fields.Table):
-    """The [uncertainty] table as written; what it leaves out holds by default."""
+    """The [uncertainty] table as written; missing keys have defaults."""
 
     current: Annotated[
         CurrentErrorTable | None,
@@ -82,9 +80,11 @@ Uncertainty = Annotated[
 
 
 def silent(specs: Sequence[ForcingSpec], used: Sequence[Sequence[str]]) -> str:
-    """Return why no default holds for a quantity, "" where one does.
+    """Return the reason why a quantity has no default error; "" if it has one.
 
-    used: the names of the sources of each scenario.
+    Args:
+        specs: the sources of the quantity.
+        used: the names of the sources that each scenario uses.
     """
     gridded = {
         spec.name
@@ -94,7 +94,7 @@ def silent(specs: Sequence[ForcingSpec], used: Sequence[Sequence[str]]) -> str:
     chosen = {tuple(name for name in names if name in gridded) for names in used} - {()}
     if not chosen:
         return NOWHERE
-    if len(chosen) > 1:  # rivals, or members of an ensemble as scenarios, are spread by themselves
+    if len(chosen) > 1:  # the spread between rival models or members represents the error
         return RIVALS
     return (
         MEMBERS if any(spec.members for spec in specs if spec.name in {*next(iter(chosen))}) else ""
@@ -104,39 +104,59 @@ def silent(specs: Sequence[ForcingSpec], used: Sequence[Sequence[str]]) -> str:
 def error(
     table: CurrentErrorTable | WindErrorTable | None, default: ForcingError, reason: str, key: str
 ) -> ForcingError:
-    """Return the error of a quantity: what the case says of it, and for the rest the default.
+    """Return the error of a quantity: the keys of the case, completed by the default.
 
-    reason: why no default holds, see `silent`. A table with a std states how large the error is: it
-    has no bias but a stated one. Raises UserError where a table says nothing.
+    A table with `std` has no bias unless it states one.
+
+    Args:
+        table: the table of the case; None: it has none.
+        default: the default error.
+        reason: why there is no default (see `silent`); "": there is one.
+        key: key of the quantity in [uncertainty], for the message.
+
+    Raises:
+        UserError: the table gives no size of the error, and there is no default.
     """
-    held = replace(default, std=0.0, bias=0.0, by=(reason, DEFAULT, reason)) if reason else default
+    default_or_none = (
+        replace(default, std=0.0, bias=0.0, by=(reason, DEFAULT, reason)) if reason else default
+    )
     if table is None:
-        return held
+        return default_or_none
     bias = getattr(table, "bias", None)
-    if table.std is None and bias is None and held.std == 0:
+    if table.std is None and bias is None and default_or_none.std == 0:
         raise UserError(
-            f'uncertainty.{key}: has no std, and none holds by default ({reason}); give one, or write "none"'
+            f'uncertainty.{key}: has no std, and there is no default ({reason}); give one, or write "none"'
         )
     if bias is None and table.std is not None:
         bias = 0.0
-    std, std_by = (held.std, held.by[0]) if table.std is None else (table.std, CASE)
-    time, time_by = (held.time, held.by[1]) if table.time is None else (table.time, CASE)
-    bias, bias_by = (held.bias, held.by[2]) if bias is None else (bias, CASE)
+    std, std_by = (
+        (default_or_none.std, default_or_none.by[0]) if table.std is None else (table.std, CASE)
+    )
+    time, time_by = (
+        (default_or_none.time, default_or_none.by[1]) if table.time is None else (table.time, CASE)
+    )
+    bias, bias_by = (default_or_none.bias, default_or_none.by[2]) if bias is None else (bias, CASE)
     return ForcingError(std, time, bias, (std_by, time_by, bias_by))
 
 
 def in_spill(
     current: ForcingError, table: CurrentErrorTable | None, bias: float | None
 ) -> ForcingError:
-    """Return the error of a spill's current; bias: what its own key says [m/s], None if nothing.
+    """Return the error of a spill's current, with the spill's own bias if it gives one.
 
-    Raises UserError where [uncertainty] says so as well.
+    Args:
+        current: the error of the current.
+        table: its table in [uncertainty].
+        bias: `spill.current_bias` [m/s]; None: not given.
+
+    Raises:
+        UserError: both tables give a bias.
     """
     if bias is None:
         return current
     if table is not None and table.bias is not None:
         raise UserError(
-            'spill.current_bias: uncertainty.current says the same ("none", or a bias): a bias is of the world in a '
-            "spill; give it once"
+            'spill.current_bias: uncertainty.current gives a bias too ("none", or a value); a spill has one bias per '
+            "world: give it once"
         )
     return replace(current, bias=bias, by=(*current.by[:2], CASE))

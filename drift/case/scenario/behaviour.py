@@ -1,4 +1,4 @@
-"""What particles do at times of their own, as keys of case files and of tracking files have it."""
+"""The behaviour table of case and tracking files: targets that change course at random times."""
 
 import math
 from typing import Annotated
@@ -8,12 +8,12 @@ from pydantic import BeforeValidator, model_validator
 from drift.case.values import fields, units
 from drift.tracking.tracker.records import Behaviour
 
-SOONEST = 1.0  # [s] between acts
-SLOWEST = 0.01  # [m/s] that anything follows
+SOONEST = 1.0  # [s] shortest time between acts
+SLOWEST = 0.01  # [m/s] lowest top speed
 
 
 def _bearing(value: object) -> float:
-    """Return an error of bearings on either side [deg]."""
+    """Return the largest error of a bearing to either side [deg]."""
     degrees = units.quantity(value, "deg", "error of a bearing", "1.5 deg")
     if not 0 < degrees <= 180:
         raise ValueError(f"{value!r} must be above 0 and at most 180 degrees, on either side")
@@ -24,32 +24,32 @@ BearingError = Annotated[float, BeforeValidator(_bearing)]
 
 
 class BehaviourTable(fields.Table):
-    """What something does at times of its own."""
+    """A target that acts at random times: changes course, seeks the tracker or flees from it."""
 
     fastest: fields.ShipSpeed
-    """No course is taken at more."""
+    """Highest speed of the target."""
     acts: fields.DurationRange | None = None
-    """Least and longest time between acts; without it course and speed are kept."""
+    """Shortest and longest time between acts; without it the target keeps course and speed."""
     change: fields.Share = 0.0
-    """Probability that what acts takes another course and speed, any of them."""
+    """Probability that an act is a new course and speed, drawn at random."""
     seek: fields.Share = 0.0
-    """That from then on it seeks the tracker."""
+    """Probability that at an act the target begins to seek the tracker."""
     hide: fields.Share = 0.0
-    """That from then on it flees from it."""
+    """Probability that at an act the target begins to flee from the tracker."""
     leave: fields.Share = 0.0
-    """That one which seeks or flees acts freely again."""
+    """Probability that at an act a target that seeks or flees stops doing so."""
     spread: BearingError = 30.0
-    """On either side of the reciprocal bearing on which one flees."""
+    """A fleeing target steers within this angle of the bearing away from the tracker."""
 
     @model_validator(mode="after")
     def proper(self) -> "BehaviourTable":
-        """Refuse probabilities that are more than one together."""
-        whole = self.change + self.seek + self.hide
-        if whole > 1 + 1e-9:
+        """Reject probabilities whose sum exceeds 1, and speeds and times that are too small."""
+        total = self.change + self.seek + self.hide
+        if total > 1 + 1e-9:
             raise ValueError(
-                f"change {self.change:g}, seek {self.seek:g} and hide {self.hide:g} are {whole:g} together; at most 1 (what is left keeps its course)"
+                f"change {self.change:g}, seek {self.seek:g} and hide {self.hide:g} are {total:g} together; at most 1 (what is left keeps its course)"
             )
-        if self.acts is None and whole > 0:
+        if self.acts is None and total > 0:
             raise ValueError(
                 'change, seek and hide are at times of acts; give acts = ["3 min", "15 min"]'
             )
@@ -60,7 +60,7 @@ class BehaviourTable(fields.Table):
         return self
 
     def behaviour(self) -> Behaviour:
-        """Return the record."""
+        """Return the record of the behaviour."""
         return Behaviour(
             self.fastest,
             self.change,

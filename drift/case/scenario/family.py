@@ -1,8 +1,7 @@
-"""[[family]]: hundreds of scenarios in a few lines, the products of routes, speeds, times or
-whatever else differs.
+"""[[family]] tables: many scenarios in a few lines, as products of routes, speeds, times and so on.
 
-Families are made scenarios of before these are validated, so that each is refused for what it is;
-what can be wrong with a family itself is refused here.
+Families are expanded to scenarios before validation, so that mistakes in a scenario are reported as
+such. Mistakes of the family itself are reported here.
 """
 
 import functools
@@ -20,27 +19,27 @@ from drift.engine.motion.steering.family import Axis, Family, InFamily
 from geo import notation
 
 MOST = 10_000  # scenarios of a case
-OWN = ("name", "weight")  # keys of a scenario that the family gives
-FINE, COARSE = 9, 4  # digits of values at equal distances, and of what they are called
+OWN = ("name", "weight")  # keys of a scenario that the family sets
+FINE, COARSE = 9, 4  # significant digits of evenly spaced values, and of their labels
 
 
-def _named(labels: Iterable[Any]) -> None:
+def _check_labels(labels: Iterable[Any]) -> None:
     for label in labels:
         fields._label(label)
 
 
-def _labelled(value: Any) -> Any:
-    """Take values, a list, or a table by what they are called."""
+def _check_values(value: Any) -> Any:
+    """Check that values are a list, or a table by label."""
     if not isinstance(value, dict | list) or not value:
         raise ValueError(
-            f"{value!r} must be a list of values, or a table of them by what they are called"
+            f"{value!r} must be a list of values, or a table of values by their labels"
         )
-    _named(value if isinstance(value, dict) else ())
+    _check_labels(value if isinstance(value, dict) else ())
     return value
 
 
-def _weighed(value: Any) -> Any:
-    """Take weights, a list, or a table by what values are called."""
+def _check_weights(value: Any) -> Any:
+    """Check that weights are a list, or a table by label."""
 
     def one(weight: Any) -> float:
         number = units.quantity(weight, "", "weight", "0.5")
@@ -52,54 +51,53 @@ def _weighed(value: Any) -> Any:
         return {label: one(weight) for label, weight in value.items()}
     if isinstance(value, list):
         return [one(weight) for weight in value]
-    raise ValueError(f"{value!r} must be a list, one a value, or a table by what values are called")
+    raise ValueError(f"{value!r} must be a list with one weight per value, or a table by label")
 
 
-def _labels(value: Any) -> Any:
-    """Take what values are called."""
+def _check_label_list(value: Any) -> Any:
+    """Check that labels are a list of text or numbers."""
     if not isinstance(value, list):
-        raise ValueError(f"{value!r} must be a list, one a value")
+        raise ValueError(f"{value!r} must be a list with one label per value")
     named = [
         str(one) if isinstance(one, int | float) and not isinstance(one, bool) else one
         for one in value
     ]
     if strange := [one for one in named if not isinstance(one, str)]:
-        raise ValueError(f"{strange[0]!r} is no word that a value could be called by")
-    _named(named)
+        raise ValueError(f"{strange[0]!r} is not a label; write text or a number")
+    _check_labels(named)
     return named
 
 
 class AxisTable(fields.Table):
-    """A [family.axis.NAME] table as written: what differs, and the values that it takes."""
+    """A [family.axis.NAME] table as written: a key that varies, and its values."""
 
     key: fields.Label | None = None
-    """The key of the scenario that it sets, tables and numbers of lists, from 1, joined by points:
-    `"phase.1.voyage.speed"`. Without it each value is a table of keys, which are set beside those
-    that the scenario has."""
-    values: Annotated[Any, BeforeValidator(_labelled)] = None
-    """The values, a list, or a table by what they are called; give these, or `from` and `to`."""
+    """The key of the scenario that varies: names of tables and numbers of list items, from 1,
+    joined
+    by points: `"phase.1.voyage.speed"`. Without `key`, each value is a table of keys, which are
+    added to those of the scenario."""
+    values: Annotated[Any, BeforeValidator(_check_values)] = None
+    """The values: a list, or a table by label. Give either these, or `from` and `to`."""
     low: Annotated[Any, Field(alias="from")] = None
-    """The first of values at equal distances: a number, a quantity or a time."""
+    """First of evenly spaced values: a number, a quantity or a time."""
     high: Annotated[Any, Field(alias="to")] = None
-    """The last of them, in the same unit."""
+    """Last of the evenly spaced values, in the same unit."""
     count: fields.Count | None = None
-    """How many values from `from` to `to`, both among them."""
+    """Number of evenly spaced values, `from` and `to` included."""
     ranges: fields.Count | None = None
-    """Or how many ranges `[low, high]` side by side, for keys that take uncertain numbers and
-    times.
+    """In place of `count`: number of adjacent ranges `[low, high]`, for keys that accept uncertain
+    numbers or times.
     """
-    weights: Annotated[Any, BeforeValidator(_weighed)] = None
-    """Probability of each value relative to the others, a list, or a table by name; without it all
-    are equal.
-    """
-    labels: Annotated[Any, BeforeValidator(_labels)] = None
-    """What each value is called, in tables and in the scenarios' names; without it by itself, or by
+    weights: Annotated[Any, BeforeValidator(_check_weights)] = None
+    """Relative probability of each value: a list, or a table by label; equal if not given."""
+    labels: Annotated[Any, BeforeValidator(_check_label_list)] = None
+    """Label of each value in tables and in the scenarios' names; if not given, the value itself or
     its number.
     """
 
     @model_validator(mode="after")
     def whole(self) -> "AxisTable":
-        """Refuse no values, values in two ways, and weights and names that are not one a value."""
+        """Reject missing or doubly given values, and weights or labels that do not match them."""
         spaced = {"from": self.low, "to": self.high, "count": self.count, "ranges": self.ranges}
         given = [name for name, value in spaced.items() if value is not None]
         if self.values is not None and given:
@@ -112,29 +110,29 @@ class AxisTable(fields.Table):
                 f"give values, or from and to with count, or from and to with ranges; found {found}"
             )
         if self.labels is not None and isinstance(self.values, dict):
-            raise ValueError("labels: values by name have names already; leave labels out")
+            raise ValueError("labels: values in a table have labels already; leave labels out")
         many = self._many()
         if many > MOST:
             raise ValueError(f"{many:,} values; at most {MOST:,} scenarios are allowed")
         labels = [label for label, _ in self.taken("value")]
         for name, own in (("weights", self.weights), ("labels", self.labels)):
             if isinstance(own, list) and len(own) != many:
-                raise ValueError(f"{name}: {len(own)} of them for {many} values; give one a value")
+                raise ValueError(f"{name}: {len(own)} given for {many} values; give one per value")
         if isinstance(self.weights, dict) and {*self.weights} != {*labels}:
             raise ValueError(
-                f"weights: of {_listed(self.weights)}; give one of each value: {_listed(labels)}"
+                f"weights: given for {_quote_names(self.weights)}; give one for each value: {_quote_names(labels)}"
             )
         if many and math.fsum(self.shares(labels)) <= 0:
             raise ValueError("weights add up to 0; at least one must be above 0")
         if twice := next((label for k, label in enumerate(labels) if label in labels[:k]), None):
             raise ValueError(
-                f'two values are called "{twice}"; give labels, one a value, that differ'
+                f'two values have the label "{twice}"; give distinct labels, one per value'
             )
         if self.key is None:
             for label, value in self.taken("value"):
                 if not isinstance(value, dict):
                     raise ValueError(
-                        f'value "{label}" is no table of keys; give key, the one that the values are of'
+                        f'value "{label}" is not a table of keys; give key, the key that the values set'
                     )
         return self
 
@@ -149,50 +147,52 @@ class AxisTable(fields.Table):
         return many
 
     def taken(self, name: str) -> list[tuple[str, Any]]:
-        """Return what the values are called, and the values; name: of the axis."""
+        """Return (label, value) of each value; `name` of the axis makes labels of unnamed
+        values."""
         if isinstance(self.values, dict):
             return list(self.values.items())
         if self.values is not None:
             values, called = (
                 self.values,
-                [_called(value, f"{name} {k}") for k, value in enumerate(self.values, 1)],
+                [_label_of(value, f"{name} {k}") for k, value in enumerate(self.values, 1)],
             )
         else:
-            values, called = _spaced(self.low, self.high, self._many(), self.count is None)
+            values, called = _evenly_spaced(self.low, self.high, self._many(), self.count is None)
         return list(zip(self.labels or called, values, strict=False))
 
     def shares(self, labels: Sequence[str]) -> list[float]:
-        """Return the weight of each value, by what they are called."""
+        """Return the weight of each value, given the labels of all."""
         if isinstance(self.weights, dict):
             return [float(self.weights[label]) for label in labels]
         return list(self.weights or [1.0] * len(labels))
 
 
 class FamilyTable(fields.Table):
-    """A [[family]] table as written: scenarios that are the products of its axes."""
+    """A [[family]] table as written: scenarios that are all combinations of its axes' values."""
 
     name: fields.Label
-    """What its scenarios are called, with what their values are called: `"transit, north, 8 kn"`."""
+    """First part of its scenarios' names; the labels of their values follow:
+    `"transit, north, 8 kn"`."""
     weight: fields.Weight = 1.0
-    """How likely all of its scenarios are together, beside other families and scenarios."""
+    """Total weight of its scenarios, relative to other families and scenarios."""
     scenario: dict[str, Any] = Field(default_factory=dict)
-    """What its scenarios have in common: the keys of a `[[scenario]]`, but for name and weight."""
+    """Keys that its scenarios share: those of a `[[scenario]]`, except name and weight."""
     axis: Annotated[dict[str, AxisTable], Field(min_length=1)]
-    """What differs, by name, `[family.axis.speed]`; each scenario has one value of each axis, and
-    its weight is the product of theirs.
+    """What varies, by name, `[family.axis.speed]`. Each scenario has one value of each axis, and
+    its
+    weight is the product of the values' weights.
     """
     leave_out: list[dict[str, Any]] = Field(default_factory=list)
-    """What is no scenario: tables by axis of what a value, or some in a list, is called, `{ route =
-    "north", speed = ["14 kn", "16 kn"] }`. Its weight goes to all others."""
+    """Combinations to leave out: tables with a label, or a list of labels, by axis: `{ route =
+    "north", speed = ["14 kn", "16 kn"] }`. Their weight goes to the other scenarios."""
 
     _family: Family | None = PrivateAttr(None)
     _stories: list[dict[str, Any]] = PrivateAttr(default_factory=list)
 
     @model_validator(mode="after")
     def whole(self) -> "FamilyTable":
-        """Refuse what the family says by itself, too many scenarios, and values that have no place
-        in them.
-        """
+        """Reject keys that the family itself sets, too many scenarios, and values that do not
+        fit."""
         for key in OWN:
             if key in self.scenario:
                 what = (
@@ -201,7 +201,7 @@ class FamilyTable(fields.Table):
                     else "give the family's weight"
                 )
                 raise ValueError(f"scenario.{key}: {what}; leave it out")
-        _named(self.axis)
+        _check_labels(self.axis)
         many = math.prod(axis._many() for axis in self.axis.values())
         if many > MOST:
             counts = " x ".join(str(axis._many()) for axis in self.axis.values())
@@ -210,7 +210,7 @@ class FamilyTable(fields.Table):
         return self
 
     def _made(self) -> None:
-        """Make the family and its scenarios."""
+        """Build the family and the tables of its scenarios."""
         taken = {name: table.taken(name) for name, table in self.axis.items()}
         labels = [[label for label, _ in own] for own in taken.values()]
         out = [self._left_out(number, one, labels) for number, one in enumerate(self.leave_out, 1)]
@@ -228,37 +228,37 @@ class FamilyTable(fields.Table):
         total = math.fsum(weights)
         if total <= 0:
             raise ValueError(
-                "the weights of what leave_out leaves add up to 0; at least one must be above 0"
+                "the weights of the scenarios that leave_out keeps add up to 0; at least one must be above 0"
             )
         head = {**self.scenario}
 
-        # scenarios share what they have in common, and what the values of the first axes have set
+        # scenarios with the same values of the first axes share the tables built so far
         @functools.cache
-        def story(at: tuple[int, ...]) -> Any:
+        def scenario_table(at: tuple[int, ...]) -> Any:
             if not at:
                 return head
             name = axes[len(at) - 1].name
             label, value = taken[name][at[-1]]
-            return self._set(name, label, story(at[:-1]), value)
+            return self._set(name, label, scenario_table(at[:-1]), value)
 
         self._stories = [
-            {"name": called, "weight": self.weight * weight / total, **story(at)}
+            {"name": called, "weight": self.weight * weight / total, **scenario_table(at)}
             for called, weight, at in zip(self._family.names, weights, kept, strict=True)
         ]
 
-    def _set(self, name: str, label: str, story: Any, value: Any) -> Any:
-        """Return a scenario with a value of an axis."""
+    def _set(self, name: str, label: str, scenario_table: Any, value: Any) -> Any:
+        """Return a scenario's table with a value of an axis set."""
         key = self.axis[name].key
         try:
             if key is None:
                 if own := next((key for key in OWN if key in value), None):
-                    raise ValueError(f"{own} is the family's to give; leave it out")
-                return _merged(story, value, "")
+                    raise ValueError(f"{own} is set by the family; leave it out")
+                return _merged(scenario_table, value, "")
             if key in OWN:
                 raise ValueError(
-                    f"{key} is the family's to give; {'labels name' if key == 'name' else 'weights weigh'} values"
+                    f"{key} is set by the family; use {'labels to name' if key == 'name' else 'weights to weight'} values"
                 )
-            return _put(story, key.split("."), value, "")
+            return _put(scenario_table, key.split("."), value, "")
         except ValueError as error:
             where = f"axis.{name}.key" if key is not None else f'axis.{name}, value "{label}"'
             raise ValueError(f"{where}: {error}") from None
@@ -266,33 +266,33 @@ class FamilyTable(fields.Table):
     def _left_out(
         self, number: int, one: Mapping[str, Any], labels: Sequence[Sequence[str]]
     ) -> list[set[int]]:
-        """Return the values on each axis, by number, of which all products are left out."""
+        """Return per axis the indices of values whose combinations are left out."""
         names, place = list(self.axis), f"leave_out {number}"
         if not one:
             raise ValueError(f"{place}: is empty; name values by axis")
         for name, value in one.items():
             if name not in names:
-                raise ValueError(f'{place}: no axis "{name}"; there are: {_listed(names)}')
+                raise ValueError(f'{place}: no axis "{name}"; there are: {_quote_names(names)}')
             own = labels[names.index(name)]
-            for label in _several(value):
+            for label in _as_labels(value):
                 if label not in own:
                     raise ValueError(
-                        f'{place}.{name}: no value is called "{label}"; there are: {_listed(own)}'
+                        f'{place}.{name}: no value is called "{label}"; there are: {_quote_names(own)}'
                     )
         return [
-            {own.index(label) for label in _several(one[name])}
+            {own.index(label) for label in _as_labels(one[name])}
             if name in one
             else set(range(len(own)))
             for name, own in zip(names, labels, strict=True)
         ]
 
     def stories(self) -> list[dict[str, Any]]:
-        """Return its scenarios as tables of the case file."""
+        """Return its scenarios as [[scenario]] tables."""
         return self._stories
 
     def places(self) -> dict[str, InFamily]:
-        """Return where each of its scenarios stands, by name."""
-        assert self._family is not None  # whole
+        """Return the position of each of its scenarios in the family, by name."""
+        assert self._family is not None  # set by the validator `whole`
         return {
             name: InFamily(self._family, at)
             for name, at in zip(self._family.names, self._family.stories, strict=True)
@@ -300,15 +300,15 @@ class FamilyTable(fields.Table):
 
 
 def expanded(data: Any) -> Any:
-    """Return the tables of a case as read with the scenarios of its families behind its own.
+    """Return a case's tables with the scenarios of its families appended to its own.
 
-    What is not as it should be stays as it is, and is refused where it stands. Raises ValueError
-    for too many scenarios.
+    Invalid families are left unchanged; their validation reports them. Raises ValueError for too
+    many scenarios.
     """
     own = data.get("scenario", []) if isinstance(data, dict) else None
     if not isinstance(own, list) or not isinstance(data.get("family"), list):
         return data
-    stories = [story for table in _families(data) for story in table.stories()]
+    stories = [scenario_table for table in _families(data) for scenario_table in table.stories()]
     if len(own) + len(stories) > MOST:
         raise ValueError(
             f"{len(own) + len(stories):,} scenarios of families and others; at most {MOST:,}"
@@ -317,9 +317,7 @@ def expanded(data: Any) -> Any:
 
 
 def places(data: Any) -> dict[str, InFamily]:
-    """Return where the scenarios of families stand, by their names, of the tables of a case as
-    read; of families in order.
-    """
+    """Return the position of each scenario in its family, by name, for the valid families."""
     known = data.get("family") if isinstance(data, dict) else None
     found: dict[str, InFamily] = {}
     for table in _families(data) if isinstance(known, list) else ():
@@ -328,27 +326,25 @@ def places(data: Any) -> dict[str, InFamily]:
 
 
 def _families(data: Mapping[str, Any]) -> Iterator[FamilyTable]:
-    """Yield the families that are in order."""
+    """Yield the valid families."""
     for written in data["family"]:
         try:
             yield FamilyTable.model_validate(written)
-        except ValidationError:  # which is refused where it stands
+        except ValidationError:  # reported by the case's own validation
             continue
 
 
-def _several(value: Any) -> list[str]:
+def _as_labels(value: Any) -> list[str]:
     return [str(one) for one in value] if isinstance(value, list) else [str(value)]
 
 
-def _listed(names: Any) -> str:
+def _quote_names(names: Any) -> str:
     quoted = [f'"{name}"' for name in names]
     return ", ".join(quoted[:12]) + (f" and {len(quoted) - 12} more" if len(quoted) > 12 else "")
 
 
 def _put(node: Any, path: Sequence[str], value: Any, place: str) -> Any:
-    """Return a table or list with a value set at a path inside it; tables and lists that are not
-    there are made.
-    """
+    """Return a copy of a table or list with a value set at a path; missing tables are created."""
     if not path:
         return value
     part, *rest = path
@@ -367,7 +363,7 @@ def _put(node: Any, path: Sequence[str], value: Any, place: str) -> Any:
                 if node
                 else "1 for the first"
             )
-            raise ValueError(f'"{here}": "{part}" is no number of the list; give {there}')
+            raise ValueError(f'"{here}": "{part}" is not a number in the list; give {there}')
         at = node[number - 1] if number <= len(node) else None
         return [*node[: number - 1], _put(at, rest, value, here), *node[number:]]
     if not isinstance(node, dict):
@@ -377,21 +373,21 @@ def _put(node: Any, path: Sequence[str], value: Any, place: str) -> Any:
             else ""
         )
         raise ValueError(
-            f'"{here}": {place} is {node!r}, no table in which "{part}" could be set{like}'
+            f'"{here}": {place} is {node!r}, not a table in which "{part}" could be set{like}'
         )
     return {**node, part: _put(node.get(part), rest, value, here)}
 
 
 def _merged(node: Any, more: Mapping[str, Any], place: str) -> Any:
-    """Return a table or list with the keys of a table set in it, table by table."""
+    """Return a copy of a table or list, merged with a table, recursively."""
     for key, value in more.items():
         here = f"{place}.{key}".lstrip(".")
-        own = _merged(_at(node, key), value, here) if isinstance(value, dict) else value
+        own = _merged(_item(node, key), value, here) if isinstance(value, dict) else value
         node = _put(node, [key], own, place)
     return {} if node is None else node
 
 
-def _at(node: Any, key: str) -> Any:
+def _item(node: Any, key: str) -> Any:
     if isinstance(node, dict):
         return node.get(key)
     if isinstance(node, list) and key.isdecimal() and 1 <= int(key) <= len(node):
@@ -399,8 +395,8 @@ def _at(node: Any, key: str) -> Any:
     return None
 
 
-def _called(value: Any, otherwise: str) -> str:
-    """Return what a value is called: a word, a number, a time or two of these by itself."""
+def _label_of(value: Any, otherwise: str) -> str:
+    """Return the label of a value: a word, number, time or range is its own, else `otherwise`."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int | float):
@@ -414,20 +410,20 @@ def _called(value: Any, otherwise: str) -> str:
         and len(value) == 2
         and not any(isinstance(one, list | dict) for one in value)
     ):
-        return _ends(*(_called(one, otherwise) for one in value))
+        return _range_label(*(_label_of(one, otherwise) for one in value))
     return otherwise
 
 
-def _ends(low: str, high: str) -> str:
-    """Return a range in words, the unit once: 6-7 kn."""
+def _range_label(low: str, high: str) -> str:
+    """Return the label of a range, with the unit once: 6-7 kn."""
     a, b = (units.NUMBER.fullmatch(text) for text in (low, high))
-    if a is None or b is None or a[2] != b[2] or not (_plain(low) and _plain(high)):
+    if a is None or b is None or a[2] != b[2] or not (_is_not_time(low) and _is_not_time(high)):
         return f"{low} to {high}"
     return f"{a[1]}-{high}" if a[1][0].isdigit() and b[1][0].isdigit() else f"{a[1]} to {high}"
 
 
-def _plain(text: str) -> bool:
-    """Whether a text is a number with no unit, or one that is no time."""
+def _is_not_time(text: str) -> bool:
+    """Return whether a text is not a date-time group."""
     return not units.GROUP.fullmatch(text)
 
 
@@ -438,29 +434,26 @@ def _moment(value: Any) -> np.datetime64:
     return instant
 
 
-def _spaced(low: Any, high: Any, many: int, ranges: bool) -> tuple[list[Any], list[str]]:
-    """Return values at equal distances, or ranges side by side, from one end to the other, and what
-    they are called.
-    """
-    first, last, written = _line(low, high)
+def _evenly_spaced(low: Any, high: Any, many: int, ranges: bool) -> tuple[list[Any], list[str]]:
+    """Return evenly spaced values, or adjacent ranges, and their labels."""
+    first, last, written = _ends_as_numbers(low, high)
     if not first < last:
         raise ValueError(
-            f"from {low!r} must be below to {high!r}; downward, or across north, give values"
+            f"from {low!r} must be below to {high!r}; for descending values, or directions across north, give values"
         )
     at = [float(number) for number in np.linspace(first, last, many + ranges)]
     values, called = ([written(number, digits) for number in at] for digits in (FINE, COARSE))
-    called = [_called(value, "") for value in (called if len({*called}) == len(at) else values)]
+    called = [_label_of(value, "") for value in (called if len({*called}) == len(at) else values)]
     if not ranges:
         return values, called
     return [list(pair) for pair in itertools.pairwise(values)], [
-        _ends(*pair) for pair in itertools.pairwise(called)
+        _range_label(*pair) for pair in itertools.pairwise(called)
     ]
 
 
-def _line(low: Any, high: Any) -> tuple[float, float, Callable[[float, int], Any]]:
-    """Return two ends as numbers, and how a number between them is written in the case file with so
-    many digits.
-    """
+def _ends_as_numbers(low: Any, high: Any) -> tuple[float, float, Callable[[float, int], Any]]:
+    """Return two ends as numbers, and a function that writes a number in between with some
+    digits."""
     if all(isinstance(one, int | float) and not isinstance(one, bool) for one in (low, high)):
         if not (math.isfinite(low) and math.isfinite(high)):
             raise ValueError(f"from {low!r} and to {high!r} must be finite")
@@ -479,7 +472,7 @@ def _line(low: Any, high: Any) -> tuple[float, float, Callable[[float, int], Any
 
 
 def _quantities(low: Any, high: Any) -> tuple[float, float, Callable[[float, int], Any]]:
-    """Return the same of two quantities of one unit."""
+    """Return the same as `_ends_as_numbers` for two quantities of one unit."""
     a, b = (units.NUMBER.fullmatch(one) if isinstance(one, str) else None for one in (low, high))
     if (
         a is None

@@ -1,8 +1,8 @@
-"""How a target steers: the phases of a [[scenario]], its distress, and what land means to it.
+"""Tables of a steering target: the phases of a [[scenario]], its distress, and the effect of land.
 
-Tables of the case file, and the records of drift.engine.motion.steering.itinerary that they become.
-Each phase is one of course, behaviour, loiter and, by way points (drift.case.scenario.waypoints),
-track, lanes, voyage and bridge.
+The tables build the records of drift.engine.motion.steering.itinerary. A phase is a course, a
+behaviour or loitering, or follows way points (drift.case.scenario.waypoints): a track, lanes, a
+voyage or a bridge.
 """
 
 import math
@@ -38,17 +38,17 @@ from drift.tracking.tracker import path
 from geo import notation
 
 KNOT = notation.NMI / 3600  # [m/s]
-SHORTEST_LEG = 500.0  # [m] of an area to loiter in, on average
+SHORTEST_LEG = 500.0  # [m] least mean leg of loitering
 
 
 class WindowedTable(fields.Table):
-    """How long a phase lasts: until a time, or for a duration, or as long as the run."""
+    """The end of a phase: at a time, after a duration, or at the end of the run."""
 
     until: fields.Time | None = None
     lasting: Annotated[fields.Duration | None, Field(alias="for")] = None
 
     def end(self, start: np.datetime64) -> tuple[np.datetime64 | None, float]:
-        """Return when it is over at the latest, and how long it lasts at most [s]."""
+        """Return the latest end of the phase (None: none) and its longest duration [s]."""
         until = None if self.until is None else units.resolve(self.until, start)
         return until, math.inf if self.lasting is None else self.lasting
 
@@ -69,9 +69,7 @@ ANY_COURSE = Spread(0.0, 2 * math.pi, math.pi)
 
 
 class ActsTable(BehaviourTable, WindowedTable):
-    """A course that is kept, changed, or one that leads to a tracker or away from it, at times of
-    its own.
-    """
+    """A target that at random times changes its course, seeks a tracker or flees from it."""
 
     course: Courses = ANY_COURSE
     speed: Speeds | None = None
@@ -79,13 +77,12 @@ class ActsTable(BehaviourTable, WindowedTable):
 
     @model_validator(mode="after")
     def of_whom(self) -> "ActsTable":
-        """Refuse what seeks or flees from nobody, what never acts, and a first speed above the
-        highest.
-        """
+        """Reject seeking or fleeing without a tracker, no acts, and an initial speed above
+        fastest."""
         wrong = []
         if self.acts is None:
             wrong.append(
-                'acts: is missing, like ["3 min", "15 min"]; what keeps its course is a phase of course'
+                'acts: is missing, like ["3 min", "15 min"]; for a target that keeps its course use a phase of kind course'
             )
         if self.seek + self.hide > 0 and self.tracker is None:
             wrong.append(
@@ -127,7 +124,7 @@ class ActsTable(BehaviourTable, WindowedTable):
 def _followed(
     table: TrackerTable, start: np.datetime64, end: np.datetime64, folder: Path
 ) -> Followed:
-    """Return where a tracker is from the start to an end; refuse a track that does not say it."""
+    """Return the track of a tracker from the start to an end; reject one that does not cover it."""
     lasting = max(float((end - start) / np.timedelta64(1, "s")), 0.0)
     try:
         way = tracker.way(table, None, start, lasting, folder)
@@ -146,7 +143,7 @@ def _followed(
 
 
 class LoiterTable(WindowedTable):
-    """To and fro in a polygon."""
+    """Legs of random length and direction inside a polygon."""
 
     polygon: list[fields.Position]
     speed: Speeds
@@ -155,17 +152,17 @@ class LoiterTable(WindowedTable):
     @field_validator("leg")
     @classmethod
     def long_enough(cls, leg: float) -> float:
-        """Refuse legs after which a target would do nothing but turn, for ever."""
+        """Reject legs so short that the target would only turn."""
         if leg < SHORTEST_LEG:
             raise ValueError(
-                f"{leg:.4g} m on average between turns is too short; allowed: {SHORTEST_LEG:.0f} m or more; a number "
+                f"a mean leg of {leg:.4g} m is too short; at least {SHORTEST_LEG:.0f} m; a number "
                 "without a unit is in metres"
             )
         return leg
 
     @model_validator(mode="after")
     def simple(self) -> "LoiterTable":
-        """Refuse what encloses no area, or not one."""
+        """Reject corners that do not enclose exactly one area."""
         AreaTable.model_construct(polygon=self.polygon).corners()
         return self
 
@@ -178,11 +175,10 @@ class LoiterTable(WindowedTable):
 
 
 def shared(data: Any) -> Any:
-    """Return the tables of a case as read with what its phases name put in: voyages, alone or by
-    `like`, and trackers.
+    """Insert the voyages and trackers that phases refer to by name, or by `like`, into the tables.
 
-    What is not as it should be stays as it is, and is refused where it stands. Raises
-    ValidationError, a complaint for each name that there is none of.
+    Invalid tables are left unchanged; their validation reports them. Raises ValidationError with a
+    message for each unknown name.
     """
     if not isinstance(data, dict) or not isinstance(data.get("scenario"), list):
         return data
@@ -241,37 +237,37 @@ class PhaseTable(fields.Table):
     course: CourseTable | None = None
     """A constant course, or one that changes."""
     behaviour: ActsTable | None = None
-    """A course that it changes, or on which it seeks or flees from a tracker, at times of its own."""
+    """At random times it changes course, or begins to seek or to flee from a tracker."""
     track: TrackTable | None = None
-    """Places at times after a start."""
+    """Way points at times after a start."""
     lanes: LanesTable | None = None
-    """Along lanes of a network."""
+    """A route along the lanes of a network."""
     voyage: VoyageTable | None = None
-    """By way points at a speed."""
+    """Way points at a speed."""
     loiter: LoiterTable | None = None
-    """To and fro in a polygon."""
+    """Legs of random length and direction inside a polygon."""
     bridge: BridgeTable | None = None
-    """Brownian bridges from way point to way point."""
+    """Brownian bridges between way points."""
 
     @property
     def kind(self) -> str:
-        """Its kind, the name of its table."""
+        """The kind of the phase: the name of its table."""
         return fields.one_of(self, LAWS)
 
     @property
     def endless(self) -> bool:
-        """Whether it goes on for as long as the run."""
+        """Whether the phase lasts until the end of the run."""
         own = self.course or self.behaviour or self.loiter
         return own is not None and own.until is None and own.lasting is None
 
     @property
     def begins(self) -> bool:
-        """Whether it says where it begins."""
+        """Whether the phase defines its initial position."""
         return self.course is None and self.behaviour is None and self.loiter is None
 
     @model_validator(mode="after")
     def one_kind(self) -> "PhaseTable":
-        """Refuse none or two kinds."""
+        """Reject a phase without a kind, or with two."""
         fields.one_of(self, LAWS)
         return self
 
@@ -282,9 +278,8 @@ class PhaseTable(fields.Table):
 
 
 class DistressTable(fields.Table):
-    """When a target that is under way goes adrift: between two times, at a rate, or after a part of
-    its way.
-    """
+    """When a target under way goes adrift: between two times, at a rate, or after part of its
+    path."""
 
     between: Time | None = None
     rate: Annotated[float, BeforeValidator(fields.rate)] | None = None
@@ -292,7 +287,7 @@ class DistressTable(fields.Table):
 
     @model_validator(mode="after")
     def one_law(self) -> "DistressTable":
-        """Refuse none or two laws."""
+        """Reject no distribution, or two."""
         fields.one_of(self, ("between", "rate", "part"))
         return self
 
@@ -304,7 +299,7 @@ class DistressTable(fields.Table):
             first = phases[0]
             if not isinstance(first, Ways) or first.points[-1].time is not None:
                 raise ValueError(
-                    "part is that of a voyage or a route along lanes; give between or rate"
+                    "part applies only to a voyage or a route along lanes; give between or rate"
                 )
             return Part(self.part)
         assert self.between is not None
@@ -312,7 +307,7 @@ class DistressTable(fields.Table):
 
 
 class VesselTable(fields.Table):
-    """What a target is like while it is under way."""
+    """Properties of a target while it is under way."""
 
     search_object: SearchObject | None = None
     land: Literal["refuse", "stop", "ignore"] = "refuse"

@@ -1,8 +1,8 @@
-"""Files of lane networks: nodes with names, the lanes between them, and areas to patrol.
+"""Read lane networks: named nodes, the lanes between them, and areas to patrol.
 
-In TOML, [[node]], [[lane]] and [[area]]; in GeoJSON the same keys as properties of features: points
-are nodes, lines lanes, polygons areas. Every mistake in a file is found at once, a line each, lanes
-by the names of their nodes.
+A TOML file has [[node]], [[lane]] and [[area]] tables. A GeoJSON file has the same keys as
+properties of features: points are nodes, lines lanes, polygons areas. All mistakes of a file are
+reported at once, one per line; messages name lanes by their nodes.
 """
 
 import difflib
@@ -25,17 +25,18 @@ from geo.errors import UserError
 from geo.files import small
 from geo.notation import NMI
 
-LARGEST = 16 * 2**20  # [bytes] of a network's file
-# [m] of a lane: it is looked at in a projection that ends a quarter of the way round the Earth
+LARGEST = 16 * 2**20  # [bytes] of a network file
+# [m] longest lane: its projection is valid to a quarter of the Earth's circumference
 LONGEST = 5_000 * NMI
-SHORTEST = 1.0  # [m]
-ASTRAY = NMI  # [m] that a line's end in GeoJSON may lie off its node
+SHORTEST = 1.0  # [m] shortest lane
+ASTRAY = NMI  # [m] largest distance of a line's end in GeoJSON from its node
 
 
 @dataclass(frozen=True)
 class Chart:
-    """What a file holds: the network, and the corners (lon, lat) [deg] of areas by name, longitude
-    without jumps.
+    """The contents of a file: the network, and corners (lon, lat) [deg] of areas by name.
+
+    Longitudes are continuous across 180 degrees.
     """
 
     network: Network
@@ -46,28 +47,28 @@ class NodeTable(fields.Table):
     """A [[node]]: where lanes begin, meet and end."""
 
     name: fields.Label
-    """What lanes and routes call it."""
+    """Name of the node, used by lanes and routes."""
     at: fields.Position
-    """Where it is."""
+    """Position of the node."""
 
 
 class LaneTable(fields.Table):
-    """A [[lane]]: from one node to another, or several of one width, through a list of nodes."""
+    """A [[lane]] from one node to another, or a chain of lanes through a list of nodes."""
 
     from_: fields.Label | None = Field(None, alias="from")
-    """The node at one end, with `to`."""
+    """Node at one end; needs `to`."""
     to: fields.Label | None = None
-    """The node at the other end."""
+    """Node at the other end; needs `from`."""
     through: list[fields.Label] | None = None
-    """Or nodes in order: a lane between each two."""
+    """In place of `from` and `to`: nodes in order, with a lane between each two."""
     width: fields.Width
-    """From side to side."""
+    """Full width of the lane."""
     one_way: bool = False
-    """Whether it may be followed from the first to the last node alone."""
+    """`true`: the lane is followed only from the first to the last node."""
 
     @model_validator(mode="after")
     def complete(self) -> "LaneTable":
-        """Refuse a lane without its ends, or with both ways of giving them."""
+        """Reject a lane whose ends are missing or given twice."""
         given = {name for name in ("from_", "to", "through") if getattr(self, name) is not None}
         if given not in ({"from_", "to"}, {"through"}):
             found = ", ".join(sorted(name.rstrip("_") for name in given)) or "nothing"
@@ -79,7 +80,7 @@ class LaneTable(fields.Table):
         return self
 
     def pairs(self) -> list[tuple[str, str]]:
-        """Return the nodes of each lane."""
+        """Return the two nodes of each lane."""
         return list(itertools.pairwise(self.through or [self.from_ or "", self.to or ""]))
 
 
@@ -87,38 +88,36 @@ class PatrolAreaTable(fields.Table):
     """An [[area]]: a polygon to patrol."""
 
     name: fields.Label
-    """What it is called."""
+    """Name of the area."""
     polygon: list[fields.Position]
-    """Its corners in order."""
+    """Corners of the area in order."""
 
     @model_validator(mode="after")
     def simple(self) -> "PatrolAreaTable":
-        """Refuse what encloses no area, or not one."""
+        """Reject corners that do not enclose exactly one area."""
         self.corners()
         return self
 
     def corners(self) -> list[tuple[float, float]]:
-        """Return the corners [deg], longitude without jumps."""
+        """Return the corners (lon, lat) [deg], with longitudes continuous across 180 degrees."""
         return AreaTable.model_construct(polygon=self.polygon).corners()
 
 
 class NetworkTable(fields.Table):
-    """The whole of a file."""
+    """A network file."""
 
     title: fields.Label | None = None
-    """What the network is called."""
+    """Title of the network."""
     node: Annotated[list[NodeTable], Field(min_length=1)]
-    """Where lanes begin, meet and end."""
+    """Nodes, where lanes begin, meet and end."""
     lane: Annotated[list[LaneTable], Field(min_length=1)]
-    """From node to node."""
+    """Lanes between nodes."""
     area: list[PatrolAreaTable] = Field(default_factory=list)
     """Polygons to patrol."""
 
     @model_validator(mode="after")
     def consistent(self) -> "NetworkTable":
-        """Refuse names that come twice, lanes to nowhere, to themselves or twice, and nodes without
-        a lane.
-        """
+        """Reject duplicate names, duplicate or invalid lanes, and nodes without a lane."""
         fields.refuse(self, [*self._names(), *self._lanes()])
         return self
 
@@ -148,7 +147,7 @@ class NetworkTable(fields.Table):
                 if a == b:
                     yield f"{place}: leads from a node to itself; name two nodes"
                 elif length < SHORTEST:
-                    yield f"{place}: has no length, as both nodes lie in one place; move one, or leave it out"
+                    yield f"{place}: has no length, because both nodes have the same position; move one, or leave it out"
                 elif length > LONGEST:
                     yield f"{place}: is {length / NMI:,.0f} nmi long; at most {LONGEST / NMI:,.0f}: put nodes between"
                 elif led & ways:
@@ -161,7 +160,7 @@ class NetworkTable(fields.Table):
         )
 
     def network(self) -> Network:
-        """Return the record."""
+        """Return the record of the network."""
         number = {node.name: k for k, node in enumerate(self.node)}
         lon, lat = np.radians([node.at for node in self.node]).T
         rows = [
@@ -176,7 +175,7 @@ class NetworkTable(fields.Table):
 def read_network(path: str | Path) -> Chart:
     """Return the network of a TOML or GeoJSON file.
 
-    Raises one UserError for all that is wrong with it, a line for each mistake.
+    Raises UserError with one line for each mistake.
     """
     path = Path(path)
     kinds = {".toml": _toml, ".geojson": _geojson, ".json": _geojson}
@@ -187,7 +186,7 @@ def read_network(path: str | Path) -> Chart:
         try:
             table = NetworkTable.model_validate(data)
         except ValidationError as error:
-            raise UserError(*messages.lines(error, _called(data))) from None
+            raise UserError(*messages.lines(error, _with_lane_names(data))) from None
         except OverflowError:  # integers beyond the largest float
             raise UserError("one of its whole numbers is too large") from None
     except UserError as error:
@@ -214,12 +213,12 @@ def _toml(text: str) -> dict[str, Any]:
 
 
 def _geojson(text: str) -> dict[str, Any]:
-    """Return the tables that a TOML file of the same network would have."""
+    """Convert GeoJSON to the tables that a TOML file of the same network would have."""
     try:
         data = json.loads(text)
         json.dumps(
             data, ensure_ascii=False
-        ).encode()  # refuses half characters, which JSON can spell and no one can print
+        ).encode()  # rejects unpaired surrogates, which JSON allows and UTF-8 does not
     except (ValueError, RecursionError) as error:
         raise UserError(f"not valid JSON: {error}") from None
     if not isinstance(data, dict) or not isinstance(data.get("features"), list):
@@ -258,19 +257,21 @@ def _geojson(text: str) -> dict[str, Any]:
         node.get("name"): node["at"] for node in tables["node"] if isinstance(node.get("name"), str)
     }
     for keys, points in lines:
-        wrong += _astray(keys, points, places)
+        wrong += _line_mistakes(keys, points, places)
     if wrong:
         raise UserError(*wrong)
     return {name: rows for name, rows in tables.items() if rows}
 
 
 def _lonlat(point: Any) -> Any:
-    """Return a position of GeoJSON without its height."""
+    """Return a GeoJSON position without its height."""
     return point[:2] if isinstance(point, list) else point
 
 
-def _astray(keys: Mapping[str, Any], points: Any, places: Mapping[str, Any]) -> Iterator[str]:
-    """Give what is wrong with the line that is drawn for a lane, which must be from node to node."""
+def _line_mistakes(
+    keys: Mapping[str, Any], points: Any, places: Mapping[str, Any]
+) -> Iterator[str]:
+    """Yield the mistakes of a lane's line in GeoJSON, which must lead from node to node."""
     ends = (keys.get("from"), keys.get("to"))
     place = f'lane "{ends[0]} - {ends[1]}"'
     if not isinstance(points, list) or len(points) != 2:
@@ -283,22 +284,22 @@ def _astray(keys: Mapping[str, Any], points: Any, places: Mapping[str, Any]) -> 
         )
         if not drawn:
             yield f"{place}: its line has the end {json.dumps(point)[:40]}; write [lon, lat] in degrees"
-        elif there:  # a node that is unknown, or nowhere, is complained of elsewhere
+        elif there:  # unknown and invalid nodes are reported elsewhere
             away = float(sphere.distance(*np.radians([*there, *drawn])))
             if away > ASTRAY:
                 yield f'{place}: its line ends {away / NMI:,.0f} nmi from the node "{name}"; move one to the other'
 
 
 def _finite(point: Any) -> tuple[float, float] | None:
-    """Return a position of GeoJSON, None where it is not two numbers or more."""
+    """Return a GeoJSON position; None if it is not a list of two or more numbers."""
     if not isinstance(point, list) or len(point) < 2:
         return None
     numbers = [x for x in point[:2] if isinstance(x, int | float) and abs(x) <= 360]
     return (float(numbers[0]), float(numbers[1])) if len(numbers) == 2 else None
 
 
-def _called(data: Any) -> Any:
-    """Return tables in which lanes have names, by which messages call them."""
+def _with_lane_names(data: Any) -> Any:
+    """Return the tables with a name added to each lane, for messages."""
     if not isinstance(data, dict) or not isinstance(data.get("lane"), list):
         return data
     named = [

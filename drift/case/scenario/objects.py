@@ -19,43 +19,42 @@ class LineTable(fields.Table):
     """A leeway line as written."""
 
     slope: fields.Slope
-    """Share of the wind speed."""
+    """Leeway speed as a share of the wind speed."""
     offset: fields.SignedSpeed = 0.0
-    """Speed in no wind."""
+    """Leeway speed without wind."""
     std: fields.Speed = 0.0
-    """Standard deviation about the line."""
+    """Standard deviation of the leeway speed about the line."""
 
     def line(self) -> Line:
-        """Return the line."""
+        """Return the record of the leeway line."""
         return Line(self.slope, self.offset, self.std)
 
 
 class ObjectTable(fields.Table):
-    """An object: a class by name, own leeway lines, or plain windage."""
+    """An object: a leeway class, leeway lines of your own, windage, or an immersion level."""
 
     name: str | None = None
-    """A leeway class, or `"water"`; with other keys, what the object is called."""
+    """A leeway class, or `"water"`; with other keys, the name of the object."""
     downwind: LineTable | None = None
-    """Its leeway line along the wind."""
+    """Downwind leeway line."""
     right: LineTable | None = None
-    """Its crosswind line to the right of the wind; with `left`."""
+    """Crosswind leeway line to the right of the wind; needs `left`."""
     left: LineTable | None = None
-    """Its crosswind line to the left."""
+    """Crosswind leeway line to the left of the wind; needs `right`."""
     windage: fields.Windage | None = None
-    """In place of lines: a share of the wind speed, straight downwind."""
+    """In place of leeway lines: a share of the wind speed, straight downwind."""
     spread: fields.Windage = 0.0
-    """Standard deviation of `windage` among objects."""
+    """Standard deviation of `windage` between objects."""
     immersion: fields.ShareRange | None = None
-    """In place of lines: share under water, 5 to 100 %, or a range; leeway follows from it."""
+    """In place of leeway lines: share of the object under water, 5 to 100 %, or a range; drift
+    computes the leeway from it."""
 
     @model_validator(mode="after")
     def one_kind(self) -> "ObjectTable":
-        """Refuse half a description, and two at once."""
+        """Reject an incomplete description of the object, or two at once."""
         if self.immersion is not None:
             if self.downwind or self.windage is not None or self.right or self.left or self.spread:
-                raise ValueError(
-                    "immersion alone says how the object answers the wind; leave the other keys out"
-                )
+                raise ValueError("immersion alone determines the leeway; leave the other keys out")
             if self.immersion[0] < LEAST_IMMERSION:
                 raise ValueError(
                     f"immersion {self.immersion[0]:g} must be {LEAST_IMMERSION:g} to 1, the share under water"
@@ -71,8 +70,8 @@ class ObjectTable(fields.Table):
                 raise ValueError(str(error)) from None
         elif self.downwind is not None and self.downwind.slope < 0:
             raise ValueError(
-                f"downwind slope {100 * self.downwind.slope:g} % must be 0 to 50 %: no wind draws an object towards "
-                "itself"
+                f"downwind slope {100 * self.downwind.slope:g} % must be 0 to 50 %: no object drifts "
+                "upwind"
             )
         elif self.downwind is not None and self.windage is not None:
             raise ValueError("give either downwind, right and left or windage, not both")
@@ -87,7 +86,7 @@ class ObjectTable(fields.Table):
         return self
 
     def drifter(self) -> Drifter:
-        """Return what drifts."""
+        """Return the record of the drifting object."""
         still = Line()
         if self.immersion is not None:
             low, high = self.immersion

@@ -1,4 +1,4 @@
-"""A route along lanes as a case gives it: its nodes in order, or where it begins and ends."""
+"""A route along lanes in a case file: its nodes in order, or its first and last node."""
 
 import itertools
 from typing import Annotated, Any
@@ -11,41 +11,39 @@ from drift.engine.motion.steering.lanes import Network, Route
 
 
 class RouteTable(fields.Table):
-    """Nodes in order; or from, to and, where these do not say it all, via: the shortest way through
-    them.
-    """
+    """A route: all nodes in order, or the shortest path from a node to another, via others."""
 
     nodes: list[fields.Label] | None = None
-    """Nodes in order."""
+    """All nodes in order."""
     from_: fields.Label | None = Field(None, alias="from")
-    """The first node, with `to`."""
+    """First node; needs `to`. The route is the shortest path."""
     via: list[fields.Label] = Field(default_factory=list)
-    """Nodes on the way."""
+    """Nodes through which the shortest path must lead, in order."""
     to: fields.Label | None = None
-    """The last node."""
+    """Last node; needs `from`."""
 
     @model_validator(mode="after")
     def complete(self) -> "RouteTable":
-        """Refuse both ways of giving a route at once, or half of one."""
+        """Reject an incomplete route, or one given twice."""
         given = {name.rstrip("_") for name in self.model_fields_set}
         if given not in ({"nodes"}, {"from", "to"}, {"from", "via", "to"}):
             raise ValueError(
-                'give a list of nodes, or { from = "A", to = "B" }, and via = ["C"] for a way through others; '
+                'give a list of nodes, or { from = "A", to = "B" }, and via = ["C"] for a path through others; '
                 f"found {', '.join(sorted(given)) or 'nothing'}"
             )
         return self
 
     def route(self, network: Network) -> Route:
-        """Return the record; raise ValueError where lanes do not lead that way."""
+        """Return the record of the route; raise ValueError if no lanes connect its nodes."""
         if self.nodes is not None:
             return lanes.route(network, self.nodes)
         stops = [self.from_ or "", *self.via, self.to or ""]
-        ways = [lanes.shortest(network, a, b) for a, b in itertools.pairwise(stops)]
-        return lanes.route(network, [stops[0], *(name for way in ways for name in way[1:])])
+        paths = [lanes.shortest(network, a, b) for a, b in itertools.pairwise(stops)]
+        return lanes.route(network, [stops[0], *(name for path in paths for name in path[1:])])
 
 
-def _listed(value: Any) -> Any:
+def _list_as_nodes(value: Any) -> Any:
     return {"nodes": value} if isinstance(value, list) else value
 
 
-AsGiven = Annotated[RouteTable, BeforeValidator(_listed)]  # the type of a `route` key
+AsGiven = Annotated[RouteTable, BeforeValidator(_list_as_nodes)]  # the type of a `route` key

@@ -1,9 +1,7 @@
-"""Scenarios: what may have happened, each with its weight, its object and where and when it went
-adrift.
+"""The [[scenario]] table: a weight, an object, and the prior of its position and time of release.
 
-Holds the records that the engine takes (SI, radians, UTC) and, in the same order, the tables of the
-case file that they are made from. Three kinds of prior: around a reported position, inside an area,
-along a trackline.
+The tables build the engine's records in SI units, radians and UTC. There are three priors of the
+position: around a reported position, inside an area, along a trackline.
 """
 
 from collections.abc import Callable, Iterator
@@ -30,27 +28,27 @@ from drift.engine.motion.steering.itinerary import Itinerary
 from geo import notation, sphere
 from geo.files import fence
 
-PYTHON = ".py"  # what the name of a file with a drift model ends with
+PYTHON = ".py"  # suffix of a file with a drift model
 
 
 class TriangularTable(fields.Table):
-    """Distress most likely at one share of the voyage, never before its start or after its end."""
+    """Triangular distribution of the distress over the voyage."""
 
     mode: fields.Share
-    """Share of the voyage at which distress is likeliest."""
+    """Share of the voyage at which distress is most likely."""
 
 
 class DistressTable(fields.Table):
-    """When on the voyage: uniform (both absent), triangular, or between two times."""
+    """Time of distress on a voyage: uniform (no key), triangular, or between two times."""
 
     triangular: TriangularTable | None = None
-    """Likeliest at one share of the voyage."""
+    """Triangular distribution over the voyage."""
     between: Annotated[list[fields.Time], Field(min_length=2, max_length=2)] | None = None
     """Earliest and latest time."""
 
     @model_validator(mode="after")
     def one_kind(self) -> "DistressTable":
-        """Refuse two laws at once."""
+        """Reject two distributions at once."""
         if self.triangular and self.between:
             raise ValueError("give triangular or between, not both")
         return self
@@ -68,18 +66,18 @@ def _distress(value: Any) -> Any:
 
 
 class TracklineTable(fields.Table):
-    """A voyage: waypoints, departure, speed, and when on it the distress may have come."""
+    """A voyage: waypoints, departure, speed, and the time of distress on it."""
 
     waypoints: Annotated[list[fields.Position], Field(min_length=2)]
-    """The voyage, two positions or more."""
+    """Way points of the voyage, two positions or more."""
     departure: fields.Time = np.timedelta64(0, "s")
-    """When it begins."""
+    """Time of departure."""
     speed: fields.ShipSpeed
-    """Over the ground."""
+    """Speed over the ground."""
     cross_track: fields.Length
-    """Standard deviation to each side of the way."""
+    """Standard deviation of the distance from the track."""
     distress: Annotated[DistressTable, BeforeValidator(_distress)] = DistressTable()
-    """When on the voyage: `"uniform"`, triangular, or between two times."""
+    """Time of distress on the voyage: `"uniform"`, triangular, or between two times."""
 
     def prior(self, start: np.datetime64) -> TracklinePrior:
         """Return the prior for a case that starts at `start`."""
@@ -132,28 +130,27 @@ def _share(
 
 
 class SurvivalTable(fields.Table):
-    """How long someone stays alive after going adrift: lognormal, by a median and a spread.
+    """Survival time after going adrift: lognormal, given by a median and a spread factor.
 
-    The spread is the factor of one standard deviation.
-    The median is given, or follows from the water's temperature (drift.case.scenario.survival).
+    The median is given, or computed from the water temperature (drift.case.scenario.survival).
     """
 
     median: fields.Duration | None = None
-    """Time by which half are no longer alive."""
+    """Median survival time."""
     spread: Annotated[float, Field(gt=1, le=20)] | None = None
-    """Factor of one standard deviation; 1.5 with `median`, 2 with `water`."""
+    """Factor of one standard deviation; by default 1.5 with `median`, 2 with `water`."""
     water: Annotated[float, BeforeValidator(survival.celsius)] | None = None
-    """Temperature of the water, from which the median follows."""
+    """Water temperature, from which drift computes the median."""
     clothing: str | None = None
-    """With `water`: `"light"`, the only one that a formula is known for."""
+    """Clothing; needs `water`. Only `"light"` is allowed, because no other formula is known."""
 
     @model_validator(mode="after")
     def one_way(self) -> "SurvivalTable":
-        """Refuse none or two ways of giving the median, and clothing that no formula is known for."""
+        """Reject no median or two, and clothing without a known formula."""
         if fields.one_of(self, ("median", "water")) == "median":
             if self.clothing is not None:
                 raise ValueError(
-                    "clothing belongs to water; a median is of people as they are clothed"
+                    "clothing belongs to water; a median already includes the effect of clothing"
                 )
         elif self.clothing not in survival.CLOTHING:
             given = "is missing" if self.clothing is None else f'"{self.clothing}" is not known'
@@ -161,7 +158,7 @@ class SurvivalTable(fields.Table):
         return self
 
     def survival(self) -> Survival:
-        """Return the record."""
+        """Return the record of the survival time."""
         if self.median is not None:
             return Survival(self.median, self.spread or 1.5)
         assert self.water is not None
@@ -177,20 +174,20 @@ def _motion(value: object) -> object:
     if not isinstance(value, str) or (value not in PARAMETERS and not value.endswith(PYTHON)):
         names = ", ".join(f'"{name}"' for name in PARAMETERS)
         raise ValueError(
-            f'no model of motion {value!r}; there is: {names}, and a Python file such as "iceberg.py"'
+            f'no model of motion {value!r}; allowed are {names}, or a Python file such as "iceberg.py"'
         )
     return value
 
 
 class ParameterTable(fields.Table):
-    """A parameter of a drift model of your own: normal between particles, each of which keeps its
-    own.
-    """
+    """A parameter of a drift model of your own: normally distributed, constant for each
+    particle."""
 
     mean: float = Field(allow_inf_nan=False)
-    """Its mean, in the unit that the file takes; a bare number says the mean alone."""
+    """Mean, in the unit that the Python file expects; a bare number in place of the table is the
+    mean."""
     std: float = Field(default=0.0, ge=0, allow_inf_nan=False)
-    """Its standard deviation between particles."""
+    """Standard deviation between particles."""
 
 
 def _parameter(value: object) -> object:
@@ -205,60 +202,58 @@ class ScenarioTable(fields.Table):
     name: fields.Label
     """Name of this scenario on maps and in tables."""
     weight: fields.Weight = 1.0
-    """How likely it is, beside the others; they need not add up to 1."""
+    """Prior probability relative to the other scenarios; weights need not add up to 1."""
     object: Annotated[
         ObjectTable | None,
         BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value),
     ] = None
-    """What drifts: a leeway class (`drift objects`), or a table of its own."""
+    """The drifting object: a leeway class (`drift objects`), or a table."""
     motion: Annotated[str, BeforeValidator(_motion)] = "drift"
-    """How what is adrift moves:
+    """Drift model of the object:
 
-    `drift`, by the leeway of its object, or a Python file with a velocity of your own
+    `drift`, the leeway of its object, or a Python file with a velocity of your own
     (`docs/howto/model.md` shows one).
     """
     parameters: dict[str, Annotated[ParameterTable, BeforeValidator(_parameter)]] = Field(
         default_factory=dict
     )
-    """Of a Python file in `motion`: its parameters by name."""
+    """Parameters of a Python file in `motion`, by name."""
     jibe: fields.Rate | None = None
-    """How often its drift changes sides, a bare number per hour; 0.04 of classes that do."""
+    """Jibing rate, a bare number per hour; by default 0.04 for classes that jibe."""
     currents: list[str] | None = None
-    """Names of the current's sources that hold in this scenario; all without it."""
+    """Names of the current sources of this scenario; by default all."""
     winds: list[str] | None = None
-    """Names of the wind's sources."""
+    """Names of the wind sources of this scenario; by default all."""
     stokes: list[str] | None = None
-    """Names of the Stokes drift's sources."""
+    """Names of the Stokes drift sources of this scenario; by default all."""
     position: PositionTable | None = None
-    """Where it went adrift: a reported position."""
+    """Position where it went adrift: a reported position with its error."""
     area: AreaTable | None = None
-    """Or anywhere in an area."""
+    """In place of `position`: anywhere in an area."""
     trackline: TracklineTable | None = None
-    """Or somewhere on a voyage."""
+    """In place of `position`: somewhere on a voyage."""
     search_object: SearchObject | None = None
     source_level: SourceLevel | None = None
-    """How loud it is to a passive sonar, `"140 dB"` re 1 uPa at 1 m, or rows of speed and level; a
-    sensor may say it instead.
+    """Source level for passive sonar, `"140 dB"` re 1 uPa at 1 m, or rows of speed and level; a
+    sensor may give it instead.
     """
     survival: SurvivalTable | None = None
     phase: list[PhaseTable] = Field(default_factory=list)
-    """How it steers before it drifts, one phase after another."""
+    """How it steers before it drifts: phases in order."""
     vessel: VesselTable | None = None
-    """What it is while under way."""
+    """Properties while it is under way."""
     distress: DistressLaw | None = None
     """When it goes adrift; without this it stays under way."""
     overdue: fields.Time | None = None
-    """By when its arrival would be known: from then on what is in port has no weight."""
+    """Time by which its arrival would be known; from then on, particles in port have weight 0."""
     arrival_radius: Annotated[fields.Length | None, Field(gt=0)] = None
-    """How near to its last way point what has arrived is in port, 10 nmi without it; what is
-    farther off goes on as what it is.
+    """A target that has arrived counts as in port within this distance of its last way point, by
+    default 10 nmi; farther away its particles keep their weight.
     """
 
     @model_validator(mode="after")
     def whole(self) -> "ScenarioTable":
-        """Refuse a scenario with no place to begin at, or two; what drifts without its object; what
-        steers half.
-        """
+        """Reject a scenario without exactly one start, an object, or all keys of its steering."""
         fields.refuse(self, [*self._place(), *self._states()])
         return self
 
@@ -269,8 +264,8 @@ class ScenarioTable(fields.Table):
         if self.phase and self.phase[0].begins:
             if given:
                 yield (
-                    f"{given[0]}: its first phase says where it begins; leave {given[0]} out, or begin with a course, "
-                    "a behaviour or with loitering"
+                    f"{given[0]}: its first phase defines the starting position; leave {given[0]} out, or begin with a course, "
+                    "a behaviour or loitering"
                 )
         elif self.phase and given != ["position"] and given != ["area"]:
             yield "a first phase of a course, a behaviour or of loitering begins at a position or in an area; give one of them"
@@ -284,7 +279,7 @@ class ScenarioTable(fields.Table):
         if adrift and self.object is None and not own:
             yield "object is missing: what drifts? See: drift objects"
         if own and self.object is not None:
-            yield f'object: motion = "{self.motion}" says how it drifts; leave object out, and say search_object for sweep widths'
+            yield f'object: motion = "{self.motion}" determines its drift; leave object out, and give search_object for sweep widths'
         if own and self.jibe is not None:
             yield f'jibe belongs to leeway, and motion = "{self.motion}" has none; leave jibe out'
         if self.parameters and not own:
@@ -292,7 +287,7 @@ class ScenarioTable(fields.Table):
         for number, phase in enumerate(self.phase[:-1], 1):
             if phase.endless:
                 yield (
-                    f"phase {number} has no end, so that phase {number + 1} never comes; give {phase.kind}.until or "
+                    f"phase {number} has no end, so phase {number + 1} never begins; give {phase.kind}.until or "
                     f"{phase.kind}.for, or leave the phases after it out"
                 )
         if (
@@ -301,33 +296,42 @@ class ScenarioTable(fields.Table):
             and any(phase.kind == "bridge" for phase in self.phase)
         ):
             yield (
-                'vessel.currents is "felt": a bridge says where the target is, whatever the current; leave currents '
+                'vessel.currents is "felt": the path of a bridge does not depend on the current; leave currents '
                 "out, or give a voyage, a track or a course"
             )
         for name in () if self.phase else ("vessel", "distress", "overdue"):
             if getattr(self, name) is not None:
-                yield f"{name} belongs to what is under way first; add [[scenario.phase]]"
+                yield f"{name} belongs to a target under way; add [[scenario.phase]]"
         if self.arrival_radius is not None and self.overdue is None:
-            yield "arrival_radius belongs to overdue, the time by which one would know that it is in port; add overdue"
+            yield "arrival_radius belongs to overdue, the time by which its arrival would be known; add overdue"
         if not adrift:
             if own:
-                yield f'motion = "{self.motion}" belongs to what goes adrift; add distress, or leave motion out'
+                yield f'motion = "{self.motion}" belongs to an object adrift; add distress, or leave motion out'
             for name in ("survival", "jibe", "object"):
                 if getattr(self, name) is not None:
-                    yield f"{name} belongs to what goes adrift; add distress, or leave {name} out"
+                    yield f"{name} belongs to an object adrift; add distress, or leave {name} out"
             if self.search_object is not None:
                 yield (
-                    f'search_object "{self.search_object}" is looked for adrift, and this stays under way; write vessel = '
+                    f'search_object "{self.search_object}" applies to an object adrift, and this target stays under way; write vessel = '
                     f'{{ search_object = "{self.search_object}" }}, or add distress'
                 )
 
     def prior(self, start: np.datetime64) -> ReleasePrior | None:
-        """Return where and when it begins; None: at the first way point of its first phase."""
+        """Return the prior of position and release; None: its first way point is the start."""
         table = self.position or self.area or self.trackline
         return table.prior(start) if table is not None else None
 
     def itinerary(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Itinerary | None:
-        """Return how it steers; None: it is adrift from the first."""
+        """Return the itinerary of a target under way; None if the object is adrift from the start.
+
+        Args:
+            start: start of the case.
+            end: end of the case.
+            folder: folder from which relative paths start.
+
+        Raises:
+            UserError: phases or distress are invalid, one line for each mistake.
+        """
         if not self.phase:
             return None
         phases, wrong = [], Mistakes()
@@ -351,7 +355,7 @@ class ScenarioTable(fields.Table):
         )
 
     def own_motion(self, folder: Path) -> OwnMotion | None:
-        """Return the drift model of the user's own; None: it drifts by leeway."""
+        """Return the user's drift model of the scenario; None: it drifts by leeway."""
         if not self.motion.endswith(PYTHON):
             return None
         fence.check_program(self.motion)
@@ -361,7 +365,7 @@ class ScenarioTable(fields.Table):
         )
 
     def drifter(self, own: OwnMotion | None) -> Drifter:
-        """Return what drifts; own: its drift model, where it has one of its own."""
+        """Return the record of the drifting object; `own` is the user's drift model, if any."""
         if own is not None:
             still = Line()
             return Drifter(
@@ -379,6 +383,5 @@ class ScenarioTable(fields.Table):
         return self.jibe if self.jibe is not None else (JIBE_RATE if drifter.jibes else 0.0)
 
 
-# The models of motion that a scenario can name, and how each makes its own parameters of the
-# scenario's keys.
+# The models of motion by name, each with a function that returns its parameters for a scenario.
 PARAMETERS: dict[str, Callable[[ScenarioTable], Any]] = {"drift": lambda table: None}

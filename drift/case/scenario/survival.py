@@ -1,7 +1,7 @@
-"""How long people live in cold water: a published regression on its temperature.
+"""Survival time in cold water: a published regression on the water temperature.
 
-It is used only within the range of temperatures that it was made for. It says when an average
-adult's core falls to 30 degC, by heat alone: not who drowns before, nor who lives on in a raft.
+It is used only within its range of temperatures. It gives the time at which the core temperature of
+an average adult falls to 30 degC; drowning before that, and rafts, are not modelled.
 """
 
 from drift.case.values import units
@@ -13,8 +13,8 @@ from drift.case.values import units
 SOURCE = "Hayward, Eckerson and Collis 1975"
 COLDEST, WARMEST = 4.6, 18.2  # [degC] measured in
 ONSET, LOSS, COOLING, WARMTH = 15.0, 7.2, 0.0785, 0.0034  # [min], [degC], [degC/min], [1/min]
-# Ours, as the paper has none: 68 % live between half and twice the time, since people and sea
-# states differ so much.
+# Our assumption, the paper gives none: 68 % survive between half and twice the median, because
+# people and sea states vary widely.
 SPREAD = 2.0
 OTHERS = (
     "we know of no formula with its numbers for other clothing (survival suits: 2 to 10 times as long by the National "
@@ -24,9 +24,10 @@ CLOTHING = ("light",)
 
 
 def celsius(value: object) -> float:
-    """Return a water temperature [degC] that the regression holds for.
+    """Return a water temperature [degC] within the range of the regression.
 
-    value: like "12 degC", or in another unit of temperature.
+    Args:
+        value: text like "12 degC", or in another unit of temperature.
     """
     kelvin = units.temperature(value)
     degrees = kelvin - units.FREEZING
@@ -39,7 +40,5 @@ def celsius(value: object) -> float:
 
 
 def immersed(water: float) -> float:
-    """Return the median survival time [s] of lightly clothed people in water of a temperature
-    [degC].
-    """
+    """Return the median survival time [s] of lightly clothed people in water at `water` [degC]."""
     return 60 * (ONSET + LOSS / (COOLING - WARMTH * water))

@@ -1,4 +1,4 @@
-"""Phases by way points: tracks and bridges with times, voyages and routes along lanes with speeds."""
+"""Phases that follow way points: tracks and bridges by time, voyages and lane routes by speed."""
 
 import itertools
 import math
@@ -37,11 +37,11 @@ from drift.tracking.bridges.bridge import refuse_antipodes, refuse_width
 from geo import notation, sphere
 
 KNOT = notation.NMI / 3600  # [m/s]
-SPREADS = 4.0  # standard deviations beyond which a place or a time is not expected
+SPREADS = 4.0  # standard deviations taken as the limit of a position or a time
 
 
 class PointTable(fields.Table):
-    """A way point: where, with its error, and when it is reached."""
+    """A way point: its position with an error, and the time when it is reached."""
 
     at: fields.Position | None = None
     std: fields.LengthPair | None = None
@@ -58,7 +58,7 @@ class PointTable(fields.Table):
 
     @model_validator(mode="after")
     def one_place(self) -> "PointTable":
-        """Refuse two places or two errors, and what belongs to none that is given."""
+        """Reject two positions or two errors, and keys that belong to an error not given."""
         fields.one_of(self, ("at", "polygon"))
         errors = [
             name
@@ -73,7 +73,7 @@ class PointTable(fields.Table):
             )
         if self.correlation and errors not in (["std"], ["ellipse"], ["error"]):
             raise ValueError(
-                "correlation is that of a normal error with that of the way point before: give std too"
+                "correlation links the normal errors of this way point and the one before: give std too"
             )
         if self.box is not None and min(self.box) == 0:
             raise ValueError("box has a side of 0; give its length and its width")
@@ -88,7 +88,7 @@ class PointTable(fields.Table):
         return self
 
     def place(self, before: Place | None) -> Place:
-        """Return the place; before: that of the way point before, on whose deviation it may depend."""
+        """Return the position; it may be correlated with that of the way point `before`."""
         if self.polygon is not None:
             lon, lat = np.radians(
                 np.array(AreaTable.model_construct(polygon=self.polygon).corners())
@@ -110,11 +110,16 @@ class PointTable(fields.Table):
 
 
 def correlated(own: Near, before: Place | None, correlation: float) -> Near:
-    """Return a normal place whose deviation has a correlation with that of the place before.
+    """Return a normally distributed position, correlated with that of the way point before.
 
-    With S_a and S_b the symmetric roots of the covariances (east, north) here and there, the
-    deviation here is r S_a S_b^-1 times that there, and a rest of covariance (1 - r^2) S_a^2: it
-    keeps its own covariance.
+    S_a and S_b are the symmetric roots of the covariances (east, north) of this position and the
+    one before. The deviation here is r S_a S_b^-1 times the deviation before, plus an independent
+    part of covariance (1 - r^2) S_a^2, so its covariance is unchanged.
+
+    Args:
+        own: the position without correlation.
+        before: the position of the way point before; it must be normal.
+        correlation: r, from -1 to 1.
     """
     if not isinstance(before, Near) or before.minor == 0:
         raise ValueError(
@@ -133,14 +138,14 @@ def _root(place: Near) -> Any:
 
 
 class BoundedTable(fields.Table):
-    """Speeds made good between way points that have times."""
+    """Limits of the speed made good between way points with times."""
 
     min_speed: fields.Speed = 0.0
     max_speed: fields.ShipSpeed | None = None
 
     @model_validator(mode="after")
     def speeds_in_order(self) -> "BoundedTable":
-        """Refuse a lowest speed above the highest."""
+        """Reject a lowest speed above the highest."""
         if self.max_speed is not None and self.min_speed > self.max_speed:
             raise ValueError(
                 f"min_speed {self.min_speed:.3g} m/s is above max_speed {self.max_speed:.3g} m/s"
@@ -148,7 +153,7 @@ class BoundedTable(fields.Table):
         return self
 
     def in_time(self, points: Sequence[WayPoint]) -> None:
-        """Refuse a way point that cannot be reached in its time by these speeds, or only after it."""
+        """Reject way points that these speeds cannot reach at their times."""
         for a, b in itertools.pairwise(points):
             apart = float(sphere.distance(*middle(a.place), *middle(b.place)))
             spread = radius(a.place, SPREADS) + radius(b.place, SPREADS)
@@ -168,7 +173,7 @@ class BoundedTable(fields.Table):
 
 
 class TrackTable(BoundedTable):
-    """Places at times after an uncertain start."""
+    """Way points at times after an uncertain start."""
 
     start: Time = AT_ONCE
     points: Annotated[list[PointTable], Field(min_length=2)]
@@ -176,8 +181,8 @@ class TrackTable(BoundedTable):
     def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Ways:
         """Return the record."""
         earliest, after = begins(self.start, start)
-        points = _points(self.points, None, start)
-        _in_order(list(points), start, lambda seconds: f"after {seconds / 3600:g} h")
+        points = _way_points(self.points, None, start)
+        _check_order(list(points), start, lambda seconds: f"after {seconds / 3600:g} h")
         self.in_time(points)
         return Ways(
             points,
@@ -189,7 +194,7 @@ class TrackTable(BoundedTable):
 
 
 class BridgeTable(BoundedTable):
-    """Way points, and a Brownian bridge from each to the next."""
+    """Way points joined by Brownian bridges."""
 
     k: fields.SpreadRate
     k_spread: Annotated[float, Field(ge=1, le=20)] = 1.0
@@ -198,9 +203,7 @@ class BridgeTable(BoundedTable):
 
     @model_validator(mode="after")
     def somewhere(self) -> "BridgeTable":
-        """Refuse a bridge that leads nowhere, and destinations whose probabilities do not add up to
-        1.
-        """
+        """Reject a bridge with one end, and destinations whose probabilities do not add up to 1."""
         if len(self.points) + bool(self.destinations) < 2:
             raise ValueError(
                 "points: a bridge leads from one way point to another; give two, or destinations"
@@ -219,7 +222,7 @@ class BridgeTable(BoundedTable):
         return self
 
     def has_law(self, points: Sequence[WayPoint]) -> None:
-        """Refuse what `drift bridge` refuses: ways between antipodes, or all over the Earth."""
+        """Reject bridges between antipodes, and bridges too wide for the Earth."""
         refuse_antipodes(*np.array([middle(point.place) for point in points]).T)
         for a, b in itertools.pairwise(points):
             lasting = latest(b.time, 0.0) - latest(a.time, 0.0)
@@ -227,14 +230,14 @@ class BridgeTable(BoundedTable):
 
     def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Ways:
         """Return the record."""
-        points = _points(self.points, start, start)
+        points = _way_points(self.points, start, start)
         last = points[-1].place
         ends = tuple(
-            (_point(table, last, start, start), float(table.probability or 0.0))
+            (_way_point(table, last, start, start), float(table.probability or 0.0))
             for table in self.destinations
         )
         for some in (points, *((points[-1], end) for end, _ in ends)):
-            _in_order(list(some), start)
+            _check_order(list(some), start)
             self.in_time(some)
             self.has_law(some)
         return Ways(
@@ -250,9 +253,7 @@ class BridgeTable(BoundedTable):
 
 
 class VoyageTable(fields.Table):
-    """A voyage by way points: when and where it departs, how fast it is, how far off the track it
-    may be.
-    """
+    """A voyage by way points: departure, speed, and distance from the track."""
 
     waypoints: Annotated[list[fields.Position], Field(min_length=2)]
     departure: Time = AT_ONCE
@@ -291,7 +292,7 @@ class LanesTable(fields.Table):
     speed: Speeds
 
     def phase(self, start: np.datetime64, end: np.datetime64, folder: Path) -> Ways:
-        """Return the record; raise UserError where the network or the route is at fault."""
+        """Return the record of the route; raise UserError for an invalid network or route."""
         chart = read_network(sources.one_file(self.network, folder, "network"))
         route = self.route.route(chart.network)
         columns = (x.tolist() for x in (route.lon, route.lat, route.half, route.toward))
@@ -309,19 +310,19 @@ def _by_speed(
     return Ways(tuple(points), *begins(begin, start), speed=speed)
 
 
-def _points(
+def _way_points(
     tables: list[PointTable], origin: np.datetime64 | None, start: np.datetime64
 ) -> tuple[WayPoint, ...]:
     points: list[WayPoint] = []
     for table in tables:
-        points.append(_point(table, points[-1].place if points else None, origin, start))
+        points.append(_way_point(table, points[-1].place if points else None, origin, start))
     return tuple(points)
 
 
-def _point(
+def _way_point(
     table: PointTable, before: Place | None, origin: np.datetime64 | None, start: np.datetime64
 ) -> WayPoint:
-    """Return a way point; origin: what its times count from, None where they come as `after`."""
+    """Return a way point; its times count from `origin`, or are given by `after` if it is None."""
     if origin is None:
         if table.after is None or table.time is not None:
             raise ValueError(
@@ -333,17 +334,17 @@ def _point(
     return WayPoint(table.place(before), table.time.seconds(origin, start))
 
 
-def _in_order(
-    points: list[WayPoint], start: np.datetime64, told: Callable[[float], str] | None = None
+def _check_order(
+    points: list[WayPoint], start: np.datetime64, describe: Callable[[float], str] | None = None
 ) -> None:
-    """Refuse a way point that is surely reached before the one before it; told: how seconds are
-    told, by default as times.
-    """
-    told = told or (lambda seconds: notation.group(start + np.timedelta64(round(seconds), "s")))
+    """Reject a way point certainly reached before its predecessor; `describe` formats seconds."""
+    describe = describe or (
+        lambda seconds: notation.group(start + np.timedelta64(round(seconds), "s"))
+    )
     for a, b in itertools.pairwise(points):
         earliest = a.time.low if isinstance(a.time, Spread) else a.time.mean if a.time else 0.0
         latest = b.time.high if isinstance(b.time, Spread) else b.time.mean if b.time else math.inf
         if latest <= earliest:
             raise ValueError(
-                f"arrives {told(latest)}, before it departs, {told(earliest)}; give times in the order of the way points"
+                f"arrives {describe(latest)}, before it departs, {describe(earliest)}; give times in the order of the way points"
             )

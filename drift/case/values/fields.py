@@ -1,7 +1,6 @@
-"""Types of the case file's fields: what is written, checked and turned into SI at once.
+"""Field types of the case file: pydantic annotations that check a value and convert it to SI.
 
-Each is an annotated type for a pydantic model. A refusal says what was given and what is allowed;
-messages.py says where.
+An error message says what was given and what is allowed; messages.py adds the place in the file.
 """
 
 import difflib
@@ -24,14 +23,14 @@ from pydantic_core import InitErrorDetails
 
 from drift.case.values import units
 
-# by which north a direction is
+# a direction with its reference: true (T) or magnetic (M) north
 NORTH = re.compile(r"([\d.]+)\s*°?\s*([TM])(?:RUE|AG\.?|AGNETIC)?", re.IGNORECASE)
 
 
 class Table(BaseModel):
-    """A table of the case file: frozen, and no key that it doesn't know."""
+    """A table of the case file: frozen, without unknown keys."""
 
-    # earlier names of keys, which are still read, and what they are now
+    # former names of keys, still accepted, and the present names
     old_keys: ClassVar[Mapping[str, str]] = {}
 
     model_config = ConfigDict(
@@ -43,15 +42,14 @@ class Table(BaseModel):
     def known_keys(
         cls, data: Any, handler: ModelWrapValidatorHandler[Any], info: ValidationInfo
     ) -> Any:
-        """Refuse unknown keys with the nearest known one, together with all else that is wrong in
-        the table.
+        """Reject unknown keys with a suggestion, together with the other mistakes of the table.
 
-        A key of another table is said to be of that: of one within this, or of the whole file, if
-        the context has it as "whole".
+        If the key belongs to a table inside this one or to the whole file (validation context
+        "whole"), the message names that table instead.
 
-        What only follows from an unknown key is left out: that the key it stands for is missing,
-        and what the table as a whole would lack. A key may bear its old name, but not stand there
-        by both.
+        Mistakes that an unknown key causes are not reported: that the key it stands for is missing,
+        and errors of the table as a whole. A former name of a key is accepted unless the present
+        name is given too.
         """
         if isinstance(data, cls):
             return handler(data)
@@ -104,7 +102,7 @@ class Table(BaseModel):
 
 
 def _tables_with(table: type[Table], key: str) -> list[str]:
-    """Return the tables in a table that have a key, as they are written."""
+    """Return the tables inside a table that have a key, in the notation of the case file."""
     found = []
     for name, field in table.model_fields.items():
         kinds = _kinds(field.annotation)
@@ -120,19 +118,19 @@ def _tables_with(table: type[Table], key: str) -> list[str]:
 
 
 def _kinds(annotation: Any) -> list[type[Table]]:
-    """Return the tables that an annotation speaks of."""
+    """Return the table classes in a type annotation."""
     if isinstance(annotation, type) and issubclass(annotation, Table):
         return [annotation]
     return [kind for inner in get_args(annotation) for kind in _kinds(inner)]
 
 
 def complaint(message: str) -> InitErrorDetails:
-    """Return a complaint about a whole table, one of several to raise together."""
+    """Return an error detail about a whole table, to be raised together with others."""
     return {"type": "value_error", "loc": (), "input": None, "ctx": {"error": ValueError(message)}}
 
 
 def refuse(table: BaseModel, messages: Sequence[str]) -> None:
-    """Refuse a table for all that is wrong with it, if anything is."""
+    """Raise one ValidationError with all messages about a table, if there are any."""
     if messages:
         raise ValidationError.from_exception_data(
             type(table).__name__, [complaint(message) for message in messages]
@@ -149,7 +147,7 @@ def _detail(mistake: Any) -> InitErrorDetails:
 
 
 def one_of(table: BaseModel, names: tuple[str, ...]) -> str:
-    """Return which one of the named keys is given; none or several are refused."""
+    """Return the one of the named keys that is given; raise ValueError for none or several."""
     given = [name for name in names if getattr(table, name) is not None]
     if len(given) != 1:
         found = " and ".join(given) if given else "none"
@@ -165,7 +163,7 @@ def _quantity(
     high: float = float("inf"),
     above: bool = False,
 ) -> BeforeValidator:
-    """Return a validator of a quantity in [low, high], or (low, high] where `above`."""
+    """Return a validator of a quantity in [low, high], or in (low, high] if `above` is set."""
 
     def check(value: object) -> float:
         number = units.quantity(value, unit, what, example)
@@ -181,7 +179,7 @@ def _quantity(
 
 
 def pair_of(single: Callable[[object], float]) -> Callable[[object], tuple[float, float]]:
-    """Return a validator of [low, high], or of one value for both."""
+    """Return a validator that accepts [low, high], or one value for both."""
 
     def check(value: object) -> tuple[float, float]:
         if not isinstance(value, list | tuple):
@@ -215,9 +213,7 @@ def direction(value: object) -> float:
 
 
 def _sector(value: object) -> tuple[float, float]:
-    """Return a sector [deg], clockwise from its first to its second edge: [350, 20] is 30 degrees
-    wide.
-    """
+    """Return a sector [deg] clockwise from its first to its second edge: [350, 20] spans 30 deg."""
     first, second = pair_of(direction)(value)
     return first, second if second >= first else second + 360.0
 
@@ -231,7 +227,7 @@ def count(value: object) -> int:
 
 
 def _jibe(value: object) -> float:
-    # bare numbers are per hour, as published
+    # bare numbers are per hour, as in the literature
     rate = value / 3600.0 if isinstance(value, int | float) else value
     number = units.quantity(rate, "1/s", "jibing rate", "0.04 / h")
     if not 0 <= number <= 1 / 60:
@@ -240,9 +236,7 @@ def _jibe(value: object) -> float:
 
 
 def rate(value: object) -> float:
-    """Return a rate of events [1/s]; it has its unit, for a bare number would be taken for one a
-    second.
-    """
+    """Return a rate of events [1/s]; a unit is required, as a bare number could mean any."""
     if value != 0 and (not isinstance(value, str) or not any(letter.isalpha() for letter in value)):
         raise ValueError(f'rate {value!r} needs a unit, like "{value} /h"')
     number = units.quantity(value, "1/s", "rate", "0.2 /day")
@@ -258,12 +252,12 @@ def share(value: object) -> float:
     return number
 
 
-# weights: products and sums of them stay within what a number holds
+# limits of weights: their products and sums stay within the range of floats
 LIGHTEST, HEAVIEST = 1e-30, 1e30
 
 
 def weight(value: object) -> float:
-    """Return a weight: 0, or LIGHTEST to HEAVIEST; only ratios of weights count."""
+    """Return a weight: 0, or LIGHTEST to HEAVIEST; only the ratios of weights matter."""
     number = units.quantity(value, "", "weight", "0.5")
     if number < 0:
         raise ValueError(f"weight {value!r} must be at least 0")
@@ -274,7 +268,7 @@ def weight(value: object) -> float:
     return number + 0.0
 
 
-HALF_TURN = 2.0015e7  # [m] half the way round the Earth: no length in a case is longer
+HALF_TURN = 2.0015e7  # [m] half the Earth's circumference, the largest length in a case
 
 _length = _quantity("m", "distance", "5 nmi", high=HALF_TURN)
 _area = _quantity("m^2", "area", "120 nmi2")
@@ -290,7 +284,7 @@ WindError = Annotated[float, _quantity("m/s", "error of a wind", "1.5 m/s", high
 SignedSpeed = Annotated[float, _quantity("m/s", "speed", "2 cm/s", low=-150, high=150)]
 _ship_speed = _quantity("m/s", "speed", "8 kn", above=True, high=150)
 ShipSpeed = Annotated[float, _ship_speed]
-SHORTEST = 1e-3  # [s] of a duration: less is a slip
+SHORTEST = 1e-3  # [s] shortest duration; less is a typing error
 _any_duration = _quantity("s", "duration", "48 h", above=True, high=units.CENTURY)
 
 
@@ -324,7 +318,7 @@ def _label(value: object) -> object:
 
 
 def _percents(value: object) -> tuple[float, ...]:
-    """Return percentages, each above 0 and below 100, as shares."""
+    """Convert percentages, each at least 1 and below 100, to shares."""
     if not isinstance(value, list) or not value:
         raise ValueError(f"{value!r} must be a list of percentages like [50, 90]")
     shares = []
@@ -333,14 +327,14 @@ def _percents(value: object) -> tuple[float, ...]:
             raise ValueError(f"{one!r} must be a percentage above 0 and below 100")
         if one < 1:
             raise ValueError(
-                f"{one!r} would be less than a per cent; write {100 * one:g} for a share of {one:g}"
+                f"{one!r} is less than 1 per cent; write {100 * one:g} for a share of {one:g}"
             )
         shares.append(float(one) / 100)
     return tuple(sorted(set(shares)))
 
 
 Percents = Annotated[tuple[float, ...], BeforeValidator(_percents)]  # as shares, ascending
-# a title or name, as it will stand on maps and in tables
+# a title or name for maps and tables
 Label = Annotated[str, BeforeValidator(_label)]
 Count = Annotated[int, BeforeValidator(count)]
 Rate = Annotated[float, BeforeValidator(_jibe)]
@@ -348,7 +342,7 @@ Direction = Annotated[float, BeforeValidator(direction)]
 Sector = Annotated[tuple[float, float], BeforeValidator(_sector)]
 LengthRange = Annotated[tuple[float, float], _ordered(_length.func)]
 AreaRange = Annotated[tuple[float, float], _ordered(_area.func)]
-ship_speed = _ship_speed.func  # the same as functions, for laws of uncertain numbers
+ship_speed = _ship_speed.func  # validators as functions, for values.spreads
 interval: Callable[[object], Any] = _quantity("s", "time after", "2 h", high=units.CENTURY).func  # type: ignore[assignment]
 
 
@@ -374,7 +368,7 @@ Moment = Annotated[float | units.Instant, BeforeValidator(_moment)]
 
 
 def seconds(moment: float | units.Instant, start: np.datetime64) -> float:
-    """Return a Moment as seconds after the start."""
+    """Return a Moment as time after the start [s]."""
     if isinstance(moment, float):
         return moment
     return float((units.resolve(moment, start) - start) / np.timedelta64(1, "s"))

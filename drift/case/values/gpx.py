@@ -1,12 +1,11 @@
-"""Tracks of GPS receivers: GPX files (topografix.com/GPX/1/1), points with or without times.
+"""Read GPX tracks of GPS receivers (topografix.com/GPX/1/1), with or without times.
 
-Reads track points, or where there are none route points, or waypoints, in the file's order.
-Segments of a track follow each other with a gap that was not searched. Elements are known by their
-names in any namespace; a document type, with which a file could pull in others, is refused.
+Reads track points; if there are none, route points; if there are none, waypoints. Between two
+segments of a track is a gap that was not searched. Element names count in any namespace. Files with
+a document type are rejected, because it could include other files.
 
-The library gpxpy (1.6.2) reads UTF-8 alone, takes a time that it cannot read for none, and finds
-nothing in a file whose elements have a prefix, or in one that is no GPX at all; what it would save
-are twenty lines.
+The library gpxpy (1.6.2) is not used: it reads only UTF-8, ignores invalid times, and silently
+finds no points in files with namespace prefixes or in files that are not GPX.
 """
 
 import math
@@ -24,16 +23,16 @@ LARGEST = 100 * 2**20  # [bytes]
 
 @dataclass(frozen=True)
 class Track:
-    """Points of one file; time is empty where the points have none."""
+    """The points of one file; `time` is empty if the points have no times."""
 
     time: tuple[float, ...]  # [s since 1970], ascending
     lon: tuple[float, ...]  # [deg]
     lat: tuple[float, ...]
-    joined: tuple[bool, ...]  # whether a point and the next belong to one segment
+    joined: tuple[bool, ...]  # whether a point and the next are in the same segment
 
 
 def read_gpx(path: Path | str) -> Track:
-    """Return the track of a GPX file; raise UserError, one line, for a file that holds none."""
+    """Return the track of a GPX file; raise UserError if the file holds no valid track."""
     path = Path(path)
     try:
         return _track(_root(path))
@@ -45,7 +44,7 @@ def read_gpx(path: Path | str) -> Track:
 
 def _root(path: Path) -> ET.Element:
     data = small.contents(path, LARGEST)
-    plain = data.replace(b"\0", b"")  # so that UTF-16 is searched too
+    plain = data.replace(b"\0", b"")  # finds the text in UTF-16, too
     if b"<!DOCTYPE" in plain or b"<!ENTITY" in plain:
         raise ValueError(
             "has a document type (<!DOCTYPE ..>), which no GPX file needs; save it again without"
@@ -53,7 +52,7 @@ def _root(path: Path) -> ET.Element:
     try:
         root = ET.fromstring(data)
     except (ET.ParseError, ValueError, LookupError) as error:
-        # LookupError: an encoding that nobody knows
+        # LookupError: an unknown encoding
         raise ValueError(f"is not a GPX file: not valid XML ({error})") from None
     if _name(root) != "gpx":
         raise ValueError(
@@ -83,33 +82,38 @@ def _track(root: ET.Element) -> Track:
         segments = [points]
     if not segments:
         raise ValueError("holds no points: no track, no route and no waypoints")
-    read_ = [[(_time(point), *_place(point)) for point in segment] for segment in segments]
-    timed = [time for segment in read_ for time, _, _ in segment if time is not None]
-    total = sum(map(len, read_))
+    rows_by_segment = [
+        [(_time(point), *_place(point)) for point in segment] for segment in segments
+    ]
+    timed = [time for segment in rows_by_segment for time, _, _ in segment if time is not None]
+    total = sum(map(len, rows_by_segment))
     if not timed or (len(timed) < total and _name(segments[0][0]) != "trkpt"):
-        points_ = [(math.nan, lon, lat) for segment in read_ for _, lon, lat in segment]
-        joined = [k < len(segment) - 1 for segment in read_ for k in range(len(segment))][:-1]
+        rows = [(math.nan, lon, lat) for segment in rows_by_segment for _, lon, lat in segment]
+        joined = [k < len(segment) - 1 for segment in rows_by_segment for k in range(len(segment))][
+            :-1
+        ]
     elif len(timed) < total:
         raise ValueError(
             f"has times for {len(timed):,} of its {total:,} points; give all a time, or none"
         )
     else:
-        whole = [
+        timed_segments = [
             [(time, lon, lat) for time, lon, lat in segment if time is not None]
-            for segment in read_
+            for segment in rows_by_segment
         ]
-        points_, joined = _ordered(sorted(whole, key=lambda segment: segment[0][0]))
-    if len(points_) < 2:
+        rows, joined = _ordered(sorted(timed_segments, key=lambda segment: segment[0][0]))
+    if len(rows) < 2:
         raise ValueError("holds only one point; a track needs two")
-    time, lon, lat = (tuple(column) for column in zip(*points_, strict=True))
+    time, lon, lat = (tuple(column) for column in zip(*rows, strict=True))
     return Track(time if timed and not math.isnan(time[0]) else (), lon, lat, tuple(joined))
 
 
 def _ordered(
     segments: list[list[tuple[float, float, float]]],
 ) -> tuple[list[tuple[float, float, float]], list[bool]]:
-    """Return points in order of time, without those of the same second as the one before, and which
-    are joined.
+    """Join segments in order of time; drop a point with the same time as the one before.
+
+    Return the points, and for each pair of neighbours whether they are in the same segment.
     """
     points: list[tuple[float, float, float]] = []
     joined: list[bool] = []
@@ -118,7 +122,7 @@ def _ordered(
             if points and point[0] < points[-1][0]:
                 what = "goes back in time" if k else "has two segments at the same time,"
                 raise ValueError(
-                    f"{what} at {_words(point[0])}, after {_words(points[-1][0])}; put its points in order"
+                    f"{what} at {_format_time(point[0])}, after {_format_time(points[-1][0])}; put its points in order"
                 )
             if points and point[0] == points[-1][0]:
                 continue
@@ -128,7 +132,7 @@ def _ordered(
     return points, joined
 
 
-def _words(time: float) -> str:
+def _format_time(time: float) -> str:
     return f"{datetime.fromtimestamp(time, UTC):%Y-%m-%dT%H:%M:%SZ}"
 
 
@@ -143,14 +147,14 @@ def _place(point: ET.Element) -> tuple[float, float]:
 
 
 def _time(point: ET.Element) -> float | None:
-    """Return a point's time [s since 1970]; without a zone it is UTC, as GPX says."""
+    """Return a point's time [s since 1970]; without a zone it is UTC, as GPX specifies."""
     for element in _inside(point, "time"):
         text = (element.text or "").strip()
         try:
             moment = datetime.fromisoformat(text.upper())
         except ValueError:
             raise ValueError(
-                f'has a time that is none: "{text[:40]}"; it must be like 2026-11-21T18:30:00Z'
+                f'has an invalid time: "{text[:40]}"; it must be like 2026-11-21T18:30:00Z'
             ) from None
         return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
     return None

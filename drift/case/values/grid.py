@@ -1,6 +1,4 @@
-"""A grid of the user's own for all outputs (output.grid), so that runs can be subtracted cell by
-cell.
-"""
+"""A fixed grid for all outputs (`output.grid`), so that runs can be compared cell by cell."""
 
 import math
 import re
@@ -14,11 +12,11 @@ from geo.box import between
 from geo.cells import QUANTUM, Cells
 
 MOST_CELLS = 1_000_000
-FEWEST = 8  # cells each way
-POLEWARD = 89.0  # [deg]
+FEWEST = 8  # least number of cells in each direction
+POLEWARD = 89.0  # [deg] highest latitude
 DEGREES = re.compile(r"\s*([0-9.]+)\s*(deg|degrees?|°)\s*")
 
-Spacing = tuple[float, str]  # of cells, "deg" or "m"
+Spacing = tuple[float, str]  # size of a cell and its unit, "deg" or "m"
 
 
 def _spacing(value: object) -> Spacing:
@@ -35,22 +33,22 @@ def _spacing(value: object) -> Spacing:
 
 
 class GridTable(fields.Table):
-    """The output.grid table: its edges, and how wide and high cells are."""
+    """The `output.grid` table: the edges of the grid and the size of its cells."""
 
     west: fields.Edge
     """Western edge."""
     south: fields.Latitude
     """Southern edge."""
     east: fields.Edge
-    """Eastern edge; may lie across the antimeridian, as -170 or 190."""
+    """Eastern edge; across the antimeridian write -170 or 190."""
     north: fields.Latitude
-    """Northern edge; none beyond 89 degrees."""
+    """Northern edge; the grid must lie within 89 degrees of latitude."""
     spacing: Annotated[Spacing, BeforeValidator(_spacing)]
     """Width and height of a cell, in degrees or as a length; at most a million cells."""
 
     @model_validator(mode="after")
     def proper(self) -> "GridTable":
-        """Refuse a grid of no cells, of too few or too many."""
+        """Reject a grid without cells, with too few or too many."""
         if self.south >= self.north:
             raise ValueError(f"south {self.south:g} is not below north {self.north:g}")
         if max(abs(self.south), abs(self.north)) > POLEWARD:
@@ -71,16 +69,16 @@ class GridTable(fields.Table):
         return self
 
     def cells(self) -> Cells:
-        """Return the cells: from the south-west corner on, as many as cover the box."""
+        """Return the cells that cover the box, counted from its south-west corner."""
         number, unit = self.spacing
         high = number if unit == "deg" else math.degrees(number / sphere.RADIUS)
         shrink = 1.0 if unit == "deg" else math.cos(math.radians((self.south + self.north) / 2))
         box = between(self.west, self.south, self.east, self.north)
         west, span = box.west, box.east - box.west
-        width, height = (_whole(size) for size in (high / shrink, high))
+        width, height = (_to_quantum(size) for size in (high / shrink, high))
         units_a_degree = sphere.TURN / 360
         lon0, lat0 = (round(edge * units_a_degree) for edge in (west, self.south))
-        # A last cell of under a hundredth of its size is rounding.
+        # A remainder below a hundredth of a cell is rounding and needs no further cell.
         columns, rows = (
             max(math.ceil(size * units_a_degree / cell - 0.01), 1)
             for size, cell in ((span, width), (self.north - self.south, height))
@@ -92,5 +90,5 @@ class GridTable(fields.Table):
         return f"a spacing of {number:g} {unit} over {self.west:g}..{self.east:g} E, {self.south:g}..{self.north:g} N"
 
 
-def _whole(degrees: float) -> int:
+def _to_quantum(degrees: float) -> int:
     return max(round(degrees * sphere.TURN / 360 / QUANTUM), 1) * QUANTUM

@@ -1,21 +1,23 @@
-"""What pydantic found wrong in a case file, as lines for the person who wrote it."""
+"""Convert pydantic's validation errors to messages for the author of a case file."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pydantic import ValidationError
 
-LONGEST = 200  # letters of a name that a message calls in full
+LONGEST = 200  # longest name that a message shows in full
 
 
 def lines(error: ValidationError, data: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the complaints as 'scenario "raft".position.at: what is wrong', a line each.
+    """Return one line per error: 'scenario "raft".position.at: what is wrong'.
 
-    data: the case file's tables as read, so that scenarios and sources are called by their names.
+    Args:
+        error: pydantic's error.
+        data: the case file's tables as read, from which the names of scenarios and sources come.
     """
     complaints = []
     for mistake in error.errors(include_url=False):
-        place, what = where(mistake["loc"], data), _what(mistake)
+        place, what = where(mistake["loc"], data), _message_of(mistake)
         if (
             mistake["type"] == "list_type"
             and isinstance(mistake["input"], Mapping)
@@ -27,7 +29,12 @@ def lines(error: ValidationError, data: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def where(loc: Sequence[int | str], data: Any) -> str:
-    """Return a place in the case file: names instead of positions in a list where there are names."""
+    """Return a place in the case file as text; list items appear by name, else by number.
+
+    Args:
+        loc: keys and list indices from the top of the file.
+        data: the case file's tables as read.
+    """
     place, value = "", data
     for part in loc:
         value = _inside(value, part)
@@ -50,7 +57,7 @@ def _inside(value: Any, part: int | str) -> Any:
         return None
 
 
-def _what(complaint: Mapping[str, Any]) -> str:
+def _message_of(complaint: Mapping[str, Any]) -> str:
     kind, context = complaint["type"], complaint.get("ctx", {})
     if kind == "value_error":
         return str(context["error"])

@@ -1,4 +1,4 @@
-"""Mistakes in a case, gathered: all independent parts are looked at before any is complained of."""
+"""Collect mistakes, so that a case reports the errors of all its independent parts at once."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -6,20 +6,21 @@ from dataclasses import dataclass, field
 
 from geo.errors import UserError
 
-MOST = 20  # lines of complaint that help; the rest is counted
+MOST = 20  # most lines of an error message; the rest is counted
 
 
 @dataclass
 class Mistakes:
-    """The complaints so far, a line each, in the order in which they were found."""
+    """The mistakes found so far, one line each, in order."""
 
     lines: list[str] = field(default_factory=list)
 
     @contextmanager
     def gathered(self, place: str = "") -> Iterator[None]:
-        """Go on after a refusal inside, and keep it.
+        """Catch a UserError or ValueError raised inside, and add its lines.
 
-        place: what the refusal is about, where it does not say so itself.
+        Args:
+            place: prefix of each line, if the error does not name its place; "": none.
         """
         try:
             yield
@@ -28,13 +29,13 @@ class Mistakes:
             self.lines += [f"{place}: {line}" if place else line for line in lines]
 
     def refuse(self) -> None:
-        """Raise one UserError with all that was gathered; do nothing where that is nothing."""
+        """Raise one UserError with all lines, if there are any."""
         if self.lines:
             raise UserError(*self.lines)
 
 
 def shortened(lines: tuple[str, ...]) -> tuple[str, ...]:
-    """Return lines without repetitions, the first MOST of them and how many more there are."""
+    """Return the first MOST distinct lines, then the number of the others."""
     once = tuple(dict.fromkeys(lines))
     if len(once) <= MOST:
         return once

@@ -1,4 +1,4 @@
-"""Places of the case file: a position with its error, an area, and when what is there went adrift."""
+"""Positions and areas of the case file, each with its error and its time of release."""
 
 import math
 
@@ -9,17 +9,17 @@ from drift.case.values import fields, units
 from drift.engine.motion.scenario import AreaPrior, Displacement, PositionPrior
 from geo import notation, sphere
 
-LONGEST_EDGE = 90.0  # [deg] of longitude, of a polygon's edge
-NARROWEST = 1e-5  # [deg] least area of a polygon over its outline, which is half its width: 1 m
+LONGEST_EDGE = 90.0  # [deg] of longitude, longest edge of a polygon
+NARROWEST = 1e-5  # [deg] least ratio of a polygon's area to its perimeter: half its width, 1 m
 
 
 class WindowTable(fields.Table):
-    """When it went adrift: a time (default: the start), or unknown between time and until."""
+    """When it went adrift: at a time (default: the start), or between `time` and `until`."""
 
     time: fields.Time = np.timedelta64(0, "s")
-    """When it went adrift, at the earliest where `until` is given."""
+    """When it went adrift; with `until`, the earliest time."""
     until: fields.Time | None = None
-    """The latest time; all in between are equally likely."""
+    """The latest time it can have gone adrift; uniform between `time` and this."""
 
     def window(self, start: np.datetime64) -> tuple[np.datetime64, np.datetime64]:
         """Return the first and the last time of release."""
@@ -31,20 +31,20 @@ class WindowTable(fields.Table):
 
 
 class EllipseTable(fields.Table):
-    """An error ellipse: semi-axes, orientation of the major one, probability of being inside."""
+    """An error ellipse: semi-axes, orientation of the major axis, probability inside."""
 
     major: fields.Length
-    """Longer semi-axis."""
+    """Semi-major axis."""
     minor: fields.Length
-    """Shorter semi-axis."""
+    """Semi-minor axis."""
     orientation: fields.Direction
-    """Of the longer one."""
+    """Direction of the major axis."""
     probability: fields.Share = 0.5
-    """Of being inside."""
+    """Probability that the true position is inside the ellipse."""
 
     @model_validator(mode="after")
     def proper(self) -> "EllipseTable":
-        """Refuse swapped axes and a probability that no ellipse has."""
+        """Reject swapped axes and a probability of 0 or 1."""
         if self.minor > self.major:
             raise ValueError("minor is longer than major; orientation belongs to the major axis")
         if not 0 < self.probability < 1:
@@ -55,29 +55,29 @@ class EllipseTable(fields.Table):
 
 
 class DisplacementTable(fields.Table):
-    """An unknown move before drifting: distance range and direction sector (toward, degrees true)."""
+    """An unknown displacement before drifting: a range of distances and a sector of directions."""
 
     distance: fields.LengthRange
-    """How far it moved, or [least, most]."""
+    """Distance of the displacement, or [least, most]."""
     direction: fields.Sector = (0.0, 360.0)
-    """Toward which directions, clockwise from the first to the second."""
+    """Direction it moved toward, or a sector [first, second], clockwise, degrees true."""
 
 
 class ErrorTable(fields.Table):
-    """The error of a position: std, ellipse, or the radius that holds 50 %."""
+    """The error of a position: std, ellipse, or the radius that contains 50 %."""
 
     std: fields.LengthPair | None = None
-    """Standard deviation; of two, along `orientation` and across it."""
+    """Standard deviation, or two: along `orientation` and across it."""
     orientation: fields.Direction | None = None
-    """Of two standard deviations."""
+    """Direction of the first of two standard deviations."""
     ellipse: EllipseTable | None = None
-    """An ellipse that holds a probability."""
+    """Error ellipse that contains a given probability."""
     error: fields.Length | None = None
-    """Radius that holds half of the probability."""
+    """Radius that contains half of the probability."""
 
     @model_validator(mode="after")
     def one_error(self) -> "ErrorTable":
-        """Refuse none or two ways of giving the error, and an ellipse without its direction."""
+        """Reject no error or two, and unequal standard deviations without a direction."""
         kind = fields.one_of(self, ("std", "ellipse", "error"))
         unequal = self.std is not None and self.std[0] != self.std[1]
         if unequal and self.orientation is None:
@@ -91,9 +91,10 @@ class ErrorTable(fields.Table):
         return self
 
     def axes(self) -> tuple[float, float, float]:
-        """Return standard deviations along and across the major axis [m] and its orientation [rad]."""
+        """Return standard deviations along and across the major axis [m], and its direction
+        [rad]."""
         if self.ellipse is not None:
-            # A bivariate normal holds 1 - exp(-k^2/2) inside k standard deviations.
+            # A bivariate normal has probability 1 - exp(-k^2/2) within k standard deviations.
             scale = math.sqrt(-2 * math.log1p(-self.ellipse.probability))
             turn = math.radians(self.ellipse.orientation)
             return self.ellipse.major / scale, self.ellipse.minor / scale, turn
@@ -106,12 +107,12 @@ class ErrorTable(fields.Table):
 
 
 class PositionTable(ErrorTable, WindowTable):
-    """A position report with its error, and an unknown move before drifting."""
+    """A reported position with its error, and an unknown displacement before drifting."""
 
     at: fields.Position
-    """The position reported."""
+    """The reported position."""
     displacement: DisplacementTable | None = None
-    """An unknown move between the report and going adrift."""
+    """An unknown displacement between the report and going adrift."""
 
     def prior(self, start: np.datetime64) -> PositionPrior:
         """Return the prior for a case that starts at `start`."""
@@ -129,17 +130,17 @@ class AreaTable(WindowTable):
     """An area: corners in order, without crossing."""
 
     polygon: list[fields.Position]
-    """Three corners or more, in order; edges straight in longitude and latitude."""
+    """Three corners or more, in order; edges are straight in longitude and latitude."""
 
     @model_validator(mode="after")
     def simple(self) -> "AreaTable":
-        """Refuse what encloses no area, or not one."""
+        """Reject corners that do not enclose exactly one area."""
         self.corners()
         return self
 
     def corners(self) -> list[tuple[float, float]]:
-        """Return the corners [deg], longitude without jumps."""
-        import shapely  # here, since an area is rare and the import takes 0.1 s
+        """Return the corners (lon, lat) [deg], with longitudes continuous across 180 degrees."""
+        import shapely  # imported late: areas are rare and the import takes 0.1 s
 
         points = [
             point
@@ -160,18 +161,16 @@ class AreaTable(WindowTable):
             )
             raise ValueError(
                 f"polygon's edge from [{west:g}, {south:g}] to [{east:g}, {north:g}] is {abs(steps[k]):.0f} degrees of "
-                f"longitude wide: which way round is not clear; put corners at most {LONGEST_EDGE:g} degrees apart"
+                f"longitude wide, so its direction round the Earth is ambiguous; put corners at most {LONGEST_EDGE:g} degrees apart"
             )
         unwrapped = lon[0] + np.concatenate([[0.0], np.cumsum(steps[:-1])])
         shape = shapely.Polygon(np.column_stack([unwrapped, lat]))
         if not shape.is_valid or shape.area == 0:
             raise ValueError(
-                f"polygon {_fault(shapely.is_valid_reason(shape))}; give its corners in order"
+                f"polygon {_describe_fault(shapely.is_valid_reason(shape))}; give its corners in order"
             )
         if shape.area < NARROWEST * shape.length:
-            raise ValueError(
-                "polygon is narrower than 2 m, too narrow to lie in; give a position or a trackline"
-            )
+            raise ValueError("polygon is narrower than 2 m; give a position or a trackline instead")
         return list(zip(unwrapped.tolist(), lat.tolist(), strict=True))
 
     def prior(self, start: np.datetime64) -> AreaPrior:
@@ -180,7 +179,7 @@ class AreaTable(WindowTable):
         return AreaPrior(tuple(lon.tolist()), tuple(lat.tolist()), *self.window(start))
 
 
-def _fault(reason: str) -> str:
+def _describe_fault(reason: str) -> str:
     if reason.startswith("Self-intersection"):
         lon, lat = (float(part) for part in reason[reason.index("[") + 1 : -1].split())
         return f"crosses itself near [{sphere.wrap_degrees(lon):.3f}, {lat:.3f}] (lon, lat)"

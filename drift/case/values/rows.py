@@ -1,6 +1,4 @@
-"""Tables that a case names, as CSV: with commas, semicolons or tabs, as spreadsheets write them in
-any country.
-"""
+"""Read CSV tables named by a case: separated by commas, semicolons or tabs, in any locale."""
 
 import csv
 import difflib
@@ -15,20 +13,26 @@ LARGEST = 10_000_000  # [bytes]
 
 
 class Rows:
-    """The lines of a table: their numbers, and their values by column, stripped.
+    """The lines of a CSV table: line numbers, and stripped values by column.
 
-    Lines without any value and those that begin with # are left out, and columns without name and
-    values at the end. Columns are in lower case. Where no comma parts them one between digits is a
-    decimal one.
+    Empty lines, lines that begin with # and empty columns at the end are skipped. Column names are
+    in lower case. If columns are not separated by commas, a comma between digits is a decimal
+    comma.
     """
 
     def __init__(
         self, path: str, needed: Sequence[str], allowed: Sequence[str], words: Sequence[str] = ()
     ) -> None:
-        """Read the names of the columns; raise UserError for a file that is no table, or not of
-        these.
+        """Read the header.
 
-        words: columns that hold no numbers.
+        Args:
+            path: the file.
+            needed: columns that must be present.
+            allowed: all columns that may be present.
+            words: columns that hold text, in which commas are kept.
+
+        Raises:
+            UserError: the file is not a table, or has missing or unknown columns.
         """
         self.name = Path(path).name
         lines = _text(path).splitlines()
@@ -62,10 +66,7 @@ class Rows:
             raise UserError(f"{self.name}: {wrong}; allowed are {', '.join(allowed)}, {first}")
 
     def __iter__(self) -> Iterator[tuple[int, dict[str, str] | None]]:
-        """Give the number and the values of each line;
-
-        None in place of values that are not as many as the columns.
-        """
+        """Yield the number and the values of each line; None if their number does not fit."""
         for values in self._rows():
             if len(values) < len(self.columns) or any(values[len(self.columns) :]):
                 yield self._reader.line_num, None
@@ -79,7 +80,7 @@ class Rows:
             yield self._reader.line_num, given
 
     def _rows(self) -> Iterator[list[str]]:
-        """Give the values of each line that has any and is no comment."""
+        """Yield the values of each line that is neither empty nor a comment."""
         try:
             for row in self._reader:
                 values = [value.strip() for value in row]
@@ -92,8 +93,8 @@ class Rows:
 
     @property
     def wanted(self) -> str:
-        """What a line must have, for who reads that it has not."""
-        return f"as many values as names are needed, {len(self.columns)}: {', '.join(self.columns)}; write decimals with points, or part columns by semicolons"
+        """The end of the message about a line with a wrong number of values."""
+        return f"as many values as names are needed, {len(self.columns)}: {', '.join(self.columns)}; write decimals with points, or separate columns by semicolons"
 
 
 def _strange(name: str, allowed: Sequence[str]) -> str:
@@ -103,7 +104,7 @@ def _strange(name: str, allowed: Sequence[str]) -> str:
 
 def _text(path: str) -> str:
     data = small.contents(Path(path), LARGEST)
-    for mark in (b"\xff\xfe", b"\xfe\xff"):  # as spreadsheets save "Unicode text"
+    for mark in (b"\xff\xfe", b"\xfe\xff"):  # spreadsheets save "Unicode text" as UTF-16
         if data.startswith(mark):
             return data.decode("utf-16", errors="replace")
     if data.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):

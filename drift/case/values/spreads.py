@@ -1,6 +1,4 @@
-"""Numbers and times that are uncertain: one value, a range, a truncated triangle or, of times, a
-normal law.
-"""
+"""Uncertain numbers and times: one value, a range, a truncated triangle; for times also normal."""
 
 import math
 from collections.abc import Callable
@@ -53,7 +51,7 @@ def _triangle(value: dict[Any, Any], single: Callable[[object], float], example:
 
 
 def _course(value: object) -> Spread:
-    """Return courses [rad]; a range through north, like [340, 20], goes on past a whole turn."""
+    """Return courses [rad]; a range through north, like [340, 20], continues beyond 360 degrees."""
     if isinstance(value, Spread):
         return value
     one = fields.direction
@@ -88,24 +86,24 @@ Parts = Annotated[Spread, _spread(fields.share, "{ low = 0.2, best = 0.5, high =
 
 
 class Times(fields.Table):
-    """An uncertain time: a time, [earliest, latest], a truncated triangle, or a normal law."""
+    """An uncertain time: a time, [earliest, latest], a truncated triangle, or a normal one."""
 
     earliest: fields.Time | None = None
-    """With `latest`; uniform in between unless `best` is given."""
+    """Earliest time; needs `latest`. Uniform between the two unless `best` is given."""
     best: fields.Time | None = None
-    """The likeliest, with `ratio`."""
+    """Likeliest time; needs `ratio`."""
     latest: fields.Time | None = None
-    """With `earliest`."""
+    """Latest time; needs `earliest`."""
     ratio: float = 1.0
-    """How many times likelier the best is than the ends."""
+    """Ratio of the density at `best` to the density at the ends."""
     at: fields.Time | None = None
-    """The time itself, or the mean with `std`."""
+    """The exact time, or with `std` the mean."""
     std: fields.Duration | None = None
     """Standard deviation of a normal distribution."""
 
     @model_validator(mode="after")
     def one_law(self) -> "Times":
-        """Refuse half a law, or two."""
+        """Reject an incomplete distribution, or two."""
         given = {name for name in self.model_fields_set if getattr(self, name) is not None}
         if given not in (
             {"at"},
@@ -124,8 +122,14 @@ class Times(fields.Table):
         return self
 
     def seconds(self, origin: np.datetime64, start: np.datetime64) -> Spread | Moment:
-        """Return the law in seconds after an origin, for a case that starts at `start`; refuse
-        times out of order.
+        """Return the distribution in seconds after an origin.
+
+        Args:
+            origin: time from which the seconds count.
+            start: start of the case, for relative times.
+
+        Raises:
+            ValueError: the times are out of order.
         """
 
         def after(time: units.Instant) -> float:
@@ -161,11 +165,16 @@ def _times(value: Any) -> Any:
 Time = Annotated[Times, BeforeValidator(_times)]
 
 
-AT_ONCE = Times(at="+0 h")  # as it is written
+AT_ONCE = Times(at="+0 h")  # the start of the case
 
 
 def begins(law: Times, start: np.datetime64) -> tuple[np.datetime64, Spread]:
-    """Return the earliest time of a start, and how long after it the start is."""
+    """Return the earliest start of a phase, and the distribution of its delay [s] after that.
+
+    Args:
+        law: the uncertain time; a normal distribution is rejected.
+        start: start of the case.
+    """
     seconds = law.seconds(start, start)
     if isinstance(seconds, Moment):
         raise ValueError(

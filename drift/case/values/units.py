@@ -1,10 +1,10 @@
-"""Quantities, positions and times as a planner writes them, turned into SI.
+"""Convert quantities, positions and times from the notation of a search planner to SI.
 
 A quantity is "12 kn" or a bare SI number. A position is degrees and decimal minutes with hemisphere
 letters, or [lon, lat] in degrees. A time is a date-time group or ISO 8601, always with a zone, or
-relative to the start of the case ("+6 h"). Whatever can be read in two ways ("5 nm": nautical miles
-or nanometres) is refused. Refusals are ValueErrors whose text says what was given and what is
-allowed; the caller knows where.
+relative to the start of the case ("+6 h"). Ambiguous text ("5 nm": nautical miles or nanometres) is
+rejected. Errors are ValueErrors that say what was given and what is allowed; the caller adds the
+place.
 """
 
 import math
@@ -33,17 +33,17 @@ ROOT = re.compile(  # the unit of a spread rate: a length over the square root o
     r"|(?P<time>[A-Za-z]+)\s*(?:\^|\*\*)\s*(?:0?\.50*|\(?\s*1\s*/\s*2\s*\)?))"
     r"|[\s*](?P<inverse>[A-Za-z]+)\s*(?:\^|\*\*)?\s*\(?\s*-\s*(?:0?\.50*|1\s*/\s*2)\s*\)?)"
 )
-# arithmetic that no unit needs and that may take for ever
+# powers of powers and large exponents: no unit needs them, and evaluation may never end
 TOWER = re.compile(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}")
 
-LONGEST = 200  # letters of a quantity, a position or a time
-MOST = 10**300  # of a whole number
+LONGEST = 200  # most letters of a quantity, a position or a time
+MOST = 10**300  # largest whole number
 CENTURY = 3_155_760_000  # [s]
 FREEZING = 273.15  # [K] 0 degC
 
 Instant = np.datetime64 | np.timedelta64  # a time, or an interval after the start of the case
 
-# Mariners' spellings that mean something else, or nothing, to a physicist.
+# Nautical abbreviations with another meaning, or none, in SI.
 MISREAD = {
     "nm": "nmi",
     "NM": "nmi",
@@ -54,8 +54,8 @@ MISREAD = {
 }
 
 
-# What cases are written in, in SI: Pint, which knows all other units and does the same sums, takes
-# half a second to begin.
+# The units that most cases use, in SI. Pint converts all other units with the same results, but its
+# import takes half a second.
 USUAL = {
     ("nmi", "m"): 1852.0,
     ("km", "m"): 1000.0,
@@ -77,38 +77,46 @@ USUAL = {
 
 @lru_cache(maxsize=1)
 def registry() -> Any:
-    """Return the units in use; built once, at the first quantity that carries a unit beyond the
-    usual ones.
-    """
+    """Return pint's unit registry, built at the first quantity with a unit outside USUAL."""
     import pint
 
     return pint.UnitRegistry()
 
 
 def short(value: object, what: str, example: str) -> None:
-    """Reject a text longer than LONGEST, and a whole number beyond every float: both are typing
-    errors.
+    """Reject text longer than LONGEST and whole numbers beyond the range of floats.
 
-    Arithmetic of units, and patterns, would take minutes over 100,000 letters.
+    Both are typing errors, and parsing 100,000 letters would take minutes.
+
+    Args:
+        value: the value as written.
+        what: kind of quantity, for the message.
+        example: a correct value, for the message.
     """
     if isinstance(value, str) and len(value) > LONGEST:
         raise ValueError(
-            f'"{value[:20]}..." has {len(value):,} letters, too many for {_a(what)}; write it like "{example}"'
+            f'"{value[:20]}..." has {len(value):,} letters, too many for {_with_article(what)}; write it like "{example}"'
         )
     if isinstance(value, int) and abs(value) > MOST:
         raise ValueError(
-            f"{str(value)[:20]}... is too large for {_a(what)}; write it like {example!r}"
+            f"{str(value)[:20]}... is too large for {_with_article(what)}; write it like {example!r}"
         )
 
 
 def quantity(value: object, unit: str, what: str, example: str) -> float:
     """Return a quantity in SI.
 
-    value: "12 kn", or a bare number already in `unit`. unit: SI unit that the quantity must have
-    ("m/s"). what, example: words for the refusal ("speed", "12 kn").
+    Args:
+        value: "12 kn", or a bare number already in `unit`.
+        unit: SI unit that the quantity must have ("m/s").
+        what: kind of quantity, for the message ("speed").
+        example: a correct value, for the message ("12 kn").
+
+    Raises:
+        ValueError: the value is not such a quantity.
     """
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise ValueError(f'{value!r} is not {_a(what)}; write it like "{example}"')
+        raise ValueError(f'{value!r} is not {_with_article(what)}; write it like "{example}"')
     short(value, what, example)
     number = _convert(value, unit, what, example) if isinstance(value, str) else float(value)
     if not math.isfinite(number):
@@ -119,7 +127,7 @@ def quantity(value: object, unit: str, what: str, example: str) -> float:
 def _convert(text: str, unit: str, what: str, example: str) -> float:
     match = NUMBER.fullmatch(text)
     if match is None:
-        raise ValueError(f'"{text}" is not {_a(what)}; write it like "{example}"')
+        raise ValueError(f'"{text}" is not {_with_article(what)}; write it like "{example}"')
     number, name = float(match[1].replace("_", "")), match[2]
     if not name:
         return number
@@ -137,9 +145,9 @@ def _convert(text: str, unit: str, what: str, example: str) -> float:
         factor = registry().Quantity(1.0, given).to(unit).magnitude
     except pint.DimensionalityError:
         raise ValueError(
-            f'"{text}" is not {_a(what)}: "{name}" is of another kind; write it like "{example}"'
+            f'"{text}" is not {_with_article(what)}: "{name}" is a unit of another kind; write it like "{example}"'
         ) from None
-    except Exception:  # pint and its tokenizer raise many kinds for text that is no unit
+    except Exception:  # pint raises many kinds of errors for text that is not a unit
         raise ValueError(
             f'"{text}": there is no unit "{name}"; write the {what} like "{example}"'
         ) from None
@@ -147,9 +155,9 @@ def _convert(text: str, unit: str, what: str, example: str) -> float:
 
 
 def temperature(value: object) -> float:
-    """Return a temperature in kelvin from text with its unit, like "12 degC".
+    """Return a temperature [K] from text with a unit, like "12 degC".
 
-    A bare number is refused: it could be in any of three units.
+    A bare number is rejected, because it could be in any of three units.
     """
     short(value, "temperature", "12 degC")
     match = NUMBER.fullmatch(value) if isinstance(value, str) else None
@@ -162,7 +170,7 @@ def temperature(value: object) -> float:
         kelvin = float(
             registry().Quantity(float(match[1].replace("_", "")), name).to("kelvin").magnitude
         )
-    except Exception:  # pint and its tokenizer raise many kinds for text that is no unit
+    except Exception:  # pint raises many kinds of errors for text that is not a unit
         raise ValueError(f'"{value}" is not a temperature; write it like "12 degC"') from None
     if not math.isfinite(kelvin):
         raise ValueError(f"{value!r} is not finite")
@@ -170,12 +178,13 @@ def temperature(value: object) -> float:
 
 
 def spread_rate(value: object) -> float:
-    """Return how fast what steers strays from its way, K of a Brownian bridge [m/sqrt(s)], at least
-    0.
+    """Return the spread rate K of a Brownian bridge [m/sqrt(s)], at least 0.
 
-    value: "12 nmi/sqrt(h)", "12 nmi/h^0.5", or a bare number in m/sqrt(s). The root is read here,
-    because what pint makes of a power that is no whole number is inexact, and its "sqrt" is no
-    unit. A speed or a diffusivity is refused.
+    The root is parsed here, because pint's fractional powers are inexact and it has no "sqrt". A
+    speed or a diffusivity is rejected.
+
+    Args:
+        value: "12 nmi/sqrt(h)", "12 nmi/h^0.5", or a bare number in m/sqrt(s).
     """
     what, example = "spread rate", "12 nmi/sqrt(h)"
     short(value, what, example)
@@ -186,14 +195,14 @@ def spread_rate(value: object) -> float:
         unit = ROOT.fullmatch(match[2])
         if unit is None:
             raise ValueError(
-                f'"{value}" is not {_a(what)}: "{match[2]}" is no length over the square root of a time; write it like '
+                f'"{value}" is not {_with_article(what)}: "{match[2]}" is no length over the square root of a time; write it like '
                 f'"{example}"'
             )
         time_unit = next(
             unit[name] for name in ("root", "bare", "sign", "time", "inverse") if unit[name]
         )
-        length = quantity(f"1 {unit['length']}", "m", f"length of {_a(what)}", example)
-        seconds = quantity(f"1 {time_unit}", "s", f"time of {_a(what)}", example)
+        length = quantity(f"1 {unit['length']}", "m", f"length of {_with_article(what)}", example)
+        seconds = quantity(f"1 {time_unit}", "s", f"time of {_with_article(what)}", example)
         number = float(match[1].replace("_", "")) * length / math.sqrt(seconds)
         if not math.isfinite(number):
             raise ValueError(f"{value!r} is not finite")
@@ -202,18 +211,23 @@ def spread_rate(value: object) -> float:
     return number
 
 
-def _a(what: str) -> str:
+def _with_article(what: str) -> str:
     return f"{'an' if what[:1] in 'aeiou' else 'a'} {what}"
 
 
 def angle(value: object, letters: str) -> float:
-    """Return a longitude (letters "EW") or latitude ("NS") in degrees: a number or '88 15.0W'."""
+    """Return a longitude (letters "EW") or latitude (letters "NS") [deg].
+
+    Args:
+        value: a number [deg], or text with a hemisphere letter: "88 15.0W".
+        letters: the hemisphere letters, "EW" or "NS".
+    """
     what, limit = ("latitude", 90.0) if letters == "NS" else ("longitude", 180.0)
     if isinstance(value, bool):
         raise ValueError(f"{value!r} is not a {what}")
     short(value, what, "27 30.5N" if letters == "NS" else "088 15.0W")
     if isinstance(value, int | float):
-        # A bare longitude may count to 360, as the files of the models do.
+        # A bare longitude may be up to 360, as in many model files.
         if not (-limit <= value <= limit or (letters == "EW" and 180 < value <= 360)):
             raise ValueError(f"{what} {value!r} is outside {-limit:g} to {limit:g}")
         return sphere.wrap_degrees(value) if abs(value) > 180 else float(value)
@@ -230,9 +244,7 @@ def angle(value: object, letters: str) -> float:
 
 
 def edge(value: object) -> float:
-    """Return the longitude of an edge of a box as `angle` does, but a number above 180 as it is:
-    east counts on from west.
-    """
+    """Return the longitude of a box edge [deg], like `angle`, but keep numbers above 180."""
     lon = angle(value, "EW")
     return float(value) if isinstance(value, int | float) and value > 180 else lon
 
@@ -262,8 +274,9 @@ def _signed(match: re.Match[str], letters: str, what: str, limit: float) -> floa
 def position(value: object) -> tuple[float, float]:
     """Return (lon, lat) [deg], lon in [-180, 180).
 
-    value: "27 30.5N 088 15.0W" in either order (the letters tell), [lon, lat] in degrees, or { lat
-    = .., lon = .. }.
+    Args:
+        value: "27 30.5N 088 15.0W" in either order, [lon, lat] in degrees, or { lat = .., lon = ..
+            }.
     """
     short(value, "position", "27 30.5N 088 15.0W")
     if isinstance(value, dict):
@@ -285,11 +298,9 @@ def position(value: object) -> tuple[float, float]:
 
 
 def _pair(text: str) -> tuple[float, float]:
-    """Return (lon, lat) [deg] of two angles with hemisphere letters, all before or all after their
-    numbers.
-    """
+    """Return (lon, lat) [deg] of two angles with hemisphere letters before or after each."""
     plain = text.strip().upper().replace("º", "°").replace("’", "'")
-    if fault := _no_position(plain):
+    if fault := _position_fault(plain):
         raise ValueError(f'position "{text}" {fault}; write it like "27 30.5N 088 15.0W"')
     letters = re.findall(r"[NSEW]", plain)
     if plain[0] in "NSEW":
@@ -302,15 +313,11 @@ def _pair(text: str) -> tuple[float, float]:
     try:
         return angle(lon, "EW"), angle(lat, "NS")
     except ValueError as error:
-        raise ValueError(f"{error}{_exchanged(lon, lat)}") from None
+        raise ValueError(f"{error}{_hint_if_exchanged(lon, lat)}") from None
 
 
-def _no_position(text: str) -> str:
-    """Return what is wrong with a text that should hold two angles with their letters; "" if
-    nothing is.
-
-    The text is in capitals.
-    """
+def _position_fault(text: str) -> str:
+    """Return the fault of a position text in capitals, for a message; "" if there is none."""
     if not text:
         return "is empty"
     if not re.search(r"\d", text):
@@ -344,8 +351,8 @@ def _no_position(text: str) -> str:
     return ""
 
 
-def _exchanged(lon: str, lat: str) -> str:
-    """Return a hint where two angles would do with each other's letters."""
+def _hint_if_exchanged(lon: str, lat: str) -> str:
+    """Return a hint if two angles are valid with their hemisphere letters exchanged, else ""."""
     swap = str.maketrans("NSEW", "EWNS")
     try:
         angle(lat.translate(swap), "EW")
@@ -356,10 +363,11 @@ def _exchanged(lon: str, lat: str) -> str:
 
 
 def time(value: object) -> Instant:
-    """Return a UTC time [s], or an interval after the start for "+6 h".
+    """Return a UTC time in whole seconds, or for "+6 h" an interval after the start of the case.
 
-    value: "211830ZNOV26" (any military zone letter but J), "2026-11-21T18:30Z" or with an offset, a
-    TOML date-time with an offset, or "+6 h" / "-30 min".
+    Args:
+        value: "211830ZNOV26" (any military zone letter but J), "2026-11-21T18:30Z" or with an
+            offset, a TOML date-time with an offset, or "+6 h" / "-30 min".
     """
     if isinstance(value, datetime):
         return _utc(value, value.isoformat())
@@ -370,7 +378,7 @@ def time(value: object) -> Instant:
     short(value, "time", "211830ZNOV26")
     text = value.strip()
     if text[:1] in {"+", "-"}:
-        if re.fullmatch(r"[\d.]*[1-9][\d.]*", text[1:].strip()):  # of minutes, or of hours
+        if re.fullmatch(r"[\d.]*[1-9][\d.]*", text[1:].strip()):  # minutes or hours?
             raise ValueError(f'"{text}" has no unit; write it like "{text} min"')
         seconds = quantity(text, "s", "interval after the start", "+6 h")
         if abs(seconds) > CENTURY:
@@ -399,7 +407,7 @@ def _group(match: re.Match[str], text: str) -> datetime:
         raise ValueError(f'time "{text}": there is no month "{month}"')
     if letter == "J":
         raise ValueError(
-            f'time "{text}": zone J is the reader\'s own; write the zone letter, Z for UTC'
+            f'time "{text}": zone J means local time; write the zone letter, Z for UTC'
         )
     # A to M without J are 1 to 12 hours ahead of UTC, N to Y 1 to 12 behind (ACP 121(I), 2010,
     # table of zones).
@@ -425,5 +433,5 @@ def _utc(moment: datetime, text: str) -> np.datetime64:
 
 
 def resolve(instant: Instant, start: np.datetime64) -> np.datetime64:
-    """Return a time in UTC: itself, or the start plus an interval."""
+    """Return a time in UTC: the time itself, or the start plus an interval."""
     return start + instant if isinstance(instant, np.timedelta64) else instant

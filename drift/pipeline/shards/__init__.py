@@ -1,3 +1,3 @@
-"""Runs in shards: whole blocks of particles, moved one shard after another, kept, and taken up
-again after a fault.
+"""Runs in shards: parts of the particles, simulated one after another and stored, so that a stopped
+run can resume.
 """

@@ -1,4 +1,4 @@
-"""Shards as tasks of a dask.distributed cluster: a local one, or one that stands already."""
+"""Run shards as tasks of a dask.distributed cluster, a local or an existing one."""
 
 import asyncio
 import contextlib
@@ -21,19 +21,23 @@ from drift.pipeline.shards.work import Task, Work
 from geo.errors import UserError
 
 PATIENCE = 20  # [s] to wait for a cluster to answer
-# [s] to wait for a first worker, or for another where all are lost: queues take their time
+# [s] to wait for a first worker, or for a new one after all are lost: batch queues are slow
 WAIT = 900
-LOOK, POLL = 10, 0.05  # [s] between looks whether there are workers, and whether a shard is done
-# warnings come to standard error unless a program sends them elsewhere
+LOOK, POLL = 10, 0.05  # [s] between checks for workers, and for a finished shard
+# warnings go to standard error unless the calling program configures logging
 LOG = logging.getLogger("drift")
 
 
 @contextlib.contextmanager
 def connected(workers: int | None, address: str | None) -> Iterator[Any]:
-    """Give a client of a local cluster of some workers, or of the one at an address; None where
-    neither is asked for.
+    """Yield a client of a cluster; None if neither a number of workers nor an address is given.
 
-    Raises UserError where there is none, or dask.distributed is not installed.
+    Args:
+        workers: number of workers of a local cluster to start.
+        address: address of an existing cluster.
+
+    Raises:
+        UserError: no cluster answers, both are given, or dask.distributed is not installed.
     """
     if workers is None and address is None:
         yield None
@@ -47,7 +51,7 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
         for name in [
             name for name in logging.root.manager.loggerDict if name.split(".")[0] == "distributed"
         ]:
-            log = logging.getLogger(name)  # what goes wrong is told in a line
+            log = logging.getLogger(name)  # our one-line errors replace dask's log
             stack.callback(log.setLevel, log.level)
             log.setLevel(logging.CRITICAL)
         if workers is not None:
@@ -61,31 +65,29 @@ def connected(workers: int | None, address: str | None) -> Iterator[Any]:
                 dashboard_address="127.0.0.1:0",
                 silence_logs=50,
             )
-            stack.callback(_close, address)
+            stack.callback(_close_cluster, address)
         try:
             if workers is None and not str(address).startswith("ucx"):
-                # a client of no address would close for a minute
+                # a client of an invalid address takes a minute to close
                 distributed.comm.get_address_host_port(address)
             client = stack.enter_context(
                 distributed.Client(address, timeout=PATIENCE, set_as_default=False)
             )
         except (TimeoutError, OSError, ValueError) as error:
             raise UserError(
-                f"--cluster {address}: no cluster answers there ({_line(error)})"
+                f"--cluster {address}: no cluster answers there ({_first_line(error)})"
             ) from error
         yield client
 
 
-def _close(local: Any) -> None:
-    """End a local cluster; what does not end in time does so with this process, whose results are
-    written by now.
-    """
+def _close_cluster(local: Any) -> None:
+    """Close a local cluster; workers that do not end in time end with this process."""
     with contextlib.suppress(Exception):
         local.close(timeout=PATIENCE)
 
 
 def _dask() -> Any:
-    """Return the package dask.distributed, which is slow to import, and not installed by default."""
+    """Import dask.distributed, which is slow to import and not installed by default."""
     try:
         return importlib.import_module("distributed")
     except ImportError:
@@ -95,61 +97,68 @@ def _dask() -> Any:
 
 
 def workers_of(client: Any) -> Workers:
-    """Return the workers of a cluster, once it has any: jobs of a queue take their time to begin.
+    """Wait for the first workers of a cluster; return their number and memory.
 
-    Raises UserError where none comes.
+    Raises:
+        UserError: no worker starts within WAIT seconds.
     """
-    with _answered(lambda: "nothing is kept yet"):
+    with _lost_cluster_as_error(lambda: "nothing is kept yet"):
         status = getattr(client, "status", f"no dask.distributed.Client ({client!r})")
         if status != "running":
             raise UserError(f"the client is {status}; give one that is open")
         if not client.nthreads():
-            LOG.warning("the cluster has no workers yet; the first is waited for")
+            LOG.warning("the cluster has no workers yet; drift waits for the first")
         until = time.monotonic() + WAIT
         told: dict[str, tuple[str, float, float]] = {}
-        while not told:  # the only one may be lost while it is asked
+        while not told:  # the only worker may be lost during the call
             if time.monotonic() > until:
                 raise UserError(
-                    f"the cluster's workers are lost one after another (waited {WAIT / 60:g} min)"
+                    f"the cluster loses its workers one after another (waited {WAIT / 60:g} min)"
                 )
-            _first(client, "the cluster has no workers; start some")
-            told = _asked(client, worker.room)
+            _wait_for_worker(client, "the cluster has no workers; start some")
+            told = _call_on_workers(client, worker.room)
     hosts = Counter(host for host, _, _ in told.values()) + Counter([worker.host()])
     together = max(hosts[host] for host, _, _ in told.values())
     free = min(free / hosts[host] for host, free, _ in told.values())
     return Workers(len(told), together, free, min(limit for _, _, limit in told.values()))
 
 
-def _asked(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, Any]:
-    """Return what all workers answer, by address, but those that are lost meanwhile."""
+def _call_on_workers(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, Any]:
+    """Call a function on all workers; return the results by address, without lost workers."""
     told, lost = {}, (_dask().comm.CommClosedError, ConnectionError, TimeoutError)
-    # client.run would wait for ever for a machine that hangs.
+    # client.run would wait forever for a machine that hangs.
     answers = client.sync(client._run, function, *given, on_error="return", callback_timeout=WAIT)
     for address, answer in answers.items():
         if isinstance(answer, lost) or (type(answer) is OSError and answer.errno is None):
-            continue  # nobody answers there: what it had to do others do
+            continue  # the worker is lost; other workers do its tasks
         if isinstance(answer, Exception):
             raise UserError(
-                f"worker {address}: {_line(answer)}; install the same versions everywhere"
+                f"worker {address}: {_first_line(answer)}; install the same versions everywhere"
             ) from answer
         told[address] = answer
     return told
 
 
 def check(client: Any, folder: Path | None = None) -> None:
-    """Refuse workers of other versions or arithmetic than this process's, and those that do not see
-    the run's folder.
+    """Reject workers with other versions or arithmetic, and workers that do not see the folder.
 
-    Threads of this process are refused too: they would wait for the kernels, which it holds, for
-    ever.
+    Workers that are threads of this process are rejected too: they would wait forever for its lock
+    on the kernels.
+
+    Args:
+        client: the client of the cluster.
+        folder: the run's folder; None: there is none yet.
+
+    Raises:
+        UserError: a worker is rejected.
     """
-    if worker.process() in _asked(client, worker.process).values():
+    if worker.process() in _call_on_workers(client, worker.process).values():
         raise UserError(
             "the cluster's workers are threads of this process; begin it with processes=True"
         )
     own = fingerprint.of_machine()
     for address, other in sorted(
-        _asked(client, worker.about, str(folder.absolute()) if folder else "").items()
+        _call_on_workers(client, worker.about, str(folder.absolute()) if folder else "").items()
     ):
         if other.pop("folder") != "True":
             raise UserError(
@@ -169,48 +178,62 @@ def move_shards_on_cluster(
     units: Sequence[Task],
     tell: Callable[[float], None],
 ) -> None:
-    """Have the workers move shards, which they keep in the run's folder.
+    """Simulate shards on the workers, which store the shards in the run's folder.
 
-    mark: the run's fingerprint, which workers hold against what they see themselves. tell: takes
-    how many are done. A worker that is lost costs the shards under way on it, which others do
-    again. Raises UserError where the cluster is lost, or a shard fails on one worker after another.
+    If a worker is lost, other workers repeat the shards that it was working on.
+
+    Args:
+        client: the client of the cluster.
+        kept: the store of finished shards.
+        mark: the run's fingerprint; each worker compares it with its own.
+        units: the shards to simulate.
+        tell: called with the number of shards done.
+
+    Raises:
+        UserError: the cluster is lost, or a shard fails on one worker after another.
     """
     if not units:
         return
     told = lambda: f"{kept.folder}: {kept.kept}"  # noqa: E731
-    with _answered(told):
+    with _lost_cluster_as_error(told):
         check(client, kept.folder)
-        # with each: what is scattered goes with its worker
+        # passed to each task: scattered data would be lost with its worker
         folder, given = str(kept.folder.absolute()), dict(mark)
         tasks = [
             client.submit(worker.move, folder, given, unit, pure=False, retries=0) for unit in units
         ]
-        for done, (_, sound) in enumerate(_each(client, tasks, told), 1):
-            kept.sound.add(sound)  # the worker has just taken its digest
+        for done, (_, sound) in enumerate(_finished_tasks(client, tasks, told), 1):
+            kept.sound.add(sound)  # the worker has just computed the file's digest
             tell(done)
 
 
 def begun(
     client: Any, case: Case, mark: Mapping[str, str], clock: Clock, layouts: Sequence[Layout]
 ) -> list[Begun]:
-    """Have the workers say how the places of shards were drawn, and what of them lacks forcing as
-    the run begins.
+    """Compute `drift.pipeline.shards.divide.begun` of each shard on the workers.
+
+    Args:
+        client: the client of the cluster.
+        case: the case of the run.
+        mark: the run's fingerprint.
+        clock: the steps of the run.
+        layouts: the particles of each shard.
     """
     told = lambda: "nothing is kept yet"  # noqa: E731
-    with _answered(told):
+    with _lost_cluster_as_error(told):
         check(client)
         tasks = [
             client.submit(worker.begun, case, dict(mark), clock, part, pure=False, retries=0)
             for part in layouts
         ]
-        found = dict(_each(client, tasks, told))
+        found = dict(_finished_tasks(client, tasks, told))
     return [found[task.key] for task in tasks]
 
 
 def release(client: Any) -> None:
-    """Have the workers let go of a run's files, as far as they can be reached."""
+    """Close the run's files on all workers that can be reached."""
     with contextlib.suppress(Exception):
-        if client.status == "running":  # client.run would wait for ever for one that is lost
+        if client.status == "running":  # client.run would wait forever for a lost worker
             tasks = [
                 client.submit(worker.release, workers=[own], pure=False)
                 for own in client.nthreads()
@@ -219,16 +242,14 @@ def release(client: Any) -> None:
 
 
 @contextlib.contextmanager
-def _answered(kept: Callable[[], str]) -> Iterator[None]:
-    """Tell in a line that the cluster does not answer any more; kept: what is kept of the run, in
-    words.
-    """
+def _lost_cluster_as_error(kept: Callable[[], str]) -> Iterator[None]:
+    """Turn a lost cluster into a UserError; `kept` says what is stored of the run."""
     distributed = _dask()
     try:
         yield
     except distributed.KilledWorker as error:
         raise UserError(
-            f"worker after worker died of a shard ({_line(error)}); {kept()}"
+            f"one worker after another died while running a shard ({_first_line(error)}); {kept()}"
         ) from error
     except (
         TimeoutError,
@@ -236,51 +257,50 @@ def _answered(kept: Callable[[], str]) -> Iterator[None]:
         asyncio.CancelledError,
         CancelledError,
     ) as error:
-        raise UserError(f"the cluster is lost ({_line(error)}); {kept()}") from error
+        raise UserError(f"the cluster is lost ({_first_line(error)}); {kept()}") from error
 
 
-def _each(client: Any, tasks: Sequence[Any], kept: Callable[[], str]) -> Iterator[tuple[str, Any]]:
-    """Yield the keys of tasks and what they return, as they are done.
-
-    kept: what is kept of the run where the cluster is lost, in words.
-    """
+def _finished_tasks(
+    client: Any, tasks: Sequence[Any], kept: Callable[[], str]
+) -> Iterator[tuple[str, Any]]:
+    """Yield the keys and results of tasks as they finish; `kept` says what is stored of the run."""
     done = _dask().as_completed(tasks, loop=client.loop)
-    looked = time.monotonic()
+    last_check = time.monotonic()
     try:
         while not done.is_empty():
             if not done.has_ready():
                 time.sleep(POLL)
-                if time.monotonic() - looked > LOOK:
-                    _first(client, f"the cluster has lost all of its workers; {kept()}")
-                    looked = time.monotonic()
+                if time.monotonic() - last_check > LOOK:
+                    _wait_for_worker(client, f"the cluster has lost all of its workers; {kept()}")
+                    last_check = time.monotonic()
                 continue
             task = next(done)
-            yield task.key, _result(client, task, kept)
+            yield task.key, _result_of(client, task, kept)
     finally:
-        with contextlib.suppress(Exception):  # of a scheduler that is gone
+        with contextlib.suppress(Exception):  # the scheduler may be lost
             client.cancel(tasks)
 
 
-def _result(client: Any, task: Any, kept: Callable[[], str]) -> Any:
-    """Return what a task that is done returned, or raise what it raised.
+def _result_of(client: Any, task: Any, kept: Callable[[], str]) -> Any:
+    """Return the result of a finished task, or raise its exception.
 
-    Its worker may be lost before it has handed that over: then others do it again.
+    If its worker is lost before the transfer, another worker repeats the task.
     """
     fetched = asyncio.run_coroutine_threadsafe(
         client.gather(task, asynchronous=True), client.loop.asyncio_loop
     )
     while not wait([fetched], timeout=LOOK).done:
-        _first(client, f"the cluster has lost all of its workers; {kept()}")
+        _wait_for_worker(client, f"the cluster has lost all of its workers; {kept()}")
     return fetched.result()
 
 
-def _first(client: Any, otherwise: str) -> None:
-    """Wait for a worker; raise UserError, saying what else is so, where none comes."""
+def _wait_for_worker(client: Any, otherwise: str) -> None:
+    """Wait for a worker; if none starts, raise UserError with the message `otherwise`."""
     try:
         client.wait_for_workers(1, timeout=WAIT)
     except TimeoutError:
         raise UserError(f"{otherwise} (waited {WAIT / 60:g} min)") from None
 
 
-def _line(error: BaseException) -> str:
+def _first_line(error: BaseException) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0]

@@ -1,8 +1,8 @@
-"""A run cut into shards: how many, and what each goes through.
+"""Divide a run into shards: how many, and the particles of each.
 
-A shard is a range of whole blocks of particles (drift.engine.particles.partials). Noise goes by a
-particle's number in the whole run and sums go by blocks, so that no number of shards changes a bit
-of the results.
+A shard is a range of whole blocks of particles (drift.engine.particles.partials). Random numbers
+depend on a particle's number in the whole run, and sums are taken by blocks, so the results are the
+same to the bit for any number of shards.
 """
 
 import math
@@ -34,48 +34,55 @@ from kernels.step import coast as device_coast
 from kernels.step.coast import DeviceCoast
 
 GIB = 2**30
-# [bytes] that a run takes however few its particles are: the program, the forcing, the coast, maps
+# [bytes] of a run without its particles: the program, the forcing, the coast, maps
 BASE = 700 * 2**20
-# [bytes] a particle of the shard under way is given, while it is drawn and moved: about 130 were
-# seen
+# [bytes] reserved for a particle of the shard being drawn and moved; about 130 measured
 HELD = 200
-WEIGHED = 6_000  # [bytes] a world of a spill while finds weigh it
-TOLD = 150  # [bytes] more for each output: 8,600 in all were seen at 21
-LEAST = 2**16  # particles in a shard, if memory is scarce
-LOSS = 2**20  # particles in a shard at most: what is under way is lost when a run is stopped
-# on a graphics card, which is expected to move as many in the same time (docs/backends.md)
+WEIGHED = 6_000  # [bytes] a world of a spill while the finds weight the worlds
+TOLD = 150  # [bytes] a world and output in addition: 8,600 in total measured at 21 outputs
+LEAST = 2**16  # smallest number of particles in a shard when memory is short
+LOSS = 2**20  # largest number in a shard: the unfinished shard is lost when a run is stopped
+# on a graphics card, which moves about as many in the same time (docs/backends.md)
 LOSS_CARD = 2**23
-PER_WORKER = 4  # shards at least, so that none waits long for another at the end
+PER_WORKER = 4  # least number of shards per worker, so that workers end at about the same time
 
 
 @dataclass(frozen=True)
 class Divided:
-    """A run that is about to be moved shard by shard."""
+    """A run, divided into shards."""
 
     setup: Setup
     layout: Layout  # of all particles
-    many: int  # shards
+    many: int  # number of shards
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Those who move the shards of a run."""
+    """The workers of a cluster."""
 
     count: int
-    together: int  # processes of the run on one machine at most, this one among them
-    free: float  # [bytes] of memory that is left on its machine to the one with the least
-    limit: float = math.inf  # [bytes] that dask lets the one with the least take
+    together: int  # largest number of the run's processes on one machine, this process included
+    free: float  # [bytes] least free memory per process of any machine
+    limit: float = math.inf  # [bytes] lowest memory limit that dask sets for a worker
 
 
 def number(
     case: Case, memory: float | None, shards: int | None, workers: Workers | None = None
 ) -> int:
-    """Return how many shards a run is cut into: as many as is said, or as its memory and the loss
-    at a stop ask for.
+    """Return the number of shards of a run; 1 without workers is a run in one piece.
 
-    memory: [GiB] that it may take on one machine, by default half of what is free. workers: that
-    move them; None: this process does. 1 without workers is a run in one piece. On a graphics card
-    a shard must fit into half of what the card has left, too. Raises UserError for what cannot be.
+    Without `shards`, a shard fits into the memory and is small enough that a stopped run loses
+    little. On a graphics card, a shard also fits into half of the card's free memory.
+
+    Args:
+        case: the case of the run.
+        memory: memory limit of the run on one machine [GiB]; None: half of the free memory.
+        shards: the requested number of shards; None: choose it.
+        workers: workers that move the shards; None: this process does.
+
+    Raises:
+        UserError: the memory or the number of shards is out of range, or shards exclude the
+            case's resampling method.
     """
     at_once = workers.together if workers else 1
     card = None if workers else runtime.room()
@@ -85,21 +92,21 @@ def number(
     if memory is not None and not least <= memory < math.inf:
         who = f"{at_once} processes on one machine take" if workers else "a run takes"
         raise UserError(
-            f"--memory {memory:.3g} (GiB): {who} {_up(least)} GiB at least; give as much{', or fewer workers' * bool(workers)}"
+            f"--memory {memory:.3g} (GiB): {who} {_round_up(least)} GiB at least; give as much{', or fewer workers' * bool(workers)}"
         )
     if shards is not None and not isinstance(shards, int):
         raise UserError(f"--shards {shards}: give a whole number")
     if case.resampling.fills:
         if shards not in (None, 1) or workers:
             raise UserError(
-                f'[resampling] method = "{case.resampling.method}" goes by an estimate of all particles: run it in one piece, without '
+                f'[resampling] method = "{case.resampling.method}" needs all particles at once: run it in one piece, without '
                 "--shards or --workers or --cluster"
             )
         whole = (BASE + case.particles * held(case)) / GIB
         if whole > machine_memory.free() / GIB:
             raise UserError(
                 f'particles: {case.particles:,} in one piece, as [resampling] method = "{case.resampling.method}" asks for, take '
-                f"{_up(whole)} GiB of memory, and {machine_memory.free() / GIB:.1f} GiB are free; give fewer"
+                f"{_round_up(whole)} GiB of memory, and {machine_memory.free() / GIB:.1f} GiB are free; give fewer"
             )
         run_setup.refuse_beyond(
             card, case, case.particles, "particles", "give fewer, or use --backend cpu"
@@ -109,7 +116,7 @@ def number(
     weighed = (BASE + (WEIGHED + TOLD * case.outputs.size) * spill.worlds) / GIB if spill else 0.0
     if spill and memory is not None and memory < weighed:
         raise UserError(
-            f"--memory {memory:.3g} (GiB): to weigh a spill's {spill.worlds:,} worlds takes {_up(weighed)} GiB; give as much, or "
+            f"--memory {memory:.3g} (GiB): weighting the spill's {spill.worlds:,} worlds takes {_round_up(weighed)} GiB; give as much, or "
             "fewer worlds"
         )
     most = (
@@ -126,7 +133,7 @@ def number(
         each = (BASE + math.ceil(case.particles / shards) * held(case)) * at_once / GIB
         if memory is not None and each > memory:
             raise UserError(
-                f"--shards {shards}: so large they take {_up(each)} GiB, and --memory is {memory:.3g} (GiB); give one of them"
+                f"--shards {shards}: shards of this size take {_round_up(each)} GiB, and --memory is {memory:.3g} (GiB); give only one of the two"
             )
         remedy = (
             "give more shards"
@@ -153,28 +160,36 @@ def number(
     )
 
 
-def _up(size: float) -> str:
-    """Return a size rounded up to a tenth: what is asked for suffices."""
+def _round_up(size: float) -> str:
+    """Return a size rounded up to a tenth, so that the size named in a message suffices."""
     return f"{math.ceil(10 * size) / 10:g}"
 
 
 def held(case: Case) -> int:
-    """Return how many bytes a particle of the shard under way is given."""
+    """Return the bytes reserved for a particle of the shard being moved."""
     return HELD + run_setup.more_bytes(case)
 
 
 Begun = tuple[
     Array, Lacking
-]  # how a shard's places were drawn (drift.engine.motion.prior.Prior), and what lacks forcing
+]  # trials of a shard's positions (drift.engine.motion.prior.Prior), and particles without forcing
 Deal = Callable[[Clock, Sequence[Layout]], Iterable[Begun]]
 
 
 def begun(case: Case, where: Environment, scene: Scene, clock: Clock, layout: Layout) -> Begun:
-    """Return how the places of a shard were drawn, and what of it lacks forcing as the run begins.
+    """Draw the positions of a shard; return their trials and the particles without initial forcing.
 
-    Its particles are drawn in full when they are moved. To draw them once and keep them in between
-    would cost more: of a million, places take 0.24 s of processor time and all of it 0.61 s;
-    writing, checking and reading 96 bytes each 0.4 s.
+    The particles are drawn again, completely, when they are moved: storing them would cost more.
+    For
+    a million particles, drawing takes 0.24 s for positions and 0.61 s for everything; writing,
+    checking and reading 96 bytes each takes 0.4 s.
+
+    Args:
+        case: the case of the run.
+        where: its environment.
+        scene: forcing, motion models and coast.
+        clock: the steps of the run.
+        layout: the particles of the shard.
     """
     drawn = prior.draw_ensemble(
         run_setup.spec_of(case, where), scene.place.coast, layout, still=True
@@ -183,10 +198,16 @@ def begun(case: Case, where: Environment, scene: Scene, clock: Clock, layout: La
 
 
 def prepare(case: Case, where: Environment, many: int, deal: Deal | None = None) -> Divided:
-    """Return a case's run, cut into some shards; close `setup.scene.forcing` after it.
+    """Set up a case's run in shards; the caller closes `setup.scene.forcing`.
 
-    deal: does what `begun` does for the shards, by default this process does. Raises UserError as
-    drift.pipeline.run_setup.prepare does.
+    Args:
+        case: the case of the run; not a spill (see drift.pipeline.shards.spilled).
+        where: its environment.
+        many: the number of shards.
+        deal: computes `begun` for all shards, on workers; None: this process does.
+
+    Raises:
+        UserError: as `drift.pipeline.run_setup.prepare`.
     """
     assert not case.spill  # drift.pipeline.shards.spilled
     spec = run_setup.spec_of(case, where)
@@ -208,18 +229,18 @@ def prepare(case: Case, where: Environment, many: int, deal: Deal | None = None)
 
 
 def _sample(spec: EnsembleSpec, coast: DeviceCoast | None, whole: Layout) -> Ensemble:
-    """Return the particles by which the step of a run is chosen, evenly spread over it."""
+    """Return an evenly spaced sample of the particles, from which the step is chosen."""
     n = whole.bounds[-1]
     chosen = np.unique(np.linspace(0, n - 1, min(TRIAL_SIZE, n)).astype(np.int64))
     parts = []
-    for layout, slots in _around(whole, chosen):
+    for layout, slots in _blocks_of_slots(whole, chosen):
         drawn = prior.draw_ensemble(spec, coast, layout).ensemble
         parts.append(record.sample(drawn, slots))
     return record.join_ensembles(parts)
 
 
-def _around(whole: Layout, chosen: np.ndarray) -> Iterator[tuple[Layout, np.ndarray]]:
-    """Yield layouts of the blocks that hold chosen slots, and the slots within."""
+def _blocks_of_slots(whole: Layout, chosen: np.ndarray) -> Iterator[tuple[Layout, np.ndarray]]:
+    """Yield layouts of the blocks that contain chosen slots, and the slots' numbers in them."""
     edges = np.append(whole.blocks.first, whole.blocks.n)
     block = np.searchsorted(edges, chosen, "right") - 1
     for run in np.split(np.arange(len(block)), np.flatnonzero(np.diff(block) > 1) + 1):

@@ -1,5 +1,6 @@
-"""The fingerprint of a run: all that its results follow from, so that nothing of another run is
-taken for its own.
+"""The fingerprint of a run: all inputs that determine its results.
+
+Stored shards are reused only if their run has the same fingerprint.
 """
 
 import hashlib
@@ -14,24 +15,26 @@ from geo.files import digest
 
 
 def fingerprint_of(case: Case, where: Environment, many: int) -> dict[str, str]:
-    """Return what the results of a case's run in so many shards follow from, by what it is."""
-    told = run_metadata.attributes(case, where)
+    """Return the fingerprint of a run in `many` shards: a value for each input, by its name."""
+    attributes = run_metadata.attributes(case, where)
     files = hashlib.sha256(
         "".join(digest.digest_of(path) for path in case.inputs).encode()
     ).hexdigest()
     return {
         **of_machine(),
         "the case": case_digest.digest(case, moves=True),
-        "the seed": told["seed"],
-        work.BACKEND: ": ".join(told[name] for name in ("backend", "device") if name in told),
-        "the forcing": f"{told['forcing']}; {files}",
-        "the coast": told["coast"],
+        "the seed": attributes["seed"],
+        work.BACKEND: ": ".join(
+            attributes[name] for name in ("backend", "device") if name in attributes
+        ),
+        "the forcing": f"{attributes['forcing']}; {files}",
+        "the coast": attributes["coast"],
         work.NUMBER: str(many),
     }
 
 
 def of_machine() -> dict[str, str]:
-    """Return what of it is the same for all runs on a machine."""
+    """Return the part of the fingerprint that depends on the machine: versions and arithmetic."""
     return {
         "the versions": version.told(),
         "the processor's arithmetic": machine.arithmetic(),

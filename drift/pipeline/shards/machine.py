@@ -1,6 +1,4 @@
-"""What the bits of results depend on besides the case and versions of programs: the processor's
-arithmetic.
-"""
+"""Fingerprint of the processor's arithmetic, on which the last bits of results depend."""
 
 import hashlib
 import platform
@@ -24,9 +22,7 @@ FUNCTIONS = (
 
 
 def arithmetic() -> str:
-    """Return a fingerprint of this machine's arithmetic: its functions may differ in the last bit
-    from another's.
-    """
+    """Return a digest of function values, whose last bits differ between kinds of machines."""
     x = np.linspace(0.001, 50.0, 4001)
     values = [function(x) for function in FUNCTIONS]
     values += [

@@ -1,4 +1,8 @@
-"""A run in shards: each is moved, or read where it is finished; then all are one run again."""
+"""Simulate a run in shards, stretch by stretch, and join the shards to one result.
+
+Finished stretches are read from the store. Between stretches, contacts are weighed and particles
+resampled across all shards.
+"""
 
 import contextlib
 import itertools
@@ -31,7 +35,7 @@ from geo.errors import UserError
 
 @dataclass(frozen=True)
 class Moved:
-    """A run whose shards have been moved."""
+    """A run whose shards have been simulated."""
 
     snapshots: SnapshotStore
     updates: Updates | None
@@ -40,72 +44,79 @@ class Moved:
 
 
 @dataclass
-class _Way:
-    """A run on its way from stretch to stretch."""
+class _RunProgress:
+    """Progress of a run: its stretches so far, and where the next begins."""
 
     layout: Layout  # of the whole run
     number: int = 0  # of the present stretch
-    since: From | None = None  # where it begins; None: at the run's start
-    # log mean likelihoods of doubtful contacts, by their numbers
+    since: From | None = None  # states from which it resumes; None: the run's start
+    # log mean likelihoods of doubtful contacts, by number
     known: dict[int, float] = field(default_factory=dict)
     stretches: list[Sequence[ShardFile]] = field(default_factory=list)
-    events: int = 0  # after which it was last asked whether particles are drawn anew
+    events: int = 0  # number of updates when resampling was last considered
 
 
 @contextlib.contextmanager
 def move_shards(
     job: Job, run: Divided, mark: Mapping[str, str], noted: Noted | None
 ) -> Iterator[Moved]:
-    """Give what the particles of a run were like at all output times, and what was told on the way.
+    """Simulate a run in shards; yield its snapshots, updates and posteriors.
 
-    mark: the run's fingerprint.
+    Args:
+        job: the case, its environment and its options.
+        run: the divided run.
+        mark: the run's fingerprint.
+        noted: called after each update.
+
+    Raises:
+        UserError: a step of the filter is rejected, too much is lost, or disk space is short.
     """
-    case, job = job.case, replace(job, tell=_rising(job.tell))
+    case, job = job.case, replace(job, tell=_never_decreasing(job.tell))
     need, slices = shelf.need(case, run.layout.bounds[-1]), shelf.slices(case, run.setup.scene)
     with (
         shelf.open_shelf(job.out, mark, need, slices) as kept,
         shelf.stored(job.where, kept),
     ):
         try:
-            way, told = _all(job, run, kept, mark, noted)
+            progress, told = _simulate_stretches(job, run, kept, mark, noted)
         except Gone as gone:
             LOG.warning("%s of the previous run is missing: it starts again", gone)
             kept.begin_anew()
-            way, told = _all(job, run, kept, mark, noted)
-        last = way.stretches[-1]
-        with SnapshotStore(way.stretches) as spool:
-            blocks = way.layout.blocks
+            progress, told = _simulate_stretches(job, run, kept, mark, noted)
+        last = progress.stretches[-1]
+        with SnapshotStore(progress.stretches) as spool:
+            blocks = progress.layout.blocks
             unsearched = (
                 columns(last, blocks, ["unsearched"]) if "unsearched" in last[0].notes else None
             )
-            with _dropped_if_refused(kept):
+            with _delete_store_if_rejected(kept):
                 run_setup.check_end(case, job.where, run.setup, spool, unsearched)
             posteriors = told.beliefs.posteriors if told.beliefs else None
-            yield Moved(spool, told.updates(last, way.layout), posteriors, told.begun)
+            yield Moved(spool, told.updates(last, progress.layout), posteriors, told.begun)
 
 
-def _all(
+def _simulate_stretches(
     job: Job, run: Divided, kept: Work, mark: Mapping[str, str], noted: Noted | None
-) -> tuple[_Way, Told]:
-    """Move all stretches of all shards."""
-    way, told = _Way(run.layout), None
+) -> tuple[_RunProgress, Told]:
+    """Simulate all stretches of all shards."""
+    progress, told = _RunProgress(run.layout), None
     while True:
-        units = _units(job, run, kept, way)
-        reels = _stretch(job, run, kept, mark, units)
-        way.stretches.append(reels)
+        units = _units(job, run, kept, progress)
+        reels = _simulate_stretch(job, run, kept, mark, units)
+        progress.stretches.append(reels)
         if told is None:
-            told = Told(job.case, run.setup, reels, way.layout, noted)
-        with _dropped_if_refused(kept):
-            told.take(reels, way.layout)
+            told = Told(job.case, run.setup, reels, progress.layout, noted)
+        with _delete_store_if_rejected(kept):
+            told.take(reels, progress.layout)
         result = stretch.result(reels[0])
         if result.over:
-            return way, told
-        _go_on(job, run, kept, way, units, told)
+            return progress, told
+        _prepare_next_stretch(job, run, kept, progress, units, told)
 
 
 @contextlib.contextmanager
-def _dropped_if_refused(kept: Work) -> Iterator[None]:
-    """Keep nothing of a run that is refused: the same command would only be refused again."""
+def _delete_store_if_rejected(kept: Work) -> Iterator[None]:
+    """Delete the store if the run is rejected: the same command would be rejected again."""
     try:
         yield
     except UserError:
@@ -113,9 +124,9 @@ def _dropped_if_refused(kept: Work) -> Iterator[None]:
         raise
 
 
-def _units(job: Job, run: Divided, kept: Work, way: _Way) -> list[Unit]:
+def _units(job: Job, run: Divided, kept: Work, progress: _RunProgress) -> list[Unit]:
     """Return the units of the present stretch."""
-    parts = way.layout.shards(run.many)
+    parts = progress.layout.shards(run.many)
     firsts = np.cumsum([0, *(part.bounds[-1] for part in parts)]).tolist()
     return [
         Unit(
@@ -124,9 +135,9 @@ def _units(job: Job, run: Divided, kept: Work, way: _Way) -> list[Unit]:
             part,
             number,
             first,
-            way.number,
-            _of_shard(kept, way.since, first, last),
-            way.known,
+            progress.number,
+            _states_for_shard(kept, progress.since, first, last),
+            progress.known,
             run.setup.guide,
         )
         for number, (part, (first, last)) in enumerate(
@@ -135,8 +146,8 @@ def _units(job: Job, run: Divided, kept: Work, way: _Way) -> list[Unit]:
     ]
 
 
-def _of_shard(kept: Work, since: From | None, first: int, last: int) -> From | None:
-    """Return where a shard of some slots goes on, with no more states than it needs."""
+def _states_for_shard(kept: Work, since: From | None, first: int, last: int) -> From | None:
+    """Return the states from which the shard of the slots first <= slot < last resumes."""
     if since is None:
         return None
     least, most = first, last - 1
@@ -149,14 +160,14 @@ def _of_shard(kept: Work, since: From | None, first: int, last: int) -> From | N
     )
 
 
-def _stretch(
+def _simulate_stretch(
     job: Job, run: Divided, kept: Work, mark: Mapping[str, str], units: Sequence[Unit]
 ) -> list[ShardFile]:
     """Return the reels of a stretch of all shards, moved or read where they are finished."""
-    many, (begun, end) = len(units), _span(job, run, units[0])
+    many, (begun, end) = len(units), _time_span(job, run, units[0])
 
     def tell(done: int, share: float) -> None:
-        """Say how far the run is; share: how far the shard after those that are done is."""
+        """Report the run's progress; `share` is that of the shard in progress."""
         own = min(max(share - begun, 0.0), end - begun)
         job.tell("drift", begun + (done * (end - begun) + own) / many)
 
@@ -170,8 +181,8 @@ def _stretch(
     ]
 
 
-def _rising(tell: Report) -> Report:
-    """Return the same that never goes back: a step before which shards meet is made twice."""
+def _never_decreasing(tell: Report) -> Report:
+    """Return a progress callback that never goes back, although steps may be repeated."""
     most = 0.0
 
     def told(phase: str, share: float) -> None:
@@ -182,8 +193,8 @@ def _rising(tell: Report) -> Report:
     return told
 
 
-def _span(job: Job, run: Divided, unit: Unit) -> tuple[float, float]:
-    """Return the shares of the run's time at which a stretch begins and will end, to a step."""
+def _time_span(job: Job, run: Divided, unit: Unit) -> tuple[float, float]:
+    """Return the start and the expected end of a stretch, as shares of the run's duration."""
     case, duration = job.case, run.setup.clock.duration
     begun = unit.since.time if unit.since else 0
     asked = [
@@ -202,17 +213,20 @@ def _span(job: Job, run: Divided, unit: Unit) -> tuple[float, float]:
     return begun / duration, min([*stops, duration]) / duration
 
 
-def _go_on(
-    job: Job, run: Divided, kept: Work, way: _Way, units: Sequence[Unit], told: Told
+def _prepare_next_stretch(
+    job: Job, run: Divided, kept: Work, progress: _RunProgress, units: Sequence[Unit], told: Told
 ) -> None:
-    """Let all shards meet at the end of a stretch, and go on to the next."""
-    reels, before = way.stretches[-1], way.since
+    """Reduce over all shards at the end of a stretch, and prepare the next stretch.
+
+    The reduction is the mean likelihood of a doubtful contact, or resampling.
+    """
+    reels, before = progress.stretches[-1], progress.since
     result, states = (
         stretch.result(reels[0]),
         [(unit.state, unit.first, unit.first + unit.n) for unit in units],
     )
     if result.since is not None and (before is None or result.since != before.time):
-        way.since = From(result.since, tuple(states))
+        progress.since = From(result.since, tuple(states))
     if result.contact is not None:
         weighed = {
             name: weights.merged(
@@ -223,31 +237,34 @@ def _go_on(
             )
             for name in ("before", "after")
         }
-        way.known = {
-            **way.known,
+        progress.known = {
+            **progress.known,
             result.contact: meeting.log_mean(weighed["before"], weighed["after"]),
         }
-    elif len(told.account.updates) > way.events:
-        way.events = len(told.account.updates)
-        assert way.since is not None
-        way.since = _drawn_anew(job, run, kept, way, told, way.since)
-    if before is not None and before is not way.since:
+    elif len(told.account.updates) > progress.events:
+        progress.events = len(told.account.updates)
+        assert progress.since is not None
+        progress.since = _resample_if_needed(job, run, kept, progress, told, progress.since)
+    if before is not None and before is not progress.since:
         for name, _, _ in before.states:
             kept.remove(name)
-    way.number += 1
+    progress.number += 1
 
 
-def _drawn_anew(job: Job, run: Divided, kept: Work, way: _Way, told: Told, since: From) -> From:
-    """Draw all particles again at the end of a stretch if too few of them count; return where the
-    next goes on.
+def _resample_if_needed(
+    job: Job, run: Divided, kept: Work, progress: _RunProgress, told: Told, since: From
+) -> From:
+    """Resample at the end of a stretch if the effective sample is too small.
+
+    Return the states from which the next stretch resumes.
     """
-    name, layout = f"drawn-{way.number:03}", way.layout
+    name, layout = f"drawn-{progress.number:03}", progress.layout
     target = prior.counts_of(run.setup.spec)
     redrawing = Redrawing(job.case.seed, job.case.resampling, target)
 
     def fill(reel: ShardFile) -> None:
         states = [kept.read(name) for name, _, _ in since.states]
-        drawn = redrawing.anew(together(states, "particle log_weight"), layout, way.events)
+        drawn = redrawing.anew(together(states, "particle log_weight"), layout, progress.events)
         reel.note("bounds", np.array(layout.bounds if drawn is None else drawn.layout.bounds))
         if drawn is not None:
             begun = (
@@ -264,8 +281,10 @@ def _drawn_anew(job: Job, run: Divided, kept: Work, way: _Way, told: Told, since
     if "ancestors" not in reel.notes:
         return since
     bounds = tuple(reel.noted("bounds").tolist())
-    way.layout = layout if bounds == layout.bounds else Layout(bounds, bounds[:-1], layout.block)
+    progress.layout = (
+        layout if bounds == layout.bounds else Layout(bounds, bounds[:-1], layout.block)
+    )
     told.account.drawn_anew(
-        reel.noted("log_weight"), reel.noted("lineage"), way.layout, sum(target)
+        reel.noted("log_weight"), reel.noted("lineage"), progress.layout, sum(target)
     )
     return replace(since, drawn=name)

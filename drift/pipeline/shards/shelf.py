@@ -1,8 +1,8 @@
-"""The folder in which a run in shards keeps what it has finished: beside its results, and gone when
-these stand.
+"""The folder of a run's finished shards, beside the output folder; deleted when results are
+complete.
 
-All of it stands under a fingerprint of the case, the versions, the forcing and the processor's
-arithmetic: where that has changed, nothing of it is used.
+Its contents are valid for one fingerprint of case, versions, forcing and the processor's
+arithmetic. If the fingerprint has changed, the shards are discarded.
 """
 
 import contextlib
@@ -40,22 +40,27 @@ from geo import notation
 from geo.errors import UserError
 from kernels.runtime import runtime
 
-# [bytes] a particle and update, about: weights, and the quantities of which posteriors are told
+# about [bytes] a particle and update: weights, and the quantities whose posteriors are reported
 NOTED = 80
-# [bytes] a particle where shards meet, about; more for each kind of debris
+# about [bytes] a particle for its state between stretches, and in addition for each debris class
 STATE, DEBRIS = 200, 100
-DRAWN = 24  # [bytes] a particle, each time that particles are drawn again
+DRAWN = 24  # [bytes] a particle and resampling
 
 
 @contextlib.contextmanager
 def open_shelf(
     out: Path | None, fingerprint: Mapping[str, str], need: int, slices: int = 0
 ) -> Iterator[Work]:
-    """Give the work of a run that writes to `out`, as far as it is finished; None: it is not kept.
+    """Open the store of a run's finished shards; it stays until `clear`.
 
-    fingerprint: of all that decides on the results, by what it is of; need: [bytes] of all shards;
-    slices: [bytes] of the forcing's, which are kept if there is room for them too. It stays until
-    `clear`. Raises UserError where another run is at work on it, or there is no room.
+    Args:
+        out: the output folder of the run; None: the store is a temporary folder.
+        fingerprint: the run's fingerprint.
+        need: size of all shards [bytes].
+        slices: size of the regridded forcing [bytes], stored only if there is space for it too.
+
+    Raises:
+        UserError: another run uses the store, the folder cannot be written, or space is short.
     """
     with contextlib.ExitStack() as stack:
         if out is None:
@@ -66,41 +71,46 @@ def open_shelf(
             folder = shelf_beside(out)
             work = Work(folder, run_of(fingerprint))
             try:
-                if _place(out).is_symlink() and not folder.parent.is_dir():
+                if _path_of_shelf(out).is_symlink() and not folder.parent.is_dir():
                     raise UserError(
-                        f"{_place(out)}: the folder to which this link leads is not there; mend the link"
+                        f"{_path_of_shelf(out)}: this link points to a folder that does not exist; correct the link"
                     )
                 folder.mkdir(parents=True, exist_ok=True)
-                stack.callback(_removed_if_empty, folder)
+                stack.callback(_remove_if_empty, folder)
                 if not stack.enter_context(hidden.alone(folder, 0.0)):
                     raise UserError(
                         f"{out}: another run is at work on it ({folder}); wait for it, or name another folder with --out"
                     )
-                _take_up(work, fingerprint)
+                _reuse_or_clear(work, fingerprint)
             except OSError as error:
                 raise UserError(
                     f"{folder}: {error.strerror or error}; name another folder with --out"
                 ) from error
         have = sum(path.stat().st_size for path in folder.glob("*-*.bin"))
         room = shutil.disk_usage(folder).free
-        _refuse_without(folder, need, have, room)
-        _make_room(folder / FORCING, slices, room + have - need)
+        _check_space(folder, need, have, room)
+        _create_forcing_folder(folder / FORCING, slices, room + have - need)
         yield work
 
 
 def check_room(out: Path | None, need: int) -> None:
-    """Reject a run whose shards [bytes] the disk has no room for, before anything of it is drawn.
+    """Reject a run whose shards do not fit on the disk, before its particles are drawn.
 
-    out: folder of its results; None: they are not kept, and the shards lie in the temporary folder.
+    Args:
+        out: the output folder of the run; None: the shards go to a temporary folder.
+        need: size of all shards [bytes].
+
+    Raises:
+        UserError: the disk has not enough free space.
     """
     folder = Path(tempfile.gettempdir()) if out is None else shelf_beside(out).absolute()
     there = next(place for place in (folder, *folder.parents) if place.is_dir())
     have = sum(path.stat().st_size for path in folder.glob("*-*.bin")) if out is not None else 0
-    _refuse_without(folder, need, have, shutil.disk_usage(there).free)
+    _check_space(folder, need, have, shutil.disk_usage(there).free)
 
 
-def _refuse_without(folder: Path, need: int, have: int, room: int) -> None:
-    """Raise UserError where a folder has no room [bytes] for what is needed and not there yet."""
+def _check_space(folder: Path, need: int, have: int, room: int) -> None:
+    """Raise UserError if `need` exceeds the bytes stored and the free space, all in [bytes]."""
     if need - have > room:
         raise UserError(
             f"{folder}: the particles at all output times need {notation.size(need)}, and "
@@ -108,10 +118,8 @@ def _refuse_without(folder: Path, need: int, have: int, room: int) -> None:
         )
 
 
-def _make_room(folder: Path, need: int, room: int) -> None:
-    """Make the folder of the forcing's slices, if there is room for them [bytes]; say so where
-    there is none.
-    """
+def _create_forcing_folder(folder: Path, need: int, room: int) -> None:
+    """Create the folder of the regridded forcing if it fits into `room` [bytes], else warn."""
     have = sum(path.stat().st_size for path in folder.glob("*"))
     if need <= room + have:
         folder.mkdir(exist_ok=True)
@@ -125,14 +133,16 @@ def _make_room(folder: Path, need: int, room: int) -> None:
 
 
 def unfinished(out: Path) -> bool:
-    """Whether anything is kept of a run that was to write its results there."""
+    """Return whether there are stored shards of an unfinished run to this output folder."""
     return os.path.isdir(shelf_beside(out))
 
 
 def begun(out: Path, fingerprint: Mapping[str, str]) -> int | None:
-    """Return into how many shards this very run was cut before; None where nothing of it is there.
+    """Return the number of shards of an unfinished run; None if it is not stored.
 
-    fingerprint: of it, whatever the number of its shards.
+    Args:
+        out: the output folder.
+        fingerprint: the run's fingerprint; its number of shards is ignored.
     """
     before = mark_of(shelf_beside(out))
     if before is None or any(
@@ -143,11 +153,14 @@ def begun(out: Path, fingerprint: Mapping[str, str]) -> int | None:
 
 
 def settled(backend: str, out: str | os.PathLike[str] | None, client: Any = None) -> str:
-    """Return a backend, and in place of AUTO the one on which an unfinished run to a folder was
-    moved, if there is one.
+    """Return the backend; AUTO becomes the backend of an unfinished run to the folder, if any.
 
-    On another one nothing that is finished would count. client: of workers, who have processors
-    alone.
+    The finished shards are valid only on the backend that made them.
+
+    Args:
+        backend: the requested backend.
+        out: the output folder; None: there is none.
+        client: a client of a cluster, whose workers have only processors; None: no cluster.
     """
     if backend != runtime.AUTO or out is None or client is not None:
         return backend
@@ -156,8 +169,11 @@ def settled(backend: str, out: str | os.PathLike[str] | None, client: Any = None
 
 
 def clear(out: Path, fingerprint: Mapping[str, str] | None = None) -> None:
-    """Take away what is kept of a run whose results stand; fingerprint: of that run, if another's
-    is to be left.
+    """Delete the stored shards of a run whose results are complete.
+
+    Args:
+        out: the output folder.
+        fingerprint: delete only the shards of the run with this fingerprint; None: of any run.
     """
     folder = shelf_beside(out)
     if unfinished(out) and (fingerprint is None or begun(out, fingerprint) is not None):
@@ -167,10 +183,8 @@ def clear(out: Path, fingerprint: Mapping[str, str] | None = None) -> None:
 
 
 def shelf_beside(out: Path) -> Path:
-    """Return the folder beside that of the results; where a link of that name leads, one of these
-    results' own.
-    """
-    place = _place(out)
+    """Return the folder of the shards; if it is a link, a subfolder of its target for this run."""
+    place = _path_of_shelf(out)
     if not place.is_symlink():
         return place
     real = os.path.realpath(out)
@@ -178,9 +192,10 @@ def shelf_beside(out: Path) -> Path:
     return Path(os.path.realpath(place)) / f"{os.path.basename(real)}-{whose}{hidden.UNFINISHED}"
 
 
-def _place(out: Path) -> Path:
-    """Return where the folder lies: beside the results, or in them where nothing can be made there,
-    as beside a mount.
+def _path_of_shelf(out: Path) -> Path:
+    """Return the path of the shards' folder: beside the output folder, or in it.
+
+    It is in the output folder if its parent is not writable or on another file system (a mount).
     """
     real = Path(os.path.realpath(out))
     inside = real.is_dir() and (
@@ -189,21 +204,19 @@ def _place(out: Path) -> Path:
     return real / hidden.UNFINISHED if inside else real.parent / f".{real.name}{hidden.UNFINISHED}"
 
 
-def _removed_if_empty(folder: Path) -> None:
-    """Take a folder away in which nothing is kept."""
+def _remove_if_empty(folder: Path) -> None:
+    """Delete a folder if it is empty."""
     with contextlib.suppress(OSError):
         folder.rmdir()
 
 
-def _take_up(work: Work, fingerprint: Mapping[str, str]) -> None:
-    """Use what a run before has finished, if it was the same; else say what has changed, and begin
-    again.
-    """
+def _reuse_or_clear(work: Work, fingerprint: Mapping[str, str]) -> None:
+    """Keep the finished shards of the same run; delete those of another, and log what changed."""
     about, before = work.folder / ABOUT, mark_of(work.folder)
     if before == dict(fingerprint):
         many = len(list(work.folder.glob(INDICES)))
         if many:
-            LOG.warning("%d shards of this run were finished before: it goes on from there", many)
+            LOG.warning("%d shards of this run were finished before: it resumes from there", many)
         return
     if before is not None:
         changed = [
@@ -219,7 +232,7 @@ def _take_up(work: Work, fingerprint: Mapping[str, str]) -> None:
 
 @contextlib.contextmanager
 def stored(where: Environment, work: Work) -> Iterator[None]:
-    """Have what this process reads of the forcing stored with the shards meanwhile."""
+    """Cache the forcing that this process regrids in the store, while the context is open."""
     environment.store(where, work.forcing)
     try:
         yield
@@ -228,16 +241,19 @@ def stored(where: Environment, work: Work) -> Iterator[None]:
 
 
 def slices(case: Case, scene: Scene) -> int:
-    """Return how many bytes the slices of a run's forcing take."""
+    """Return the size of a run's regridded forcing [bytes]."""
     return scene.forcing.size(*notation.epochs(np.array(case.period.span)).tolist())
 
 
 def need(case: Case, particles: int) -> int:
-    """Return about how many bytes the files of a run take: outputs, what is told of updates, states
-    between stretches.
+    """Return the approximate size of a run's shards [bytes]: outputs, updates and states.
+
+    Args:
+        case: the case of the run.
+        particles: the number of its particles.
     """
-    # with the begin and the end
-    told = len(case.sorties) + len(case.contacts) + len(case.sensors.telling) + 2
+    # updates, and the start and the end of the run
+    records = len(case.sorties) + len(case.contacts) + len(case.sensors.telling) + 2
     again = case.resampling.below > 0
     states = 0  # of the stretch under way and the one before
     if again or any(contact.belief < 1 for contact in case.contacts):
@@ -246,5 +262,5 @@ def need(case: Case, particles: int) -> int:
             + DEBRIS * len({contact.drifter for contact in case.contacts} - {None})
             + 4 * len(case.sorties)
         )
-    noted = (NOTED + DRAWN * again) * told if run_setup.is_told(case) else 0
+    noted = (NOTED + DRAWN * again) * records if run_setup.is_told(case) else 0
     return particles * (BYTES * case.outputs.size + BYTES_END + noted + states)

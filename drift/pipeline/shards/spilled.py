@@ -1,8 +1,8 @@
-"""A spill's run cut into shards: ranges of whole blocks of its worlds, with all classes of objects.
+"""A spill's run in shards: ranges of whole blocks of its worlds, with all classes of objects.
 
-Each round, the worlds first drawn and those drawn again after it, is moved shard by shard, and what
-it was like is kept beside the rounds before. What finds say of worlds is made of their fates, read
-from the files of the shards part by part, as from the file of a run in one piece.
+Importance sampling simulates the worlds in rounds: first those of the prior, then those of each
+proposal. The shards of each round are stored beside those of earlier rounds. The weights of the
+worlds are computed from the files part by part, as from the file of a run in one piece.
 """
 
 import contextlib
@@ -41,13 +41,13 @@ from kernels.step import coast as device_coast
 from kernels.step.coast import DeviceCoast
 
 BYTES_STAY = 16  # [bytes] a stay ashore in a shard's file
-BYTES_WEIGHED = 4  # [bytes] a particle, of its weight once all have been weighed
-DRY = "dry"  # note of a shard: objects of each class that found no water
+BYTES_WEIGHED = 4  # [bytes] a particle, for its final weight
+DRY = "dry"  # stored column of a shard: objects of each class that could not be placed on water
 
 
 @dataclass(frozen=True)
 class Shards:
-    """A spill that is about to be moved shard by shard."""
+    """A spill's run, divided into shards."""
 
     setup: Setup
     worlds: Worlds
@@ -73,11 +73,11 @@ class Unit:
 
     @property
     def of(self) -> str:
-        """The worlds and the seed; finds decide on both in a renewal."""
+        """The worlds and the seed, which a proposal determines in later rounds."""
         return f"{self.worlds.digest} {self.seed}"
 
     def draw(self, coast: DeviceCoast) -> tuple[Ensemble, Array]:
-        """Return the particles, and how many of each class found no water."""
+        """Draw the particles; return with them the number of each class not placed on water."""
         case = self.case
         assert case.spill is not None
         return release.drawn(
@@ -86,15 +86,14 @@ class Unit:
 
     @property
     def name(self) -> str:
-        """What its file is called."""
+        """Name of its file, without suffix."""
         return f"shard-{self.number:05}"
 
     def move(
         self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work
     ) -> ShardFile:
-        """Return what the particles were like at all output times, and their stays ashore; tell:
-        takes what is done.
-        """
+        """Return the file of the particles at all outputs and their stays ashore; see
+        `Task.move`."""
         return kept.reel(self.name, self.n, partial(self._fill, scene, where, tell), self.of)
 
     def _fill(
@@ -117,7 +116,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Rounds:
-    """What moves the rounds of a spill, and keeps what they were like as long as its work is open."""
+    """Simulates the rounds of a spill; results can be read while the store is open."""
 
     job: Job
     run: Shards
@@ -125,7 +124,16 @@ class Rounds:
     mark: Mapping[str, str]  # the run's fingerprint
 
     def moved(self, drawn: Worlds, seed: int, number: int) -> Drifted:
-        """Return the round of some worlds, moved shard by shard; number: of the round, from 0."""
+        """Simulate a round shard by shard.
+
+        Args:
+            drawn: the worlds of the round.
+            seed: the seed of their objects.
+            number: number of the round, from 0.
+
+        Raises:
+            UserError: objects could not be placed on water, or too many particles were lost.
+        """
         job, kept, setup, many = self.job, self.kept, self.run.setup, len(self.run.spans)
         units = _units(job.case, setup.clock, self.run.spans, drawn, seed, number * many)
         if job.client is not None:
@@ -147,15 +155,13 @@ class Rounds:
         return Drifted(seed, spool, drawn)
 
     def _tell(self, done: int, share: float) -> None:
-        """Tell how much of the round is done: so many shards, and a share of another (or of more,
-        from 1 on).
-        """
+        """Report the progress of the round: `done` shards and the share of the next."""
         self.job.tell("drift", min((done + share) / len(self.run.spans), 1.0))
 
 
 @contextlib.contextmanager
 def open_rounds(job: Job, run: Shards) -> Iterator[Rounds]:
-    """Give what moves the rounds of a spill."""
+    """Open the store of a spill's shards and yield what simulates its rounds."""
     need = (
         shelf.need(job.case, job.case.particles) + (BYTES_STAY + BYTES_WEIGHED) * job.case.particles
     )
@@ -171,9 +177,9 @@ def open_rounds(job: Job, run: Shards) -> Iterator[Rounds]:
 
 
 def prepare(case: Case, where: Environment, many: int) -> Shards:
-    """Return a spill's run, cut into some shards; close `setup.scene.forcing` after it.
+    """Set up a spill's run in `many` shards; the caller closes `setup.scene.forcing`.
 
-    Raises UserError as drift.pipeline.run_setup.prepare does.
+    Raises UserError as `drift.pipeline.run_setup.prepare` does.
     """
     spill, drawn = _spill(case), run_setup.worlds(case, where)
     blocks = -(-spill.worlds // WORLDS)
@@ -206,7 +212,7 @@ def _units(
     seed: int,
     first: int,
 ) -> list[Unit]:
-    """Return the shards of some worlds; first: number of the first of them."""
+    """Return the shards of a round's worlds, numbered from `first`."""
     return [
         Unit(case, clock, release.layout(_spill(case), *span), drawn.some(*span), seed, number)
         for number, span in enumerate(spans, first)
@@ -214,9 +220,9 @@ def _units(
 
 
 def _sample(spill: Spill, units: list[Unit], coast: DeviceCoast) -> Ensemble:
-    """Return the particles by which the step of a run is chosen, evenly spread over it.
+    """Return an evenly spaced sample of the particles, from which the step is chosen.
 
-    Raises UserError when objects find no water.
+    Raises UserError if objects cannot be placed on water.
     """
     n = release.layout(spill).bounds[-1]
     chosen = np.unique(np.linspace(0, n - 1, min(TRIAL_SIZE, n)).astype(np.int64))

@@ -1,13 +1,12 @@
-"""A stretch of a shard's run: until its particles have to meet those of all others, or the run is
-over.
+"""A stretch of a shard's run: up to the next reduction across all shards, or the end of the run.
 
-They meet where a doubtful contact asks how likely it was by all particles, and after a step in
-which something took effect if particles may be drawn again. There a shard stops. Before a contact
-it leaves its state as it was at the begin of the step, which is made again once the answer is
-known; nothing of that step counts until then.
+Two things need a reduction: the mean likelihood of a doubtful contact (its evidence), and
+resampling, which is considered after each step with an update. The shard stops there. Before a
+doubtful contact it stores its state at the start of the step; the step is repeated once the mean
+likelihood is known, and its events are discarded until then.
 
-What took effect is taken down in the shard's reel, with all columns from which it is told later
-(drift.pipeline.shards.told).
+Each update is stored in the shard's file with the columns from which `drift.pipeline.shards.told`
+later builds the update's summary.
 """
 
 import json
@@ -30,30 +29,30 @@ from drift.evidence.posterior.quantities import QUANTITIES
 from drift.evidence.posterior.source import Particles
 from geo.array import Array
 
-EVENTS, RESULT = "events", "result"  # notes: what took effect, and why a stretch ended
+EVENTS, RESULT = "events", "result"  # stored columns: the updates, and why the stretch ended
 
 
 class Result(NamedTuple):
     """Why and when a stretch of a shard ended."""
 
-    # [s after start] at which the next goes on; None: from the run's start
+    # [s after start] at which the next stretch resumes; None: at the run's start
     since: int | None = None
-    contact: int | None = None  # number of the contact whose mean likelihood it has to know
-    anew: bool = False  # whether particles may have to be drawn anew
+    contact: int | None = None  # number of the contact whose mean likelihood is needed
+    anew: bool = False  # whether resampling is to be considered
 
     @property
     def over(self) -> bool:
-        """Whether the run is over."""
+        """Whether the run is complete."""
         return self.contact is None and not self.anew
 
 
 class Stop(Exception):
-    """A shard has to meet the others."""
+    """A shard needs a reduction across all shards."""
 
 
 class Stretch:
-    """One stretch of a shard: a drift.evidence.filter.meeting.Meeting that stops where it does not
-    know.
+    """One stretch of a shard: a `Meeting` (drift.evidence.filter.meeting) that stops when it needs
+    the other shards.
     """
 
     def __init__(
@@ -65,11 +64,15 @@ class Stretch:
         since: int | None,
         read: Particles | None,
     ) -> None:
-        """Make ready.
+        """Start a stretch.
 
-        reel: takes what happens; state: what particles are like at the end. contacts: with their
-        times [s after start]; known: log mean likelihoods of doubtful ones, by number. since: when
-        it begins; read: where quantities of posteriors are read.
+        Args:
+            reel: file of the shard's outputs and updates.
+            state: file of the particles' state at the end of the stretch.
+            contacts: the contacts with their times [s after start].
+            known: log mean likelihoods of doubtful contacts, by number.
+            since: start of the stretch [s after start]; None: the run's start.
+            read: source of the quantities whose posteriors are reported; None: none is reported.
         """
         self._reel, self._state, self._read, self._known = reel, state, read, known
         self._doubts = [
@@ -80,18 +83,16 @@ class Stretch:
         self.search: SearchFilter | None = None
         self.since, self._until = since, since or 0
         self._events: list[dict[str, object]] = []
-        self._mark = 0, 0  # events and moments that count, whatever comes of the present step
+        self._mark = 0, 0  # numbers of events and outputs before the present step
 
     def drawn(self, log_weight: Array, release: Array) -> None:
-        """Take down what particles are at the begin of the run."""
+        """Store the weights, release times and reported quantities at the start of the run."""
         self._reel.note("log_weight", log_weight)
         self._reel.note("release", release)
         self._values("begin")
 
     def begin(self, elapsed: int, until: int) -> None:
-        """Take note that a step is about to be made; keep the state where it will not be known how
-        it goes on.
-        """
+        """Record the start of a step; store the state if a doubtful contact falls into the step."""
         self._until = until
         if (
             elapsed > 0
@@ -102,23 +103,23 @@ class Stretch:
             self._keep(elapsed)
 
     def take(self, event: Event) -> None:
-        """Take down an event."""
+        """Store an update with its columns."""
         number = len(self._events)
         for name in event.columns.read:
             self._reel.note(f"{number} {name}", event.columns.whole(name))
         self._values(str(number))
-        told = {
+        header = {
             "name": event.name,
             "kind": event.kind,
             "time": str(event.time),
             "columns": list(event.columns.read),
         }
         self._events.append(
-            {**told, "unit": event.unit, "middle": event.middle, "certain": event.certain}
+            {**header, "unit": event.unit, "middle": event.middle, "certain": event.certain}
         )
 
     def mean(self, contact: int, before: Weighed, after: Weighed) -> float:
-        """Return the log of the mean likelihood of a contact, or stop to ask for it."""
+        """Return the log mean likelihood of a contact, or stop the shard if it is not yet known."""
         if contact in self._known:
             return self._known[contact]
         many, moments = self._mark
@@ -130,7 +131,7 @@ class Stretch:
         raise Stop
 
     def anew(self, log_weight: Array, layout: Layout) -> Drawn | None:
-        """Stop to ask whether particles are drawn again."""
+        """Stop the shard, so that resampling is considered across all shards."""
         self._keep(self._until)
         self.ended(Result(self.since, anew=True))
         raise Stop
@@ -146,12 +147,12 @@ class Stretch:
         self.ended(Result(self.since))
 
     def ended(self, result: Result) -> None:
-        """Take down all that happened, and why the stretch ended."""
+        """Store all updates, and why the stretch ended."""
         self._reel.note(EVENTS, _text(self._events))
         self._reel.note(RESULT, _text(result._asdict()))
 
     def _keep(self, time: int) -> None:
-        """Keep the state of all particles at a time at which a step begins."""
+        """Store the state of all particles at the start of a step [s after start]."""
         assert self.search is not None
         for name, column in self.search.columns.items():
             self._state.note(name, column.to_numpy())
@@ -160,7 +161,7 @@ class Stretch:
         self.since = time
 
     def _values(self, of: str) -> None:
-        """Take down what particles have of the quantities of which posteriors are told."""
+        """Store the quantities whose posteriors are reported; the column names begin with `of`."""
         for quantity in QUANTITIES:
             found = self._read.columns(quantity) if self._read else None
             if found is not None:
@@ -169,17 +170,23 @@ class Stretch:
 
 
 def events(reel: ShardFile) -> list[dict[str, Any]]:
-    """Return what took effect in a stretch."""
+    """Return the updates stored in a stretch's file."""
     return list(_read(reel, EVENTS))
 
 
 def result(reel: ShardFile) -> Result:
-    """Return why a stretch ended."""
+    """Return the stored result of a stretch: why and when it ended."""
     return Result(**_read(reel, RESULT))
 
 
 def weighed(reel: ShardFile, name: str, blocks: Blocks) -> Weighed:
-    """Return the weights before or after a contact of the particles of a shard."""
+    """Return the stored weights of a shard's particles before or after a contact.
+
+    Args:
+        reel: the file of the stretch.
+        name: "before" or "after".
+        blocks: the blocks of the shard's particles.
+    """
     sums = reel.noted(f"{name} sums").reshape(-1, 1, 2)
     return Weighed(
         reel.noted(f"{name} top"), Partial(blocks.scenarios, blocks.scenario, blocks.number, sums)
@@ -187,7 +194,7 @@ def weighed(reel: ShardFile, name: str, blocks: Blocks) -> Weighed:
 
 
 def contacts_of(spec: EnsembleSpec, contacts: Sequence[Contact]) -> list[tuple[int, Contact]]:
-    """Return contacts with their times [s after start]."""
+    """Return the contacts, each with its time [s after start]."""
     return [(spec.period.elapsed(contact.time), contact) for contact in contacts]
 
 

@@ -1,7 +1,8 @@
-"""What is told of a run in shards, made from what was taken down of all of them, stretch after
-stretch.
+"""Update summaries and posteriors of a run in shards, built from the columns that the shards
+stored.
 
-It is made part by part, by what makes it of a run in one piece: so it has the same bits.
+The columns are read part by part by the functions that serve a run in one piece, so the results are
+the same to the bit.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,14 +28,14 @@ from drift.pipeline.shards import stretch
 from geo.array import Array
 
 
-class _TakenDown:
-    """Particles as they were at an event: a drift.evidence.posterior.source.Source."""
+class _StoredParticles:
+    """Stored quantities of all particles at an event: a drift.evidence.posterior.source.Source."""
 
     def __init__(self, reels: Sequence[ShardFile], of: str, blocks: Blocks) -> None:
         self._reels, self._of, self._blocks = reels, of, blocks
 
     def columns(self, quantity: Quantity) -> Columns | None:
-        """Return what they have of a quantity; None: none has it."""
+        """Return the columns of a quantity; None if it was not stored."""
         own = [f"{self._of} {quantity.name} {name}" for name in Values._fields]
         if own[0] not in self._reels[0].notes:
             return None
@@ -52,8 +53,14 @@ class Told:
         layout: Layout,
         noted: Noted | None,
     ) -> None:
-        """Take down what the particles of all shards are at the begin of the run; noted: is told of
-        each update.
+        """Read the state of all shards at the start of the run.
+
+        Args:
+            case: the case of the run.
+            setup: its scene, clock and priors.
+            reels: the files of the first stretch of all shards.
+            layout: the particles of the whole run.
+            noted: called after each update.
         """
         self._case, self._setup = case, setup
         self.beliefs: Beliefs | None = None
@@ -64,7 +71,9 @@ class Told:
             else None
         )
         if begin is not None and run_setup.is_believed(case):
-            self.beliefs = Beliefs(setup.spec, begin, _TakenDown(reels, "begin", layout.blocks))
+            self.beliefs = Beliefs(
+                setup.spec, begin, _StoredParticles(reels, "begin", layout.blocks)
+            )
         self.account = Account(setup.spec, run_setup.noting(self.beliefs, noted))
         if begin is not None:
             self.account.begin(begin)
@@ -72,10 +81,10 @@ class Told:
             self.begun = account.begun(setup.spec, begin)
 
     def take(self, reels: Sequence[ShardFile], layout: Layout) -> None:
-        """Tell what took effect in a stretch; layout: of the whole run."""
+        """Add the updates of a stretch; `layout` is that of the whole run."""
         for number, event in enumerate(stretch.events(reels[0])):
             if self.beliefs is not None:
-                self.beliefs.source = _TakenDown(reels, str(number), layout.blocks)
+                self.beliefs.source = _StoredParticles(reels, str(number), layout.blocks)
             own = columns(
                 reels, layout.blocks, {name: f"{number} {name}" for name in event["columns"]}
             )
@@ -84,10 +93,7 @@ class Told:
             )
 
     def updates(self, reels: Sequence[ShardFile], layout: Layout) -> Updates | None:
-        """Return all updates of a run whose last stretch is over;
-
-        None: nothing was searched or seen.
-        """
+        """Return all updates of a completed run; None without search and observation."""
         case, spec = self._case, self._setup.spec
         if "unsearched" not in reels[0].notes:
             return None
@@ -107,41 +113,43 @@ class Told:
 def columns(
     reels: Sequence[ShardFile], blocks: Blocks, names: Mapping[str, str] | Sequence[str]
 ) -> Columns:
-    """Return columns of all particles, as they were taken down of each shard; names: under which,
-    by their own.
+    """Return columns of all particles of a run, read from the shards' files when needed.
+
+    Args:
+        reels: the files of all shards, in order.
+        blocks: the blocks of all particles.
+        names: names of the columns, or a mapping of their names to those in the files.
     """
     own, edges = (
         names if isinstance(names, Mapping) else {name: name for name in names},
-        _edges(reels),
+        _shard_bounds(reels),
     )
     reads = {name: partial(ShardFile.noted, name=noted) for name, noted in own.items()}
     return Columns(
-        blocks, {name: partial(_some, reels, edges, read) for name, read in reads.items()}
+        blocks, {name: partial(_read_slots, reels, edges, read) for name, read in reads.items()}
     )
 
 
 def at_end(reels: Sequence[ShardFile], blocks: Blocks) -> Columns:
     """Return the `log_weight` of all particles at the end of the run."""
     read = partial(ShardFile.read, name="log_weight", at=None)
-    return Columns(blocks, {"log_weight": partial(_some, reels, _edges(reels), read)})
+    return Columns(blocks, {"log_weight": partial(_read_slots, reels, _shard_bounds(reels), read)})
 
 
 def together(reels: Sequence[ShardFile], name: str) -> Array:
-    """Return a column of all particles (n,), as it was taken down of each shard."""
+    """Return a column of all particles, shape (n,), joined from the shards' files."""
     return np.concatenate([reel.noted(name) for reel in reels])
 
 
-def _edges(reels: Sequence[ShardFile]) -> Array:
-    """Return the first slot of each shard in the run and, last, the number of all."""
+def _shard_bounds(reels: Sequence[ShardFile]) -> Array:
+    """Return the first slot of each shard in the run, then the total number of slots."""
     return np.cumsum([0, *(reel.n for reel in reels)])
 
 
-def _some(
+def _read_slots(
     reels: Sequence[ShardFile], edges: Array, read: Callable[..., Array], first: int, last: int
 ) -> Array:
-    """Return a column of some slots of the run, whose shards come one after another; read: gives it
-    of slots of a reel.
-    """
+    """Return a column at the slots first <= slot < last; `read` reads slots of one shard's file."""
     begin, end = (np.searchsorted(edges, (first, last - 1), side="right") - 1).tolist()
     found = [
         read(

@@ -1,4 +1,4 @@
-"""The unit of work of a run in shards: one stretch of a shard."""
+"""The unit of work of a run in shards: one stretch of one shard (see `stretch`)."""
 
 import contextlib
 from collections.abc import Mapping, Sequence
@@ -28,18 +28,18 @@ from geo.array import Array
 
 @dataclass(frozen=True)
 class From:
-    """Where a shard finds the state with which it goes on."""
+    """The stored states from which a shard resumes."""
 
     time: int  # [s after start]
     states: tuple[
         tuple[str, int, int], ...
-    ]  # of all shards before: their files, first slots, and those after their last
-    drawn: str = ""  # file of the particles drawn again since; "": they are themselves
+    ]  # of each shard of the previous stretch: file, first slot, slot after the last
+    drawn: str = ""  # file of the resampled particles; "": they were not resampled
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A stretch of a shard of a case's run."""
+    """A stretch of a shard: a `drift.pipeline.shards.work.Task`."""
 
     case: Case
     clock: Clock
@@ -48,10 +48,10 @@ class Unit:
     first: int  # its first slot in the whole run
     stretch: int = 0
     since: From | None = None  # None: the run's start
-    # log mean likelihoods of doubtful contacts, by their numbers
+    # log mean likelihoods of doubtful contacts, by number
     known: Mapping[int, float] | None = None
-    guide: Guide | None = None  # how its particles are guided toward finds of debris
-    of: str = ""  # nothing besides the fingerprint of the run
+    guide: Guide | None = None  # proposal toward the finds of debris
+    of: str = ""  # the fingerprint of the run determines it alone
 
     @property
     def n(self) -> int:
@@ -60,20 +60,18 @@ class Unit:
 
     @property
     def name(self) -> str:
-        """What its file is called."""
+        """Name of its file, without suffix."""
         return f"shard-{self.number:05}-{self.stretch:03}"
 
     @property
     def state(self) -> str:
-        """What the file of its state at the end is called."""
+        """Name of the file of its state at the end, without suffix."""
         return state_of(self.number, self.stretch)
 
     def move(
         self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: Work
     ) -> ShardFile:
-        """Return what the particles are like at the output times of the stretch, and what took
-        effect; tell: takes what is done.
-        """
+        """Return the file of the stretch's outputs and updates; see `Task.move`."""
 
         def fill(reel: ShardFile) -> None:
             with kept.also(self.state, self.n) as state:
@@ -115,13 +113,13 @@ class Unit:
             spec, own, ensemble = begin.spec, begin.scene, begin.ensemble
             read = Particles(spec, ensemble, own.steering) if run_setup.is_believed(case) else None
             time = None if self.since is None else self.since.time
-            told = Stretch(
+            stretch_record = Stretch(
                 reel, state, stretch.contacts_of(spec, case.contacts), self.known or {}, time, read
             )
             if self.since is None and self.stretch == 0 and run_setup.is_told(case):
-                told.drawn(ensemble.log_weight.to_numpy(), ensemble.release.to_numpy())
-            search = told.search = run_setup.search(
-                case, begin, meeting=told, resumed=time is not None
+                stretch_record.drawn(ensemble.log_weight.to_numpy(), ensemble.release.to_numpy())
+            search = stretch_record.search = run_setup.search(
+                case, begin, meeting=stretch_record, resumed=time is not None
             )
             if search is not None and self.since is not None:
                 restore(search, kept, self.since, self.first)
@@ -132,19 +130,24 @@ class Unit:
             with contextlib.suppress(Stop):
                 reel.record(case.period, moments)
                 reel.end_with(ensemble)
-                told.over()
-            # they know of each other: the memory of both would wait for the garbage collector
-            told.search = None
+                stretch_record.over()
+            # break the reference cycle, which only the garbage collector would free
+            stretch_record.search = None
 
 
 def state_of(number: int, stretch: int) -> str:
-    """Return what the file of a shard's state at the end of a stretch is called."""
+    """Return the name of the file of a shard's state at the end of a stretch."""
     return f"state-{number:05}-{stretch:03}"
 
 
 def restore(search: SearchFilter, kept: Work, since: From, first: int) -> None:
-    """Give a search that has just been made the state with which it goes on; first: slot of its
-    first particle in the run.
+    """Load the stored state of a shard into its new search filter.
+
+    Args:
+        search: the filter of the shard.
+        kept: the store of finished shards.
+        since: the states to read, and the resampled particles.
+        first: slot of the shard's first particle in the run.
     """
     n, slots = search.ensemble.n, np.arange(first, first + search.ensemble.n)
     drawn = kept.read(since.drawn) if since.drawn else None
@@ -155,7 +158,7 @@ def restore(search: SearchFilter, kept: Work, since: From, first: int) -> None:
     begun = states[0][0]
     for name in begun.notes:
         if not name.startswith("marker "):
-            search.column(name).from_numpy(_gathered(name, states, slots))
+            search.column(name).from_numpy(_gather_column(name, states, slots))
     for number, marker in enumerate(search.markers):
         marker.go_on(begun.noted(f"marker {number}").reshape(-1, 3))
     search.resume(since.time)
@@ -166,8 +169,8 @@ def restore(search: SearchFilter, kept: Work, since: From, first: int) -> None:
         search.begin_anew(Drawn(slots, log_weight, spare, search.ensemble.layout), since.time)
 
 
-def _gathered(name: str, states: Sequence[tuple[ShardFile, int, int]], slots: Array) -> Array:
-    """Return a column of some slots (n,) of the run, from the states of the shards that hold them."""
+def _gather_column(name: str, states: Sequence[tuple[ShardFile, int, int]], slots: Array) -> Array:
+    """Return a column at given slots (n,) of the run, read from the states of their shards."""
     kind, size = states[0][0].notes[name][1:]
     values = np.empty((size // (states[0][2] - states[0][1]), slots.size), kind)
     for reel, first, last in states:

@@ -1,9 +1,9 @@
-"""What a run in shards has finished: files, so that one that was killed goes on from there.
+"""The store of a run's finished shards, from which a killed run resumes.
 
-Each shard's outputs are a file; a second one, written last and moved to its name in one step, says
-where its columns lie and what its bytes add up to, and is sealed to the run. A file that was cut
-short or altered is found by that, and its shard is done again. The folder in which they lie:
-drift.pipeline.shards.shelf.
+Each shard has a data file (.bin) and an index (.json). The index holds the positions of the
+columns, the digest of the data and a seal that binds the index to its run; it is written last and
+renamed in one step. A truncated or altered file is detected, and its shard is simulated again.
+`drift.pipeline.shards.shelf` manages the folder.
 """
 
 import contextlib
@@ -30,20 +30,20 @@ from geo.errors import UserError
 ABOUT = "about.json"
 NUMBER, BACKEND = "the number of shards", "the backend"  # in the fingerprint
 INDICES = "shard-*.json"
-# of stretches, of where they ended, of who was drawn again there
+# outputs of stretches, states at their ends, resampled particles
 KINDS_OF_FILES = ("shard", "state", "drawn")
-FORCING = "forcing"  # folder of slices, which all shards sample and one makes
+FORCING = "forcing"  # folder of regridded slices, made by the first shard, sampled by all
 CHUNK = 2**24
-# warnings come to standard error unless a program sends them elsewhere
+# warnings go to standard error unless the calling program configures logging
 LOG = logging.getLogger("drift")
 
 
 class Task(Protocol):
-    """What one process does at a time of a run in shards."""
+    """A shard of a run, or a stretch of it, simulated by one process."""
 
     @property
     def case(self) -> Case:
-        """Whose run it is."""
+        """The case of the run."""
 
     @property
     def number(self) -> int:
@@ -51,36 +51,44 @@ class Task(Protocol):
 
     @property
     def name(self) -> str:
-        """What its file is called."""
+        """Name of its file, without suffix."""
 
     @property
     def of(self) -> str:
-        """What it follows from besides the fingerprint of the run."""
+        """Inputs that determine it, besides the fingerprint of the run."""
 
     def move(
         self, scene: Scene, where: Environment, tell: simulate.Progress | None, kept: "Work"
     ) -> ShardFile:
-        """Return what the particles were like, moved unless that is kept; tell: takes the share
-        that is done.
+        """Return the shard's file: read if it is stored, else simulated and stored.
+
+        Args:
+            scene: forcing, motion models and coast.
+            where: the environment.
+            tell: called with the share done, 0 to 1.
+            kept: the store of finished shards.
         """
 
 
 @dataclass(frozen=True)
 class Work:
-    """What is finished of a run."""
+    """The store of a run's finished shards."""
 
     folder: Path
-    run: str  # digest of the fingerprint of the run whose files count
-    # files whose bytes are known to be as they were written
+    run: str  # digest of the run's fingerprint; files of other runs are ignored
+    # files whose digests have been checked
     sound: set[str] = field(default_factory=set)
 
     def reel(self, name: str, n: int, fill: Callable[[ShardFile], None], of: str = "") -> ShardFile:
-        """Return the reel of a file, read where it is finished, else filled and kept; n: its
-        particles.
+        """Return a file: read if it is stored, else filled and stored.
 
-        of: what it follows from besides the fingerprint, such as the worlds of a renewal.
+        Args:
+            name: name of the file, without suffix.
+            n: number of its particles.
+            fill: writes the file's contents.
+            of: inputs that determine it besides the fingerprint, such as the worlds of a renewal.
         """
-        finished = self._finished(name, of)
+        finished = self._read_valid(name, of)
         if finished is not None:
             return finished
         with self.also(name, n, of) as reel:
@@ -89,18 +97,18 @@ class Work:
 
     @contextlib.contextmanager
     def also(self, name: str, n: int, of: str = "") -> Iterator[ShardFile]:
-        """Give the reel of a file to fill, and keep it if anything is in it."""
+        """Yield a new file to fill; store it if it is not empty. Arguments as in `reel`."""
         data = self._data(name)
-        with self._room(data):
+        with self._disk_errors_as_user_errors(data):
             self._index(name).unlink(missing_ok=True)
             reel = ShardFile(data.open("w+b"), n)
         try:
             with contextlib.closing(reel):
                 yield reel
-                with self._room(data):
+                with self._disk_errors_as_user_errors(data):
                     reel.sync()
         except NoRoom as error:
-            raise self._refusal(data, str(error)) from error
+            raise self._disk_error(data, str(error)) from error
         except BaseException:
             data.unlink(missing_ok=True)
             raise
@@ -108,37 +116,35 @@ class Work:
         if reel.empty:
             data.unlink()
             return
-        with self._room(data):
-            if run_in(self.folder) != self.run:  # another run has begun again there meanwhile
+        with self._disk_errors_as_user_errors(data):
+            if run_in(self.folder) != self.run:  # another run has taken over the folder
                 raise Gone(name)
             index = {**_index(reel), "of": of, "bytes": _digest(data)}
             replace(self._index(name), json.dumps({**index, "seal": self._seal(name, index)}))
         self.sound.add(name)
 
     def read(self, name: str) -> ShardFile:
-        """Return the reel of a file that was finished before; raise Gone where it is not there, or
-        has been altered.
-        """
-        finished = self._finished(name, "")
+        """Return a stored file; raise Gone if it is missing or has been altered."""
+        finished = self._read_valid(name, "")
         if finished is None:
             raise Gone(name)
         return finished
 
     def remove(self, name: str) -> None:
-        """Take away a file of which nothing is needed any more."""
+        """Delete a file that is no longer needed."""
         self.sound.discard(name)
         self._index(name).unlink(missing_ok=True)
         self._data(name).unlink(missing_ok=True)
 
     @contextlib.contextmanager
-    def _room(self, data: Path) -> Iterator[None]:
-        """Refuse what the disk does not take."""
+    def _disk_errors_as_user_errors(self, data: Path) -> Iterator[None]:
+        """Turn a write error of the disk into a UserError."""
         try:
             yield
         except OSError as error:
-            raise self._refusal(data, error.strerror or str(error)) from error
+            raise self._disk_error(data, error.strerror or str(error)) from error
 
-    def _refusal(self, data: Path, why: str) -> UserError:
+    def _disk_error(self, data: Path, why: str) -> UserError:
         with contextlib.suppress(OSError):
             data.unlink()
         return UserError(
@@ -147,25 +153,25 @@ class Work:
 
     @property
     def kept(self) -> str:
-        """What is finished, in words."""
+        """A message on how many shards are stored."""
         many = len(list(self.folder.glob(INDICES)))
-        return f"{many:,} shards are finished and kept there: the same command goes on from them"
+        return f"{many:,} shards are finished and kept there: the same command resumes from them"
 
     def begin_anew(self) -> None:
-        """Take away all that is finished of what moves."""
+        """Delete all stored shards, states and resampled particles, but not the forcing."""
         self.sound.clear()
         for kind in KINDS_OF_FILES:
             for path in self.folder.glob(f"{kind}-*"):
                 path.unlink()
 
     def drop(self) -> None:
-        """Take away all that is kept: nothing can come of it."""
+        """Delete the whole store of a run that cannot succeed."""
         self.begin_anew()
         shutil.rmtree(self.folder / FORCING, ignore_errors=True)
         (self.folder / ABOUT).unlink(missing_ok=True)
 
     def finished(self, name: str, of: str = "") -> bool:
-        """Return whether a file is there, whether or not it has been altered since; of: see `reel`."""
+        """Return whether a file is stored, without checking its digest; `of` as in `reel`."""
         try:
             return bool(json.loads(self._index(name).read_text(encoding="utf-8"))["of"] == of)
         except (OSError, ValueError, KeyError, TypeError):
@@ -177,47 +183,45 @@ class Work:
     def _index(self, name: str) -> Path:
         return self.folder / f"{name}.json"
 
-    def _finished(self, name: str, of: str) -> ShardFile | None:
-        """Return the reel of a file that is finished;
-
-        None where it is not, or has been altered since.
-        """
+    def _read_valid(self, name: str, of: str) -> ShardFile | None:
+        """Return a stored file; None, with a warning if it is damaged, when there is no valid
+        one."""
         data = self._data(name)
         try:
             index = json.loads(self._index(name).read_text(encoding="utf-8"))
             seal = index.pop("seal")
             if index["of"] != of:
-                why = "is of other worlds"
+                why = "belongs to other worlds"
             elif seal != self._seal(name, index):
-                why = "has been altered, or is of another run"
+                why = "has been altered, or belongs to another run"
             elif data.stat().st_size != index["size"]:
-                why = "has been cut short"
+                why = "is truncated"
             elif name in self.sound or _digest(data) == index["bytes"]:
                 self.sound.add(name)
-                return _read(data, index)
+                return _open_shard_file(data, index)
             else:
                 why = "has been altered"
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:
             why = f"cannot be read ({error})"
-        LOG.warning("%s of the run before %s: it is done again", name, why)
+        LOG.warning("%s of the previous run %s: it is simulated again", name, why)
         return None
 
     def _seal(self, name: str, index: Mapping[str, Any]) -> str:
-        """Return what binds an index to its run, to its file's name and to its bytes."""
+        """Return the digest that binds an index to its run, its file name and its contents."""
         told = json.dumps([self.run, name, index], sort_keys=True)
         return hashlib.blake2b(told.encode(), digest_size=16).hexdigest()
 
     @property
     def forcing(self) -> Path | None:
-        """The folder of the forcing's slices; None: there is no room for them."""
+        """The folder of the regridded forcing; None: the disk has no space for it."""
         folder = self.folder / FORCING
         return folder if folder.is_dir() else None
 
 
 class Gone(Exception):
-    """A file from which a shard was to go on is not there any more."""
+    """A stored file from which a shard must resume is missing."""
 
 
 def run_of(fingerprint: Mapping[str, str]) -> str:
@@ -227,7 +231,7 @@ def run_of(fingerprint: Mapping[str, str]) -> str:
 
 
 def mark_of(folder: Path) -> dict[str, Any] | None:
-    """Return the fingerprint of the run whose files a folder keeps; None where there is none."""
+    """Return the fingerprint of the run whose shards a folder holds; None if there is none."""
     try:
         told = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -236,14 +240,12 @@ def mark_of(folder: Path) -> dict[str, Any] | None:
 
 
 def run_in(folder: Path) -> str:
-    """Return the digest of the fingerprint of the run whose files a folder keeps; empty where there
-    is none.
-    """
+    """Return the digest of the fingerprint of the run whose shards a folder holds."""
     return run_of(mark_of(folder) or {})
 
 
 def replace(path: Path, text: str) -> None:
-    """Write a file whole or not at all, so that it outlasts a loss of power."""
+    """Write a file atomically, so that a power loss leaves the old or the new contents."""
     new = path.with_suffix(".new")
     with new.open("w", encoding="utf-8") as stream:
         stream.write(text)
@@ -261,7 +263,7 @@ def _digest(path: Path) -> str:
 
 
 def _index(reel: ShardFile) -> dict[str, Any]:
-    """Return where the columns of a reel lie; the layout is the same at all its moments."""
+    """Return the positions of a file's columns; the layout is the same at all its outputs."""
     layout = reel.taken[0].layout if reel.taken else None
     return {
         "n": reel.n,
@@ -274,7 +276,7 @@ def _index(reel: ShardFile) -> dict[str, Any]:
     }
 
 
-def _read(file: Path, index: Mapping[str, Any]) -> ShardFile:
+def _open_shard_file(file: Path, index: Mapping[str, Any]) -> ShardFile:
     bounds, numbers, block = (tuple(part) for part in index["layout"] or ((), (), ()))
     layout = Layout(bounds, numbers, block)
     taken = [

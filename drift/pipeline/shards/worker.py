@@ -1,5 +1,6 @@
-"""What a worker of a cluster does: opens a case's environment once, moves shards in it, and keeps
-them in the run's folder.
+"""Functions that dask runs on a worker: open a case's environment once and simulate its shards.
+
+A worker stores finished shards in the run's folder.
 """
 
 import functools
@@ -23,30 +24,29 @@ from geo.errors import UserError
 from kernels.runtime import memory, runtime
 from kernels.step import coast as device_coast
 
-_open: dict[str, tuple[Environment, Scene]] = {}  # the run that was opened last, by its digest
+_open: dict[str, tuple[Environment, Scene]] = {}  # the run opened last, by its digest
 
 
 def host() -> str:
-    """Return which machine this is."""
+    """Return the name of this machine."""
     return socket.gethostname()
 
 
 def process() -> str:
-    """Return which machine and process this is."""
+    """Return the name of this machine and the id of this process."""
     return f"{host()} {os.getpid()}"
 
 
 def room(dask_worker: Any) -> tuple[str, float, float]:
-    """Return which machine this is, what memory it has left, and what dask lets the worker take,
-    which it gives [bytes].
+    """Return this machine's name, its free memory and dask's memory limit of the worker [bytes].
+
+    dask passes the worker as `dask_worker`.
     """
     return host(), float(memory.free()), float(dask_worker.memory_manager.memory_limit or math.inf)
 
 
 def about(folder: str = "") -> dict[str, str]:
-    """Return what tells this worker from others, and whether it sees the run's folder, if there is
-    one yet.
-    """
+    """Return this machine's fingerprint, and under "folder" whether it sees the run's folder."""
     with runtime.alone():
         runtime.start(threads=1)
         return {**_machine(), "folder": str(not folder or (Path(folder) / work.ABOUT).is_file())}
@@ -58,11 +58,15 @@ def _machine() -> dict[str, str]:
 
 
 def move(folder: str, mark: Mapping[str, str], unit: work.Task) -> str:
-    """Move a shard of the run of a fingerprint, keep it in the run's folder, and return its name
-    there.
+    """Simulate a shard, store it in the run's folder and return the name of its file.
+
+    Args:
+        folder: the folder of the run's finished shards.
+        mark: the fingerprint of the run.
+        unit: the shard.
     """
     with runtime.alone():
-        where, scene = _opened(unit.case, mark)
+        where, scene = _open_once(unit.case, mark)
         kept = work.Work(Path(folder), work.run_of(mark))
         environment.store(where, kept.forcing)
         unit.move(scene, where, None, kept)
@@ -70,14 +74,14 @@ def move(folder: str, mark: Mapping[str, str], unit: work.Task) -> str:
 
 
 def begun(case: Case, mark: Mapping[str, str], clock: Clock, layout: Layout) -> divide.Begun:
-    """Return how the places of a shard were drawn, and what of it lacks forcing as the run begins."""
+    """Return `drift.pipeline.shards.divide.begun` of a shard, computed on this worker."""
     with runtime.alone():
-        where, scene = _opened(case, mark)
+        where, scene = _open_once(case, mark)
         return divide.begun(case, where, scene, clock, layout)
 
 
 def release() -> None:
-    """Let go of the run that was opened last, and of its files."""
+    """Close the run that was opened last and its files."""
     with runtime.alone():
         for where, scene in _open.values():
             environment.store(where, None)
@@ -85,11 +89,11 @@ def release() -> None:
         _open.clear()
 
 
-def _opened(case: Case, mark: Mapping[str, str]) -> tuple[Environment, Scene]:
-    """Return the environment and scene of a run, opened once; start Taichi, which is held.
+def _open_once(case: Case, mark: Mapping[str, str]) -> tuple[Environment, Scene]:
+    """Return the environment and scene of a run, opened at the first call; start Taichi.
 
-    Raises UserError where this machine, or a file as it is seen from here, is not what the run's
-    fingerprint says.
+    The caller holds the lock of `runtime.alone`. Raises UserError if the machine's or the files'
+    fingerprint differs from the run's.
     """
     runtime.start(threads=1)
     _check(mark, _machine())
@@ -107,6 +111,6 @@ def _check(mark: Mapping[str, str], own: Mapping[str, str]) -> None:
     for name, value in own.items():
         if mark[name] != value:
             raise UserError(
-                f"worker {process()}: {name} is not what it is where the run was started ({value}, and not {mark[name]}): "
+                f"worker {process()}: {name} differs from the machine where the run was started ({value}, there {mark[name]}): "
                 "results would not be the same everywhere; let all workers see the same files, with the same versions on machines of one kind"
             )

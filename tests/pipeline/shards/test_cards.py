@@ -185,7 +185,7 @@ def test_another_backend_begins_anew_and_says_so(
     with shelf.open_shelf(out, mark, 0) as kept:
         (kept.folder / "shard-0.json").write_text("{}", encoding="utf-8")
     with shelf.open_shelf(out, mark, 0):
-        assert "1 shards of this run were finished before: it goes on from there" in caplog.text
+        assert "1 shards of this run were finished before: it resumes from there" in caplog.text
     with shelf.open_shelf(out, {**mark, work.BACKEND: "cuda: Card, CUDA 12.6"}, 0) as kept:
         assert (
             "an unfinished run is there, but the backend changed since: it starts again"

@@ -181,7 +181,7 @@ def test_a_worker_that_comes_late_is_asked_too(client: Any, case: drift.Case) ->
     ):
         told = client.submit(worker.begun, case, {**mark, name: other}, None, None, pure=False)
         with pytest.raises(
-            drift.UserError, match=f"{name} is not what it is where the run was started"
+            drift.UserError, match=f"{name} differs from the machine where the run was started"
         ):
             told.result()
 
@@ -256,7 +256,7 @@ def test_a_cluster_without_workers(
             time.sleep(0.05)
         with pytest.raises(drift.UserError, match="the cluster has no workers; start some"):
             drift.run(case, tmp_path / "out", client=client)
-        assert "the first is waited for" in caplog.text
+        assert "drift waits for the first" in caplog.text
         client.cluster.scale(1)  # comes while it waits, and goes in the middle
         monkeypatch.setattr(cluster, "WAIT", 30)
 

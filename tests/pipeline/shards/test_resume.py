@@ -176,7 +176,7 @@ def test_a_run_that_was_stopped_goes_on(
     )
     done = drift.run(case, out, shards=4)
     assert moved == [3]
-    assert "3 shards of this run were finished before: it goes on from there" in caplog.text
+    assert "3 shards of this run were finished before: it resumes from there" in caplog.text
     runs.same(done, made)
     assert not unfinished(out).exists()
 
@@ -231,7 +231,7 @@ def test_a_file_that_was_cut_short_or_altered_is_made_again(
     else:
         data.unlink()
     done = drift.run(case, out, shards=4)
-    assert ("shard-00001-000 of the run before" in caplog.text) is (fault != "gone")
+    assert ("shard-00001-000 of the previous run" in caplog.text) is (fault != "gone")
     runs.same(done, made)
 
 
@@ -470,7 +470,8 @@ def test_the_memory_of_workers_chooses_the_shards(case: drift.Case) -> None:
     room = 0.8 * gib - divide.BASE
     assert divide.number(many, 1e6, None, limited) == -(-100_000_000 // int(room / divide.HELD))
     with pytest.raises(
-        drift.UserError, match=r"shards = 4: so large they take 5\.4 GiB, and memory is 1 \(GiB\)"
+        drift.UserError,
+        match=r"shards = 4: shards of this size take 5\.4 GiB, and memory is 1 \(GiB\)",
     ):
         divide.number(many, 1, 4)
     assert divide.number(many, 1, 400) == 400

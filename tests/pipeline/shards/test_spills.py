@@ -335,7 +335,7 @@ def test_an_altered_file_of_a_round_is_made_again(
     moved.clear()
     same(drift.run(case, out), made)
     assert moved == [number]
-    assert f"shard-{number:05} of the run before has been altered" in caplog.text
+    assert f"shard-{number:05} of the previous run has been altered" in caplog.text
 
 
 def elsewhere(case: drift.Case, out: Path, many: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -369,7 +369,8 @@ def test_a_round_of_other_worlds_is_not_used(
     moved.clear()
     same(drift.run(case, out), made)
     assert moved == [3, 4, 5]
-    assert "shard-00003 of the run before is of other worlds: it is done again" in caplog.text
+    message = "shard-00003 of the previous run belongs to other worlds: it is simulated again"
+    assert message in caplog.text
 
 
 @pytest.fixture(scope="module")
@@ -472,6 +473,8 @@ def test_memory_that_the_finds_need_is_told(case: drift.Case) -> None:
     many = drift.vary(case, {"spill.worlds": 100_000})
     for particles in (35, 70):
         more = drift.vary(many, {"spill.per_world": particles})
-        with pytest.raises(drift.UserError, match=r"to weigh a spill's 100,000 worlds takes 1\.3 "):
+        with pytest.raises(
+            drift.UserError, match=r"weighting the spill's 100,000 worlds takes 1\.3 "
+        ):
             divide.number(more, 1.2, None)
         assert divide.number(more, 1.4, None) >= particles // 10
