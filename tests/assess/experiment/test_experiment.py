@@ -126,7 +126,7 @@ def test_two_variants_of_one_name_are_refused(
         str(tmp_path / "out"),
     ]
     assert commands.main(words) == 2
-    assert '--with "a": there are two of this name' in capsys.readouterr().err
+    assert '--with "a": the name is used twice' in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 
