@@ -1,8 +1,7 @@
-"""The picture of where and when a spill may have been released: its place as a map, its time as
-bars.
+"""The picture of an origin: posterior release place as a map, and release time as bars.
 
-Both show the posterior. Dark is more, lines differ by their dashes and bars by their fill, so that
-it reads in grey. Land comes from the polygons handed in; nothing is downloaded.
+Darker means more, lines differ by their dashes and bars by their fill, so that the picture is
+readable in grey. Land comes from the given polygons; nothing is downloaded.
 """
 
 from collections.abc import Sequence
@@ -41,7 +40,7 @@ PRIOR: dict[str, Any] = {
     "linewidth": 1.6,
     "linestyle": layers.PRIOR_DASHES[0],
 }
-# share of the prior's largest density; cells of less hold too few draws to draw a line by
+# prior outline, as a share of its largest density; cells with less have too few draws for a line
 ALLOWED = 0.01
 ROW = 0.032  # height of a row of warnings over the map, as a share of the page
 BY_FINDS: dict[str, Any] = {"facecolor": "#2b2b35", "edgecolor": INK, "linewidth": 0.8}
@@ -71,9 +70,9 @@ BADGE = {
     "edgecolor": layers.LAST_KNOWN,
     "linewidth": 1.2,
 }
-LISTED = 12  # finds whose names are listed
+LISTED = 12  # most finds whose names are listed
 MAP = (0.055, 0.17, 0.57, 0.69)  # left, bottom, width, height, as shares of the page
-LEFT, RIGHT = 0.66, 0.985  # of what stands beside the map
+LEFT, RIGHT = 0.66, 0.985  # of the column beside the map
 SHEET = Sheet(
     11.7,
     8.3,
@@ -89,13 +88,13 @@ SHEET = Sheet(
 
 @dataclass(frozen=True)
 class _Shown:
-    """The release place over all times, as it is drawn."""
+    """The release place over all times, as drawn."""
 
     density: Array  # [% per nmi2], (nlat, nlon)
-    containment: Array  # share whose area just holds the cell, (nlat, nlon)
+    containment: Array  # share of the smallest area that holds the cell, (nlat, nlon)
     allowed: shapely.MultiPolygon  # outline of the prior
     areas: dict[float, tuple[shapely.MultiPolygon, float]]  # outline and size [nmi2] by share
-    few: bool  # too few worlds count for certain outlines
+    few: bool  # whether too few worlds are effective for certain outlines
 
     def line(self, share: float) -> dict[str, Any]:
         """Return the style of an area's outline."""
@@ -103,10 +102,10 @@ class _Shown:
 
 
 def plot_origin(origin: Origin, path: Path, setting: Setting) -> None:
-    """Draw what drift.spills.backtrack.backward.backward found.
+    """Draw the result of drift.spills.backtrack.backward.backward into a PNG.
 
-    setting: its marks are the finds, their labels beginning with their numbers: what follows is
-    listed beside the map ("1 first box, 031516Z").
+    setting: its marks are the finds. The label of a mark begins with its number; the rest is listed
+    beside the map ("1 first box, 031516Z").
     """
     on = sheet.begin(SHEET)
     shown, marks = _shown(origin), setting.marks
@@ -141,9 +140,7 @@ def _shown(origin: Origin) -> _Shown:
 
 
 def _frame(origin: Origin, shown: _Shown, marks: Sequence[Mark], aspect: float) -> Frame:
-    """Return the frame of the shaded cells, the finds, and the prior's outline where it is not far
-    off.
-    """
+    """Return the frame of the shaded cells, the finds, and the prior's outline unless far off."""
     rows, columns = (
         np.flatnonzero(outlines.within(shown.containment, mapped.SHOWN).any(axis=axis))
         for axis in (1, 0)
@@ -165,7 +162,7 @@ def _frame(origin: Origin, shown: _Shown, marks: Sequence[Mark], aspect: float) 
 
 
 def _shade(ax: Axes, frame: Frame, origin: Origin, shown: _Shown) -> Any:
-    """Shade the cells by their density; what exceeds the top of the scale holds a tenth."""
+    """Shade the cells by their density; the cells above the scale's top hold a tenth."""
     top = float(shown.density[outlines.within(shown.containment, 0.1)].min())
     corners = frame.project(*np.meshgrid(backward.edges(origin.lon), backward.edges(origin.lat)))
     inside = np.ma.masked_where(~outlines.within(shown.containment, mapped.SHOWN), shown.density)
@@ -176,7 +173,7 @@ def _shade(ax: Axes, frame: Frame, origin: Origin, shown: _Shown) -> Any:
 
 
 def _outlines(ax: Axes, frame: Frame, shown: _Shown) -> None:
-    """Draw the outline of the prior and those of the areas."""
+    """Draw the outlines of the prior and of the areas."""
     layers.rings(ax, frame, shown.allowed, PRIOR)
     for share, (shape, _) in shown.areas.items():
         layers.rings(ax, frame, shape, shown.line(share))
@@ -219,7 +216,7 @@ def _bar(figure: Figure, mesh: Any) -> None:
 
 
 def _words(on: Page, origin: Origin, imprint: Imprint) -> None:
-    """Write over the map what it shows, and how many worlds it stands on."""
+    """Write over the map what it shows, and the number of worlds."""
     worlds = f"{origin.worlds:,} worlds, effective {origin.effective:,.0f}"
     sheet.head(on, imprint, "Release proposed by tracks back from the finds", worlds)
     if backward.count(origin).few:
@@ -254,9 +251,7 @@ def _legend(figure: Figure, shown: _Shown, finds: bool, land: bool) -> None:
 
 
 def _times(figure: Figure, origin: Origin) -> None:
-    """Draw the release time's probability as bars before its prior's, and its middle 80 % over
-    them.
-    """
+    """Draw the posterior of the release time as bars before its prior, with its middle 80 %."""
     if origin.time.size == 1:
         figure.text(
             LEFT,
@@ -350,7 +345,7 @@ def _figures(figure: Figure, origin: Origin) -> None:
 
 
 def _names(figure: Figure, marks: Sequence[Mark]) -> None:
-    """List the finds by number, where they have names, in two columns."""
+    """List the finds that have names, by number, in two columns."""
     names = [mark.label for mark in marks if " " in mark.label]
     if len(names) > LISTED:
         names[LISTED - 1 :] = [f"and {len(names) - LISTED + 1} more"]
@@ -364,7 +359,7 @@ def _names(figure: Figure, marks: Sequence[Mark]) -> None:
 
 
 def _quantiles(origin: Origin) -> list[np.datetime64]:
-    """Return the times before which 10, 50 and 90 % of the release lies."""
+    """Return the times before which 10, 50 and 90 % of the release lie."""
     summary = backward.summary(origin)
     return [
         np.datetime64(str(summary[f"time_{share}"]).removesuffix("Z"), "s")
