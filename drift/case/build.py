@@ -199,7 +199,7 @@ def _not_filled(
     start: np.datetime64,
 ) -> list[str]:
     """Return complaints about a case whose particles cannot be placed again at its contacts."""
-    lines = [filling.refused(resampling, scenarios, search.contacts, start)]
+    lines = [filling.why_not_repopulated(resampling, scenarios, search.contacts, start)]
     if table.unit or table.tow or "plan" in table.model_fields_set:
         lines.append(
             f'resampling: a plan is made on particles that keep the posterior, and method "{resampling.method}" does not; give '
@@ -318,7 +318,7 @@ def _within(
     """Return a time of a key; raise UserError where it lies outside the run."""
     if not min(start, end) <= time <= max(start, end):
         raise UserError(
-            f"{key}: {notation.group(time)} is outside the run, {notation.group(start)} to {notation.group(end)}"
+            f"{key}: {notation.format_dtg(time)} is outside the run, {notation.format_dtg(start)} to {notation.format_dtg(end)}"
         )
     return time
 

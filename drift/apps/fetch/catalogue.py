@@ -187,7 +187,7 @@ def choose(
 
     It is the named one, else the first suitable one that needs no credentials.
     """
-    chosen = {}
+    chosen: dict[str, Provider] = {}
     for name in names:
         if name not in catalogue:
             raise UserError(

@@ -9,7 +9,7 @@ from drift.assess.compare import text
 from drift.assess.compare.record import Contrast
 from drift.pipeline import run_metadata
 from drift.pipeline.run_options import Job
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 from drift.products.report.leaves import Leaf
 
@@ -64,7 +64,7 @@ def _attributes(found: Contrast, jobs: tuple[Job, Job]) -> dict[str, str]:
     }
 
 
-def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[Chapter]:
+def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[OutputBundle]:
     """Return the output bundle of a comparison; jobs: of A and of B."""
     outputs = ComparisonOutputs(found, setting(found, jobs))
     warnings = tuple(
@@ -80,10 +80,10 @@ def chapters(found: Contrast, jobs: tuple[Job, Job]) -> list[Chapter]:
     }
     leaves = (partial(_leaves, found, [run_metadata.setting(job.case, job.where) for job in jobs]),)
     return [
-        Chapter(
+        OutputBundle(
             numbers,
-            bound(FILES, outputs),
-            bound(PICTURES, outputs),
+            bind_outputs(FILES, outputs),
+            bind_outputs(PICTURES, outputs),
             _attributes(found, jobs),
             warnings,
             leaves,

@@ -50,7 +50,7 @@ SURE = 2.0  # standard errors from which a difference is shaded
 
 def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
     """Draw the maps of the last output of both cases."""
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     at = found.data.isel(time=-1)
     density = {
         name: 100 * at[name].values.astype(np.float64) / (at["cell_area"].values / NMI**2)
@@ -81,7 +81,7 @@ def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
         0.1, 0.142, f"A and B: probability density [% per {unit}]", fontsize=8, color=INK
     )
     _difference(on, panels[2], frame, land, setting, found, density, top)
-    when = notation.group(found.times[-1])
+    when = notation.format_dtg(found.times[-1])
     east, north = (next(iter(found.at(found.times[-1], name))) for name in SHIFT)
     shift = (
         ""
@@ -95,7 +95,7 @@ def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
         f"{row.name} area {text.difference_in_words(row)}"
         for row in found.at(found.times[-1], "area")
     )
-    sheet.head(
+    sheet.write_head(
         on,
         setting.imprint,
         f"Valid {when}{shift}",
@@ -105,7 +105,7 @@ def plot_comparison(found: Contrast, path: Path, setting: Setting) -> None:
         a, b = found.given
         words = f"A and B given {a}" if a == b else f"A given {a}, B given {b}"
         on.figure.text(0.965, 0.865, words, fontsize=9, color=INK, ha="right")
-    sheet.end(on, path, setting.imprint)
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def _shaded_cells(probability: Array, density: Array) -> Array:

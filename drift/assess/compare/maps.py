@@ -43,7 +43,7 @@ class _Deposit:
 
 def _deposit(snapshot: Snapshot, units: Units, grid: Cells) -> _Deposit:
     group = units.group[units.of(snapshot)]
-    cell = np.where(mapped(snapshot), cells.index(snapshot.lon, snapshot.lat, grid), -1)
+    cell = np.where(mapped(snapshot), cells.index_of_cells(snapshot.lon, snapshot.lat, grid), -1)
     on = cell >= 0
     medium = (snapshot.status[on] == Status.ASHORE).astype(np.int64)
     total = np.bincount(group, snapshot.probability, GROUPS)

@@ -68,7 +68,7 @@ def _reasons_not_comparable(a: Case, b: Case) -> list[str]:
         ways = {1: "forward", -1: "backward"}
         return [f"it runs {ways[b.direction]}, and {a.path.name} {ways[a.direction]}"]
     reasons = [
-        f"it {verb} at {notation.group(theirs)}, and {a.path.name} at {notation.group(own)}; make {key} equal"
+        f"it {verb} at {notation.format_dtg(theirs)}, and {a.path.name} at {notation.format_dtg(own)}; make {key} equal"
         for verb, key, own, theirs in (
             ("begins", "start", a.start, b.start),
             ("ends", "duration", a.end, b.end),
@@ -84,7 +84,7 @@ def _reasons_not_comparable(a: Case, b: Case) -> list[str]:
         )
     if not reasons and (odd := _unshared_outputs(a, b)):
         reasons.append(
-            f"only one of it and {a.path.name} has an output at {notation.group(odd[0])}"
+            f"only one of it and {a.path.name} has an output at {notation.format_dtg(odd[0])}"
             f"{f' and at {len(odd) - 1} other times' if odd[1:] else ''}; make output.every or output.times equal"
         )
     return reasons

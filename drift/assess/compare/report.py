@@ -40,7 +40,7 @@ def comparison_leaves(found: Contrast, begun: Sequence[Setting]) -> list[Leaf]:
     names = [list(row) for row in zip("AB", found.names, found.given, strict=True)]
     given = f" {text.words_given(found)}." if set(found.given) != {"nothing"} else ""
     return [
-        leaves.maps(
+        leaves.maps_leaf(
             "Probability",
             np.array(found.times),
             data["lon"].values,
@@ -71,7 +71,7 @@ def _start_leaves(begun: Sequence[Setting]) -> list[Leaf]:
     places = [(on.marks, on.lines) for on in begun]
     named = {"it": places[0]} if places[0] == places[1] else dict(zip("AB", places, strict=True))
     return [
-        leaves.marked(f"Where {name} began", *where, "start")
+        leaves.marks_leaf(f"Where {name} began", *where, "start")
         for name, where in named.items()
         if any(where)
     ]

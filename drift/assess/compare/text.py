@@ -79,7 +79,7 @@ def comparison_facts(found: Contrast) -> dict[str, str]:
         "A": found.names[0],
         "B": found.names[1],
         **({"given": words_given(found)} if set(found.given) != {"nothing"} else {}),
-        "time": notation.group(last),
+        "time": notation.format_dtg(last),
         "mean of B from that of A": _shift(found),
     }
     for row in found.rows:
@@ -173,5 +173,5 @@ def page(found: Contrast) -> str:
         areas = "; ".join(
             f"{row.name} {difference_in_words(row)}" for row in found.at(time, "area")
         )
-        lines.append(f"{notation.group(time)}  {shift}; {areas}")
+        lines.append(f"{notation.format_dtg(time)}  {shift}; {areas}")
     return "\n".join(lines) + "\n"

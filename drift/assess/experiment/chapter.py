@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drift.assess.experiment import text
 from drift.assess.experiment.record import Experiment
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Imprint
 
 
@@ -35,8 +35,10 @@ TRACKING: dict[str, Callable[[ExperimentOutputs, Stamped], Contents]] = {  # of 
 PICTURES: dict[str, Callable[[ExperimentOutputs, Path], None]] = {"experiment.png": _plot}
 
 
-def chapter(outputs: ExperimentOutputs, attributes: dict[str, str]) -> Chapter:
+def chapter(outputs: ExperimentOutputs, attributes: dict[str, str]) -> OutputBundle:
     """Return the output files of an experiment; `attributes` are its provenance texts by name."""
     numbers = {"experiment": text.summary_of_experiment(outputs.found)}
     files = {**FILES, **(TRACKING if outputs.found.tracking is not None else {})}
-    return Chapter(numbers, bound(files, outputs), bound(PICTURES, outputs), facts=attributes)
+    return OutputBundle(
+        numbers, bind_outputs(files, outputs), bind_outputs(PICTURES, outputs), facts=attributes
+    )

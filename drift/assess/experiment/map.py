@@ -39,7 +39,7 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
     row, gap = 0.24, 0.62  # [in]
     each = row * len(found.ways) + gap
     height = 1.0 + each * max(len(found.figures), 1) + 0.45
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             WIDTH,
             height,
@@ -50,7 +50,7 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
             footer=sheet.small(0.1 / height, 7.5, 190),
         )
     )
-    sheet.head(
+    sheet.write_head(
         on,
         imprint,
         f"{found.runs:,} runs, each of {found.about}: dots are runs, bars the mean and two standard errors"
@@ -91,9 +91,9 @@ def _scatter(found: Experiment, path: Path, imprint: Imprint) -> None:
                 capsize=0,
             )
         axes.set_ylim(len(found.ways) - 0.4, -0.6)
-        axes.set_yticks(range(len(found.ways)), page.names(found.ways, 26))
-    with page.literal():
-        sheet.end(on, path, imprint)
+        axes.set_yticks(range(len(found.ways)), page.shorten_names(found.ways, 26))
+    with page.literal_text():
+        sheet.finish_page(on, path, imprint)
 
 
 def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Imprint) -> None:
@@ -103,7 +103,7 @@ def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Impri
     panels = len(outcome.curves) + (met is not None)
     over, under = 1.05, 0.75 + KEY * (len(groups) + 2)
     height = over + panels * PANEL + under
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             WIDTH,
             height,
@@ -115,7 +115,7 @@ def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Impri
         )
     )
     study = outcome.study
-    sheet.head(
+    sheet.write_head(
         on,
         imprint,
         f"{study.runs:,} runs of {study.size:,} particles, {outcome.sweeps:,} sweeps each: mean over the runs that hold a track, where half or more do; shaded one standard error either way",
@@ -214,8 +214,8 @@ def _curves(experiment: Experiment, outcome: Outcome, path: Path, imprint: Impri
         fontsize=8.5,
         handlelength=3.2,
     )
-    with page.literal():
-        sheet.end(on, path, imprint)
+    with page.literal_text():
+        sheet.finish_page(on, path, imprint)
 
 
 def _styles(outcome: Outcome, groups: list[list[int]]) -> list[tuple[str, Any]]:

@@ -9,7 +9,7 @@ from drift.assess.verify import files as verification_files
 from drift.assess.verify import text as verification_text
 from drift.assess.verify.verification import Verification
 from drift.pipeline import run_metadata
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Imprint
 from kernels.runtime import runtime
 
@@ -40,7 +40,7 @@ PICTURES: dict[str, Callable[[VerificationOutputs, Path], None]] = {
 }
 
 
-def chapter(verification: Verification) -> Chapter:
+def chapter(verification: Verification) -> OutputBundle:
     """Return the output bundle of a verification."""
     case = verification.case
     inputs = [run_metadata.input_file(path) for path in case.inputs]
@@ -61,4 +61,6 @@ def chapter(verification: Verification) -> Chapter:
         "verification": verification_files.summary_of_verification(verification),
         "inputs": inputs,
     }
-    return Chapter(numbers, bound(FILES, outputs), bound(PICTURES, outputs), attributes)
+    return OutputBundle(
+        numbers, bind_outputs(FILES, outputs), bind_outputs(PICTURES, outputs), attributes
+    )

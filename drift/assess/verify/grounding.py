@@ -55,11 +55,11 @@ def _off_in_tile(
     margin = farthest / METRES
     highest = min(float(np.abs(lat).max()), 85.0)
     box = tile.grown(margin / float(np.cos(np.radians(highest))), margin)
-    land = shore.land(coast.source, box, coast.lakes)
+    land = shore.read_land(coast.source, box, coast.lakes)
     if not land.polygons.size:
         return np.full(lon.size, np.inf)
     lines = edges.build_coast(land, box)
-    tree = spatial.KDTree(_along(edges.edges(lines)))
+    tree = spatial.KDTree(_along(edges.shoreline_edges(lines)))
     places = np.stack(sphere.vector(np.radians(lon), np.radians(lat)), axis=1)
     chord, _ = tree.query(places, distance_upper_bound=farthest / sphere.RADIUS)
     distance = chord * sphere.RADIUS

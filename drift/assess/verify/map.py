@@ -31,10 +31,10 @@ SHEET = Sheet(
 
 def plot_verification(result: Verification, path: Path, imprint: Imprint) -> None:
     """Draw a verification into a PNG."""
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     figure, doubt = on.figure, verification_text.doubt(result)
     about = f"forecasts: {verification_text.verification_facts(result)['forecasts']}{f'; {doubt}' if doubt else ''}"
-    sheet.head(on, imprint, verification_text.headline(result), about)
+    sheet.write_head(on, imprint, verification_text.headline(result), about)
     _distances(figure.add_axes((0.07, 0.5, 0.40, 0.33)), result)
     _held(figure.add_axes((0.56, 0.5, 0.40, 0.33)), result)
     last = f"after {result.leads[-1]:g} h"
@@ -53,7 +53,7 @@ def plot_verification(result: Verification, path: Path, imprint: Imprint) -> Non
             low,
             high,
         )
-    sheet.end(on, path, imprint, f"{imprint.title}: forecasts of drifters")
+    sheet.finish_page(on, path, imprint, f"{imprint.title}: forecasts of drifters")
 
 
 def _distances(axes: Axes, result: Verification) -> None:

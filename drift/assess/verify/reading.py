@@ -121,7 +121,7 @@ def _column(header: Sequence[str], role: str) -> int | None:
 def _csv(path: Path, wanted: Sequence[str]) -> tuple[Track, ...]:
     """Return the tracks of a CSV file; raise ValueError if it has none."""
     try:
-        text = small.contents(path, LARGEST).decode("utf-8-sig")
+        text = small.read_small_file(path, LARGEST).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ValueError("is neither netCDF (.nc) nor a table as text in UTF-8 (.csv)") from None
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]

@@ -211,7 +211,7 @@ class PatternTable(fields.Table):
                 f"spacing {self.spacing:g} m makes {number:,} legs until the end; at most 500"
             )
         flown_ = patterns.square(self.datum, self.spacing, turn, number, start, speed)
-        return Pattern(polyline.between(flown_.legs, start, end), flown_.area)
+        return Pattern(polyline.legs_between(flown_.legs, start, end), flown_.area)
 
 
 # keys that a kind must have, and may have
@@ -273,10 +273,10 @@ def timed_legs(rows: list[tuple[Any, tuple[float, float]]], start: np.datetime64
     for before, after in itertools.pairwise(times):
         if after <= before:
             raise ValueError(
-                f"waypoints: {notation.group(after)} does not come after {notation.group(before)}"
+                f"waypoints: {notation.format_dtg(after)} does not come after {notation.format_dtg(before)}"
             )
     lon, lat = np.array([place for _, place in rows]).T
-    return polyline.through([float(notation.epoch(time)) for time in times], lon, lat)
+    return polyline.legs_through([float(notation.epoch(time)) for time in times], lon, lat)
 
 
 def track_legs(track: gpx.Track, start: float | None, speed: float | None) -> Legs:
@@ -285,7 +285,7 @@ def track_legs(track: gpx.Track, start: float | None, speed: float | None) -> Le
     A track without times is followed from `start` [s since 1970] at `speed` [m/s].
     """
     if track.time:
-        return polyline.through(track.time, track.lon, track.lat, track.joined)
+        return polyline.legs_through(track.time, track.lon, track.lat, track.joined)
     if speed is None or start is None:
         raise ValueError("its points have no times; give speed and start, at which it was followed")
-    return polyline.fly(track.lon, track.lat, start, speed, track.joined)
+    return polyline.legs_at_speed(track.lon, track.lat, start, speed, track.joined)

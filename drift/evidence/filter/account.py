@@ -15,17 +15,17 @@ from drift.engine.particles import partials, weights
 from drift.engine.particles.columns import Columns
 from drift.engine.particles.ensemble import Layout
 from drift.engine.particles.partials import Blocks
-from drift.engine.particles.weights import Weighed
+from drift.engine.particles.weights import WeightSums
 from drift.evidence.filter.crossings import Crossings
 from drift.evidence.filter.records import Kind, Sortie
-from drift.evidence.filter.standing import Standing, standing
+from drift.evidence.filter.standing import SearchStatus, search_status
 from drift.evidence.filter.updates import Update, Updates
 from geo.array import Array
 from geo.errors import UserError
 
 # Takes an update, and columns of all particles: log weights `before` and `after` it and, after any
 # resampling, `lineage`, the initial particle from which each descends.
-Noted = Callable[[Update, Columns], None]
+UpdateCallback = Callable[[Update, Columns], None]
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Event:
 class Account:
     """All updates of a run, in the order in which they took effect."""
 
-    def __init__(self, spec: EnsembleSpec, noted: Noted | None = None) -> None:
+    def __init__(self, spec: EnsembleSpec, noted: UpdateCallback | None = None) -> None:
         """Set up an empty account; noted: callback for each update."""
         self.updates: list[Update] = []
         self._spec, self._noted = spec, noted
@@ -102,7 +102,7 @@ class Account:
             now.scenarios,
             _effective(columns, "before", then),
             ess,
-            standing=standing(
+            standing=search_status(
                 event.time,
                 columns.named("after", "log_weight"),
                 self._lowest_ess,
@@ -126,7 +126,7 @@ class Account:
             many: number of initial particles.
         """
         distinct = len(np.unique(lineage[log_weight > -np.inf])) / many
-        ess = weights.weighed(log_weight, layout.blocks).ess
+        ess = weights.sum_weights(log_weight, layout.blocks).ess
         self.updates[-1] = replace(self.updates[-1], ess_resampled=ess, distinct=distinct)
 
     def filled(self, log_weight: Array, layout: Layout) -> None:
@@ -134,7 +134,7 @@ class Account:
 
         log_weight: of all particles, (n,).
         """
-        ess = weights.weighed(log_weight, layout.blocks).ess
+        ess = weights.sum_weights(log_weight, layout.blocks).ess
         self.updates[-1] = replace(self.updates[-1], ess_resampled=ess, filled="contact")
 
     def lost(self) -> None:
@@ -155,7 +155,7 @@ class Account:
             if survival:
                 parts.append(lost * self._alive(blocks, release, event.middle))
             sums.append(blocks.partial(*parts))
-        merged = partials.merged(sums)
+        merged = partials.merge_partials(sums)
         under, *over = np.concatenate([merged.by_scenario[:, 0], merged.total]).T
         poc, ashore, *alive = (
             np.divide(part, under, out=np.zeros(len(under)), where=under > 0) for part in over
@@ -169,7 +169,7 @@ class Account:
             cumulative=1 - self._failure_probability,
         )
 
-    def _evidence(self, then: Weighed, now: Weighed, event: Event) -> Array:
+    def _evidence(self, then: WeightSums, now: WeightSums, event: Event) -> Array:
         """Return the log of mean weight after over before, by scenario and of all.
 
         Raise UserError if the update contradicts every scenario.
@@ -199,10 +199,10 @@ class Account:
         return alive
 
 
-def _weighed(columns: Columns, name: str) -> Weighed:
+def _weighed(columns: Columns, name: str) -> WeightSums:
     """Return the sums of a column of log weights, merged over all blocks."""
-    return weights.merged(
-        [weights.weighed(log_weight, blocks) for blocks, log_weight in columns.parts(name)]
+    return weights.merge_weight_sums(
+        [weights.sum_weights(log_weight, blocks) for blocks, log_weight in columns.parts(name)]
     )
 
 
@@ -212,7 +212,7 @@ def _rules_out_particles(columns: Columns) -> bool:
     return any(((before > -np.inf) & (after == -np.inf)).any() for _, before, after in parts)
 
 
-def _effective(columns: Columns, name: str, own: Weighed) -> float:
+def _effective(columns: Columns, name: str, own: WeightSums) -> float:
     """Return the effective sample size by a column of log weights, counting copies as one.
 
     See drift.forecast.effective.
@@ -227,8 +227,8 @@ def _effective(columns: Columns, name: str, own: Weighed) -> float:
     return weights.effective(np.bincount(family, weight))
 
 
-def begun(spec: EnsembleSpec, columns: Columns) -> Standing:
+def initial_status(spec: EnsembleSpec, columns: Columns) -> SearchStatus:
     """Return the status of a search before any update, from `log_weight` and `release`."""
-    return standing(
+    return search_status(
         spec.period.start, columns, _weighed(columns, "log_weight").ess, spec.period.duration
     )

@@ -91,10 +91,12 @@ def log_motion(contact: Contact, east: Array, north: Array) -> Array:
     speed = np.hypot(east, north)
     total = np.zeros(speed.shape)
     if contact.course_std > 0:
-        own = normal(sphere.wrap(np.arctan2(east, north) - contact.course), contact.course_std)
+        own = log_normal_density(
+            sphere.wrap(np.arctan2(east, north) - contact.course), contact.course_std
+        )
         total = total + np.where(speed > 0, own, -LOG_TURN)
     if contact.speed_std > 0:
-        total = total + normal(speed - contact.speed, contact.speed_std)
+        total = total + log_normal_density(speed - contact.speed, contact.speed_std)
     return np.asarray(total)
 
 
@@ -102,7 +104,7 @@ def _area(contact: Contact, lon: Array, lat: Array) -> Array:
     """Return the log of 1 / area inside the contact's area, and -inf outside."""
     assert contact.area is not None
     return np.asarray(
-        np.log(inside(contact.area, lon, lat).astype(np.float64))
+        np.log(is_in_area(contact.area, lon, lat).astype(np.float64))
         - math.log(patterns.square_metres(contact.area))
     )
 
@@ -117,13 +119,15 @@ def _bearing(contact: Contact, lon: Array, lat: Array) -> Array:
     far, true = np.hypot(east, north), np.arctan2(east, north)
     log_density = _off_bearing(contact, true, contact.bearing)
     if contact.heard is not None and contact.heard.mirrored:
-        other = _off_bearing(contact, true, image(contact.bearing, contact.heard.heading))
+        other = _off_bearing(
+            contact, true, mirrored_bearing(contact.bearing, contact.heard.heading)
+        )
         log_density = np.logaddexp(log_density, other) - math.log(2)
     log_density = np.where((far >= contact.near) & (far <= contact.far), log_density, -np.inf)
     return np.asarray(log_density + np.log(_detection(contact, far)))
 
 
-def image(bearing: float, heading: float) -> float:
+def mirrored_bearing(bearing: float, heading: float) -> float:
     """Return the mirror image of a bearing [rad] about the heading of an array."""
     return (2 * heading - bearing) % (2 * math.pi)
 
@@ -133,7 +137,7 @@ def _off_bearing(contact: Contact, true: Array, told: float) -> Array:
     apart = sphere.wrap(true - told)
     if contact.wedge > 0:
         return np.where(np.abs(apart) <= contact.wedge / 2, -math.log(contact.wedge), -np.inf)
-    return normal(apart, bearing_std(contact, true))
+    return log_normal_density(apart, bearing_std(contact, true))
 
 
 def bearing_std(contact: Contact, true: Array | float) -> Array | float:
@@ -148,7 +152,8 @@ def _range(contact: Contact, lon: Array, lat: Array) -> Array:
     """Return the log density of a range, given the particles' distances from the sensor."""
     far = np.hypot(*_from_sensor(contact, lon, lat))
     return np.asarray(
-        normal(far - contact.range, contact.range_std) + np.log(_detection(contact, far))
+        log_normal_density(far - contact.range, contact.range_std)
+        + np.log(_detection(contact, far))
     )
 
 
@@ -168,7 +173,9 @@ def _fixes(contact: Contact, lon: Array, lat: Array) -> Array:
         east, north = sphere.offset(math.radians(fix.lon), math.radians(fix.lat), x, y)
         along, across = north * c + east * s, east * c - north * s
         log_density = (
-            normal(along, contact.major) + normal(across, contact.minor) + math.log(fix.share)
+            log_normal_density(along, contact.major)
+            + log_normal_density(across, contact.minor)
+            + math.log(fix.share)
         )
         total = np.logaddexp(total, log_density)
     if contact.zones is not None and contact.sensor is not None:
@@ -177,7 +184,7 @@ def _fixes(contact: Contact, lon: Array, lat: Array) -> Array:
     return total
 
 
-def normal(x: Array, std: Array | float) -> Array:
+def log_normal_density(x: Array, std: Array | float) -> Array:
     """Return the log of a normal density, -inf beyond 6 standard deviations."""
     return np.where(
         np.abs(x) > BEYOND * std, -np.inf, -0.5 * (x / std) ** 2 - np.log(std) - 0.5 * LOG_TURN
@@ -196,7 +203,7 @@ def _detection(contact: Contact, far: Array) -> Array:
     return chance
 
 
-def inside(area: Area, lon: Array, lat: Array) -> Array:
+def is_in_area(area: Area, lon: Array, lat: Array) -> Array:
     """Return which binary angles lie inside an area, bool (n,)."""
     import shapely
 

@@ -92,7 +92,7 @@ def build_crossings(spec: EnsembleSpec, lines: Sequence[Line], columns: Columns)
         lines: the lines of the case.
         columns: the columns of `columns_of` and `log_weight` at the end of the run.
     """
-    unit = weights.unit(columns, "log_weight")
+    unit = weights.normalising_scale(columns, "log_weight")
     found = [_crossing(spec, line, number, columns, unit) for number, line in enumerate(lines)]
     edges = np.round(np.linspace(0, spec.period.duration, BINS + 1)).astype("timedelta64[s]")
     return Crossings(tuple(s.name for s in spec.scenarios), spec.period.start + edges, tuple(found))
@@ -116,12 +116,12 @@ def _crossing(
         share = np.minimum(when / spec.period.duration * PARTS * BINS, PARTS * BINS - 1)
         bins = np.where(when < 0, PARTS * BINS, share).astype(np.int64)
         times_drawn.append(blocks.partial(weight, code=bins, many=PARTS * BINS + 1))
-    sums = partials.merged(moments)
+    sums = partials.merge_partials(moments)
     total, hit, squares, cross, both = np.concatenate([sums.by_scenario[:, 0], sums.total]).T
     probability = _ratio(hit, total)
     spread = both - 2 * probability * cross + probability**2 * squares
     error = _ratio(np.sqrt(np.maximum(spread, 0.0)), total)
-    first_times = partials.merged(times_drawn)
+    first_times = partials.merge_partials(times_drawn)
     spread_out = np.concatenate(
         [first_times.by_scenario[:, :-1, 0], first_times.total[None, :-1, 0]]
     )
@@ -166,7 +166,7 @@ def csv(crossings: Crossings | None, run: str) -> str:
                     f"{crossing.probability[row]:.6g}",
                     f"{crossing.error[row]:.2g}",
                     *("" if time is None else notation.iso(time) for time in times),
-                    *("" if time is None else notation.group(time) for time in times),
+                    *("" if time is None else notation.format_dtg(time) for time in times),
                     run,
                 ]
             )

@@ -100,7 +100,7 @@ class SortieExposure:
         self._place, self._ring = None, None
         if sortie.area is not None:
             lon, lat, self._ring = sensor_path.ring(sortie.area)
-            self._place = sensor_path.standing(lon, lat, self.begin, self.end)
+            self._place = sensor_path.path_of_fixed_sensor(lon, lat, self.begin, self.end)
         every = tuple(sorted(scenario for sea in seas for scenario in sea))
         self._scenarios = len(every)
         self._paths_by_current = [_SharedPath(every, None)]
@@ -121,7 +121,8 @@ class SortieExposure:
         if self.sortie.marker is not None:
             self._paths_by_current = self._reported_paths = [
                 _SharedPath(
-                    self._paths_by_current[0].scenarios, markers.tracked(self.sortie.marker, start)
+                    self._paths_by_current[0].scenarios,
+                    markers.marker_of_track(self.sortie.marker, start),
                 )
             ]
             return

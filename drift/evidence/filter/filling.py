@@ -49,7 +49,7 @@ class Estimate(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Cloud:
+class ParticleCloud:
     """Positions, speeds and weights of particles at a time, (n,) each."""
 
     lon: Array  # [rad]
@@ -59,7 +59,7 @@ class Cloud:
 
 
 @dataclass(frozen=True)
-class Placed:
+class Replacement:
     """Repopulated particles: their slots and new state, and the log weights of all particles."""
 
     slots: Array  # int64 (m,)
@@ -74,7 +74,7 @@ class Placed:
     log_weight: Array  # float64 (n,)
 
 
-def bounded(contact: Contact) -> bool:
+def bounds_position(contact: Contact) -> bool:
     """Return whether a contact is certainly of the object and bounds its position.
 
     Only such contacts rule out and repopulate particles.
@@ -88,7 +88,7 @@ def bounded(contact: Contact) -> bool:
     return sure and (contact.kind != "bearing" or math.isfinite(contact.far))
 
 
-def estimate(cloud: Cloud, time: int) -> Estimate:
+def estimate_target(cloud: ParticleCloud, time: int) -> Estimate:
     """Return the estimated position and speed of the target from its particles.
 
     time: of the particles [s after start].
@@ -103,7 +103,7 @@ def estimate(cloud: Cloud, time: int) -> Estimate:
     )
 
 
-class Filling:
+class BulkRepopulation:
     """Repopulation of particles at one contact after the other."""
 
     def __init__(
@@ -130,10 +130,10 @@ class Filling:
         contact: Contact,
         number: int,
         time: int,
-        cloud: Cloud,
+        cloud: ParticleCloud,
         contradicted: Array,
         layout: Layout,
-    ) -> Placed | None:
+    ) -> Replacement | None:
         """Return the particles to repopulate after a contact; None if enough have survived.
 
         Particles whose new position would be on land are not placed.
@@ -154,7 +154,9 @@ class Filling:
         if left.sum() < self._rule.bulk * len(left):
             placed = self._draw_replacements(contact, number, time, cloud, left, scenarios)
         if placed is None or placed.slots.size:
-            self._last = estimate(cloud if placed is None else changed(cloud, placed), time)
+            self._last = estimate_target(
+                cloud if placed is None else replace_particles(cloud, placed), time
+            )
         return placed
 
     def _draw_replacements(
@@ -162,10 +164,10 @@ class Filling:
         contact: Contact,
         number: int,
         time: int,
-        cloud: Cloud,
+        cloud: ParticleCloud,
         survivors: Array,
         scenarios: list[tuple[int, int]],
-    ) -> Placed:
+    ) -> Replacement:
         log_weight, parts = np.array(cloud.log_weight, np.float64), []
         for scenario, (first, last) in enumerate(scenarios):
             own, rng = (
@@ -199,7 +201,7 @@ class Filling:
         slots, lon, lat, course, speed, change, fresh = (
             np.concatenate(column) for column in zip(*parts, strict=True)
         )
-        return Placed(slots, lon, lat, course, speed, change, fresh, log_weight)
+        return Replacement(slots, lon, lat, course, speed, change, fresh, log_weight)
 
     def _draw_motion(
         self, contact: Contact, time: int, lon: Array, lat: Array, rng: np.random.Generator
@@ -235,7 +237,7 @@ class Filling:
             dry = np.flatnonzero(~wet)
             if not dry.size:
                 break
-            lon[dry], lat[dry] = places(contact, dry.size, rng)
+            lon[dry], lat[dry] = draw_positions(contact, dry.size, rng)
             wet[dry] = (
                 True
                 if self._shore is None
@@ -256,7 +258,9 @@ def _draw_waits(law: float | tuple[float, float], n: int, rng: np.random.Generat
     return np.minimum(np.maximum(rng.exponential(law, n), 1), NEVER).astype(np.int64)
 
 
-def of_run(rule: Resampling, spec: EnsembleSpec, shore: DeviceCoast | None) -> Filling:
+def bulk_repopulation_of(
+    rule: Resampling, spec: EnsembleSpec, shore: DeviceCoast | None
+) -> BulkRepopulation:
     """Return the repopulation for a run; all of its scenarios must keep a course or act."""
     itineraries = [scenario.itinerary for scenario in spec.scenarios]
     changes = [
@@ -267,10 +271,10 @@ def of_run(rule: Resampling, spec: EnsembleSpec, shore: DeviceCoast | None) -> F
         if isinstance(phase, Course | Acts)
     ]
     minds_land = any(own and own.land != "ignore" for own in itineraries)
-    return Filling(rule, spec.seed, changes, shore if minds_land else None)
+    return BulkRepopulation(rule, spec.seed, changes, shore if minds_land else None)
 
 
-def refused(
+def why_not_repopulated(
     rule: Resampling,
     scenarios: Sequence[Scenario],
     contacts: Sequence[Contact],
@@ -293,9 +297,9 @@ def refused(
                 'with a course or a behaviour, no end and no distress, or method = "systematic"'
             )
     for contact in contacts:
-        if bounded(contact) and contact.time == start:
+        if bounds_position(contact) and contact.time == start:
             return f'{what}, and contact "{contact.name}" is at the start of the run: give it as the scenarios\' position, or start earlier'
-    if not any(bounded(contact) for contact in contacts):
+    if not any(bounds_position(contact) for contact in contacts):
         return (
             f"{what}, and no contact of the case allows it: give a [[contact]] without belief and false_density (a bearing with far), or method = "
             '"duplicates"'
@@ -310,20 +314,20 @@ def _keeps_course(itinerary: Itinerary) -> bool:
     return len(itinerary.phases) == 1 and endless
 
 
-def changed(cloud: Cloud, placed: Placed) -> Cloud:
+def replace_particles(cloud: ParticleCloud, placed: Replacement) -> ParticleCloud:
     """Return a cloud with the repopulated particles."""
     columns = {}
     for name in ("lon", "lat", "speed"):
         columns[name] = np.array(getattr(cloud, name), np.float64)
         columns[name][placed.slots] = getattr(placed, name)
-    return Cloud(**columns, log_weight=placed.log_weight)
+    return ParticleCloud(**columns, log_weight=placed.log_weight)
 
 
 def _binary(angle: Array) -> Array:
     return sphere.to_binary(np.degrees(angle))
 
 
-def places(contact: Contact, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def draw_positions(contact: Contact, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Return n possible positions (lon, lat) [rad] of a contact.
 
     Positions of a bearing are uniform in range between its limits.
@@ -357,7 +361,9 @@ def _draw_bearings(contact: Contact, n: int, rng: np.random.Generator) -> Array:
     bearing = np.full(n, contact.bearing)
     if contact.heard is not None and contact.heard.mirrored:
         bearing = np.where(
-            rng.random(n) < 0.5, bearing, contact_laws.image(contact.bearing, contact.heard.heading)
+            rng.random(n) < 0.5,
+            bearing,
+            contact_laws.mirrored_bearing(contact.bearing, contact.heard.heading),
         )
     if contact.wedge > 0:
         return bearing + contact.wedge * (rng.random(n) - 0.5)
@@ -378,5 +384,5 @@ def _positions_in_area(contact: Contact, n: int, rng: np.random.Generator) -> tu
         out = np.flatnonzero(~inside)
         lon[out] = rng.uniform(west, east, out.size)
         lat[out] = np.arcsin(rng.uniform(math.sin(south), math.sin(north), out.size))
-        inside[out] = contact_laws.inside(contact.area, _binary(lon[out]), _binary(lat[out]))
+        inside[out] = contact_laws.is_in_area(contact.area, _binary(lon[out]), _binary(lat[out]))
     return lon, lat

@@ -27,7 +27,7 @@ from drift.engine.particles.ensemble import Ensemble
 from drift.engine.particles.status import STRANDED, Status, on_map
 from drift.evidence.filter import contacts as contact_laws
 from drift.evidence.filter import crossings, filling, overdue
-from drift.evidence.filter.account import Account, Event, Noted
+from drift.evidence.filter.account import Account, Event, UpdateCallback
 from drift.evidence.filter.crossings import Watched
 from drift.evidence.filter.debris import debris
 from drift.evidence.filter.detection import heard, looks, sight
@@ -35,9 +35,9 @@ from drift.evidence.filter.detection.heard import Sent
 from drift.evidence.filter.detection.listening import Listening
 from drift.evidence.filter.detection.sight import Targets
 from drift.evidence.filter.exposure import SortieExposure
-from drift.evidence.filter.filling import Cloud, Filling
+from drift.evidence.filter.filling import BulkRepopulation, ParticleCloud
 from drift.evidence.filter.markers import Marker
-from drift.evidence.filter.meeting import Alone, Drawn, Meeting, Redrawing
+from drift.evidence.filter.meeting import LocalReduction, Reduction, Resampled, ResamplingRule
 from drift.evidence.filter.observers import Observers
 from drift.evidence.filter.records import (
     NO_SENSORS,
@@ -92,9 +92,9 @@ class SearchFilter:
         ensemble: Ensemble,
         scene: Scene,
         sensors: Sensors = NO_SENSORS,
-        noted: Noted | None = None,
+        noted: UpdateCallback | None = None,
         known: Sequence[np.datetime64] = (),
-        meeting: Meeting | None = None,
+        meeting: Reduction | None = None,
         resumed: bool = False,
     ) -> None:
         """Set up the filter for an ensemble drawn from `spec` that moves through a scene.
@@ -115,7 +115,7 @@ class SearchFilter:
         """
         self._spec, self._resampling, self.ensemble, self._scene = spec, resampling, ensemble, scene
         self._start = spec.period.epoch
-        self._all = exposures(spec, sorties, scene)
+        self._all = create_exposures(spec, sorties, scene)
         self._waiting = list(self._all)
         # values that stand for each unknown
         self._factors = {flown.key: len(flown.factors) for flown in self._all}
@@ -131,8 +131,10 @@ class SearchFilter:
         self._observers = Observers(spec, sensors, ensemble, scene)
         heard = [*known, *sensors.times, *(contact.time for contact in contacts)]
         heard += [time for sortie in sorties for time in (sortie.start, sortie.end)]
-        self._begins = overdue.begins(spec)
-        self._overdue = overdue.times(spec, [spec.period.elapsed(time) for time in heard])
+        self._begins = overdue.overdue_deadlines(spec)
+        self._overdue = overdue.overdue_update_times(
+            spec, [spec.period.elapsed(time) for time in heard]
+        )
         self._debris = debris.of_contacts(
             spec,
             [(time, seen) for time, _, seen in self._contacts],
@@ -149,13 +151,15 @@ class SearchFilter:
         self._updated = False  # whether anything took effect in the present step
         # bool (n,): particles that the last contact rules out
         self._ruled_out = np.zeros(0, bool)
-        self._filling: Filling | None = None
+        self._filling: BulkRepopulation | None = None
         if resampling.fills:
-            self._filling = filling.of_run(resampling, spec, scene.place.coast)
+            self._filling = filling.bulk_repopulation_of(resampling, spec, scene.place.coast)
         if meeting is None:
             self._account = Account(spec, noted)
             self._account.begin(Columns.held(ensemble.blocks, {"log_weight": first}))
-            meeting = Alone(self._account, Redrawing(spec.seed, resampling, living(ensemble)))
+            meeting = LocalReduction(
+                self._account, ResamplingRule(spec.seed, resampling, occupied_slots(ensemble))
+            )
         self._meeting = meeting
 
     @property
@@ -242,7 +246,7 @@ class SearchFilter:
     def resume(self, time: int) -> None:
         """Skip the sorties and sensors that ended by the start of a step [s after start]."""
         self._waiting = [flown for flown in self._waiting if flown.end > time]
-        self._observers.over_by(time)
+        self._observers.drop_ended(time)
 
     def stops(self, after: int, until: int, step: Step | None = None) -> list[int]:
         """Return the times in (after, until] at which an update takes effect [s after start].
@@ -281,7 +285,8 @@ class SearchFilter:
             for when, _, contact in self._contacts
         )
         moving |= any(
-            elapsed < when <= end and sight.by_speed(look.sensor) for when, look in self._looks
+            elapsed < when <= end and sight.level_depends_on_speed(look.sensor)
+            for when, look in self._looks
         )
         return bool(self._begun_sorties(end)) or debris or moving or self._observers.looking(end)
 
@@ -311,7 +316,7 @@ class SearchFilter:
             self.ensemble, self._begin, self._scene.helm(self.ensemble), self._step, until, keep
         )
 
-    def take_effect(self, time: int, place: PositionsAt) -> None:
+    def apply_evidence(self, time: int, place: PositionsAt) -> None:
         """Update the weights by everything that ends or is observed at a time.
 
         Args:
@@ -330,7 +335,7 @@ class SearchFilter:
         for when, number, contact in [c for c in self._contacts if c[0] == time]:
             self._contacts.remove((when, number, contact))
             self._apply_contact(contact, number, time, place)
-            if self._filling is not None and filling.bounded(contact):
+            if self._filling is not None and filling.bounds_position(contact):
                 self._repopulate(self._filling, contact, number, time)
         for when, look in [c for c in self._looks if c[0] == time]:
             self._looks.remove((when, look))
@@ -339,7 +344,7 @@ class SearchFilter:
             missing = overdue.log_likelihood(self._spec, time, self.ensemble)
             newly_overdue = time in self._begins  # later only if that is news to any particle
             self._apply_likelihood(
-                overdue.name(self._spec, time),
+                overdue.overdue_update_name(self._spec, time),
                 "overdue",
                 time,
                 missing,
@@ -351,11 +356,11 @@ class SearchFilter:
             assert likelihood is not None
             self._apply_likelihood(seen.what.name, seen.kind, time, likelihood, seen.positive)
 
-    def _repopulate(self, how: Filling, contact: Contact, number: int, time: int) -> None:
+    def _repopulate(self, how: BulkRepopulation, contact: Contact, number: int, time: int) -> None:
         """Repopulate the particles that a contact rules out, if too few survive."""
         e, own = self.ensemble, self.ensemble.columns
         lon, lat = (own[name].to_numpy() * sphere.UNIT for name in ("lon", "lat"))
-        cloud = Cloud(
+        cloud = ParticleCloud(
             lon,
             lat,
             own["speed"].to_numpy().astype(np.float64),
@@ -364,7 +369,7 @@ class SearchFilter:
         placed = how.anew(contact, number, time, cloud, self._ruled_out, e.layout)
         if placed is None:
             return
-        assert isinstance(self._meeting, Alone)
+        assert isinstance(self._meeting, LocalReduction)
         if not placed.slots.size:  # every possible position is on land
             self._meeting.account.lost()
             return
@@ -476,18 +481,22 @@ class SearchFilter:
         if many > 1:
             shared = self._shared.setdefault(key, runtime.empty(self.ensemble.n * many))
             before = shared.to_numpy().reshape(log_likelihoods.shape).astype(np.float64)
-            likelihood = sight.averaged(log_likelihoods, before, chances)
+            likelihood = sight.average_over_unknown(log_likelihoods, before, chances)
         else:
             likelihood = log_likelihoods[0]
         log_likelihoods, unit = self._with_false_contacts(
             contact, number, time, log_likelihoods, likelihood, unit
         )
         if sent is not None and own.tone:
-            self._store_source_frequency(own.tone, heard.learned(contact, targets, sent))
+            self._store_source_frequency(
+                own.tone, heard.update_source_frequency(contact, targets, sent)
+            )
         log_likelihoods = log_likelihoods - unit
         averaged = self._with_floor(
             contact,
-            sight.together(log_likelihoods, shared, chances) if many > 1 else log_likelihoods[0],
+            sight.add_shared_report(log_likelihoods, shared, chances)
+            if many > 1
+            else log_likelihoods[0],
             0.0,
         )
         self._apply_likelihood(contact.name, "contact", time, averaged, positive=True, unit=unit)
@@ -498,7 +507,7 @@ class SearchFilter:
 
         unit: log of the density in whose units the floor is stated.
         """
-        if self._filling is None or not filling.bounded(contact):
+        if self._filling is None or not filling.bounds_position(contact):
             return likelihood
         self._ruled_out = likelihood - unit <= filling.FLOOR
         return np.maximum(likelihood, unit + filling.FLOOR)
@@ -524,7 +533,10 @@ class SearchFilter:
         # The false-contact density is the mean likelihood given all evidence so far, including
         # sorties under way.
         current, blocks = self.log_weight(time), self.ensemble.blocks
-        both = weights.weighed(current, blocks), weights.weighed(current + likelihood, blocks)
+        both = (
+            weights.sum_weights(current, blocks),
+            weights.sum_weights(current + likelihood, blocks),
+        )
         unit = self._meeting.mean(number, *both)
         if unit == -np.inf:
             return np.zeros_like(log_likelihoods), 0.0
@@ -549,7 +561,7 @@ class SearchFilter:
 
     def _source_frequency(self, tone: Tone) -> Sent:
         """Return the estimate of each particle's source frequency from the group's contacts."""
-        first = heard.at_first(tone, self.ensemble.n)
+        first = heard.initial_source_frequency(tone, self.ensemble.n)
         columns = (
             self._host_columns.setdefault(name, HostColumn(values))
             for name, values in zip(_tone_names(tone), first, strict=True)
@@ -575,7 +587,9 @@ class SearchFilter:
             )
             return
         still = np.zeros(lon.shape)
-        east, north = self._velocity(time) if sight.by_speed(look.sensor) else (still, still)
+        east, north = (
+            self._velocity(time) if sight.level_depends_on_speed(look.sensor) else (still, still)
+        )
         source = Targets(lon, lat, self.ensemble.scenario.to_numpy(), east, north, status)
         log_likelihoods = sight.log_likelihood(look, source)
         chances = unknown.values(look.sensor)[1]
@@ -585,7 +599,11 @@ class SearchFilter:
         key = unknown.key(look.sensor)
         shared = self._shared.setdefault(key, runtime.empty(self.ensemble.n * len(chances)))
         self._apply_likelihood(
-            look.name, "look", time, sight.together(log_likelihoods, shared, chances), look.positive
+            look.name,
+            "look",
+            time,
+            sight.add_shared_report(log_likelihoods, shared, chances),
+            look.positive,
         )
         self._free_shared_misses(key)
 
@@ -683,18 +701,18 @@ class SearchFilter:
             return
         drawn = self._meeting.anew(self.ensemble.log_weight.to_numpy(), self.ensemble.layout)
         if drawn is not None:
-            self.redraw(drawn, until)
-            assert isinstance(self._meeting, Alone)
+            self.resample_all(drawn, until)
+            assert isinstance(self._meeting, LocalReduction)
             self._meeting.drawn(
                 drawn.log_weight, self._host_columns["lineage"].values, self.ensemble.layout
             )
 
-    def redraw(self, drawn: Drawn, until: int) -> None:
+    def resample_all(self, drawn: Resampled, until: int) -> None:
         """Resample all particles of a run at a time [s after start]."""
         record.inherit(self.columns.values(), drawn.ancestors)
         self.begin_anew(drawn, until)
 
-    def begin_anew(self, drawn: Drawn, until: int) -> None:
+    def begin_anew(self, drawn: Resampled, until: int) -> None:
         """Set weights, lineage and layout after columns were copied from the ancestors.
 
         Args:
@@ -757,7 +775,7 @@ def _tone_names(tone: Tone) -> tuple[str, str]:
     return f"precision:{group}", f"turned:{group}"
 
 
-def exposures(spec: EnsembleSpec, sorties: Sequence[Sortie], scene: Scene) -> list[Flown]:
+def create_exposures(spec: EnsembleSpec, sorties: Sequence[Sortie], scene: Scene) -> list[Flown]:
     """Return the exposure of each sortie, set up for a scene."""
     seas = scene.seas("current")
     members = [scene.forcing.members(sea[0], "current") for sea in seas]
@@ -769,7 +787,7 @@ def exposures(spec: EnsembleSpec, sorties: Sequence[Sortie], scene: Scene) -> li
     ]
 
 
-def living(ensemble: Ensemble) -> list[int]:
+def occupied_slots(ensemble: Ensemble) -> list[int]:
     """Return the number of occupied slots of each scenario; the others are empty."""
     living = ensemble.status.to_numpy() != Status.LEFT
     counts = np.bincount(ensemble.scenario.to_numpy()[living], minlength=len(ensemble.scenarios))

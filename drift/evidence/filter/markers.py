@@ -130,7 +130,7 @@ class Tracked:
         return np.interp(time, self.time, self.lon), np.interp(time, self.time, self.lat)
 
 
-def tracked(track: Legs, start: int) -> Tracked:
+def marker_of_track(track: Legs, start: int) -> Tracked:
     """Return the marker of a known track.
 
     Args:

@@ -11,13 +11,13 @@ import numpy as np
 
 from drift.engine.particles import resample, weights
 from drift.engine.particles.ensemble import Layout
-from drift.engine.particles.weights import Weighed
+from drift.engine.particles.weights import WeightSums
 from drift.evidence.filter.account import Account, Event
 from drift.evidence.filter.records import Resampling
 from geo.array import Array
 
 
-class Drawn(NamedTuple):
+class Resampled(NamedTuple):
     """Resampled particles, by slots of the whole run."""
 
     ancestors: Array  # int64 (n,) slot of each one's ancestor
@@ -26,7 +26,7 @@ class Drawn(NamedTuple):
     layout: Layout
 
 
-class Meeting(Protocol):
+class Reduction(Protocol):
     """Reductions over the particles of this shard and of all others of the run."""
 
     def begin(self, elapsed: int, until: int) -> None:
@@ -35,7 +35,7 @@ class Meeting(Protocol):
     def take(self, event: Event) -> None:
         """Record an update."""
 
-    def mean(self, contact: int, before: Weighed, after: Weighed) -> float:
+    def mean(self, contact: int, before: WeightSums, after: WeightSums) -> float:
         """Return the log of the mean likelihood of a contact over the whole run.
 
         Args:
@@ -44,23 +44,23 @@ class Meeting(Protocol):
             after: weights of this shard times the likelihood.
         """
 
-    def anew(self, log_weight: Array, layout: Layout) -> Drawn | None:
+    def anew(self, log_weight: Array, layout: Layout) -> Resampled | None:
         """Return the resampled particles at the end of a step with updates; None: no resampling."""
 
 
-def log_mean(before: Weighed, after: Weighed) -> float:
+def log_mean_likelihood(before: WeightSums, after: WeightSums) -> float:
     """Return the log of the mean likelihood from the weights before and after; -inf: impossible."""
     return after.log_sum - before.log_sum
 
 
-class Redrawing:
+class ResamplingRule:
     """When and how all particles of a run are resampled."""
 
     def __init__(self, seed: int, rule: Resampling, target: list[int]) -> None:
         """Set up resampling; target: number of particles of each scenario."""
         self._seed, self._rule, self.target = seed, rule, target
 
-    def anew(self, log_weight: Array, layout: Layout, events: int) -> Drawn | None:
+    def anew(self, log_weight: Array, layout: Layout, events: int) -> Resampled | None:
         """Return the resampled particles; None if enough are effective, or the track is lost.
 
         Args:
@@ -74,13 +74,13 @@ class Redrawing:
             return None
         seeds = self._seed, events
         if self._rule.across:
-            ancestors, new, bounds = resample.across(
+            ancestors, new, bounds = resample.resample_across_scenarios(
                 log_weight, scenarios, layout.bounds[-1], seeds
             )
-            return Drawn(
+            return Resampled(
                 ancestors, new, np.zeros(len(new), bool), Layout(bounds, bounds[:-1], layout.block)
             )
-        return Drawn(
+        return Resampled(
             *resample.offspring(log_weight, scenarios, self.target, self._rule.method, seeds),
             layout,
         )
@@ -97,7 +97,7 @@ class Redrawing:
     def _left(self, log_weight: Array, layout: Layout) -> float:
         """Return the number of effective particles or survivors, as the method counts them."""
         if not resample.METHODS[self._rule.method].keeps:
-            return weights.weighed(log_weight, layout.blocks).ess
+            return weights.sum_weights(log_weight, layout.blocks).ess
         weight = weights.relative(log_weight)
         scenarios = zip(layout.bounds[:-1], layout.bounds[1:], strict=True)
         return sum(
@@ -107,10 +107,10 @@ class Redrawing:
         )
 
 
-class Alone:
+class LocalReduction:
     """Reductions of a run in one piece: all particles are here."""
 
-    def __init__(self, account: Account, redrawing: Redrawing) -> None:
+    def __init__(self, account: Account, redrawing: ResamplingRule) -> None:
         """Set up with the account of the run and its resampling rule."""
         self.account, self._redrawing = account, redrawing
         self._events = 0  # number of updates at the last decision to resample
@@ -122,11 +122,11 @@ class Alone:
         """Record an update."""
         self.account.take(event)
 
-    def mean(self, contact: int, before: Weighed, after: Weighed) -> float:
+    def mean(self, contact: int, before: WeightSums, after: WeightSums) -> float:
         """Return the log of the mean likelihood of a contact."""
-        return log_mean(before, after)
+        return log_mean_likelihood(before, after)
 
-    def anew(self, log_weight: Array, layout: Layout) -> Drawn | None:
+    def anew(self, log_weight: Array, layout: Layout) -> Resampled | None:
         """Return the resampled particles; None: no resampling."""
         events = len(self.account.updates)
         if events == self._events:

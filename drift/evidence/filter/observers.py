@@ -73,7 +73,7 @@ class Observer:
             if self.what.present == "sometime" and not over:
                 return None
             chance = np.exp(stayed) if throughout else -np.expm1(stayed)
-            return looks.said(
+            return looks.log_report_probability(
                 chance, self.what.present != "never", self.what.detection, self.what.false_alarms
             )
         if isinstance(self.what, Line):
@@ -108,8 +108,8 @@ class Observers:
         """Set up for a run of an ensemble, drawn from `spec`, through a scene."""
         self._spec, self._ensemble, self._scene = spec, ensemble, scene
         looking: list[Presence | Barrier] = [*sensors.presences, *sensors.barriers]
-        self._waiting = [observer(what, spec) for what in looking]
-        self.lines = [observer(line, spec) for line in sensors.lines]
+        self._waiting = [create_observer(what, spec) for what in looking]
+        self.lines = [create_observer(line, spec) for line in sensors.lines]
         self._all = (*self._waiting, *self.lines)
         self._step: Step | None = None
         self._begin: Begin | None = None
@@ -132,7 +132,7 @@ class Observers:
         """Return a column of a sensor by number; create it if it does not exist yet."""
         return self._all[number].ready(self._ensemble.n)[which]
 
-    def over_by(self, time: int) -> None:
+    def drop_ended(self, time: int) -> None:
         """Drop the sensors that ended by a time."""
         self._waiting = [seen for seen in self._waiting if seen.end > time]
 
@@ -296,7 +296,7 @@ class Observers:
         return total
 
 
-def observer(what: Presence | Barrier | Line, spec: EnsembleSpec) -> Observer:
+def create_observer(what: Presence | Barrier | Line, spec: EnsembleSpec) -> Observer:
     """Return the observer of a sensor, set up for a run."""
     if isinstance(what, Line):
         return Observer(what, 0, FOR_EVER, sensor_shape.of_line(what.points), observe.WHEN)

@@ -22,7 +22,7 @@ from geo import notation, sphere
 from geo.array import Array
 
 
-def begins(spec: EnsembleSpec) -> list[int]:
+def overdue_deadlines(spec: EnsembleSpec) -> list[int]:
     """Return the times when scenarios become overdue, ascending [s after the run's start]."""
     known = {
         s.itinerary.overdue
@@ -32,18 +32,18 @@ def begins(spec: EnsembleSpec) -> list[int]:
     return sorted(spec.period.elapsed(time) for time in known)
 
 
-def times(spec: EnsembleSpec, known: Sequence[int]) -> list[int]:
+def overdue_update_times(spec: EnsembleSpec, known: Sequence[int]) -> list[int]:
     """Return all times at which being overdue is evidence [s after the run's start].
 
     known: times of all other evidence [s after the run's start].
     """
-    first = begins(spec)
+    first = overdue_deadlines(spec)
     return sorted({*first, *(time for time in known if first and time > first[0])})
 
 
-def name(spec: EnsembleSpec, time: int) -> str:
+def overdue_update_name(spec: EnsembleSpec, time: int) -> str:
     """Return the name of the overdue update at a time [s after the run's start]."""
-    return f"overdue {notation.group(spec.period.time(time))}"
+    return f"overdue {notation.format_dtg(spec.period.time(time))}"
 
 
 def log_likelihood(spec: EnsembleSpec, time: int, ensemble: Ensemble) -> Array:

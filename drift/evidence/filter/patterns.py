@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from geo import sphere
 from geo.array import Array
-from geo.polyline import Area, Legs, LonLat, fly, unwrap
+from geo.polyline import Area, Legs, LonLat, legs_at_speed, unwrap
 
 MOST_LEGS = 10_000  # most legs of a pattern
 ROUND = 36  # corners of a circle's outline
@@ -114,7 +114,9 @@ def parallel(
     points = points_along(
         centre, orientation, np.column_stack([ends, -ends]).ravel(), np.repeat(across, 2)
     )
-    return Pattern(fly(*points, start, speed), rectangle(centre, length, width, orientation))
+    return Pattern(
+        legs_at_speed(*points, start, speed), rectangle(centre, length, width, orientation)
+    )
 
 
 def creeping(
@@ -165,7 +167,8 @@ def square(
         datum, orientation, *np.array(swept.exterior.simplify(1e-3 * spacing).coords)[:-1].T
     )
     return Pattern(
-        fly(*points_along(datum, orientation, along, across), start, speed), _area(*outline)
+        legs_at_speed(*points_along(datum, orientation, along, across), start, speed),
+        _area(*outline),
     )
 
 
@@ -198,7 +201,8 @@ def sector(
     turn = np.arange(ROUND) * (2 * math.pi / ROUND)
     outline = points_along(datum, orientation, radius * np.cos(turn), radius * np.sin(turn))
     return Pattern(
-        fly(*points_along(datum, orientation, along, across), start, speed), _area(*outline)
+        legs_at_speed(*points_along(datum, orientation, along, across), start, speed),
+        _area(*outline),
     )
 
 
@@ -213,7 +217,7 @@ def trackline(
     if back:
         home = _beside(waypoints[::-1], offset)
         lon, lat = np.concatenate([lon, home[0]]), np.concatenate([lat, home[1]])
-    return Pattern(fly(lon, lat, start, speed), None)
+    return Pattern(legs_at_speed(lon, lat, start, speed), None)
 
 
 def _beside(route: list[LonLat], offset: float) -> tuple[Array, Array]:

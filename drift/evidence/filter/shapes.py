@@ -107,7 +107,7 @@ def flown(sortie: Sortie, until: np.datetime64 | None = None) -> list[tuple[bool
     if until is not None:
         if epoch(until) <= legs.time[0]:
             return []
-        legs = polyline.between(legs, legs.time[0], epoch(until))
+        legs = polyline.legs_between(legs, legs.time[0], epoch(until))
     parts: list[tuple[bool, list[int]]] = []
     for i, searching in enumerate(legs.searching):
         if not parts or parts[-1][0] != searching:
@@ -182,7 +182,7 @@ def _bearing(contact: Contact) -> list[Shape]:
     assert contact.sensor is not None
     bearings = [contact.bearing]
     if contact.heard is not None and contact.heard.mirrored:
-        bearings.append(contacts.image(contact.bearing, contact.heard.heading))
+        bearings.append(contacts.mirrored_bearing(contact.bearing, contact.heard.heading))
     shapes: list[Shape] = [("point", np.array([contact.sensor]))]
     for bearing in bearings:
         shapes += _toward(contact, bearing)

@@ -19,7 +19,7 @@ WITHIN, AFTER, MONTH = 400, 99, 30 * 86_400.0
 
 
 @dataclass(frozen=True)
-class Standing:
+class SearchStatus:
     """Probability by scenario and time of release, given all evidence; S scenarios, B bins."""
 
     time: np.datetime64
@@ -31,7 +31,9 @@ class Standing:
     effective: float  # number of effective particles
 
 
-def standing(time: np.datetime64, columns: Columns, effective: float, duration: float) -> Standing:
+def search_status(
+    time: np.datetime64, columns: Columns, effective: float, duration: float
+) -> SearchStatus:
     """Return the status of a search.
 
     Args:
@@ -41,7 +43,7 @@ def standing(time: np.datetime64, columns: Columns, effective: float, duration: 
         effective: number of effective particles.
         duration: of the run [s].
     """
-    unit = weights.unit(columns, "log_weight")
+    unit = weights.normalising_scale(columns, "log_weight")
     ends = [
         (float(release.min()), float(release.max(initial=0, where=release <= duration)))
         for _, release in columns.parts("release")
@@ -59,11 +61,14 @@ def standing(time: np.datetime64, columns: Columns, effective: float, duration: 
         sums.append(blocks.partial(weight, weight * release, code=bins, many=many))
         if never is not None:
             unsearched.append(blocks.partial(weight * never))
-    mass, when = np.moveaxis(partials.merged(sums).by_scenario, -1, 0)
+    mass, when = np.moveaxis(partials.merge_partials(sums).by_scenario, -1, 0)
     when = np.divide(when, mass, out=np.full_like(when, first), where=mass > 0)
     share, free = mass.sum(axis=1), np.ones(len(mass))
     if unsearched:
         np.divide(
-            partials.merged(unsearched).by_scenario[:, 0, 0], share, out=free, where=share > 0
+            partials.merge_partials(unsearched).by_scenario[:, 0, 0],
+            share,
+            out=free,
+            where=share > 0,
         )
-    return Standing(time, when, mass, np.append(free, share @ free), effective)
+    return SearchStatus(time, when, mass, np.append(free, share @ free), effective)

@@ -7,7 +7,7 @@ import numpy as np
 
 from drift.evidence.filter.crossings import Crossings
 from drift.evidence.filter.records import Kind, Sortie
-from drift.evidence.filter.standing import Standing
+from drift.evidence.filter.standing import SearchStatus
 from drift.forecast import likeliest
 from drift.forecast.likeliest import Shown
 from geo.array import Array
@@ -37,7 +37,7 @@ class Update:
     alive: Array | None = None
     cumulative: Array | None = None  # 1 - product of (1 - pos) over the sorties so far
     ess_resampled: float | None = None  # after resampling, if there was any
-    standing: Standing | None = None  # status of the search after the update
+    standing: SearchStatus | None = None  # status of the search after the update
     # "contact": particles were repopulated from the contact; "lost": too few are left for a track;
     # "": neither
     filled: Literal["", "contact", "lost"] = ""
@@ -82,19 +82,19 @@ class Updates:
         return float(sum(update.log_evidence[-1] for update in self.all))
 
 
-def shown_of(updates: Updates) -> Shown:
+def displayed_scenarios_of(updates: Updates) -> Shown:
     """Return which scenarios are shown: those that were the likeliest at any time."""
     return likeliest.likeliest_scenarios(
         [updates.prior, *(update.posterior for update in updates.all)]
     )
 
 
-def together(updates: Updates) -> Updates:
+def merge_unlikely_scenarios(updates: Updates) -> Updates:
     """Return the updates with the likeliest scenarios alone and all others merged into one.
 
     With few scenarios, the updates are unchanged.
     """
-    shown = shown_of(updates)
+    shown = displayed_scenarios_of(updates)
     if not shown.rest:
         return updates
     every: list[Update] = []

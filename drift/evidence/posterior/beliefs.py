@@ -9,7 +9,7 @@ from drift.evidence.posterior import marginal
 from drift.evidence.posterior.marginal import TURN, Marginal
 from drift.evidence.posterior.quantities import QUANTITIES, of_axis
 from drift.evidence.posterior.quantity import Quantity
-from drift.evidence.posterior.records import Posteriors, Stage, Told
+from drift.evidence.posterior.records import Posteriors, RangedQuantity, Stage
 from drift.evidence.posterior.source import Source
 
 
@@ -34,12 +34,12 @@ class Beliefs:
             if quantity.by_scenario
         }
         for place, own in enumerate(
-            family.along([scenario.family for scenario in spec.scenarios]), 1
+            family.axes_of_scenarios([scenario.family for scenario in spec.scenarios]), 1
         ):
             # otherwise only one scenario has any weight
             if self._told and self._told[0].quantity.by_scenario:
                 quantity = of_axis(own.axis)
-                self._told.insert(place, Told(quantity, 0.0, 0.0, own.axis.labels))
+                self._told.insert(place, RangedQuantity(quantity, 0.0, 0.0, own.axis.labels))
                 self._own[quantity.name] = own.number
         self.note("before the first update", "prior", spec.period.start, columns)
 
@@ -72,7 +72,7 @@ class Beliefs:
             names, self._spec.period, tuple(self._told), tuple(self._stages), families
         )
 
-    def _marginal_of(self, told: Told, own: marginal.Weighted) -> Marginal:
+    def _marginal_of(self, told: RangedQuantity, own: marginal.Weighted) -> Marginal:
         if told.quantity.by_scenario:
             return marginal.of_scenarios(own, self._own[told.quantity.name], len(told.labels))
         found = self.source.columns(told.quantity)
@@ -86,7 +86,7 @@ class Beliefs:
 
 def _told(
     quantity: Quantity, found: Columns | None, columns: Columns, spec: EnsembleSpec
-) -> Told | None:
+) -> RangedQuantity | None:
     """Return a quantity with its range in a run.
 
     Return None if all particles with weight have the same value.
@@ -100,4 +100,4 @@ def _told(
     if not ends or min(ends) == max(ends):
         return None
     low, high = (0.0, TURN) if quantity.kind == "circular" else (float(min(ends)), float(max(ends)))
-    return Told(quantity, low, high, quantity.labels(spec) if quantity.labels else ())
+    return RangedQuantity(quantity, low, high, quantity.labels(spec) if quantity.labels else ())

@@ -16,7 +16,7 @@ import numpy as np
 from drift.evidence.posterior import ranking, tables
 from drift.evidence.posterior.ranking import Ranking
 from drift.evidence.posterior.records import Posteriors
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 from drift.products.report import leaves
 
@@ -60,16 +60,18 @@ MANY: dict[str, Callable[[Ranking, Setting, Path], None]] = {
 }
 
 
-def chapter(matter: PosteriorOutputs) -> Chapter:
+def posterior_bundle(matter: PosteriorOutputs) -> OutputBundle:
     """Return the outputs of posteriors."""
     numbers = tables.summary(matter.posteriors)
-    files, pictures = bound(FILES, matter), bound(PICTURES, matter)
+    files, pictures = bind_outputs(FILES, matter), bind_outputs(PICTURES, matter)
     ranked = ranking.ranking_of(matter.posteriors)
     if ranked is not None:
-        files |= bound(RANKED, ranked)
+        files |= bind_outputs(RANKED, ranked)
         if many(ranked):
             pictures |= {name: partial(draw, ranked, matter.setting) for name, draw in MANY.items()}
-    return Chapter(numbers, files, pictures, leaves=(partial(_leaves, matter.posteriors, ranked),))
+    return OutputBundle(
+        numbers, files, pictures, leaves=(partial(_leaves, matter.posteriors, ranked),)
+    )
 
 
 def many(ranked: Ranking) -> bool:

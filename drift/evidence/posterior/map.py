@@ -20,7 +20,7 @@ from matplotlib.transforms import blended_transform_factory
 
 from drift.evidence.posterior import tables
 from drift.evidence.posterior.marginal import BINS, TURN
-from drift.evidence.posterior.records import Posteriors, Stage, Told
+from drift.evidence.posterior.records import Posteriors, RangedQuantity, Stage
 from drift.forecast import effective
 from drift.products.maps import labels, page, sheet
 from drift.products.maps.chart import GREY, INK, RED
@@ -50,7 +50,7 @@ COMPASS = {0: "N", 90: "E", 180: "S", 270: "W"}
 class Panel:
     """The chart of one quantity: bars of each row, on a common axis."""
 
-    told: Told
+    told: RangedQuantity
     edges: Array  # (bars + 1,)
     rows: Array  # (rows, bars) shares
     names: tuple[str, ...] = ()  # of a category's values
@@ -71,7 +71,7 @@ def plot_posteriors(posteriors: Posteriors, path: Path, setting: Setting) -> Non
     width = max(LEFT + across * (PANEL + BESIDE + GAP), 10.5)
     height = head + FOOT + sum(OVER + ROW * len(stages) + own for own in under)
     letters = width * 15
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             width,
             height,
@@ -85,10 +85,10 @@ def plot_posteriors(posteriors: Posteriors, path: Path, setting: Setting) -> Non
             footer=sheet.small(0.09 / height, 7, letters),
         )
     )
-    sheet.head(on, setting.imprint, _subtitle(posteriors, stages))
+    sheet.write_head(on, setting.imprint, _subtitle(posteriors, stages))
     _key(on.figure, 1 - 0.82 / height, 0.28 / width)
     if least.few:
-        sheet.rough(on, effective.banner(least, "shares and quantiles are rough"))
+        sheet.draw_rough_banner(on, effective.banner(least, "shares and quantiles are rough"))
     top = height - head
     for band, below in zip(bands, under, strict=True):
         bottom = top - OVER - ROW * len(stages)
@@ -126,7 +126,7 @@ def plot_posteriors(posteriors: Posteriors, path: Path, setting: Setting) -> Non
         linespacing=1.35,
         va="center",
     )
-    sheet.end(on, path, setting.imprint)
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def shown(posteriors: Posteriors) -> list[Stage]:
@@ -162,7 +162,7 @@ def panel(posteriors: Posteriors, stages: list[Stage], k: int) -> Panel:
     )
 
 
-def _of_category(told: Told, table: Array) -> Panel:
+def _of_category(told: RangedQuantity, table: Array) -> Panel:
     """Return the chart of a category: one bar a value.
 
     If there are too many values, the unlikely ones share a bar.
@@ -185,7 +185,7 @@ def _height_below(own: Panel) -> float:
         + (
             0.115 * 3
             if _names_are_horizontal(own)
-            else LETTER * max(map(len, page.names(own.names, NAME)))
+            else LETTER * max(map(len, page.shorten_names(own.names, NAME)))
         )
         + 0.12
     )
@@ -300,7 +300,7 @@ def _ticks(ax: Axes, own: Panel) -> None:
                 fontsize=7.5,
             )
         else:
-            ax.set_xticklabels(page.names(own.names, NAME), rotation=90, fontsize=7)
+            ax.set_xticklabels(page.shorten_names(own.names, NAME), rotation=90, fontsize=7)
     elif told.quantity.kind == "time":
         return
     elif told.quantity.kind == "circular":
@@ -324,7 +324,7 @@ def _compass(angle: int) -> str:
     return f"{angle:03d} {COMPASS[angle]}" if angle in COMPASS else f"{angle:03d}"
 
 
-def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: Told) -> None:
+def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: RangedQuantity) -> None:
     """Draw the median and the quantiles under each row, and write them beside it."""
     number = posteriors.told.index(told)
     low, high = ax.get_xlim()
@@ -381,7 +381,7 @@ def _figures(ax: Axes, posteriors: Posteriors, stages: list[Stage], told: Told) 
             )
 
 
-def _value_text(posteriors: Posteriors, told: Told, value: float) -> str:
+def _value_text(posteriors: Posteriors, told: RangedQuantity, value: float) -> str:
     """Return a value of a quantity in its unit, as text."""
     if told.quantity.kind == "time":
         return notation.day_time(tables.moment(posteriors, value))
@@ -403,7 +403,7 @@ def _names(ax: Axes, stages: list[Stage]) -> None:
             else f"{page.fit(stage.name, 16)} ({stage.kind})"
         )
         head = page.fit(name, 26) if stage.number == 0 else f"{stage.number}  {page.fit(name, 26)}"
-        below = f"{notation.group(stage.time)}, {count.words}"
+        below = f"{notation.format_dtg(stage.time)}, {count.words}"
         for y, text, size, colour, weight in (
             (
                 0.45,

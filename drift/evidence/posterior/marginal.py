@@ -237,7 +237,7 @@ def _span(blocks: Blocks, scenario: int) -> tuple[int, int]:
 
 def _sums_by_scenario(parts: list[Partial]) -> Array:
     """Return sums of all parts by scenario and, last, of all, (scenarios + 1, codes, values)."""
-    by_scenario = partials.merged(parts).by_scenario
+    by_scenario = partials.merge_partials(parts).by_scenario
     # added in the order of Partial.total, for the same bits
     return np.concatenate([by_scenario, np.add.accumulate(by_scenario, axis=0)[-1:]])
 

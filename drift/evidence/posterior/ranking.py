@@ -52,13 +52,15 @@ class Ranking:
     @property
     def words(self) -> str:
         """The number of scenarios and the effective number, in words."""
-        before, now = (family.effective(values) for values in (self.prior, self.posterior))
+        before, now = (
+            family.effective_scenarios(values) for values in (self.prior, self.posterior)
+        )
         return f"{len(self.prior):,} scenarios, {now:.3g} of them effective now, {before:.3g} before the first update"
 
     @property
     def axes(self) -> list[Along]:
         """The axes of families along which they differ."""
-        return family.along(self.posteriors.families)
+        return family.axes_of_scenarios(self.posteriors.families)
 
 
 def ranking_of(posteriors: Posteriors) -> Ranking | None:
@@ -106,7 +108,10 @@ def csv(ranking: Ranking, run: str) -> str:
 
 def summary_of_ranking(ranking: Ranking) -> dict[str, Any]:
     """Return the ranking for the summary: effective numbers, and probabilities on each axis."""
-    before, now = family.effective(ranking.prior), family.effective(ranking.posterior)
+    before, now = (
+        family.effective_scenarios(ranking.prior),
+        family.effective_scenarios(ranking.posterior),
+    )
     axes = {}
     for along in ranking.axes:
         shares = zip(

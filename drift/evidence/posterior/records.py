@@ -12,7 +12,7 @@ from geo.array import Array
 
 
 @dataclass(frozen=True)
-class Told:
+class RangedQuantity:
     """A quantity with its range in one run."""
 
     quantity: Quantity
@@ -40,6 +40,6 @@ class Posteriors:
 
     scenarios: tuple[str, ...]
     period: Period  # of the run; times are relative to its start
-    told: tuple[Told, ...]
+    told: tuple[RangedQuantity, ...]
     stages: tuple[Stage, ...]  # the first is the prior
     families: tuple[InFamily | None, ...] = ()  # (scenarios,) position of each in its family

@@ -46,7 +46,7 @@ def plot_scenario_ranking(ranking: Ranking, path: Path, setting: Setting) -> Non
     tall = max(rows * ROW + BASE, lines * (TALL + under + OVER))
     width = max(0.3 + NAMES + BARS + FIGURES + columns * (AXIS + BESIDE) + 0.2, 9.5)
     height = HEAD + tall + FOOT
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             width,
             height,
@@ -60,10 +60,10 @@ def plot_scenario_ranking(ranking: Ranking, path: Path, setting: Setting) -> Non
             footer=sheet.small(0.09 / height, 7, width * 15),
         )
     )
-    sheet.head(on, setting.imprint, ranking.words)
+    sheet.write_head(on, setting.imprint, ranking.words)
     count = effective.Count(ranking.posteriors.stages[-1].ess, setting.particles)
     if count.few:
-        sheet.rough(on, effective.banner(count, "probabilities are rough"))
+        sheet.draw_rough_banner(on, effective.banner(count, "probabilities are rough"))
     key: list[tuple[Any, str]] = [
         (Patch(color=NOW), "now"),
         (Line2D([], [], color=INK, linewidth=2.2), "before the first update"),
@@ -92,7 +92,7 @@ def plot_scenario_ranking(ranking: Ranking, path: Path, setting: Setting) -> Non
     if len(ranking.axes) > AXES:
         words += f" {len(ranking.axes) - AXES} more axes: posteriors.csv."
     on.figure.text(0.28 / width, 0.33 / height, words, fontsize=8, color=GREY, va="center")
-    sheet.end(on, path, setting.imprint)
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def _ranks(ax: Axes, ranking: Ranking) -> None:
@@ -103,7 +103,7 @@ def _ranks(ax: Axes, ranking: Ranking) -> None:
     prior, now = (
         [*(float(values[k]) for k in alone)] for values in (ranking.prior, ranking.posterior)
     )
-    bar_names = page.names([names[k] for k in alone], LETTERS)
+    bar_names = page.shorten_names([names[k] for k in alone], LETTERS)
     if rest:
         prior.append(float(ranking.prior[rest].sum()))
         now.append(float(ranking.posterior[rest].sum()))
@@ -175,7 +175,7 @@ def _axis(ax: Axes, along: Along, ranking: Ranking) -> None:
                 ha="center",
                 va="bottom",
             )
-    value_names, step = page.names(list(along.axis.labels), WORD), -(-len(now) // NAMED)
+    value_names, step = page.shorten_names(list(along.axis.labels), WORD), -(-len(now) // NAMED)
     aslant: dict[str, Any] = (
         {"rotation": 45, "ha": "right", "rotation_mode": "anchor"}
         if _names_are_slanted(along)

@@ -7,7 +7,7 @@ import numpy as np
 
 from drift.evidence.posterior import ranking
 from drift.evidence.posterior.marginal import LEVELS, Marginal
-from drift.evidence.posterior.records import Posteriors, Told
+from drift.evidence.posterior.records import Posteriors, RangedQuantity
 from drift.forecast import likeliest
 from drift.forecast.likeliest import Shown
 from drift.products.files import formats
@@ -55,7 +55,7 @@ def csv(posteriors: Posteriors, run: str) -> str:
             stage.name,
             stage.kind,
             notation.iso(stage.time),
-            notation.group(stage.time),
+            notation.format_dtg(stage.time),
         ]
         for k, told in enumerate(posteriors.told):
             for row, scenario in _scenarios(posteriors, k):
@@ -67,7 +67,7 @@ def csv(posteriors: Posteriors, run: str) -> str:
     return formats.csv_text(HEADER, rows)
 
 
-def unit(told: Told) -> str:
+def unit(told: RangedQuantity) -> str:
     """Return the unit of a quantity in files; for times, that of their standard deviation."""
     return "h" if told.quantity.kind == "time" else told.quantity.unit
 
@@ -86,7 +86,9 @@ def _scenarios(posteriors: Posteriors, k: int) -> list[tuple[int, str]]:
     ]
 
 
-def _cells(posteriors: Posteriors, told: Told, found: Marginal, row: int) -> list[list[str]]:
+def _cells(
+    posteriors: Posteriors, told: RangedQuantity, found: Marginal, row: int
+) -> list[list[str]]:
     """Return value, share, mean, std and quantiles of a row of a marginal.
 
     A category has one such list per value.
@@ -110,7 +112,7 @@ def _cells(posteriors: Posteriors, told: Told, found: Marginal, row: int) -> lis
     return [["", _text(found.share[row]), values[0], _text(std), *values[1:]]]
 
 
-def written(posteriors: Posteriors, told: Told, value: float) -> str:
+def written(posteriors: Posteriors, told: RangedQuantity, value: float) -> str:
     """Return a value of a quantity as text for files; empty if it is NaN."""
     if not math.isfinite(value):
         return ""
@@ -154,7 +156,9 @@ def summary_of_posteriors(posteriors: Posteriors) -> list[dict[str, Any]]:
     ]
 
 
-def _numbers(posteriors: Posteriors, told: Told, found: Marginal, shown: Shown) -> dict[str, Any]:
+def _numbers(
+    posteriors: Posteriors, told: RangedQuantity, found: Marginal, shown: Shown
+) -> dict[str, Any]:
     share = {"share": float(found.share[-1]), "ess": float(found.ess[-1])}
     if told.quantity.kind == "category":
         labels, values = told.labels, found.table[-1]

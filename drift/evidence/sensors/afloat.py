@@ -14,7 +14,7 @@ from geo.errors import UserError
 ROUND = 0.05  # [deg] half size of the box about a sonar whose land is read
 
 
-def refuse(sensors: Iterable[Sensor], lands: Callable[[Box], Array]) -> None:
+def check_sonars_in_water(sensors: Iterable[Sensor], lands: Callable[[Box], Array]) -> None:
     """Reject sonars whose position is on land.
 
     Args:

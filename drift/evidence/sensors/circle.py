@@ -11,7 +11,7 @@ UNEVEN = 2.0  # times the median gap: in a wider one a bearing is missing
 SAME = 1e-3  # [deg] largest difference of equal bearings: 0 and 360 in single precision
 
 
-def around(
+def close_circle(
     bearing: ArrayLike,
     values: Array,
     axis: int,

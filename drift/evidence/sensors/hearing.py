@@ -29,7 +29,7 @@ SILENT = 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class Ear:
+class Receiver:
     """A sonar with the beams that are processed."""
 
     sonar: Sonar
@@ -254,8 +254,8 @@ def level(sonar: Sonar, scenario: Array, speed: Array) -> Array:
     return np.asarray((1 - share) * own.level[scenario, k] + share * own.level[scenario, after])
 
 
-def over(
-    ear: Ear,
+def signal_excess_of_sources(
+    ear: Receiver,
     place: tuple[float, float],
     heading: float,
     time: np.datetime64,
@@ -278,7 +278,7 @@ def over(
     return np.asarray(excess(ear.tables(*place, heading, time), *way) + source)
 
 
-def chance(sonar: Sonar, over: Array) -> Array:
+def instantaneous_pod(sonar: Sonar, over: Array) -> Array:
     """Return the probability of instantaneous detection by signal excess [dB], any shape."""
     from scipy import special  # imported here: few cases need it, and it takes a third of a second
 

@@ -137,7 +137,7 @@ def of_table(
         )
     if symmetric:
         bearing, gain = _both_sides(bearing, gain, name)
-    radians, gain = circle.around(bearing, gain, 0, name, AGREE, "dB")
+    radians, gain = circle.close_circle(bearing, gain, 0, name, AGREE, "dB")
     return Gain(radians, gain[None].astype(np.float32), np.array([math.nan]), mirrored)
 
 

@@ -81,7 +81,7 @@ def read_losses(
         REMEDY,
     )
     _check_losses(table, labels, asked.name)
-    radians, table = circle.around(bearing, table, 1, asked.name, AGREE, "dB")
+    radians, table = circle.close_circle(bearing, table, 1, asked.name, AGREE, "dB")
     losses = Losses(radians, metres, np.ascontiguousarray(table, np.float32), lon, lat, asked.name)
     if len(lon) > 1:
         _joined[losses] = places.join(lon, lat, asked.name)

@@ -45,7 +45,7 @@ def of_table(rows: Sequence[Sequence[float]], *, name: str = "noise") -> Noise:
         )
     bearing, level = pairs.T
     _check_levels(level, (("bearing", bearing, " deg"),), name)
-    radians, table = circle.around(bearing, level[None], 1, name, AGREE, "dB", QUARTER)
+    radians, table = circle.close_circle(bearing, level[None], 1, name, AGREE, "dB", QUARTER)
     return Noise(radians, table.astype(np.float32), NONE)
 
 
@@ -73,7 +73,7 @@ def read_noise(
     table_values.check_whole(table, labels, asked.name)
     table_values.check_decibels(table, unit, MOST, LEAST, "noise level", asked.name, REMEDY)
     _check_levels(table, labels, asked.name)
-    radians, table = circle.around(bearing, table, 1, asked.name, AGREE, "dB", QUARTER)
+    radians, table = circle.close_circle(bearing, table, 1, asked.name, AGREE, "dB", QUARTER)
     return Noise(radians, np.ascontiguousarray(table, np.float32), when)
 
 

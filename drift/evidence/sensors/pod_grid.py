@@ -106,7 +106,7 @@ def _round_sensor(found: Found, per: float, gaps: Gaps) -> PodGrid:
     table = table_file.values(found, dims).reshape(-1, bearing.size, metres.size)[:, :, order]
     labels = (("time", _moments(when), ""), ("bearing", bearing, " deg"), ("range", metres, " m"))
     table = _probabilities(table, table_values.unit_of(found, found.variable), labels, name, gaps)
-    radians, table = circle.around(bearing, table, 1, name, AGREE, "")
+    radians, table = circle.close_circle(bearing, table, 1, name, AGREE, "")
     pod = np.ascontiguousarray(table, np.float32)
     return PodGrid(pod, when, bearing=radians, range=metres, per=per, name=name)
 
@@ -151,7 +151,7 @@ def _over_places(
         grid, _ = target.choose([layout], None)
         matrix = regrid.weights(layout, grid)
         shape = grid.nlat, grid.columns
-        carried = (regrid.carry(matrix, slab).reshape(shape) for slab in table)
+        carried = (regrid.regrid_values(matrix, slab).reshape(shape) for slab in table)
         pod = [grids.widen(np.nan_to_num(slab, nan=0.0), grid) for slab in carried]
     lat, lon = np.radians(grid.lat), np.radians(grid.lon)
     return PodGrid(np.clip(np.stack(pod), 0.0, 1.0), when, lat=lat, lon=lon, per=per, name=name)

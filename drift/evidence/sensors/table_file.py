@@ -106,9 +106,9 @@ def asked_for(
 def open_table(path: str | os.PathLike[str]) -> Iterator[xr.Dataset]:
     """Open a file's dataset; any fault of the file becomes an error message of one line."""
     named = os.path.expanduser(os.fspath(path))
-    if not dataset.remote(named) and not os.path.exists(named):
+    if not dataset.is_remote(named) and not os.path.exists(named):
         raise UserError(f'no such file: "{named}"; {MEND}')
-    with dataset.readable(named, "", MEND), dataset.open_one(named, "", mend=MEND) as data:
+    with dataset.reporting_damage(named, "", MEND), dataset.open_one(named, "", mend=MEND) as data:
         yield data
 
 

@@ -8,14 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from drift.engine.motion.scenario import Scenario
-from drift.evidence.filter.standing import Standing
+from drift.evidence.filter.standing import SearchStatus
 from geo import notation
 from geo.array import Array
 
 HOUR = 3600.0  # [s]
 
 
-def alive_at(scenarios: Sequence[Scenario], standing: Standing, time: float) -> tuple[Array, Array]:
+def alive_at(
+    scenarios: Sequence[Scenario], standing: SearchStatus, time: float
+) -> tuple[Array, Array]:
     """Return the probability of being alive at a time, and its standard error.
 
     A scenario without survival times counts as alive.

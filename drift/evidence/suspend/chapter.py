@@ -7,7 +7,7 @@ from pathlib import Path
 from drift.evidence.suspend import decision
 from drift.evidence.suspend import text as suspend_text
 from drift.evidence.suspend.decision import Suspension
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Imprint
 from drift.products.report import leaves as report_leaves
 
@@ -43,8 +43,10 @@ PICTURES: dict[str, Callable[[SuspensionOutputs, Path], None]] = {
 }
 
 
-def chapter(matter: SuspensionOutputs) -> Chapter:
+def suspension_bundle(matter: SuspensionOutputs) -> OutputBundle:
     """Return the outputs for a decision to suspend."""
     leaves = (lambda: [report_leaves.text_leaf("For the decision to suspend", file="suspend.txt")],)
     numbers = {"suspension": decision.summary_of_decision(matter.suspension)}
-    return Chapter(numbers, bound(FILES, matter), bound(PICTURES, matter), leaves=leaves)
+    return OutputBundle(
+        numbers, bind_outputs(FILES, matter), bind_outputs(PICTURES, matter), leaves=leaves
+    )

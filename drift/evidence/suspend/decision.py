@@ -13,8 +13,13 @@ import xarray as xr
 
 from drift.engine.motion.scenario import Scenario
 from drift.engine.particles.status import ON_MAP
-from drift.evidence.filter.standing import Standing
-from drift.evidence.filter.updates import Update, Updates, shown_of, together
+from drift.evidence.filter.standing import SearchStatus
+from drift.evidence.filter.updates import (
+    Update,
+    Updates,
+    displayed_scenarios_of,
+    merge_unlikely_scenarios,
+)
 from drift.evidence.suspend import further as searching_on
 from drift.evidence.suspend.alive import HOUR, alive_at, basis, seconds
 from drift.evidence.suspend.further import GONE, Further, Planned
@@ -72,7 +77,7 @@ class Suspension:
 def build_decision(
     scenarios: Sequence[Scenario],
     start: np.datetime64,
-    begun: Standing,
+    begun: SearchStatus,
     updates: Updates | None,
     data: xr.Dataset,
     plan: Planned | None = None,
@@ -134,13 +139,21 @@ def _merge_unlikely(suspension: Suspension, updates: Updates | None) -> Suspensi
 
     With few scenarios, it is unchanged.
     """
-    shown = shown_of(updates) if updates else likeliest.likeliest_scenarios(suspension.prior)
+    shown = (
+        displayed_scenarios_of(updates)
+        if updates
+        else likeliest.likeliest_scenarios(suspension.prior)
+    )
     if not shown.rest:
         return suspension
     weight, cumulative = suspension.share, suspension.cumulative
     if updates:
         names = {update.name for update, _ in suspension.sorties}
-        flown = [u for u in together(updates).all if u.name in names and u.cumulative is not None]
+        flown = [
+            u
+            for u in merge_unlikely_scenarios(updates).all
+            if u.name in names and u.cumulative is not None
+        ]
         cumulative = np.asarray(flown[-1].cumulative) if flown else np.zeros(shown.size + 1)
 
     def mean(values: Array) -> Array:
@@ -180,7 +193,7 @@ def _basis(bases: Sequence[str | None]) -> str | None:
     return f"{words}; {without} of them have none and count as alive forever" if without else words
 
 
-def _hours_ahead(scenarios: Sequence[Scenario], standing: Standing, now: float) -> list[int]:
+def _hours_ahead(scenarios: Sequence[Scenario], standing: SearchStatus, now: float) -> list[int]:
     """Return the hours of AHEAD at which the probability of being alive still falls noticeably.
 
     now: [s after start].
@@ -195,7 +208,7 @@ def _hours_ahead(scenarios: Sequence[Scenario], standing: Standing, now: float) 
 
 
 def _curve(
-    scenarios: Sequence[Scenario], standing: Standing, start: np.datetime64, last: int
+    scenarios: Sequence[Scenario], standing: SearchStatus, start: np.datetime64, last: int
 ) -> tuple[Array, Array, Array]:
     """Return times (T,), the probability of being alive at each, and its error (T, S + 1).
 

@@ -15,7 +15,7 @@ import xarray as xr
 
 from drift.engine.motion.scenario import Scenario
 from drift.evidence.filter.records import Sortie
-from drift.evidence.filter.standing import Standing
+from drift.evidence.filter.standing import SearchStatus
 from drift.evidence.filter.updates import Update
 from drift.evidence.suspend.alive import alive_at, seconds
 from drift.forecast.products import dataset
@@ -184,7 +184,7 @@ def days(
 
 
 def like_the_last(
-    standing: Standing,
+    standing: SearchStatus,
     scenarios: Sequence[Scenario],
     start: np.datetime64,
     flown: Sequence[Sortie],
@@ -239,13 +239,13 @@ def like_the_last(
     return days(mass, swept, cells, living, standing.effective, until), how
 
 
-def _mapped(values: Array, standing: Standing, data: xr.Dataset) -> Array:
+def _mapped(values: Array, standing: SearchStatus, data: xr.Dataset) -> Array:
     """Return values by scenario (..., S) for the maps; scenarios that share a map are averaged."""
-    return dataset.shown(data).means(values, standing.mass.sum(axis=1))
+    return dataset.displayed_scenarios(data).means(values, standing.mass.sum(axis=1))
 
 
 def by_plan(
-    standing: Standing,
+    standing: SearchStatus,
     plan: Planned,
     updates: Sequence[Update],
     scenarios: Sequence[Scenario],

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from drift.evidence.filter.products.evidence_map import STROKES
 from drift.evidence.suspend.decision import Suspension
-from drift.evidence.suspend.text import immortal, reached
+from drift.evidence.suspend.text import missing_survival_warning, reached
 from drift.forecast import effective
 from drift.products.maps import labels, page, sheet
 from drift.products.maps.chart import GREY, INK
@@ -38,18 +38,20 @@ FOUND, ALIVE = "#cfe0ee", "#0b4f8a"
 
 def plot_suspension(suspension: Suspension, path: Path, imprint: Imprint) -> None:
     """Draw the basis of a decision to suspend."""
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     figure = on.figure
-    now = notation.group(suspension.now)
-    sheet.head(
+    now = notation.format_dtg(suspension.now)
+    sheet.write_head(
         on,
         imprint,
         f"Basis of a decision to suspend, as of {now}, given that nothing has been found",
     )
     if suspension.count.few:
-        sheet.rough(on, effective.banner(suspension.count, "every figure here is rough"))
-    for words in immortal(suspension):
-        sheet.say(on, sheet.warning(0.825, 9, 160, "center"), words)
+        sheet.draw_rough_banner(
+            on, effective.banner(suspension.count, "every figure here is rough")
+        )
+    for words in missing_survival_warning(suspension):
+        sheet.write_line(on, sheet.warning(0.825, 9, 160, "center"), words)
     panels = [_alive, _left, _further] if suspension.mortal else [_left, _further]
     wide, high = (
         (0.265, 0.54) if suspension.mortal else (0.43, 0.56)
@@ -59,8 +61,8 @@ def plot_suspension(suspension: Suspension, path: Path, imprint: Imprint) -> Non
     ):
         panel(figure.add_axes((left, 0.2, wide, high)), suspension)
     _legend(figure, suspension)
-    sheet.say(on, Row(0.055, 8, 230, colour=GREY, va="center"), _note(suspension))
-    sheet.end(on, path, imprint, f"Suspend: {imprint.title}")
+    sheet.write_line(on, Row(0.055, 8, 230, colour=GREY, va="center"), _note(suspension))
+    sheet.finish_page(on, path, imprint, f"Suspend: {imprint.title}")
 
 
 def _note(suspension: Suspension) -> str:
@@ -129,7 +131,8 @@ def _alive(ax: Axes, suspension: Suspension) -> None:
         bbox=BOX,
     )
     lines = [
-        f"{100 * level:.0f} % at {notation.group(time)[:6]}Z" for level, time in reached(suspension)
+        f"{100 * level:.0f} % at {notation.format_dtg(time)[:6]}Z"
+        for level, time in reached(suspension)
     ]
     ax.text(
         0.98,
@@ -146,7 +149,7 @@ def _alive(ax: Axes, suspension: Suspension) -> None:
     ax.set_xlim(x[0], x[-1])
     ticks = labels.round_times(x[0], x[-1], 5)
     ax.set_xticks(
-        ticks, labels=[f"{notation.group(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks]
+        ticks, labels=[f"{notation.format_dtg(np.datetime64(round(t), 's'))[:6]}Z" for t in ticks]
     )
     _percents(ax)
 
@@ -179,7 +182,7 @@ def _left(ax: Axes, suspension: Suspension) -> None:
             zorder=3,
         )
         left = left + width
-    for k, name in enumerate(page.names(rows, 32)):
+    for k, name in enumerate(page.shorten_names(rows, 32)):
         words = f"{name}: POS {notation.percent(float(pos[k]))}; of the rest {notation.percent(float(never[k]))} never searched"
         ax.text(0.01, y[k] - 0.33, words, fontsize=7, color=INK, va="bottom")
     ax.set_ylim(len(rows) - 0.5, -0.75)
@@ -254,7 +257,7 @@ def _further(ax: Axes, suspension: Suspension) -> None:
     ax.set_xlim(middle - half - 0.1, middle + half + 0.1)
     ax.set_xticks(
         x,
-        labels=[f"{notation.group(end.until)[:6]}Z" for end in suspension.further],
+        labels=[f"{notation.format_dtg(end.until)[:6]}Z" for end in suspension.further],
         rotation=30 if len(x) > 4 else 0,
     )
     _percents(ax)
@@ -301,7 +304,7 @@ def _legend(figure: Figure, suspension: Suspension) -> None:
         )
         for s in range(len(suspension.scenarios))
     ]
-    names = page.names(suspension.scenarios, 30)
+    names = page.shorten_names(suspension.scenarios, 30)
     sheet.legend(
         figure,
         [*zip(handles, names, strict=True), (Line2D([], [], **ALL), "all, two standard errors")],

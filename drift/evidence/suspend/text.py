@@ -37,7 +37,7 @@ def suspension_text(
         "",
     ]
     lines += _fill(
-        f"As of {notation.group(suspension.now)}, {what}. All of it is given that nothing has been found."
+        f"As of {notation.format_dtg(suspension.now)}, {what}. All of it is given that nothing has been found."
     )
     lines += _fill("The decision is the coordinator's: this is not a recommendation.")
     for warning in warnings(suspension, synthetic):
@@ -64,10 +64,10 @@ def warnings(suspension: Suspension, synthetic: bool) -> list[str]:
                 suspension.count, "of all that were drawn", "every figure here is rough"
             )
         )
-    return lines + immortal(suspension)
+    return lines + missing_survival_warning(suspension)
 
 
-def immortal(suspension: Suspension) -> list[str]:
+def missing_survival_warning(suspension: Suspension) -> list[str]:
     """Return a warning if some scenarios have no survival times while others have them."""
     names = ", ".join(
         f'"{name}"'
@@ -111,11 +111,11 @@ def _alive(suspension: Suspension) -> list[str]:
         hours = float((time - suspension.now) / np.timedelta64(1, "h"))
         ahead = "now" if hours == 0 else f"+{hours:.0f} h" if hours < 72 else f"+{hours / 24:.0f} d"
         lines.append(
-            f"   {notation.group(time):18}{ahead:10}{give_or_take(float(mean[-1]), float(error[-1]))}"
+            f"   {notation.format_dtg(time):18}{ahead:10}{give_or_take(float(mean[-1]), float(error[-1]))}"
         )
     for level, time in reached(suspension):
         tense = "was" if time < suspension.now else "is"
-        lines.append(f"   It {tense} {100 * level:.0f} % at {notation.group(time)}.")
+        lines.append(f"   It {tense} {100 * level:.0f} % at {notation.format_dtg(time)}.")
     lines += ["   By scenario, now:"] if several else []
     for s, basis in enumerate(suspension.bases):
         now = (
@@ -142,7 +142,7 @@ def _searched(suspension: Suspension) -> list[str]:
         ]
         poc, pod, pos, so_far = (f"{100 * v:.1f} %" if np.isfinite(v) else "" for v in figures)
         lines.append(
-            f"   {name:25}{notation.group(update.time)[:6] + 'Z':9}{size:>8}{poc:>8}{pod:>8}{pos:>8}{so_far:>9}"
+            f"   {name:25}{notation.format_dtg(update.time)[:6] + 'Z':9}{size:>8}{poc:>8}{pod:>8}{pos:>8}{so_far:>9}"
         )
     total = float(suspension.cumulative[-1])
     lines += ["", f"   Cumulative POS  {give_or_take(total, float(suspension.error(total)))}"]
@@ -202,7 +202,7 @@ def _further(suspension: Suspension) -> list[str]:
         head += f"{'Found alive':>18}{'Alive, not found':>19}"
     lines += ["", head]
     for end in suspension.further:
-        row = f"   {notation.group(end.until):16}{figure(end.pos, end.pos_error):>18}"
+        row = f"   {notation.format_dtg(end.until):16}{figure(end.pos, end.pos_error):>18}"
         if suspension.mortal:
             row += f"{figure(end.alive, end.alive_error):>18}{notation.percent(end.waiting):>19}"
         lines.append(row)

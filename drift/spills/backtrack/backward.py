@@ -337,7 +337,7 @@ def _find_densities(
 
 def _mean(values: Array) -> Array:
     """Return the mean over worlds (W, ...)."""
-    return partials.over_worlds(values) / len(values)
+    return partials.sum_over_worlds(values) / len(values)
 
 
 def _smooth(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 from drift.products.maps.marks import Mark
 from drift.spills.backtrack import backward, outlines, report, text
@@ -37,7 +37,7 @@ def _plot(outputs: OriginOutputs, path: Path) -> None:
 
 def _marks(outputs: OriginOutputs) -> list[Mark]:
     return [
-        Mark(find.lon, find.lat, f"{k} {find.name}, {notation.group(find.time)[:6]}Z")
+        Mark(find.lon, find.lat, f"{k} {find.name}, {notation.format_dtg(find.time)[:6]}Z")
         for k, find in enumerate(outputs.finds, 1)
         if not math.isnan(find.lat)  # a find on a named stretch has no position
     ]
@@ -55,15 +55,15 @@ PICTURES: dict[str, Callable[[OriginOutputs, Path], None]] = {
 }
 
 
-def chapter(outputs: OriginOutputs) -> Chapter:
+def chapter(outputs: OriginOutputs) -> OutputBundle:
     """Return the output bundle of a backward run."""
     warnings = backward.warnings(outputs.origin)
     numbers = {"origin": backward.summary(outputs.origin), "warnings": warnings}
     leaves = (partial(report.origin_leaves, outputs.origin, _marks(outputs)),)
-    return Chapter(
+    return OutputBundle(
         numbers,
-        bound(FILES, outputs),
-        bound(PICTURES, outputs),
+        bind_outputs(FILES, outputs),
+        bind_outputs(PICTURES, outputs),
         leaves=leaves,
         warnings=tuple(warnings),
     )

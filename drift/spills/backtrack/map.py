@@ -107,7 +107,7 @@ def plot_origin(origin: Origin, path: Path, setting: Setting) -> None:
     setting: its marks are the finds. The label of a mark begins with its number; the rest is listed
     beside the map ("1 first box, 031516Z").
     """
-    on = sheet.begin(SHEET)
+    on = sheet.begin_page(SHEET)
     shown, marks = _shown(origin), setting.marks
     height = MAP[3] - ROW * shown.few
     ax = on.figure.add_axes((*MAP[:3], height))
@@ -125,8 +125,8 @@ def plot_origin(origin: Origin, path: Path, setting: Setting) -> None:
     _times(on.figure, origin)
     _figures(on.figure, origin)
     _names(on.figure, marks)
-    sheet.say(on, sheet.heading(0.045, 9.5), CAVEAT)
-    sheet.end(on, path, setting.imprint)
+    sheet.write_line(on, sheet.heading(0.045, 9.5), CAVEAT)
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def _shown(origin: Origin) -> _Shown:
@@ -198,7 +198,7 @@ def _points(
         ax.plot(mx, my, zorder=12, **FIND)
         style = {"fontsize": 8.5, "weight": "bold", "color": layers.LAST_KNOWN, "bbox": BADGE}
         texts.append((float(mx), float(my), mark.label.partition(" ")[0], style))
-    rings = [ring for shape, _ in shown.areas.values() for ring in layers.kept(shape)]
+    rings = [ring for shape, _ in shown.areas.values() for ring in layers.rings_to_draw(shape)]
     lines = [np.column_stack(frame.project(ring[:, 0], ring[:, 1])) for ring in rings]
     drawn = np.concatenate(
         [*lines, np.array([text[:2] for text in texts]).reshape(-1, 2), [[float(x), float(y)]]]
@@ -218,9 +218,9 @@ def _bar(figure: Figure, mesh: Any) -> None:
 def _words(on: Page, origin: Origin, imprint: Imprint) -> None:
     """Write over the map what it shows, and the number of worlds."""
     worlds = f"{origin.worlds:,} worlds, effective {origin.effective:,.0f}"
-    sheet.head(on, imprint, "Release proposed by tracks back from the finds", worlds)
+    sheet.write_head(on, imprint, "Release proposed by tracks back from the finds", worlds)
     if backward.count(origin).few:
-        sheet.rough(on, effective.banner(backward.count(origin), backward.ROUGH))
+        sheet.draw_rough_banner(on, effective.banner(backward.count(origin), backward.ROUGH))
 
 
 def _legend(figure: Figure, shown: _Shown, finds: bool, land: bool) -> None:
@@ -256,7 +256,7 @@ def _times(figure: Figure, origin: Origin) -> None:
         figure.text(
             LEFT,
             0.55,
-            f"Released at {notation.group(origin.time[0])}, as given",
+            f"Released at {notation.format_dtg(origin.time[0])}, as given",
             fontsize=9.5,
             color=INK,
         )
@@ -287,7 +287,8 @@ def _times(figure: Figure, origin: Origin) -> None:
     ax.set_ylim(0, top)
     ticks = labels.round_times(*ax.get_xlim(), 4)
     ax.set_xticks(
-        ticks, labels=[f"{notation.group(np.datetime64(int(tick), 's'))[:6]}Z" for tick in ticks]
+        ticks,
+        labels=[f"{notation.format_dtg(np.datetime64(int(tick), 's'))[:6]}Z" for tick in ticks],
     )
     ax.tick_params(labelsize=8, colors=INK, length=3)
     ax.locator_params(axis="y", nbins=4)
@@ -331,9 +332,9 @@ def _figures(figure: Figure, origin: Origin) -> None:
         ("Mean place", notation.position(origin.mean[0], origin.mean[1]) or ""),
         ("Half within", text.length(float(summary["radius_50_km"])) + " of it"),
         ("90 % within", text.length(float(summary["radius_90_km"])) + " of it"),
-        ("Released", f"10 %: before {notation.group(low)}"),
-        ("", f"50 %: before {notation.group(half)}"),
-        ("", f"90 %: before {notation.group(high)}"),
+        ("Released", f"10 %: before {notation.format_dtg(low)}"),
+        ("", f"50 %: before {notation.format_dtg(half)}"),
+        ("", f"90 %: before {notation.format_dtg(high)}"),
         (
             "Error of the mean",
             f"{text.length(float(np.hypot(east, north)) / 1000)}, {text.number(late / 3600)} h",

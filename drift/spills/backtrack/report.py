@@ -22,10 +22,10 @@ def origin_leaves(origin: Origin, finds: Sequence[Mark]) -> list[Leaf]:
     }
     top = float((all_times / area).max(initial=0.0)) or 1.0
     return [
-        leaves.maps(
+        leaves.maps_leaf(
             "Release", origin.time, origin.lon, origin.lat, layers, area, [top] * len(origin.time)
         ),
-        leaves.marked("Finds", finds, (), "find", frame=True),
+        leaves.marks_leaf("Finds", finds, (), "find", frame=True),
         leaves.table_leaf(
             "Release",
             [("", "Figure", "words"), ("", "Value", "words")],

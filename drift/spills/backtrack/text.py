@@ -54,7 +54,7 @@ def _cell(name: str, value: float) -> str:
 
 
 def _group(iso: float | str) -> str:
-    return notation.group(np.datetime64(str(iso).removesuffix("Z"), "s"))
+    return notation.format_dtg(np.datetime64(str(iso).removesuffix("Z"), "s"))
 
 
 def length(km: float) -> str:

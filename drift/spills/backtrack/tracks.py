@@ -142,7 +142,7 @@ def _place(
     lon, lat = np.zeros(ensemble.n, np.int32), np.zeros(ensemble.n, np.int32)
     release, log_weight = np.zeros(ensemble.n, np.int32), np.zeros(ensemble.n, np.float32)
     coast, segments = beaches.coast, beaches.segments
-    edges = shoreline.edges(coast) if coast else np.empty((0, 4), np.int32)
+    edges = shoreline.shoreline_edges(coast) if coast else np.empty((0, 4), np.int32)
     for group in groups:
         find, segment = spill.finds[group.find], beaches.of_find[group.find]
         shape = (worlds.size, group.count)

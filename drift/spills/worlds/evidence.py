@@ -37,12 +37,14 @@ def cut_stretches(spill: Spill, coast: Coast) -> Segments:
     """
     land = land_masses.build_land_masses(coast.polygons, spill.bridges, coast.cut)
     if spill.stretches is not None:
-        segments = stretches.named(coast, spill.stretches, spill.stretch)
+        segments = stretches.read_named_segments(coast, spill.stretches, spill.stretch)
     else:
         segments = stretches.cut_coast(coast, spill.stretch)
     access = tuple(kind or spill.reporting.coast for kind in segments.access)
-    mass_of_stretch = land_masses.of_stretches(land, coast, segments.of_edge, len(segments.name))
-    return replace(segments, access=access, land=land, mass_of_stretch=mass_of_stretch)
+    mass_of_stretch = land_masses.mass_of_stretches(
+        land, coast, segments.of_edge, len(segments.name)
+    )
+    return replace(segments, access=access, land=land, mass=mass_of_stretch)
 
 
 def build_evidence(
@@ -166,7 +168,7 @@ def stretch_of_find(find: Find, segments: Segments, coast: Coast) -> int:
             f"coast is at {notation.position(near[0], near[1])}, and a find ashore lies within "
             f"{FARTHEST / 1000:.0f} km of it; {cure}"
         )
-    return stretches.nearest(segments, coast, find.lon, find.lat)[0]
+    return stretches.nearest_segment(segments, coast, find.lon, find.lat)[0]
 
 
 def named(name: str, place: str, segments: Segments) -> int:
@@ -175,7 +177,7 @@ def named(name: str, place: str, segments: Segments) -> int:
 
     if name in segments.name:
         return segments.name.index(name)
-    if (found := stretches.placed(segments, name)) is not None:
+    if (found := stretches.segment_of_id(segments, name)) is not None:
         return found
     number = name.removeprefix("stretch ")
     if number.isdecimal() and int(number) < len(segments.name):
@@ -203,6 +205,6 @@ def walked(patrol: Patrol, segments: Segments) -> Sequence[int]:
     if not chosen.size:
         raise UserError(
             f'patrol "{patrol.name}": no stretch has its middle within {ABREAST / 1000:.0f} km of the line between its '
-            f"ends at {notation.group(patrol.time)}; name stretches, or make them shorter ([spill.stretches] length)"
+            f"ends at {notation.format_dtg(patrol.time)}; name stretches, or make them shorter ([spill.stretches] length)"
         )
     return [int(k) for k in chosen]

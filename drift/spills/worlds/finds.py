@@ -374,7 +374,7 @@ def _expected_by_stretch(
                 value, code=exposed.segment, many=known.length.size, slots=exposed.slot
             )
             table.append(sums)
-    return [partials.merged(table).total[:, 0] for table in tables]
+    return [partials.merge_partials(table).total[:, 0] for table in tables]
 
 
 def _evidence(
@@ -531,7 +531,7 @@ def _density_at_sea(fates: Source, number: int, place: AtSea, multiplicity: Stan
         sums.append(part.blocks.partial(weight, weight**2, weight * x, weight * y, slots=at))
     if many < 3:
         return 0.0
-    total, squares, east, north = partials.merged(sums).total[0]
+    total, squares, east, north = partials.merge_partials(sums).total[0]
     sums = []
     for part in fates.parts():
         at, weight, x, y = adrift_near(part)
@@ -539,7 +539,7 @@ def _density_at_sea(fates: Source, number: int, place: AtSea, multiplicity: Stan
         sums.append(
             part.blocks.partial(*(weight * a * b for b in (x, y) for a in (x, y)), slots=at)
         )
-    square = partials.merged(sums).total[0].reshape(2, 2)
+    square = partials.merge_partials(sums).total[0].reshape(2, 2)
     spread = square / (total - squares / total) + place.radius**2 * np.eye(2)  # as numpy.cov has it
     return float(place.chance * total / (4 * np.pi * np.sqrt(np.linalg.det(spread))))
 
@@ -579,7 +579,7 @@ def _posterior_given(
     with np.errstate(invalid="ignore"):
         chosen = np.nan_to_num(np.exp(size - log_likelihood), nan=0.0)
         objects, destroyed = (
-            partials.over_worlds(
+            partials.sum_over_worlds(
                 weight[:, None] * np.nan_to_num(np.exp(log - log_likelihood[:, None]))
             )
             for log in (objects, destroyed)
@@ -693,7 +693,9 @@ def _surprise_at_sea(
     def adrift_weight(part: Fates) -> Real:
         return np.where(part.adrift[number].status == Status.ADRIFT, multiplicity(part), 0.0)
 
-    sums = partials.merged([part.blocks.partial(adrift_weight(part)) for part in fates.parts()])
+    sums = partials.merge_partials(
+        [part.blocks.partial(adrift_weight(part)) for part in fates.parts()]
+    )
     total = float(np.cumsum(sums.sums[:, 0, 0])[-1])
     if not total > 0:
         return 0.0, 0.0
@@ -711,8 +713,8 @@ def _surprise_at_sea(
             )
     x, y = sphere.offset(np.radians(place.lon), np.radians(place.lat), lon, lat)
     radius = 2 * place.radius**2
-    own = float(np.exp(-(x**2 + y**2) / radius).mean())
+    here = float(np.exp(-(x**2 + y**2) / radius).mean())
     dense = np.array(
         [np.exp(-((x - a) ** 2 + (y - b) ** 2) / radius).mean() for a, b in zip(x, y, strict=True)]
     )
-    return min(own / 2, 1.0), float((dense - 1 / SAMPLE <= own).mean())
+    return min(here / 2, 1.0), float((dense - 1 / SAMPLE <= here).mean())

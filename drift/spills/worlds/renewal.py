@@ -353,7 +353,7 @@ def _probability_of_number(after: Aftermath) -> tuple[float, float]:
         odds[own, 1] = (
             grid_prior * special.bdtrc(np.minimum(ashore - 1, count), count, chance)
         ).sum((1, 2))
-    few, many = partials.over_worlds(world_weight[:, None] * odds).tolist()
+    few, many = partials.sum_over_worlds(world_weight[:, None] * odds).tolist()
     return few, many
 
 

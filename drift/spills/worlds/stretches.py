@@ -143,9 +143,8 @@ def _count_objects(
         times_of_stays["arrival"][chosen],
     )
     first_stay = np.zeros(len(chosen), bool)
-    first_stay[np.unique(slot * (segment.max(initial=0) + 1) + segment, return_index=True)[1]] = (
-        True
-    )
+    visit = slot * (segment.max(initial=0) + 1) + segment
+    first_stay[np.unique(visit, return_index=True)[1]] = True
     pair = segment * fates.worlds + fates.world[slot]
     order = np.lexsort((arrival, pair))
     chosen, slot, pair, arrival, first_stay = (

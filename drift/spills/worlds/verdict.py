@@ -112,7 +112,7 @@ def ours(row: Row) -> str:
 def odd(told: Sequence[Row]) -> list[str]:
     """Return a warning for each find whose place was improbable given the evidence before it."""
     return [
-        f'find {row["number"]} "{row["name"]}" ({notation.group(row["time"])}, {row["position"]}, {row["stretch"]}) is unlikely: '
+        f'find {row["number"]} "{row["name"]}" ({notation.format_dtg(row["time"])}, {row["position"]}, {row["stretch"]}) is unlikely: '
         f"the chance of a find there was {notation.percent(row['probability_beforehand'])}, at places at "
         f"most as likely {notation.percent(row['tail'])}; {ours(row)}; check it, or set false = 0.1"
         for row in told
@@ -132,4 +132,4 @@ def silence(period: Period, spill: Spill, until: float) -> str | None:
         "spill.reporting.until" if spill.reporting.until is not None else "the last find or patrol"
     )
     what = "no other reports" if spill.finds else "no finds or reports"
-    return f"{what} until {notation.group(time)} ({which}); that silence is evidence too"
+    return f"{what} until {notation.format_dtg(time)} ({which}); that silence is evidence too"

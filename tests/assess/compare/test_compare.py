@@ -489,7 +489,7 @@ def test_standard_errors_of_maps_are_the_spread_over_seeds() -> None:
         a, b, drawn = cloud(seed)
         made = maps(a, b, drawn, GRID, None, 40.0)
         pairs.append((made.difference, made.error))
-        on = cells.index(a.lon, a.lat, GRID) >= 0  # a few lie off it
+        on = cells.index_of_cells(a.lon, a.lat, GRID) >= 0  # a few lie off it
         assert made.a.sum() == pytest.approx(a.probability[on].sum())
     differences, errors = np.stack(pairs, axis=1)
     spread, error = differences.var(axis=0, ddof=1), np.mean(errors**2, axis=0)

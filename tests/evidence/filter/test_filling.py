@@ -235,7 +235,7 @@ def test_shards_are_refused(tmp_path):
 
 def at(contact, n=40_000):
     """Return places (lon, lat) [rad] that a contact gives."""
-    return filling.places(contact, n, np.random.default_rng(8))
+    return filling.draw_positions(contact, n, np.random.default_rng(8))
 
 
 def seen(kind, **more):

@@ -25,7 +25,7 @@ from drift.evidence.filter.detection import sight
 from drift.evidence.filter.detection.sight import Targets
 from drift.evidence.filter.records import Contact, Heard, Tone
 from drift.evidence.sensors import grid_pod, hearing, unknown
-from drift.evidence.sensors.hearing import Ear
+from drift.evidence.sensors.hearing import Receiver
 from drift.evidence.sensors.records import Sonar
 from geo import sphere
 from geo.array import Array
@@ -42,7 +42,7 @@ def asks_velocity(contact: Contact) -> bool:
     """Return whether the likelihood of a contact depends on the target's velocity."""
     own = contact.heard
     return contact.moves or (
-        own is not None and (own.tone is not None or sight.by_speed(own.sensor))
+        own is not None and (own.tone is not None or sight.level_depends_on_speed(own.sensor))
     )
 
 
@@ -73,7 +73,7 @@ def log_likelihood(contact: Contact, targets: Targets, sent: Sent | None = None)
             detected = np.log(grid_pod.chance(sees, at, contact.time, lon, lat))[None]
     else:
         there &= ~np.isin(targets.status, STRANDED)
-        tables = Ear(sees, own.beams).tables(*at, own.heading, contact.time)
+        tables = Receiver(sees, own.beams).tables(*at, own.heading, contact.time)
         arrives, gain = hearing.terms(tables, *way)
         arrives = arrives + hearing.level(sees, targets.scenario, targets.speed)
         detected = np.stack(
@@ -105,7 +105,7 @@ def _log_detection(own: Heard, sonar: Sonar, arrives: Array, gain: Array) -> Arr
     both = math.hypot(sonar.fluctuation, error)
     share, off = (sonar.fluctuation / both) ** 2, value - arrives
     above = (arrives + gain + share * off) / (sonar.fluctuation * error / both)
-    found[audible] = contacts.normal(off, both) + special.log_ndtr(above)
+    found[audible] = contacts.log_normal_density(off, both) + special.log_ndtr(above)
     return found
 
 
@@ -124,7 +124,7 @@ def doppler(own: Heard, targets: Targets, way: tuple[Array, Array]) -> Array:
     )
 
 
-def at_first(tone: Tone, n: int) -> Sent:
+def initial_source_frequency(tone: Tone, n: int) -> Sent:
     """Return the estimated frequency of n targets before any contact of the group."""
     return Sent(np.full(n, tone.source_std**-2.0), np.zeros(n))
 
@@ -132,16 +132,16 @@ def at_first(tone: Tone, n: int) -> Sent:
 def _frequency(tone: Tone, shift: Array, sent: Sent | None) -> Array:
     """Return the log density of a received frequency, given Doppler factors (n,)."""
     if sent is None:
-        return contacts.normal(
+        return contacts.log_normal_density(
             tone.value - tone.source * shift, np.hypot(tone.std, tone.source_std * shift)
         )
     mean = tone.source + sent.turned / sent.precision
-    return contacts.normal(
+    return contacts.log_normal_density(
         tone.value - mean * shift, np.sqrt(tone.std**2 + shift**2 / sent.precision)
     )
 
 
-def learned(contact: Contact, targets: Targets, sent: Sent) -> Sent:
+def update_source_frequency(contact: Contact, targets: Targets, sent: Sent) -> Sent:
     """Return the estimated frequency after a contact (product of normal densities)."""
     own = contact.heard
     assert own is not None

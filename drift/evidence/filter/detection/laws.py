@@ -104,7 +104,7 @@ def range_curve(law: Law) -> tuple[Array, Array]:
     return lateral(law)
 
 
-def swept(law: Law) -> float:
+def curve_sweep_width(law: Law) -> float:
     """Return the sweep width [m] of a lateral range curve: twice its integral."""
     ranges, chances = np.array(law.ranges), np.array(law.chances)
     return float(np.sum((chances[1:] + chances[:-1]) * np.diff(ranges)))
@@ -128,7 +128,7 @@ def _m_beta_cap(law: Law, h: Array) -> Array:
 
 def _curve(law: Law) -> tuple[Array, Array]:
     ranges, chances = np.array(law.ranges), np.array(law.chances)
-    return ranges / swept(law), chances
+    return ranges / curve_sweep_width(law), chances
 
 
 def _curve_cap(law: Law, h: Array) -> Array:
@@ -200,7 +200,7 @@ LAWS = {
         pod=lambda law, c: np.interp(c, *_endless(law)),
         cap=_curve_cap,
         lateral=_curve,
-        width=swept,
+        width=curve_sweep_width,
         written=_curve_written,
     ),
 }

@@ -20,7 +20,7 @@ from drift.evidence.filter.detection import sensor_path
 from drift.evidence.filter.markers import Marker
 from drift.evidence.filter.records import Sortie
 from drift.evidence.sensors import grid_pod, unknown
-from drift.evidence.sensors.hearing import Ear
+from drift.evidence.sensors.hearing import Receiver
 from drift.evidence.sensors.records import PodGrid, Sonar
 from geo import notation, sphere
 from geo.array import Array
@@ -72,7 +72,7 @@ class Listening:
             notation.epoch(sortie.end) - start,
         )
         sees = sortie.sensor.sees
-        self._sees = Ear(sees, sortie.beams) if isinstance(sees, Sonar) else sees
+        self._sees = Receiver(sees, sortie.beams) if isinstance(sees, Sonar) else sees
         self.factors, self.chances = unknown.values(sortie.sensor)
         self._path = sensor_path.of_legs(sortie.legs, start)
         self._exposed_until = self.begin  # the time [s] to which its columns are complete
@@ -173,7 +173,9 @@ class Listening:
                     tables = tables._replace(gains=np.full(1, -math.inf, np.float32))
                 yield None, listen.laid(stretch, tables, self.factors), stretch
 
-    def _parts(self, own: Ear, whole: Stretch, elapsed: int) -> Iterator[tuple[Stretch, float]]:
+    def _parts(
+        self, own: Receiver, whole: Stretch, elapsed: int
+    ) -> Iterator[tuple[Stretch, float]]:
         """Yield the parts of a stretch in which the noise hardly changes.
 
         Each comes with its middle as a share of the stretch.
@@ -204,7 +206,7 @@ class Listening:
         )
 
     def _tables(
-        self, own: Ear, stretch: Stretch, elapsed: int, course: Array, share: float
+        self, own: Receiver, stretch: Stretch, elapsed: int, course: Array, share: float
     ) -> listen.Tables:
         """Return the tables of a sonar in the middle of a stretch.
 

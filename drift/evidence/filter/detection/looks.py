@@ -30,10 +30,12 @@ def log_likelihood(look: Look, lon: Array, lat: Array, there: Array) -> Array:
     chance = np.where(
         there, SIGHTS[look.sight.kind](look.sight, distance(look.field, lon, lat)), 0.0
     )
-    return said(chance, look.positive, 1.0, look.false_alarms)
+    return log_report_probability(chance, look.positive, 1.0, look.false_alarms)
 
 
-def said(chance: Array, positive: bool, detection: float, false_alarms: float) -> Array:
+def log_report_probability(
+    chance: Array, positive: bool, detection: float, false_alarms: float
+) -> Array:
     """Return the log probability of a sensor's report, float64 (n,).
 
     Args:

@@ -171,7 +171,7 @@ def of_legs(legs: Legs, start: int) -> Path:
     )
 
 
-def standing(lon: float, lat: float, begin: float, end: float) -> Path:
+def path_of_fixed_sensor(lon: float, lat: float, begin: float, end: float) -> Path:
     """Return the path of a sensor that stays at a position.
 
     Args:

@@ -34,7 +34,7 @@ def of_line(points: Sequence[LonLat]) -> Shape:
 
     The line lies in the gnomonic plane of its middle.
     """
-    line = gnomonic.line(points)
+    line = gnomonic.build_plane_line(points)
     return _shape(observe.LINE, line.lon, line.lat, 0.0, np.ones(2), line.corners, line.reach)
 
 

@@ -9,7 +9,7 @@ from drift.engine.particles.status import STRANDED, on_map
 from drift.evidence.filter.detection import looks
 from drift.evidence.filter.records import Look
 from drift.evidence.sensors import grid_pod, hearing, unknown
-from drift.evidence.sensors.hearing import Ear
+from drift.evidence.sensors.hearing import Receiver
 from drift.evidence.sensors.records import Sensor, Sonar
 from geo import sphere
 from geo.array import Array
@@ -33,7 +33,7 @@ class Targets(NamedTuple):
         return np.hypot(self.east, self.north)
 
 
-def by_speed(sensor: Sensor | None) -> bool:
+def level_depends_on_speed(sensor: Sensor | None) -> bool:
     """Whether the source level of the targets depends on their speed."""
     return (
         sensor is not None and isinstance(sensor.sees, Sonar) and len(sensor.sees.levels.speed) > 1
@@ -50,18 +50,27 @@ def log_likelihood(look: Look, targets: Targets) -> Array:
     sees = look.sensor.sees
     if not isinstance(sees, Sonar):
         chance = grid_pod.chance(sees, at, look.time, lon, lat)
-        return looks.said(np.where(there, chance, 0.0), look.positive, 1.0, look.false_alarms)[None]
+        return looks.log_report_probability(
+            np.where(there, chance, 0.0), look.positive, 1.0, look.false_alarms
+        )[None]
     there &= ~np.isin(targets.status, STRANDED)
     source = hearing.level(sees, targets.scenario, targets.speed)
-    over = hearing.over(Ear(sees, look.beams), at, look.heading, look.time, lon, lat, source)
+    over = hearing.signal_excess_of_sources(
+        Receiver(sees, look.beams), at, look.heading, look.time, lon, lat, source
+    )
     every = [
-        np.where(there, hearing.chance(sees, over + offset), 0.0)
+        np.where(there, hearing.instantaneous_pod(sees, over + offset), 0.0)
         for offset in unknown.values(look.sensor)[0]
     ]
-    return np.stack([looks.said(chance, look.positive, 1.0, look.false_alarms) for chance in every])
+    return np.stack(
+        [
+            looks.log_report_probability(chance, look.positive, 1.0, look.false_alarms)
+            for chance in every
+        ]
+    )
 
 
-def together(said: Array, shared: Device, weights: Array) -> Array:
+def add_shared_report(said: Array, shared: Device, weights: Array) -> Array:
     """Return the log likelihood (n,) of a report, given all earlier reports of the group.
 
     The likelihood is the ratio of two means over the unknown: of the product of all reports with
@@ -74,10 +83,10 @@ def together(said: Array, shared: Device, weights: Array) -> Array:
     """
     before = shared.to_numpy().reshape(said.shape).astype(np.float64)
     shared.from_numpy((before + said).astype(np.float32).reshape(-1))
-    return averaged(said, before, weights)
+    return average_over_unknown(said, before, weights)
 
 
-def averaged(said: Array, before: Array, weights: Array) -> Array:
+def average_over_unknown(said: Array, before: Array, weights: Array) -> Array:
     """Return the log likelihood (n,) of a report, averaged over the unknown.
 
     Args:

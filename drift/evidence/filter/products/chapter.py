@@ -15,7 +15,7 @@ from drift.evidence.filter.products import tables as search_tables
 from drift.evidence.filter.records import NO_SENSORS, Contact, Sensors, Sortie
 from drift.evidence.filter.updates import Updates
 from drift.forecast.build import Forecast
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 
 
@@ -81,7 +81,7 @@ LINE_PICTURES: dict[str, Callable[[SearchOutputs, Path], None]] = {
 }
 
 
-def chapter(matter: SearchOutputs, *, mapped: bool) -> Chapter:
+def search_bundle(matter: SearchOutputs, *, mapped: bool) -> OutputBundle:
     """Return the outputs of a search.
 
     Args:
@@ -89,14 +89,19 @@ def chapter(matter: SearchOutputs, *, mapped: bool) -> Chapter:
         mapped: whether the forecast has outputs at the times of the sorties.
     """
     has_updates = bool(matter.updates.all or matter.updates.sorties)
-    files, pictures = (bound(FILES, matter), bound(PICTURES, matter)) if has_updates else ({}, {})
+    files, pictures = (
+        (bind_outputs(FILES, matter), bind_outputs(PICTURES, matter)) if has_updates else ({}, {})
+    )
     if matter.updates.crossings is not None:
-        files, pictures = files | bound(LINE_FILES, matter), pictures | bound(LINE_PICTURES, matter)
+        files, pictures = (
+            files | bind_outputs(LINE_FILES, matter),
+            pictures | bind_outputs(LINE_PICTURES, matter),
+        )
     if mapped and matter.updates.sorties:
         from drift.evidence.filter.products import map as search_map
 
         more = range(2, 1 + search_map.pages(matter.updates.sorties))
-        pictures |= bound(MAPS, matter) | {
+        pictures |= bind_outputs(MAPS, matter) | {
             f"search-{page}.png": partial(_search, matter, page=page) for page in more
         }
     # planned sorties are among the outputs of the plan
@@ -106,7 +111,7 @@ def chapter(matter: SearchOutputs, *, mapped: bool) -> Chapter:
         if has_updates
         else ()
     )
-    return Chapter(
+    return OutputBundle(
         {"search": search_tables.summary_of_search(matter.updates)}, files, pictures, leaves=leaves
     )
 

@@ -37,7 +37,7 @@ def plot_crossings(updates: Updates, path: Path, setting: Setting) -> None:
     width, height = WIDTH, 1.55 + below + rows * (HIGH + 0.75)
     columns = min(len(shown), ACROSS)
     wide = (WIDTH - MARGIN - 0.3 - (columns - 1) * GAP) / columns
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             width,
             height,
@@ -51,16 +51,16 @@ def plot_crossings(updates: Updates, path: Path, setting: Setting) -> None:
             footer=sheet.small(0.07 / height, 7, 210),
         )
     )
-    sheet.head(on, setting.imprint, _subtitle(every, len(shown)))
+    sheet.write_head(on, setting.imprint, _subtitle(every, len(shown)))
     if few:
         least = particles_left.lowest(updates, setting.particles)
-        sheet.rough(on, effective.banner(least, "probabilities of crossing are rough"))
+        sheet.draw_rough_banner(on, effective.banner(least, "probabilities of crossing are rough"))
     for k, crossing in enumerate(shown):
         left = MARGIN + (k % ACROSS) * (wide + GAP)
         bottom = height - 1.35 - below - (k // ACROSS + 1) * (HIGH + 0.75) + 0.72
         ax = on.figure.add_axes((left / width, bottom / height, wide / width, HIGH / height))
         _panel(ax, crossings, crossing, curves)
-    names = page.names([crossings.scenarios[j] for j in curves], 34)
+    names = page.shorten_names([crossings.scenarios[j] for j in curves], 34)
     symbols = [(_stroke(j), name) for j, name in zip(curves, names, strict=True)]
     if len(crossings.scenarios) > 1:
         symbols.append((Line2D([], [], color="#111111", linewidth=2.4), "all together"))
@@ -76,7 +76,7 @@ def plot_crossings(updates: Updates, path: Path, setting: Setting) -> None:
             handlelength=4.0,
             columnspacing=2.0,
         )
-    sheet.end(on, path, setting.imprint)
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def _scenarios_with_curves(crossings: Crossings) -> list[int]:

@@ -19,7 +19,7 @@ from matplotlib.transforms import blended_transform_factory
 from drift.evidence.filter import shapes as search_shapes
 from drift.evidence.filter.products import particles_left
 from drift.evidence.filter.products import tables as search_tables
-from drift.evidence.filter.updates import Update, Updates, together
+from drift.evidence.filter.updates import Update, Updates, merge_unlikely_scenarios
 from drift.forecast import effective
 from drift.forecast.products import layers
 from drift.products.maps import labels, page, sheet
@@ -75,7 +75,7 @@ STRENGTH = (
 
 def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
     """Draw the evidence of a search; scenarios beyond the likeliest are merged into one."""
-    every, updates = updates, together(updates)
+    every, updates = updates, merge_unlikely_scenarios(updates)
     steps = search_tables.steps(updates)
     shown = list(enumerate(steps, 1))[-MOST:]
     stories = len(updates.scenarios) > 1
@@ -84,7 +84,7 @@ def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
     below = 0.32 * least.few  # [in] height of a warning
     over = 1.45 + 0.24 * lines + below
     height = max(4.6, over + 1.0 + 0.47 * (len(shown) + 1))
-    on = sheet.begin(
+    on = sheet.begin_page(
         Sheet(
             14.0,
             height,
@@ -103,11 +103,11 @@ def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
     (_posterior if stories else _sortie_bars)(figure, updates, shown, room)
     if _flown(updates):
         _cumulative(figure, updates, room)
-    sheet.head(on, setting.imprint, _subtitle(every, len(steps) - len(shown)))
+    sheet.write_head(on, setting.imprint, _subtitle(every, len(steps) - len(shown)))
     if stories:
         _legend(figure, updates, 1 - (0.86 + below) / height)
     if least.few:
-        sheet.rough(on, effective.banner(least, "shares, evidence and POS are rough"))
+        sheet.draw_rough_banner(on, effective.banner(least, "shares, evidence and POS are rough"))
     figure.text(
         0.02,
         0.33 / height,
@@ -117,7 +117,7 @@ def plot_evidence(updates: Updates, path: Path, setting: Setting) -> None:
         linespacing=1.35,
         va="center",
     )
-    sheet.end(on, path, setting.imprint)
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def _flown(updates: Updates) -> bool:
@@ -219,7 +219,7 @@ def _explained(updates: Updates) -> str:
 def _legend(figure: Figure, updates: Updates, top: float) -> None:
     """Draw the legend of scenarios: bar and line of each, row by row."""
     rows: list[tuple[Any, str]] = []
-    for j, name in enumerate(page.names(updates.scenarios, 34)):
+    for j, name in enumerate(page.shorten_names(updates.scenarios, 34)):
         colour, dashes, marker = STROKES[j % len(STROKES)]
         bar = Patch(edgecolor=INK, linewidth=0.6, **FILLS[j % len(FILLS)])
         line = Line2D(
@@ -263,7 +263,7 @@ def _posterior(figure: Figure, updates: Updates, shown: Shown, room: tuple[float
         if not shown or shown[0][0] == 1
         else f"after update {shown[0][0] - 1}"
     )
-    short = tuple(page.names(updates.scenarios, 34))
+    short = tuple(page.shorten_names(updates.scenarios, 34))
     effects = [
         ("", ""),
         *(evidence_in_words(update, before, short) for _, (update, before) in shown),
@@ -354,13 +354,13 @@ def _rows(
             write(
                 beside,
                 k + 0.21,
-                f"{notation.group(update.time)}, {left.words}",
+                f"{notation.format_dtg(update.time)}, {left.words}",
                 7.5,
                 layers.LAST_KNOWN,
                 ha="right",
             )
         else:
-            write(beside, k + 0.21, notation.group(update.time) + pos, 7.5, GREY, ha="right")
+            write(beside, k + 0.21, notation.format_dtg(update.time) + pos, 7.5, GREY, ha="right")
     for k, (above, below) in enumerate(said):
         write(1 + 0.0065 / width, k - 0.15, above, 9)
         write(1 + 0.0065 / width, k + 0.21, below, 7.5, GREY)
@@ -402,7 +402,7 @@ def _cumulative(figure: Figure, updates: Updates, room: tuple[float, float]) -> 
     before = times[0] - max(0.08 * (times[-1] - times[0]), 3600)
     ax.set_xlim(before, times[-1] + 0.04 * (times[-1] - before))
     order = [*range(len(updates.scenarios)), -1] if len(updates.scenarios) > 1 else [-1]
-    texts, short = [], page.names(updates.scenarios, 24)
+    texts, short = [], page.shorten_names(updates.scenarios, 24)
     for j in order:
         colour, dashes, marker = STROKES[j % len(STROKES)] if j >= 0 else ("#111111", "-", "o")
         style: dict[str, Any] = {

@@ -96,7 +96,7 @@ def plot_searches(
     out = beyond.named(frame, places)
     head = HEAD + 0.3 * (least.few + bool(out))
     size = (LEFT + 3 * WIDE + 2 * GAP + RIGHT, head + len(on_page) * (HIGH + OVER) + FOOT)
-    on = sheet.begin(_sheet(*size))
+    on = sheet.begin_page(_sheet(*size))
     corner = chart.free_corner(frame, *_points_to_keep_clear(frame, part, on_page, times))
     for row, sortie in enumerate(on_page):
         bottom = size[1] - head - (row + 1) * (HIGH + OVER)
@@ -126,12 +126,14 @@ def plot_searches(
     contents = _contents(
         sorties, page, any(s.name in numbered for s in on_page), bool(every_seen), setting.particles
     )
-    sheet.head(on, setting.imprint, contents)
+    sheet.write_head(on, setting.imprint, contents)
     if least.few:
-        when = notation.group(forecast.data["time"].values[least_at])
-        sheet.rough(on, effective.banner(least, "areas and shares are rough", when))
+        when = notation.format_dtg(forecast.data["time"].values[least_at])
+        sheet.draw_rough_banner(on, effective.banner(least, "areas and shares are rough", when))
     if out:
-        sheet.say(on, sheet.warning(1 - (0.93 + 0.3 * least.few) / size[1], 9, size[0] * 12), out)
+        sheet.write_line(
+            on, sheet.warning(1 - (0.93 + 0.3 * least.few) / size[1], 9, size[0] * 12), out
+        )
     _key(
         on.figure,
         size,
@@ -143,7 +145,7 @@ def plot_searches(
         bool(setting.marks),
     )
     _bar(on.figure, size, mesh)
-    sheet.end(on, path, setting.imprint)
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def _sensors_of(sensors: Sensors, sortie: Sortie) -> list[search_layers.Sensor]:
@@ -217,7 +219,7 @@ def _points_to_keep_clear(
     frame: Frame, part: Forecast, some: Sequence[Sortie], times: Sequence[Any]
 ) -> tuple[Any, Any]:
     """Return the points [m] that the scale bar should not cover."""
-    x, y = layers.occupied(frame, part, times)
+    x, y = layers.label_obstacles(frame, part, times)
     for line in search_layers.extent(some):
         px, py = frame.project(line.lon, line.lat)
         x, y = np.append(x, px), np.append(y, py)
@@ -258,7 +260,7 @@ def _heading(
     update: Update | None,
 ) -> None:
     """Write the heading of a row: name, time and results of the sortie."""
-    when = f"{notation.day_time(sortie.start)} to {notation.group(sortie.end)}"
+    when = f"{notation.day_time(sortie.start)} to {notation.format_dtg(sortie.end)}"
     parts = [when, *([sortie.kind] if sortie.kind else [])]
     if sortie.frame == "datum" and sortie.marker is None:
         parts.append("drawn at its datum")
@@ -317,7 +319,7 @@ def _key(
 ) -> None:
     """Draw the legend under the maps."""
     for share in forecast.ends:
-        style = layers.line(share, forecast)
+        style = layers.outline_style(share, forecast)
         symbol = Line2D([], [], **{**style, "linewidth": 0.6 * style["linewidth"]})
         rows.append((symbol, f"{notation.hundredths(share)} % area"))
     if marked:

@@ -11,7 +11,7 @@ from drift.forecast.effective import Count
 from geo.notation import NMI
 
 
-def of_run(
+def few_particles_warnings(
     data: Any, particles: int, updates: Updates | None, contacts: Sequence[Contact] = ()
 ) -> list[str]:
     """Return warnings about few effective particles.
@@ -33,13 +33,17 @@ def of_run(
     lost += [_repopulated_warning(placed[0])] if placed else []
     update = first_low(updates) if updates else None
     if update is None:
-        return lost + effective.of_run(data, particles)
+        return lost + effective.effective_warnings(data, particles)
     low = Count(update.left, particles)
     resampling = "" if update.resampled else ", or [resampling] below = 0.05"
-    when = f"{after(update)} ({Count(update.ess_before).number:,.0f} before it)"
+    when = f"{after_update(update)} ({Count(update.ess_before).number:,.0f} before it)"
     words = effective.sentence(low, when, "areas and shares after it are rough")
-    warning = f"{words}. {_what_to_check(update, contacts)}; otherwise use {enough(low):,} particles or more{resampling}"
-    return [*lost, warning, *effective.of_run(data, particles, update.time, update.left)]
+    warning = f"{words}. {_what_to_check(update, contacts)}; otherwise use {particles_needed(low):,} particles or more{resampling}"
+    return [
+        *lost,
+        warning,
+        *effective.effective_warnings(data, particles, update.time, update.left),
+    ]
 
 
 def _what_to_check(update: Update, contacts: Sequence[Contact]) -> str:
@@ -64,7 +68,7 @@ def _what_to_check(update: Update, contacts: Sequence[Contact]) -> str:
 def _repopulated_warning(update: Update) -> str:
     """Return a warning about the first update that repopulated particles."""
     return (
-        f"Particles were repopulated {after(update)}, as [resampling] asks: a heuristic, no posterior. Areas and shares from then on are "
+        f"Particles were repopulated {after_update(update)}, as [resampling] asks: a heuristic, no posterior. Areas and shares from then on are "
         "rough; speed and course are of the particles before"
     )
 
@@ -72,12 +76,12 @@ def _repopulated_warning(update: Update) -> str:
 def _lost_track_warning(update: Update) -> str:
     """Return a warning about an update after which the track is lost."""
     return (
-        f"The track is lost {after(update)}: it leaves fewer particles than [resampling] bulk. Maps after it show what little is "
+        f"The track is lost {after_update(update)}: it leaves fewer particles than [resampling] bulk. Maps after it show what little is "
         "left, until a contact repopulates them; search wider, or give a smaller bulk"
     )
 
 
-def enough(low: Count) -> int:
+def particles_needed(low: Count) -> int:
     """Return the number of particles that avoids the warning, rounded up to two digits.
 
     The number of effective particles is proportional to the number of particles.
@@ -101,6 +105,6 @@ def lowest(updates: Updates, particles: int | None = None) -> Count:
     return Count(min((update.left for update in updates.all), default=0.0), particles)
 
 
-def after(update: Update) -> str:
+def after_update(update: Update) -> str:
     """Return the words "after" and the update."""
     return f'after {update.kind} "{update.name}"'

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from drift.evidence.filter.records import Contact, Sensors, Sortie
-from drift.evidence.filter.updates import Updates, together
+from drift.evidence.filter.updates import Updates, merge_unlikely_scenarios
 from drift.products.report import leaves
 from drift.products.report.leaves import Leaf
 from geo import notation
@@ -33,7 +33,7 @@ def search_leaves(
     if sorties:
         of_sortie = {"kind": "sortie", "name": [sortie.name for sortie in sorties]}
         shown += [
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Sorties",
                 FILE,
                 "searched",
@@ -42,7 +42,7 @@ def search_leaves(
                 label="name",
                 told=SORTIE,
             ),
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Legs flown",
                 FILE,
                 "legs",
@@ -50,7 +50,7 @@ def search_leaves(
                 when=leaves.DURING,
                 told=SORTIE,
             ),
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Transits",
                 FILE,
                 "transit",
@@ -61,7 +61,7 @@ def search_leaves(
         ]
     if contacts:
         shown.append(
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Contacts",
                 FILE,
                 "contact",
@@ -74,10 +74,10 @@ def search_leaves(
     if sensors.telling:
         fields = {"kind": ["look", "presence"]}
         shown += [
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Looks and presences", FILE, "field", where=fields, when=leaves.DURING, told=SEEN
             ),
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Barriers",
                 FILE,
                 "barrier",
@@ -90,7 +90,7 @@ def search_leaves(
     if sensors.lines:
         told = [("probability", "Crossed, in the end", "share")]
         shown.append(
-            leaves.shapes(
+            leaves.shapes_leaf(
                 "Lines asked about", FILE, "line", where={"kind": "line"}, label="name", told=told
             )
         )
@@ -140,7 +140,7 @@ def _updates(planned: bool) -> Leaf:
 
 def _scenarios(updates: Updates) -> Leaf:
     """Return the table of scenarios: the probability of each before and after each update."""
-    of_shown = together(updates)
+    of_shown = merge_unlikely_scenarios(updates)
     columns = [("", "Scenario", "words"), ("", "Before", "share")]
     columns += [
         ("", f"{notation.day_time(update.time)} {update.name}", "share") for update in of_shown.all

@@ -18,7 +18,7 @@ from drift.evidence.filter.records import (
     Sensors,
     Sortie,
 )
-from drift.evidence.filter.updates import Update, Updates, together
+from drift.evidence.filter.updates import Update, Updates, merge_unlikely_scenarios
 from drift.products.files import formats, geojson
 from geo import notation
 from geo.array import Array
@@ -85,7 +85,7 @@ def csv(updates: Updates, run: str) -> str:
                     update.kind,
                     status.get(update.name, "") if update.kind == "sortie" else "",
                     notation.iso(update.time),
-                    notation.group(update.time),
+                    notation.format_dtg(update.time),
                     scenario,
                     *(_text(None if values is None else values[j]) for values in columns),
                     _text(factors[j] if single else None),
@@ -146,7 +146,7 @@ def summary_of_search(updates: Updates) -> dict[str, Any]:
     With many scenarios, the figures of each update are those of the likeliest, and of all others
     together; the table of updates (`csv`) has all.
     """
-    names, shown = updates.scenarios, together(updates)
+    names, shown = updates.scenarios, merge_unlikely_scenarios(updates)
     done = [update for update in shown.all if update.cumulative is not None]
     last = updates.all[-1].posterior if updates.all else updates.prior
     return {
@@ -175,7 +175,7 @@ def _update(updates: Updates, update: Update, before: Array) -> dict[str, Any]:
         "name": update.name,
         "kind": update.kind,
         "time": update.time,
-        "date_time_group": notation.group(update.time),
+        "date_time_group": notation.format_dtg(update.time),
         "log_evidence": _by_scenario(names, update.log_evidence),
         "bayes_factor": dict(zip(names, bayes_factors(update, before).tolist(), strict=True)),
         "posterior": dict(zip(names, np.asarray(update.posterior, float).tolist(), strict=True)),
@@ -225,7 +225,7 @@ def shapes(
     presence "field"; for a barrier or line "line". Shapes that drift with a marker are over the
     ground if the marker's track is known.
     """
-    updates, of_case = together(updates), updates
+    updates, of_case = merge_unlikely_scenarios(updates), updates
     taken = {(update.kind, update.name): update for update in updates.all}
     features = []
     for sortie in sorties:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from drift.products.files.chapter import Chapter, Contents, Stamped, bound
+from drift.products.files.chapter import Contents, OutputBundle, Stamped, bind_outputs
 from drift.products.maps.imprint import Setting
 from drift.products.maps.marks import Mark
 from drift.spills.worlds import renewal, unknowns, verdict
@@ -80,10 +80,14 @@ PICTURES: dict[str, Callable[[SpillOutputs, Path], None]] = {
 }
 
 
-def chapter(outputs: SpillOutputs) -> Chapter:
+def chapter(outputs: SpillOutputs) -> OutputBundle:
     """Return the output bundle of a spill."""
     after = outputs.after
-    files = bound(FILES, outputs) | (bound(FIND_FILES, outputs) if after.spill.finds else {})
+    files = bind_outputs(FILES, outputs) | (
+        bind_outputs(FIND_FILES, outputs) if after.spill.finds else {}
+    )
     words = headline.washup_headline(after.washup)
     leaves = (lambda: report.spill_leaves(finds(after), renewal.silence(after), words),)
-    return Chapter(renewal.summary_of_spill(after), files, bound(PICTURES, outputs), leaves=leaves)
+    return OutputBundle(
+        renewal.summary_of_spill(after), files, bind_outputs(PICTURES, outputs), leaves=leaves
+    )

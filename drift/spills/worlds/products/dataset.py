@@ -201,7 +201,7 @@ def _variables(
 
 def _places(segments: Segments, touched: Array) -> dict[str, tuple[str, Any, dict[str, Any]]]:
     """Return names, ids, shores, middles, lengths and nearest towns of stretches as coordinates."""
-    towns = gazetteer.nearest(segments.lon[touched], segments.lat[touched], segments.land)
+    towns = gazetteer.nearest_towns(segments.lon[touched], segments.lat[touched], segments.land)
     return {
         "name": (
             "segment",

@@ -18,7 +18,7 @@ def washup_headline(data: xr.Dataset) -> str:
         data: as drift.spills.worlds.products.dataset.build_washup_dataset returns it.
     """
     at = data.isel(time=-1)
-    when = notation.group(at["time"].values)
+    when = notation.format_dtg(at["time"].values)
     ashore = at.sel(fate="ashore")
     expected, lost = ashore["total"].item(), at["total"].values.sum()
     if expected < MENTIONED:

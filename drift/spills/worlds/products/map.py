@@ -141,7 +141,7 @@ def plot_washup(
     """
     warned = textwrap.wrap(warning, LETTERS)[:MOST_WARNED] if warning else []
     lower = LINE * max(len(warned) - 1, 0)
-    on = sheet.begin(replace(SHEET, rough=Badge(0.0325, 0.878 - ROW - lower)))
+    on = sheet.begin_page(replace(SHEET, rough=Badge(0.0325, 0.878 - ROW - lower)))
     near = patrols.near and any(patrol.segments for patrol in patrols.all)
     shown = _shown(
         data,
@@ -205,12 +205,12 @@ def plot_washup(
         on.figure.text(0.5, 0.25, text, fontsize=13, weight="bold", ha="center", color=INK)
     _words(on, data, setting.imprint, len(finds))
     if count.few:
-        sheet.rough(on, effective.banner(count, "numbers, ranges and times are rough"))
+        sheet.draw_rough_banner(on, effective.banner(count, "numbers, ranges and times are rough"))
     for k, line in enumerate(warned):
-        sheet.say(on, sheet.warning(0.879 - LINE * k, 7.5, LETTERS, "center"), line)
+        sheet.write_line(on, sheet.warning(0.879 - LINE * k, 7.5, LETTERS, "center"), line)
     if silence:
-        sheet.say(on, sheet.small(0.0245, 7.5, 230), f"Assumed: {silence}")
-    sheet.end(on, path, setting.imprint)
+        sheet.write_line(on, sheet.small(0.0245, 7.5, 230), f"Assumed: {silence}")
+    sheet.finish_page(on, path, setting.imprint)
 
 
 def _parts(segments: Segments, number: int) -> list[Array]:
@@ -570,10 +570,10 @@ def _words(on: Page, data: xr.Dataset, imprint: Imprint, finds: int) -> None:
     """Write title, valid time, basis, account and the number of finds over the maps."""
     begin, end = data["start"].values[()], data["time"].values[-1]
     hours = (end - begin) / np.timedelta64(1, "h")
-    valid = f"Washup by {_moment(end)}, {hours:g} h after the start, {notation.group(begin)}"
-    sheet.head(on, imprint, valid, _basis(data))
+    valid = f"Washup by {_moment(end)}, {hours:g} h after the start, {notation.format_dtg(begin)}"
+    sheet.write_head(on, imprint, valid, _basis(data))
     account = _account(data)
-    sheet.say(on, sheet.heading(0.8905, min(9.5, 1320 / len(account))), account)
+    sheet.write_line(on, sheet.heading(0.8905, min(9.5, 1320 / len(account))), account)
     if finds:
         text = f"▲ after {finds} find{'s' * (finds > 1)}: numbers are of those not yet found"
         on.figure.text(
@@ -612,7 +612,7 @@ def _spills(data: xr.Dataset) -> str:
 
 
 def _moment(time: np.datetime64) -> str:
-    return f"{notation.group(time)} ({notation.iso(time)}, UTC)"
+    return f"{notation.format_dtg(time)} ({notation.iso(time)}, UTC)"
 
 
 def _short(seconds: float) -> str:

@@ -47,7 +47,7 @@ def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> l
         headline: text at the top of the report.
     """
     words = f"Assumed: {silence}." if silence else ""
-    shown = [leaves.marked("Finds", finds, (), "find")] if finds else []
+    shown = [leaves.marks_leaf("Finds", finds, (), "find")] if finds else []
     listed = (
         [leaves.table_leaf("Finds, one by one", FINDS, file="finds.csv", note=BEFOREHAND + words)]
         if finds
@@ -56,7 +56,7 @@ def spill_leaves(finds: Sequence[Mark], silence: str | None, headline: str) -> l
     quiet = [leaves.text_leaf("What was not found", words=words)] if silence and not finds else []
     return [
         leaves.headline_leaf(headline),
-        leaves.shapes(
+        leaves.shapes_leaf(
             "Washup by stretch",
             "washup.geojson",
             "stretch",

@@ -81,7 +81,7 @@ def stretch(segments: Segments, number: int) -> str:
     """Return the name of a stretch; with the nearest town if the name is only its position."""
     lon, lat, name = float(segments.lon[number]), float(segments.lat[number]), segments.name[number]
     place = notation.position(lon, lat) or ""
-    (found,) = gazetteer.nearest(np.array([lon]), np.array([lat]), segments.land)
+    (found,) = gazetteer.nearest_towns(np.array([lon]), np.array([lat]), segments.land)
     town = gazetteer.place_in_words(found) if place and place in name else ""
     return called(number, name, place) + (f", {town}" if town else "")
 
@@ -95,7 +95,7 @@ def times(data: xr.Dataset, run: str) -> str:
         order = order[data["arrived"].values[t, order] > 0]
         at = data.isel(time=t, segment=order)
         names = at["segment"].values, at["name"].values
-        moment = [notation.iso(when), notation.group(when)]
+        moment = [notation.iso(when), notation.format_dtg(when)]
         rows += [
             [*moment, *row[:2], *map(_text, row[2:]), worlds, run]
             for row in zip(*names, *_figures(at).values(), strict=True)
@@ -113,7 +113,7 @@ def totals(data: xr.Dataset, run: str) -> str:
     rows = [
         [
             notation.iso(when),
-            notation.group(when),
+            notation.format_dtg(when),
             fate,
             *(_text(values[f, t]) for values in figures),
             worlds,
