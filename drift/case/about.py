@@ -1,6 +1,5 @@
-"""Who makes a forecast and how it may be used, as only a person can say: attributes of ACDD-1.3 in
-every file.
-"""
+"""The [output] about table: ACDD-1.3 attributes on authors and terms of use, in every output
+file."""
 
 from drift.case.values import fields
 
@@ -9,30 +8,30 @@ class AboutTable(fields.Table):
     """The [output] about table as written."""
 
     creator_name: fields.Label | None = None
-    """Who made the forecast."""
+    """Name of the person or group that made the forecast."""
     creator_email: fields.Label | None = None
-    """Their address."""
+    """Email address of the creator."""
     creator_url: fields.Label | None = None
-    """Their page."""
+    """Web page of the creator."""
     publisher_name: fields.Label | None = None
-    """Who hands it out."""
+    """Name of the person or group that distributes the forecast."""
     publisher_email: fields.Label | None = None
-    """Their address."""
+    """Email address of the publisher."""
     publisher_url: fields.Label | None = None
-    """Their page."""
+    """Web page of the publisher."""
     institution: fields.Label | None = None
-    """Where it was made."""
+    """Institution where the forecast was made."""
     project: fields.Label | None = None
-    """What it was made for."""
+    """Project or purpose of the forecast."""
     license: fields.Label | None = None
-    """How it may be used."""
+    """Terms of use."""
     acknowledgement: fields.Label | None = None
-    """Who is to be thanked."""
+    """Acknowledgements."""
     naming_authority: fields.Label | None = None
-    """Whose name `id` is, as a reversed domain."""
+    """Organisation that assigned `id`, as a reversed domain."""
     processing_level: fields.Label | None = None
-    """How far it was processed, in your words."""
+    """Level of processing, as free text."""
 
     def told(self) -> dict[str, str]:
-        """Return what is said, by the name of its attribute."""
+        """Return the attributes that are given, by name."""
         return {name: value for name, value in self if value is not None}

@@ -1,4 +1,4 @@
-"""The record of a case from its tables: each is in order by itself, and here all must fit together."""
+"""Build the record of a case from its validated tables, and check that the tables fit together."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -41,9 +41,9 @@ MOST_OUTPUTS = 1000
 
 
 class _Search(NamedTuple):
-    """What was searched, seen and said by sensors, what can be sent, and what is to be planned.
+    """The search of a case: sorties, contacts, observations of sensors, units and the plan.
 
-    There is no plan where the scenarios are at fault.
+    `plan` is None if the scenarios are invalid.
     """
 
     sorties: tuple[Sortie, ...] = ()
@@ -53,27 +53,36 @@ class _Search(NamedTuple):
     plan: PlanSpec | None = None
     tows: tuple[Tow, ...] = ()
     processing: Processing | None = None
-    named: Mapping[str, Sensor] = MappingProxyType({})  # sensors that these refer to by name
+    named: Mapping[str, Sensor] = MappingProxyType({})  # the [[sensor]] tables by name
 
 
 def build_case(table: CaseTable, path: Path, text: str) -> Case:
-    """Return the record of a case; raise one UserError for all that does not fit together."""
+    """Build the record of a case.
+
+    Args:
+        table: the validated tables.
+        path: the case file.
+        text: its text, with overrides.
+
+    Raises:
+        UserError: tables do not fit together, one line for each mistake.
+    """
     start, end = table.begin(), table.finish()
     folder, wrong = path.absolute().parent, Mistakes()
     forcing = {
         name: _sources(name, getattr(table, name), start, folder, wrong) for name in QUANTITIES
     }
-    spill, scenarios = _subject(table, forcing, folder, wrong)
-    search = _search(table, Run(start, end, scenarios, folder), wrong)
-    opens = _opens(table, search, wrong)
+    spill, scenarios = _build_subject(table, forcing, folder, wrong)
+    search = _build_search(table, Run(start, end, scenarios, folder), wrong)
+    opens = _first_map_time(table, search, wrong)
     outputs = _outputs(table, spill, search, opens, wrong)
-    current_error, wind_error = _errors(table, forcing, scenarios, search.contacts, wrong)
+    current_error, wind_error = _forcing_errors(table, forcing, scenarios, search.contacts, wrong)
     depth = _depth(table, search.units, folder, wrong)
     coast = _coast(table.coast, folder, wrong)
     resampling = table.resampling.resampling()
     if resampling.fills and not wrong.lines:
-        wrong.lines += _not_filled(table, resampling, search, scenarios, start)
-    wrong.lines += _expectations_unmet(table)
+        wrong.lines += _why_not_repopulated(table, resampling, search, scenarios, start)
+    wrong.lines += _missing_expected_areas(table)
     wrong.refuse()
     assert search.plan is not None
     diffusivity = table.uncertainty.diffusivity
@@ -119,10 +128,10 @@ def build_case(table: CaseTable, path: Path, text: str) -> Case:
     )
 
 
-def _subject(
+def _build_subject(
     table: CaseTable, forcing: Forcing, folder: Path, wrong: Mistakes
 ) -> tuple[Spill | None, tuple[Scenario, ...]]:
-    """Return the spill, if there is one, and the scenarios; less what is at fault."""
+    """Return the spill (None: none) and the scenarios; invalid ones are left out."""
     start, end = table.begin(), table.finish()
     spill: Spill | None = None
     scenarios: tuple[Scenario, ...] = ()
@@ -135,7 +144,7 @@ def _subject(
     return spill, scenarios
 
 
-def _errors(
+def _forcing_errors(
     table: CaseTable,
     forcing: Forcing,
     scenarios: tuple[Scenario, ...],
@@ -144,11 +153,11 @@ def _errors(
 ) -> tuple[ForcingError, ForcingError]:
     """Return the errors of current and wind.
 
-    What the case does not say holds by default where they come from gridded files.
+    Missing values have defaults if the forcing comes from gridded files.
     """
     stated = table.uncertainty
     current, wind = uncertainty.CURRENT, uncertainty.WIND
-    if not scenarios:  # where they are at fault, nothing says what they drift in
+    if not scenarios:  # the scenarios are invalid, so the sources they use are unknown
         return current, wind
     with wrong.gathered():
         reason = uncertainty.silent(forcing["current"], [s.sources["current"] for s in scenarios])
@@ -168,11 +177,11 @@ def _errors(
 def _depth(
     table: CaseTable, units: tuple[Unit, ...], folder: Path, wrong: Mistakes
 ) -> Depth | None:
-    """Return where depths come from, None where no file is named."""
+    """Return the bathymetry of the case; None if it names no file."""
     if table.depth is None:
         if any(unit.draught > 0 for unit in units):
             wrong.lines.append(
-                'draught: without depths it says nothing; give [depth] file = "depths.nc", or leave draught out'
+                'draught: has no effect without depths; give [depth] file = "depths.nc", or leave draught out'
             )
         return None
     with wrong.gathered():
@@ -182,52 +191,51 @@ def _depth(
 
 
 def _coast(table: CoastTable, folder: Path, wrong: Mistakes) -> Coast:
-    """Return what is asked of the coast; what is wrong with its files is added to the mistakes."""
+    """Return the specification of the coast; add mistakes in its files to `wrong`."""
     shore, lakes = table.source, table.lakes
     with wrong.gathered():
-        shore = _shore(shore, folder)
+        shore = _find_shoreline(shore, folder)
     with wrong.gathered():
         lakes = sources.one_file(lakes, folder, "coast.lakes") if isinstance(lakes, str) else lakes
     return Coast(shore, table.behaviour, table.half_life or 0.0, table.offing, lakes)
 
 
-def _not_filled(
+def _why_not_repopulated(
     table: CaseTable,
     resampling: Resampling,
     search: _Search,
     scenarios: tuple[Scenario, ...],
     start: np.datetime64,
 ) -> list[str]:
-    """Return complaints about a case whose particles cannot be placed again at its contacts."""
+    """Return the reasons why a case excludes repopulation at its contacts."""
     lines = [filling.why_not_repopulated(resampling, scenarios, search.contacts, start)]
     if table.unit or table.tow or "plan" in table.model_fields_set:
         lines.append(
-            f'resampling: a plan is made on particles that keep the posterior, and method "{resampling.method}" does not; give '
+            f'resampling: a plan needs particles of the posterior, and method "{resampling.method}" does not keep these; give '
             '"systematic", or leave units and [plan] out'
         )
     if search.sensors.presences or search.sensors.barriers or search.sensors.lines:
         lines.append(
-            f'resampling: fields, barriers and lines see ways, and with method "{resampling.method}" particles leap; give [[look]] '
+            f'resampling: fields, barriers and lines need continuous tracks, and method "{resampling.method}" moves particles; give [[look]] '
             "instead, or another method"
         )
     return [line for line in lines if line]
 
 
-def _expectations_unmet(table: CaseTable) -> list[str]:
-    """Return complaints about areas that are expected and not made."""
+def _missing_expected_areas(table: CaseTable) -> list[str]:
+    """Return messages about expected containment areas that the case does not output."""
     areas = ", ".join(f"{percent:g}" for percent in table.output.areas)
     return [
-        f"expect: no {percent:g} % area is made, only {areas} %; add {percent:g} to output.areas"
+        f"expect: there is no {percent:g} % area, only {areas} %; add {percent:g} to output.areas"
         for percent in table.expect.by_percent()
         if percent not in table.output.areas
     ]
 
 
-def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
-    """Return what a case says of a search; what is wrong with it is added to the mistakes.
+def _build_search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
+    """Return the search of a case; add its mistakes to `wrong`.
 
-    Where the scenarios are at fault nothing is checked: they say what is searched for, and how well
-    it is seen.
+    If the scenarios are invalid nothing is checked, because sweep widths depend on the scenarios.
     """
     if not run.scenarios:
         return _Search()
@@ -238,7 +246,7 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
     before = len(wrong.lines)
     with wrong.gathered():
         run = replace(run, sensors=sonar_table.build_sensors(table.sensor, run))
-    if len(wrong.lines) > before:  # what names them would be refused for want of them
+    if len(wrong.lines) > before:  # tables that name an invalid sensor would report it again
         return _Search()
     with wrong.gathered():
         sorties = sortie_table.build_sorties(table.sortie, run)
@@ -253,8 +261,8 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
             sensors,
             asked=bool(table.unit or table.tow) or "plan" in table.model_fields_set,
         )
-    # Without a plan, units are held against the longest that the run allows, so that their own
-    # mistakes show.
+    # If the plan is invalid, units are checked against the longest possible plan, so that their own
+    # mistakes are reported too.
     longest = PlanSpec(run.start, run.end, "pos", 0.0, 1, plan_table.LEAST)
     with wrong.gathered():
         fleet = plan_table.build_units(table.unit, run, plan or longest)
@@ -266,7 +274,7 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
         tows = tow_table.build_ships(table.tow, run, plan or longest)
     if fleet and tows:
         wrong.lines.append(
-            "[[unit]] and [[tow]]: a plan is of units that search, or of ships that tow arrays; plan one, append its sorties to the "
+            "[[unit]] and [[tow]]: a plan is either for search units, or for ships that tow arrays; plan one, append its sorties to the "
             "case, and plan the other"
         )
     processing: Processing | None = None
@@ -275,14 +283,14 @@ def _search(table: CaseTable, run: Run, wrong: Mistakes) -> _Search:
             processing = table.plan.processing.processing(run, plan, tows)
         if fleet:
             wrong.lines.append(
-                "[[unit]] and [plan.processing]: a plan is of units that search, or of what is processed of what arrays hear; plan "
+                "[[unit]] and [plan.processing]: a plan is either for search units, or for the beams to process; plan "
                 "one, append its sorties to the case, and plan the other"
             )
     return _Search(sorties, contacts, sensors, fleet, plan, tows, processing, run.sensors)
 
 
 def _sensors(table: CaseTable, run: Run, wrong: Mistakes) -> Sensors:
-    """Return looks, fields, barriers and lines; what is wrong with them is added to the mistakes."""
+    """Return looks, presences, barriers and lines; add their mistakes to `wrong`."""
     sensors = Sensors()
     with wrong.gathered():
         sensors = replace(sensors, looks=look_table.build_looks(table.look, run))
@@ -295,16 +303,17 @@ def _sensors(table: CaseTable, run: Run, wrong: Mistakes) -> Sensors:
     return sensors
 
 
-def _opens(table: CaseTable, search: _Search, wrong: Mistakes) -> np.datetime64 | None:
-    """Return the time that map.png and the report show first; None: the end.
+def _first_map_time(table: CaseTable, search: _Search, wrong: Mistakes) -> np.datetime64 | None:
+    """Return the time of map.png and of the report's first map; None: the end of the run.
 
-    It is when the datum is asked for, else when the next search begins, else when the last one
-    ended.
+    It is `output.datum`, else the begin of the plan, else the end of the last sortie.
     """
     start, end = table.begin(), table.finish()
     if table.output.datum is not None:
         with wrong.gathered():
-            return _within("output.datum", units.resolve(table.output.datum, start), start, end)
+            return _check_inside_run(
+                "output.datum", units.resolve(table.output.datum, start), start, end
+            )
         return None
     planned = bool(table.unit or table.tow) or "plan" in table.model_fields_set
     if planned and search.plan is not None and search.plan.begin > start:
@@ -312,10 +321,10 @@ def _opens(table: CaseTable, search: _Search, wrong: Mistakes) -> np.datetime64 
     return max((sortie.end for sortie in search.sorties), default=None)
 
 
-def _within(
+def _check_inside_run(
     key: str, time: np.datetime64, start: np.datetime64, end: np.datetime64
 ) -> np.datetime64:
-    """Return a time of a key; raise UserError where it lies outside the run."""
+    """Return the time of a key; raise UserError if it lies outside the run."""
     if not min(start, end) <= time <= max(start, end):
         raise UserError(
             f"{key}: {notation.format_dtg(time)} is outside the run, {notation.format_dtg(start)} to {notation.format_dtg(end)}"
@@ -330,10 +339,10 @@ def _outputs(
     opens: np.datetime64 | None,
     wrong: Mistakes,
 ) -> NDArray[np.datetime64]:
-    """Return the times of outputs in the order of the run.
+    """Return the output times in the order of the run.
 
-    They are those asked for, the start, the end, when something was seen or searched, and what maps
-    open at.
+    These are the requested times, the start and end, the times of sorties and observations, and the
+    time of map.png.
     """
     start, end = table.begin(), table.finish()
     seen = (
@@ -353,9 +362,9 @@ def _outputs(
 def _asked_outputs(
     table: OutputTable, start: np.datetime64, end: np.datetime64, sign: int
 ) -> list[np.datetime64]:
-    """Return the times that [output] asks for; sign: -1 in a backward run.
+    """Return the times that [output] requests; `sign` is -1 in a backward run.
 
-    Raises UserError for times outside the run, and for too many of them.
+    Raises UserError for times outside the run, and for too many times.
     """
     if table.times is None:
         span = abs((end - start).astype(int))
@@ -367,10 +376,13 @@ def _asked_outputs(
                 f"output.every gives {span // every:,} output times; at most {MOST_OUTPUTS}"
             )
         return [start + np.timedelta64(sign * k * every, "s") for k in range(span // every + 1)]
-    return [_within("output.times", units.resolve(time, start), start, end) for time in table.times]
+    return [
+        _check_inside_run("output.times", units.resolve(time, start), start, end)
+        for time in table.times
+    ]
 
 
-def _shore(source: str, folder: Path) -> str:
+def _find_shoreline(source: str, folder: Path) -> str:
     if source in {"gshhg", "none"}:
         return source
     return sources.one_file(
@@ -381,9 +393,9 @@ def _shore(source: str, folder: Path) -> str:
 def _sources(
     quantity: str, tables: list[SourceTable], start: np.datetime64, folder: Path, wrong: Mistakes
 ) -> tuple[ForcingSpec, ...]:
-    """Return the sources of a quantity.
+    """Return the sources of a quantity; add their mistakes to `wrong`.
 
-    What is wrong with a source is added to the mistakes; its name then stands in for it.
+    An invalid source is replaced by an empty one with its name.
     """
     specs: list[ForcingSpec] = []
     for number, table in enumerate(tables, 1):

@@ -1,4 +1,4 @@
-"""What sorties, contacts and units must fit: the run, and the names of each other."""
+"""The context in which sorties, contacts and units are checked: the run, and unique names."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from geo.errors import UserError
 
 @dataclass(frozen=True)
 class Run:
-    """What a sortie must fit: the run's times, its scenarios and the folder of its files."""
+    """The run that a table is checked against: its times, scenarios, sensors and folder."""
 
     start: np.datetime64
     end: np.datetime64
@@ -25,7 +25,7 @@ class Run:
     sensors: Mapping[str, Sensor] = field(default_factory=dict)  # by name
 
     def check(self, first: np.datetime64, last: np.datetime64) -> None:
-        """Refuse times outside the run."""
+        """Raise ValueError if the interval from `first` to `last` is not inside the run."""
         if first < self.start or last > self.end:
             when = (
                 notation.format_dtg(first)
@@ -39,7 +39,7 @@ class Run:
 
 
 def named(given: Sequence[str | None], what: str) -> list[str]:
-    """Return names, "sortie 2" for the second where it has none; refuse a name that comes twice."""
+    """Return the names of tables as `numbered` does; raise UserError for a duplicate name."""
     names = numbered(given, what)
     again = [name for name in dict.fromkeys(names) if names.count(name) > 1]
     if again:
@@ -50,17 +50,28 @@ def named(given: Sequence[str | None], what: str) -> list[str]:
 
 
 def numbered(given: Sequence[str | None], what: str) -> list[str]:
-    """Return names, "sortie 2" for the second where it has none."""
+    """Return the names of tables; a table without a name gets its kind and number: "sortie 2".
+
+    Args:
+        given: the names as written.
+        what: kind of the tables: "sortie".
+    """
     return [name or f"{what} {number}" for number, name in enumerate(given, 1)]
 
 
 def build_each(
     makers: Sequence[Callable[[str, Run], Any]], given: Sequence[str | None], what: str, run: Run
 ) -> list[Any]:
-    """Return the records of tables, one after the other.
+    """Build the records of a list of tables.
 
-    makers: make a record from its name and the run; given: the names as written; what: "sortie",
-    "contact" or "unit". Raises one UserError for all that is wrong with any of them.
+    Args:
+        makers: functions that build a record from its name and the run.
+        given: the names as written.
+        what: kind of the tables: "sortie", "contact", "unit" and so on.
+        run: the run that the tables are checked against.
+
+    Raises:
+        UserError: the mistakes of all tables, one line each.
     """
     wrong, records = Mistakes(), []
     with wrong.gathered():
@@ -73,7 +84,7 @@ def build_each(
 
 
 def _build_one(make: Callable[[str, Run], Any], name: str, what: str, run: Run) -> Any:
-    """Return what a table makes; its refusals say which table it was."""
+    """Build one record; errors name its table."""
     try:
         return make(name, run)
     except UserError as error:

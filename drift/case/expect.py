@@ -1,7 +1,7 @@
-"""What a case expects of its own forecast: the [expect] table, held against the numbers of a run.
+"""The [expect] table: ranges in which a case expects the numbers of its forecast.
 
-`drift run` prints one line of it and ends with exit status 1 where something is missed; the results
-are written.
+`drift run` prints one line on it. If a number is outside its range, the exit status is 1; the
+results are written in any case.
 """
 
 import math
@@ -16,18 +16,18 @@ from geo import notation, sphere
 from geo.notation import NMI
 
 SHARES = ("adrift", "ashore", "outside", "left", "under_way", "arrived", "aground")
-# by which a sum of shares may differ from 1 in float64 (the largest seen was 2e-15)
+# tolerance of sums of shares in float64 (largest error seen: 2e-15)
 ROUNDING = 1e-12
-FOUND = 6  # significant digits of values found: a narrow miss must not read as a hit
+FOUND = 6  # significant digits of values in messages, enough to show a narrow miss
 
 
 class PlaceWithin(fields.Table):
-    """A position and the distance within which the forecast's mean is expected."""
+    """A position, and the distance within which the forecast's mean position is expected."""
 
     of: fields.Position
-    """A position."""
+    """Expected position."""
     distance: fields.Length
-    """How far from it the mean may be."""
+    """Largest distance of the mean position from it."""
 
 
 def _percent(value: object) -> float:
@@ -41,52 +41,53 @@ Percent = Annotated[float, BeforeValidator(_percent)]
 
 
 class Expect(fields.Table):
-    """Ranges at the end of the run: shares by fate of the object, containment areas, the mean
-    position.
+    """Ranges at the end of the run: probabilities by status, containment areas, mean position.
 
-    `drift run` says in one line whether the forecast is within them; if not, its exit status is 1
-    and the results are written all the same. `--set expect='{}'` leaves them out, as for a run with
-    other inputs.
+    `drift run` prints in one line whether the forecast is within these ranges. If not, its exit
+    status is 1; the results are written in any case. `--set expect='{}'` removes all ranges, for
+    example for a run with other inputs.
     """
 
     adrift: fields.ShareRange | None = None
-    """Share adrift, as [least, most]."""
+    """Probability adrift, as [least, most]."""
     ashore: fields.ShareRange | None = None
-    """Share ashore."""
+    """Probability ashore, as [least, most]."""
     outside: fields.ShareRange | None = None
-    """Share that left the forcing."""
+    """Probability that left the forcing, as [least, most]."""
     left: fields.ShareRange | None = None
-    """Share that left the domain."""
+    """Probability that left the domain, as [least, most]."""
     under_way: fields.ShareRange | None = None
-    """Share under way."""
+    """Probability under way, as [least, most]."""
     arrived: fields.ShareRange | None = None
-    """Share that arrived."""
+    """Probability that the target arrived, as [least, most]."""
     aground: fields.ShareRange | None = None
-    """Share that ran aground."""
+    """Probability that the target ran aground, as [least, most]."""
     area_50: fields.AreaRange | None = None  # [m2]
-    """Of the 50 % area, as [least, most]."""
+    """Size of the 50 % containment area, as [least, most]."""
     area_95: fields.AreaRange | None = None
-    """Of the 95 % area."""
-    # of any shares of output.areas [%]
+    """Size of the 95 % containment area, as [least, most]."""
+    # by any percentage of output.areas
     areas: dict[Percent, fields.AreaRange] = Field(default_factory=dict)
-    """Of areas by their percentage, `{ 90 = ["100 nmi2", "200 nmi2"] }`."""
+    """Sizes of containment areas by percentage, `{ 90 = ["100 nmi2", "200 nmi2"] }`."""
     mean_position_within: PlaceWithin | None = None
-    """Where the mean position is."""
+    """Expected mean position."""
 
     def by_percent(self) -> dict[float, tuple[float, float]]:
-        """Return the ranges of areas [m2] by the percentage that they hold."""
+        """Return the ranges of containment areas [m2] by percentage."""
         named = {50.0: self.area_50, 95.0: self.area_95}
         return {percent: span for percent, span in named.items() if span is not None} | self.areas
 
 
 def misses(expected: Expect, end: Mapping[str, Any]) -> list[str]:
-    """Return what the last output of a forecast misses, a line each; empty when all is as expected.
+    """Return one line for each expected range that the last output misses.
 
-    end: that output as in `forecast.tables.numbers`.
+    Args:
+        expected: the ranges.
+        end: the numbers of the last output, from `forecast.tables.numbers`.
     """
     missed = []
     for name in SHARES:
-        # nothing is under way in plain drift
+        # outputs without targets have no probability under way
         value, span = end["probability"].get(name, 0.0), getattr(expected, name)
         if span is not None and not span[0] - ROUNDING <= value <= span[1] + ROUNDING:
             least, most = (notation.hundredths(share) for share in span)
@@ -109,7 +110,7 @@ def misses(expected: Expect, end: Mapping[str, Any]) -> list[str]:
             found = (
                 "none"
                 if end["mean"] is None
-                else f"{notation.number(away, FOUND)} m from the one expected"
+                else f"{notation.number(away, FOUND)} m from the expected one"
             )
             missed.append(
                 f"mean position: {found}, expected within {notation.number(place.distance)} m"
@@ -118,10 +119,11 @@ def misses(expected: Expect, end: Mapping[str, Any]) -> list[str]:
 
 
 def evaluate(expected: Expect, end: Mapping[str, Any]) -> dict[str, Any]:
-    """Return whether a forecast meets its case's [expect], and what it misses; {} where the case
-    has none.
+    """Return whether a forecast meets its [expect] table, and the missed ranges.
 
-    end: as in `misses`.
+    Args:
+        expected: the ranges; without any the result is {}.
+        end: the numbers of the last output, from `forecast.tables.numbers`.
     """
     if not expected.model_fields_set or expected == Expect():
         return {}

@@ -1,9 +1,7 @@
-"""Check the rest of a case after rejecting some of its tables, so that all errors are reported at
-once.
+"""Check the other tables of a case that has invalid ones, so that all errors are reported at once.
 
-What is rejected is taken out, or something harmless stands in for it under its name, and what is
-left goes through the checks that a sound case goes through. A mistake that only follows from what
-was taken out is dropped.
+Invalid tables are removed, or replaced by valid stand-ins with the same name; the rest is then
+checked like a normal case. Errors that only follow from a removed table are dropped.
 """
 
 import re
@@ -21,14 +19,14 @@ from drift.case.values import messages
 from geo.errors import UserError
 from geo.forcing.quantity import QUANTITIES
 
-Place = tuple[int | str, ...]  # of something in the tables of a case, as pydantic has it
-ROUNDS = 6  # of taking out what is rejected; each leaves less
-# nothing fits or misses a run without these
+Place = tuple[int | str, ...]  # keys and list indices of a value in a case, as in pydantic's `loc`
+ROUNDS = 6  # most rounds of removing invalid tables
+# keys without which nothing else can be checked
 NEEDED = ("start", "end", "duration", "direction", "spill", "family")
 LISTS = (*SEARCH, "find", "patrol", "patrol_unit", *QUANTITIES, "scenario")
-# what sorties ask of a scenario
+# keys of a steering scenario, on which sorties depend; a stand-in cannot replace these
 STEERING = ("phase", "vessel", "distress", "overdue", "arrival_radius", "motion")
-KEPT = ("search_object", "source_level")  # what sorties and sensors ask of one that drifts
+KEPT = ("search_object", "source_level")  # keys that sorties and sensors need from a stand-in
 PLACE = {"at": [0.0, 0.0], "error": "1 nmi"}
 STILL = {"constant": {"east": 0.0, "north": 0.0}}
 STORY = re.compile(r'scenario "([^"]*)"')
@@ -40,14 +38,14 @@ class Rest:
     """The remaining tables of a case; lacking: keys of the file from which something was removed."""
 
     data: dict[str, Any]
-    own: int  # scenarios that no family makes
+    own: int  # number of scenarios outside families
     lacking: frozenset[str] = frozenset()
-    stand_ins: frozenset[str] = frozenset()  # names of scenarios
-    # of tables of which a key was dropped, and of values under another key
+    stand_ins: frozenset[str] = frozenset()  # names of replaced scenarios
+    # places of tables from which a key was dropped, and of renamed keys
     doubtful: frozenset[Place] = frozenset()
 
     def without(self, *keys: str) -> "Rest":
-        """Return the rest without some keys."""
+        """Return the rest without these keys of the file."""
         kept = {key: value for key, value in self.data.items() if key not in keys}
         return replace(self, data=kept, lacking=self.lacking | set(keys))
 
@@ -59,23 +57,23 @@ def mistakes(
     text: str,
     schema: type[CaseTable],
 ) -> list[str]:
-    """Return what else is wrong with a case, a line each.
+    """Return the further errors of an invalid case, one line each.
 
     Args:
         data: its tables as read.
         refused: the errors found first.
-        path: of the file, from whose folder others are named.
-        text: of the file.
-        schema: of its tables.
+        path: the case file; relative paths start from its folder.
+        text: text of the file.
+        schema: class of the case's tables.
     """
     try:
-        rest = Rest(_named(family.expanded(dict(data))), own=len(data.get("scenario", [])))
-    except (ValueError, TypeError):  # which is among the mistakes already
+        rest = Rest(_name_tables(family.expanded(dict(data))), own=len(data.get("scenario", [])))
+    except (ValueError, TypeError):  # already among the mistakes
         return []
     lines: list[str] = []
     error: ValidationError | UserError = refused
     for _ in range(ROUNDS):
-        after = _taken_out(rest, error)
+        after = _remove_rejected(rest, error)
         if after is None or after == rest:
             break
         rest = after
@@ -86,19 +84,19 @@ def mistakes(
             break
         except ValidationError as more:
             said = zip(more.errors(), messages.lines(more, rest.data), strict=True)
-            new = [line for mistake, line in said if not _under(mistake["loc"], rest.doubtful)]
+            new = [line for mistake, line in said if not _is_inside(mistake["loc"], rest.doubtful)]
             error = more
         except UserError as more:
             new = list(more.lines)
             error = more
         except (ValueError, OverflowError):
             break
-        lines += [line for line in new if not _follows(line, rest)]
+        lines += [line for line in new if not _is_consequence(line, rest)]
     return lines
 
 
-def _named(data: dict[str, Any]) -> dict[str, Any]:
-    """Return tables whose members of lists have the names that messages give to those without one."""
+def _name_tables(data: dict[str, Any]) -> dict[str, Any]:
+    """Name the unnamed tables of lists by kind and number, as messages do."""
     for key in SEARCH:
         if isinstance(data.get(key), list):
             data[key] = [
@@ -108,22 +106,22 @@ def _named(data: dict[str, Any]) -> dict[str, Any]:
     return data
 
 
-def _taken_out(rest: Rest, error: ValidationError | UserError) -> Rest | None:
-    """Return the rest without the rejected tables; None where nothing can be checked without them."""
+def _remove_rejected(rest: Rest, error: ValidationError | UserError) -> Rest | None:
+    """Return the rest without the rejected tables; None if nothing can be checked without them."""
     if isinstance(error, UserError):
         return _with_stand_ins(
             rest, [match[1] for line in error.lines if (match := STORY.match(line))]
         )
-    told = [
+    findings = [
         (mistake["loc"], mistake["msg"].removeprefix("Value error, ")) for mistake in error.errors()
     ]
-    keys = [(loc, match) for loc, message in told if (match := UNKNOWN.match(message))]
-    places = [loc for loc, message in told if not UNKNOWN.match(message)]
-    if any(loc and loc[0] in NEEDED for loc, _ in told):
+    keys = [(loc, match) for loc, message in findings if (match := UNKNOWN.match(message))]
+    places = [loc for loc, message in findings if not UNKNOWN.match(message)]
+    if any(loc and loc[0] in NEEDED for loc, _ in findings):
         return None
     if any(
-        loc[:1] == ("scenario",) and loc[1:2] >= (rest.own,) for loc, _ in told
-    ):  # a family's: all of it is at fault
+        loc[:1] == ("scenario",) and loc[1:2] >= (rest.own,) for loc, _ in findings
+    ):  # the error is in a scenario of a family: the whole family is invalid
         return None
     rest = _with_known_keys(rest, keys)
     for key in dict.fromkeys(str(place[0]) for place in places if place):
@@ -137,34 +135,32 @@ def _taken_out(rest: Rest, error: ValidationError | UserError) -> Rest | None:
         }
         one_of_many = key in LISTS and isinstance(rest.data.get(key), list) and at
         if key in ("voyage", "tracker"):
-            rest = _without_stories(rest.without(key))
+            rest = _with_one_scenario(rest.without(key))
         elif key == "scenario":
             rest = (
                 _with_stand_ins(rest, _names(rest.data[key], at))
                 if one_of_many
-                else _without_stories(rest)
+                else _with_one_scenario(rest)
             )
         elif key in QUANTITIES and one_of_many:
-            rest = _with_still(rest, key, at)
+            rest = _with_zero_fields(rest, key, at)
         elif one_of_many:
             left = [one for number, one in enumerate(rest.data[key]) if number not in at]
             rest = replace(rest, data={**rest.data, key: left}, lacking=rest.lacking | {key})
         else:
             rest = rest.without(key)
     rest = _with_stand_ins(
-        rest, [match[1] for loc, line in told if not loc and (match := STORY.match(line))]
+        rest, [match[1] for loc, line in findings if not loc and (match := STORY.match(line))]
     )
     return rest.without(*SEARCH, "plan", "resampling") if "sensor" in rest.lacking else rest
 
 
 def _with_known_keys(rest: Rest, unknown: Sequence[tuple[Place, re.Match[str]]]) -> Rest:
-    """Return the rest with unknown keys under the name that they probably mean, and without the
-    others.
-    """
+    """Return the rest with unknown keys renamed as suggested, or removed without a suggestion."""
     data, lacking, doubtful = rest.data, set(rest.lacking), set(rest.doubtful)
     for loc, match in unknown:
         key, meant = match.groups()
-        table = _at(data, loc)
+        table = _value_at(data, loc)
         if not isinstance(table, dict):
             continue
         renamed = {
@@ -176,24 +172,24 @@ def _with_known_keys(rest: Rest, unknown: Sequence[tuple[Place, re.Match[str]]])
         else:
             renamed.pop(key, None)
             lacking |= {key} if not loc else set()
-            doubtful |= {loc[:2], (*loc[:1], _called(rest.data, loc))} if loc else set()
-        data = _put(data, loc, renamed)
+            doubtful |= {loc[:2], (*loc[:1], _name_of_item(rest.data, loc))} if loc else set()
+        data = _replace_value(data, loc, renamed)
     return replace(rest, data=data, lacking=frozenset(lacking), doubtful=frozenset(doubtful))
 
 
-def _called(data: Any, loc: Place) -> str:
-    """Return the name of the member of a list in which a place is, "" without one."""
-    member = _at(data, loc[:2])
+def _name_of_item(data: Any, loc: Place) -> str:
+    """Return the name of the list item that contains a place; "" if it has none."""
+    member = _value_at(data, loc[:2])
     return str(member.get("name", "")) if isinstance(member, dict) else ""
 
 
-def _under(loc: Place, places: frozenset[Place]) -> bool:
-    """Return whether a value exists at one of some places, or inside it."""
+def _is_inside(loc: Place, places: frozenset[Place]) -> bool:
+    """Return whether a place is one of some places, or inside one."""
     return any(loc[:size] in places for size in range(1, len(loc) + 1))
 
 
-def _at(node: Any, loc: Sequence[int | str]) -> Any:
-    """Return the value at a place; None where there is no such place."""
+def _value_at(node: Any, loc: Sequence[int | str]) -> Any:
+    """Return the value at a place; None if there is no such place."""
     for part in loc:
         try:
             node = node[part]
@@ -202,36 +198,39 @@ def _at(node: Any, loc: Sequence[int | str]) -> Any:
     return node
 
 
-def _put(node: Any, loc: Sequence[int | str], value: Any) -> Any:
-    """Return tables and lists with a new value at an existing place."""
+def _replace_value(node: Any, loc: Sequence[int | str], value: Any) -> Any:
+    """Return a copy of tables and lists with a new value at an existing place."""
     if not loc:
         return value
     first, *others = loc
     if isinstance(node, dict):
-        return {**node, first: _put(node[first], others, value)}
-    return [_put(one, others, value) if number == first else one for number, one in enumerate(node)]
+        return {**node, first: _replace_value(node[first], others, value)}
+    return [
+        _replace_value(one, others, value) if number == first else one
+        for number, one in enumerate(node)
+    ]
 
 
-def _names(stories: Sequence[Any], at: set[int]) -> list[str]:
-    """Return the names of scenarios at some places, "" for those without one."""
+def _names(scenarios: Sequence[Any], at: set[int]) -> list[str]:
+    """Return the names of the scenarios with given indices; "" for a scenario without a name."""
     return [
         str(one.get("name", "")) if isinstance(one, dict) else ""
-        for k, one in enumerate(stories)
+        for k, one in enumerate(scenarios)
         if k in at
     ]
 
 
 def _with_stand_ins(rest: Rest, names: Sequence[str]) -> Rest:
-    """Return the rest with plain drift in place of scenarios, under their names."""
-    stories = rest.data.get("scenario")
-    if not isinstance(stories, list):
+    """Return the rest with stand-ins (plain drift) for the scenarios with these names."""
+    scenarios = rest.data.get("scenario")
+    if not isinstance(scenarios, list):
         return rest
-    there = _names(stories, set(range(len(stories))))
+    there = _names(scenarios, set(range(len(scenarios))))
     new = [name for name in dict.fromkeys(names) if name in there and name not in rest.stand_ins]
     if not new:
         return rest
     changed, steers = [], False
-    for number, one in enumerate(stories, 1):
+    for number, one in enumerate(scenarios, 1):
         name = str(one.get("name", "")) if isinstance(one, dict) else ""
         if name not in new:
             changed.append(one)
@@ -243,15 +242,15 @@ def _with_stand_ins(rest: Rest, names: Sequence[str]) -> Rest:
             {"name": name or f"scenario {number}", "object": "water", "position": PLACE, **kept}
         )
     data = {**rest.data, "scenario": changed}
-    data.pop("family", None)  # its scenarios stand among the others
+    data.pop("family", None)  # its scenarios are already in the list
     rest = replace(
         rest, data=data, lacking=rest.lacking | {"scenario"}, stand_ins=rest.stand_ins | set(new)
     )
     return rest.without(*SEARCH, "plan", "resampling") if steers else rest
 
 
-def _without_stories(rest: Rest) -> Rest:
-    """Return the rest with one plain scenario in place of all, and without the keys that need them."""
+def _with_one_scenario(rest: Rest) -> Rest:
+    """Return the rest with one plain scenario in place of all, without tables that refer to any."""
     data = {**rest.data, "scenario": [{"name": "drift", "object": "water", "position": PLACE}]}
     data.pop("family", None)
     return replace(
@@ -259,8 +258,8 @@ def _without_stories(rest: Rest) -> Rest:
     ).without(*SEARCH, "plan", "resampling")
 
 
-def _with_still(rest: Rest, quantity: str, at: set[int]) -> Rest:
-    """Return the rest with zero fields in place of some sources of a quantity, under their names."""
+def _with_zero_fields(rest: Rest, quantity: str, at: set[int]) -> Rest:
+    """Return the rest with zero fields as stand-ins for some sources of a quantity."""
     sources = []
     for number, one in enumerate(rest.data[quantity]):
         name = one.get("name") if isinstance(one, dict) else None
@@ -272,8 +271,8 @@ def _with_still(rest: Rest, quantity: str, at: set[int]) -> Rest:
     return replace(rest, data={**rest.data, quantity: sources}, lacking=rest.lacking | {quantity})
 
 
-def _follows(line: str, rest: Rest) -> bool:
-    """Return whether an error may only follow from what was removed."""
+def _is_consequence(line: str, rest: Rest) -> bool:
+    """Return whether an error may only be a consequence of a removed or replaced table."""
     gone = rest.lacking
     begins = {
         "uncertainty": gone.intersection(QUANTITIES),
@@ -286,8 +285,8 @@ def _follows(line: str, rest: Rest) -> bool:
         "find": gone.intersection({"patrol"}),
         "patrol_unit": gone.intersection({"find", "patrol"}),
     }
-    told = any(f'scenario "{name}"' in line for name in rest.stand_ins)
-    told |= any(
+    findings = any(f'scenario "{name}"' in line for name in rest.stand_ins)
+    findings |= any(
         line.startswith(f'{place[0]} "{place[1]}"') for place in rest.doubtful if len(place) == 2
     )
-    return told or any(line.startswith(start) for start, why in begins.items() if why)
+    return findings or any(line.startswith(start) for start, why in begins.items() if why)

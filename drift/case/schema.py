@@ -1,7 +1,6 @@
-"""The case file as written: its tables, each key with its type, its default and what it refuses.
+"""The schema of the case file: `CaseTable`, its top-level keys, and the smaller tables.
 
-Scenarios, objects, sources, errors and expectations have files of their own; here is what holds
-them together.
+Scenarios, objects, sources, errors and searches have modules of their own.
 """
 
 from collections import Counter
@@ -45,35 +44,35 @@ SEARCH = (
     "unit",
     "tow",
 )  # tables of a search for one object
-MOST_PARTICLES = 2**31 - 1  # they are numbered in 32 bits
+MOST_PARTICLES = 2**31 - 1  # particles are numbered in 32 bits
 
 
 class OutputTable(fields.Table):
     """The [output] table as written."""
 
     every: fields.Duration | None = None
-    """Time between outputs from the start on; 6 h unless this or `times` is given."""
+    """Interval between outputs, from the start; 6 h unless this or `times` is given."""
     times: list[fields.Time] | None = None
-    """The outputs themselves, within the run."""
+    """Output times within the run, in place of `every`."""
     datum: fields.Time | None = None
-    """When the datum is asked for: an output of its own, at which `map.png` and the report open;
-    without it the begin of the plan, the end of the last sortie, or the end."""
+    """Time of the datum: an additional output, shown by `map.png` and first in the report. By
+    default the begin of the plan, else the end of the last sortie, else the end of the run."""
     trajectories: fields.Count = 200
-    """How many tracks `particles.nc` and the maps show."""
+    """Number of tracks in `particles.nc` and on maps."""
     grid: GridTable | None = None
-    """One grid for all outputs, on which runs can be subtracted; without it a grid is chosen for
-    each.
+    """One grid for all outputs, so that runs can be compared cell by cell; by default drift chooses
+    a grid for each output.
     """
     areas: Annotated[tuple[float, ...], BeforeValidator(shares.percents)] = tuple(
         100 * share for share in shares.SHARES
     )
-    """Shares of the probability, in per cent, whose smallest areas are reported in every output."""
+    """Containment areas of every output, in per cent of the probability."""
     about: AboutTable = AboutTable()
-    """Who made this and how it may be used; stands in every file."""
+    """Authors and terms of use, written into every output file."""
 
     @model_validator(mode="after")
     def one_way(self) -> "OutputTable":
-        """Refuse two ways of giving the times."""
+        """Reject output times given twice, and a negative number of tracks."""
         if self.every is not None and self.times is not None:
             raise ValueError("give every or times, not both")
         if self.trajectories < 0:
@@ -81,7 +80,7 @@ class OutputTable(fields.Table):
         return self
 
     def fractions(self) -> tuple[float, ...]:
-        """Return the shares whose areas are asked for."""
+        """Return the probabilities of the requested containment areas, 0 to 1."""
         return tuple(percent / 100 for percent in self.areas)
 
 
@@ -98,47 +97,43 @@ class ClockTable(fields.Table):
     """The [clock] table as written."""
 
     step: Annotated[int | None, BeforeValidator(_step)] = None
-    """Length of a step, `"auto"` or a whole number of seconds;
+    """Time step: `"auto"` or a whole number of seconds.
 
-    `auto` halves steps until `tolerance` is met, over the whole run.
+    `auto` halves the step until `tolerance` is met, and uses it for the whole run.
     """
     scheme: Literal["rk2", "rk4"] = "rk4"
-    """Runge-Kutta of order 4, or of order 2."""
+    """Runge-Kutta scheme of order 4 or 2."""
     tolerance: Annotated[fields.Length, Field(gt=0)] = 20.0
-    """How far a day's drift with the chosen step may be from that with half of it, and how far a
-    place inside a step.
+    """Largest difference of a day's drift between the chosen step and half of it; also the largest
+    error of positions interpolated inside a step.
     """
 
 
 class DomainTable(fields.Table):
-    """The [domain] table as written; beyond 89 degrees of latitude it holds the pole and goes all
-    round it.
-    """
+    """The [domain] table as written; a box beyond 89 degrees of latitude includes the pole."""
 
     west: fields.Edge
     """Western edge."""
     south: fields.Latitude
     """Southern edge."""
     east: fields.Edge
-    """Eastern edge; may lie across the antimeridian, as -170 or 190.
+    """Eastern edge; across the antimeridian write -170 or 190.
 
-    Half the Earth or more must be written beyond `west`.
+    For a box of half the Earth or more, write a number above `west`.
     """
     north: fields.Latitude
     """Northern edge."""
 
     @model_validator(mode="after")
     def proper(self) -> "DomainTable":
-        """Refuse an empty box."""
+        """Reject an empty box."""
         if self.south >= self.north:
             raise ValueError(f"south {self.south:g} is not below north {self.north:g}")
         self.box()
         return self
 
     def box(self) -> Box:
-        """Return the box; one whose east is not east of its west lies across the antimeridian or
-        goes round.
-        """
+        """Return the box; if its east is below its west it crosses the antimeridian."""
         return box_between(self.west, self.south, self.east, self.north)
 
 
@@ -152,21 +147,20 @@ class CoastTable(fields.Table):
     """The [coast] table as written."""
 
     source: str = "gshhg"
-    """`"gshhg"`, the full-resolution shoreline that comes along, `"none"`, or a file of a shoreline
-    of your own.
-    """
+    """`"gshhg"`, the included full-resolution shoreline, `"none"`, or a shoreline file of your
+    own."""
     lakes: Annotated[Any, BeforeValidator(_lakes)] = False
-    """`true` where lakes of `source` are water, or a file of lakes; else they are land."""
+    """`true`: lakes of `source` are water; or a file of lakes. By default lakes are land."""
     behaviour: Literal["strand", "refloat", "slide"] = "strand"
     """Particles at the shore stay, refloat with a half-life, or slide along it."""
     half_life: fields.Duration | None = None
-    """Of stranded particles, with `refloat`."""
+    """Half-life of stranding; needs `behaviour = "refloat"`."""
     offing: Annotated[fields.Length, Field(gt=0, le=2000)] = 100.0
-    """How far off the shore what refloats begins again."""
+    """Distance from the shore at which a refloated particle starts."""
 
     @model_validator(mode="after")
     def one_behaviour(self) -> "CoastTable":
-        """Refuse a half-life of what does not refloat, and refloating without one."""
+        """Reject refloating without a half-life, and a half-life with another behaviour."""
         if (self.half_life is None) == (self.behaviour == "refloat"):
             raise ValueError(
                 'behaviour = "refloat" needs a half_life, like "12 h"; no other behaviour has one'
@@ -175,7 +169,7 @@ class CoastTable(fields.Table):
 
 
 class DepthTable(fields.Table):
-    """The [depth] table as written: where boats have too little water."""
+    """The [depth] table as written: bathymetry, for boats of a plan."""
 
     file: str
     variable: fields.Label | None = None
@@ -195,37 +189,33 @@ class CaseTable(fields.Table):
     """The case file as written."""
 
     title: fields.Label | None = None
-    """What maps and files are called; without it the file's name."""
+    """Title of maps and files; by default the file's name."""
     start: fields.Time
-    """When the run begins, with its zone; all relative times of the case count from here."""
+    """Start of the run, with its time zone; relative times of the case count from here."""
     duration: fields.Duration | None = None
-    """How long the run lasts; give this or `end`."""
+    """Duration of the run; give this or `end`."""
     end: fields.Time | None = None
-    """When the run ends; before `start` in a backward run."""
+    """End of the run; in a backward run it is before `start`."""
     direction: Literal["forward", "backward"] = "forward"
-    """`backward` asks where something found came from: time runs from `start` to the past."""
+    """`backward` traces an object back to its origin: time runs from `start` into the past."""
     particles: Annotated[int, BeforeValidator(_particles)] = 100_000
-    """How many guesses of where the object is are moved; more make maps smoother and rarer things
-    visible.
+    """Number of particles: possible positions of the object that the run moves. More particles
+    resolve smaller probabilities and make smoother maps.
     """
     seed: fields.Count = 1
-    """The number from which all chance of the run follows: the same case and seed give the same
-    bits.
-    """
+    """Seed of all random numbers: the same case and seed give the same results to the bit."""
     max_lost: fields.Share = 0.2
-    """The largest share of the probability that may be lost at the edges of the forcing; more is
-    rejected.
-    """
+    """Largest probability that may leave the forcing; a run that loses more is rejected."""
     output: OutputTable = OutputTable()
-    """When there are maps, of what areas, and on which grid."""
+    """Output times, containment areas and grid."""
     clock: ClockTable = ClockTable()
-    """How time is stepped."""
+    """Time step and integration scheme."""
     domain: DomainTable | None = None
-    """A box beyond which what drifts is no longer followed; without it, as far as anything can get."""
+    """Box outside which particles are no longer moved; by default as far as an object can drift."""
     coast: CoastTable = CoastTable()
-    """Shoreline, lakes, and what becomes of what reaches the shore."""
+    """Shoreline, lakes, and what happens to particles at the shore."""
     depth: DepthTable | None = None
-    """Where boats of a plan have too little water."""
+    """Bathymetry that keeps boats of a plan out of shallow water."""
     current: list[SourceTable] = Field(default_factory=list)
     """Sources of the current, in order of priority."""
     wind: list[SourceTable] = Field(default_factory=list)
@@ -233,69 +223,67 @@ class CaseTable(fields.Table):
     stokes: list[SourceTable] = Field(default_factory=list)
     """Sources of the Stokes drift."""
     uncertainty: Uncertainty = UncertaintyTable()
-    """How wrong winds and currents may be; `"none"` switches all of it off."""
+    """Errors of winds and currents; `"none"` sets all to zero."""
     voyage: dict[str, VoyageTable] = Field(default_factory=dict)
-    """Voyages by name, `[voyage.passage]`, that several scenarios share: a phase says `voyage =
-    "passage"`, or `voyage = { like = "passage", speed = "3 kn" }` where some of its keys are its
-    own."""
+    """Voyages by name, `[voyage.passage]`, for several scenarios. A phase refers to one with
+    `voyage
+    = "passage"`, or with `voyage = { like = "passage", speed = "3 kn" }` to replace some keys."""
     tracker: dict[str, TrackerTable] = Field(default_factory=dict)
-    """Vessels that targets seek or flee from, by name, `[tracker.patrol]`: a phase of `behaviour`
-    says `tracker = "patrol"`.
+    """Vessels that targets seek or flee from, by name, `[tracker.patrol]`. A phase of `behaviour`
+    refers to one with `tracker = "patrol"`.
     """
     scenario: list[ScenarioTable] = Field(default_factory=list)
-    """Scenarios of one object, each with its weight; give these, families of them, or a `[spill]`."""
+    """Scenarios of one object, each with a weight; give scenarios, families, or a `[spill]`."""
     family: list[FamilyTable] = Field(default_factory=list)
-    """Hundreds of scenarios in a few lines: the products of routes, speeds, times."""
+    """Many scenarios in a few lines: all combinations of routes, speeds, times and so on."""
     spill: SpillTable | None = None
     """Many objects released by one event."""
     find: list[FindTable] = Field(default_factory=list)
     """Objects of a spill that were found."""
     patrol: list[PatrolTable] = Field(default_factory=list)
-    """Patrols that walked stretches of coast."""
+    """Patrols of stretches of coast."""
     patrol_unit: list[PatrolUnitTable] = Field(default_factory=list)
-    """Teams that can walk the shore next: `drift plan` of a spill sends them."""
+    """Teams that can patrol the shore next; `drift plan` of a spill assigns their stretches."""
     sortie: list[SortieTable] = Field(default_factory=list)
-    """Searches that found nothing, or were flown."""
+    """Searches that were done without finding the object."""
     contact: list[ContactTable] = Field(default_factory=list)
-    """What was seen or heard and may be ours."""
+    """Sightings and detections that may be of the search object."""
     sensor: list[NamedSensorTable] = Field(default_factory=list)
-    """Sensors that know the water: passive sonars, and POD by place; watches, looks, contacts and
-    units name them.
+    """Sensors whose POD depends on the place: passive sonars and POD tables. Watches, looks,
+    contacts and units refer to a sensor by name.
     """
     look: list[LookTable] = Field(default_factory=list)
-    """A sensor that looked once, at one time."""
+    """An observation of a field at one time."""
     presence: list[PresenceTable] = Field(default_factory=list)
-    """A field that was watched over a time."""
+    """An observation of a field over an interval."""
     barrier: list[BarrierTable] = Field(default_factory=list)
-    """A line that was manned and reports targets that cross it."""
+    """A manned line that reports targets crossing it."""
     line: list[LineTable] = Field(default_factory=list)
-    """A line of which the first crossing is asked."""
+    """A line whose first crossing is reported."""
     unit: list[UnitTable] = Field(default_factory=list)
-    """Units that can search next: `drift plan` sends them."""
+    """Units available for the next search; `drift plan` assigns their search areas."""
     tow: list[TowTable] = Field(default_factory=list)
-    """Ships that tow arrays: `drift plan` places them."""
+    """Ships that tow arrays; `drift plan` places the ships."""
     plan: PlanTable = PlanTable()
-    """The time and the aim of the next search."""
+    """Time and objective of the next search."""
     resampling: ResamplingTable = ResamplingTable()
-    """How particles are resampled after searches."""
+    """Resampling of particles after searches."""
     expect: Expect = Expect()
-    """Ranges of what the case expects at its end:
+    """Ranges in which the case expects its results at the end:
 
-    `drift run` says whether it is so, and its exit status is 1 if not.
+    `drift run` prints whether it meets these; if not, its exit status is 1.
     """
 
     @model_validator(mode="before")
     @classmethod
     def with_shared(cls, data: Any) -> Any:
-        """Make scenarios of families, and put the voyages and trackers that scenarios share where
-        they are named.
-        """
+        """Expand families to scenarios, and insert shared voyages and trackers where named."""
         return shared(expanded(data))
 
     @field_validator("seed")
     @classmethod
     def fits(cls, value: int) -> int:
-        """Refuse a seed that the generator's 64-bit key does not hold."""
+        """Reject a seed that does not fit into the generator's 64-bit key."""
         if not 0 <= value < 2**63:
             raise ValueError(f"{value} must be 0 to 2^63 - 1")
         return value
@@ -303,14 +291,14 @@ class CaseTable(fields.Table):
     @field_validator("start")
     @classmethod
     def absolute(cls, value: units.Instant) -> units.Instant:
-        """Refuse a start that is relative to itself."""
+        """Reject a relative start."""
         if not isinstance(value, np.datetime64):
             raise ValueError('cannot be relative; write it like "211830ZNOV26"')
         return value
 
     @model_validator(mode="after")
     def whole(self) -> "CaseTable":
-        """Refuse a case of nothing, one of two kinds, and one whose times don't fit its direction."""
+        """Reject a case without scenarios or spill, with both, and times against its direction."""
         wrong = [*self._subject(), *self._families(), *self._backward(), *self._span()]
         fields.refuse(self, wrong)
         return self
@@ -334,9 +322,8 @@ class CaseTable(fields.Table):
         return wrong
 
     def _families(self) -> list[str]:
-        """Return families that bear the name of another one or of a scenario: tables by scenario
-        name both.
-        """
+        """Return messages about families whose names are not unique among families and
+        scenarios."""
         names = Counter([table.name for table in self.family])
         stories = {table.name for table in self.scenario} if names else set()
         wrong = [
@@ -353,13 +340,13 @@ class CaseTable(fields.Table):
     def _backward(self) -> list[str]:
         given = self._of_a_search() if self.direction == "backward" and self.spill is None else ""
         return (
-            [f"{given} belongs to a forward run: a search and its plan go with the time"]
+            [f"{given} belongs to a forward run; leave it out, or remove direction"]
             if given
             else []
         )
 
     def _of_a_search(self) -> str:
-        """Return the first table that belongs to a search, "" without one."""
+        """Return the first table that belongs to a search; "" if there is none."""
         given = [f"[[{key}]]" for key in SEARCH if getattr(self, key)]
         given += [f"[{key}]" for key in ("plan", "resampling") if key in self.model_fields_set]
         return given[0] if given else ""
@@ -387,12 +374,12 @@ class CaseTable(fields.Table):
         ]
 
     def begin(self) -> np.datetime64:
-        """Return the start."""
+        """Return the start of the run."""
         assert isinstance(self.start, np.datetime64)  # absolute
         return self.start
 
     def finish(self) -> np.datetime64:
-        """Return the end."""
+        """Return the end of the run."""
         if self.end is not None:
             return units.resolve(self.end, self.begin())
         span = np.timedelta64(round(self.duration or 0.0), "s")

@@ -1,9 +1,9 @@
-"""Spills as a case describes them: many objects of one or several classes, released from one place.
+"""The [spill] table and its finds and patrols: many objects of some classes, released by one event.
 
-Holds the records that the engine takes (SI, UTC) and the tables of the case file that they are made
-from. What all objects of one spill share (release, bias of windage and current, share destroyed,
-sinking rate, readiness to report) is drawn once for each *world*; the objects are drawn within it.
-The probability model: drift.spills.worlds.worlds, drift.spills.worlds.finds.
+The tables build records in SI units and UTC. The parameters that all objects of a spill share
+(release, biases of windage and current, share destroyed, sinking rate, reporting rate) are drawn
+once for each *world*; the objects are drawn within a world. For the probability model see
+drift.spills.worlds.worlds and drift.spills.worlds.finds.
 """
 
 import math
@@ -33,37 +33,36 @@ from drift.spills.worlds.records import (
 from geo import notation
 
 MOST_CLASSES = 4
-ROUNDED = 0.01 + 1e-9  # by which classes' shares may miss 1: each rounded to two digits
-MOST_DAYS = 60  # of a patrol_unit
-MOST_REACH = 1_000_000.0  # [m] of a patrol_unit over land
+ROUNDED = 0.01 + 1e-9  # tolerance of the sum of classes' shares, which are rounded to two digits
+MOST_DAYS = 60  # most patrols of a patrol_unit
+MOST_REACH = 1_000_000.0  # [m] largest reach of a patrol_unit over land
 FEWEST_WORLDS = 50
-LONGEST = 366 * DAY  # [s] over which objects of one world go adrift
+LONGEST = 366 * DAY  # [s] longest duration of the release
 
 
 class SinkingTable(fields.Table):
-    """How objects sink: by the half_life of a hazard, or waterlogged at a median time with a
-    spread.
+    """Sinking of objects: at a constant rate (half-life), or lognormal with a median time.
 
     Times are one value or [low, high].
     """
 
     half_life: fields.DurationRange | None = None
-    """Of a constant hazard; one value, or [lowest, highest]."""
+    """Half-life of objects that sink at a constant rate; one value, or [lowest, highest]."""
     waterlogged: fields.DurationRange | None = None
-    """Median time until it is waterlogged and sinks."""
+    """Median time until an object is waterlogged and sinks; one value, or [lowest, highest]."""
     spread: Annotated[float, Field(ge=1, le=20)] = 1.5
     """Factor of one standard deviation of `waterlogged`."""
 
     @model_validator(mode="after")
     def one_law(self) -> "SinkingTable":
-        """Refuse none or two laws."""
+        """Reject no distribution, or two."""
         law = fields.one_of(self, ("half_life", "waterlogged"))
         if law == "half_life" and "spread" in self.model_fields_set:
-            raise ValueError("spread belongs to waterlogged; a half_life is spread by itself")
+            raise ValueError("spread belongs to waterlogged; a half_life has no spread")
         return self
 
     def sinking(self) -> Sinking:
-        """Return the record."""
+        """Return the record of the sinking law."""
         if self.half_life is not None:
             return Sinking(self.half_life)
         assert self.waterlogged is not None
@@ -74,21 +73,21 @@ class KindTable(fields.Table):
     """A [[spill.class]] table as written."""
 
     name: fields.Label
-    """What tables call the class."""
+    """Name of the class in tables."""
     share: fields.Weight | None = None
-    """Of the objects; shares add up to 1. Without it, an equal part of what the others leave."""
+    """Share of the objects; shares add up to 1. Classes without it divide the remainder equally."""
     object: Annotated[
         ObjectTable,
         BeforeValidator(lambda value: {"name": value} if isinstance(value, str) else value),
     ]
-    """What drifts, as of a scenario."""
+    """The drifting object, as in a scenario."""
     jibe: fields.Rate | None = None
-    """As of a scenario."""
+    """Jibing rate, as in a scenario."""
     sinking: SinkingTable | None = None
-    """How objects sink; without it they do not."""
+    """Sinking of objects; by default objects do not sink."""
 
     def kind(self, share: float) -> Kind:
-        """Return the record; share: of all objects."""
+        """Return the record of the class, with its share of all objects."""
         drifter = self.object.drifter()
         jibe = self.jibe if self.jibe is not None else (JIBE_RATE if drifter.jibes else 0.0)
         return Kind(
@@ -105,24 +104,24 @@ def _rates(value: Any) -> dict[str, float]:
 
 
 class ReportingTable(fields.Table):
-    """The [spill.reporting] table as written; rates are per object lying there."""
+    """The [spill.reporting] table as written; rates are per stranded object."""
 
     rate: Annotated[dict[str, float], BeforeValidator(_rates)] = Field(
         default_factory=lambda: {"town": 1 / DAY, "road": 0.2 / DAY, "wild": 0.02 / DAY}
     )
-    """Reports of an object lying there, by kind of shore."""
+    """Rate at which a stranded object is reported, by kind of shore."""
     removal: Annotated[float, BeforeValidator(fields.rate)] = 0.0
-    """Rate at which objects are buried or taken away unreported."""
+    """Rate at which stranded objects are buried or removed without a report."""
     bias: Annotated[float, Field(ge=0, le=3)] = 0.0
-    """Standard deviation of the logarithm of a factor on all rates: how unsure they are."""
+    """Uncertainty of all rates: standard deviation of the logarithm of a common factor."""
     coast: str = "wild"
-    """Kind of the stretches that no file names."""
+    """Kind of shore of stretches without `access` in a file."""
     until: fields.Time | None = None
-    """Until when reports are known; without it, the last find or patrol."""
+    """Time up to which all reports are known; by default the last find or patrol."""
 
     @model_validator(mode="after")
     def whole(self) -> "ReportingTable":
-        """Refuse a kind of shore without a rate."""
+        """Reject a kind of shore without a rate."""
         if self.coast not in self.rate:
             raise ValueError(
                 f'coast = "{self.coast}" has no rate; kinds with one: {", ".join(self.rate) or "none"}'
@@ -134,7 +133,7 @@ class StretchTable(fields.Table):
     """The [spill.stretches] table as written."""
 
     length: Annotated[fields.Length, Field(ge=100, le=1_000_000)] = 10_000.0
-    """Of stretches, where no file names them."""
+    """Length of stretches, if no file defines them."""
     file: str | None = None
     """GeoJSON of lines or polygons with `name`, and `access`, the kind of shore."""
 
@@ -165,45 +164,48 @@ class SpillTable(fields.Table):
     }
 
     objects: Annotated[tuple[int, int], BeforeValidator(_number)]
-    """How many were lost, or [fewest, most]."""
+    """Number of objects lost, or [fewest, most]."""
     kinds: Annotated[list[KindTable], Field(min_length=1, max_length=MOST_CLASSES, alias="class")]
     """Classes of objects, one to four."""
     position: PositionTable | None = None
-    """Where, as of a scenario."""
+    """Position of the release, as in a scenario."""
     area: AreaTable | None = None
-    """Or anywhere in an area."""
+    """In place of `position`: anywhere in an area."""
     trackline: TracklineTable | None = None
-    """Or somewhere on a voyage."""
+    """In place of `position`: somewhere on a voyage."""
     release_std: fields.Length = 0.0
-    """Standard deviation of an object's release about its world's, east and north each."""
+    """Standard deviation of an object's release position about that of its world, east and
+    north."""
     release_duration: Annotated[float, BeforeValidator(_release_duration)] = 0.0
-    """Over which the objects of a world go adrift."""
+    """Duration of the release, over which the objects of a world go adrift."""
     worlds: fields.Count = 2000
-    """How many complete spills are simulated, each with its own unknowns."""
+    """Number of simulated spills, each with its own parameters."""
     per_world: fields.Count | None = None
-    """Particles of a world; without it as many as objects, 500 to 2,000."""
+    """Particles per world; by default the number of objects, at least 500, at most 2,000."""
     destroyed: fields.ShareRange = (0.0, 0.0)
-    """Share lost at once, or a range."""
+    """Share of objects destroyed at once, or a range."""
     windage_bias: Annotated[fields.Share, Field(le=1)] = 0.2
     """Standard deviation of the logarithm of a world's factor on all leeway."""
     current_bias: fields.CurrentError | None = None  # in place of uncertainty.current.bias
-    """In place of `uncertainty.current.bias`: of each component in a world."""
+    """In place of `uncertainty.current.bias`: standard deviation of a world's bias, per
+    component."""
     redraws: Annotated[fields.Count, Field(ge=0, le=20)] = 3
-    """How often worlds are resampled at most, if finds leave too few effective ones."""
+    """Largest number of times that worlds are resampled, if finds leave too few effective
+    worlds."""
     stretches: StretchTable = StretchTable()
-    """Into what the coast is divided."""
+    """Stretches into which the coast is divided."""
     reporting: ReportingTable = ReportingTable()
     """The reporting rate of stranded objects."""
     bridges: list[Annotated[list[fields.Position], Field(min_length=2, max_length=2)]] = Field(
         default_factory=list
     )
-    """Bridges, dams and fords that join land masses for patrols and names: pairs of positions, one
-    on either side.
+    """Bridges, dams and fords that connect land masses for patrols and names: pairs of positions,
+    one on either side.
     """
 
     @model_validator(mode="after")
     def whole(self) -> "SpillTable":
-        """Refuse a spill with no place or two, no objects of any class, or too few worlds."""
+        """Reject no position or two, wrong shares of classes, and too few or too many worlds."""
         fields.one_of(self, ("position", "area", "trackline"))
         self.shares()
         names = [kind.name for kind in self.kinds]
@@ -213,7 +215,7 @@ class SpillTable(fields.Table):
             # headings of washup.csv
             if name == "se" or name.removesuffix("_se") in set(names) - {name}:
                 raise ValueError(
-                    f'class "{name}": tables call a standard error by this name; give it another'
+                    f'class "{name}": this name is that of a standard error in tables; give another'
                 )
         if self.worlds < FEWEST_WORLDS:
             raise ValueError(
@@ -233,40 +235,39 @@ class SpillTable(fields.Table):
         return self
 
     def shares(self) -> list[float]:
-        """Return the classes' shares of the objects, which add up to 1; refuse those that do not."""
-        told = math.fsum(kind.share or 0.0 for kind in self.kinds)
-        untold = sum(kind.share is None for kind in self.kinds)
-        if untold and told < 1:
+        """Return the classes' shares of the objects; raise ValueError if they do not add up to
+        1."""
+        total = math.fsum(kind.share or 0.0 for kind in self.kinds)
+        missing = sum(kind.share is None for kind in self.kinds)
+        if missing and total < 1:
             return [
-                (1 - told) / untold if kind.share is None else kind.share for kind in self.kinds
+                (1 - total) / missing if kind.share is None else kind.share for kind in self.kinds
             ]
-        if untold or abs(told - 1) > ROUNDED:
+        if missing or abs(total - 1) > ROUNDED:
             each = ", ".join(
                 f"{kind.name} {'not given' if kind.share is None else f'{kind.share:g}'}"
                 for kind in self.kinds
             )
-            rest = ", and leave something for a class without one" if untold else ""
+            rest = ", and leave a remainder for classes without a share" if missing else ""
             raise ValueError(
-                f"shares of the classes add up to {told:g} ({each}); they must add up to 1{rest}"
+                f"shares of the classes add up to {total:g} ({each}); they must add up to 1{rest}"
             )
-        return [(kind.share or 0.0) / told for kind in self.kinds]
+        return [(kind.share or 0.0) / total for kind in self.kinds]
 
     def particles(self) -> int:
-        """Return the particles of a world: as many as there are objects, at least 500, at most
-        2,000.
-        """
+        """Return the number of particles per world."""
         return (
             self.per_world if self.per_world is not None else min(max(self.objects[1], 500), 2000)
         )
 
     def prior(self, start: np.datetime64) -> ReleasePrior:
-        """Return where and when a world's release may have been."""
+        """Return the prior of a world's release: position and time."""
         table = self.position or self.area or self.trackline
         assert table is not None  # whole
         return table.prior(start)
 
     def began(self) -> str:
-        """Return the key that says when it began."""
+        """Return the key that sets the begin of the spill."""
         return (
             "trackline.departure"
             if self.trackline
@@ -280,29 +281,29 @@ class FindTable(fields.Table):
     """A [[find]] table as written."""
 
     name: fields.Label | None = None
-    """What tables call it."""
+    """Name of the find in tables."""
     at: fields.Position | None = None
-    """Where it lay; or `stretch`."""
+    """Position of the find; give this or `stretch`."""
     stretch: str | None = None
-    """Name of the stretch it lay on."""
+    """Name of the stretch on which it was found."""
     time: fields.Time | None = None
-    """When it was found."""
+    """Time of the find."""
     by_time: fields.Time | None = None
-    """Found at an unknown time, not later than this."""
+    """Latest possible time of the find, if its time is unknown."""
     at_sea: bool = False
-    """`true` for what was found afloat."""
+    """`true`: it was found afloat."""
     radius: Annotated[fields.Length, Field(gt=0)] = 5000.0
-    """Of a find at sea: how close counts as there."""
+    """For a find at sea: particles within this distance match the find."""
     kind: str | None = Field(default=None, alias="class")
-    """Its class, where known."""
+    """Class of the object, if known."""
     by: str | None = None
-    """Name of the patrol that found it; the public without it."""
+    """Name of the patrol that found it; by default the public."""
     false: fields.Share = 0.0
-    """Probability that it is none of ours."""
+    """Probability that the find is not from this spill."""
 
     @model_validator(mode="after")
     def placed(self) -> "FindTable":
-        """Refuse none or two of place and of time."""
+        """Reject a find without exactly one position and one time."""
         fields.one_of(self, ("at", "stretch"))
         if self.by is None or self.time is not None or self.by_time is not None:
             fields.one_of(self, ("time", "by_time"))
@@ -318,7 +319,7 @@ class FindTable(fields.Table):
             )
         if self.false >= 1:
             raise ValueError(
-                "false = 1: a find that is surely none of ours says nothing; leave it out"
+                "false = 1: the find is certainly not from this spill and has no effect; leave it out"
             )
         return self
 
@@ -327,13 +328,13 @@ class PatrolTable(fields.Table):
     """A [[patrol]] table as written."""
 
     name: fields.Label
-    """What finds call it by."""
+    """Name of the patrol, to which finds refer."""
     stretches: list[str] = Field(default_factory=list)
-    """Names of the stretches walked; or `between`."""
+    """Names of the patrolled stretches; give these or `between`."""
     between: Annotated[list[fields.Position], Field(min_length=2, max_length=2)] | None = None
-    """Two positions on the shore, and all between them."""
+    """Two positions on the shore; the patrol covered the shore between them."""
     time: fields.Time
-    """When."""
+    """Time of the patrol."""
     detection: Annotated[
         float, BeforeValidator(lambda value: units.quantity(value, "", "probability", "0.8"))
     ]
@@ -341,7 +342,7 @@ class PatrolTable(fields.Table):
 
     @model_validator(mode="after")
     def proper(self) -> "PatrolTable":
-        """Refuse what is not a probability, and a patrol without a place."""
+        """Reject a detection that is not a probability, and a patrol without stretches."""
         if not 0 <= self.detection <= 1:
             raise ValueError(f"detection {self.detection:g} must be a probability, 0 to 1")
         if bool(self.stretches) == (self.between is not None):
@@ -353,9 +354,9 @@ class PatrolUnitTable(fields.Table):
     """A [[patrol_unit]] table as written."""
 
     name: fields.Label
-    """What the plan calls it."""
+    """Name of the unit in the plan."""
     length: Annotated[fields.Length, Field(gt=0)]
-    """Of shore that it walks in a day."""
+    """Length of shore that it patrols in a day."""
     detection: Annotated[
         float, BeforeValidator(lambda value: units.quantity(value, "", "probability", "0.8"))
     ]
@@ -365,19 +366,19 @@ class PatrolUnitTable(fields.Table):
     days: Annotated[fields.Count, Field(ge=1, le=MOST_DAYS)] = 1
     """Number of patrols."""
     stretches: list[str] = Field(default_factory=list)
-    """Names of the stretches that it can reach; or `base`."""
+    """Names of the stretches that it can reach; give these or `base`."""
     base: fields.Position | None = None
-    """Where it sets out, with `reach`; with neither it goes anywhere."""
+    """Base of the unit; needs `reach`. With neither `stretches` nor `base` it can go anywhere."""
     reach: Annotated[fields.Length, Field(gt=0)] | None = None
-    """How far from `base` over land the middle of a stretch may lie; straight where it crosses
-    water.
+    """Largest distance over land from `base` to the middle of a stretch; with `crosses_water` along
+    a straight line.
     """
     crosses_water: bool = False
-    """Whether it goes to other land masses too, by boat; else it stays on one, that of its `base`."""
+    """`true`: it also reaches other land masses, by boat; otherwise only that of its `base`."""
 
     @model_validator(mode="after")
     def proper(self) -> "PatrolUnitTable":
-        """Refuse what is not a probability, and a reach without a base."""
+        """Reject a detection that is not a probability, and a reach without a base."""
         if not 0 < self.detection <= 1:
             raise ValueError(
                 f"detection {self.detection:g} must be a probability above 0, at most 1"
@@ -398,7 +399,7 @@ class PatrolUnitTable(fields.Table):
         return self
 
     def team(self, start: np.datetime64) -> Team:
-        """Return the record."""
+        """Return the record of the team."""
         first = units.resolve(self.first, start)
         times = tuple(first + np.timedelta64(24 * day, "h") for day in range(self.days))
         base, reach = self.base, math.inf if self.reach is None else self.reach
@@ -416,20 +417,29 @@ def build_spill(
     start: np.datetime64,
     file: str | None,
 ) -> Spill:
-    """Return the record of a spill; file: the path of the named stretches.
+    """Build the record of a spill.
 
-    Raises UserError for all finds and patrols that don't fit the spill.
+    Args:
+        table: the [spill] table.
+        find_tables: its finds.
+        patrol_tables: its patrols.
+        team_tables: its patrol units.
+        start: start of the case.
+        file: file of named stretches; None: there is none.
+
+    Raises:
+        UserError: finds or patrols do not fit the spill, one line for each mistake.
     """
     prior = table.prior(start)
     wrong = Mistakes()
     patrols = tuple(_patrol(patrol, start) for patrol in patrol_tables)
-    wrong.lines += _twice([patrol.name for patrol in patrols], "patrol")
+    wrong.lines += _duplicate_names([patrol.name for patrol in patrols], "patrol")
     finds = []
     for number, find in enumerate(find_tables, 1):
         with wrong.gathered():
             finds.append(_find(find, number, patrols, start))
-    wrong.lines += _twice([find.name for find in finds], "find")
-    wrong.lines += _twice([team.name for team in team_tables], "patrol_unit")
+    wrong.lines += _duplicate_names([find.name for find in finds], "find")
+    wrong.lines += _duplicate_names([team.name for team in team_tables], "patrol_unit")
     wrong.refuse()
     spill = Spill(
         objects=table.objects,
@@ -445,7 +455,7 @@ def build_spill(
         per_world=table.particles(),
         destroyed=table.destroyed,
         windage_bias=table.windage_bias,
-        # until the whole case is known: drift.case.forcing.uncertainty
+        # build_case replaces it: drift.case.forcing.uncertainty
         current_bias=table.current_bias or 0.0,
         reporting_bias=table.reporting.bias,
         redraws=table.redraws,
@@ -466,8 +476,8 @@ def build_spill(
     return spill
 
 
-def _twice(names: list[str], what: str) -> list[str]:
-    """Return complaints about names that come twice."""
+def _duplicate_names(names: list[str], what: str) -> list[str]:
+    """Return messages about duplicate names."""
     again = [name for name in dict.fromkeys(names) if names.count(name) > 1]
     return [f'{what} "{name}": two {what}s have this name; give each its own' for name in again]
 
@@ -488,7 +498,7 @@ def _find(table: FindTable, number: int, patrols: tuple[Patrol, ...], start: np.
         if patrol is None:
             allowed = ", ".join(f'"{p.name}"' for p in patrols) or "none is given"
             raise ValueError(
-                f'{name}: by "{table.by}" is no patrol; patrols: {allowed}; leave it out for the public'
+                f'{name}: by "{table.by}" is not a patrol; patrols: {allowed}; for the public leave it out'
             )
         if time is not None and time != patrol.time:
             raise ValueError(
@@ -518,13 +528,13 @@ def _find(table: FindTable, number: int, patrols: tuple[Patrol, ...], start: np.
 
 
 def _check(spill: Spill, when: str) -> None:
-    """Refuse finds and patrols that cannot be; when: the key that says when the spill began."""
+    """Reject impossible finds and patrols; `when` is the key that sets the begin of the spill."""
     wrong = Mistakes()
     kinds, most = [kind.name for kind in spill.kinds], spill.objects[1]
     for find in spill.finds:
         if find.kind is not None and find.kind not in kinds:
             wrong.lines.append(
-                f'{find.name}: class "{find.kind}" is none of the spill\'s with a share: {", ".join(kinds)}'
+                f'{find.name}: class "{find.kind}" is not a class of the spill with a share: {", ".join(kinds)}'
             )
     sure = [find for find in spill.finds if find.false == 0]
     cure = "raise it, or give finds a probability of being false"

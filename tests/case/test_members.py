@@ -69,8 +69,8 @@ def file(folder: Path, members: int = 3) -> str:
     [
         ("members = []", "current 1.members: has 0 members; must have 2 to 1000"),
         ("members = [{ constant = { east = 0, north = 1 } }]", "has 1 member; must have 2 to 1000"),
-        ("members = 3", "3 says nothing of members; write true, the name of their dimension, or a list of tables"),
-        ('members = ["a.nc", "b.nc"]', "says nothing of members"),
+        ("members = 3", "3 does not describe members; write true, the name of their dimension, or a list of tables"),
+        ('members = ["a.nc", "b.nc"]', "does not describe members"),
         ("members = [{ add = true }, {}]", "member 1: add is the same for all members; give it beside members"),
         ("members = [{ constant = { east = 0 } }, {}]", r"member 1: constant: give speed and from"),
         ("members = [{}, {}]", "member 1: exactly one of files, dataset, constant, table, analytic must be given; found none"),

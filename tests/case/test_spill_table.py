@@ -487,7 +487,7 @@ def test_what_does_not_go_together(tmp_path: Path) -> None:
     )
     assert "either [[scenario]]" in refusal(tmp_path, spill="", classes="")
     for setting, word in (
-        ('direction="backward"', "runs forward"),
+        ('direction="backward"', "runs forward: give an end after the start"),
         ('coast.source="none"', 'give "gshhg" or a shoreline file'),
         ('coast.behaviour="refloat"', "needs a half_life"),
         ('coast.half_life="6 h"', "needs a half_life"),

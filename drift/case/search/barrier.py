@@ -1,4 +1,4 @@
-"""Barriers, and lines whose first crossing is told, as a case file gives them."""
+"""The [[barrier]] and [[line]] tables: barriers that detect crossings, and reported lines."""
 
 from typing import Annotated
 
@@ -14,14 +14,14 @@ MOST_POINTS = 200
 
 
 class LineTable(fields.Table):
-    """A [[line]] table as written."""
+    """A [[line]] table as written: the results report each particle's first crossing."""
 
     name: fields.Label | None = None
     points: Annotated[list[fields.Position], Field(max_length=MOST_POINTS)]
 
     @model_validator(mode="after")
     def lines(self) -> "LineTable":
-        """Refuse a line of one point, one without length and one that is too long."""
+        """Reject a line with one point, without length, or too long."""
         if len(self.points) < 2:
             raise ValueError(
                 f"points are {len(self.points)}; a line has at least 2, with great circles between them"
@@ -33,7 +33,7 @@ class LineTable(fields.Table):
         return self
 
     def line(self, name: str, run: Run) -> Line:
-        """Return the record."""
+        """Return the record of the line."""
         return Line(name, tuple(self.points))
 
 
@@ -49,7 +49,7 @@ class BarrierTable(LineTable):
 
     @model_validator(mode="after")
     def reports(self) -> "BarrierTable":
-        """Refuse half a report, and what belongs to one where there is none."""
+        """Reject an incomplete report, and keys of a report without one."""
         wrong = []
         if self.reported is None:
             wrong += [
@@ -65,14 +65,14 @@ class BarrierTable(LineTable):
         return self
 
     def barrier(self, name: str, run: Run) -> Barrier:
-        """Return the record; raise ValueError for what does not fit the run."""
+        """Return the record of the barrier; raise ValueError if it does not fit the run."""
         begin, over = span(self.start, self.end, run)
         if self.reported is None:
             return Barrier(name, begin, over, tuple(self.points), self.detection)
         reported = units.resolve(self.reported, run.start)
         if not begin <= reported <= over:
             raise ValueError(
-                f"reported {notation.format_dtg(reported)} is not while it was manned, {notation.format_dtg(begin)} to "
+                f"reported {notation.format_dtg(reported)} is outside the time it was manned, {notation.format_dtg(begin)} to "
                 f"{notation.format_dtg(over)}"
             )
         error, false = self.error or 0.0, self.false_alarms or 0.0
@@ -82,7 +82,7 @@ class BarrierTable(LineTable):
 
 
 def build_barriers(tables: list[BarrierTable], run: Run) -> tuple[Barrier, ...]:
-    """Return the barriers by end; raise UserError for all that is wrong with them."""
+    """Return the barriers, ordered by end; raise UserError with all their mistakes."""
     every = build_each(
         [table.barrier for table in tables], [table.name for table in tables], "barrier", run
     )
@@ -90,7 +90,7 @@ def build_barriers(tables: list[BarrierTable], run: Run) -> tuple[Barrier, ...]:
 
 
 def build_lines(tables: list[LineTable], run: Run) -> tuple[Line, ...]:
-    """Return the lines as they stand; raise UserError for names that come twice."""
+    """Return the lines in the order of the file; raise UserError for duplicate names."""
     return tuple(
         build_each([table.line for table in tables], [table.name for table in tables], "line", run)
     )

@@ -1,4 +1,4 @@
-"""Bearings of a sensor in a row, from a CSV file: each line is a contact of its own."""
+"""A series of bearings from a CSV file; each line becomes a contact."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,54 +19,55 @@ NEEDED, ALLOWED = (
 
 
 class SeriesTable(heard.BySensorTable):
-    """A series of bearings from a place or a sensor of the case."""
+    """A series of bearings from a position or a sensor of the case."""
 
     file: str
     """A CSV file:
 
-    `time`, `bearing`, and where they change also `std`, `heading`, `lon` and `lat`,
-    `received_level`, `frequency`.
+    columns `time`, `bearing`, and optionally `std`, `heading`, `lon` and `lat`, `received_level`,
+    `frequency`, if these change.
     """
     std: heard.BearingError = None
-    """As of a bearing."""
+    """As in a contact's `bearing` table."""
     wedge: heard.Wedge | None = None
-    """As of a bearing."""
+    """As in a contact's `bearing` table."""
     near: fields.Length = 0.0
-    """As of a bearing."""
+    """As in a contact's `bearing` table."""
     far: fields.Length | None = None
-    """As of a bearing."""
+    """As in a contact's `bearing` table."""
 
     @model_validator(mode="after")
     def lone(self) -> "SeriesTable":
-        """Refuse a file that is none."""
+        """Reject a file without the suffix .csv or .txt."""
         if not self.file.lower().endswith((".csv", ".txt")):
             raise ValueError(
-                f"file {self.file!r} must be a CSV file, with a line of names: time, bearing"
+                f"file {self.file!r} must be a CSV file (.csv, .txt), with a header: time, bearing"
             )
         return self
 
     def bearings(self, folder: Path) -> Iterator[tuple[int, str, dict[str, Any], dict[str, str]]]:
-        """Give line, time, bearing as of a [[contact]], and what else was measured, of each line of
-        its file.
-        """
+        """Yield line number, time, `bearing` table and other measurements of each line of the
+        file."""
         path = sources.one_file(self.file, folder, "bearings.file")
         given = self.model_dump(by_alias=True, exclude_unset=True, exclude={"file"})
         if isinstance(self.std, tuple):
             given["std"] = [list(row) for row in self.std]
         for line, row in _lines(path):
-            own = given | {key: row[key] for key in ("bearing", "std", "heading") if row.get(key)}
+            bearing_table = given | {
+                key: row[key] for key in ("bearing", "std", "heading") if row.get(key)
+            }
             if row.get("lon") or row.get("lat"):
-                own["from"] = [row.get("lon", ""), row.get("lat", "")]
+                bearing_table["from"] = [row.get("lon", ""), row.get("lat", "")]
             yield (
                 line,
                 row["time"],
-                own,
+                bearing_table,
                 {key: row[key] for key in ("received_level", "frequency") if row.get(key)},
             )
 
 
 def _lines(path: str) -> Iterator[tuple[int, dict[str, str]]]:
-    """Give number and values of each line of a CSV file; raise UserError for what is wrong with it."""
+    """Yield number and values of each line of a CSV file; raise UserError for its mistakes."""
     try:
         table = rows.Rows(path, NEEDED, ALLOWED)
     except UserError as error:
@@ -79,5 +80,5 @@ def _lines(path: str) -> Iterator[tuple[int, dict[str, str]]]:
         yield line, values
     if not 0 < many <= MOST:
         raise UserError(
-            f"bearings.file: {table.name} has {many:,} bearings; 1 to {MOST:,} can be read"
+            f"bearings.file: {table.name} has {many:,} bearings; 1 to {MOST:,} are allowed"
         )

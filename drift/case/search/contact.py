@@ -1,4 +1,4 @@
-"""Contacts as a case file gives them: something was seen at a position, bearing, range or area."""
+"""The [[contact]] table: a sighting or detection at a position, bearing or range, or in an area."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from drift.evidence.filter.records import Contact, Fix
 from geo.errors import UserError
 from geo.notation import NMI
 
-DENSITY = {  # kinds of contact, with unit and example of the density of false ones
+DENSITY = {  # by kind of contact: unit and example of the density of false contacts
     "position": ("1/m^2", "0.001 /nmi2"),
     "bearing": ("1/rad", "0.01 /deg"),
     "range": ("1/m", "0.02 /nmi"),
@@ -34,29 +34,30 @@ def _fix(row: object) -> Fix:
         )
     place, share = units.position(row[0]), probability(row[1], "share")
     if share == 0:
-        raise ValueError(f"a fix with a share of 0, at {row[0]!r}, says nothing; leave it out")
+        raise ValueError(f"a fix with a share of 0, at {row[0]!r}, has no effect; leave it out")
     return Fix(*place, share)
 
 
 class PlaceTable(ErrorTable):
-    """A position, or rival ones with their shares (fixes A and B of a beacon), and its error."""
+    """A position with its error, or rival positions with shares (fixes A and B of a beacon)."""
 
     at: fields.Position | None = None
     fixes: Annotated[list[Any], Field(min_length=1, max_length=100)] | None = None
 
     @model_validator(mode="after")
     def proper(self) -> "PlaceTable":
-        """Refuse none or two places, shares that don't add up, and a position without error."""
+        """Reject no position or two, shares that do not add up to 1, and a position without
+        error."""
         fields.one_of(self, ("at", "fixes"))
         self.places()
         if min(self.axes()[:2]) <= 0:
             raise ValueError(
-                'a contact\'s position has an error above 0, like error = "1 nmi" (half of them within it)'
+                'a contact\'s position needs an error above 0, like error = "1 nmi" (half of all positions are within it)'
             )
         return self
 
     def places(self) -> tuple[Fix, ...]:
-        """Return the positions it may be at, shares adding up to 1."""
+        """Return the possible positions, with shares that add up to 1."""
         if self.at is not None:
             return (Fix(*self.at),)
         fixes = [_fix(row) for row in self.fixes or ()]
@@ -72,7 +73,7 @@ class PlaceTable(ErrorTable):
 
 
 class BearingTable(heard.BySensorTable):
-    """A line of bearing from a place or a sensor: a flare, a direction finder, a sonar."""
+    """A line of bearing from a position or a sensor: a flare, a direction finder, a sonar."""
 
     bearing: fields.Direction
     std: heard.BearingError = None
@@ -84,19 +85,17 @@ class BearingTable(heard.BySensorTable):
 
     @model_validator(mode="after")
     def proper(self) -> "BearingTable":
-        """Refuse none or two errors, what is of a sensor where none is named, and ranges from far
-        to near.
-        """
+        """Reject no error or two, keys of a sensor without a sensor, and ranges out of order."""
         wrong = self.without_sensor()
         if (self.std is None) == (self.wedge is None):
             wrong.append(
-                'give std, like "5 deg", or wedge, within which all errors are as likely, like "8 deg"'
+                'give std, like "5 deg", or wedge, the width of a uniform error, like "8 deg"'
             )
         if self.sensor is None:
             if isinstance(self.std, tuple):
-                wrong.append("std by relative bearing is of an array; give sensor, or one std")
+                wrong.append("std by relative bearing belongs to an array; give sensor, or one std")
             if self.side is not None:
-                wrong.append("side is of an array; give sensor, or leave side out")
+                wrong.append("side belongs to an array; give sensor, or leave side out")
         if self.far is not None and self.far <= self.near:
             wrong.append("far must be farther than near")
         fields.refuse(self, wrong)
@@ -105,14 +104,14 @@ class BearingTable(heard.BySensorTable):
     def details(self, run: Run) -> dict[str, Any]:
         """Return the fields of the contact's record that it gives."""
         bearing, rows = math.radians(self.bearing), self.std if isinstance(self.std, tuple) else ()
-        if rows and rows[-1][0] == 90:  # the same ahead and astern
+        if rows and rows[-1][0] == 90:  # symmetric ahead and astern
             rows = (*rows, *((180 - angle, std) for angle, std in rows[-2::-1]))
         own, far = self.heard(run, turns=bool(rows)), math.inf if self.far is None else self.far
         if own is not None:
             own, far = heard.sided(own, bearing, self.side), min(far, heard.reach(own.sensor))
         if far <= self.near:
             raise ValueError(
-                f'near: nothing is seen there by sensor "{self.sensor}", which reaches {far / NMI:.1f} nmi'
+                f'near: sensor "{self.sensor}" detects nothing beyond its reach of {far / NMI:.1f} nmi'
             )
         return {
             "sensor": self.place(run),
@@ -128,7 +127,7 @@ class BearingTable(heard.BySensorTable):
 
 
 class RangeTable(heard.BySensorTable):
-    """A distance from a place or a sensor."""
+    """A range from a position or a sensor."""
 
     range: Annotated[fields.Length, Field(gt=0)]
     std: Annotated[fields.Length, Field(gt=0)]
@@ -136,7 +135,7 @@ class RangeTable(heard.BySensorTable):
 
     @model_validator(mode="after")
     def proper(self) -> "RangeTable":
-        """Refuse what is of a sensor where none is named, and one beside zones."""
+        """Reject keys of a sensor without a sensor, and a sensor together with zones."""
         fields.refuse(self, self.without_sensor())
         return self
 
@@ -152,7 +151,7 @@ class RangeTable(heard.BySensorTable):
 
 
 class SeenInTable(RegionTable):
-    """A region within which something was seen."""
+    """A region in which something was seen."""
 
     def details(self, run: Run) -> dict[str, Any]:
         """Return the fields of the contact's record that it gives."""
@@ -171,30 +170,30 @@ def _object(value: object) -> object:
 
 
 class CourseSeenTable(fields.Table):
-    """The course with which something was seen to move, and its error."""
+    """The observed course of the object, with its error."""
 
     value: fields.Direction
-    """The course over ground."""
+    """Course over ground."""
     std: Annotated[
         float, BeforeValidator(lambda value: units.quantity(value, "deg", "angle", "10 deg"))
     ]
-    """Its standard deviation, to 90 degrees."""
+    """Standard deviation of the course, at most 90 degrees."""
 
     @model_validator(mode="after")
     def proper(self) -> "CourseSeenTable":
-        """Refuse an error of zero."""
+        """Reject an error of 0 or above 90 degrees."""
         if not 0 < self.std <= 90:
             raise ValueError(f"std {self.std:g} deg must be above 0 and at most 90 deg")
         return self
 
 
 class SpeedSeenTable(fields.Table):
-    """The speed with which something was seen to move, and its error."""
+    """The observed speed of the object, with its error."""
 
     value: fields.Speed
-    """The speed over ground."""
+    """Speed over ground."""
     std: Annotated[fields.Speed, Field(gt=0)]
-    """Its standard deviation."""
+    """Standard deviation of the speed."""
 
 
 class ContactTable(fields.Table):
@@ -218,31 +217,33 @@ class ContactTable(fields.Table):
 
     @model_validator(mode="after")
     def one_kind(self) -> "ContactTable":
-        """Refuse none or two kinds, and two ways of being false."""
+        """Reject no kind of contact or two, and two models of false contacts."""
         fields.one_of(self, (*DENSITY, "bearings"))
         if self.bearings is not None:
-            return self  # each of its lines is looked at by itself
+            return self  # `each` validates every line
         if self.time is None:
             raise ValueError("time is missing and has no default")
         if self.belief is not None and self.false_density is not None:
             raise ValueError(
-                "give belief or false_density, not both: either says how a contact may be false"
+                "give belief or false_density, not both: either models a false contact"
             )
         self.false()
         if self.course is not None or self.speed is not None:
             if self.false_density is not None:
                 raise ValueError(
-                    "false_density is of places alone; with course or speed give belief"
+                    "false_density covers only positions; with course or speed give belief"
                 )
             if self.of is not None:
-                raise ValueError("course and speed are the object's own; leave them out of debris")
+                raise ValueError(
+                    "course and speed are those of the search object; leave them out for debris"
+                )
         if self.guide is not None and (self.of is None or self.position is None):
             raise ValueError("guide applies only to a position of debris (of); remove it")
         self._check_sensor()
         return self
 
     def _check_sensor(self) -> None:
-        """Refuse what a contact by a sensor of the case cannot tell, and what only such a one can."""
+        """Reject keys that a sensor of the case excludes, and keys that need one."""
         by_sensor = (
             isinstance(seen := getattr(self, self.kind()), heard.BySensorTable)
             and seen.sensor is not None
@@ -257,7 +258,7 @@ class ContactTable(fields.Table):
             )
         if measured and self.false_density is not None:
             wrong.append(
-                f"false_density is of places alone; with {' and '.join(measured)} give belief"
+                f"false_density covers only positions; with {' and '.join(measured)} give belief"
             )
         if by_sensor and self.of is not None:
             wrong.append(
@@ -269,16 +270,16 @@ class ContactTable(fields.Table):
             and self.belief is not None
         ):
             wrong.append(
-                "belief and source_group: what a doubtful contact teaches of the source is not followed; leave one out"
+                "belief and source_group: a doubtful contact cannot update the source's frequency; leave one out"
             )
         fields.refuse(self, wrong)
 
     def kind(self) -> str:
-        """Return the kind of contact."""
+        """Return the kind of contact: "position", "bearing", "range" or "area"."""
         return fields.one_of(self, tuple(DENSITY))
 
     def false(self) -> float:
-        """Return the density of false contacts, in what the contact is measured in."""
+        """Return the density of false contacts [1/m2], [1/rad] or [1/m], by kind of contact."""
         if self.false_density is None:
             return 0.0
         unit, example = DENSITY[self.kind()]
@@ -291,8 +292,9 @@ class ContactTable(fields.Table):
         return density
 
     def each(self, run: Run) -> "list[ContactTable]":
-        """Return it, or of a series each of its contacts; raise UserError for what is wrong with
-        one.
+        """Return the contacts of the table: itself, or one for each line of a series.
+
+        Raises UserError for mistakes in the series.
         """
         if self.bearings is None:
             return [self]
@@ -312,17 +314,17 @@ class ContactTable(fields.Table):
             try:
                 found.append(ContactTable.model_validate(row))
             except ValidationError as error:
-                told = messages.lines(error, {})
+                errors = messages.lines(error, {})
                 raise UserError(
                     *(
                         f'contact "{self.name or "bearings"}", line {line} of {self.bearings.file}: {one}'
-                        for one in told
+                        for one in errors
                     )
                 ) from None
         return found
 
     def contact(self, name: str, run: Run) -> Contact:
-        """Return the record; raise ValueError for what does not fit the run."""
+        """Return the record of the contact; raise ValueError if it does not fit the run."""
         assert self.time is not None
         time = units.resolve(self.time, run.start)
         run.check(time, time)
@@ -350,14 +352,14 @@ class ContactTable(fields.Table):
         )
         if heard_law.asks_velocity(contact) and time == run.start:
             raise ValueError(
-                "course, speed, a frequency, and a source level by speed are those of a way; at the start of the run there is "
-                "none yet: start earlier"
+                "course, speed, a frequency, and a source level by speed need a velocity, which is unknown at the start of "
+                "the run: start the run earlier"
             )
         return contact
 
 
 def build_contacts(tables: list[ContactTable], run: Run) -> tuple[Contact, ...]:
-    """Return the contacts by time; raise UserError for what is wrong with one."""
+    """Return the contacts, ordered by time; raise UserError with their mistakes."""
     tables = [one for table in tables for one in table.each(run)]
     contacts = build_each(
         [table.contact for table in tables], [table.name for table in tables], "contact", run
@@ -367,7 +369,7 @@ def build_contacts(tables: list[ContactTable], run: Run) -> tuple[Contact, ...]:
 
 
 def _check_groups(contacts: Sequence[Contact]) -> None:
-    """Refuse contacts of one source that say different things of it before any was heard."""
+    """Reject contacts of one source group with different priors of the source's frequency."""
     first: dict[str, Contact] = {}
     for contact in contacts:
         tone = contact.heard.tone if contact.heard else None
@@ -379,5 +381,5 @@ def _check_groups(contacts: Sequence[Contact]) -> None:
         if (other.heard.tone.source, other.heard.tone.source_std) != (tone.source, tone.source_std):
             raise UserError(
                 f'contact "{contact.name}": source_group "{tone.group}" has another source or source_std in contact '
-                f'"{other.name}"; they are what was known before any of them: give the same'
+                f'"{other.name}"; they describe the prior of one source: give the same values'
             )

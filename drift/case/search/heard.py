@@ -1,6 +1,4 @@
-"""What a contact by a sensor of the case may tell, as a case file gives it: sides, errors by
-bearing, levels and frequencies.
-"""
+"""Measurements of a contact by a sensor of the case: side, bearing error, level and frequency."""
 
 import math
 from dataclasses import replace
@@ -16,8 +14,8 @@ from drift.evidence.filter.records import Heard, Tone
 from drift.evidence.sensors.records import PodGrid, Sensor, Sonar
 from geo import sphere
 
-WIDEST = 90.0  # [deg] standard deviation of a bearing
-AHEAD = 1e-9  # [rad] within which a bearing is that of its image
+WIDEST = 90.0  # [deg] largest standard deviation of a bearing
+AHEAD = 1e-9  # [rad] tolerance within which a bearing equals its mirror image
 
 
 def _std(value: object) -> float:
@@ -28,7 +26,7 @@ def _std(value: object) -> float:
 
 
 def bearing_error(value: object) -> Any:
-    """Return the standard deviation of a bearing [deg], or rows of relative bearing and that."""
+    """Return a bearing's standard deviation [deg], or rows of (relative bearing, it) [deg]."""
     if not isinstance(value, list):
         return _std(value)
     if len(value) < 2 or not all(isinstance(row, list) and len(row) == 2 for row in value):
@@ -43,7 +41,7 @@ def bearing_error(value: object) -> Any:
     if angles[0] != 0 or angles[-1] not in (90, 180):
         raise ValueError(
             f"std by relative bearing goes from {angles[0]:g} to {angles[-1]:g} deg; it must go from 0 to 180 deg, or to 90 "
-            "deg where it is the same ahead and astern"
+            "deg if it is symmetric ahead and astern"
         )
     for k in range(1, len(rows)):
         if rows[k][0] <= rows[k - 1][0]:
@@ -64,45 +62,46 @@ Side = Literal["port", "starboard"]
 
 
 class LevelTable(fields.Table):
-    """The level at which a target was received, before the array's gain."""
+    """The received level of a target, before the array gain."""
 
     value: Annotated[float | None, BeforeValidator(sonar.decibels("received level", -50, 250))] = (
         None
     )
-    """In the band of the source level: source level - transmission loss, and the fluctuation; of a
-    series in its file.
+    """Received level in the band of the source level: source level - transmission loss +
+    fluctuation. In a series, the file gives it.
     """
     std: Annotated[float, BeforeValidator(sonar.decibels("std", 0, 30, above=True))]
-    """Standard deviation of its error alone; the fluctuation is the sensor's."""
+    """Standard deviation of the measurement error; the sensor gives the fluctuation."""
 
 
 class FrequencyTable(fields.Table):
-    """The frequency at which a target was received, shifted by how it and the sensor moved."""
+    """The received frequency of a target, with the Doppler shift of target and sensor."""
 
     value: sonar.Frequency | None = None
-    """As it was received; of a series in its file."""
+    """Received frequency. In a series, the file gives it."""
     std: sonar.Frequency
-    """Standard deviation of its error."""
+    """Standard deviation of the measurement error."""
     source: sonar.Frequency
-    """As it was sent."""
+    """Source frequency."""
     source_std: Annotated[
         float, BeforeValidator(lambda value: units.quantity(value, "Hz", "frequency", "0.05 Hz"))
     ] = 0.0
-    """Standard deviation of the unknown part of that; each contact draws its own, unless they are
-    of one `source_group`.
+    """Standard deviation of the source frequency; independent between contacts unless they have the
+    same `source_group`.
     """
     source_group: fields.Label | None = None
-    """Contacts of one group heard the same source, whose frequency each of them makes better known."""
+    """Contacts of one group come from the same source; each contact improves the estimate of its
+    frequency."""
     sound_speed: sonar.SoundSpeed = 1500.0
-    """Of the water."""
+    """Sound speed in the water."""
     speed: fields.Speed = 0.0
-    """Of what carries the sensor, over ground."""
+    """Speed over ground of the sensor's platform."""
     course: fields.Direction | None = None
-    """Of the same; without it the heading of its array."""
+    """Course over ground of the sensor's platform; by default the heading of the array."""
 
     @model_validator(mode="after")
     def proper(self) -> "FrequencyTable":
-        """Refuse what the sound is too slow for, and a group that has nothing to share."""
+        """Reject impossible Doppler shifts, and a source group with a known source frequency."""
         wrong = []
         if self.source_std < 0 or self.source_std > 0.2 * self.source:
             wrong.append(
@@ -110,17 +109,17 @@ class FrequencyTable(fields.Table):
             )
         if self.value is not None and not 0.8 < self.value / self.source < 1.25:
             wrong.append(
-                f"value {self.value:g} Hz and source {self.source:g} Hz: no target is fast enough to shift one to the other"
+                f"value {self.value:g} Hz and source {self.source:g} Hz: no target is fast enough for this Doppler shift"
             )
         if self.source_group is not None and self.source_std == 0:
             wrong.append(
-                "source_group: the source is known; give source_std, or leave source_group out"
+                "source_group: the source frequency is known exactly; give source_std, or leave source_group out"
             )
         fields.refuse(self, wrong)
         return self
 
     def tone(self) -> Tone:
-        """Return the record."""
+        """Return the record of the tone."""
         assert self.value is not None
         return Tone(
             self.value,
@@ -133,44 +132,49 @@ class FrequencyTable(fields.Table):
 
 
 class BySensorTable(fields.Table):
-    """From where something was seen: a place, or a sensor of the case."""
+    """The observer of a contact: a position, or a sensor of the case."""
 
     from_: fields.Position | None = Field(default=None, alias="from")
-    """Where it was seen from; of a sensor that has no place of its own."""
+    """Position of the observer, or of a sensor without a fixed position."""
     sensor: fields.Label | None = None
-    """The sensor of the case that saw it: its chance of detection counts, in place of `zones`."""
+    """Sensor of the case that made the contact; its POD replaces `zones`."""
     beams: list[fields.Count] | None = None
-    """Beams of its array that were processed; without it all."""
+    """Beams of the array that were processed; by default all."""
     heading: fields.Direction | None = None
-    """Of its array, where it is towed."""
+    """Heading of a towed array."""
 
     def without_sensor(self) -> list[str]:
-        """Return what is wrong with it where no sensor is named, or one beside zones."""
+        """Return the mistakes in the choice between a position and a sensor."""
         if self.sensor is not None:
             zones = getattr(self, "zones", None) is not None
             return (
-                ["zones and sensor: the sensor says how well it sees; leave zones out"]
+                ["zones and sensor: the sensor defines its own POD; leave zones out"]
                 if zones
                 else []
             )
         wrong = [] if self.from_ is not None else ["from is missing and has no default"]
         return wrong + [
-            f"{key} is of a sensor; give sensor, or leave {key} out"
+            f"{key} belongs to a sensor; give sensor, or leave {key} out"
             for key in ("beams", "heading")
             if getattr(self, key) is not None
         ]
 
     def heard(self, run: Run, turns: bool = False) -> Heard | None:
-        """Return what the sensor told;
+        """Return the record of the measurement; None without a sensor.
 
-        None without one. turns: whether its heading matters to what was told.
+        Args:
+            run: the run and its sensors.
+            turns: whether the measurement depends on the heading of the sensor.
+
+        Raises:
+            ValueError: the sensor's position or heading is missing, or given twice.
         """
         if self.sensor is None:
             return None
         sensor = sonar.named(self.sensor, run)
         if sensor.place is not None and (self.from_ is not None or self.heading is not None):
             raise ValueError(
-                f'sensor "{sensor.name}" stands where its table says (at); leave from and heading out here'
+                f'sensor "{sensor.name}" has a fixed position (at in its table); leave from and heading out here'
             )
         if sensor.place is None and self.from_ is None:
             raise ValueError(
@@ -183,7 +187,7 @@ class BySensorTable(fields.Table):
         return Heard(sensor, sonar.beams(self.beams, sensor), heading)
 
     def place(self, run: Run) -> tuple[float, float]:
-        """Return where it was seen from."""
+        """Return the position (lon, lat) [deg] of the observer."""
         if self.sensor is not None:
             own = sonar.named(self.sensor, run).place
             if own is not None:
@@ -193,17 +197,22 @@ class BySensorTable(fields.Table):
 
 
 def reach(sensor: Sensor) -> float:
-    """Return the range [m] beyond which a sensor sees nothing; inf where it has none."""
+    """Return the range [m] beyond which a sensor detects nothing; inf if there is no limit."""
     sees = sensor.sees
     ranges = sees.losses.range if isinstance(sees, Sonar) else sees.range
     return math.inf if ranges is None else float(ranges[-1])
 
 
 def sided(own: Heard, bearing: float, side: Side | None) -> Heard:
-    """Return what was told with the bearing's image, where the array has one; refuse a side that it
-    is not on.
+    """Return a measurement with its left-right ambiguity resolved by the side, if one is given.
 
-    bearing: [rad] true, as it was told.
+    Args:
+        own: the measurement.
+        bearing: the measured bearing [rad], true.
+        side: the side of the array on which the target is; None: unknown.
+
+    Raises:
+        ValueError: the array has no ambiguity, or the bearing is on the other side.
     """
     mirrored = isinstance(own.sensor.sees, Sonar) and own.sensor.sees.gain.mirrored
     if side is None:
@@ -224,10 +233,19 @@ def sided(own: Heard, bearing: float, side: Side | None) -> Heard:
 
 
 def measured(own: Heard, level: LevelTable | None, frequency: FrequencyTable | None) -> Heard:
-    """Return what was told with a level and a frequency, where they are given."""
+    """Add the measured level and frequency, if given, to a measurement.
+
+    Args:
+        own: the measurement.
+        level: the received level.
+        frequency: the received frequency.
+
+    Raises:
+        ValueError: values are missing, or do not apply to the sensor.
+    """
     if isinstance(own.sensor.sees, PodGrid) and (level or frequency):
         raise ValueError(
-            f'received_level and frequency are of a sonar; sensor "{own.sensor.name}" has POD by place: leave them out'
+            f'received_level and frequency belong to a sonar; sensor "{own.sensor.name}" has a POD table: leave them out'
         )
     for key, table in (("received_level", level), ("frequency", frequency)):
         if table is not None and table.value is None:
@@ -238,7 +256,7 @@ def measured(own: Heard, level: LevelTable | None, frequency: FrequencyTable | N
     if frequency is not None:
         if own.sensor.place is not None and (frequency.speed > 0 or frequency.course is not None):
             raise ValueError(
-                f'sensor "{own.sensor.name}" stands where its table says; leave speed and course out'
+                f'sensor "{own.sensor.name}" has a fixed position; leave speed and course out'
             )
         course = own.heading if frequency.course is None else math.radians(frequency.course)
         velocity = frequency.speed * math.sin(course), frequency.speed * math.cos(course)

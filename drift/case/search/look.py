@@ -1,6 +1,5 @@
-"""Looks at a field at one time, as a case file gives them, and the fields that looks and presences
-share.
-"""
+"""The [[look]] table: an observation of a field at one time; and the field of looks and
+presences."""
 
 import difflib
 import itertools
@@ -20,9 +19,9 @@ from drift.evidence.filter.records import Look, Sight
 from drift.evidence.sensors.records import Sensor, Sonar
 from geo.notation import NMI
 
-LEAST = 10.0  # [m]
-LARGEST = 1000 * NMI  # [m] size of a field, whose plane is that of its middle
-STEEPEST = 100.0  # beta beyond which a sight is a cookie cutter's
+LEAST = 10.0  # [m] smallest size of a field
+LARGEST = 1000 * NMI  # [m] largest size: a field is projected about its centre
+STEEPEST = 100.0  # largest beta; above it the detection function is a cookie cutter
 
 
 def _side(value: object) -> float:
@@ -39,7 +38,7 @@ FalseAlarms = Annotated[float, BeforeValidator(lambda value: probability(value, 
 
 
 class FieldTable(fields.Table):
-    """A box or a circle about a place."""
+    """A field: a box or a circle around a position."""
 
     at: fields.Position
     radius: Side | None = None
@@ -49,18 +48,18 @@ class FieldTable(fields.Table):
 
     @model_validator(mode="after")
     def one_shape(self) -> "FieldTable":
-        """Refuse none or two shapes, and half a box."""
+        """Reject no shape or two, and an incomplete box."""
         fields.refuse(self, self.misshapen())
         return self
 
     def misshapen(self) -> list[str]:
-        """Return what is wrong with its shape."""
+        """Return the mistakes in its shape."""
         box = [key for key in ("width", "height") if getattr(self, key) is not None]
         wrong = []
         if self.radius is not None and (box or self.turned is not None):
             more = [*box, *(["turned"] if self.turned is not None else [])]
             wrong.append(
-                f"{' and '.join(more)} of a box, and radius of a circle: give one or the other"
+                f"{' and '.join(more)} (a box) and radius (a circle): give one or the other"
             )
         elif self.radius is None and len(box) < 2:
             missing = (
@@ -72,7 +71,7 @@ class FieldTable(fields.Table):
         return wrong
 
     def field(self) -> records.Field:
-        """Return the record."""
+        """Return the record of the field."""
         if self.radius is not None:
             return records.Field(*self.at, radius=self.radius)
         return records.Field(
@@ -102,7 +101,7 @@ def _linear(value: object) -> Sight:
     alpha = probability(value, "alpha")
     if alpha == 0:
         raise ValueError(
-            "linear 0 sees everything everywhere; alpha is what detection falls by up to the edge"
+            "linear 0 detects everything everywhere; alpha is the decrease of the POD from the centre to the edge"
         )
     return Sight("linear", alpha)
 
@@ -141,7 +140,7 @@ def _table(value: object) -> Sight:
     return Sight("table", 1.0, distances, chances)
 
 
-WITH_NUMBERS = {  # laws with numbers of their own: what reads them, and an example
+WITH_NUMBERS = {  # detection functions with parameters: their parser and an example
     "linear": (_linear, "{ linear = 0.95 }"),
     "exponential": (_exponential, "{ exponential = 2 }"),
     "table": (_table, "{ table = [[0, 0.9], [1, 0.4]] }"),
@@ -163,11 +162,11 @@ class LookTable(FieldTable):
 
     @model_validator(mode="after")
     def one_shape(self) -> "LookTable":
-        """Refuse a sensor and a field at once, and neither."""
+        """Reject a sensor together with a field, and neither of the two."""
         wrong = []
         if self.sensor is None:
             wrong += [
-                f"{key} is of a sensor; give sensor, or leave {key} out"
+                f"{key} belongs to a sensor; give sensor, or leave {key} out"
                 for key in ("beams", "heading")
                 if getattr(self, key) is not None
             ]
@@ -180,28 +179,30 @@ class LookTable(FieldTable):
                 if key in self.model_fields_set
             ]
             wrong += [
-                f"{key} is of a field; a sensor says how it sees: leave {key} out" for key in given
+                f"{key} belongs to a field; a sensor has its own detection function: leave {key} out"
+                for key in given
             ]
         fields.refuse(self, wrong)
         return self
 
     def look(self, name: str, run: Run) -> Look:
-        """Return the record; raise ValueError for what does not fit the run."""
+        """Return the record of the look; raise ValueError if it does not fit the run."""
         time = units.resolve(self.time, run.start)
         run.check(time, time)
         if self.false_alarms == 1:
             raise ValueError(
-                "false_alarms 1 sees something everywhere and so is no evidence; leave the look out"
+                "false_alarms = 1 reports something everywhere and is no evidence; leave the look out"
             )
         if self.sensor is not None:
             return self._by_sensor(sonar.named(self.sensor, run), name, time, run)
         return Look(name, time, self.field(), self.sees == "something", self.law, self.false_alarms)
 
     def _by_sensor(self, sensor: Sensor, name: str, time: np.datetime64, run: Run) -> Look:
-        """Return the record of a look by a sensor; raise ValueError for what does not fit it."""
+        """Return the record of a look by a sensor; raise ValueError if keys do not fit the
+        sensor."""
         if sensor.place is not None and (self.at is not None or self.heading is not None):
             raise ValueError(
-                f'sensor "{sensor.name}" stands where its table says (at); leave at and heading out here'
+                f'sensor "{sensor.name}" has a fixed position (at in its table); leave at and heading out here'
             )
         place = sensor.place or self.at
         if place is None:
@@ -213,7 +214,7 @@ class LookTable(FieldTable):
             raise ValueError(f'sensor "{sensor.name}" has an array: give its heading at the time')
         if sight.level_depends_on_speed(sensor) and time == run.start:
             raise ValueError(
-                f'sensor "{sensor.name}" has a source level by speed; at the start of the run there is no way yet: start earlier'
+                f'sensor "{sensor.name}" has a source level by speed; at the start of the run the speed is unknown: start the run earlier'
             )
         heading = sensor.heading if sensor.place is not None else math.radians(self.heading or 0.0)
         return Look(
@@ -230,7 +231,7 @@ class LookTable(FieldTable):
 
 
 def build_looks(tables: list[LookTable], run: Run) -> tuple[Look, ...]:
-    """Return the looks by time; raise UserError for all that is wrong with them."""
+    """Return the looks, ordered by time; raise UserError with all their mistakes."""
     looks: list[Any] = build_each(
         [table.look for table in tables], [table.name for table in tables], "look", run
     )

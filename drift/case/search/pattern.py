@@ -1,4 +1,4 @@
-"""Where a sortie searches, as a case file says it: regions, patterns, waypoints, tracks."""
+"""The search geometry of a sortie: regions, search patterns, waypoints and tracks."""
 
 import itertools
 import math
@@ -15,7 +15,7 @@ from geo import notation, polyline, sphere
 from geo.notation import NMI
 from geo.polyline import Area, Legs
 
-LARGEST = 2000 * NMI  # [m] side of a rectangle
+LARGEST = 2000 * NMI  # [m] longest side of a rectangle
 COMPASS = {name: 45.0 * k for k, name in enumerate(("N", "NE", "E", "SE", "S", "SW", "W", "NW"))}
 
 Side = Annotated[fields.Length, Field(gt=0, le=LARGEST)]
@@ -32,8 +32,9 @@ def _spacing(value: object) -> float:
 
 
 class RegionTable(fields.Table):
-    """A region: polygon with great circles for edges, or a rectangle whose length lies along its
-    orientation.
+    """A region: a polygon with great circles as edges, or a rectangle.
+
+    The length of a rectangle lies along its orientation.
     """
 
     polygon: list[fields.Position] | None = None
@@ -44,7 +45,7 @@ class RegionTable(fields.Table):
 
     @model_validator(mode="after")
     def one_shape(self) -> "RegionTable":
-        """Refuse none or two shapes, and what encloses no area."""
+        """Reject no shape or two, and a polygon without area."""
         shape = fields.one_of(self, ("polygon", "centre"))
         if shape == "centre":
             for key in ("length", "width"):
@@ -62,7 +63,7 @@ class RegionTable(fields.Table):
         return self
 
     def area(self) -> Area:
-        """Return the record."""
+        """Return the record of the region."""
         if self.centre is not None:
             assert self.length is not None  # one_shape
             assert self.width is not None
@@ -74,7 +75,7 @@ class RegionTable(fields.Table):
         return Area(lon, lat)
 
     def middle(self) -> tuple[float, float]:
-        """Return a point (lon, lat) [deg] in the middle."""
+        """Return the centre of a rectangle, or the centroid of a polygon, (lon, lat) [deg]."""
         return self.centre if self.centre is not None else middle(self.area())
 
 
@@ -98,7 +99,7 @@ def _corner(value: object) -> Any:
 
 
 class PatternTable(fields.Table):
-    """A search pattern: what its kind asks for, and nothing else."""
+    """A search pattern: the keys that its kind needs or allows, and no others."""
 
     kind: Literal["parallel", "creeping", "square", "sector", "trackline"]
     centre: fields.Position | None = None
@@ -117,7 +118,7 @@ class PatternTable(fields.Table):
 
     @model_validator(mode="after")
     def complete(self) -> "PatternTable":
-        """Refuse what is missing of a pattern of its kind, and what belongs to another."""
+        """Reject missing keys of the kind of pattern, and keys of other kinds."""
         needed, more = NEEDS[self.kind]
         has = f"a {self.kind} pattern has {', '.join(needed + more)}"
         for name, field in type(self).model_fields.items():
@@ -143,7 +144,7 @@ class PatternTable(fields.Table):
         return self
 
     def corner_signs(self) -> tuple[int, int]:
-        """Return the corner at which it commences: -1 or 1 along and across the orientation."""
+        """Return the commencing corner: -1 or 1 along, and -1 or 1 across the orientation."""
         assert self.centre is not None  # complete
         assert self.length is not None
         assert self.width is not None
@@ -164,14 +165,20 @@ class PatternTable(fields.Table):
             self.length + self.width
         ):
             raise ValueError(
-                f'corner "{self.corner}": two corners lie as far that way; name one, like "NE", or a position'
+                f'corner "{self.corner}": two corners are equally far in that direction; name one, like "NE", or a position'
             )
         return signs[int(order[-1])]
 
     def pattern(self, start: float, speed: float, end: float | None) -> Pattern:
-        """Return the pattern flown from a time [s since 1970] on at a speed [m/s].
+        """Return the legs of the pattern.
 
-        end: the time until which a square goes on.
+        Args:
+            start: begin of the first leg [s since 1970].
+            speed: speed over ground [m/s].
+            end: end of an expanding square without a number of legs [s since 1970].
+
+        Raises:
+            ValueError: an expanding square has no end, or too many legs.
         """
         turn = math.radians(self.orientation or 0.0)
         if self.kind in {"parallel", "creeping"}:
@@ -210,11 +217,11 @@ class PatternTable(fields.Table):
             raise ValueError(
                 f"spacing {self.spacing:g} m makes {number:,} legs until the end; at most 500"
             )
-        flown_ = patterns.square(self.datum, self.spacing, turn, number, start, speed)
-        return Pattern(polyline.legs_between(flown_.legs, start, end), flown_.area)
+        square = patterns.square(self.datum, self.spacing, turn, number, start, speed)
+        return Pattern(polyline.legs_between(square.legs, start, end), square.area)
 
 
-# keys that a kind must have, and may have
+# by kind of pattern: its required keys, and its optional keys
 NEEDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "parallel": (("centre", "length", "width", "spacing"), ("orientation", "corner")),
     "creeping": (("centre", "length", "width", "spacing"), ("orientation", "corner")),
@@ -263,12 +270,20 @@ Waypoints = Annotated[Any, BeforeValidator(waypoints)]  # list of (time or None,
 
 
 def moment(seconds_: float, up: bool = False) -> np.datetime64:
-    """Return seconds since 1970 as a time, to the nearest second, or up to the next."""
+    """Convert [s since 1970] to a time, rounded to the nearest second, or up if `up` is set."""
     return np.datetime64(math.ceil(seconds_ - 1e-6) if up else round(seconds_), "s")
 
 
 def timed_legs(rows: list[tuple[Any, tuple[float, float]]], start: np.datetime64) -> Legs:
-    """Return legs through waypoints that all have times; start: of the case."""
+    """Return the legs through waypoints with times.
+
+    Args:
+        rows: (time, (lon, lat) [deg]) of each waypoint.
+        start: start of the case, for relative times.
+
+    Raises:
+        ValueError: the times are not ascending.
+    """
     times = [units.resolve(time, start) for time, _ in rows]
     for before, after in itertools.pairwise(times):
         if after <= before:
@@ -282,10 +297,16 @@ def timed_legs(rows: list[tuple[Any, tuple[float, float]]], start: np.datetime64
 def track_legs(track: gpx.Track, start: float | None, speed: float | None) -> Legs:
     """Return the legs of a GPX track.
 
-    A track without times is followed from `start` [s since 1970] at `speed` [m/s].
+    Args:
+        track: the track.
+        start: begin of a track without times [s since 1970].
+        speed: speed along a track without times [m/s].
+
+    Raises:
+        ValueError: the track has no times, and start or speed is missing.
     """
     if track.time:
         return polyline.legs_through(track.time, track.lon, track.lat, track.joined)
     if speed is None or start is None:
-        raise ValueError("its points have no times; give speed and start, at which it was followed")
+        raise ValueError("its points have no times; give the speed and the start of the track")
     return polyline.legs_at_speed(track.lon, track.lat, start, speed, track.joined)

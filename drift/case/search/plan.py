@@ -1,6 +1,5 @@
-"""What a case file says of the next search: units that can be sent, what the plan is for, and
-resampling.
-"""
+"""The [[unit]], [plan] and [resampling] tables: available units, the plan's objective,
+resampling."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -19,9 +18,9 @@ from drift.tracking.tracker.records import METHODS
 from geo import notation
 from geo.errors import UserError
 
-LEAST, MOST = 1000, 1_000_000  # particles that a plan is made on
+LEAST, MOST = 1000, 1_000_000  # limits of the number of particles of a plan
 MOST_ROUNDS = 20
-BULK = 0.1  # share of survivors below which a contact places particles again
+BULK = 0.1  # share of surviving particles below which a contact repopulates
 MOST_ENDURANCE = 30 * 86_400.0  # [s]
 MOST_TURNAROUND = 30 * 86_400.0  # [s]
 
@@ -60,7 +59,7 @@ class UnitTable(SensorTable):
     draught: fields.Length | None = None
 
     def unit(self, name: str, run: Run, plan: PlanSpec) -> Unit:
-        """Return the record; raise ValueError for what does not fit the plan."""
+        """Return the record of the unit; raise ValueError if it does not fit the plan."""
         ready = plan.begin if self.ready is None else units.resolve(self.ready, run.start)
         if self.ready is not None and ready >= plan.until:
             raise ValueError(
@@ -70,7 +69,7 @@ class UnitTable(SensorTable):
         for key in ("clear_of_land", "draught"):
             if getattr(self, key) is not None and self.kind != "Boat":
                 raise ValueError(
-                    f'{key} is of boats: what flies goes straight on; give kind = "Boat", or leave {key} out'
+                    f'{key} applies only to boats; give kind = "Boat", or leave {key} out'
                 )
         visual = self.sensor == VISUAL
         return Unit(
@@ -111,7 +110,7 @@ class PlanTable(fields.Table):
     @field_validator("particles")
     @classmethod
     def enough(cls, value: int) -> int:
-        """Refuse too few to plan on, and more than a plan gains from."""
+        """Reject too few or too many particles for a plan."""
         if not LEAST <= value <= MOST:
             raise ValueError(f"{value:,} must be {LEAST:,} to {MOST:,} particles")
         return value
@@ -124,8 +123,17 @@ class PlanTable(fields.Table):
         sensors: Sensors,
         asked: bool,
     ) -> PlanSpec:
-        """Return the record; asked: whether there is something to plan, so that its times must
-        leave room for it.
+        """Return the record of the plan.
+
+        Args:
+            run: the run and its scenarios.
+            sorties: sorties flown so far.
+            contacts: contacts so far.
+            sensors: observations of sensors so far.
+            asked: whether there are units to plan; the plan must then begin before its end.
+
+        Raises:
+            UserError: times or objective do not fit the run, one line for each mistake.
         """
         overdue = [scenario.itinerary.overdue for scenario in run.scenarios if scenario.itinerary]
         past = [
@@ -143,11 +151,11 @@ class PlanTable(fields.Table):
                 with wrong.gathered(f"plan.{key}"):
                     run.check(time, time)
         if self.begin is None:
-            # a run whose sorties last to its end needs no time for a plan
+            # sorties may last until the end of the run if there is nothing to plan
             begin = min(begin, until)
         elif asked and begin >= until:
             wrong.lines.append(
-                f"plan: it begins at {notation.format_dtg(begin)}, not before its end, {notation.format_dtg(until)}; give begin "
+                f"plan: its begin, {notation.format_dtg(begin)}, is not before its end, {notation.format_dtg(until)}; give begin "
                 "and until in [plan], or run for longer"
             )
         if self.objective == "alive" and all(
@@ -177,7 +185,7 @@ class ResamplingTable(fields.Table):
     @field_validator("below")
     @classmethod
     def proper(cls, value: float) -> float:
-        """Refuse to resample always."""
+        """Reject a threshold of 1 or more, with which every update would resample."""
         if value >= 1:
             raise ValueError(
                 f"{value:g} must be below 1: the share of effective particles under which it resamples"
@@ -185,7 +193,7 @@ class ResamplingTable(fields.Table):
         return value
 
     def resampling(self) -> Resampling:
-        """Return the record."""
+        """Return the record of the resampling rule."""
         bulk = BULK if self.bulk is None else self.bulk
         return Resampling(
             self.method,
@@ -197,13 +205,13 @@ class ResamplingTable(fields.Table):
 
     @model_validator(mode="after")
     def filled(self) -> "ResamplingTable":
-        """Refuse what placing particles again lacks, and what is of that alone."""
+        """Reject missing keys of repopulation, and its keys with other methods."""
         wrong = []
         if self.method in METHODS:
             bulk = BULK if self.bulk is None else self.bulk
             if self.fastest is None:
                 wrong.append(
-                    f'method "{self.method}" needs fastest, like "32 kn": of particles that are repopulated at a contact'
+                    f'method "{self.method}" needs fastest, like "32 kn": the highest speed of repopulated particles'
                 )
             if not 0 < bulk <= self.below:
                 wrong.append(
@@ -214,18 +222,18 @@ class ResamplingTable(fields.Table):
             given = [key for key in ("bulk", "fastest") if getattr(self, key) is not None]
             if given:
                 wrong.append(
-                    f'{" and ".join(given)}: of method "position", "course" or "combined" alone; leave it out'
+                    f'{" and ".join(given)}: only for method "position", "course" or "combined"; leave it out'
                 )
         fields.refuse(self, wrong)
         return self
 
     @model_validator(mode="after")
     def whole(self) -> "ResamplingTable":
-        """Refuse slots that change hands while their number floats, and that never do."""
+        """Reject `across_scenarios` with a method that excludes it, and without resampling."""
         if self.across_scenarios and self.method != "systematic":
             why = {
-                "kahn": "the number of particles of a scenario floats, and cannot be given to another",
-            }.get(self.method, "what is left of a scenario keeps its slots")
+                "kahn": "the number of particles of a scenario varies, and cannot be given to another",
+            }.get(self.method, "the survivors of a scenario keep their slots")
             raise ValueError(
                 f'across_scenarios = true needs method = "systematic": with "{self.method}" {why}'
             )
@@ -237,7 +245,7 @@ class ResamplingTable(fields.Table):
 
 
 def build_units(tables: list[UnitTable], run: Run, plan: PlanSpec) -> tuple[Unit, ...]:
-    """Return the units; raise UserError for what is wrong with one."""
+    """Return the units; raise UserError with their mistakes."""
 
     def maker(table: UnitTable) -> Callable[[str, Run], Unit]:
         return lambda name, run: table.unit(name, run, plan)
@@ -250,9 +258,7 @@ def build_units(tables: list[UnitTable], run: Run, plan: PlanSpec) -> tuple[Unit
 
 
 def check_groups(sorties: Sequence[Sortie], fleet: Sequence[Unit]) -> None:
-    """Refuse a group whose members know their sweep widths differently well: its unknown factor is
-    one.
-    """
+    """Reject a sweep group with different uncertainties: its members share one unknown factor."""
     first: dict[str, tuple[str, float]] = {}
     members: list[tuple[str, Sortie | Unit]] = [
         (f'sortie "{sortie.name}"', sortie) for sortie in sorties if not sortie.watches
@@ -263,7 +269,7 @@ def check_groups(sorties: Sequence[Sortie], fleet: Sequence[Unit]) -> None:
         if shape != member.shape:
             raise UserError(
                 f"{place}: sweep_width_uncertainty is {_share(member.shape)}, but {_share(shape)} in {name} of the "
-                f'same sweep_group "{member.group}", whose unknown factor is one; give both the same, or a '
+                f'same sweep_group "{member.group}", which has one unknown factor; give both the same uncertainty, or a '
                 "sweep_group of its own"
             )
 
@@ -273,7 +279,7 @@ def _share(shape: float) -> str:
 
 
 def times(sorties: Sequence[Sortie], contacts: Sequence[Contact]) -> list[np.datetime64]:
-    """Return the times worth a map: start, middle and end of each sortie, and of each contact."""
+    """Return the times that get a map: each contact, and start, middle and end of each sortie."""
     moments = [contact.time for contact in contacts]
     for sortie in sorties:
         half = (sortie.end - sortie.start) // 2

@@ -1,4 +1,4 @@
-"""Fields that were listened in over a time, as a case file gives them."""
+"""The [[presence]] table: a field observed over an interval of time."""
 
 from typing import Annotated, Literal
 
@@ -17,7 +17,7 @@ def detection(value: object) -> float:
     """Return a probability of detection above 0."""
     chance = probability(value, "detection")
     if chance == 0:
-        raise ValueError("detection 0 never says anything; leave the sensor out")
+        raise ValueError("detection = 0 is no evidence; leave the sensor out")
     return chance
 
 
@@ -25,8 +25,15 @@ Detection = Annotated[float, BeforeValidator(detection)]
 
 
 def span(start: units.Instant, end: units.Instant, run: Run) -> tuple[np.datetime64, np.datetime64]:
-    """Return from when to when a sensor looked on; raise ValueError for times out of order or
-    outside the run.
+    """Return the begin and end of an observation in UTC.
+
+    Args:
+        start: begin as written.
+        end: end as written.
+        run: the run.
+
+    Raises:
+        ValueError: the times are out of order, or outside the run.
     """
     begin, over = units.resolve(start, run.start), units.resolve(end, run.start)
     if over <= begin:
@@ -48,10 +55,10 @@ class PresenceTable(FieldTable):
     false_alarms: FalseAlarms = 0.0
 
     def presence(self, name: str, run: Run) -> Presence:
-        """Return the record; raise ValueError for what does not fit the run."""
+        """Return the record of the presence; raise ValueError if it does not fit the run."""
         if self.false_alarms == 1:
             raise ValueError(
-                "false_alarms 1 says the same wherever the object is; leave the presence out"
+                "false_alarms = 1 gives the same report wherever the object is; leave the presence out"
             )
         return Presence(
             name,
@@ -64,7 +71,7 @@ class PresenceTable(FieldTable):
 
 
 def build_presences(tables: list[PresenceTable], run: Run) -> tuple[Presence, ...]:
-    """Return the presences by end; raise UserError for all that is wrong with them."""
+    """Return the presences, ordered by end; raise UserError with all their mistakes."""
     every = build_each(
         [table.presence for table in tables], [table.name for table in tables], "presence", run
     )

@@ -1,7 +1,7 @@
-"""How a unit sees, as a case file says it: law of detection, sweep width, zones of range.
+"""Detection keys of sorties and units: detection function, sweep width, range zones.
 
-Sorties and units share these keys. A sweep width is one quantity, one for each scenario by name, or
-the conditions by which the published tables give it for each scenario's search_object.
+A sweep width is one length, one for each scenario by name, or the conditions with which the
+published tables give it for each scenario's search_object.
 """
 
 import difflib
@@ -22,7 +22,7 @@ from geo.errors import UserError
 from geo.notation import NMI
 
 EXAMPLE = 'search_object = "Raft 4 person"'
-VISUAL = "visual"  # the sensor of the tables
+VISUAL = "visual"  # the sensor of the sweep width tables
 SENSORS = (VISUAL, "radar", "infrared", "nvg", "sonar", "beacon", "other")
 
 
@@ -37,7 +37,7 @@ def _sensor(value: object) -> str:
 
 Sensor = Annotated[str, BeforeValidator(_sensor)]
 MOST_WIDTH = 200 * NMI  # [m]
-# standard deviation as a share of the width; beyond it 16 values do not hold the tail
+# largest standard deviation as a share of the width: 16 quadrature nodes cover no wider tail
 MOST_UNKNOWN = 1.0
 
 
@@ -51,7 +51,12 @@ def _length(value: object) -> float:
 
 
 def probability(value: object, what: str = "POD") -> float:
-    """Return a probability: a number or a percentage."""
+    """Return a probability, given as a number or a percentage.
+
+    Args:
+        value: the value as written.
+        what: kind of probability, for the message.
+    """
     number = units.quantity(value, "", what, "0.6")
     if not 0 <= number <= 1:
         raise ValueError(f"{what} {value!r} must be a probability, 0 to 1")
@@ -80,9 +85,7 @@ def _law(value: object) -> Law:
 def _m_beta(value: object) -> Law:
     beta = probability(value, "m_beta")
     if beta == 0:
-        raise ValueError(
-            "m_beta 0 never detects; it is the chance of detection within the maximum range"
-        )
+        raise ValueError("m_beta = 0 never detects; m_beta is the POD within the maximum range")
     return Law("m_beta", beta=beta)
 
 
@@ -107,14 +110,14 @@ def _curve(value: object) -> Law:
     return Law("curve", ranges=ranges, chances=chances)
 
 
-WITH_NUMBERS = {  # laws with numbers of their own: what reads them, and an example
+WITH_NUMBERS = {  # detection functions with parameters: their parser and an example
     "m_beta": (_m_beta, "{ m_beta = 0.8 }"),
     "curve": (_curve, '{ curve = [["0 nmi", 0.9], ["1 nmi", 0.4]] }'),
 }
 
 
 class ConditionsTable(fields.Table):
-    """What the sweep width tables ask: visibility, height, weather and fatigue."""
+    """Conditions for the sweep width tables: visibility, altitude, weather and fatigue."""
 
     visibility: Annotated[fields.Length, Field(gt=0)]
     altitude: fields.Length | None = None
@@ -124,18 +127,17 @@ class ConditionsTable(fields.Table):
 
     @model_validator(mode="after")
     def weather(self) -> "ConditionsTable":
-        """Refuse a search in no weather: left out it would pass for fair, up to four times the
-        sweep width.
-        """
+        """Reject missing weather: fair weather has up to four times the sweep width of bad
+        weather."""
         if self.wind is None and self.seas is None:
             raise ValueError(
-                'wind or seas is missing: bad weather leaves a quarter of the sweep width; give wind = "12 kn", say'
+                'wind or seas is missing: bad weather reduces the sweep width to a quarter; give for example wind = "12 kn"'
             )
         return self
 
 
 def _width(value: object) -> Any:
-    """Return a sweep width [m], a dict of them by scenario, or conditions."""
+    """Return a sweep width [m], sweep widths by scenario, or conditions for the tables."""
     if not isinstance(value, dict):
         return _one_width(value)
     if set(value) & set(ConditionsTable.model_fields):
@@ -152,12 +154,16 @@ def _one_width(value: object, least: float = 10.0) -> float:
     if not (least <= number <= MOST_WIDTH and not 0 < number < 10):
         raise ValueError(
             f'sweep width {value!r} must be 10 m to {MOST_WIDTH / NMI:g} nmi; write its unit, like "1.2 nmi"'
-            + ("" if least == 0 else "; 0 may stand in a table by scenario, for what is not seen")
+            + (
+                ""
+                if least == 0
+                else "; 0 is allowed in a table by scenario, for an object that cannot be seen"
+            )
         )
     return number
 
 
-CERTAIN = 1e-6  # share of a sweep width: an uncertainty below it is none
+CERTAIN = 1e-6  # share of a sweep width; a smaller uncertainty counts as 0
 
 
 def _unknown(value: object) -> float:
@@ -176,7 +182,7 @@ def _kind(value: object) -> object:
         except UserError:
             kinds = ", ".join(f'"{kind}"' for kind in sweep_width.KINDS)
             raise ValueError(
-                f'no kind of unit "{value}"; allowed: {kinds}; leave it out for others, and name their sensor'
+                f'no kind of unit "{value}"; allowed: {kinds}; for other units leave it out, and name their sensor'
             ) from None
     return value
 
@@ -185,7 +191,7 @@ Kind = Annotated[str, BeforeValidator(_kind)]
 
 
 class SensorTable(fields.Table):
-    """Keys of sorties and units that say how they see."""
+    """Keys of sorties and units on their detection of the search object."""
 
     sensor: Sensor = VISUAL
     law: Annotated[Law, BeforeValidator(_law)] = Law()
@@ -196,9 +202,8 @@ class SensorTable(fields.Table):
     altitude: fields.Length | None = None
 
     def shape(self) -> float:
-        """Return the shape of the unknown factor's gamma distribution of mean 1: its variance is 1
-        / shape.
-        """
+        """Return the shape of the sweep width's unknown factor: gamma, mean 1, variance 1 /
+        shape."""
         return (
             1 / self.sweep_width_uncertainty**2
             if self.sweep_width_uncertainty >= CERTAIN
@@ -206,26 +211,33 @@ class SensorTable(fields.Table):
         )
 
     def group(self, kind: str) -> str:
-        """Return which sorties share the unknown factor of the sweep width.
+        """Return the name of the group that shares the unknown factor of the sweep width.
 
-        By default these are all of one kind of unit, sensor and uncertainty.
+        By default a group is one kind of unit, sensor and uncertainty.
         """
         shape = self.shape()
         unsure = "" if math.isinf(shape) else f", {100 / math.sqrt(shape):.3g} %"
         return self.sweep_group or f"{kind} {self.sensor}{unsure}".strip()
 
     def height(self) -> float:
-        """Return the altitude [m], NaN where it is not told."""
+        """Return the altitude [m]; NaN if it is not given."""
         altitude = self.altitude
         if altitude is None and isinstance(self.sweep_width, ConditionsTable):
             altitude = self.sweep_width.altitude
         return math.nan if altitude is None else altitude
 
     def widths(self, kind: str, speed: float, scenarios: Sequence[Scenario]) -> tuple[float, ...]:
-        """Return the sweep width [m] for each scenario; a lateral range curve brings its own.
+        """Return the sweep width [m] for each scenario.
 
-        kind: of unit, "" if not given; speed [m/s], NaN if not given. Raises ValueError for what is
-        missing.
+        A lateral range curve has its own sweep width.
+
+        Args:
+            kind: kind of unit, "" if not given.
+            speed: search speed [m/s], NaN if not given.
+            scenarios: the scenarios of the case.
+
+        Raises:
+            ValueError: keys are missing or inconsistent.
         """
         given, own = self.sweep_width, laws.formulas_of(self.law).width
         if given is None and own is not None:
@@ -249,11 +261,18 @@ class SensorTable(fields.Table):
     def widths_under_way(
         self, kind: str, speed: float, scenarios: Sequence[Scenario]
     ) -> tuple[float, ...]:
-        """Return the sweep width [m] for each scenario while its vessel is under way; (): nothing
-        steers.
+        """Return the sweep width [m] of each scenario's vessel under way; () if none steers.
 
-        It is the one given for that; by the tables it is that of the vessel; else it is the same as
-        adrift.
+        It is `sweep_width_under_way`; else with the tables that of the vessel's search object; else
+        the same as adrift.
+
+        Args:
+            kind: kind of unit, "" if not given.
+            speed: search speed [m/s], NaN if not given.
+            scenarios: the scenarios of the case.
+
+        Raises:
+            ValueError: keys are missing or inconsistent.
         """
         given = self.sweep_width_under_way
         steer = [scenario.itinerary is not None for scenario in scenarios]
@@ -281,7 +300,7 @@ class SensorTable(fields.Table):
     ) -> float:
         if self.sensor != VISUAL:
             raise ValueError(
-                f'sweep_width: the tables are of visual search, not of sensor "{self.sensor}"; give a length'
+                f'sweep_width: the tables apply to visual search, not to sensor "{self.sensor}"; give a length'
             )
         if not kind:
             kinds = ", ".join(sweep_width.KINDS)
@@ -316,9 +335,15 @@ class SensorTable(fields.Table):
 def by_scenario(
     given: dict[str, float], scenarios: Sequence[Scenario], key: str
 ) -> tuple[float, ...]:
-    """Return values in the order of the scenarios from a table by name.
+    """Return the values of a table by scenario, in the order of the scenarios.
 
-    Every scenario is in the table, by its own name or else by that of its family, and nothing else.
+    Args:
+        given: values by the name of a scenario or of a family.
+        scenarios: the scenarios of the case.
+        key: key of the table, for messages.
+
+    Raises:
+        ValueError: a scenario is missing, or a name is unknown.
     """
     names = [scenario.name for scenario in scenarios]
     places = {
@@ -341,7 +366,7 @@ def by_scenario(
     if missing:
         what = "family" if missing[0] in families else "scenario"
         raise ValueError(
-            f'{key} lacks {what} "{missing[0]}"; give one for each, 0 where it is not seen at all'
+            f'{key} lacks {what} "{missing[0]}"; give one for each, 0 for an object that cannot be seen'
         )
     return tuple(given[own] for own in keys)
 
@@ -358,7 +383,7 @@ def _zone(row: object) -> tuple[float, float, float]:
         )
     if pod == 0:
         raise ValueError(
-            f"zone from {row[0]!r} to {row[1]!r} has a POD of 0; leave it out: nothing is seen outside zones"
+            f"zone from {row[0]!r} to {row[1]!r} has a POD of 0; leave it out: the POD is 0 outside all zones"
         )
     return inner, outer, pod
 

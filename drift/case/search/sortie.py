@@ -1,8 +1,8 @@
-"""Sorties as a case file gives them, and the records that the engine takes.
+"""The [[sortie]] table and the records that it builds for the search filter.
 
-A sortie searches an area, or along legs (a pattern, waypoints, a track), or it watches in zones of
-range. What was done counts, not what was planned: `completed` cuts the legs, `actual` replaces
-them.
+A sortie searches an area, or along legs (a pattern, waypoints, a track), or it is a watch with
+range zones or a sensor. The search that was done counts, not the plan: `completed` shortens the
+legs, `actual` replaces the legs.
 """
 
 import math
@@ -34,9 +34,7 @@ MODES = ("area", "pattern", "waypoints", "track", "watch")
 
 
 class WatchTable(fields.Table):
-    """A sensor of the case, or one with zones of range: at one place, or moving along the sortie's
-    waypoints or track.
-    """
+    """A watch: a sensor of the case or range zones, at a position or along the sortie's legs."""
 
     at: fields.Position | None = None
     zones: Zones | None = None
@@ -45,26 +43,24 @@ class WatchTable(fields.Table):
 
     @model_validator(mode="after")
     def one_kind(self) -> "WatchTable":
-        """Refuse none or two ways of seeing, and beams of zones."""
+        """Reject zones together with a sensor, neither of the two, and beams without a sensor."""
         if (self.zones is None) == (self.sensor is None):
             found = "neither" if self.zones is None else "both"
-            raise ValueError(
-                f"zones or sensor must say how it sees; {found} is given, and exactly one must be"
-            )
+            raise ValueError(f"give exactly one of zones and sensor; {found} is given")
         if self.beams is not None and self.sensor is None:
-            raise ValueError("beams are of a sensor's array; give sensor, or leave beams out")
+            raise ValueError("beams belong to a sensor's array; give sensor, or leave beams out")
         return self
 
 
 class MarkerTable(fields.Table):
-    """Where the marker of a drifting search was: a GPX track, or positions with times."""
+    """The track of a datum marker in a drifting search: a GPX track, or positions with times."""
 
     track: str | None = None
     positions: Waypoints | None = None
 
     @model_validator(mode="after")
     def one_way(self) -> "MarkerTable":
-        """Refuse none or two ways, and positions without times."""
+        """Reject no track or two, and positions without times."""
         fields.one_of(self, ("track", "positions"))
         if self.positions is not None and self.positions[0][0] is None:
             raise ValueError(
@@ -117,7 +113,7 @@ class SortieTable(SensorTable):
 
     @model_validator(mode="after")
     def one_search(self) -> "SortieTable":
-        """Refuse none or two places of search, and keys that belong to another kind."""
+        """Reject no kind of search or two, and keys that belong to another kind."""
         if self.watch is not None:
             self._check_watch()
         else:
@@ -133,17 +129,17 @@ class SortieTable(SensorTable):
                     raise ValueError(f"{key} belongs {where}; legs give their own coverage")
         if self._anywhere() and self.area is None and self.watch is None:
             raise ValueError(
-                f'law = "{self.law.kind}" is of an area searched anyhow; legs are swept: give another law, or an area'
+                f'law = "{self.law.kind}" applies to an area without legs; give another law, or an area'
             )
         if self.actual is not None:
             self._check_actual()
         if self.area is not None and self.actual is None:
             self._check_effort()
         if self.pattern is not None and self.speed is None and self.actual is None:
-            raise ValueError('speed is missing: a pattern is flown at one, like speed = "90 kn"')
+            raise ValueError('speed is missing: a pattern needs one, like speed = "90 kn"')
         if self.frame == "datum" and (self.track is not None or self.watch is not None):
             raise ValueError(
-                'frame = "datum" is of a planned search; a track made good and a watch are over the ground'
+                'frame = "datum" applies to a planned search; a track made good and a watch are relative to the ground'
             )
         if self.transit_legs is not None and (self.waypoints is None or self.actual is not None):
             raise ValueError(
@@ -166,7 +162,7 @@ class SortieTable(SensorTable):
         for key in ("law", "sweep_width", "sweep_width_uncertainty", "completed", "actual"):
             if key in self.model_fields_set:
                 raise ValueError(
-                    f"{key} does not belong to a watch, whose zones say how it sees; leave it out"
+                    f"{key} does not belong to a watch, whose POD its zones or sensor define; leave it out"
                 )
 
     def _check_actual(self) -> None:
@@ -174,21 +170,21 @@ class SortieTable(SensorTable):
             if key in self.model_fields_set:
                 raise ValueError(f"give actual, the track made good, or {key}, not both")
         if self.frame == "datum":
-            raise ValueError('actual is a track over the ground; leave out frame = "datum"')
+            raise ValueError('actual is a track relative to the ground; leave out frame = "datum"')
         if self._anywhere():
             raise ValueError(
-                f'law = "{self.law.kind}" with actual: a track sweeps; give another law, or leave actual out'
+                f'law = "{self.law.kind}" applies to an area without legs, actual is a track; give another law, or leave actual out'
             )
 
     def _anywhere(self) -> bool:
-        """Whether its law is of an area searched anyhow, without legs."""
+        """Return whether its detection function applies to an area without legs."""
         return laws.formulas_of(self.law).detects == "anywhere"
 
     def _check_effort(self) -> None:
         given = [key for key in ("pod", "spacing") if getattr(self, key) is not None]
         if len(given) == 2:
             raise ValueError(
-                "give pod or spacing, not both: either says how well the area was searched"
+                "give pod or spacing, not both: either determines the coverage of the area"
             )
         if not given and self.speed is None:
             raise ValueError(
@@ -196,16 +192,23 @@ class SortieTable(SensorTable):
             )
 
     def frame_(self) -> Literal["ground", "datum"]:
-        """Return the frame: expanding squares and sectors drift with their datum unless told
-        otherwise.
-        """
+        """Return the frame: by default, expanding squares and sectors drift with their datum."""
         if self.actual is not None:
             return "ground"
         drifting = self.pattern is not None and self.pattern.kind in {"square", "sector"}
         return self.frame or ("datum" if drifting else "ground")
 
     def sortie(self, name: str, run: Run) -> Sortie:
-        """Return the record; raise ValueError or UserError for what does not fit the run."""
+        """Return the record of the sortie.
+
+        Args:
+            name: its name.
+            run: the run, its scenarios and sensors.
+
+        Raises:
+            ValueError: it is inconsistent, or does not fit the run.
+            UserError: the same, with one line for each mistake.
+        """
         start = None if self.start is None else units.resolve(self.start, run.start)
         end = None if self.end is None else units.resolve(self.end, run.start)
         if start is not None and end is not None and end <= start:
@@ -226,10 +229,10 @@ class SortieTable(SensorTable):
             speed = self._speed(legs)
             widths = self._widths(speed, run.scenarios)
         wrong.refuse()
-        # Zones of a watch, or a POD in place of a width, say it of both states.
-        told = math.isnan(widths[0]) and self.sweep_width_under_way is None
+        # Zones of a watch, or a POD in place of a width, apply adrift and under way.
+        one_pod = math.isnan(widths[0]) and self.sweep_width_under_way is None
         under_way = (
-            () if self.watch or told else self.widths_under_way(self.unit, speed, run.scenarios)
+            () if self.watch or one_pod else self.widths_under_way(self.unit, speed, run.scenarios)
         )
         if self.actual is not None or self.track is not None:
             assert legs is not None
@@ -272,7 +275,8 @@ class SortieTable(SensorTable):
         return self._drifting(sortie, run)
 
     def _stands(self, sensor: Sensor | None) -> tuple[float, float] | None:
-        """Return where a watch stands (lon, lat) [deg]; None: it moves, or this is none."""
+        """Return the fixed position of a watch (lon, lat) [deg]; None if it moves or is no
+        watch."""
         if self.watch is None:
             return None
         moves = self.waypoints is not None or self.track is not None
@@ -280,7 +284,7 @@ class SortieTable(SensorTable):
             return self.watch.at
         if sensor.place is not None and (moves or self.watch.at is not None):
             raise ValueError(
-                f'sensor "{sensor.name}" stands where its table says (at); leave at, waypoints and track out here'
+                f'sensor "{sensor.name}" has a fixed position (at in its table); leave at, waypoints and track out here'
             )
         if sensor.place is None and not moves and self.watch.at is None:
             raise ValueError(
@@ -305,7 +309,7 @@ class SortieTable(SensorTable):
         run: Run,
         stands: tuple[float, float] | None,
     ) -> tuple[Area | None, Legs | None]:
-        """Return the area and the legs that were made good."""
+        """Return the searched area and the legs made good, None where there is none."""
         since = None if start is None else float(notation.epoch(start))
         until = None if end is None else float(notation.epoch(end))
         if self.actual is not None:
@@ -331,7 +335,7 @@ class SortieTable(SensorTable):
             raise ValueError("start is missing and has no default")
         if stands is not None:
             if until is None:
-                raise ValueError("end is missing and has no default: a watch lasts until it")
+                raise ValueError("end is missing and has no default: it is the end of the watch")
             lon, lat = stands
             return None, Legs((since, until), (lon, lon), (lat, lat), (True,))
         if self.pattern is not None:
@@ -341,12 +345,12 @@ class SortieTable(SensorTable):
         assert self.waypoints is not None
         if self.speed is None:
             raise ValueError(
-                'speed is missing: waypoints without times are passed at one, like speed = "90 kn"'
+                'speed is missing: waypoints without times need one, like speed = "90 kn"'
             )
-        lon_, lat_ = np.array([place for _, place in self.waypoints]).T
+        lon_deg, lat_deg = np.array([place for _, place in self.waypoints]).T
         try:
             return None, track_table.completed_share(
-                self._transit(polyline.legs_at_speed(lon_, lat_, since, self.speed)),
+                self._transit(polyline.legs_at_speed(lon_deg, lat_deg, since, self.speed)),
                 self.completed,
                 until,
             )
@@ -354,7 +358,7 @@ class SortieTable(SensorTable):
             raise ValueError(f"waypoints: {error}") from None
 
     def _transit(self, legs: Legs) -> Legs:
-        """Return legs of which those that are named do not search."""
+        """Return the legs with `transit_legs` marked as not searching."""
         if self.transit_legs is None:
             return legs
         many, named = len(legs.searching), self.transit_legs
@@ -374,7 +378,7 @@ class SortieTable(SensorTable):
     def _times(
         self, start: np.datetime64 | None, end: np.datetime64 | None, legs: Legs | None
     ) -> tuple[np.datetime64, np.datetime64]:
-        """Return when the sortie began and ended: as told, or as its legs did."""
+        """Return the begin and end of the sortie: those given, else those of its legs."""
         if legs is None:
             for key, time in (("start", start), ("end", end)):
                 if time is None:
@@ -395,7 +399,7 @@ class SortieTable(SensorTable):
         return first if start is None else start, last if end is None else end
 
     def _speed(self, legs: Legs | None) -> float:
-        """Return the speed [m/s], that of the legs where none is given; NaN where neither is known."""
+        """Return the speed [m/s]: the one given, else that of the legs, else NaN."""
         if self.speed is not None:
             return self.speed
         if legs is None or (
@@ -405,7 +409,7 @@ class SortieTable(SensorTable):
         return float(polyline.lengths(legs).sum()) / (legs.time[-1] - legs.time[0])
 
     def _widths(self, speed: float, scenarios: Sequence[Scenario]) -> tuple[float, ...]:
-        """Return sweep widths [m]; NaN for a watch, and where a POD is given in place of a width."""
+        """Return the sweep widths [m]; NaN for a watch, and for a POD in place of a width."""
         if self.watch is not None:
             return (math.nan,) * len(scenarios)
         if (
@@ -456,7 +460,7 @@ class SortieTable(SensorTable):
         return math.nan if spacing is None else spacing
 
     def _drifting(self, sortie: Sortie, run: Run) -> Sortie:
-        """Return a sortie with its frame: where it begins to drift, and with what marker."""
+        """Return the sortie with its datum and marker if it drifts, else unchanged."""
         if self.frame_() == "ground":
             return sortie
         if self.pattern is not None and self.pattern.datum is not None:
@@ -476,7 +480,7 @@ class SortieTable(SensorTable):
 
 
 def build_sorties(tables: Sequence[SortieTable], run: Run) -> tuple[Sortie, ...]:
-    """Return the sorties by start; raise UserError for what is wrong with one, or between them."""
+    """Return the sorties, ordered by start; raise UserError with all their mistakes."""
     sorties = build_each(
         [table.sortie for table in tables], [table.name for table in tables], "sortie", run
     )

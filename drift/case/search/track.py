@@ -1,6 +1,7 @@
-"""Tracks that units and markers made good.
+"""Tracks made good by units and datum markers.
 
-They are cut to their sortie, are no faster than the unit, and are done by the end.
+A track is cut to the time of its sortie. It must not be faster than the unit, and must be complete
+by the end of the sortie.
 """
 
 import math
@@ -17,20 +18,28 @@ from geo import notation, polyline
 from geo.notation import KNOT, NMI
 from geo.polyline import Legs
 
-TOO_FAST = 1.2  # times its own speed, which no unit exceeds over the ground
+TOO_FAST = 1.2  # largest ratio of speed over ground to the speed of the unit
 FASTEST = 150.0  # [m/s] of a unit whose speed is not given
-TOO_SHORT = 30.0  # [s] legs of a receiver's track that are shorter are too noisy to tell a speed
-SLACK = 1.0  # [s] by which legs may be late: times are whole seconds
-FINEST = 25.0  # [m] to which tracks are followed at most
+TOO_SHORT = 30.0  # [s] shorter legs of a GPS track are too noisy to estimate a speed
+SLACK = 1.0  # [s] allowed delay of legs: times are whole seconds
+FINEST = 25.0  # [m] finest tolerance when tracks are simplified
 
 
 def made_good(
     given: Any, key: str, speed: float | None, since: float | None, until: float | None, run: Run
 ) -> Legs:
-    """Return the legs of a track, as far as they lie between start and end [s since 1970].
+    """Return the legs of a track between the start and the end of a sortie.
 
-    given: a file, or waypoints with times; key: where it stands; speed [m/s]: of the unit, None if
-    not told.
+    Args:
+        given: a GPX file, or waypoints with times.
+        key: key of the case file, for messages.
+        speed: speed of the unit [m/s]; None: not given.
+        since: start of the sortie [s since 1970]; None: that of the track.
+        until: end of the sortie [s since 1970]; None: that of the track.
+        run: the run.
+
+    Raises:
+        ValueError: the track lies outside the sortie's time, or is too fast for the unit.
     """
     if isinstance(given, list):
         legs = pattern_table.timed_legs(given, run.start)
@@ -48,7 +57,7 @@ def made_good(
             legs = polyline.legs_between(legs, since or -math.inf, until or math.inf)
         except ValueError:
             raise ValueError(
-                f'{key}: "{Path(file).name}" is of {notation.format_dtg(first)} to {notation.format_dtg(last)}, not of this '
+                f'{key}: "{Path(file).name}" covers {notation.format_dtg(first)} to {notation.format_dtg(last)}, outside this '
                 "sortie's time"
             ) from None
         check_speed(polyline.thin_legs(legs, FINEST), speed, TOO_SHORT, key)
@@ -56,8 +65,15 @@ def made_good(
 
 
 def completed_share(legs: Legs, completed: float, until: float | None) -> Legs:
-    """Return what was completed of legs, a share; refuse what cannot be done by the end [s since
-    1970].
+    """Return the completed part of legs.
+
+    Args:
+        legs: the planned legs.
+        completed: the completed share, 0 to 1.
+        until: end of the sortie [s since 1970]; None: that of the legs.
+
+    Raises:
+        ValueError: the legs cannot be completed by the end.
     """
     done = polyline.cut_legs(legs, completed)
     if until is None or done.time[-1] <= until:
@@ -67,7 +83,7 @@ def completed_share(legs: Legs, completed: float, until: float | None) -> Legs:
         length = float(polyline.lengths(done).sum()) / NMI
         raise ValueError(
             f"{length:.3g} nmi of legs take {hours(takes)}, from start to end are {hours(has)}; "
-            "change end, speed or the legs, or say what was done: completed or actual"
+            "change end, speed or the legs, or give completed or actual"
         )
     return polyline.legs_between(done, done.time[0], until)
 
@@ -75,9 +91,17 @@ def completed_share(legs: Legs, completed: float, until: float | None) -> Legs:
 def marker(
     track: str | None, positions: Any, start: np.datetime64, end: np.datetime64, run: Run
 ) -> Legs:
-    """Return where a marker was, all the time from a start to an end.
+    """Return the track of a datum marker, which must cover a whole sortie.
 
-    Its track is a GPX track, or positions with times.
+    Args:
+        track: a GPX file; None: positions are given.
+        positions: positions with times.
+        start: start of the sortie.
+        end: end of the sortie.
+        run: the run.
+
+    Raises:
+        ValueError: the track has no times, or does not cover the sortie.
     """
     if track is not None:
         file = sources.one_file(track, run.folder, "marker.track")
@@ -97,7 +121,17 @@ def marker(
 
 
 def check_speed(legs: Legs, speed: float | None, shortest: float, key: str) -> None:
-    """Refuse legs of search that lasted more than `shortest` [s] and were faster than the unit."""
+    """Reject search legs that were faster than the unit.
+
+    Args:
+        legs: the legs.
+        speed: speed of the unit [m/s]; None: not given.
+        shortest: legs up to this duration [s] are not checked.
+        key: key of the case file, for the message.
+
+    Raises:
+        ValueError: a leg is too fast.
+    """
     time = np.array(legs.time)
     lasted = np.diff(time)
     speeds = np.where(
@@ -107,15 +141,17 @@ def check_speed(legs: Legs, speed: float | None, shortest: float, key: str) -> N
     if speeds.size and speeds.max() > most:
         k = int(np.argmax(speeds))
         first, last = (notation.format_dtg(pattern_table.moment(legs.time[j])) for j in (k, k + 1))
-        said = (
-            "no unit searches at that" if speed is None else f"its speed is {speed / KNOT:.3g} kn"
+        limit = (
+            f"at most {FASTEST / KNOT:.3g} kn is allowed"
+            if speed is None
+            else f"its speed is {speed / KNOT:.3g} kn"
         )
         raise ValueError(
-            f"{key}: the leg from {first} to {last} is made at {speeds.max() / KNOT:.3g} kn; {said}; check times and "
+            f"{key}: the leg from {first} to {last} is made at {speeds.max() / KNOT:.3g} kn; {limit}; check times and "
             f"positions{'' if shortest == 0 else ', or give start and end of the search without its transit'}"
         )
 
 
 def hours(seconds: float) -> str:
-    """Return a duration [s] in words."""
+    """Return a duration [s] as text, in hours or minutes."""
     return f"{seconds / 3600:.1f} h" if seconds >= 5400 else f"{seconds / 60:.0f} min"

@@ -249,7 +249,7 @@ def test_variables_that_do_not_fit(
         (
             "position",
             "area = { polygon = [[-100, 10], [100, 10], [100, 20], [-100, 20]] }\n#",
-            "which way round",
+            "direction round the Earth",
         ),
         (
             "position",

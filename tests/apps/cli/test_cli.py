@@ -67,7 +67,7 @@ def test_cases_lists_titles(capsys: pytest.CaptureFixture[str]) -> None:
         (("run", "overdue_boat", "--seed", "x"), "invalid int value"),
         (("check", "overdue_boat", "--set", "clock.step"), '--set "clock.step" must be KEY=VALUE'),
         (("check", "overdue_boat", "--set", "clock.step=blue"), 'clock.step: "blue" is not a step'),
-        (("check", "overdue_boat", "--set", "duration=12 parsecs"), "is of another kind"),
+        (("check", "overdue_boat", "--set", "duration=12 parsecs"), "is a unit of another kind"),
         (("check", "overdue_boat", "--seed", "-3"), "seed: -3 must be 0 to"),
         (("check", "overdue_boat", "--set", "particles=0"), "0 particles"),
         (("objects", "spaceship"), 'no leeway class contains "spaceship"'),

@@ -61,7 +61,7 @@ BAD = {
         "begins at a position or in an area",
     ),
     "a phase that never comes": (
-        behaviour(ACTS) + f"[[scenario.phase]]\nbehaviour = {{ {ACTS} }}\n", "phase 1 has no end, so that phase 2 never comes; give behaviour.until"
+        behaviour(ACTS) + f"[[scenario.phase]]\nbehaviour = {{ {ACTS} }}\n", "phase 1 has no end, so phase 2 never begins; give behaviour.until"
     ),
 }  # fmt: skip
 

@@ -205,7 +205,7 @@ def test_a_family_stands_for_its_scenarios_in_tables_by_scenario(tmp_path: Path)
     (line,) = refused(tmp_path, {}, HEAD + OWN + FAMILY + sortie + "pod = { adrift = 0.1 }\n")
     assert (
         line
-        == 'sortie "sortie 1": pod lacks family "transit"; give one for each, 0 where it is not seen at all'
+        == 'sortie "sortie 1": pod lacks family "transit"; give one for each, 0 for an object that cannot be seen'
     )
     (line,) = refused(
         tmp_path, {}, HEAD + OWN + FAMILY + sortie + "pod = { adrift = 0.1, transits = 0.5 }\n"
@@ -227,7 +227,7 @@ REFUSED = [
     ({"family.0.axis.speed.form": '"1 kn"'}, 'family "transit".axis.speed: unknown key "form"; did you mean "from"?'),
     ({"family.0.axis.route.values": "[]"}, 'family "transit".axis.route.values: [] must be a list of values, or a table'),
     ({"family.0.axis.route.values": '{ "" = "north" }'}, "family \"transit\".axis.route.values: '' must be one line of letters"),
-    ({"family.0.axis.route.values": '["north", "north", "south"]'}, 'family "transit".axis.route: two values are called "north"'),
+    ({"family.0.axis.route.values": '["north", "north", "south"]'}, 'family "transit".axis.route: two values have the label "north"'),
     ({"family.0.axis.route.from": "1"}, 'family "transit".axis.route: give values, or from and to; found values and from'),
     ({"family.0.axis.speed.count": "3"}, 'family "transit".axis.speed: give values, or from and to with count'),
     ({"family.0.axis.speed.ranges": "0"}, 'family "transit".axis.speed: ranges 0 must be at least 1'),
@@ -238,19 +238,19 @@ REFUSED = [
     ({"family.0.axis.speed.to": "inf"}, "must be two numbers, two quantities of one unit or two times"),
     ({"family.0.axis.speed.from": "nan", "family.0.axis.speed.to": "1"}, "from nan and to 1 must be finite"),
     ({"family.0.axis.speed.to": "[1]"}, "must be two numbers, two quantities of one unit or two times"),
-    ({"family.0.axis.route.weights": "[1, 2]"}, 'family "transit".axis.route: weights: 2 of them for 3 values; give one a value'),
+    ({"family.0.axis.route.weights": "[1, 2]"}, 'family "transit".axis.route: weights: 2 given for 3 values; give one per value'),
     ({"family.0.axis.route.weights": "[0, 0, 0]"}, 'family "transit".axis.route: weights add up to 0'),
     ({"family.0.axis.route.weights": "[1, -1, 1]"}, 'family "transit".axis.route.weights: weight -1 must be at least 0'),
-    ({"family.0.axis.route.weights": "7"}, 'family "transit".axis.route.weights: 7 must be a list, one a value, or a table'),
-    ({"family.0.axis.route.weights": "{ north = 1 }"}, 'weights: of "north"; give one of each value: "north", "middle", "south"'),
+    ({"family.0.axis.route.weights": "7"}, 'family "transit".axis.route.weights: 7 must be a list with one weight per value, or a table'),
+    ({"family.0.axis.route.weights": "{ north = 1 }"}, 'weights: given for "north"; give one for each value: "north", "middle", "south"'),
     ({"family.0.axis.route.labels": '["a", "b"]'}, 'family "transit".axis.route: labels: 2 of them for 3 values'),
-    ({"family.0.axis.route.labels": '"a"'}, "family \"transit\".axis.route.labels: 'a' must be a list, one a value"),
-    ({"family.0.axis.route.labels": '["a", ["b"], "c"]'}, "family \"transit\".axis.route.labels: ['b'] is no word"),
-    ({"family.0.axis.route.key": '"phase.3.voyage.like"'}, 'family "transit": axis.route.key: "phase.3": "3" is no number of the list; give 1, or 2 for one more'),
+    ({"family.0.axis.route.labels": '"a"'}, "family \"transit\".axis.route.labels: 'a' must be a list with one label per value"),
+    ({"family.0.axis.route.labels": '["a", ["b"], "c"]'}, "family \"transit\".axis.route.labels: ['b'] is not a label"),
+    ({"family.0.axis.route.key": '"phase.3.voyage.like"'}, 'family "transit": axis.route.key: "phase.3": "3" is not a number in the list; give 1, or 2 for one more'),
     ({"family.0.axis.route.key": '"phase..like"'}, 'family "transit": axis.route.key: ".like" has nothing between two points'),
     ({"family.0.axis.route.key": '"name"'}, 'family "transit": axis.route.key: name is the family\'s to give; labels name values'),
-    ({"family.0.axis.route.key": '"weight"'}, 'family "transit": axis.route.key: weight is the family\'s to give; weights weigh values'),
-    ({"family.0.scenario.phase.0.voyage": '"north"'}, "axis.route.key: \"phase.1.voyage.like\": phase.1.voyage is 'north', no table in which \"like\" could be set; write it { like = \"north\", .. }"),
+    ({"family.0.axis.route.key": '"weight"'}, 'family "transit": axis.route.key: weight is set by the family; use weights to weight values'),
+    ({"family.0.scenario.phase.0.voyage": '"north"'}, "axis.route.key: \"phase.1.voyage.like\": phase.1.voyage is 'north', not a table in which \"like\" could be set; write it { like = \"north\", .. }"),
     ({"family.0.leave_out": "[{}]"}, 'family "transit": leave_out 1: is empty'),
     ({"family.0.leave_out": '[{ rout = "north" }]'}, 'family "transit": leave_out 1: no axis "rout"; there are: "route", "speed", "departure"'),
     ({"family.0.leave_out": '[{ route = "nort" }]'}, 'family "transit": leave_out 1.route: no value is called "nort"; there are: "north", "middle", "south"'),
@@ -277,15 +277,14 @@ def test_one_line_for_a_mistake(tmp_path: Path, changes: dict[str, str], told: s
 def test_no_table_of_keys(tmp_path: Path) -> None:
     text = FAMILY.replace('key = "phase.1.voyage.like", ', "")
     (line,) = refused(tmp_path, {}, HEAD + text)
-    assert 'family "transit".axis.route: value "north" is no table of keys; give key' in line
+    assert 'family "transit".axis.route: value "north" is not a table of keys; give key' in line
     text = FAMILY.replace(
         '{ key = "phase.1.voyage.like", values = ["north", "middle", "south"], weights = [3, 2, 1] }',
         "{ values = { a = { weight = 2 } } }",
     )
     (line,) = refused(tmp_path, {}, HEAD + text)
     assert (
-        'family "transit": axis.route, value "a": weight is the family\'s to give; leave it out'
-        in line
+        'family "transit": axis.route, value "a": weight is set by the family; leave it out' in line
     )
 
 

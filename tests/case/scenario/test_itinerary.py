@@ -90,7 +90,7 @@ BAD = {
     ),
     "legs of metres": (
         STORY + AT + loiter().replace('"9 nmi"', "9"),
-        'scenario "one".phase 1.loiter.leg: 9 m on average between turns is too short; allowed: 500 m or more',
+        'scenario "one".phase 1.loiter.leg: a mean leg of 9 m is too short; at least 500 m',
     ),
     "a best course outside a sector through north": (
         STORY + AT + course("{ low = 340, best = 50, high = 20, ratio = 3 }"),
@@ -106,7 +106,7 @@ BAD = {
     ),
     "a place beside a voyage": (
         STORY + AT + VOYAGE.format('departure = "+1 h"'),
-        "position: its first phase says where it begins",
+        "position: its first phase defines the starting position",
     ),
     "a phase of two kinds": (
         STORY + AT + course() + loiter().removeprefix(PHASE),
@@ -115,7 +115,7 @@ BAD = {
     "a phase of no kind": (STORY + AT + PHASE, "must be given; found none"),
     "a phase after one without end": (
         STORY + AT + course() + course("90"),
-        "phase 1 has no end, so that phase 2 never comes; give course.until or course.for",
+        "phase 1 has no end, so phase 2 never begins; give course.until or course.for",
     ),
     "a route through a missing lane": (
         STORY + lanes('["Cape Spartel", "Oran"]'),
@@ -163,7 +163,7 @@ BAD = {
         + 'vessel = { currents = "felt" }\n'
         + bridge('time = "+2 h"', 'time = "+18 h"')
         + STILL,
-        'scenario "one": vessel.currents is "felt": a bridge says where the target is, whatever the current',
+        'scenario "one": vessel.currents is "felt": the path of a bridge does not depend on the current',
     ),
     "a current to be felt that is not there": (
         STORY + 'vessel = { currents = "felt" }\n' + AT + course(),
@@ -190,11 +190,11 @@ BAD = {
     ),
     "an object without distress": (
         STORY + 'object = "SKIFF-1"\n' + VOYAGE.format('departure = "+1 h"'),
-        'scenario "one": object belongs to what goes adrift; add distress, or leave object out',
+        'scenario "one": object belongs to an object adrift; add distress, or leave object out',
     ),
     "distress after a part of a course": (
         STORY + 'object = "water"\ndistress = { part = 0.5 }\n' + AT + course() + STILL,
-        'scenario "one".distress: part is that of a voyage or a route along lanes; give between or rate',
+        'scenario "one".distress: part applies only to a voyage or a route along lanes; give between or rate',
     ),
     "a departure before the run": (
         STORY + VOYAGE.format('departure = ["-3 h", "+2 h"]'),
@@ -225,11 +225,11 @@ BAD = {
     ),
     "overdue of what is adrift": (
         STORY + 'object = "water"\noverdue = "+20 h"\n' + AT + STILL,
-        'scenario "one": overdue belongs to what is under way first; add [[scenario.phase]]',
+        'scenario "one": overdue belongs to a target under way; add [[scenario.phase]]',
     ),
     "a search object of what never goes adrift": (
         STORY + 'search_object = "sail boat 30ft"\n' + VOYAGE.format('departure = "+1 h"'),
-        'scenario "one": search_object "Sail Boat 30ft" is looked for adrift, and this stays under way; write vessel = { search_object = '
+        'scenario "one": search_object "Sail Boat 30ft" applies to an object adrift, and this target stays under way; write vessel = { search_object = '
         '"Sail Boat 30ft" }, or add distress',
     ),
     "no search object of what stays under way": (

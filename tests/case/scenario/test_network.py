@@ -109,7 +109,7 @@ def test_what_is_read(tmp_path: Path, content: str | list[dict[str, Any]]) -> No
         ]),
         ('to = "Middle"', 'to = "West"', ['lane "West - West": leads from a node to itself; name two nodes']),
         ('"2.5 nmi"', '"0 nmi"', ['''lane "West - Middle".width: width '0 nmi' must be above 0 m''']),
-        ('"2.5 nmi"', '"2.5 kn"', ['lane "West - Middle".width: "2.5 kn" is not a width: "kn" is of another kind; write it like "5 nmi"']),
+        ('"2.5 nmi"', '"2.5 kn"', ['lane "West - Middle".width: "2.5 kn" is not a width: "kn" is a unit of another kind; write it like "5 nmi"']),
         ('width = 9000', 'width = -9000', ["lane 2.width: width -9000 must be above 0 m"]),
         ('width = 9000', '', ["lane 2.width: is missing and has no default"]),
         ('width = 9000', 'wide = 9000', [
@@ -133,7 +133,7 @@ def test_what_is_read(tmp_path: Path, content: str | list[dict[str, Any]]) -> No
             'lane "Middle - South": no node "South"; add it, or name another',
         ]),
         ('[-3.25, 35.4]', '[-4.5, 36.1]', [
-            'lane "Middle - South": has no length, as both nodes lie in one place; move one, or leave it out'
+            'lane "Middle - South": has no length, because both nodes have the same position; move one, or leave it out'
         ]),
         ('[-3.25, 35.4]', '[175.0, -36.1]', ['lane "Middle - South": is 10,783 nmi long; at most 5,000: put nodes between']),
         ('[-3.25, 35.4]', '[-3.25, 95.4]', ['node "South".at: latitude 95.4 is outside -90 to 90 (the order is [lon, lat])']),

@@ -59,6 +59,6 @@ def test_half_a_route(given: dict[str, Any]) -> None:
         table(given)
     found = ", ".join(sorted(given)) or "nothing"
     assert messages.lines(error.value, {}) == (
-        'give a list of nodes, or { from = "A", to = "B" }, and via = ["C"] for a way through others; found '
+        'give a list of nodes, or { from = "A", to = "B" }, and via = ["C"] for a path through others; found '
         + found,
     )

@@ -111,7 +111,7 @@ WRONG = {
     "half a box": (LOOK + 'width = "6 nmi"\n', 'look "dip": height is missing: a field is a box or a circle about `at`'),
     "both shapes": (
         LOOK + BOX + 'radius = "2 nmi"\n',
-        'look "dip": width and height and turned of a box, and radius of a circle: give one or the other',
+        'look "dip": width and height and turned (a box) and radius (a circle): give one or the other',
     ),
     "a box of width 0": (
         LOOK + 'width = "0 nmi"\nheight = "4 nmi"\n',
@@ -152,7 +152,7 @@ WRONG = {
     ),
     "nothing but false alarms": (
         LOOK + BOX + "false_alarms = 1\n",
-        'look "dip": false_alarms 1 sees something everywhere and so is no evidence; leave the look out',
+        'look "dip": false_alarms = 1 reports something everywhere and is no evidence; leave the look out',
     ),
     "a presence that ends before it starts": (
         PRESENCE + 'start = "+8 h"\nend = "+6 h"\n',
@@ -169,11 +169,11 @@ WRONG = {
     ),
     "detection of 0": (
         PRESENCE + WHEN + "detection = 0\n",
-        'presence "buoys".detection: detection 0 never says anything; leave the sensor out',
+        'presence "buoys".detection: detection = 0 is no evidence; leave the sensor out',
     ),
     "a presence of false alarms": (
         PRESENCE + WHEN + "false_alarms = 1\n",
-        'presence "buoys": false_alarms 1 says the same wherever the object is; leave the presence out',
+        'presence "buoys": false_alarms = 1 gives the same report wherever the object is; leave the presence out',
     ),
     "a barrier of one point": (
         BARRIER.replace(', "27 50N 088 10W"', "") + WHEN,
@@ -197,7 +197,7 @@ WRONG = {
     ),
     "a report when nobody was there": (
         BARRIER + WHEN + 'reported = "+9 h"\nerror = "5 min"\n',
-        'barrier "picket": reported 210900ZNOV26 is not while it was manned, 210600ZNOV26 to 210830ZNOV26',
+        'barrier "picket": reported 210900ZNOV26 is outside the time it was manned, 210600ZNOV26 to 210830ZNOV26',
     ),
     "a rate without a unit": (
         BARRIER + WHEN + 'reported = "+7 h"\nerror = "5 min"\nfalse_alarms = "0.01"\n',

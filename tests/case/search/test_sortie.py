@@ -434,7 +434,7 @@ SORTIES = {
     "a curve above 1": (FULL + 'law = { curve = [[0, 9], ["2 nmi", 0.4]] }\n', "must be a probability"),
     "a curve of nothing": (FULL + 'law = { curve = [[0, 0], ["2 nmi", 0]] }\n', "detects nothing"),
     "a curve and another width": (FULL + 'law = { curve = [[0, 1], ["1 nmi", 1]] }\n', "the curve sweeps 2 nmi"),
-    "random legs": (WHEN + WIDTH + FAST + SWEEP + 'law = "random"\n', "is of an area searched anyhow"),
+    "random legs": (WHEN + WIDTH + FAST + SWEEP + 'law = "random"\n', "applies to an area without legs"),
     "unknown unit": (FULL + 'unit = "Zeppelin"\n', 'no kind of unit "Zeppelin"; allowed: "Aircraft", "Helicopter", "Boat"'),
     "unknown key": (FULL + 'spede = "90 kn"\n', 'did you mean "speed"?'),
     "unknown frame": (FULL + 'frame = "sea"\n', "'ground' or 'datum'"),
@@ -450,7 +450,7 @@ SORTIES = {
         "needs legs = their number, or the sortie's end",
     ),
     "no corner": (WHEN + WIDTH + FAST + SWEEP.replace(" }", ', corner = "left" }'), "'left' is not a corner"),
-    "half a corner": (WHEN + WIDTH + FAST + SWEEP.replace(" }", ', corner = "N" }'), "two corners lie as far that way"),
+    "half a corner": (WHEN + WIDTH + FAST + SWEEP.replace(" }", ', corner = "N" }'), "two corners are equally far in that direction"),
     "a pattern that takes too long": (
         WHEN.replace("+8", "+7") + WIDTH + FAST + SWEEP,
         "119 nmi of legs take 79 min, from start to end are 60 min",
@@ -470,7 +470,7 @@ SORTIES = {
     "legs before the start": (WIDTH + TIMED + 'start = "+6.5 h"\n', "begin at 210600ZNOV26, before its start, 210630ZNOV26"),
     "legs after the end": (WIDTH + TIMED + 'end = "+6.5 h"\n', "15 nmi of legs take 60 min"),
     "legs faster than the unit": (WIDTH + TIMED + 'speed = "12 kn"\n', "is made at 15 kn; its speed is 12 kn"),
-    "legs faster than any": (WIDTH + TIMED.replace("27 45N", "37 45N"), "is made at 615 kn; no unit searches at that"),
+    "legs faster than any": (WIDTH + TIMED.replace("27 45N", "37 45N"), "is made at 615 kn; at most 292 kn is allowed"),
     "no track": (WHEN + WIDTH + 'track = "none.gpx"\n', 'track: no file "none.gpx"'),
     "a watch without zones": (WHEN + 'watch = { at = "27 30N 088 00W" }\n', "watch: zones or sensor"),
     "a watch in two places": (WHEN + WATCH + TIMED, "exactly one place"),
@@ -519,7 +519,7 @@ def test_tables_ask_for_what_they_need(tmp_path: Path) -> None:
     assert "need its speed" in refusal(tmp_path, SORTIE, looked, plane, high)
     fast = 'speed = "150 kn"\n'
     assert one(tmp_path, looked, plane, high, fast).sweep_width[0] == pytest.approx(1.3 * 1.1 * NMI)
-    assert 'not of sensor "radar"' in refusal(
+    assert 'not to sensor "radar"' in refusal(
         tmp_path, SORTIE, looked, plane, high, fast, 'sensor = "radar"\n'
     )
     line = refusal(
@@ -793,7 +793,7 @@ UNITS = {
     ),
     "copies that would change hands": (
         '[resampling]\nmethod = "duplicates"\nbelow = 0.5\nacross_scenarios = true\n',
-        "what is left of a scenario keeps its slots",
+        "the survivors of a scenario keep their slots",
     ),
     "what is placed anew at no speed": (
         '[resampling]\nmethod = "combined"\nbelow = 0.5\n',

@@ -220,7 +220,7 @@ def test_a_tracker_goes_by_a_track(tmp_path: File) -> None:
         (CASE + STANDS, "time,sensor,bearing,range\n", "no detection; a track begins with one"),
         (CASE + STANDS, "", "no column time, sensor"),
         (CASE + STANDS, PLAIN.replace("range", "bearing"), "there are two columns bearing"),
-        (CASE + STANDS, PLAIN.replace("9.6", "9,6"), "4: time, sensor, bearing, range; write decimals with points, or part columns by semicolons"),
+        (CASE + STANDS, PLAIN.replace("9.6", "9,6"), "4: time, sensor, bearing, range; write decimals with points, or separate columns by semicolons"),
         (CASE + STANDS, "PK\x03\x04 and more", "d.csv: is a spreadsheet; save it as CSV"),
         (CASE + STANDS, PLAIN.replace("9.6", "far"), "line 3: range: "),
         (CASE, ROWS.replace("14 00.0N, 077 00.0W", ","), "the tracker has no position at the first"),

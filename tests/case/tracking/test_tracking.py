@@ -65,7 +65,7 @@ def test_a_good_case_is_read(tmp_path: Path) -> None:
         ('reach = "10 nmi"', 'reach = "10 kn"', '"10 kn" is not a distance'),
         ('duration = "1 h"', 'duration = "1 h"\nevery = "1 ms"', "every: asks for more than 100,000 figures; the case lasts 60 min"),
         ('at = "34 00N 120 30W"', 'at = "90 00N 120 30W"', "target: legs: from a pole all courses lead the same way; begin beside it"),
-        ("change = 0.5", "change = 0.5\n[experiment]\nareas = [0.5, 90]", "areas: 0.5 would be less than a per cent; write 50 for a share of 0.5"),
+        ("change = 0.5", "change = 0.5\n[experiment]\nareas = [0.5, 90]", "areas: 0.5 is less than 1 per cent; write 50 for a share of 0.5"),
         ("range_ambiguity = 0.3", "range_ambiguity = 1.2", "range_ambiguity: 1.2 must be a share of the range, 0 (exact) to 1"),
         ("bearing_ambiguity = 1.5", "bearing_ambiguity = 200", "must be above 0 and at most 180 degrees"),
         ("change = 0.5", "change = 0.7\nseek = 0.2\nhide = 0.2", "change 0.7, seek 0.2 and hide 0.2 are 1.1 together; at most 1"),

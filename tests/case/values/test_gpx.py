@@ -119,8 +119,8 @@ BAD = {
     "words": (track(point("east", 1, noon(0)) + TWO), "without proper lon and lat"),
     "no longitude": (track('<trkpt lat="3"/>' + TWO), "without proper lon and lat"),
     "half of the times": (track(TWO + point(1, 1)), "times for 2 of its 3 points"),
-    "a word for a time": (track(point(1, 1, "noon") + TWO), 'time that is none: "noon"'),
-    "an empty time": (track(point(1, 1, "") + TWO), "time that is none"),
+    "a word for a time": (track(point(1, 1, "noon") + TWO), 'invalid time: "noon"'),
+    "an empty time": (track(point(1, 1, "") + TWO), "invalid time"),
     "back in time": (
         track(TWO + point(1, 1, noon(10))),
         "goes back in time at 2026-11-21T12:10:00Z",

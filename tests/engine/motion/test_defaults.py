@@ -229,7 +229,7 @@ def test_the_bias_of_a_spill_is_given_once(tmp_path) -> None:
         (
             "uncertainty.wind.time",
             '"6 h"',
-            r"uncertainty\.wind: has no std, and none holds by default \(not from model",
+            r"uncertainty\.wind: has no std, and there is no default \(not from model",
         ),
         ("uncertainty.wind.bias", '"1 m/s"', r"uncertainty\.wind: unknown key \"bias\""),
         ("uncertainty.diffusivity", '"none"', r"uncertainty\.diffusivity: "),

@@ -314,9 +314,9 @@ REFUSED = {
         f"{GIVEN}    if wind[0] > 0:\n        waves = wind * 0.01\n    return current + waves\n", "",
         "own.py takes waves and there are none",
     ),
-    "an object too": (PLAIN, 'object = "PIW-1"', 'motion = "own.py" says how it drifts; leave object out'),
+    "an object too": (PLAIN, 'object = "PIW-1"', 'motion = "own.py" determines its drift; leave object out'),
     "jibing": (PLAIN, "jibe = 0.1", 'jibe belongs to leeway, and motion = "own.py" has none; leave jibe out'),
-    "another word": (None, 'motion = "sail"', "no model of motion 'sail'; there is: \"drift\", and a Python file such as"),
+    "another word": (None, 'motion = "sail"', "no model of motion 'sail'; allowed are \"drift\", or a Python file such as"),
     "of leeway": (None, 'motion = "drift"\nobject = "PIW-1"\nparameters = { a = 1 }', 'add motion = "FILE.py", or leave'),
 }  # fmt: skip
 

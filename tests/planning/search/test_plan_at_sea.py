@@ -254,9 +254,7 @@ def test_a_boat_that_cannot_get_there_is_said_by_name(tmp_path: Path) -> None:
 
 
 def test_keys_of_boats_are_refused_of_what_flies(tmp_path: Path) -> None:
-    with pytest.raises(
-        UserError, match=r'unit "plane".*clear_of_land is of boats: what flies goes straight on'
-    ):
+    with pytest.raises(UserError, match=r'unit "plane".*clear_of_land applies only to boats'):
         place(
             tmp_path,
             CASE.replace('endurance = "0.4 h"', 'endurance = "0.4 h"\nclear_of_land = "1 nmi"'),

@@ -182,7 +182,7 @@ def test_no_class_takes_the_heading_of_another_column(names: tuple[str, str], wr
     """
     table = {"objects": 10, "position": {"at": "27 30N 088 00W", "std": "1 nmi"}}
     kinds = [{"name": name, "share": 0.5, "object": "PIW-1"} for name in names]
-    with pytest.raises(ValueError, match=f'class "{wrong}": tables call a standard error'):
+    with pytest.raises(ValueError, match=f'class "{wrong}": this name is that of a standard error'):
         spill.SpillTable.model_validate({**table, "class": kinds})
     kinds[1]["name"] = "case"
     assert len(spill.SpillTable.model_validate({**table, "class": kinds}).kinds) == 2
